@@ -167,6 +167,35 @@ def test_what_a_mapping_leaves_open_is_told(tmp_path: Path) -> None:
     assert "unknown" not in said and "sizes      1 trucks or motorcycles have the size of all vehicles" in said
 
 
+def test_a_track_is_what_most_of_its_rows_say(tmp_path: Path) -> None:
+    table = pd.concat([straight(), straight().assign(n=lambda rows: rows["n"] + 100)], ignore_index=True)
+    table["what"] = ["unsure"] * 3 + ["truck"] * 26 + ["walker"] * 2 + ["unsure"] + ["car"] * 30
+    kinds = {"truck": "truck", "walker": "drop", "car": "car", "unsure": "unknown"}
+    path = tmp_path / "in.csv"
+    table.sample(frac=1.0, random_state=1).to_csv(path, index=False)
+    mapping = FRONT | {"columns": FRONT["columns"] | {"kind": "what"}, "kinds": kinds}
+    recording, counts = convert(path, Mapping.model_validate(mapping))
+    tracks = recording.table.groupby("vehicle_id")["kind"]
+    assert tracks.unique().map(list).tolist() == [[Kind.TRUCK], [Kind.CAR]], "an id that is used again is another track"
+    assert tracks.size().tolist() == [31, 31]
+    assert "kinds      2 tracks change their kind" in counts.text() and not counts.left_out and not counts.unknown
+
+    table.loc[:20, "what"] = "walker"
+    table.to_csv(path, index=False)
+    counts = convert(path, Mapping.model_validate(mapping))[1]
+    assert counts.left_out == {"kind walker": 23, "of a track most of whose rows are dropped": 8}
+
+
+def test_headings_that_turn_as_none_does_are_told(tmp_path: Path) -> None:
+    table, path = straight(seconds=30.0), tmp_path / "in.csv"
+    table.to_csv(path, index=False)
+    assert "turns" not in convert(path, Mapping.model_validate(BOX))[1].text()
+    table.loc[7, "h"] += np.pi
+    table.to_csv(path, index=False)
+    said = convert(path, Mapping.model_validate(BOX))[1].text()
+    assert "turns      2 times" in said and "by 180 degrees within 0.1 s" in said and "lines 8 and 9" in said
+
+
 def test_short_holes_are_filled_long_ones_split(tmp_path: Path) -> None:
     source = straight(seconds=6.0)
     table = made(tmp_path, source[~source["n"].isin([10, 11, *range(30, 45)])], FRONT).table

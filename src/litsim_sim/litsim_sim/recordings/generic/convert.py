@@ -22,7 +22,15 @@ from litsim_sim.recordings.generic.obstacles import NAMES as OBSTACLES
 from litsim_sim.recordings.generic.obstacles import obstacle_rows, with_usual_sizes, without_unused
 from litsim_sim.recordings.generic.plausibility import check_plausible, heading
 from litsim_sim.recordings.generic.reading import plain, read_rows, texts
-from litsim_sim.recordings.generic.resampling import count_leaps, in_order, resampled, split, without_outliers
+from litsim_sim.recordings.generic.resampling import (
+    HOLE_MAX_S,
+    count_leaps,
+    count_turns,
+    in_order,
+    resampled,
+    split,
+    without_outliers,
+)
 from litsim_sim.recordings.ngsim.tracks import DIRECTION_MIN, PIECE, direction_of_motion
 from litsim_sim.recordings.recording import BOUNDS, COLUMNS, Recording, RecordingHeader
 
@@ -54,6 +62,7 @@ def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, 
     _count_assumptions(table, mapping, counts)
     table = without_outliers(table, source, counts)
     count_leaps(table[~obstacle_rows(table)], source, counts)
+    count_turns(table[~obstacle_rows(table)], source, counts)
     table = resampled(split(table, counts), source, counts)
     moving = _with_motion(table, mapping)
     _check_walking(moving[obstacle_rows(moving)], names.get("ids", {}), source)
@@ -204,9 +213,11 @@ def _without_dropped_kinds(given: pd.DataFrame, mapping: Mapping, source: TableF
             f"each value of column {mapping.columns.kind!r}, one of {', '.join(get_args(KindName))}: for those that "
             f"are missing, probably kinds: {{{entries}}}"
         )
-    ours = said.map(kinds)
-    for kind in sorted(set(said[ours == DROP])):
-        counts.leave_out(f"kind {kind}", int((said == kind).sum()))
+    row_kind = said.map(kinds)
+    ours = _of_whole_tracks(row_kind, given, mapping, counts)
+    for kind in sorted(set(said[row_kind == DROP])):
+        counts.leave_out(f"kind {kind}", int(((said == kind) & (ours == DROP)).sum()))
+    counts.leave_out("of a track most of whose rows are dropped", int(((row_kind != DROP) & (ours == DROP)).sum()))
     for kind in sorted(set(said[ours == UNKNOWN])):
         counts.unknown[kind] = int(given["vehicle_id"][said == kind].nunique())
     if ours.isin([DROP, *OBSTACLES]).all() and not (ours == DROP).all():
@@ -214,6 +225,35 @@ def _without_dropped_kinds(given: pd.DataFrame, mapping: Mapping, source: TableF
     if (ours == DROP).all():
         raise InputError(f"{source}: field kinds of the mapping drops every row; the kinds are {sorted(set(said))}")
     return given.assign(kind=ours)[ours != DROP]
+
+
+def _of_whole_tracks(row_kind: pd.Series, given: pd.DataFrame, mapping: Mapping, counts: Counts) -> pd.Series:
+    """For each row of `given` the kind that most rows of its track have, as trackers change their minds.
+
+    Tracks end at long holes: trackers use an id again for another object.
+    """
+    ids, _ = pd.factorize(given["vehicle_id"])
+    kinds, names = pd.factorize(row_kind)
+    if (pd.DataFrame({"id": ids, "kind": kinds}).drop_duplicates()["id"].value_counts() == 1).all():
+        return row_kind
+    t = _seconds(given, mapping)
+    order = np.lexsort([t, ids])
+    begins = np.r_[True, (np.diff(ids[order]) != 0) | (np.diff(t[order]) > HOLE_MAX_S + STEP_S)]
+    track = np.empty(len(ids), np.int64)
+    track[order] = np.cumsum(begins) - 1
+    rows = np.zeros((track.max() + 1, len(names)), np.int64)
+    np.add.at(rows, (track, kinds), 1)
+    counts.changing = int(((rows > 0).sum(axis=1) > 1).sum())
+    return pd.Series(np.asarray(names)[rows.argmax(axis=1)][track], index=row_kind.index)
+
+
+def _seconds(given: pd.DataFrame, mapping: Mapping) -> FloatArray:
+    """Time (n,) of each row of a table as read [s]; NaN for cells that are no time."""
+    if mapping.columns.time is not None and is_stamped(given["time"]):
+        return since_1970(given["time"]).to_numpy(np.float64)
+    by_frame = mapping.columns.time is None
+    name, factor = ("frame", 1.0 / mapping.rate_hz) if by_frame else ("time", FACTORS[mapping.units.time])
+    return pd.to_numeric(given[name], errors="coerce").to_numpy(np.float64, na_value=np.nan) * factor
 
 
 def _kinds(given: pd.DataFrame) -> IntArray:

@@ -17,6 +17,7 @@ class Counts:
         read: rows of the file.
         left_out: rows left out, by reason.
         unknown: vehicles of each kind of the file that the mapping calls unknown.
+        changing: tracks whose rows are of several kinds, by the mapping.
         kindless: vehicles, if the mapping names no column of kinds.
         of_one_size: trucks and motorcycles whose size is a number of the mapping, which holds for all vehicles.
         tracks: vehicles of the remaining rows.
@@ -27,6 +28,8 @@ class Counts:
         backwards: rows with negative speeds, set to 0.
         leaps: steps between rows of vehicles that depart from the motion around as no vehicle does.
         farthest_leap: how far and where one of them does most.
+        turns: steps between rows of vehicles at which the file's heading turns as no vehicle does.
+        largest_turn: how far and where it turns most.
         harsh: share of the rows of vehicles with implausibly hard accelerations.
         moved: largest displacement by cleaning [m], by vehicle, of those moved by more than a metre.
         rows: rows of the recording, one per vehicle and frame at 10 Hz.
@@ -35,6 +38,7 @@ class Counts:
     read: int = 0
     left_out: dict[str, int] = field(default_factory=dict)
     unknown: dict[str, int] = field(default_factory=dict)
+    changing: int = 0
     kindless: int = 0
     of_one_size: int = 0
     tracks: int = 0
@@ -45,6 +49,8 @@ class Counts:
     backwards: int = 0
     leaps: int = 0
     farthest_leap: str = ""
+    turns: int = 0
+    largest_turn: str = ""
     harsh: float = 0.0
     moved: dict[int, float] = field(default_factory=dict)
     rows: int = 0
@@ -66,6 +72,7 @@ class Counts:
             **({"tracks_of_usual_size": self.usual_sizes} if self.usual_sizes else {}),
             **({"rows_backwards": self.backwards} if self.backwards else {}),
             **({"leaps": self.leaps} if self.leaps else {}),
+            **({"turns": self.turns} if self.turns else {}),
             **({"moved_by_cleaning_m": {str(k): round(way, 2) for k, way in self.moved.items()}} if self.moved else {}),
             "rows_at_10_hz": self.rows,
         }
@@ -82,6 +89,8 @@ class Counts:
             told = ", ".join(f"{name or 'empty'} {vehicles}" for name, vehicles in self.unknown.items())
             vehicles = f"{sum(self.unknown.values())} vehicles are of a kind"
             lines.append(f"unknown    {vehicles} that field kinds of the mapping calls unknown: {told}")
+        if self.changing:
+            lines.append(f"kinds      {self.changing} tracks change their kind: each is what most of its rows say")
         if self.kindless:
             lines.append(
                 f"unknown    {self.kindless} vehicles, as the mapping has no field columns.kind: pedestrians and "
@@ -100,6 +109,11 @@ class Counts:
             lines.append(
                 f"leaps      {self.leaps} times a vehicle departs from its motion before and after as none drives, at "
                 f"most {self.farthest_leap}: speeds and headings there may be wrong, too"
+            )
+        if self.turns:
+            lines.append(
+                f"turns      {self.turns} times the heading of a vehicle turns as none does, at most "
+                f"{self.largest_turn}: without field columns.yaw headings are directions of motion"
             )
         if self.harsh > HARSH_MAX:
             share = f"{self.harsh:.0%} of the accelerations are beyond 5 m/s2"

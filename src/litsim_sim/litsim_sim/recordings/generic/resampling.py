@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import RATE_HZ, STEP_S, BoolArray, IntArray
 from litsim_sim.io.table_input import TableFiles
 from litsim_sim.recordings.generic.counts import Counts
@@ -17,6 +18,7 @@ HOLE_MAX_S = 0.5  # [s] longest hole that is interpolated; a longer one splits t
 EDGE = 1e-4  # [frames] tolerance of times at frames; above the rounding of seconds since 1970
 AWAY_MAX_S = 0.5  # [s] shorter stretches between two jumps are errors and left out
 LEAP, LEAP_ACCELERATION = 2.0, 15.0  # [m], [m/s2] by which no vehicle departs between two rows from its motion around
+TURN, TURN_RATE = np.deg2rad(30.0), 3.0  # [rad], [rad/s] by which no vehicle turns between two rows
 AROUND = 3  # steps before and after that this motion is the median of
 JUMPS_MAX = 0.01  # share of rows left out or following a jump above which the file is refused
 
@@ -148,6 +150,23 @@ def count_leaps(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None
         worst = int(np.argmax(np.where(is_leap, off, 0.0)))
         rows = table["row"].to_numpy()[at[worst] : at[worst] + 2]
         counts.farthest_leap = f"by {off[worst]:.1f} m within {step[at[worst]]:.3g} s ({source.at(*rows)})"
+
+
+def count_turns(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None:
+    """Count the steps of vehicles, rows in order, at which `yaw` turns as none does: front and rear swapped, say."""
+    if "yaw" not in table:
+        return
+    vehicle, t = table["vehicle_id"].to_numpy(), table["t"].to_numpy()
+    step, turn = np.diff(t), np.abs(wrap_angle(np.diff(table["yaw"].to_numpy())))
+    known = (vehicle[1:] == vehicle[:-1]) & (step <= HOLE_MAX_S + STEP_S)
+    turn = np.where(known & (turn > TURN) & (turn > TURN_RATE * step), turn, 0.0)
+    counts.turns = int((turn > 0.0).sum())
+    if counts.turns:
+        worst = int(np.argmax(turn))
+        rows = table["row"].to_numpy()[worst : worst + 2]
+        counts.largest_turn = (
+            f"by {np.rad2deg(turn[worst]):.0f} degrees within {step[worst]:.3g} s ({source.at(*rows)})"
+        )
 
 
 def _jumps(table: pd.DataFrame) -> BoolArray:
