@@ -43,7 +43,10 @@ def why(graph: Any, clause: str) -> str:
     return json.loads((graph.folder / "result.json").read_text())["clauses"][clause]["why"]
 
 
-@pytest.mark.parametrize(("example", "interface"), [("minimal_ads.py", "twist"), ("trajectory_ads.py", "trajectory")])
+@pytest.mark.parametrize(
+    ("example", "interface"),
+    [("minimal_ads.py", "twist"), ("trajectory_ads.py", "trajectory"), ("lane_changing_ads.py", "twist")],
+)
 def test_an_example_passes(graph: Any, example: str, interface: str) -> None:
     done = graph.finish(start(graph, "--out", graph.folder / "kept", command=(EXAMPLES / example,)))
     assert done.returncode == 0, done.stdout + done.stderr
@@ -53,7 +56,7 @@ def test_an_example_passes(graph: Any, example: str, interface: str) -> None:
     clauses = result["clauses"]
     assert list(clauses["discovery"]["publishers_s"]) == [f"/litsim/ego/{interface}"]
     # what has been found of it by the end of so short a run
-    reads = {"/diagnostics", "/litsim/ego/route", "/litsim/ego/state", "/litsim/objects"}
+    reads = {"/diagnostics", "/litsim/ego/route", "/litsim/ego/state", "/litsim/lanes", "/litsim/objects"}
     assert clauses["discovery"]["reads"] and set(clauses["discovery"]["reads"]) <= reads
     assert (clauses["answers every step"]["steps"], clauses["answers every step"]["missing"]) == (36, [])
     times = [clauses["latency"][name] for name in ("min_ms", "median_ms", "p95_ms", "max_ms")]

@@ -13,6 +13,7 @@ import pytest
 
 from litsim_sim.core.scene import Controller
 from litsim_sim.record.run import read_run
+from litsim_sim.scenario.scenario import Scenario
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
@@ -46,8 +47,15 @@ def test_its_environment_does_not_know_us(package: str, tmp_path: Path) -> None:
     assert f"ModuleNotFoundError: No module named '{package}'" in done.stderr
 
 
-@pytest.mark.parametrize(("example", "interface"), [("minimal_ads.py", "twist"), ("trajectory_ads.py", "trajectory")])
-def test_it_drives_the_demo(graph: Any, example: str, interface: str) -> None:
+@pytest.mark.parametrize(
+    ("example", "interface", "wanted", "lanes"),
+    [
+        ("minimal_ads.py", "twist", 12.0, 1),
+        ("trajectory_ads.py", "trajectory", 12.0, 1),
+        ("lane_changing_ads.py", "twist", 15.0, 3),
+    ],
+)
+def test_it_drives_the_demo(graph: Any, example: str, interface: str, wanted: float, lanes: int) -> None:
     environment = bare_environment() | {
         "ROS_DOMAIN_ID": str(graph.domain),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
@@ -72,4 +80,7 @@ def test_it_drives_the_demo(graph: Any, example: str, interface: str) -> None:
     last, logged = egos[-1], run.log[-1]
     away = logged.x[logged.row(run.info.ego_id)] - last.x[0]
     assert abs(away) > 1.0  # it does not follow the log
-    assert max(float(ego.speed[0]) for ego in egos[30:]) <= 12.2
+    assert max(float(ego.speed[0]) for ego in egos[30:]) <= wanted + 0.2
+    lane_map = Scenario.load("demo").lane_map
+    driven_in = {int(lane_map.nearest(ego.x, ego.y, ego.yaw).lane[0]) for ego in egos}
+    assert len(driven_in) >= lanes

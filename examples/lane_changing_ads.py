@@ -1,0 +1,93 @@
+"""A driving system on standard messages alone that cuts in: into the lane beside with the most room, every six seconds.
+
+It drives as minimal_ads.py does, looks into the lanes of `/litsim/lanes`, and cares little for those behind: a gap of
+8 m to the centres of others is enough for it.
+"""
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry, Path
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+from rclpy.time import Time
+from sensor_msgs.msg import PointCloud2
+from visualization_msgs.msg import MarkerArray
+
+WANTED, HEADWAY = 15.0, 1.2  # [m/s], [s]
+WIDTH, BESIDE = 3.66, 8.0  # [m] between lanes; to vehicles beside, centre to centre
+BEGIN_S, EVERY_S = 4.0, 6.0  # [s] of the first lane change, and from one to the next
+LANE_AHEAD = (0.0, 25.0, 50.0)  # [m] where a lane must be for a change into it
+seen = {}  # the newest message of every type
+chosen = {"offset": 0.0, "next_s": BEGIN_S}  # [m] of the lane from the route, to the left; [s] of the next change
+
+
+def on_message(message):
+    seen[type(message)] = message
+    said = seen.get(DiagnosticArray)
+    if said and {"FINISHED", "FAILED"} & {value.value for status in said.status for value in status.values}:
+        raise SystemExit
+    route, lanes, ego, objects = (seen.get(kind) for kind in (Path, MarkerArray, Odometry, PointCloud2))
+    if message is said or not (route and lanes and ego and objects and ego.header.stamp == objects.header.stamp):
+        return  # nothing to answer, or the inputs of the step are not complete
+    del seen[PointCloud2]  # one answer each time that a step is published
+    publisher.publish(answer(by_metres(p.pose.position for p in route.poses), centre_lines(lanes), ego, objects))
+
+
+def by_metres(points):
+    """A line as complex numbers [m], a point for each metre."""
+    corners = np.array([complex(p.x, p.y) for p in points])
+    s = np.append(0.0, np.cumsum(abs(np.diff(corners))))
+    return np.interp(np.arange(s[-1]), s, corners)
+
+
+def centre_lines(lanes):
+    """Points of the centre lines of all lanes, as complex numbers [m]."""
+    return np.concatenate([by_metres(marker.points) for marker in lanes.markers if marker.ns == "centre"])
+
+
+def answer(route, centres, ego, objects):
+    offset = {field.name: field.offset for field in objects.fields}
+    rows = np.frombuffer(objects.data, np.uint8).reshape(-1, objects.point_step)
+    x, y = (rows[:, offset[name] : offset[name] + 4].copy().view("<f4")[:, 0] for name in ("x", "y"))
+    pose, speed = ego.pose.pose, ego.twist.twist.linear.x
+    at, yaw = complex(pose.position.x, pose.position.y), 2.0 * np.arctan2(pose.orientation.z, pose.orientation.w)
+    here = np.argmin(abs(route[:-60] - at))
+    along = np.exp(1j * np.angle(route[here + 5] - route[here]))  # direction of the road
+    others = (x + 1j * y - route[here]) / along
+    own = (at - route[here]) / along
+    ahead, left = others.real - own.real, others.imag
+
+    def room(lane):
+        """Distance [m] to the vehicle ahead in a lane, given by its distance from the route."""
+        return np.min(ahead[(ahead > 0.0) & (abs(left - lane) < 1.8)], initial=100.0)
+
+    def free(lane):
+        places = route[here] + along * (own.real + np.array(LANE_AHEAD) + 1j * lane)
+        exists = all(np.min(abs(centres - place)) < 1.0 for place in places)
+        return exists and not np.any((abs(ahead) < BESIDE) & (abs(left - lane) < 1.8))
+
+    now = Time.from_msg(ego.header.stamp).nanoseconds * 1e-9
+    if now >= chosen["next_s"]:
+        lanes = [lane for lane in (chosen["offset"] - WIDTH, chosen["offset"] + WIDTH) if free(lane)]
+        if lanes:
+            chosen.update(offset=max(lanes, key=room), next_s=now + EVERY_S)
+    gap = min(room(chosen["offset"]), room(own.imag)) - 7.0  # in the lane that it drives to, and in the one it is in
+    look = int(max(15.0, 1.5 * speed))  # [m]
+    target = route[here + look] + 1j * along * chosen["offset"]
+    twist = TwistStamped(header=ego.header)  # with the stamp of the step
+    twist.header.frame_id = "ego"
+    twist.twist.linear.x = float(speed + np.clip(min(WANTED, max(0.0, gap / HEADWAY)) - speed, -0.4, 0.1))
+    twist.twist.angular.z = float(2.0 * speed / look * np.sin(np.angle(target - at) - yaw))  # pure pursuit
+    return twist
+
+
+rclpy.init()
+node = rclpy.create_node("lane_changing_ads")
+publisher = node.create_publisher(TwistStamped, "/litsim/ego/twist", 10)
+latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+for kind, topic in (Odometry, "/litsim/ego/state"), (PointCloud2, "/litsim/objects"), (DiagnosticArray, "/diagnostics"):
+    node.create_subscription(kind, topic, on_message, 100)
+node.create_subscription(Path, "/litsim/ego/route", on_message, latched)
+node.create_subscription(MarkerArray, "/litsim/lanes", on_message, latched)
+rclpy.spin(node)
