@@ -105,6 +105,15 @@ def test_a_run_that_failed_at_its_first_step_has_an_overview_without_warnings(
     assert (tmp_path / "overview.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.filterwarnings("error::UserWarning")
+def test_an_agent_off_its_log_far_beside_the_road_does_not_shrink_the_overview(
+    make_run: Any, table: Any, tmp_path: Path
+) -> None:
+    far = {"id": 2, "x": 210.0, "y": 500.0, "controller": Controller.POLICY}
+    plots.overview(make_run([table(0, {"id": 1, "x": 200.0, "y": -5.5}, far)]), tmp_path / "overview.png")
+    assert (tmp_path / "overview.png").read_bytes().startswith(b"\x89PNG")
+
+
 @pytest.mark.parametrize(("passed", "shown"), [((), ["a"]), (("b", "a"), ["b", "a"])])
 def test_an_overview_shows_all_signals_that_the_ego_passes_and_says_how_many_it_leaves_out(
     make_run: Any,

@@ -177,6 +177,21 @@ def test_layouts(chromium: Browser, page: Path, size: tuple[int, int], dark: boo
     assert chromium.problems == []
 
 
+def test_on_paper_it_is_light_to_scale_and_without_controls(chromium: Browser, page: Path) -> None:
+    chromium.open(page, dark=True)
+    ground = "litsim.view.colours.ground"
+    assert chromium.run(ground) == "#171a1d"
+    features = [{"name": "prefers-color-scheme", "value": "dark"}]
+    chromium.send("Emulation.setEmulatedMedia", media="print", features=features)
+    chromium.wait(f"{ground} === '#eceeea'")
+    style = "getComputedStyle(document.querySelector('{}')).{}"
+    assert chromium.run(style.format(".controls", "display")) == "none"
+    assert chromium.run(style.format("#view", "objectFit")) == "contain"
+    assert chromium.run("document.querySelector('.chart').viewBox.baseVal.width") > 100
+    chromium.send("Emulation.setEmulatedMedia", media="", features=features)
+    chromium.wait(f"{ground} === '#171a1d'")
+
+
 def test_names_that_look_like_html_are_text(
     chromium: Browser, without: Callable[..., Run], small_run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -220,7 +220,7 @@ def _bird_view(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -
     axes.add_collection(LineCollection(noses, colors=INK, linewidths=2.2, zorder=4))
     for i in np.flatnonzero(table.off_log):
         ahead, left = to_view(np.array([table.x[i], table.y[i]]))
-        if -BEHIND < ahead < AHEAD:
+        if -BEHIND < ahead < AHEAD and low < left < high:  # text beyond the axes would shrink them
             axes.text(ahead, left, str(table.id[i]), ha="center", va="center", fontsize=8, color="white", zorder=7)
     axes.set(xlim=(-BEHIND, AHEAD), ylim=(low, high), aspect="equal", xlabel="along the road from the ego [m]")
     axes.set_ylabel("to the left [m]")

@@ -22,10 +22,12 @@ class Player {
     this.#pointer();
     this.#tables();
     document.addEventListener("keydown", (event) => this.#key(event));
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
-      this.view.readColours();
-      this.show();
-    });
+    for (const query of ["(prefers-color-scheme: dark)", "print"]) {
+      matchMedia(query).addEventListener("change", () => {
+        this.view.readColours();
+        this.show();
+      });
+    }
     new ResizeObserver(() => this.#resize()).observe($$("view"));
     this.#resize();
     this.view.camera.scale = Math.min(Math.max(this.view.width / 110, 4), 12);
@@ -193,6 +195,7 @@ class Player {
     const strip = $$("events");
     const width = strip.clientWidth;
     strip.replaceChildren();
+    strip.setAttribute("viewBox", `0 0 ${width} 14`);
     const x = (frame) => (frame / Math.max(this.scene.last, 1)) * width;
     this.scene.takeovers.forEach((records, k) => {
       if (!records.length) return;

@@ -44,6 +44,7 @@ class Chart {
     const [width, height] = [element.clientWidth, element.clientHeight];
     if (!width) return;
     element.replaceChildren();
+    element.setAttribute("viewBox", `0 0 ${width} ${height}`); // keeps it whole on paper, where it is not drawn anew
     const high = niceTop(this.#highest());
     this.x = (frame) => MARGIN.left + (frame / Math.max(scene.last, 1)) * (width - MARGIN.left - MARGIN.right);
     const y = (value) => height - MARGIN.bottom - (value / high) * (height - MARGIN.top - MARGIN.bottom);
