@@ -58,7 +58,8 @@ def test_signals_are_judged_by_the_whole_recording() -> None:
     """All who pass in the second minute do so at red, but most pass in the first."""
     given = signals(changes=[[0.0, "east", "green"], [60.0, "east", "red"]])
     lines = survey(given, NET, recording([*range(0, 120, 20), *range(610, 710, 20)]), "made")
-    assert lines[0] == "signals    east: 11 vehicles pass, 5 at red"
+    asked = "so many hardly do, but for right turns: are its connections and times right?"
+    assert lines[0] == f"signals    east: 11 vehicles pass, 5 at red; {asked}"
 
 
 def test_signals_that_nobody_heeds_are_refused() -> None:

@@ -8,8 +8,9 @@ from litsim_sim.core.scene import RATE_HZ
 from litsim_sim.maps.signal_links import LEAVES, read_links
 from litsim_sim.recordings.recording import Recording
 from litsim_sim.scenario.log import Log
-from litsim_sim.scenario.signals import SignalsFile, check_heeded, check_known, heed, shown
+from litsim_sim.scenario.signals import PASSED_MIN, SignalsFile, check_heeded, check_known, heed, shown
 
+DOUBTFUL = 0.1  # share of passages at red above which a line asks whether connections and times are right
 PIECE = round(60 * RATE_HZ)  # frames processed at once, to bound memory
 
 
@@ -32,4 +33,10 @@ def survey(signals: SignalsFile, net: Path, recording: Recording, where: str) ->
             counts[group] = before[0] + passed, before[1] + at_red
     check_heeded(counts, where)
     check_known(signals, known, (first, last), where)
-    return [f"signals    {group}: {passed} vehicles pass, {red} at red" for group, (passed, red) in counts.items()]
+    return [_line(group, passed, at_red) for group, (passed, at_red) in counts.items()]
+
+
+def _line(group: str, passed: int, at_red: int) -> str:
+    many = passed >= PASSED_MIN and at_red > max(1.0, DOUBTFUL * passed)  # a single one may well do it
+    asked = "; so many hardly do, but for right turns: are its connections and times right?" if many else ""
+    return f"signals    {group}: {passed} vehicles pass, {at_red} at red{asked}"
