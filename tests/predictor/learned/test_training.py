@@ -15,11 +15,13 @@ import torch
 from torch.optim.swa_utils import AveragedModel
 
 from litsim_predictor.cli import evaluate, train
-from litsim_predictor.learned import training_data
 from litsim_predictor.learned.data.scenes import scene_batches
 from litsim_predictor.learned.models.registry import build
 from litsim_predictor.learned.models.weights import Provenance, load_model, save_model
-from litsim_predictor.learned.training import (
+from litsim_predictor.learned.training import data as training_data
+from litsim_predictor.learned.training.config import TrainingConfig
+from litsim_predictor.learned.training.data import Locator, load_parts
+from litsim_predictor.learned.training.training import (
     CHECKPOINT,
     CURVES,
     HISTORY_FILE,
@@ -27,8 +29,6 @@ from litsim_predictor.learned.training import (
     WEIGHTS,
     Training,
 )
-from litsim_predictor.learned.training_config import TrainingConfig
-from litsim_predictor.learned.training_data import Locator, load_parts
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Kind
 from litsim_sim.io.yaml_input import read_yaml
@@ -105,7 +105,7 @@ def test_equal_seeds_give_equal_weights_and_resuming_changes_nothing(
     whole = torch.load(tmp_path / "a" / CHECKPOINT, weights_only=True)
     cut = tmp_path / "cut"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("litsim_predictor.learned.training.Training._learning_rate", interrupt_at(1))
+        patch.setattr("litsim_predictor.learned.training.training.Training._learning_rate", interrupt_at(1))
         run(config, cut)
     assert len(json.loads((cut / HISTORY_FILE).read_text())["epochs"]) == 1
     run(config, cut, "--resume")

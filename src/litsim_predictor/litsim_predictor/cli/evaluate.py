@@ -142,8 +142,8 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
 
 def _validation_tracks(name: str) -> list[Tracks]:
     """The validation part of the training configuration of that name, or of that file."""
-    from litsim_predictor.learned.training_config import TrainingConfig
-    from litsim_predictor.learned.training_data import Locator, load_parts
+    from litsim_predictor.learned.training.config import TrainingConfig
+    from litsim_predictor.learned.training.data import Locator, load_parts
 
     file = packaged_configs().get(name, Path(name))
     return [tracks for tracks, _ in load_parts(read_yaml(file, TrainingConfig), Locator(file.parent))["val"]]

@@ -50,9 +50,9 @@ def _train(arguments: argparse.Namespace) -> int:
     import torch
 
     from litsim_predictor.learned.device import check_device
-    from litsim_predictor.learned.training import CHECKPOINT, CURVES, WEIGHTS, Training
-    from litsim_predictor.learned.training_config import TrainingConfig
-    from litsim_predictor.learned.training_data import Locator
+    from litsim_predictor.learned.training.config import TrainingConfig
+    from litsim_predictor.learned.training.data import Locator
+    from litsim_predictor.learned.training.training import CHECKPOINT, CURVES, WEIGHTS, Training
 
     file = packaged_configs().get(arguments.config, Path(arguments.config))
     chosen = {name: getattr(arguments, name) for name in ("fraction", "epochs", "seed")}

@@ -18,8 +18,8 @@ from litsim_predictor.learned.data.batch import SceneBatch, maneuvers_of
 from litsim_predictor.learned.data.scenes import Augmentation, scene_batches, training_batches
 from litsim_predictor.learned.data.sources import I80PairSource, Us101TrackSource, Us101WindowSource, load, net_path
 from litsim_predictor.learned.data.tracks import Tracks, parts_of
-from litsim_predictor.learned.training_config import TEST_FRAMES, TRACKS, WINDOWS
-from litsim_predictor.learned.training_data import Locator
+from litsim_predictor.learned.training.config import TEST_FRAMES, TRACKS, WINDOWS
+from litsim_predictor.learned.training.data import Locator
 from litsim_sim.core.errors import InputError
 from litsim_sim.recordings.segments import PARTS
 

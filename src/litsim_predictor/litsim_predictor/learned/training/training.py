@@ -23,9 +23,9 @@ from litsim_predictor.learned.data.sources import digest_of, files_of
 from litsim_predictor.learned.models.model import SceneModel, negative_log_likelihood
 from litsim_predictor.learned.models.registry import build
 from litsim_predictor.learned.models.weights import load_model, save_model
-from litsim_predictor.learned.training_config import TrainingConfig
-from litsim_predictor.learned.training_curves import plot_curves
-from litsim_predictor.learned.training_data import Locator, load_parts, targets_of
+from litsim_predictor.learned.training.config import TrainingConfig
+from litsim_predictor.learned.training.curves import plot_curves
+from litsim_predictor.learned.training.data import Locator, load_parts, targets_of
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from litsim_predictor.learned.data.sources import load
 from litsim_predictor.learned.data.tracks import Tracks
-from litsim_predictor.learned.training_config import TrainingConfig
+from litsim_predictor.learned.training.config import TrainingConfig
 from litsim_sim.core.errors import InputError
 from litsim_sim.recordings.segments import Part
 from litsim_sim.scenario.scenario import packaged

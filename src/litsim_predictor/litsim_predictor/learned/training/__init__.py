@@ -1,0 +1,1 @@
+"""Training of learned predictors: its configuration, its data, the training itself, and its learning curves."""
