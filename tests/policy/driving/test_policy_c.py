@@ -12,9 +12,11 @@ from hypothesis import strategies as st
 from safetensors.torch import load_file, save_file
 
 from litsim_policy.driving.action import HIGH, LOW, consistent, executed_yaw_rate, normalised, physical
-from litsim_policy.driving.observation import ACCELERATION, AHEAD, ObservationConfig
+from litsim_policy.driving.feature_scales import ACCELERATION
+from litsim_policy.driving.observation import ObservationConfig
 from litsim_policy.driving.policy_c import FORMAT, PolicyC, PolicyNetwork, shipped_weights
 from litsim_policy.driving.registry import make_policy
+from litsim_policy.driving.way_features import AHEAD
 from litsim_policy.learning.network import GaussianPolicy, driving_network, pedal_bounds, restore, save
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ControlSource
@@ -93,7 +95,7 @@ def test_densities_and_the_masses_beyond_the_bounds_on_jerk_sum_to_one(policy, a
 
 
 def test_accelerations_beyond_the_bounds_on_jerk_are_all_as_likely(policy) -> None:
-    """What they are is not executed, so nothing is to be learned from it; see driving/safety.py for the bounds."""
+    """What they are is not executed, so nothing is to be learned from it; SafetyConfig has the bounds."""
     seen = np.zeros((3, ObservationConfig().size))
     low, high = pedal_bounds(seen)
     assert physical(np.tanh(np.column_stack([low, low, low])))[0, 0] == pytest.approx(-0.837)

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from litsim_policy.driving.observation import ObservationConfig
 from litsim_policy.driving.policy_c import Driver, PolicyNetwork
-from litsim_policy.driving.safety import GUARDS, LIMITS_ONLY, SafetyConfig, SafetyLayer
+from litsim_policy.driving.safety import GUARDS, SafetyLayer
+from litsim_policy.driving.safety_config import LIMITS_ONLY, SafetyConfig
 from litsim_policy.driving.task import DrivingTask
 from litsim_policy.motion.reference_path import lane_path, logged_path
 from litsim_sim.core.scene import STEP_S, AgentTable, ControlSource, EgoCommand, EgoMode

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_policy.driving.observation import HEADING, LATERAL, LENGTH, SPEED, WIDTH
+from litsim_policy.driving.feature_scales import HEADING, LATERAL, LENGTH, SPEED, WIDTH
 from litsim_policy.driving.traffic_observation import BEAM, BEAMS, OWN, RATE, ROAD, SIZE, WAY, TrafficObserver
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch

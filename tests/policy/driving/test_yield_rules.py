@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from litsim_policy.driving.courtesy import side_taken
-from litsim_policy.driving.yield_policy import YieldConfig, give_way
+from litsim_policy.driving.giving_way import give_way
+from litsim_policy.driving.yield_policy import YieldConfig
 from litsim_policy.motion.car_following import idm_acceleration
 from litsim_sim.core.geometry import to_body
 

@@ -8,7 +8,7 @@ All features are relative to the agents' box centres, divided by fixed scales an
 groups:
 
 - own (3): length, width, speed.
-- road (7): as for policy C, see :mod:`.observation`.
+- road (7): as for policy C, see :mod:`.lane_features`.
 - way (2): heading of the reference path half a pursuit reach ahead, and one and a half.
 - beams (2 for each): distance to the nearest box in that direction, 1 if there is none within BEAM, and its rate of
   change; the first beam points ahead, the others follow counter-clockwise.
@@ -21,16 +21,8 @@ import math
 import numpy as np
 from numba.types import Tuple
 
-from litsim_policy.driving.observation import (
-    HEADING,
-    LENGTH,
-    LIMIT,
-    ROAD,
-    SPEED,
-    WIDTH,
-    LaneFeatures,
-    path_directions,
-)
+from litsim_policy.driving.feature_scales import HEADING, LENGTH, LIMIT, SPEED, WIDTH
+from litsim_policy.driving.lane_features import ROAD, LaneFeatures
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.compiled import FLOATS, INTS, OUT_FLOATS2, kernel
 from litsim_sim.core.pair_geometry import within_scenes
@@ -60,7 +52,7 @@ class TrafficObserver:
         features[:, 2] = agents.speed / SPEED
         self._road.write(agents, OWN, features)
         here = agents.paths.project(np.arange(len(agents)), agents.x, agents.y).s
-        unit_x, unit_y = path_directions(agents.paths, here, agents.reach)
+        unit_x, unit_y = agents.paths.directions_ahead(here, agents.reach)
         turn = np.arctan2(unit_y, unit_x)[:, 1:] - agents.yaw[:, None]
         features[:, OWN + ROAD : OWN + ROAD + WAY] = np.arctan2(np.sin(turn), np.cos(turn)) / HEADING
         everybody = table.scene, table.x, table.y, table.yaw, table.speed, table.length, table.width

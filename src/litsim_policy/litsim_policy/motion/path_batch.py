@@ -88,6 +88,10 @@ class PathBatch:
         """Direction (...) [rad] of segments of the paths with indices `path`; shapes broadcast."""
         return np.arctan2(self.segments[path, segment, UNIT_Y], self.segments[path, segment, UNIT_X])
 
+    def directions_ahead(self, s: FloatArray, reach: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Unit vectors along the paths, x and y (m, 3): at `s` (m,) [m], and half a `reach` (m,) [m] and 1.5 ahead."""
+        return path_kernels.directions_ahead(self.segments, self.count, s, reach)
+
     def point(self, s: FloatArray, path: IntArray | None = None) -> FloatArray:
         """Points (m, 2) of the paths at arc lengths `s` (m,) [m], with ends prolonged; `path` as in :meth:`segment`."""
         return path_kernels.points_at(self.segments, self.count, self.each if path is None else path, s)

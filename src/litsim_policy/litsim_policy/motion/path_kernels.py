@@ -222,3 +222,24 @@ def windows(
             begin[p] += 1
         end[p] = segment_at(segments, count[p], p, s[p] + ahead) + 2
     return begin, end
+
+
+@kernel(types.UniTuple(OUT_FLOATS2, 2)(FLOATS3, INTS, FLOATS, FLOATS))
+def directions_ahead(
+    segments: FloatArray, count: IntArray, s: FloatArray, reach: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return directions of m paths where agents are, and half a reach and one and a half ahead.
+
+    Args:
+        segments, count: of the paths, see the module.
+        s, reach: (m,) arc lengths of the agents and their pursuit reaches [m].
+
+    Returns:
+        x and y (m, 3) of unit vectors.
+    """
+    unit_x, unit_y = np.empty((len(s), 3)), np.empty((len(s), 3))
+    for i in range(len(s)):
+        for k, share in enumerate((0.0, 0.5, 1.5)):
+            at = segment_at(segments, count[i], i, s[i] + reach[i] * share)
+            unit_x[i, k], unit_y[i, k] = segments[i, at, UNIT_X], segments[i, at, UNIT_Y]
+    return unit_x, unit_y

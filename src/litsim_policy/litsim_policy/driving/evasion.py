@@ -1,0 +1,84 @@
+"""Evasive commands: what an agent may do instead of a command that leads into a contact or off the road."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from litsim_sim.core.compiled import BOOLS2, FLOATS, FLOATS2, FLOATS3, OUT_FLOATS3, OUT_INTS, float64, kernel
+from litsim_sim.core.dynamics import SPEED_MIN
+from litsim_sim.core.pair_geometry import within
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+
+BRAKING = np.array([2.0, 3.0, 4.0, 6.0])  # [m/s2] braking that is tried before the hardest
+
+
+@kernel(OUT_FLOATS3(FLOATS2, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, *[float64] * 4))
+def evasive_commands(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    commands: FloatArray,
+    cap: FloatArray,
+    speed: FloatArray,
+    yaw_rate: FloatArray,
+    path_yaw_rate: FloatArray,
+    lane_yaw_rate: FloatArray,
+    turn_step: float,
+    lateral_acceleration_max: float,
+    acceleration_max: float,
+    braking_max: float,
+) -> FloatArray:
+    """Alternatives to the commands, nearest to the commanded acceleration first.
+
+    Acceleration is among them, since it may be best for an agent that another cuts in on from behind.
+
+    Args:
+        commands: (k, 2) accelerations [m/s2] and yaw rates [rad/s].
+        cap: (k,) accelerations that the agents ahead allow [m/s2].
+        speed, yaw_rate: (k,) now [m/s], [rad/s].
+        path_yaw_rate, lane_yaw_rate: (k,) yaw rates along the path and along the lane [rad/s].
+        turn_step: most by which a yaw rate changes in a step [rad/s].
+        lateral_acceleration_max, acceleration_max, braking_max: as in :class:`SafetyConfig`.
+
+    Returns:
+        (k, 21, 2) accelerations and yaw rates: as commanded, along the path, along the lane; then at other speeds.
+    """
+    choices = np.empty((len(commands), 3 * (len(BRAKING) + 3), 2))
+    for i in range(len(commands)):
+        wanted = commands[i, 0]
+        bound = lateral_acceleration_max / max(speed[i], SPEED_MIN)
+        low, high = yaw_rate[i] - turn_step, yaw_rate[i] + turn_step
+        along_path = within(within(path_yaw_rate[i], low, high), -bound, bound)
+        along_lane = within(within(lane_yaw_rate[i], low, high), -bound, bound)
+        steering = (commands[i, 1], along_path, along_lane)
+        driving_on = max(min(acceleration_max, cap[i]), wanted)
+        hardest = min(wanted, -braking_max)
+        accelerations = np.full(len(BRAKING) + 3, hardest)
+        accelerations[0], accelerations[-1] = wanted, driving_on
+        for k in range(len(BRAKING)):
+            accelerations[k + 1] = min(wanted, max(-BRAKING[k], -braking_max))
+        for place, k in enumerate(np.argsort(np.abs(accelerations - wanted), kind="mergesort")):
+            for s in range(3):
+                choices[i, 3 * place + s, 0], choices[i, 3 * place + s, 1] = accelerations[k], steering[s]
+    return choices
+
+
+@kernel(OUT_INTS(FLOATS3, FLOATS2, BOOLS2))
+def best_choice(choices: FloatArray, touch: FloatArray, stays: BoolArray) -> IntArray:
+    """Positions (k,) of the choices to take.
+
+    The first that touches no agent and stays on the road; if there is none, of those that stay on the road and touch
+    latest, the one that brakes hardest.
+
+    Args:
+        choices: (k, c, 2) accelerations [m/s2] and yaw rates [rad/s].
+        touch: (k, c) times of the first contact [s], infinite for none.
+        stays: (k, c) whether they stay on the road, as at least one per agent does.
+    """
+    best = np.zeros(len(choices), np.int64)
+    for i in range(len(choices)):
+        latest, least = -1.0, np.inf
+        for c in range(choices.shape[1]):
+            if not stays[i, c]:
+                continue
+            later = touch[i, c] > latest
+            if later or (touch[i, c] == latest and touch[i, c] < np.inf and choices[i, c, 0] < least):
+                best[i], latest, least = c, touch[i, c], choices[i, c, 0]
+    return best

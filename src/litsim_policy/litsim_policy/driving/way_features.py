@@ -1,0 +1,250 @@
+"""Features of an agent's way to its goal: its path, its leaders on it, its goal, and its opponent."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from litsim_policy.driving.feature_scales import (
+    ACCELERATION,
+    DISTANCE,
+    HEADING,
+    LATERAL,
+    SPEED,
+    TIME,
+    YAW_RATE,
+)
+from litsim_policy.driving.safe_following import following_cap
+from litsim_policy.driving.safety_config import SafetyConfig
+from litsim_policy.driving.task import DrivingScene
+from litsim_policy.motion.followers import PathFollowers
+from litsim_sim.core.compiled import (
+    BOOLS2,
+    FLOATS,
+    FLOATS2,
+    INTS,
+    OUT_FLOATS2,
+    float64,
+    int64,
+    kernel,
+    void,
+)
+from litsim_sim.core.pair_geometry import wrapped
+from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
+
+FORESEEN = SafetyConfig(own_braking=4.0, leader_braking=5.0, imminent=1.0)
+"""Parameters of the feature "safe acceleration behind the leaders", with braking that the network may command."""
+AHEAD_FEATURES = (
+    "acceleration of the leader",
+    "safe acceleration behind the leaders",
+    "second leader present",
+    "gap to the second leader",
+    "speed of the second leader less the own",
+    "acceleration of the second leader",
+)
+"""Leaders are agents ahead on the path; the rear of the second one is ahead of the first one's centre."""
+WAY_FEATURES = (
+    "offset from the path",
+    "heading to the path",
+    "heading of the path half a pursuit reach ahead",
+    "heading of the path one and a half reaches ahead",
+    "yaw rate of a pure pursuit of the path",
+    "leader present",
+    "gap to the leader",
+    "speed of the leader less the own",
+    "distance to the goal along the path",
+    "time until the agent was expected at the goal",
+    "opponent present",
+    "opponent ahead",
+    "opponent to the left",
+    "speed of the opponent less the own",
+)
+AHEAD, WAY = 6, 14  # numbers of these features
+
+
+def write_ahead(agents: PathFollowers, sight: float, first: int, features: FloatArray) -> None:
+    """Write :data:`AHEAD_FEATURES` of m agents into `features` (m, size), from `first` on; `sight` in metres."""
+    view = agents.view
+    features[:, first + 1] = following_cap(FORESEEN, agents) / ACCELERATION
+    _write_ahead(
+        view.gap,
+        view.speed,
+        view.ahead,
+        view.in_path,
+        view.first,
+        agents.table.length,
+        agents.table.acceleration,
+        agents.speed,
+        sight,
+        first,
+        features,
+    )
+
+
+def write_way(scene: DrivingScene, sight: float, features: FloatArray) -> None:
+    """Write :data:`WAY_FEATURES` of the m agents of `scene` as the last of `features` (m, size); `sight` in metres."""
+    agents, table, view = scene.agents, scene.agents.table, scene.agents.view
+    unit_x, unit_y = agents.paths.directions_ahead(agents.s, agents.reach)
+    _write_path(
+        agents.d,
+        np.arctan2(unit_y, unit_x),
+        agents.yaw,
+        agents.path_yaw_rate,
+        agents.to_goal(scene.goal[:, 0], scene.goal[:, 1]),
+        scene.due_step - table.step,
+        features,
+    )
+    _write_leader(view.gap, view.speed, view.ahead, view.in_path, agents.speed, sight, features)
+    _write_opponent(
+        table.x,
+        table.y,
+        table.yaw,
+        table.speed,
+        table.rows(scene.opponent),
+        agents.x,
+        agents.y,
+        agents.yaw,
+        agents.speed,
+        features,
+    )
+
+
+@kernel(void(FLOATS, FLOATS2, FLOATS, FLOATS, FLOATS, INTS, OUT_FLOATS2))
+def _write_path(
+    d: FloatArray,
+    heading: FloatArray,
+    yaw: FloatArray,
+    yaw_rate: FloatArray,
+    to_goal: FloatArray,
+    steps_left: IntArray,
+    features: FloatArray,
+) -> None:
+    """Write the features of m agents on the way to their goals.
+
+    Args:
+        d: (m,) offsets from the paths [m].
+        heading: (m, 3) of the paths, at the positions of :func:`.path_kernels.directions_ahead` [rad].
+        yaw: (m,) of the agents [rad].
+        yaw_rate: (m,) of a pure pursuit of the paths [rad/s].
+        to_goal: (m,) distance along the paths [m].
+        steps_left: (m,) until the agents were expected at their goals.
+        features: (m, size) written to.
+    """
+    first = features.shape[1] - WAY
+    for i in range(len(d)):
+        features[i, first] = d[i] / LATERAL
+        for k in range(3):
+            features[i, first + 1 + k] = wrapped(heading[i, k] - yaw[i]) / HEADING
+        features[i, first + 4] = yaw_rate[i] / YAW_RATE
+        features[i, first + 8] = to_goal[i] / DISTANCE
+        features[i, first + 9] = steps_left[i] * STEP_S / TIME
+
+
+@kernel(int64(FLOATS2, BOOLS2, BOOLS2, int64, float64, float64))
+def _next_on_path(gap: FloatArray, ahead: BoolArray, in_path: BoolArray, i: int, beyond: float, sight: float) -> int:
+    """Column of the nearest leader of agent `i` with a gap of more than `beyond` and less than `sight` [m], or -1.
+
+    The arrays (m, w) are those of :class:`litsim_policy.motion.car_following.AlongPath`.
+    """
+    found, least = -1, sight
+    for j in range(gap.shape[1]):
+        if ahead[i, j] and in_path[i, j] and beyond < gap[i, j] < least:
+            found, least = j, gap[i, j]
+    return found
+
+
+@kernel(void(FLOATS2, FLOATS2, BOOLS2, BOOLS2, INTS, FLOATS, FLOATS, FLOATS, float64, int64, OUT_FLOATS2))
+def _write_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    gap: FloatArray,
+    along: FloatArray,
+    ahead: BoolArray,
+    in_path: BoolArray,
+    begin: IntArray,
+    length: FloatArray,
+    acceleration: FloatArray,
+    speed: FloatArray,
+    sight: float,
+    first: int,
+    features: FloatArray,
+) -> None:
+    """Write the acceleration of the leader, and the features of the second leader.
+
+    Args:
+        gap, along, ahead, in_path: (m, w) as in :class:`litsim_policy.motion.car_following.AlongPath`; `along` is the
+            speed there.
+        begin: (m,) row of the first of the others.
+        length, acceleration: (n,) of all agents [m], [m/s2].
+        speed: (m,) of the agents [m/s].
+        sight: range of sight [m].
+        first: position of the first feature.
+        features: (m, size) written to.
+    """
+    for i in range(len(speed)):
+        leader = _next_on_path(gap, ahead, in_path, i, -np.inf, sight)
+        if leader < 0:
+            continue
+        features[i, first] = acceleration[begin[i] + leader] / ACCELERATION
+        # an agent alongside the leader does not count as the second one
+        beyond = gap[i, leader] + 0.5 * length[begin[i] + leader]
+        second = _next_on_path(gap, ahead, in_path, i, beyond, sight)
+        if second >= 0:
+            features[i, first + 2], features[i, first + 3] = 1.0, gap[i, second] / DISTANCE
+            features[i, first + 4] = (along[i, second] - speed[i]) / SPEED
+            features[i, first + 5] = acceleration[begin[i] + second] / ACCELERATION
+
+
+@kernel(void(FLOATS2, FLOATS2, BOOLS2, BOOLS2, FLOATS, float64, OUT_FLOATS2))
+def _write_leader(
+    gap: FloatArray,
+    along: FloatArray,
+    ahead: BoolArray,
+    in_path: BoolArray,
+    speed: FloatArray,
+    sight: float,
+    features: FloatArray,
+) -> None:
+    """Write the leader within `sight` [m], of agents with `speed` (m,) [m/s].
+
+    The first four arrays (m, w) are those of :class:`litsim_policy.motion.car_following.AlongPath`.
+    """
+    first = features.shape[1] - WAY + 5
+    for i in range(len(speed)):
+        leader = _next_on_path(gap, ahead, in_path, i, -np.inf, sight)
+        if leader >= 0:
+            features[i, first], features[i, first + 1] = 1.0, gap[i, leader] / DISTANCE
+            features[i, first + 2] = (along[i, leader] - speed[i]) / SPEED
+
+
+@kernel(void(FLOATS, FLOATS, FLOATS, FLOATS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, OUT_FLOATS2))
+def _write_opponent(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    speed: FloatArray,
+    opponent: IntArray,
+    own_x: FloatArray,
+    own_y: FloatArray,
+    own_yaw: FloatArray,
+    own_speed: FloatArray,
+    features: FloatArray,
+) -> None:
+    """Write the features of the opponents.
+
+    Args:
+        x, y, yaw, speed: (n,) of all agents [m], [rad], [m/s].
+        opponent: (m,) rows of the opponents; -1 for none.
+        own_x, own_y, own_yaw, own_speed: (m,) of the agents.
+        features: (m, size) written to.
+    """
+    first = features.shape[1] - 4
+    for i in range(len(opponent)):
+        j = opponent[i]
+        if j < 0:
+            continue
+        cos, sin = math.cos(own_yaw[i]), math.sin(own_yaw[i])
+        dx, dy = x[j] - own_x[i], y[j] - own_y[i]
+        features[i, first] = 1.0
+        features[i, first + 1] = (dx * cos + dy * sin) / DISTANCE
+        features[i, first + 2] = (dy * cos - dx * sin) / LATERAL
+        features[i, first + 3] = (speed[j] * math.cos(yaw[j] - own_yaw[i]) - own_speed[i]) / SPEED
