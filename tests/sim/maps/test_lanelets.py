@@ -242,6 +242,16 @@ def test_lanelet2_through_the_command(tmp_path: Path) -> None:
     np.testing.assert_allclose(lanes["32_1"].centerline[0], [-1.75, 0.0], atol=0.1)
 
 
+def test_an_origin_far_from_the_map_is_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("lanelet2", reason="the lanelet2 package is not installed: requirements/maps.txt")
+    write_osm(tmp_path / "map.osm")
+    with pytest.raises(SystemExit, match="2"):
+        main(["map", "--lanelet2", str(tmp_path / "map.osm"), "--origin", "8.4", "49.0", "--out", str(tmp_path / "n")])
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith("error: ") and "out of legal range for UTM zone" in said and "more such lines" in said
+    assert said.endswith("is --origin 8.4 49, latitude and longitude, near the map?")
+
+
 def test_lanelet2_without_the_package_or_an_origin(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

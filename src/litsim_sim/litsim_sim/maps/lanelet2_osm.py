@@ -47,7 +47,7 @@ def read_lanelets(source: Path, origin: tuple[float, float]) -> list[Lanelet]:
         projector = projection.UtmProjector(io.Origin(latitude, longitude))
         lanelet_map = io.load(str(source), projector)
     except RuntimeError as error:
-        raise InputError(f"{source}: not a readable Lanelet2 file: {error}") from error
+        raise InputError(f"{source}: not a readable Lanelet2 file: {_why(str(error), origin)}") from error
     rules = traffic_rules.create(traffic_rules.Locations.Germany, traffic_rules.Participants.Vehicle)
     graph = routing.RoutingGraph(lanelet_map, rules)
     found = [_lanelet(raw, graph, rules) for raw in lanelet_map.laneletLayer if rules.canPass(raw)]
@@ -58,6 +58,14 @@ def read_lanelets(source: Path, origin: tuple[float, float]) -> list[Lanelet]:
     if not all(np.isfinite(lanelet.centerline).all() for lanelet in found):
         raise InputError(f"{source}: bounds are not finite: is --origin within the map's UTM zone?")
     return found
+
+
+def _why(error: str, origin: tuple[float, float]) -> str:
+    """The text of an error of the lanelet2 package, which has a line for each node of the file, in one line."""
+    lines = error.splitlines()
+    said = " ".join(" ".join(lines[:2]).split()) + (f"; {len(lines) - 2} more such lines" if len(lines) > 2 else "")
+    asked = f"; is --origin {origin[0]:g} {origin[1]:g}, latitude and longitude, near the map?"
+    return said + (asked if "UTM zone" in said else "")
 
 
 def _modules() -> tuple[Any, Any, Any, Any]:
