@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 
-from litsim_sim.analysis.safety import following, safety_series, shortest_own_ttc, times_to_collision
+from litsim_sim.analysis.safety import SIGHT_M, following, safety_series, shortest_own_ttc, times_to_collision
+from litsim_sim.core.geometry import box_corners, to_body
 
 Make = Callable[..., Any]
 
@@ -100,6 +102,45 @@ def test_nearest_of_two_leaders_counts_and_neighbours_do_not(table: Make) -> Non
     found = following(scene, np.arange(4))
     assert found.leader.tolist() == [2, -1, 1, -1]
     assert found.headway[0] == pytest.approx(2.0)
+
+
+def test_the_gap_ends_where_the_leader_reaches_into_the_strip(table: Make) -> None:
+    """The tail of a vehicle that turns away lies beside the strip: only its front is in the way."""
+    turning = table(
+        0,
+        {"id": 1, "x": 0.0, "y": 0.0},
+        {"id": 2, "x": 20.0, "y": 3.0, "yaw": -np.pi / 4, "length": 8.0, "width": 2.0, "speed": 0.0},
+    )
+    found = following(turning, np.array([0]))
+    nose = np.array([20.0, 3.0]) + (4.0 * np.array([1.0, -1.0]) - np.array([1.0, 1.0])) / np.sqrt(2.0)  # its right side
+    assert found.gap[0] == pytest.approx(nose[0] + nose[1] - 1.0 - 2.0)  # that side goes up at 45 degrees to the strip
+
+
+def test_gaps_are_those_of_polygons(table: Make) -> None:
+    """Random boxes against the intersection of polygons with the strip."""
+    random = np.random.default_rng(11)
+    low, high = (-60.0, -12.0, -3.2, 0.4, 0.3), (90.0, 12.0, 3.2, 14.0, 3.0)
+    columns = ("x", "y", "yaw", "length", "width")
+    found = 0
+    for _ in range(20):
+        rows = random.uniform(low, high, (12, 5)).tolist()
+        scene = table(0, *({"id": i} | dict(zip(columns, row, strict=True)) for i, row in enumerate(rows)))
+        corners = box_corners(scene.x, scene.y, scene.yaw, scene.length, scene.width)
+        measured = following(scene, np.arange(12))
+        for k in range(12):
+            ahead, left = to_body(corners[..., 0] - scene.x[k], corners[..., 1] - scene.y[k], scene.yaw[k])
+            strip = shapely.box(-200.0, -scene.width[k] / 2, 200.0, scene.width[k] / 2)
+            places = [shapely.Polygon(box).intersection(strip) for box in np.stack([ahead, left], axis=-1)]
+            centre, _ = to_body(scene.x - scene.x[k], scene.y - scene.y[k], scene.yaw[k])
+            gaps = [
+                place.bounds[0] - scene.length[k] / 2 if place.area > 0.0 and centre[i] > 0.0 and i != k else np.inf
+                for i, place in enumerate(places)
+            ]
+            gap = min(gaps) if min(gaps) < SIGHT_M else np.inf
+            assert measured.gap[k] == pytest.approx(max(gap, 0.0), abs=1e-9)
+            assert measured.leader[k] == (int(np.argmin(gaps)) if np.isfinite(gap) else -1)
+            found += np.isfinite(gap)
+    assert found > 50
 
 
 def test_all_at_once_is_one_by_one(table: Make) -> None:

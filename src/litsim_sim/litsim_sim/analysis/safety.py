@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba.types import Tuple
 
-from litsim_sim.core.compiled import FLOATS, INTS, OUT_FLOATS, OUT_INTS, kernel
-from litsim_sim.core.geometry import to_body
+from litsim_sim.core.compiled import FLOATS, INTS, OUT_FLOATS, OUT_INTS, float64, kernel
 from litsim_sim.core.pair_geometry import overlap, within_scenes
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
 from litsim_sim.core.steps import Steps
@@ -18,6 +18,7 @@ TTC_HORIZON_S = 3.0  # nuPlan
 TTC_STEP_S = 0.1
 TTC_CRITICAL_S = (0.95, 1.5)  # nuPlan, and the common value of the literature
 SIGHT_M = 100.0  # gap beyond which a vehicle is not a leader
+CORNERS = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]])  # of a box, in lengths and widths
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,8 @@ class Following:
 
     Attributes:
         leader: row of the leader in the table, -1 for none.
-        gap: bumper-to-bumper distance along the own heading [m]; 0 in contact, inf without leader.
+        gap: distance from the own front to the leader along the own heading or the lane [m]; 0 in contact, inf without
+            leader.
         closing: own speed minus the leader's, along the own heading or the lane [m/s]; 0 without leader.
         headway: gap over own speed [s]; inf without leader or at rest.
         drac: deceleration rate to avoid a crash, closing^2 / (2 gap) [m/s2] (Almqvist 1991); 0 where the gap does not
@@ -149,37 +151,72 @@ def _first_meetings(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
 
 def following(table: AgentTable, rows: IntArray) -> Following:
-    """How the agents in `rows` (m,) of `table` follow their leaders; arrays (m,).
+    """How the agents in `rows` (m,) of `table` follow their leaders; arrays (m,). Scenes are independent.
 
-    The leader is the nearest agent within :data:`SIGHT_M` whose box reaches into the strip that the own box sweeps
-    straight ahead.
+    The leader is the agent within :data:`SIGHT_M` whose box is the first that the strip meets which the own box sweeps
+    straight ahead; the gap is the distance to where they meet.
     """
-    begin, end = within_scenes(table.scene, np.asarray(rows, np.int64))
-    first = np.cumsum(end - begin) - (end - begin)  # index of each agent's first pair with its scene
-    own = np.repeat(rows, end - begin)
-    other = np.arange(len(own)) - np.repeat(first - begin, end - begin)
-    own_yaw = table.yaw[own]
-    ahead, left = to_body(table.x[other] - table.x[own], table.y[other] - table.y[own], own_yaw)
-    cos, sin = np.cos(table.yaw[other] - own_yaw), np.sin(table.yaw[other] - own_yaw)
-    length, width = table.length[other], table.width[other]
-    along = 0.5 * (length * np.abs(cos) + width * np.abs(sin))
-    across = 0.5 * (length * np.abs(sin) + width * np.abs(cos))
-    gaps = ahead - along - 0.5 * table.length[own]
-    leads = (ahead > 0.0) & (gaps < SIGHT_M) & (np.abs(left) < across + 0.5 * table.width[own]) & (other != own)
-    gaps = np.where(leads, gaps, np.inf)
-    nearest = _least(gaps, first, end - begin)
-    there, leader = leads[nearest], other[nearest]
-    gap, speed = np.maximum(gaps[nearest], 0.0), table.speed[rows]
-    closing = np.where(there, speed - table.speed[leader] * cos[nearest], 0.0)
-    return Following.measured(np.where(there, leader, -1), gap, closing, speed)
+    boxes = table.x, table.y, table.yaw, table.length, table.width
+    leader, gap = _leaders(table.scene, rows.astype(np.int64), *boxes)
+    there, speed = leader >= 0, table.speed[rows]
+    along = table.speed[leader] * np.cos(table.yaw[leader] - table.yaw[rows])
+    return Following.measured(leader, gap, np.where(there, speed - along, 0.0), speed)
 
 
-@kernel(OUT_INTS(FLOATS, INTS, INTS))
-def _least(values: FloatArray, first: IntArray, count: IntArray) -> IntArray:
-    """Index (m,) of the smallest of `values` in each of m ranges, the first of equal ones; `first`, `count` (m,)."""
-    found = first.copy()
-    for m in range(len(first)):
-        for k in range(first[m], first[m] + count[m]):
-            if values[k] < values[found[m]]:
-                found[m] = k
-    return found
+@kernel(float64(*[float64] * 6))
+def _rear(ahead: float, left: float, yaw: float, length: float, width: float, half: float) -> float:
+    """Smallest distance ahead [m] of a box within the strip up to `half` [m] to either side; inf if it is outside.
+
+    Args:
+        ahead, left: centre of the box [m].
+        yaw: heading [rad].
+        length, width: extents [m].
+        half: half width of the strip [m].
+    """
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    if not abs(left) < half + 0.5 * (length * abs(sin) + width * abs(cos)):
+        return math.inf
+    rear = math.inf
+    for k in range(4):  # edges, each from a corner to the next one
+        u0, v0, u1, v1 = (
+            CORNERS[k, 0] * length,
+            CORNERS[k, 1] * width,
+            CORNERS[k - 1, 0] * length,
+            CORNERS[k - 1, 1] * width,
+        )
+        x0, y0 = ahead + u0 * cos - v0 * sin, left + u0 * sin + v0 * cos
+        x1, y1 = ahead + u1 * cos - v1 * sin, left + u1 * sin + v1 * cos
+        if abs(y0) <= half:
+            rear = min(rear, x0)
+        for side in (-half, half):
+            if (y0 - side) * (y1 - side) < 0.0:
+                rear = min(rear, x0 + (side - y0) / (y1 - y0) * (x1 - x0))
+    return rear
+
+
+@kernel(Tuple((OUT_INTS, OUT_FLOATS))(INTS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS))
+def _leaders(
+    scene: IntArray,
+    rows: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    length: FloatArray,
+    width: FloatArray,
+) -> tuple[IntArray, FloatArray]:
+    """Leader (m,) and gap (m,) of :class:`Following`; all arrays but `rows` (m,) are of all boxes (n,)."""
+    leader, gap = np.full(len(rows), -1, np.int64), np.full(len(rows), math.inf)
+    begin, end = within_scenes(scene, rows)
+    for m in range(len(rows)):
+        a = rows[m]
+        cos, sin, front, half = math.cos(yaw[a]), math.sin(yaw[a]), 0.5 * length[a], 0.5 * width[a]
+        nearest = SIGHT_M + front
+        for b in range(begin[m], end[m]):
+            dx, dy, reach = x[b] - x[a], y[b] - y[a], 0.5 * math.hypot(length[b], width[b])
+            ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+            if b == a or not (0.0 < ahead < nearest + reach and abs(left) < half + reach):
+                continue
+            rear = _rear(ahead, left, yaw[b] - yaw[a], length[b], width[b], half)
+            if rear < nearest:
+                nearest, leader[m], gap[m] = rear, b, max(rear - front, 0.0)
+    return leader, gap

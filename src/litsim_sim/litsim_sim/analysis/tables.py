@@ -169,18 +169,20 @@ _CONTROLLERS = {each.value: each.name.lower() for each in Controller}
 
 def _surroundings(tables: Steps) -> dict[str, np.ndarray]:
     """Measures between each agent and the others; missing values are infinite, missing ids -1."""
-    names = ("leader", "gap_m", "headway_s", "drac_mps2")
-    parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
-    for table in tables:
-        found = following(table, np.arange(len(table)))
-        leader = np.where(found.leader >= 0, table.id[found.leader], -1)
-        values = (leader, found.gap, found.headway, np.where(found.leader >= 0, found.drac, np.inf))
-        for part, value in zip(parts.values(), values, strict=True):
-            part.append(value)
     every = tables.stacked
+    rows = np.arange(len(every))
+    found = following(every, rows)
+    there = found.leader >= 0
     pet, other = times_since_others(tables)
-    of_all = {"ttc_s": times_to_collision(every, np.arange(len(every))), "pet_s": pet, "pet_agent": other}
-    return {name: _joined(values) for name, values in parts.items()} | of_all
+    return {
+        "leader": np.where(there, every.id[found.leader], -1),
+        "gap_m": found.gap,
+        "headway_s": found.headway,
+        "drac_mps2": np.where(there, found.drac, np.inf),
+        "ttc_s": times_to_collision(every, rows),
+        "pet_s": pet,
+        "pet_agent": other,
+    }
 
 
 def _deviations(run: Run, tables: Sequence[AgentTable]) -> dict[str, np.ndarray]:
