@@ -85,7 +85,7 @@ def test_columns_with_empty_cells_are_used_only_where_they_must_be(tmp_path: Pat
     table = traffic().assign(lane=1.0)
     table.loc[[3, 700], ["heading", "lane"]] = np.nan
     table.to_csv(tmp_path / "case.csv", index=False)
-    assert "# heading has empty cells, and is not used; lane has empty" in draft(tmp_path / "case.csv")
+    assert "# heading has cells without a number, and is not used; lane has cells" in draft(tmp_path / "case.csv")
     made = convert(tmp_path / "case.csv", drafted(tmp_path / "case.csv"))[0].table
     assert len(made) == 5 * 120 and (made["lane"] == -1).all()
 
@@ -124,6 +124,32 @@ def test_kinds_of_argoverse(tmp_path: Path, traffic: Traffic) -> None:
     mapping = drafted(tmp_path / "case.parquet")
     assert mapping.columns.frame == "timestep"
     assert mapping.kinds == dict(zip(said, ["car", "motorcycle", "drop", "drop", "truck"], strict=True))
+
+
+@pytest.mark.parametrize(
+    ("names", "kind", "ours"),
+    [
+        (["vehicle_id", "timestep_time", "vehicle_x", "vehicle_y", "vehicle_angle", "vehicle_type"], "bus", "truck"),
+        (["actor_id", "timestamp", "x", "y", "yaw", "type_id"], "walker.pedestrian.0012", "drop"),
+        (
+            ["instance_token", "timestamp", "translation_x", "translation_y", "yaw", "category_name"],
+            "vehicle.car",
+            "car",
+        ),
+        (["carId", "time", "carCenterX", "carCenterY", "heading", "class"], "vehicle.bus.rigid", "truck"),
+        (["OBJID", "TIMESTAMP", "UTM_X", "UTM_Y", "UTM_ANGLE", "CLASS"], "Bicycle", "drop"),
+    ],
+)
+def test_names_of_simulators_and_data_sets(
+    tmp_path: Path, traffic: Traffic, names: list[str], kind: str, ours: str
+) -> None:
+    given = ["track_id", "timestamp", "x", "y", "heading", "agent_type"]
+    lanes = traffic().assign(agent_type=kind, vehicle_lane="E1_0")
+    lanes.rename(columns=dict(zip(given, names, strict=True))).to_csv(tmp_path / "case.csv", index=False)
+    mapping = drafted(tmp_path / "case.csv")
+    read = [getattr(mapping.columns, name) for name in ("vehicle_id", "time", "x", "y", "yaw", "kind", "lane")]
+    assert read == [*names, None] and mapping.kinds == {kind: ours}
+    assert mapping.reference == ("front_centre" if names[2] == "vehicle_x" else "box_centre")
 
 
 def test_frames_have_a_rate_that_only_the_source_knows(tmp_path: Path, traffic: Traffic) -> None:

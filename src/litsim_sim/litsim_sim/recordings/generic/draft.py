@@ -32,31 +32,34 @@ from litsim_sim.recordings.generic.plausibility import (
 from litsim_sim.recordings.generic.reading import NEEDED, texts
 from litsim_sim.recordings.generic.sides import MOVING
 
+OF = r"(vehicle|veh|car|object|obj|actor|agent|track|timestep)_?"
+"""What many names begin with, in lower case: ``vehicle_x`` of SUMO's trajectories is an x."""
+PLACE = r"(local|pos(ition)?|utm|map|translation|location|cent(er|re))_?"
 NAMES: dict[str, str] = {
-    "vehicle_id": r"(vehicle|track|agent|object|car|obj|veh)?_?(id|uuid)",
-    "time": r"(global_?)?(time|timestamp|stamp)(_?(s|ms|us|ns|sec|seconds|micros|millis|nanos))?|t",
+    "vehicle_id": r"(vehicle|track|agent|actor|object|car|obj|veh|instance)?_?(id|uuid|token)",
+    "time": rf"({OF}|global_?)?(time|timestamp|stamp)(_?(s|ms|us|ns|sec|seconds|micros|millis|nanos))?|t",
     "frame": r"frame(_?(id|number|num|no))?|(time_?)?step",
-    "x": r"((local|pos(ition)?|utm|map|cent(er|re))_?)?x(_?(center|centre|m|ft|pos|position|utm))?|(utm_?)?east(ing)?",
-    "y": r"((local|pos(ition)?|utm|map|cent(er|re))_?)?y(_?(center|centre|m|ft|pos|position|utm))?|(utm_?)?north(ing)?",
-    "length": r"(v_?|vehicle_?)?length(_?(m|ft|cm))?",
-    "width": r"(v_?|vehicle_?)?width(_?(m|ft|cm))?",
-    "yaw": r"(yaw|heading|course|psi|theta|orientation|angle)(_?(rad|deg))?",
-    "speed": r"speed|velocity|v|v_?vel|lon_?velocity|speed_?(ms|mps|kmh|kph|km_h|mph|m_s)",
+    "x": rf"({OF})?({PLACE})?x(_?(center|centre|m|ft|pos|position|utm))?|(utm_?)?east(ing)?",
+    "y": rf"({OF})?({PLACE})?y(_?(center|centre|m|ft|pos|position|utm))?|(utm_?)?north(ing)?",
+    "length": rf"({OF}|v_?)?(length|size_?l)(_?(m|ft|cm))?",
+    "width": rf"({OF}|v_?)?(width|size_?w)(_?(m|ft|cm))?",
+    "yaw": rf"({OF}|utm_?)?(yaw|heading|course|psi|theta|orientation|angle)(_?(rad|deg))?",
+    "speed": rf"({OF})?(speed|velocity)|v|v_?vel|lon_?velocity|speed_?(ms|mps|kmh|kph|km_h|mph|m_s)",
     "speed_x": r"v(el|elocity)?_?x|x_?v(el|elocity)|speed_?x",
     "speed_y": r"v(el|elocity)?_?y|y_?v(el|elocity)|speed_?y",
     "acceleration": r"(lon_?)?(acceleration|accel|acc)(_?(mps2|m_?s2))?|v_?acc",
-    "kind": r"(agent|object|obj|vehicle|track|v)?_?(type|class|kind|category)|classification",
-    "lane": r"lane(_?id)?",
+    "kind": r"(agent|actor|object|obj|vehicle|track|v)?_?(type|class|kind|category)(_?(id|name))?|classification",
+    "lane": rf"({OF})?lane(_?id)?",
     "clip": r"(case|clip|recording|scenario|scene|sequence|file|log)_?(id|no|number)?",
 }
 """Pattern of a file's column names, in lower case with words joined by underscores or nothing, by our name."""
 
 KINDS: dict[str, str] = {
-    "car": r"car|van|suv|taxi|auto|passenger.*|vehicle",
-    "truck": r"truck.*|bus|lorry|trailer|heavy.*|medium.*",
-    "motorcycle": r"motor_?(cycl|bik).*|moped|scooter",
-    "drop": r"ped.*|person|bi?cycl.*|bike.*|cyclist|riderless.*|animal|static.*|background|construction"
-    r"|unknown_obstacle",
+    "car": r"car|van|suv|taxi|auto|passenger.*|vehicle|.*\.car",
+    "truck": r"(.*\.)?truck.*|(.*\.)?bus(\..*)?|lorry|(.*\.)?trailer|heavy.*|medium.*",
+    "motorcycle": r"(.*\.)?motor_?(cycl|bik).*|moped|scooter",
+    "drop": r"ped.*|person|human.*|walker.*|(.*\.)?bi?cycl.*|bike.*|cyclist|riderless.*|animal|static.*|movable.*"
+    r"|background|construction|unknown_obstacle",
 }
 """Pattern of a file's kinds, in lower case, by our name."""
 NUMBERED = {"1": "motorcycle", "2": "car", "3": "truck"}
@@ -77,6 +80,8 @@ GEOGRAPHIC = r"lat(itude)?|lon(gitude)?|lng"
 COMPONENTS = ("speed_x", "speed_y")
 HEIGHT = "height"
 """Column of image boxes with their extent across the road; column width is their extent along it."""
+SUMO_X = "vehicle_x"
+"""Column of SUMO's trajectories (option --fcd-output, by xml2csv)."""
 NUMBERS = {"time", "frame", "x", "y", "length", "width", "yaw", "speed", "speed_x", "speed_y"}
 OPTIONAL = ("yaw", "speed", "acceleration", "lane")
 """Columns of numbers that a file need not have; in one that it has, every cell is one."""
@@ -106,6 +111,8 @@ def draft(paths: Path | Sequence[Path]) -> str:
         table["time"] = since_1970(table["time"])
     for name in sorted(NUMBERS & {*columns}):
         table[name] = _numbers(table[name], raw["row"], columns[name], source)
+    if "lane" in columns:  # many are names, such as SUMO's
+        table["lane"] = pd.to_numeric(table["lane"], errors="coerce")
     empty = [name for name in (*OPTIONAL, *COMPONENTS) if name in columns and table[name].isna().any()]
     held = [columns.pop(name) for name in empty]
     table = table.drop(columns=empty)
@@ -117,11 +124,14 @@ def draft(paths: Path | Sequence[Path]) -> str:
     made.remarks["net"] = "name of the SUMO net in whose frame the positions are"
     sizes = {name: size for name, size in USUAL_SIZE.items() if name not in columns}
     made.fields["columns"] = columns | sizes | ({"speed": components} if "speed" in table and components else {})
-    remarks = [f"{name} has empty cells, and is not used" for name in held]
+    remarks = [f"{name} has cells without a number, and is not used" for name in held]
     remarks += [f"the file has no {' and '.join(sizes)}: those of a usual car, in metres"] if sizes else []
     made.remarks["columns"] = "; ".join(remarks)
     made.fields["reference"] = "box_centre"
     made.remarks["reference"] = "a guess: box_centre, front_centre or rear_axle"
+    if columns["x"] == SUMO_X:
+        made.fields["reference"] = "front_centre"
+        made.remarks["reference"] = "a guess: column names are those of SUMO, whose positions are of front centres"
     if columns.get("width") == HEIGHT:
         made.fields["reference"] = "box_corner"
         made.remarks["reference"] = "a guess: columns width and height are of boxes in a picture, x and y their corner"
