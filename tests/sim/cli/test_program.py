@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -42,6 +44,12 @@ def test_work_that_went_well_returns(capsys: pytest.CaptureFixture[str]) -> None
             "error: torch is not installed here, and this needs it: `make setup-all` installs it\n",
         ),
         (lambda: 1, 1, ""),
+        (
+            raising(PermissionError(errno.EACCES, "Permission denied", "/locked/a")),
+            2,
+            "error: /locked/a: Permission denied\n",
+        ),
+        (lambda: Path("n" * 300).is_file(), 2, f"error: {'n' * 300}: File name too long\n"),
     ],
 )
 def test_how_it_ended_is_the_exit_status(work, status: int, said: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -51,6 +59,8 @@ def test_how_it_ended_is_the_exit_status(work, status: int, said: str, capsys: p
 def test_mistakes_of_ours_keep_their_traceback() -> None:
     with pytest.raises(ZeroDivisionError):
         program(lambda: 1 // 0)()
+    with pytest.raises(FileNotFoundError):
+        program(lambda: Path("missing").read_text())()
 
 
 def test_arguments_are_passed_on() -> None:

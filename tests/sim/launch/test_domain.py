@@ -96,3 +96,8 @@ def test_locks_that_cannot_be_written_are_one_line(tmp_path: Path, monkeypatch: 
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "file"))
     with pytest.raises(InputError, match="the lock of ROS_DOMAIN_ID 7 cannot be had: Not a directory"), held_domain(7):
         pass
+
+
+def test_errors_of_the_run_are_its_own() -> None:
+    with pytest.raises(OSError, match="disk"), graph_domain(None, reserve=True):
+        raise OSError("no disk")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import signal
 import sys
@@ -30,14 +31,17 @@ RUN_STATUS_HELP = "Exit status: 0, the run is valid; 1, it is not, and stderr sa
 NOT_OF_RUNS = ("lightning", "onnx", "torch")
 """Libraries for training, which `make setup` does not install."""
 
+REFUSED = (errno.EACCES, errno.ENAMETOOLONG, errno.ENOSPC)
+"""Reasons of the operating system for which a path is at fault, however it is used."""
+
 
 def program(main: Callable[P, int | None]) -> Callable[P, None]:
     """Decorator that makes `main` the entry point of a program, which returns on success and else exits.
 
     Args:
         main: returns the exit status, or None for 0. An :class:`InputError` that it raises, or a missing library for
-            training, is one line on stderr and status 2; Ctrl-C is status 130 without a traceback; a closed output
-            pipe, as with `head`, is status 1 without a message.
+            training, is one line on stderr and status 2, and so is a path that the system refuses; Ctrl-C is status 130
+            without a traceback; a closed output pipe, as with `head`, is status 1 without a message.
     """
 
     @wraps(main)
@@ -58,6 +62,11 @@ def program(main: Callable[P, int | None]) -> Callable[P, None]:
         except BrokenPipeError:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else flushing at exit would fail again
             status = EXIT_FAILED
+        except OSError as error:
+            if error.errno not in REFUSED or error.filename is None:
+                raise
+            print_error(f"{error.filename}: {error.strerror}")
+            status = EXIT_INPUT
         if status:
             sys.exit(status)
 

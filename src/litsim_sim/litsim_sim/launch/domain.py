@@ -7,7 +7,7 @@ import os
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from pathlib import Path
 
 import domain_coordinator
@@ -106,7 +106,7 @@ _held = ExitStack()
 
 @contextmanager
 def _free_domain() -> Iterator[int]:
-    with ExitStack() as reserved:
+    with closing(ExitStack()) as reserved:  # closed, since domain_coordinator takes an OSError of the run for its own
         for _ in range(FREE_TRIES):
             domain_id = reserved.enter_context(domain_coordinator.domain_id())
             try:
