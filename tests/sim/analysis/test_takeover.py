@@ -103,6 +103,25 @@ def test_another_agent_off_its_log_is_an_obstacle(table: Make, make_run: Make, m
     assert (entry.replay.opponent, entry.replay.step) == (3, 6)
 
 
+def test_another_agent_on_its_log_with_a_lag_is_an_obstacle(table: Make, make_run: Make, moved: Make) -> None:
+    log = follower_log(table)
+    late = moved(log, 3, x=1.0, y=-50.0)  # follows its log, but not where that has it now
+    (entry,) = ledger(make_run(late, log, takeovers=episode(2, 5, 20, 30)))
+    assert entry.replay is not None
+    assert (entry.replay.opponent, entry.replay.step) == (3, 6)
+    (entry,) = ledger(make_run(log, moved(log, 3, x=1.0, y=-50.0), takeovers=episode(2, 5, 20, 30)))
+    assert entry.replay is None, "agent 3 is nowhere near the log of agent 2"
+
+
+def test_an_agent_that_is_late_is_compared_with_its_late_log(table: Make, make_run: Make, moved: Make) -> None:
+    """Of two takeovers, the first leaves a lag of 10 steps: the log then meets the ego, which stands, 1 s later."""
+    log = follower_log(table)
+    first = {k: [replace(each, time_shift=1.0) for each in records] for k, records in episode(2, 2, 3, 4).items()}
+    run = with_ego_stopped(log, moved, 0.0)
+    entries = ledger(make_run(run, log, takeovers=first | episode(2, 10, 20, 30)))
+    assert [each.replay.step for each in entries if each.replay] == [22, 32]
+
+
 def test_two_takeovers_of_one_agent_are_two(table: Make, make_run: Make) -> None:
     log = follower_log(table)
     takeovers = episode(2, 5, 8, 10) | episode(2, 11, 13, 15) | {20: [record(2, detected_step=20)]}

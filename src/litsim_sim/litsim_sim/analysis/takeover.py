@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -13,7 +13,7 @@ from litsim_sim.core.compiled import FLOATS, INTS, OUT_INTS2, kernel
 from litsim_sim.core.dynamics import SPEED_MIN, VehicleLimits
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.pair_geometry import overlap
-from litsim_sim.core.scene import AgentTable, Controller, FloatArray, IntArray
+from litsim_sim.core.scene import AgentTable, BoolArray, Controller, FloatArray, IntArray
 from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
 from litsim_sim.record.run import Run
 
@@ -31,8 +31,17 @@ class Outcome(StrEnum):
 
 
 @dataclass(frozen=True)
+class Replay:
+    """The log of an agent, replayed after the step `after` with a lag of `lag` steps."""
+
+    agent: int
+    after: int
+    lag: int = 0
+
+
+@dataclass(frozen=True)
 class ReplayContact:
-    """Overlap of the logged box of an agent with the box of an agent that is off its log, the opponent."""
+    """Overlap of the logged box of an agent with the box of an agent that is not where its own log has it."""
 
     step: int
     opponent: int
@@ -53,8 +62,9 @@ class LedgerEntry:
         time_to_conflict: predicted at detection [s].
         overlap_probability: predicted at detection.
         log_collision_predicted: whether the log itself led into the opponent's forecast.
-        replay: first contact after the detection that pure replay of this agent would have had with the ego and the
-            other agents off their logs, as they actually moved; None without one.
+        replay: first contact after the detection that pure replay of this agent, with the lag of its last takeover,
+            would have had with the ego and with other agents off their logs or on them with a lag, as they actually
+            moved; None without one.
         residual_position: distance from the log, delayed by its lag, at the last step of the takeover [m]; None if the
             log is over by then.
         residual_speed: speed minus that of the delayed log at the last step of the takeover [m/s]; None likewise.
@@ -134,28 +144,46 @@ class Handback:
 
 def ledger(run: Run) -> list[LedgerEntry]:
     """The takeovers of a run, sorted by step of detection and agent."""
-    contacts = replay_contacts(run)
+    episodes, replays, lags = list(_episodes(run)), [], dict[int, int]()
+    for episode in episodes:
+        (_, first), (_, last) = episode[0], episode[-1]
+        replays.append(Replay(first.agent, first.detected_step, lags.get(first.agent, 0)))
+        lags[first.agent] = round(last.time_shift / run.info.dt)
+    contacts = replay_contacts(run, replays)
     return sorted(
-        (_entry(run, episode, contacts.get(episode[0][1].agent, [])) for episode in _episodes(run)),
+        (_entry(run, episode, contact) for episode, contact in zip(episodes, contacts, strict=True)),
         key=lambda entry: (entry.detected_step, entry.agent),
     )
 
 
-def replay_contacts(run: Run) -> dict[int, list[ReplayContact]]:
-    """Contacts that the log of each agent ever taken over has with agents off their logs, by agent; steps ascending."""
-    taken = np.array(sorted({t.agent for records in run.takeovers.values() for t in records}), np.int64)
-    contacts: dict[int, list[ReplayContact]] = {int(agent): [] for agent in taken}
-    if not (run.log and len(taken)):
+def replay_contacts(run: Run, replays: Sequence[Replay]) -> list[ReplayContact | None]:
+    """The first contact of each of `replays` with an agent that is not where its own log has it then; None for none."""
+    contacts: list[ReplayContact | None] = [None] * len(replays)
+    if not (run.log and replays):
         return contacts
-    steps, table, logged = run.simulated, run.simulated.stacked, run.simulated_log.stacked
-    rows = run.simulated_log.rows_of(taken)
-    ghosts, movers = logged.take(rows[rows >= 0]), table.take(table.off_log)
-    boxes = [(each.number, each.x, each.y, each.yaw, each.length, each.width) for each in (ghosts, movers)]
-    for i, j in _overlapping(*boxes[0], *boxes[1]).tolist():
-        if ghosts.id[i] != movers.id[j]:
-            step = int(steps.step[ghosts.number[i]])
-            contacts[int(ghosts.id[i])].append(ReplayContact(step, int(movers.id[j])))
+    steps, table, logged = run.simulated, run.simulated.stacked, run.logged
+    agent, after, lag = np.array([(each.agent, each.after, each.lag) for each in replays], np.int64).T
+    shown = steps.step[:, None] - lag  # (steps, replays) step of the log
+    at = logged.step.searchsorted(shown)
+    recorded = (at < len(logged)) & (logged.step[np.minimum(at, len(logged) - 1)] == shown)
+    rows = logged.rows_of(agent)[np.where(recorded, at, 0), np.arange(len(replays))]
+    number, which = np.nonzero(recorded & (rows >= 0) & (steps.step[:, None] > after))
+    ghosts, movers = logged.stacked.take(rows[number, which]), table.take(_away_from_log(run))
+    boxes = [(each.x, each.y, each.yaw, each.length, each.width) for each in (ghosts, movers)]
+    for i, j in _overlapping(number, *boxes[0], movers.number, *boxes[1]).tolist():
+        if contacts[which[i]] is None and ghosts.id[i] != movers.id[j]:
+            contacts[which[i]] = ReplayContact(int(steps.step[number[i]]), int(movers.id[j]))
     return contacts
+
+
+def _away_from_log(run: Run) -> BoolArray:
+    """(m,) rows of the steps after the history with agents off their logs, or on them with a lag that still shows."""
+    steps, table, log = run.simulated, run.simulated.stacked, run.simulated_log.stacked
+    then = run.simulated_log.rows_of(steps.ids)[table.number, steps.agent]
+    there = then >= 0
+    apart = np.full(len(table), np.inf)
+    apart[there] = np.hypot(table.x[there] - log.x[then[there]], table.y[there] - log.y[then[there]])
+    return np.asarray(table.off_log | (apart > SETTLED))
 
 
 @kernel(OUT_INTS2(INTS, *[FLOATS] * 5, INTS, *[FLOATS] * 5))
@@ -240,10 +268,9 @@ def _episodes(run: Run) -> Iterator[list[tuple[int, Takeover]]]:
     yield from open_episodes.values()
 
 
-def _entry(run: Run, episode: list[tuple[int, Takeover]], contacts: list[ReplayContact]) -> LedgerEntry:
+def _entry(run: Run, episode: list[tuple[int, Takeover]], replay: ReplayContact | None) -> LedgerEntry:
     (first_step, first), (last_step, last) = episode[0], episode[-1]
     back = (step for step, record in episode if record.state == TakeoverState.HANDBACK)
-    later = (contact for contact in contacts if contact.step > first.detected_step)
     logged = last.residual_position >= 0  # -1 stands for no logged pose
     return LedgerEntry(
         agent=first.agent,
@@ -256,7 +283,7 @@ def _entry(run: Run, episode: list[tuple[int, Takeover]], contacts: list[ReplayC
         time_to_conflict=first.time_to_conflict,
         overlap_probability=first.overlap_probability,
         log_collision_predicted=bool(first.log_collision_predicted),
-        replay=next(later, None),
+        replay=replay,
         residual_position=last.residual_position if logged else None,
         residual_speed=last.residual_speed if logged else None,
         time_shift=last.time_shift,
