@@ -224,6 +224,11 @@ def test_manifests_refuse_other_recordings_and_edits(tmp_path: Path, capsys: pyt
         (["my run (1).parquet"], "my run (1).parquet: scenarios are named after the file: expected up to 100 letters"),
         ([str(packaged("scenarios/us101_like.parquet")), "--net", "absent.net.xml"], "name a packaged net"),
         ([str(packaged("scenarios/us101_like.parquet")), "--stride", "0"], "stride_s is 0.0"),
+        ([str(packaged("scenarios/us101_like.parquet")), "--simulation", "inf"], "simulation_s is inf"),
+        ([str(packaged("scenarios/us101_like.parquet")), "--history", "0.01"], "history_s is 0.01"),
+        ([str(packaged("scenarios/us101_like.parquet")), "--seed", str(2**64)], "seed is 18446744073709551616"),
+        ([str(packaged("scenarios/us101_like.parquet")), "--split", "nan", "0", "1"], "the split is (nan, 0.0, 1.0)"),
+        ([str(packaged("scenarios/us101_like.parquet")), "--ego-min", "30"], "expected at most simulation_s"),
         ([str(packaged("scenarios/us101_like.parquet")), "--crop", "frame", "1", "x"], "x is not a number"),
     ],
 )

@@ -30,6 +30,9 @@ MANIFEST_FILE = "manifest.yaml"  # in a folder of segments
 EGO_KINDS = (Kind.CAR, Kind.TRUCK, Kind.UNKNOWN)
 
 
+_Seconds = Annotated[float, Field(ge=STEP_S, allow_inf_nan=False)]  # at least a step, as in a scenario
+
+
 class Settings(BaseModel):
     """How segments are cut.
 
@@ -47,12 +50,12 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    seed: Annotated[int, Field(ge=0)] = 0
-    history_s: Annotated[float, Field(gt=0)] = 3.0
-    simulation_s: Annotated[float, Field(gt=0)] = 25.0
-    stride_s: Annotated[float, Field(gt=0)] = 28.1
-    ego_min_s: Annotated[float, Field(gt=0)] = 10.0
-    ego_moves_m: Annotated[float, Field(ge=0)] = 20.0
+    seed: Annotated[int, Field(ge=0, lt=2**64)] = 0
+    history_s: _Seconds = 3.0
+    simulation_s: _Seconds = 25.0
+    stride_s: _Seconds = 28.1
+    ego_min_s: _Seconds = 10.0
+    ego_moves_m: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 20.0
     split: tuple[float, float, float] = (0.7, 0.1, 0.2)
     coverage_min: Annotated[float, Field(ge=0, le=1)] | None = None
 
@@ -160,8 +163,13 @@ def cut(
     Raises:
         InputError: there is nothing to cut, or the shares of the split are no shares.
     """
-    if min(settings.split) < 0 or abs(sum(settings.split) - 1.0) > 1e-6:
+    if not (min(settings.split) >= 0 and abs(sum(settings.split) - 1.0) <= 1e-6):  # neither holds of nan
         raise InputError(f"the split is {settings.split}, expected three shares that add up to 1")
+    if settings.ego_min_s > settings.simulation_s:
+        raise InputError(
+            f"ego_min_s is {settings.ego_min_s:g}, expected at most simulation_s, which is {settings.simulation_s:g}: "
+            f"no ego is there for longer than its segment"
+        )
     sources = [_source(*each, settings) for each in recordings]
     segments: list[Segment] = []
     without_ego = 0
