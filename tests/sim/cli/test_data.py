@@ -294,6 +294,7 @@ def test_frames_of_signals_are_those_of_the_table(tmp_path: Path, capsys: pytest
         (["plot", str(EMBEDDED), "out.png", "--net", "absent.net.xml"], "absent.net.xml"),
         (["plot", str(EMBEDDED), "/dev/null/out.png"], "cannot be written"),
         (["plot", str(EMBEDDED), "out.png", "--at", "1"], "moments are drawn of an intersection"),
+        (["plot", str(STREET), "out.png", "--at", "nan"], "argument --at: 'nan', expected a number of at least 0"),
         (["plot", str(STREET), "out.png", "--at", "99"], "moment 99: expected 0 to 20 s"),
         (["plot", str(STREET), "out.png", "--signals", "absent.yaml"], "absent.yaml"),
         (["export", "absent", "out.csv"], "absent"),

@@ -74,6 +74,7 @@ def test_an_event_in_two_pieces_of_a_recording_is_of_the_first(tmp_path: Path) -
         (("demo", "--events", "merge,merge"), "named twice"),
         (("demo", "--events", "merge=0"), "expected a whole number"),
         (("demo", "--hardest", "2", "--spread", "2"), "not allowed with"),
+        (("demo", "--pack"), "--pack goes with --out"),
     ],
 )
 def test_bad_arguments_are_said_in_one_line(

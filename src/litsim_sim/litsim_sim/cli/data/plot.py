@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from litsim_sim.cli.arguments import number
 from litsim_sim.cli.recordings import describe, net_of
 from litsim_sim.core.errors import InputError
 from litsim_sim.maps.lane_map import LaneMap
@@ -28,7 +29,7 @@ def add(subparsers: Any) -> None:
     signals_help = "file of signals (YAML, see docs/signals.md) to show, instead of those that the recording carries"
     command.add_argument("--signals", type=Path, metavar="FILE", help=signals_help)
     at_help = "draw an intersection as it was S seconds after the first frame, with what its stop lines showed then"
-    command.add_argument("--at", type=float, nargs="+", default=[], metavar="S", help=at_help)
+    command.add_argument("--at", type=number(0.0), nargs="+", default=[], metavar="S", help=at_help)
     crop_help = "draw only rows with LOW <= COLUMN <= HIGH; may be repeated"
     command.add_argument("--crop", nargs=3, action="append", metavar=("COLUMN", "LOW", "HIGH"), help=crop_help)
     command.set_defaults(run=run)

@@ -64,6 +64,8 @@ def run(arguments: argparse.Namespace) -> int | None:
     Raises:
         InputError: a scenario cannot be used, an event is unknown, or a file cannot be written.
     """
+    if arguments.pack and arguments.out is None:
+        raise InputError("--pack goes with --out: scenarios are copied into a folder beside the suite")
     counts = parse_events(arguments.events)
     names = scenario_names(arguments.scenarios)
     found = find(names, list(counts))
