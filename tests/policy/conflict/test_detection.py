@@ -390,6 +390,18 @@ def test_an_ego_that_brakes_hard_is_expected_to_go_on_for_a_second(make_scenario
     assert ahead(acceleration=-0.9)[29] == pytest.approx(30.0), "that is not hard"
 
 
+def test_an_agent_that_keeps_its_speed_is_not_held_back_even_if_all_braking_is_hard(
+    make_scenario, track, placed
+) -> None:
+    """Its speed used to be divided by a deceleration of zero, which left its future infinite."""
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+    detector = ConflictDetector(log, 30.0, ConflictConfig(horizon=3.0, braking_hard=0.0, emergency=0.0))
+    for speed in (10.0, 0.0):
+        table = placed(log.table(NOW), 1, controller=Controller.EGO, acceleration=0.0, speed=speed)
+        expected = speed * STEP_S * np.arange(1, 31)
+        assert detector.forecast_future(table, straight_on(table)).x[0] - table.x[0] == pytest.approx(expected)
+
+
 def test_agents_under_control_are_expected_where_they_are_forecast_unless_in_an_emergency(
     make_scenario, track, placed
 ) -> None:

@@ -224,7 +224,8 @@ class ConflictDetector:
     def _brakes_hard(self, table: AgentTable) -> BoolArray:
         """Mask (n,) of agents that are assumed to keep braking hard; see `ConflictConfig.braking_time`."""
         config = self._config
-        return -table.acceleration >= np.where(table.of_ego, config.braking_hard, config.emergency)
+        braking = -table.acceleration
+        return (braking > 0.0) & (braking >= np.where(table.of_ego, config.braking_hard, config.emergency))
 
     def _hold_back(self, states: FloatArray, table: AgentTable, row: int) -> None:
         """Hold the motion `states` (T, 6) of the agent in `row` back in place, as its braking requires."""
