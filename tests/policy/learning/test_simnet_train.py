@@ -95,6 +95,12 @@ def test_the_paper_backbone_may_begin_with_what_is_near_and_in_bfloat16(file: Pa
     assert near_part(rasters).shape == (1, 16, 96, 64) and near_part(rasters)[:, :, 24, 32].all()
 
 
+def test_a_training_that_diverges_ends(file: Path, tmp_path: Path) -> None:
+    config = read_yaml(file, SimnetConfig).model_copy(update={"learning_rate": 1e30})
+    with pytest.raises(InputError, match=r"field learning_rate is 1e\+30, .*expected a smaller one"):
+        simnet_train.run(config, tmp_path, progress=False)
+
+
 def test_what_a_checkpoint_must_be(file: Path, tmp_path: Path) -> None:
     config = read_yaml(file, SimnetConfig).model_copy(update={"batches": 1})
     with pytest.raises(InputError, match="no checkpoint"):

@@ -104,6 +104,16 @@ def test_drivers_are_imitated(file: Path) -> None:
     assert error() < 0.5 * before
 
 
+@pytest.mark.parametrize("part", ["warm_start", "ppo"])
+def test_a_training_that_diverges_ends(file: Path, tmp_path: Path, part: str) -> None:
+    """It used to go on, and to leave weights that are not finite."""
+    values = yaml.safe_load(file.read_text())
+    values[part]["learning_rate"] = 1e30
+    (tmp_path / "fast.yaml").write_text(yaml.safe_dump(values))
+    with pytest.raises(InputError, match=rf"field {part}.learning_rate is 1e\+30, .*expected a smaller one"):
+        train.run(read_yaml(tmp_path / "fast.yaml", TrainConfig), tmp_path / "out", progress=False)
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -111,6 +121,8 @@ def test_drivers_are_imitated(file: Path) -> None:
         ("data: {}\nlearning_rat: 1\n", "field learning_rat"),
         ("data: {}\nseed: 100000000000000\n", "field seed: .*less than 4294967296"),
         ("data: {}\nppo: {epochs: 0}\n", "field ppo.epochs: .*greater than 0"),
+        ("data: {}\ncritic_reward: .inf\n", "field critic_reward: .*finite"),
+        ("data: {}\nppo: {batch: 1000000000000}\n", "field ppo.batch: .*less than or equal to 1000000"),
         ("data: {}\ncritic: {updates: 0}\n", "field critic.updates: .*greater than 0"),
         ("iterations: [\n", "malformed YAML"),
         ("data: {generated: [{net: us101_like, segments: 0, seed: 1}]}\n", "field data.generated.0.segments"),

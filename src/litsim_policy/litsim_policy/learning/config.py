@@ -29,7 +29,7 @@ class TrainConfig(BaseModel):
         validation_episodes: episodes in a validation.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     seed: int = Field(0, ge=0, lt=2**32)
     iterations: int = Field(200, gt=0)

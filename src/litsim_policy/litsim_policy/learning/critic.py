@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from litsim_policy.driving.action import ACTIONS
 from litsim_policy.learning.network import multilayer
+from litsim_policy.learning.ppo import BatchSize
 from litsim_sim.core.quantities import NonNegative, Number, Positive, Whole, configuration
 
 
@@ -35,7 +36,7 @@ class CriticConfig:
     learning_rate: Positive[Number] = 3e-4
     gradient_penalty: NonNegative[Number] = 2.0
     updates: Positive[Whole] = 20
-    batch: Positive[Whole] = 256
+    batch: BatchSize = 256
     noise: NonNegative[Number] = 0.1
     reward_limit: Positive[Number] = 3.0
 

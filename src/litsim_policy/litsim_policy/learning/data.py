@@ -32,7 +32,7 @@ class Generated(BaseModel):
         seed: neither that of scenario demo nor one of segments on which results are reported.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     net: str
     segments: int = Field(gt=0)
@@ -47,7 +47,7 @@ class RealWindow(BaseModel):
         local_y_m: range along the road [m].
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     frames: tuple[int, int]
     local_y_m: tuple[float, float]
@@ -71,7 +71,7 @@ class DataConfig(BaseModel):
         tuning: names or files of scenarios for validation around their tuning egos, on which no results are reported.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     generated: tuple[Generated, ...] = ()
     real: tuple[RealWindow, ...] = ()

@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 import torch
+from pydantic import Field
 from torch import Tensor, nn
 
 from litsim_sim.core.quantities import NonNegative, Number, Positive, Share, Whole, configuration
 from litsim_sim.core.scene import BoolArray, FloatArray
+
+BatchSize = Annotated[Whole, Field(gt=0, le=1_000_000)]
+"""Pairs or agent-steps in a step of an optimiser; at most as many as there is memory for."""
 
 
 class Learner(Protocol):
@@ -55,7 +59,7 @@ class PpoConfig:
     """
 
     learning_rate: Positive[Number] = 3e-4
-    batch: Positive[Whole] = 256
+    batch: BatchSize = 256
     epochs: Positive[Whole] = 4
     clip: Positive[Number] = 0.2
     discount: Share = 0.98

@@ -35,7 +35,7 @@ class PerturbationConfig(BaseModel):
         speed_min: [m/s].
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     share: float = Field(0.5, ge=0, le=1)
     offset: float = Field(0.4, ge=0)

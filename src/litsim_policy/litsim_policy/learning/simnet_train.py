@@ -25,6 +25,7 @@ from tqdm import tqdm
 from litsim_policy.driving.simnet_output import FUTURE
 from litsim_policy.learning.checkpoint import CHECKPOINT, CURVES, HISTORY, keep_state, read_state, write_history
 from litsim_policy.learning.data import DataConfig, prepare
+from litsim_policy.learning.divergence import refuse_divergence
 from litsim_policy.learning.plots import SIMNET_PANELS, plot_curves
 from litsim_policy.learning.simnet_data import Moments, PerturbationConfig, Samples
 from litsim_policy.learning.simnet_network import SHAPES, Backbone, SimNet, ending, save
@@ -58,7 +59,7 @@ class SimnetConfig(BaseModel):
         perturbation: displacement of the agents.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     backbone: Backbone = "small"
     seed: int = Field(0, ge=0, lt=2**32)
@@ -188,7 +189,7 @@ def run(
     """Train on a `device` of torch, from the start or from the checkpoint in `out`.
 
     Raises:
-        InputError: the data or the checkpoint cannot be used.
+        InputError: the data or the checkpoint cannot be used, or the training diverges.
     """
     out.mkdir(parents=True, exist_ok=True)
     data = prepare(config.data, out / "data")
@@ -211,6 +212,7 @@ def run(
             losses.append(training.update(train.draw(config.moments, config.agents, random)))
             bar.update()
             if training.done % config.validate_every == 0 or training.done == config.batches:
+                refuse_divergence(training.network, "learning_rate", config.learning_rate)
                 found = training.validate(validation)
                 seconds = time.perf_counter() - begin
                 training.history.append(

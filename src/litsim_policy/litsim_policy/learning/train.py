@@ -27,6 +27,7 @@ from litsim_policy.learning.checkpoint import BEST, CHECKPOINT, CURVES, Training
 from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.critic import update_critic
 from litsim_policy.learning.data import TrainingData, prepare
+from litsim_policy.learning.divergence import refuse_divergence
 from litsim_policy.learning.expert import ExpertPairs, expert_pairs
 from litsim_policy.learning.network import GaussianPolicy, driving_network, restore, save
 from litsim_policy.learning.ppo import Demonstrations, make_batch, tensor, update_policy
@@ -43,7 +44,7 @@ def run(config: TrainConfig, out: Path, *, resume: bool = False, progress: bool 
     """Train, from the start or from the checkpoint in `out`; the number of `processes` does not change the weights.
 
     Raises:
-        InputError: the data or the checkpoint cannot be used.
+        InputError: the data or the checkpoint cannot be used, or the training diverges.
     """
     out.mkdir(parents=True, exist_ok=True)
     data = prepare(config.data, out / "data")
@@ -131,11 +132,15 @@ def _iterate(
 
     Returns:
         entry of the history: rates of :func:`litsim_policy.learning.rollout.collect`, means of critic and update.
+
+    Raises:
+        InputError: the critic, the policy or its value network diverges.
     """
     config = training.config
     generator = torch.Generator().manual_seed(config.seed * 1_000_003 + iteration)
     expert, drawn = critic_sides(training.policy, recorded, config.transitions, generator)  # while the pool drives
     critic = update_critic(training.critic, training.critic_optimiser, expert, drawn, config.critic, generator)
+    refuse_divergence(training.critic, "critic.learning_rate", config.critic.learning_rate)
     tracks, counts = collect(episodes)
     pairs = driven_pairs(tracks)
     passing = training.critic.reward(pairs, config.critic.reward_limit).double().numpy()
@@ -153,6 +158,8 @@ def _iterate(
         shown,
         value_only=iteration < config.ppo.value_first,
     )
+    for network in (training.policy, training.value):
+        refuse_divergence(network, "ppo.learning_rate", config.ppo.learning_rate)
     return counts | {
         "critic_reward": float(passing.mean()),
         "critic_accuracy": critic.accuracy,

@@ -8,13 +8,14 @@ import torch
 from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor, nn
 
+from litsim_policy.learning.divergence import refuse_divergence
 from litsim_policy.learning.ppo import Demonstrations
 
 
 class WarmStart(BaseModel):
     """Behaviour cloning before the first iteration; 0 epochs for none."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     epochs: int = Field(30, ge=0)
     batch: int = Field(256, gt=0)
@@ -32,6 +33,9 @@ def clone(
         config: epochs, batch and learning rate.
         seed: of the draws of pairs.
         loss_of: mean loss of the policy over the pairs at positions (m,) of `shown`.
+
+    Raises:
+        InputError: the policy diverges.
     """
     generator = torch.Generator().manual_seed(seed)
     optimiser = torch.optim.Adam(policy.parameters(), config.learning_rate)
@@ -41,3 +45,4 @@ def clone(
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()
+    refuse_divergence(policy, "warm_start.learning_rate", config.learning_rate)

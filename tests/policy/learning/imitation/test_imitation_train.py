@@ -63,6 +63,15 @@ def weights(training: train.Imitation) -> list[torch.Tensor]:
     return [value for part in (training.policy, training.critic, training.value) for value in part.parameters()]
 
 
+@pytest.mark.parametrize("part", ["warm_start", "critic", "ppo"])
+def test_a_training_that_diverges_ends(file: Path, tmp_path: Path, part: str) -> None:
+    values = yaml.safe_load(file.read_text())
+    values[part]["learning_rate"] = 1e30
+    (tmp_path / "fast.yaml").write_text(yaml.safe_dump(values))
+    with pytest.raises(InputError, match=rf"field {part}.learning_rate is 1e\+30, .*expected a smaller one"):
+        train.run(read_yaml(tmp_path / "fast.yaml", ImitationTraining), tmp_path / "out", progress=False)
+
+
 def test_a_run_that_is_resumed_ends_where_a_whole_one_does(file: Path, tmp_path: Path) -> None:
     config = changed(file)
     whole = train.run(config, tmp_path / "whole", progress=False)

@@ -36,7 +36,7 @@ class ImitationTraining(BaseModel):
             lowest sum of both are kept.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     seed: int = Field(0, ge=0, lt=2**32)
     iterations: int = Field(30, gt=0)

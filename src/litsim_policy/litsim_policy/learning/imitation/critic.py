@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from litsim_policy.learning.critic import gradient_norm
-from litsim_policy.learning.ppo import Demonstrations
+from litsim_policy.learning.ppo import BatchSize, Demonstrations
 from litsim_sim.core.quantities import NonNegative, Number, OpenShare, Positive, Whole, configuration
 
 
@@ -27,7 +27,7 @@ class WassersteinConfig:
     gradient_penalty: NonNegative[Number] = 2.0
     dropout: OpenShare = 0.2
     updates: Positive[Whole] = 80
-    batch: Positive[Whole] = 1000
+    batch: BatchSize = 1000
     replay: Positive[Whole] = 3
 
 

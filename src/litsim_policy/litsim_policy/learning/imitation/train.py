@@ -26,6 +26,7 @@ from litsim_policy.driving.imitation_policy import BOUNDS
 from litsim_policy.driving.traffic_observation import SIZE
 from litsim_policy.learning.checkpoint import BEST, CHECKPOINT, CURVES, AdversarialTraining
 from litsim_policy.learning.data import TrainingData, prepare
+from litsim_policy.learning.divergence import refuse_divergence
 from litsim_policy.learning.imitation.config import ImitationTraining
 from litsim_policy.learning.imitation.critic import update_wasserstein
 from litsim_policy.learning.imitation.expert import traffic_pairs
@@ -76,7 +77,7 @@ def run(config: ImitationTraining, out: Path, *, resume: bool = False, progress:
     """Train, from the start or from the checkpoint in `out`.
 
     Raises:
-        InputError: the data or the checkpoint cannot be used.
+        InputError: the data or the checkpoint cannot be used, or the training diverges.
     """
     out.mkdir(parents=True, exist_ok=True)
     data = prepare(config.data, out / "data")
@@ -120,7 +121,11 @@ def _note(training: Imitation, data: TrainingData, out: Path, found: dict[str, f
 
 
 def _iterate(training: Imitation, data: TrainingData, recorded: Demonstrations, iteration: int) -> dict[str, float]:
-    """Make one iteration and return its entry of the history."""
+    """Make one iteration and return its entry of the history.
+
+    Raises:
+        InputError: the critic, the policy or its value network diverges.
+    """
     config = training.config
     generator = torch.Generator().manual_seed(config.seed * 1_000_003 + iteration)
     tracks, found = collect(data.train, training.policy, config, iteration)
@@ -130,6 +135,7 @@ def _iterate(training: Imitation, data: TrainingData, recorded: Demonstrations, 
     distance = update_wasserstein(
         training.critic, training.critic_optimiser, recorded, driven, config.critic, generator
     )
+    refuse_divergence(training.critic, "critic.learning_rate", config.critic.learning_rate)
     with torch.no_grad():
         passing = training.critic(pairs)[:, 0].double().numpy()
     scaled = (passing - passing.mean()) / (passing.std() + 1e-6)
@@ -143,6 +149,8 @@ def _iterate(training: Imitation, data: TrainingData, recorded: Demonstrations, 
     step = update_policy(
         training.policy, training.value, optimiser, batch, config.ppo, generator, value_only=value_only
     )
+    for network in (training.policy, training.value):
+        refuse_divergence(network, "ppo.learning_rate", config.ppo.learning_rate)
     faults = -np.concatenate([track.penalty for track in tracks])
     return found | {
         "fault": float(faults.mean()),

@@ -37,7 +37,7 @@ PERIOD_IDS, PERIOD_FRAMES = 100_000, 100_000  # offsets of ids and frames from o
 
 
 class _Source(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     share: Annotated[float, Field(gt=0, le=1000)] = 1.0
 
 
