@@ -150,6 +150,23 @@ def test_a_stretch_of_a_distribution_filters(browser: Browser) -> None:
     assert browser.run("document.querySelectorAll('#distributions .range').length") > 0
 
 
+def test_what_is_far_out_shows_in_distributions(chromium: Browser, campaign: Write, tmp_path: Path) -> None:
+    """Of 240 runs, a single one has more false alarms than the others, and a single one a larger TTC."""
+    folder = campaign(tmp_path, scenes=120)
+    odd = folder / "runs/repl000000000007/result.json"
+    result = json.loads(odd.read_text())
+    result["metrics"] |= {"false_alarms": result["metrics"]["false_alarms"] + 3}
+    result["metrics"]["safety"] |= {"min_ttc_s": 1000.0}
+    odd.write_text(json.dumps(result))
+    chromium.open(page_of(folder))
+    ends = (
+        "[...document.querySelectorAll('#distributions figure[data-path=\"{}\"] .axis span')].map((e) => e.textContent)"
+    )
+    low, high = map(int, chromium.run(ends.format("false_alarms")))
+    assert high == low + 3
+    assert chromium.run(ends.format("safety.min_ttc_s")) == ["0", "≥ 23.8"]
+
+
 def test_counts_above_lead_to_their_runs(browser: Browser) -> None:
     browser.run("document.querySelectorAll('button.count')[0].click()")
     assert browser.run(NAMES) == ["scene_0/7/idm/replay", "scene_3/7/idm/replay"]

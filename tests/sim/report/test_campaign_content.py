@@ -63,12 +63,16 @@ def test_lists_are_counted_truth_values_kept_and_texts_left_out(read: Campaign) 
 def test_happenings_are_takeovers_and_contacts_that_the_log_has_not(read: Campaign, tmp_path: Path) -> None:
     first, *rest = read.results
     assert first.metrics is not None
-    ledger = [{"detected_step": 12, "released_step": None}, {"detected_step": 3, "released_step": 9}]
+    ledger = [
+        {"detected_step": 12, "released_step": None, "held_s": 4.8},
+        {"detected_step": 3, "released_step": 9, "held_s": 0.7},
+        {"detected_step": 7, "released_step": None, "held_s": 1.3},  # it left the net, at step 20
+    ]
     contacts = [{"pair": [1, 2], "step": 30, "in_log": False}, {"pair": [1, 3], "step": 5, "in_log": True}]
     metrics = {**first.metrics, "ledger": ledger, "collision": first.metrics["collision"] | {"contacts": contacts}}
     changed = replace(read, results=(replace(first, metrics=metrics), *rest))
     run = unpack(pack_campaign(changed, {}, tmp_path))[0]["runs"][0]
-    assert (run["steps"], run["takeovers"], run["contacts"]) == (60, [[12, 60], [3, 9]], [30])
+    assert (run["steps"], run["takeovers"], run["contacts"]) == (60, [[12, 60], [3, 10], [7, 20]], [30])
 
 
 def test_runs_of_a_case_are_known_in_other_rows(read: Campaign, tmp_path: Path) -> None:

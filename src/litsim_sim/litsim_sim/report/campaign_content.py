@@ -188,14 +188,15 @@ def address(path: Path, beside: Path) -> str:
 
 
 def _happenings(metrics: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Steps with agents off their logs, and steps with contacts that are not in the log, of all `steps`."""
+    """Begin and end of each takeover, and steps with contacts that are not in the log, of all `steps`."""
     if metrics is None:
         return {"steps": 0, "takeovers": [], "contacts": []}
-    steps = metrics["steps"]
-    ended = (steps if each["released_step"] is None else each["released_step"] for each in metrics["ledger"])
     contacts = [each["step"] for each in metrics["collision"]["contacts"] if not each["in_log"]]
     return {
-        "steps": steps,
-        "takeovers": [[each["detected_step"], end] for each, end in zip(metrics["ledger"], ended, strict=True)],
+        "steps": metrics["steps"],
+        "takeovers": [
+            [each["detected_step"], each["detected_step"] + round(each["held_s"] / STEP_S)]
+            for each in metrics["ledger"]
+        ],
         "contacts": contacts,
     }

@@ -3,14 +3,17 @@
 const BINS = 28;
 const BAND = { width: 200, height: 26 };
 
-// Edges of the bins of some values: whole numbers keep bins of their own; what is far out joins the last bin.
+// Bins of some values: whole numbers have bins of their own; else what is far out joins the first or the last one, as
+// `below` and `above` tell.
 function binsOf(values) {
   const sorted = [...values].sort((a, b) => a - b);
   const at = (part) => sorted[Math.round(part * (sorted.length - 1))];
-  const [low, high] = sorted.length > 100 ? [at(0.005), at(0.995)] : [at(0), at(1)];
-  if (sorted.every(Number.isInteger) && high - low < BINS) return { low: low - 0.5, width: 1, count: high - low + 1 };
+  const [least, most] = [at(0), at(1)];
+  if (sorted.every(Number.isInteger) && most - least < BINS) return { low: least - 0.5, width: 1, count: most - least + 1 };
+  const cut = sorted.length > 100 && at(0.005) < at(0.995);
+  const [low, high] = cut ? [at(0.005), at(0.995)] : [least, most];
   const width = (high - low) / BINS || 1;
-  return { low, width, count: high > low ? BINS : 1 };
+  return { low, width, count: high > low ? BINS : 1, below: least < low, above: most > high };
 }
 
 function binOf(value, { low, width, count }) {
@@ -58,8 +61,8 @@ class Distributions {
     const axis = make("div", "axis", figure);
     const end = bins.low + bins.width * bins.count;
     const whole = Number.isInteger(bins.low + 0.5) && bins.width === 1;
-    make("span", "", axis, read(whole ? bins.low + 0.5 : +bins.low.toPrecision(3), null));
-    make("span", "", axis, read(whole ? end - 0.5 : +end.toPrecision(3), null));
+    make("span", "", axis, (bins.below ? "≤ " : "") + read(whole ? bins.low + 0.5 : +bins.low.toPrecision(3), null));
+    make("span", "", axis, (bins.above ? "≥ " : "") + read(whole ? end - 0.5 : +end.toPrecision(3), null));
     return figure;
   }
 
