@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from litsim_sim.maps.alignment import align, explained, grid_convergence
+from litsim_sim.maps.alignment import Alignment, align, explained, grid_convergence
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.scenario import packaged
 
@@ -45,6 +45,19 @@ def test_the_motion_is_found(turn_deg: float, x: float, y: float) -> None:
     np.testing.assert_allclose(np.column_stack(back), table[["x", "y"]], atol=0.1)
     mended = found.transform(yaw_deg=turn_deg, x=x, y=y)
     np.testing.assert_allclose(mended, 0.0, atol=0.1)
+
+
+def test_the_transform_holds_as_it_is_written_for_tracks_in_utm() -> None:
+    """Three decimals of an angle are 100 m at a northing of 5800 km: x and y go with the angle that is written."""
+    found = Alignment((10.0, -20.0), (0.9, -1.7), math.radians(-1.31046), 0.8, 1.0, determined=True, net_centre=(0.0, 0.0))
+    place, before = np.array([619_030.0, 5_809_040.0]), np.array([-619_000.0, -5_809_000.0])
+    yaw_deg, x, y = found.transform(0.0, *before)
+    assert yaw_deg == round(yaw_deg, 3)
+    turn = math.radians(yaw_deg)
+    cos, sin = math.cos(turn), math.sin(turn)
+    there = cos * place[0] - sin * place[1] + x, sin * place[0] + cos * place[1] + y
+    expected = np.ravel(found.apply(*(place + before).reshape(2, 1)))
+    np.testing.assert_allclose(there, expected, atol=0.01)
 
 
 def test_a_straight_road_does_not_tell_how_far_along_it() -> None:

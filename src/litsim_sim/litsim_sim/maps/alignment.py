@@ -75,11 +75,17 @@ class Alignment:
         return _moved(x, y, np.array([*self.shift, self.turn]), self.centre)
 
     def transform(self, yaw_deg: float = 0.0, x: float = 0.0, y: float = 0.0) -> tuple[float, float, float]:
-        """Fields yaw_deg [degrees], x, y [m] of a mapping's transform that does this after what it does now."""
-        cos, sin = math.cos(self.turn), math.sin(self.turn)
+        """Fields yaw_deg [degrees], x, y [m] of a mapping's transform that does this after what it does now.
+
+        The angle is rounded, and x and y are those that go with it: in UTM, which is 6000 km wide, the angle that is
+        written down moves positions by 100 m with its third decimal.
+        """
+        rounded = round(yaw_deg + math.degrees(self.turn), 3)
+        turn = math.radians(rounded - yaw_deg)
+        cos, sin = math.cos(turn), math.sin(turn)
         dx, dy = x - self.centre[0], y - self.centre[1]
         return (
-            yaw_deg + math.degrees(self.turn),
+            rounded,
             self.centre[0] + self.shift[0] + cos * dx - sin * dy,
             self.centre[1] + self.shift[1] + sin * dx + cos * dy,
         )

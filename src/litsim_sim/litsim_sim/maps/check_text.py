@@ -45,11 +45,11 @@ def _misses(name: str, part: Placement) -> list[str]:
     past = f"{part.past_end:.0%} of these positions past the ends of the nearest lane"
     lines = [f"{name}: {part.missing} vehicles have been on no lane, {past}; the worst of each, in frame map:"]
     columns = ("", "vehicle", "time s", "frame", "x m", "y m", "beyond m")
-    lines.append("  {:>3}{:>9}{:>9}{:>8}{:>10}{:>10}{:>10}  nearest lane".format(*columns))
+    lines.append("  {:>3}{:>9}{:>9}{:>8} {:>11} {:>11} {:>11}  nearest lane".format(*columns))
     for number, miss in enumerate(part.worst, 1):
         lines.append(
-            f"  {number:>3}{miss.vehicle:>9}{miss.time_s:>9.1f}{miss.frame:>8}{miss.x:>10.2f}{miss.y:>10.2f}"
-            f"{miss.beyond:>10.2f}  {miss.lane}{', past its end' if miss.past_end else ''}"
+            f"  {number:>3}{miss.vehicle:>9}{miss.time_s:>9.1f}{miss.frame:>8} {miss.x:>11.2f} {miss.y:>11.2f} "
+            f"{miss.beyond:>11.2f}  {miss.lane}{', past its end' if miss.past_end else ''}"
         )
     return lines
 
@@ -84,7 +84,7 @@ def _alignment(
 
 def _as_field(before: Mapping[str, Any], yaw_deg: float, x: float, y: float) -> str:
     mirrored = "mirror_y: true, " if before.get("mirror_y") else ""
-    return f"as a mapping's transform: {{{mirrored}yaw_deg: {yaw_deg:.3f}, x: {x:.2f}, y: {y:.2f}}}"
+    return f"as a mapping's transform: {{{mirrored}yaw_deg: {yaw_deg:.10g}, x: {x:.2f}, y: {y:.2f}}}"
 
 
 def _connectivity(lanes: int, found: Connectivity) -> list[str]:
