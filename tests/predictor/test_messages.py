@@ -195,5 +195,5 @@ def test_what_is_wrong_with_a_forecast_is_named(field: str, value: object, expec
 
 def test_forecasts_of_some_and_of_nobody_come_through() -> None:
     assert_same(received_forecast(GOOD), forecast_from_message(GOOD))
-    nobody = Forecast.of_nobody(3)
+    nobody = Forecast.empty(3)
     assert_same(received_forecast(forecast_to_message(nobody, "run-1")), nobody)

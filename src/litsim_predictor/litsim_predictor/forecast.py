@@ -88,7 +88,7 @@ class Forecast:
         return self.maneuver_probability.max(axis=1).astype(np.float64)
 
     @classmethod
-    def of_nobody(cls, step: int, dt: float = STEP_S, maneuvers: int = 0) -> Forecast:
+    def empty(cls, step: int, dt: float = STEP_S, maneuvers: int = 0) -> Forecast:
         """The forecast of no agents, by a predictor that knows `maneuvers`."""
         narrow = np.empty((0, 0), np.float32)
         return cls(
@@ -113,18 +113,18 @@ class Forecast:
 class NoPredictor:
     """Forecasts no agent, for policies that need no forecasts."""
 
-    def see(self, table: AgentTable) -> None:
+    def observe(self, table: AgentTable) -> None:
         """Nothing is remembered."""
 
     def forecast(self, table: AgentTable) -> Forecast:
         """An empty forecast."""
-        return Forecast.of_nobody(table.step)
+        return Forecast.empty(table.step)
 
 
 class Predictor(Protocol):
     """Forecasts traffic: one of both is called once a step, in order, and it keeps what history it needs."""
 
-    def see(self, table: AgentTable) -> None:
+    def observe(self, table: AgentTable) -> None:
         """Take note of a step for which no forecast is needed."""
 
     def forecast(self, table: AgentTable) -> Forecast:

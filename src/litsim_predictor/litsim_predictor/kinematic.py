@@ -66,14 +66,14 @@ class KinematicPredictor:
         self._config = config or KinematicConfig()
         self._history = History(self._config.rate_window + 1, ["yaw"])
 
-    def see(self, table: AgentTable) -> None:
+    def observe(self, table: AgentTable) -> None:
         """See :class:`litsim_predictor.forecast.Predictor`."""
         self._history.push(table)
 
     def forecast(self, table: AgentTable) -> Forecast:
         """Forecast those that are wanted of `table`; see :class:`litsim_predictor.forecast.Forecast`."""
         config = self._config
-        self.see(table)
+        self.observe(table)
         interesting, rows = selected(table, self._ego_id, self._roi_m, self._wanted)
         agents = interesting.take(rows)
         steps = round(config.horizon / config.dt)

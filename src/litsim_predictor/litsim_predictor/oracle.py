@@ -28,7 +28,7 @@ class OraclePredictor:
         self._happened, self._ids = happened, ids
         self._ego_id, self._roi_m, self._wanted = ego_id, roi_m, wanted
 
-    def see(self, table: AgentTable) -> None:
+    def observe(self, table: AgentTable) -> None:
         """Nothing is remembered."""
 
     def forecast(self, table: AgentTable) -> Forecast:
@@ -36,7 +36,7 @@ class OraclePredictor:
         agents, rows = selected(table, self._ego_id, self._roi_m, self._wanted)
         asked = agents.take(rows)
         if not len(asked):
-            return Forecast.of_nobody(table.step)
+            return Forecast.empty(table.step)
         poses, valid = self._futures(asked)
         spread = np.zeros((len(asked), STEPS, 3), np.float32)
         spread[..., :2] = SIGMA_M

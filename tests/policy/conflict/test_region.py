@@ -29,7 +29,7 @@ def scenario(make_scenario: Callable[..., Scenario], track: Any) -> Scenario:
 def see(manager: RegionManager, scenario: Scenario, step: int, placed: Any, **ego: float) -> TakeoverTable:
     table = scenario.log.table(step)
     table = placed(table, scenario.ego_id, **ego) if ego else table
-    return manager.update(table, Forecast.of_nobody(step))
+    return manager.update(table, Forecast.empty(step))
 
 
 def agents(answer: TakeoverTable) -> list[int]:
@@ -64,7 +64,7 @@ def test_nobody_is_given_back(scenario: Scenario, placed: Any) -> None:
 def test_who_enters_late_is_driven_wherever_he_is(scenario: Scenario) -> None:
     table = scenario.log.table(FIRST)
     table.controller[table.row(3)] = Controller.POLICY
-    answer = RegionManager(scenario).update(table, Forecast.of_nobody(FIRST))
+    answer = RegionManager(scenario).update(table, Forecast.empty(FIRST))
     assert {t.agent: t.reason for t in answer.takeovers} == {
         2: TakeoverReason.REGION,
         3: TakeoverReason.BLOCKED_ENTRY,
@@ -75,7 +75,7 @@ def test_they_keep_the_lane_that_they_were_on(make_scenario: Any, track: Any, pl
     changes = track(2, x=180.0, y=-9.15)  # its log is not where it is put below: in the lane to the left
     scenario = make_scenario(track(1, x=200.0, y=-9.15), changes, history_steps=FIRST, roi_m=30.0)
     table = placed(scenario.log.table(FIRST), 2, y=-5.49)
-    (taken,) = RegionManager(scenario).update(table, Forecast.of_nobody(FIRST)).takeovers
+    (taken,) = RegionManager(scenario).update(table, Forecast.empty(FIRST)).takeovers
     np.testing.assert_allclose(taken.reference_path[:, 1], -5.49, atol=0.1)
     assert taken.residual_position == pytest.approx(3.66, abs=0.01)
 

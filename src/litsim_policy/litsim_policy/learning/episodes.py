@@ -168,7 +168,7 @@ class Episodes:
         self.running = np.ones(len(starts), np.bool_)
         table = self._world.reset()
         while table.step < history:  # everything follows its log, the ego as well
-            self._predictor.see(table)
+            self._predictor.observe(table)
             commands = [EgoCommand(table.step)] * len(starts)
             table = self._world.step_together(ControlTable.empty(table.step), commands)
         self._see(table)

@@ -91,12 +91,12 @@ def save(network: SimNet, path: Path, about: dict[str, str]) -> None:
         Unwritable: the file cannot be written; what was there is kept.
     """
     network = copy.deepcopy(network).cpu().eval()
-    told = {"format": FORMAT, "backbone": network.backbone_name, **about}
+    metadata = {"format": FORMAT, "backbone": network.backbone_name, **about}
     with replacing(path) as new:
         if network.backbone_name == "small":
-            new.write_bytes(to_bytes(_small_tensors(network), told))
+            new.write_bytes(to_bytes(_small_tensors(network), metadata))
         else:
-            _export(network, new, told)
+            _export(network, new, metadata)
 
 
 def ending(backbone: Backbone) -> str:

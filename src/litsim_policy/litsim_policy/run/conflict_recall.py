@@ -98,7 +98,7 @@ def _scores(scenario: Scenario, drive: Drive, predictor: Predictor, detector: Co
     for step, table in enumerate(tables):
         met |= meets[step]
         if step < scenario.history_steps:
-            predictor.see(table)
+            predictor.observe(table)
             continue
         forecast = predictor.forecast(table)
         if (step - scenario.history_steps) % EVERY == 0:

@@ -48,5 +48,5 @@ class Reaction:
         """The forecast of a step; an empty one in the history, in which no agent is driven."""
         if table.step >= self._history_steps:
             return self._predictor.forecast(table)
-        self._predictor.see(table)
-        return Forecast.of_nobody(table.step)
+        self._predictor.observe(table)
+        return Forecast.empty(table.step)

@@ -86,18 +86,18 @@ def relate(
         cos[i], sin[i] = math.cos(heading[i]), math.sin(heading[i])
     for i in range(agents):
         for k in range(many[i]):
-            j, of = index[i, k], relation[i, k]
+            j, channels = index[i, k], relation[i, k]
             dx, dy = position[j, 0] - position[i, 0], position[j, 1] - position[i, 1]
             ahead, left = cos[i] * dx + sin[i] * dy, cos[i] * dy - sin[i] * dx
-            of[0], of[1], of[2] = ahead, left, float32(1.0) / (abs(ahead) + float32(NEAR))
-            of[3], of[4] = cos[j] * cos[i] + sin[j] * sin[i], sin[j] * cos[i] - cos[j] * sin[i]
-            of[5], of[6], of[7] = speed[j] - speed[i], speed[j], float32(0.0)
+            channels[0], channels[1], channels[2] = ahead, left, float32(1.0) / (abs(ahead) + float32(NEAR))
+            channels[3], channels[4] = cos[j] * cos[i] + sin[j] * sin[i], sin[j] * cos[i] - cos[j] * sin[i]
+            channels[5], channels[6], channels[7] = speed[j] - speed[i], speed[j], float32(0.0)
             if abs(left) < float32(0.5 * LANE) and ahead != float32(0.0):
-                of[7] = float32(1.0) if ahead > float32(0.0) else float32(-1.0)
+                channels[7] = float32(1.0) if ahead > float32(0.0) else float32(-1.0)
 
 
 @kernel(void(FLOATS2, SINGLES, INTS, float64, OUT_INTS2, OUT_INTS, OUT_SINGLES3))
-def meet(
+def relate_neighbours(
     frame: FloatArray,
     speed: Float32Array,
     begins: IntArray,
@@ -157,17 +157,17 @@ def weigh_relations(query: Float32Array, of_key: Float32Array, near: Float32Arra
     """
     heads, width, size = of_key.shape
     neighbours, lanes = near.shape[0], near.shape[2]
-    part, asked = np.zeros((size, lanes), np.float32), np.empty((width, lanes), np.float32)
+    part, by_relation = np.zeros((size, lanes), np.float32), np.empty((width, lanes), np.float32)
     for head in range(heads):
         for i in range(len(query)):
             for d in range(size):
                 part[d, i] = query[i, head * size + d]
-        asked[:] = float32(0.0)
-        add_product(of_key[head], part, asked)
+        by_relation[:] = float32(0.0)
+        add_product(of_key[head], part, by_relation)
         for k in range(neighbours):
             logit = logits[k, head]
             for c in range(0, width, INNER):
-                a0, a1, a2, a3 = asked[c], asked[c + 1], asked[c + 2], asked[c + 3]
+                a0, a1, a2, a3 = by_relation[c], by_relation[c + 1], by_relation[c + 2], by_relation[c + 3]
                 n0, n1, n2, n3 = near[k, c], near[k, c + 1], near[k, c + 2], near[k, c + 3]
                 for i in range(lanes):
                     total = multiply_add(a1[i], n1[i], multiply_add(a0[i], n0[i], logit[i]))
@@ -199,12 +199,12 @@ def weigh_keys(
 
 
 @kernel(void(INTS, INTS, OUT_SINGLES3))
-def share(rows: IntArray, many: IntArray, weights: Float32Array) -> None:
+def softmax(rows: IntArray, many: IntArray, weights: Float32Array) -> None:
     """Replace logits, `weights` (K, heads, lanes), by their softmax over the neighbours that each agent has."""
     neighbours, heads, lanes = weights.shape
-    there = np.ones(lanes, np.int64)
+    valid = np.ones(lanes, np.int64)
     for i in range(len(rows)):
-        there[i] = many[rows[i]]
+        valid[i] = many[rows[i]]
     highest, total = np.empty(lanes, np.float32), np.empty(lanes, np.float32)
     for head in range(heads):
         highest[:] = weights[0, head]
@@ -212,11 +212,11 @@ def share(rows: IntArray, many: IntArray, weights: Float32Array) -> None:
         for k in range(1, neighbours):
             logit = weights[k, head]
             for i in range(lanes):
-                highest[i] = max(highest[i], logit[i]) if k < there[i] else highest[i]
+                highest[i] = max(highest[i], logit[i]) if k < valid[i] else highest[i]
         for k in range(neighbours):
             logit = weights[k, head]
             for i in range(lanes):
-                logit[i] = exp(logit[i] - highest[i]) if k < there[i] else float32(0.0)
+                logit[i] = exp(logit[i] - highest[i]) if k < valid[i] else float32(0.0)
                 total[i] += logit[i]
         for k in range(neighbours):
             logit = weights[k, head]
@@ -225,7 +225,7 @@ def share(rows: IntArray, many: IntArray, weights: Float32Array) -> None:
 
 
 @kernel(void(SINGLES3, INTS, SINGLES2, INTS2, INTS, OUT_SINGLES2))
-def hear_values(
+def sum_values(
     weights: Float32Array,
     rows: IntArray,
     key_value: Float32Array,
@@ -243,13 +243,13 @@ def hear_values(
             other = key_value[index[row, k]]
             for head in range(heads):
                 weight = weights[k, head, i]
-                heard, value = out[i, head * size :], other[channels + head * size :]
+                sums, value = out[i, head * size :], other[channels + head * size :]
                 for d in range(size):
-                    heard[d] = multiply_add(weight, value[d], heard[d])
+                    sums[d] = multiply_add(weight, value[d], sums[d])
 
 
 @kernel(void(SINGLES3, SINGLES3, SINGLES3, OUT_SINGLES2))
-def hear_relations(weights: Float32Array, near: Float32Array, of_value: Float32Array, out: Float32Array) -> None:
+def sum_relations(weights: Float32Array, near: Float32Array, of_value: Float32Array, out: Float32Array) -> None:
     """Add to `out` (m, W) the sums of what relations add to values, times `weights` (K, heads, lanes).
 
     `near` (K, c, lanes) are the relations as :func:`read_relations` writes them; for `of_value` see :func:`attend`.
@@ -257,24 +257,24 @@ def hear_relations(weights: Float32Array, near: Float32Array, of_value: Float32A
     heads, size, width = of_value.shape
     neighbours, lanes = near.shape[0], near.shape[2]
     last = neighbours - neighbours % INNER
-    told, added = np.empty((width, lanes), np.float32), np.empty((size, lanes), np.float32)
+    weighted, added = np.empty((width, lanes), np.float32), np.empty((size, lanes), np.float32)
     for head in range(heads):
-        told[:] = float32(0.0)
+        weighted[:] = float32(0.0)
         for k in range(0, last, INNER):
             w0, w1, w2, w3 = weights[k, head], weights[k + 1, head], weights[k + 2, head], weights[k + 3, head]
             for c in range(width):
-                n0, n1, n2, n3, sums = near[k, c], near[k + 1, c], near[k + 2, c], near[k + 3, c], told[c]
+                n0, n1, n2, n3, sums = near[k, c], near[k + 1, c], near[k + 2, c], near[k + 3, c], weighted[c]
                 for i in range(lanes):
                     total = multiply_add(w1[i], n1[i], multiply_add(w0[i], n0[i], sums[i]))
                     sums[i] = multiply_add(w3[i], n3[i], multiply_add(w2[i], n2[i], total))
         for k in range(last, neighbours):
             weight = weights[k, head]
             for c in range(width):
-                channel, sums = near[k, c], told[c]
+                channel, sums = near[k, c], weighted[c]
                 for i in range(lanes):
                     sums[i] = multiply_add(weight[i], channel[i], sums[i])
         added[:] = float32(0.0)
-        add_product(of_value[head], told, added)
+        add_product(of_value[head], weighted, added)
         for i in range(len(out)):
             for d in range(size):
                 out[i, head * size + d] += added[d, i]
@@ -313,6 +313,6 @@ def attend(  # noqa: PLR0917 - a kernel takes arrays and numbers
     read_relations(relation, rows, many, weight, bias, near)
     weigh_relations(query, of_key, near, weights)
     weigh_keys(query, rows, key_value, index, many, weights)
-    share(rows, many, weights)
-    hear_values(weights, rows, key_value, index, many, out)
-    hear_relations(weights, near, of_value, out)
+    softmax(rows, many, weights)
+    sum_values(weights, rows, key_value, index, many, out)
+    sum_relations(weights, near, of_value, out)

@@ -42,10 +42,10 @@ def read_histories(history: Float32Array, observed: BoolArray, dt: float, out: F
     for i in range(agents):
         now = history[i, steps - 1, 3]
         for t in range(steps):
-            told = float32(1.0) if observed[i, t] else float32(0.0)
-            out[i, t, 0] = told * (history[i, t, 0] + float32(dt) * float32(steps - 1 - t) * now)
+            seen = float32(1.0) if observed[i, t] else float32(0.0)
+            out[i, t, 0] = seen * (history[i, t, 0] + float32(dt) * float32(steps - 1 - t) * now)
             out[i, t, 1], out[i, t, 2] = history[i, t, 1], history[i, t, 2]
-            out[i, t, 3], out[i, t, 4] = told * (history[i, t, 3] - now), told
+            out[i, t, 3], out[i, t, 4] = seen * (history[i, t, 3] - now), seen
 
 
 @kernel(void(SINGLES2, OUT_SINGLES2, OUT_INTS))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from litsim_predictor.forecast import Float32Array
-from litsim_predictor.inference.attention_kernels import attend, meet
+from litsim_predictor.inference.attention_kernels import attend, relate_neighbours
 from litsim_predictor.inference.contract import (
     DT,
     HISTORY,
@@ -183,10 +183,10 @@ class Attention:
     def __call__(self, agents: Float32Array, near: Neighbours, rows: IntArray) -> Float32Array:
         """The codes (m, W) of the `rows` (m,) of `agents` (n, W), after attention, with residual and normalisation."""
         asking = agents[rows]
-        heard, out = np.empty_like(asking), np.empty_like(asking)
+        attended, out = np.empty_like(asking), np.empty_like(asking)
         key_value = self._key_value(agents)
-        attend(self._query(asking), rows, key_value, near.index, near.many, near.relation, heard, *self._related)
-        add_and_normalise(asking, self._out(heard), *self._norm, out)
+        attend(self._query(asking), rows, key_value, near.index, near.many, near.relation, attended, *self._related)
+        add_and_normalise(asking, self._out(attended), *self._norm, out)
         return out
 
 
@@ -245,7 +245,7 @@ class JointNetwork:
         near = Neighbours(
             np.empty((n, most), np.int64), np.empty(n, np.int64), np.empty((n, most, RELATION_CHANNELS), np.float32)
         )
-        meet(inputs.frame, inputs.state[:, 2], begins, self._reach, near.index, near.many, near.relation)
+        relate_neighbours(inputs.frame, inputs.state[:, 2], begins, self._reach, near.index, near.many, near.relation)
         return near
 
     def _decoded(self, agents: Float32Array, state: Float32Array, modes: ModeChoice) -> AgentFutures:

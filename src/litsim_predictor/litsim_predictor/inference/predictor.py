@@ -67,7 +67,7 @@ class LearnedPredictor:
         self._lanes = LaneWays(lane_map) if along_lanes and lane_map is not None else None
         self._history = History(STRIDE * (HISTORY - 1) + 1, ("x", "y", "yaw", "speed"))
 
-    def see(self, table: AgentTable) -> None:
+    def observe(self, table: AgentTable) -> None:
         """See :class:`litsim_predictor.forecast.Predictor`."""
         self._history.push(table)
 
@@ -77,10 +77,10 @@ class LearnedPredictor:
         Raises:
             InputError: no forecast is finite, so that nobody could go by any of them.
         """
-        self.see(table)
+        self.observe(table)
         agents, asked = selected(table, self._ego_id, self._roi_m, self._wanted)
         if not len(asked):
-            return Forecast.of_nobody(table.step, DT, len(MANEUVERS))
+            return Forecast.empty(table.step, DT, len(MANEUVERS))
         heading, ways = self._frames(agents, asked)
         inputs = self._inputs(agents, heading, Traffic.of_table(table, self._history))
         futures = along_ways(self._answer(inputs, asked, agents.scene), ways)

@@ -109,8 +109,8 @@ def look_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
     for j in range(len(pose)):
         direction[j, 0], direction[j, 1] = np.cos(pose[j, 2]), np.sin(pose[j, 2])
     for i in range(len(frame)):
-        of = out[i]
-        of[:], known[:] = none, none
+        features = out[i]
+        features[:], known[:] = none, none
         cos, sin = float32(np.cos(frame[i, 2])), float32(np.sin(frame[i, 2]))
         for j in range(first[i], end[i]):
             dx, dy = float32(pose[j, 0] - frame[i, 0]), float32(pose[j, 1] - frame[i, 1])
@@ -126,12 +126,12 @@ def look_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
                 near = min((ahead - before) / (knot - before), (after - ahead) / (after - knot))
                 for w in range(len(WIDTHS)):
                     share, place = along * max(one - left / WIDTHS[w], none) * near, places * w + k
-                    of[3 * place] += share * (speed[j] - own[i])
+                    features[3 * place] += share * (speed[j] - own[i])
                     if seen[j]:
-                        of[3 * place + 1] += share * (speed[j] - earlier[j])
+                        features[3 * place + 1] += share * (speed[j] - earlier[j])
                         known[place] += share
-                    of[3 * place + 2] += share
+                    features[3 * place + 2] += share
         for place in range(len(known)):
-            of[3 * place] /= of[3 * place + 2] + some
-            of[3 * place + 1] /= known[place] + some
-            of[3 * place + 2] = min(of[3 * place + 2], one)
+            features[3 * place] /= features[3 * place + 2] + some
+            features[3 * place + 1] /= known[place] + some
+            features[3 * place + 2] = min(features[3 * place + 2], one)

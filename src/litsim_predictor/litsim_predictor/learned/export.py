@@ -83,10 +83,10 @@ def write_graph(model: SceneModel, provenance: Provenance, path: Path, *, weight
     graph = traced(model)
     if not weights:
         take_weights_out(graph)
-    told = {"format": FORMAT, "model": provenance.model, "parameters": json.dumps(provenance.parameters)}
+    metadata = {"format": FORMAT, "model": provenance.model, "parameters": json.dumps(provenance.parameters)}
     if weights:
-        told |= {"provenance": json.dumps(vars(provenance), sort_keys=True)}
-    helper.set_model_props(graph, told)
+        metadata |= {"provenance": json.dumps(vars(provenance), sort_keys=True)}
+    helper.set_model_props(graph, metadata)
     with replacing(path) as new:
         new.write_bytes(graph.SerializeToString())
 
