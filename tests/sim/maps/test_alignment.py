@@ -49,7 +49,9 @@ def test_the_motion_is_found(turn_deg: float, x: float, y: float) -> None:
 
 def test_the_transform_holds_as_it_is_written_for_tracks_in_utm() -> None:
     """Three decimals of an angle are 100 m at a northing of 5800 km: x and y go with the angle that is written."""
-    found = Alignment((10.0, -20.0), (0.9, -1.7), math.radians(-1.31046), 0.8, 1.0, determined=True, net_centre=(0.0, 0.0))
+    found = Alignment(
+        (10.0, -20.0), (0.9, -1.7), math.radians(-1.31046), 0.8, 1.0, determined=True, net_centre=(0.0, 0.0)
+    )
     place, before = np.array([619_030.0, 5_809_040.0]), np.array([-619_000.0, -5_809_000.0])
     yaw_deg, x, y = found.transform(0.0, *before)
     assert yaw_deg == round(yaw_deg, 3)
