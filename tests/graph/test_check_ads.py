@@ -128,6 +128,15 @@ def test_a_command_that_ends_at_once(graph: Any) -> None:
     assert why(graph, "end of run").endswith("stack ended with exit status 1: no licence")
 
 
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_all_of_a_stack_ends_with_a_check_that_is_ended(graph: Any, number: signal.Signals) -> None:
+    script = "import os; os.system('setsid sleep 600 & sleep 601')"
+    check = start(graph, command=("-c", script))
+    graph.wait("the stack", lambda: {"sleep 600 ", "sleep 601 "} <= set(graph.running().values()))
+    graph.end(check, number)
+    graph.wait("the end of all", lambda: not graph.running())
+
+
 def test_a_recording_is_not_overwritten(graph: Any) -> None:
     kept = graph.folder / "kept/kept_0.mcap"
     kept.parent.mkdir()
@@ -150,7 +159,10 @@ def test_nobody_is_there(graph: Any) -> None:
     ("arguments", "words"),
     [
         (("--scenario", "nowhere"), "error: nowhere: no such scenario"),
-        (("--", "no-such-stack"), "error: no-such-stack: cannot be started: No such file or directory"),
+        (
+            ("--", "no-such-stack"),
+            "error: no-such-stack: no such program, expected the command that starts a driving stack",
+        ),
         (("--clipped-limit", "nan"), "--clipped-limit: 'nan', expected a number of at least 0 and at most 1"),
         (("--domain-id", "400"), "error: ROS_DOMAIN_ID is '400', expected 0 to 232"),
     ],

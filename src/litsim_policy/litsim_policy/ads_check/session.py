@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,11 +16,11 @@ from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.ego_port.answer import INPUTS
 from litsim_sim.ego_port.port import ego_state
 from litsim_sim.ego_port.tracking import EgoState
-from litsim_sim.launch.child import Child
+from litsim_sim.launch.child import Child, start_kept
 from litsim_sim.launch.executables import node_executable
 from litsim_sim.launch.middleware import enclave_setting
 from litsim_sim.launch.processes import STACK as ADS
-from litsim_sim.launch.processes import Graph, GraphFailed
+from litsim_sim.launch.processes import Graph, GraphFailed, held_back
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.scenario.scenario import Scenario
@@ -150,22 +149,11 @@ def _discover(check: Check, bystander: Bystander, stack: Child | None) -> None:
 
 
 def _start(check: Check) -> Child:
-    """Start the stack in the domain of the graph, in a process group of its own."""
+    """Start the stack in the domain of the graph."""
     log = check.out / "log" / f"{STACK}.log"
     environment = os.environ | {"ROS_DOMAIN_ID": str(check.domain_id)} | enclave_setting(os.environ, ADS, check.command)
-    try:
-        with log.open("w") as stream:
-            process = subprocess.Popen(
-                list(check.command),
-                env=environment,
-                stdin=subprocess.DEVNULL,
-                stdout=stream,
-                stderr=stream,
-                text=True,
-                start_new_session=True,
-            )
-    except OSError as error:
-        raise InputError(f"{check.command[0]}: cannot be started: {error.strerror or error}") from error
+    with log.open("w") as stream, held_back():
+        process = start_kept(check.command, env=environment, stdout=stream, stderr=stream)
     return Child(STACK, process, log)
 
 

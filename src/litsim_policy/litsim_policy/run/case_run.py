@@ -21,11 +21,11 @@ from litsim_sim.campaign.case import GRAPH, Case
 from litsim_sim.campaign.criteria import Criteria
 from litsim_sim.campaign.results import RunResult
 from litsim_sim.core.errors import InputError
-from litsim_sim.launch.child import how_it_ended
+from litsim_sim.launch.child import check_program, how_it_ended
 from litsim_sim.launch.executables import find_executable
 from litsim_sim.launch.forked import ForkedProcess, keep_ready
 from litsim_sim.launch.nodes import GraphOptions, nodes_of
-from litsim_sim.launch.processes import LOG_FOLDER, STACK, check_program
+from litsim_sim.launch.processes import LOG_FOLDER, STACK
 from litsim_sim.record.failure import write_failure
 from litsim_sim.record.run import Run, read_run
 from litsim_sim.report.run_report import REPORT_FILE, write_report

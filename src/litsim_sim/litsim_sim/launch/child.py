@@ -10,6 +10,7 @@ import shlex
 import shutil
 import signal
 import subprocess
+import sys
 import textwrap
 import time
 from collections.abc import Sequence
@@ -18,6 +19,7 @@ from math import inf
 from pathlib import Path
 from typing import IO, Any, Protocol
 
+from litsim_sim.core.errors import InputError
 from litsim_sim.launch import keeper
 
 GRACE_S = 20.0  # [s] time for the bridge and the recorder to end a run in good order
@@ -139,6 +141,27 @@ def start_process(words: Sequence[str], **given: Any) -> subprocess.Popen[str]:
         preexec_fn=begin_child,  # noqa: PLW1509 - two system calls
         **given,
     )
+
+
+def start_kept(command: Sequence[str], **given: Any) -> subprocess.Popen[str]:
+    """Start a stack's command by a :mod:`.keeper`, in a session of its own; `given` is passed to ``Popen``.
+
+    Raises:
+        InputError: there is no such program.
+    """
+    check_program(command)
+    words = [sys.executable, "-I", "-S", keeper.__file__, *command]
+    return start_process(words, start_new_session=True, **given)
+
+
+def check_program(command: Sequence[str]) -> None:
+    """Check that the command that starts a stack begins with a program.
+
+    Raises:
+        InputError: there is no such program.
+    """
+    if shutil.which(command[0]) is None:
+        raise InputError(f"{command[0]}: no such program, expected the command that starts a driving stack")
 
 
 def end_with_parent() -> None:

@@ -17,10 +17,9 @@ from typing import IO
 
 from tqdm import tqdm
 
-from litsim_sim.core.errors import EXIT_FAILED, InputError
+from litsim_sim.core.errors import EXIT_FAILED
 from litsim_sim.core.stages import BRIDGE, RECORDER
-from litsim_sim.launch import keeper
-from litsim_sim.launch.child import GRACE_S, SIGNALS, Child, Process, start_process
+from litsim_sim.launch.child import GRACE_S, SIGNALS, Child, Process, start_kept, start_process
 from litsim_sim.launch.domain import HOLDER
 from litsim_sim.launch.domain_ports import EMPTY, is_known_empty
 from litsim_sim.launch.forked import ForkedProcess
@@ -84,29 +83,23 @@ class Graph:
             if forked:
                 process = ForkedProcess(words, self._environment | more, stdout=_stdout(name, log), stderr=log)
             else:
-                process = self._process(name, words, log, more)
+                environment, stdout = self._environment | more, _stdout(name, log)
+                process = start_process(words, env=environment, stdout=stdout, stderr=log, start_new_session=True)
             self.children[name] = Child(name, process, Path(log.name), nodes=several)
 
     def start_stack(self, command: Sequence[str]) -> None:
-        """Start the user's command that drives the ego, in the domain of the graph, by a :mod:`.keeper`.
+        """Start the user's command that drives the ego, in the domain of the graph.
 
         Raises:
             InputError: there is no such program.
         """
-        check_program(command)
         with self._log(STACK) as log, held_back():
-            words = [sys.executable, "-I", "-S", keeper.__file__, *command]
-            process = self._process(STACK, words, log, enclave_setting(self._environment, STACK, command))
+            environment = self._environment | enclave_setting(self._environment, STACK, command)
+            process = start_kept(command, env=environment, stdout=log, stderr=log)
             self.children[STACK] = Child(STACK, process, Path(log.name), tuple(command))
 
     def _log(self, name: str) -> IO[str]:
         return (self._log_folder / f"{name}.log").open("w")
-
-    def _process(
-        self, name: str, words: Sequence[str], log: IO[str], more: Mapping[str, str] | None = None
-    ) -> subprocess.Popen[str]:
-        environment, stdout = {**self._environment, **(more or {})}, _stdout(name, log)
-        return start_process(words, env=environment, stdout=stdout, stderr=log, start_new_session=True)
 
     def watch(self, quiet: bool) -> None:
         """Wait for the run to end.
@@ -273,16 +266,6 @@ def held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
         if came:
             signal.raise_signal(came[0])
-
-
-def check_program(command: Sequence[str]) -> None:
-    """Check that the command that starts a stack begins with a program.
-
-    Raises:
-        InputError: there is no such program.
-    """
-    if shutil.which(command[0]) is None:
-        raise InputError(f"{command[0]}: no such program, expected the command that starts a driving stack")
 
 
 def without_interrupts(action: Callable[[], object]) -> None:
