@@ -14,8 +14,9 @@ import torch
 
 from litsim_predictor.inference.contract import HISTORY, HORIZON, MANEUVERS
 from litsim_predictor.inference.ways import WAY, Ways
+from litsim_predictor.learned.data.augmentation import Augmentation
 from litsim_predictor.learned.data.batch import SceneBatch, maneuvers_of
-from litsim_predictor.learned.data.scenes import Augmentation, scene_batches, training_batches
+from litsim_predictor.learned.data.scenes import scene_batches, training_batches
 from litsim_predictor.learned.data.sources import I80PairSource, Us101TrackSource, Us101WindowSource, load, net_path
 from litsim_predictor.learned.data.tracks import Tracks, parts_of
 from litsim_predictor.learned.training.config import TEST_FRAMES, TRACKS, WINDOWS

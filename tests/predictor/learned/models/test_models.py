@@ -11,8 +11,9 @@ import pytest
 import torch
 
 from litsim_predictor.inference.contract import HISTORY, HORIZON, MANEUVERS
+from litsim_predictor.learned.data.augmentation import Augmentation
 from litsim_predictor.learned.data.batch import SceneBatch
-from litsim_predictor.learned.data.scenes import Augmentation, training_batches
+from litsim_predictor.learned.data.scenes import training_batches
 from litsim_predictor.learned.data.sources import net_path
 from litsim_predictor.learned.data.tracks import Tracks
 from litsim_predictor.learned.models.model import SceneModel, constant_velocity, negative_log_likelihood

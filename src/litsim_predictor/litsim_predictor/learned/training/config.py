@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from litsim_predictor.learned.data.scenes import Augmentation
+from litsim_predictor.learned.data.augmentation import Augmentation
 from litsim_predictor.learned.data.sources import (
     I80LaneSource,
     RecordingSource,
