@@ -26,22 +26,15 @@ CONFIG = Path(__file__).parents[3] / "src" / "litsim_policy" / "config"
 
 
 @pytest.fixture(scope="module")
-def file(make_scenario, track, lane_centres, tmp_path_factory) -> Path:
+def file(training_data, tmp_path_factory) -> Path:
     """A configuration that takes a second."""
-    tracks = [
-        track(1 + 3 * lane + k, x=60.0 + 20.0 * k, y=lane_centres[lane + 1], speed=9.0 + lane, last=45)
-        for lane in range(3)
-        for k in range(3)
-    ]
     folder = tmp_path_factory.mktemp("train")
-    for name in ("scenario", "validation"):
-        (folder / f"{name}.yaml").write_text(make_scenario(*tracks).to_yaml())
     values = {
         "iterations": 2,
         "transitions": 40,
         "validate_every": 1,
         "validation_episodes": 1,
-        "data": {"scenarios": [str(folder / "scenario.yaml")], "validation": [str(folder / "validation.yaml")]},
+        "data": training_data,
         "environment": {"steps_max": 20, "slots": 4, "drafted": 3},
         "warm_start": {"epochs": 2},
         "critic": {"updates": 2, "batch": 32},

@@ -10,7 +10,6 @@ from typing import Any, BinaryIO
 import numpy as np
 import pytest
 import torch
-import yaml
 from safetensors import safe_open
 from safetensors.torch import load_file
 
@@ -19,33 +18,23 @@ from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.critic import Critic
 from litsim_policy.learning.network import GaussianPolicy
 from litsim_policy.learning.ppo import tensor
-from litsim_sim.io.yaml_input import read_yaml
 
 
 @pytest.fixture(scope="module")
-def config(make_scenario, track, lane_centres, tmp_path_factory) -> TrainConfig:
+def config(training_data) -> TrainConfig:
     """A training that takes a second."""
-    tracks = [
-        track(1 + 3 * lane + k, x=60.0 + 20.0 * k, y=lane_centres[lane + 1], speed=9.0 + lane, last=45)
-        for lane in range(3)
-        for k in range(3)
-    ]
-    folder = tmp_path_factory.mktemp("train_loop")
-    for name in ("scenario", "validation"):
-        (folder / f"{name}.yaml").write_text(make_scenario(*tracks).to_yaml())
     values = {
         "iterations": 3,
         "transitions": 30,
         "validate_every": 1,
         "validation_episodes": 1,
-        "data": {"scenarios": [str(folder / "scenario.yaml")], "validation": [str(folder / "validation.yaml")]},
+        "data": training_data,
         "environment": {"steps_max": 15, "slots": 4, "drafted": 3},
         "warm_start": {"epochs": 1},
         "critic": {"updates": 2, "batch": 16},
         "ppo": {"epochs": 1, "batch": 16, "value_first": 1},
     }
-    (folder / "config.yaml").write_text(yaml.safe_dump(values))
-    return read_yaml(folder / "config.yaml", TrainConfig)
+    return TrainConfig(**values)
 
 
 def weights(training: checkpoint.Training) -> list[torch.Tensor]:

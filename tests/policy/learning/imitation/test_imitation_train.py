@@ -28,16 +28,9 @@ CONFIG = Path(__file__).parents[4] / "src" / "litsim_policy" / "config"
 
 
 @pytest.fixture(scope="module")
-def file(make_scenario: Any, track: Any, lane_centres: tuple[float, ...], tmp_path_factory: Any) -> Path:
+def file(training_data: dict[str, list[str]], tmp_path_factory: Any) -> Path:
     """A configuration that takes a second."""
-    tracks = [
-        track(1 + 3 * lane + k, x=60.0 + 20.0 * k, y=lane_centres[lane + 1], speed=9.0 + lane, last=45)
-        for lane in range(3)
-        for k in range(3)
-    ]
     folder = tmp_path_factory.mktemp("imitation")
-    for name in ("scenario", "validation"):
-        (folder / f"{name}.yaml").write_text(make_scenario(*tracks).to_yaml())
     values = {
         "iterations": 2,
         "transitions": 60,
@@ -46,7 +39,7 @@ def file(make_scenario: Any, track: Any, lane_centres: tuple[float, ...], tmp_pa
         "agents": [2, 4],
         "validate_every": 1,
         "validation_scenes": 1,
-        "data": {"scenarios": [str(folder / "scenario.yaml")], "validation": [str(folder / "validation.yaml")]},
+        "data": training_data,
         "warm_start": {"epochs": 1},
         "critic": {"updates": 2, "batch": 32},
         "ppo": {"epochs": 2, "batch": 32, "value_first": 0},
