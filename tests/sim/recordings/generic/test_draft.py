@@ -90,6 +90,17 @@ def test_columns_with_empty_cells_are_used_only_where_they_must_be(tmp_path: Pat
     assert len(made) == 5 * 120 and (made["lane"] == -1).all()
 
 
+def test_people_need_no_headings(tmp_path: Path, traffic: Traffic) -> None:
+    """As in INTERACTION, whose pedestrians are in a file of their own."""
+    people = traffic().assign(agent_type="pedestrian/bicycle", track_id=lambda rows: "P" + rows["track_id"].astype(str))
+    traffic().to_csv(tmp_path / "vehicles.csv", index=False)
+    people.drop(columns=["heading", "length", "width"]).to_csv(tmp_path / "people.csv", index=False)
+    files = [tmp_path / "vehicles.csv", tmp_path / "people.csv"]
+    mapping = Mapping.model_validate(yaml.safe_load(draft(files)))
+    assert mapping.columns.yaw == "heading" and mapping.kinds == {"car": "car", "pedestrian/bicycle": "drop"}
+    assert set(convert(files, mapping)[0].table["vehicle_id"]) == {1, 2, 3, 4, 5}
+
+
 def test_kinds_clips_and_what_is_missing(tmp_path: Path, traffic: Traffic) -> None:
     table = pd.concat([traffic().assign(case_id=case) for case in (7, 8)])
     table.loc[table["track_id"] == 2, "agent_type"] = "pedestrian/bicycle"

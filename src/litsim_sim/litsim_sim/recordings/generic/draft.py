@@ -111,9 +111,7 @@ def draft(paths: Path | Sequence[Path]) -> str:
         table["time"] = since_1970(table["time"])
     for name in sorted(NUMBERS & {*columns}):
         table[name] = _numbers(table[name], raw["row"], columns[name], source)
-    if "lane" in columns:  # many are names, such as SUMO's
-        table["lane"] = pd.to_numeric(table["lane"], errors="coerce")
-    empty = [name for name in (*OPTIONAL, *COMPONENTS) if name in columns and table[name].isna().any()]
+    empty = _incomplete(table)
     held = [columns.pop(name) for name in empty]
     table = table.drop(columns=empty)
     components = [columns.pop(name) for name in COMPONENTS if name in columns]
@@ -168,6 +166,17 @@ def _numbers(column: pd.Series, row: pd.Series, name: str, source: TableFiles) -
             f"{int(bad.sum())} such rows"
         )
     return values
+
+
+def _incomplete(table: pd.DataFrame) -> list[str]:
+    """Our names of the columns that a file need not have, and that lack numbers in some rows where they are needed."""
+    vehicles = table  # of people no heading or speed is read
+    if "kind" in table:
+        vehicles = table[texts(table["kind"]).map(likely_kind) != "drop"]
+    found = [name for name in (*OPTIONAL, *COMPONENTS) if name in table and name != "lane"]
+    found = [name for name in found if vehicles[name].isna().any()]
+    lanes = pd.to_numeric(table["lane"], errors="coerce") if "lane" in table else pd.Series()  # many are names
+    return [*found, *(["lane"] if lanes.isna().any() else [])]
 
 
 def _named(source: TableFiles) -> dict[str, str]:
