@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import domain_coordinator
 import pytest
@@ -47,6 +48,18 @@ def test_help_of_a_node(word: str, monkeypatch: pytest.MonkeyPatch, capsys: pyte
     said = capsys.readouterr().out
     assert said.startswith("usage: ego_idm [--ros-args -p NAME:=VALUE")
     assert "config/ego_idm.yaml" in said
+
+
+def test_a_path_that_the_system_refuses_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("_init", "_know_callers"):
+        monkeypatch.setattr(process, name, lambda: None)
+    monkeypatch.setattr(process, "_interruption", process._Interruption())
+    monkeypatch.setattr(process.signal, "signal", lambda *_: None)
+    with pytest.raises(SystemExit) as stopped, process.process():
+        Path("n" * 300).is_dir()
+    assert (stopped.value.code, capsys.readouterr().err) == (2, f"error: {'n' * 300}: File name too long\n")
 
 
 def test_an_rclpy_without_an_events_executor_is_served_by_its_ordinary_one() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import errno
 import os
 import signal
 import sys
@@ -19,6 +18,7 @@ from litsim_sim.core.errors import (
     InputError,
     not_installed,
     print_error,
+    refused,
 )
 from litsim_sim.io.files import make_folder
 from litsim_sim.launch.child import SIGNALS
@@ -30,9 +30,6 @@ RUN_STATUS_HELP = "Exit status: 0, the run is valid; 1, it is not, and stderr sa
 
 NOT_OF_RUNS = ("lightning", "onnx", "torch")
 """Libraries for training, which `make setup` does not install."""
-
-REFUSED = (errno.EACCES, errno.ENAMETOOLONG, errno.ENOSPC)
-"""Reasons of the operating system for which a path is at fault, however it is used."""
 
 
 def program(main: Callable[P, int | None]) -> Callable[P, None]:
@@ -63,9 +60,9 @@ def program(main: Callable[P, int | None]) -> Callable[P, None]:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else flushing at exit would fail again
             status = EXIT_FAILED
         except OSError as error:
-            if error.errno not in REFUSED or error.filename is None:
+            if (why := refused(error)) is None:
                 raise
-            print_error(f"{error.filename}: {error.strerror}")
+            print_error(why)
             status = EXIT_INPUT
         if status:
             sys.exit(status)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 import traceback
 from pathlib import Path
@@ -23,6 +24,13 @@ class InputError(Exception):
 def not_installed(package: str) -> InputError:
     """The error for a missing optional `package`."""
     return InputError(f"{package} is not installed here, and this needs it: `make setup-all` installs it")
+
+
+def refused(error: OSError) -> InputError | None:
+    """`error` as one of the input, if the operating system refuses a path as such; None for any other reason."""
+    if error.filename is None or error.errno not in (errno.EACCES, errno.ENAMETOOLONG, errno.ENOSPC):
+        return None
+    return InputError(f"{error.filename}: {error.strerror}")
 
 
 def print_error(what: object) -> None:

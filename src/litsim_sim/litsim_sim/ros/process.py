@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from litsim_sim.core.errors import EXIT_INPUT, EXIT_INTERRUPTED, InputError, print_error
+from litsim_sim.core.errors import EXIT_INPUT, EXIT_INTERRUPTED, InputError, print_error, refused
 from litsim_sim.launch.middleware import use_middleware_settings
 
 try:
@@ -130,7 +130,7 @@ def process(interrupted: int = EXIT_INTERRUPTED) -> Iterator[None]:
     """Context of a node's process: initialises rclpy, and turns errors into exit statuses.
 
     SIGTERM acts like Ctrl-C: :func:`serve` raises KeyboardInterrupt, and the exit status is `interrupted`. An input
-    error, such as a wrong parameter, is one line on stderr and exit status 2.
+    error, such as a wrong parameter, is one line on stderr and exit status 2; so is a path that the system refuses.
     """
     _interruption.install()
     _know_callers()
@@ -139,6 +139,11 @@ def process(interrupted: int = EXIT_INTERRUPTED) -> Iterator[None]:
         yield
     except (InputError, ParameterException) as error:
         print_error(" ".join(str(error).split()))  # rclpy breaks lines
+        sys.exit(EXIT_INPUT)
+    except OSError as error:
+        if (why := refused(error)) is None:
+            raise
+        print_error(why)
         sys.exit(EXIT_INPUT)
     except KeyboardInterrupt:
         sys.exit(interrupted)
