@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import ndtri
 
-from litsim_policy.conflict import pairs
+from litsim_policy.conflict import overlap_over_time, pairs
 from litsim_policy.conflict.futures import OtherMotions, PredictedMotion, X, Y, widest
 from litsim_policy.conflict.pairs import FOLLOWED
 from litsim_policy.conflict.weighed import weighed_chances
@@ -71,7 +71,7 @@ def test_chances_of_pairs_are_those_of_numpy_at_every_step(seed: int, least: flo
     a, b = some(0.0), some(random.choice([0.0, 1.0]))
     which = random.integers(0, 6, (12, 2))
     arrays = (which, a.states, a.valid, a.bounds, b.states, b.valid, b.bounds, length, width, least, ndtri(least))
-    found, until = pairs.overlap_chances(*arrays, False), pairs.overlap_chances(*arrays, True)  # noqa: FBT003
+    found, until = overlap_over_time.overlap_chances(*arrays, False), overlap_over_time.overlap_chances(*arrays, True)  # noqa: FBT003
 
     i, j = which.T
     distance = (b.states[j] - a.states[i])[..., [X, Y]].reshape(-1, 2).T
@@ -110,9 +110,11 @@ def test_who_is_out_of_reach_by_the_bounds_overlaps_nobody_in_any_way(seed: int,
     which = np.argwhere(~np.eye(6, dtype=np.bool_)).copy()
     goes_on = 0.1 * random.integers(0, 6, 6)
     anywhere = widest(b.bounds, row, b.others.bounds, x, y, speed, acceleration, goes_on)
-    reached = pairs.within_bounds(which, a.bounds, anywhere, length, width, max(0.0, -ndtri(least)))
+    reached = overlap_over_time.within_bounds(which, a.bounds, anywhere, length, width, max(0.0, -ndtri(least)))
     chance = weighed_chances(which, a, b, length, width, least)
-    closing = pairs.closing_chances(which, a.states, a.valid, x, y, yaw, speed, acceleration, length, width, goes_on)
+    closing = overlap_over_time.closing_chances(
+        which, a.states, a.valid, x, y, yaw, speed, acceleration, length, width, goes_on
+    )
     assert not chance[~reached].any() and not closing[~reached].any()
     for (i, j), found in zip(which.tolist(), closing, strict=True):
         for k in range(5):

@@ -7,7 +7,7 @@ import pytest
 from scipy.special import ndtri
 
 from litsim_policy.conflict.futures import OtherMotions, PredictedMotion
-from litsim_policy.conflict.pairs import overlap_chances
+from litsim_policy.conflict.overlap_over_time import overlap_chances
 from litsim_policy.conflict.weighed import weighed_chances
 
 STEPS, COUNT = 12, 6

@@ -10,7 +10,8 @@ from pydantic import model_validator
 
 from litsim_policy.conflict.futures import OtherMotions, PredictedMotion, follow_logs, hold_back, interpolate, widest
 from litsim_policy.conflict.intended import IntentConfig, Intents, intended_motion
-from litsim_policy.conflict.pairs import closing_chances, followed, near, near_any, within_bounds
+from litsim_policy.conflict.overlap_over_time import closing_chances, within_bounds
+from litsim_policy.conflict.pairs import followed, near, near_any
 from litsim_policy.conflict.weighed import quantile, weighed_chances
 from litsim_predictor.forecast import Forecast
 from litsim_sim.core.nearby import around

@@ -10,7 +10,7 @@ import numpy as np
 from numba.types import Tuple
 
 from litsim_policy.conflict.futures import PredictedMotion
-from litsim_policy.conflict.pairs import may_meet, overlap_chances, touching, write_chances
+from litsim_policy.conflict.overlap_over_time import may_meet, overlap_chances, touching, write_chances
 from litsim_sim.core.compiled import (
     BOOLS2,
     FLOATS,
