@@ -18,6 +18,7 @@ from litsim_sim.launch.child import Child, how_it_ended
     [
         ("import os; os.kill(os.getpid(), 9)", "was ended by SIGKILL"),
         ("import sys; sys.exit(3)", "ended with exit status 3"),
+        ("import sys; sys.exit(130)", "was interrupted"),
         ("", "ended with exit status 0"),
     ],
 )

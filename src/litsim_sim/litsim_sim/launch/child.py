@@ -19,7 +19,7 @@ from math import inf
 from pathlib import Path
 from typing import IO, Any, Protocol
 
-from litsim_sim.core.errors import InputError
+from litsim_sim.core.errors import EXIT_INTERRUPTED, InputError
 from litsim_sim.launch import keeper
 
 GRACE_S = 20.0  # [s] time for the bridge and the recorder to end a run in good order
@@ -129,6 +129,8 @@ def how_it_ended(status: int) -> str:
     """Text, to follow its name, on how a process ended, by its exit status as of :mod:`subprocess`."""
     if status < 0:
         return f"was ended by {signal.Signals(-status).name}"
+    if status == EXIT_INTERRUPTED:
+        return "was interrupted"
     return f"ended with exit status {status}"
 
 
