@@ -186,6 +186,16 @@ def test_a_track_is_what_most_of_its_rows_say(tmp_path: Path) -> None:
     assert counts.left_out == {"kind walker": 23, "of a track most of whose rows are dropped": 8}
 
 
+def test_a_vehicle_that_is_there_twice_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "in.csv"
+    table = pd.concat([straight(), straight().assign(id="truck 8", px=lambda rows: rows["px"] + 1.0)])
+    table.to_csv(path, index=False)
+    said = convert(path, Mapping.model_validate(BOX))[1].text()
+    assert "overlaps   1 pairs of vehicles overlap for a second or more, above all 1 and 2 for 3.1 s" in said
+    table.assign(py=table["py"].where(table["id"] == "truck 7", table["py"] + 3.0)).to_csv(path, index=False)
+    assert "overlaps" not in convert(path, Mapping.model_validate(BOX))[1].text()
+
+
 def test_headings_that_turn_as_none_does_are_told(tmp_path: Path) -> None:
     table, path = straight(seconds=30.0), tmp_path / "in.csv"
     table.to_csv(path, index=False)

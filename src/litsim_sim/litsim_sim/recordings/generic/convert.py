@@ -11,7 +11,7 @@ import pandas as pd
 
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.geometry import overlapping_pairs, wrap_angle
 from litsim_sim.core.scene import RATE_HZ, STEP_S, FloatArray, IntArray, Kind
 from litsim_sim.io.table_input import TableFiles, is_stamped, since_1970
 from litsim_sim.recordings.cleaning.cleaning import smoothed
@@ -39,6 +39,7 @@ DROP, UNKNOWN = "drop", "unknown"
 CREEPING = 1.0  # [m] travel within a second below which a vehicle keeps its direction: noise would turn it
 HARSH = 5.0  # [m/s2] magnitude that accelerations of vehicles hardly ever exceed
 FAR = 1.0  # [m] displacement by cleaning beyond which a vehicle is reported
+OVERLAP_S = 1.0  # [s] for which a pair of vehicles must overlap to be reported
 CLOCK = "time_of_frame_0_s"  # note of the header: clock time of the file at frame 0
 AHEAD = {"front_centre": -0.5, "box_centre": 0.0, "rear_axle": VehicleLimits.rear_axle, "box_corner": 0.0}
 """Distance of the box centre ahead of the reference point, in lengths; corners are converted to centres on reading."""
@@ -83,6 +84,7 @@ def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, 
                 f"{np.abs(moving['acceleration']).max():.3g} m/s2, beyond {HARSH:g} m/s2 in {counts.harsh:.1%} of the "
                 f"rows: field clean of the mapping, set to true, smooths such positions{leap}"
             )
+    counts.overlaps = _overlaps(moving[~obstacle_rows(moving)])
     header = RecordingHeader(
         name=mapping.name,
         source=mapping.source,
@@ -312,6 +314,15 @@ def _moved(raw: pd.DataFrame, cleaned: pd.DataFrame, ahead: float) -> dict[int, 
     dy = both["y_cleaned"] + lever * np.sin(yaw) - both["y"]
     most = np.hypot(dx, dy).groupby(both["vehicle_id"]).max()
     return {int(vehicle): float(way) for vehicle, way in most[most > FAR].items()}
+
+
+def _overlaps(table: pd.DataFrame) -> dict[tuple[int, int], float]:
+    """How long [s] the boxes of two vehicles overlap, if for OVERLAP_S or more, by their ids; `table` is at 10 Hz."""
+    x, y, yaw, length, width = (table[name].to_numpy() for name in ("x", "y", "yaw", "length", "width"))
+    pairs = overlapping_pairs(x, y, yaw, length, width, table["frame"].to_numpy())
+    who, frames = np.unique(np.sort(table["vehicle_id"].to_numpy()[pairs], axis=1), axis=0, return_counts=True)
+    long = frames >= OVERLAP_S * RATE_HZ
+    return {(int(a), int(b)): float(n * STEP_S) for (a, b), n in zip(who[long], frames[long], strict=True)}
 
 
 def _rate(vehicle: IntArray, values: FloatArray) -> FloatArray:

@@ -32,6 +32,7 @@ class Counts:
         largest_turn: how far and where it turns most.
         harsh: share of the rows of vehicles with implausibly hard accelerations.
         moved: largest displacement by cleaning [m], by vehicle, of those moved by more than a metre.
+        overlaps: how long two vehicles overlap [s], if for a second or more, by their ids.
         rows: rows of the recording, one per vehicle and frame at 10 Hz.
     """
 
@@ -53,6 +54,7 @@ class Counts:
     largest_turn: str = ""
     harsh: float = 0.0
     moved: dict[int, float] = field(default_factory=dict)
+    overlaps: dict[tuple[int, int], float] = field(default_factory=dict)
     rows: int = 0
 
     def leave_out(self, reason: str, rows: int) -> None:
@@ -74,6 +76,7 @@ class Counts:
             **({"leaps": self.leaps} if self.leaps else {}),
             **({"turns": self.turns} if self.turns else {}),
             **({"moved_by_cleaning_m": {str(k): round(way, 2) for k, way in self.moved.items()}} if self.moved else {}),
+            **({"pairs_that_overlap": len(self.overlaps)} if self.overlaps else {}),
             "rows_at_10_hz": self.rows,
         }
 
@@ -123,5 +126,11 @@ class Counts:
             told = ", ".join(f"{vehicle} by {self.moved[vehicle]:.1f} m" for vehicle in worst)
             lines.append(
                 f"cleaned    {len(self.moved)} vehicles are moved by more than 1 m, above all {told}: do they reverse?"
+            )
+        if self.overlaps:
+            (one, other), seconds = max(self.overlaps.items(), key=lambda item: item[1])
+            lines.append(
+                f"overlaps   {len(self.overlaps)} pairs of vehicles overlap for a second or more, above all {one} and "
+                f"{other} for {seconds:.1f} s: is one of them there twice, or are sizes too large?"
             )
         return "\n".join([*lines, f"tracks     {self.tracks}{cut}{short}"])
