@@ -129,6 +129,14 @@ def test_what_is_not_asked_for_is_counted_and_changes_nothing(
     assert max(per_step.values()) <= 20
 
 
+def test_two_stacks_that_answer_end_the_run(graph: Any) -> None:
+    graph.start_script("standard_ego.py", "--ros-args", "-r", "__node:=forgotten")
+    done = launch(graph)
+    assert done.returncode == 1
+    assert "2 publishers are on /litsim/ego/twist (/forgotten, /standard_ego), and " in done.stderr
+    assert read_run(graph.folder / "run").failure
+
+
 @pytest.mark.parametrize(
     ("fault", "why"),
     [

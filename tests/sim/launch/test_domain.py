@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
 import threading
+from contextlib import nullcontext
 from pathlib import Path
 
+import domain_coordinator
 import pytest
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.launch.domain import HOLDER, graph_domain, held_domain
+from litsim_sim.launch.domain_ports import DOMAIN_PORTS, FIRST_PORT
 
 HOLD = """
 import sys
@@ -82,6 +86,15 @@ def test_who_was_started_by_the_holder_is_let_in() -> None:
 def test_a_domain_that_was_chosen_by_another_graph_is_none_that_is_free() -> None:
     with graph_domain(None, reserve=True) as first, graph_domain(None, reserve=True) as second:
         assert first != second
+
+
+def test_a_domain_that_somebody_is_in_is_none_that_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    offered = iter([41, 42])
+    monkeypatch.setattr(domain_coordinator, "domain_id", lambda: nullcontext(next(offered)))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as somebody:
+        somebody.bind(("127.0.0.1", FIRST_PORT + DOMAIN_PORTS * 41 + 10))
+        with graph_domain(None, reserve=True) as domain:
+            assert domain == 42
 
 
 @pytest.mark.parametrize("domain", ["-1", "233", "one"])

@@ -14,7 +14,7 @@ from litsim_sim.core.stages import StageState
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import Answer, Interface
 from litsim_sim.ego_port.port import EgoPort
-from litsim_sim.nodes.answers import Answers, Attendance, EgoPublisher, RunFailed, absence, check_controls
+from litsim_sim.nodes.answers import Answers, Attendance, EgoPublisher, RunFailed, absence, check_controls, rivalry
 
 RUN, OTHER = "run", "another run"
 STAGES = ("predictor", "conflict", "policy", "ego", "recorder")
@@ -291,6 +291,7 @@ def test_controls_of_nobody_and_of_some_are_fine() -> None:
 HERE = EgoPublisher(CONTROL, "/mine", reliable=True)
 DEAF = EgoPublisher(CONTROL, "/mine", reliable=False)
 ELSEWHERE = EgoPublisher(TWIST, "/mine", reliable=True)
+RIVAL = EgoPublisher(CONTROL, "/other", reliable=True)
 NAMELESS = EgoPublisher(CONTROL, "", reliable=True)
 STALE = f"/mine: it does not answer this step: {CONTROL}: the answer to step 3, at step 5, is stale"
 
@@ -322,6 +323,33 @@ def test_an_ego_that_does_not_answer_is_described(
     for step in answered[3:]:
         bridge.ego(step)
     assert absence(bridge.port, there, known, "here").startswith(words)
+
+
+@pytest.mark.parametrize(
+    ("answered", "there", "said"),
+    [
+        (
+            (3, 3),
+            (HERE, RIVAL),
+            f"2 publishers are on {CONTROL} (/mine, /other), and 1 messages there were not asked for",
+        ),
+        ((3, 2, 9), (HERE, NAMELESS), f"2 publishers are on {CONTROL} (/mine, ?), and 2 messages there were not asked"),
+        ((3, 3), (HERE, HERE), f"2 publishers are on {CONTROL} (/mine, /mine), and 1 messages"),
+        ((3,), (HERE, RIVAL), ""),
+        ((3, 3), (HERE,), ""),
+        ((3, 3), (HERE, DEAF), ""),
+        ((3, 3), (HERE, ELSEWHERE), ""),
+    ],
+)
+def test_several_stacks_that_answer_are_told(
+    bridge: Bridge, answered: tuple[int, ...], there: tuple[EgoPublisher, ...], said: str
+) -> None:
+    bridge.open(3)
+    bridge.port.ask()
+    for step in answered:
+        bridge.port.offer(Answer(Interface.CONTROL, EgoCommand(step, 0.5, 0.0), step=step, run_id=RUN))
+    found = rivalry(bridge.port, there)
+    assert found.startswith(said) and bool(found) == bool(said)
 
 
 def test_the_answer_to_a_step_that_was_published_again_is_never_stale(bridge: Bridge) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 import domain_coordinator
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.launch.domain_ports import is_in_use
 
 DOMAIN_IDS = range(233)  # DDS has no ports for larger ids
 HOLDER = "LITSIM_DOMAIN_HOLDER"
@@ -109,6 +110,8 @@ def _free_domain() -> Iterator[int]:
     with closing(ExitStack()) as reserved:  # closed, since domain_coordinator takes an OSError of the run for its own
         for _ in range(FREE_TRIES):
             domain_id = reserved.enter_context(domain_coordinator.domain_id())
+            if is_in_use(domain_id):  # such as by a stack that was started by hand, or has outlived its run
+                continue
             try:
                 reserved.enter_context(held_domain(domain_id, patience=0.0))
             except DomainInUse:  # by a program that chose it: it stays reserved, so that the next is another

@@ -38,8 +38,17 @@ def is_known_empty(domain_id: int, environment: Mapping[str, str], tables: Seque
         own.bind(("127.0.0.1", 0))
         taken = set(_taken(tables))
         known = own.getsockname()[1]
+    return known in taken and (taken - {known}).isdisjoint(_ports(domain_id))
+
+
+def is_in_use(domain_id: int, tables: Sequence[Path] = TABLES) -> bool:
+    """Whether there is a socket on this machine at a port of the domain, which is most likely that of a participant."""
+    return not set(_taken(tables)).isdisjoint(_ports(domain_id))
+
+
+def _ports(domain_id: int) -> range:
     first = FIRST_PORT + DOMAIN_PORTS * domain_id
-    return known in taken and (taken - {known}).isdisjoint(range(first, first + DOMAIN_PORTS))
+    return range(first, first + DOMAIN_PORTS)
 
 
 def _taken(tables: Sequence[Path]) -> Iterator[int]:

@@ -187,6 +187,24 @@ def absence(port: EgoPort, there: Sequence[EgoPublisher], known: Sequence[str], 
     return f"{prefix}it has answered until step {port.answered}; its publisher {end}"
 
 
+def rivalry(port: EgoPort, there: Sequence[EgoPublisher]) -> str:
+    """Text that says that several publishers answer for the ego; empty if there is one, or every answer was asked for.
+
+    Args:
+        port: port of the ego.
+        there: currently announced publishers.
+    """
+    heard = [each.node or "?" for each in there if each.topic in port.topics and each.reliable]
+    unasked = sum(port.counts[kind] for kind in ("stale", "future", "surplus"))
+    if len(heard) < 2 or not unasked:
+        return ""
+    return (
+        f"{len(heard)} publishers are on {port.topics[0]} ({', '.join(sorted(heard))}), and {unasked} messages there "
+        "were not asked for: it would depend on chance which of them drives the ego; end the others, or choose another "
+        "domain"
+    )
+
+
 class Answers:
     """The answers to the current step: of the policy, if there is one, and of the ego's driver."""
 

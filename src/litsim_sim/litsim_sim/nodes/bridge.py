@@ -21,7 +21,7 @@ from litsim_sim.ego_port.port import EgoPort, Level
 from litsim_sim.launch.domain import held_domain
 from litsim_sim.launch.domain_ports import EMPTY
 from litsim_sim.nodes import diagnostics
-from litsim_sim.nodes.answers import Answers, Attendance, EgoPublisher, RunFailed, absence
+from litsim_sim.nodes.answers import Answers, Attendance, EgoPublisher, RunFailed, absence, rivalry
 from litsim_sim.nodes.bridge_options import BridgeOptions, bridge_stage
 from litsim_sim.nodes.broadcast import PUBLISHED, PUBLISHED_OF_SIGNALS, Broadcast, run_info
 from litsim_sim.nodes.diagnostics import Diagnostics
@@ -186,6 +186,8 @@ class BridgeNode(Node):
             serve(self._executor, left)
             if self._port.remarks:
                 self._diagnostics.remarks(self._answers.step)
+                if EGO_APPLIED in self._to and (rivals := rivalry(self._port, self._ego_publishers())):
+                    raise RunFailed(rivals)
             self._attendance.check()
         return True
 
