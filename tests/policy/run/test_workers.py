@@ -112,7 +112,19 @@ def test_what_runs_ends_with_them() -> None:
     with Workers(1) as workers:
         assert workers.run(good()).metrics is not None
         workers.close()
-        assert workers.run(good()).failure == "its process was ended by SIGTERM"
+        assert workers.run(good()).failure == "its process was ended by SIGKILL"
+
+
+def test_one_that_is_stopped_ends_with_them() -> None:
+    with Workers(1) as workers:
+        assert workers.run(good()).metrics is not None
+        (worker,) = workers._all
+        os.kill(worker.process.pid, signal.SIGSTOP)
+        workers.close()
+        worker.process.join(60.0)
+        ended = worker.process.exitcode
+        worker.process.kill()
+    assert ended == -signal.SIGKILL
 
 
 def test_cases_whose_process_was_closed_are_not_begun_again_one_by_one() -> None:

@@ -59,11 +59,11 @@ class Workers:
             worker.process.join()  # else files that this process had open, such as locks, would still be open in copies
 
     def close(self) -> None:
-        """Terminate all processes, and start no further ones."""
+        """Kill all processes, which also ends stopped ones, and start no further ones."""
         with self._starting:
             self._closed = True
             for worker in self._all:
-                worker.process.terminate()
+                worker.process.kill()
 
     def run(self, case: Case, folder: Path | None = None) -> RunOutcome:
         """Run a case in this thread's process; its picture is written to `folder`."""
