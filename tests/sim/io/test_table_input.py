@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 from pathlib import Path
 
 import pandas as pd
@@ -79,3 +80,13 @@ def test_what_is_wrong_in_a_csv_file_is_told_by_its_line(tmp_path: Path, content
     (tmp_path / "t.csv").write_bytes(content)
     with pytest.raises(InputError, match=said):
         TableFile.open(tmp_path / "t.csv").read(["a", "b", "c"])
+
+
+def test_lines_of_packed_files_are_those_of_their_content(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv.gz"
+    path.write_bytes(gzip.compress(b"a,b\n" + b"1,2\n" * 300))
+    table = TableFile.open(path)
+    assert len(table.read(["a", "b"])) == 300 and table.at(250) == f"{path}: line 250"
+    path.write_bytes(gzip.compress(b"a,b\n" + b"1,2\n" * 300 + b"1,2,3\n"))
+    with pytest.raises(InputError, match="line 302: 3 cells, expected 2"):
+        TableFile.open(path).read(["a", "b"])

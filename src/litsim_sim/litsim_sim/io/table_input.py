@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -184,7 +185,7 @@ class TableFiles:
 
 def _lines(path: Path, rows: Sequence[int]) -> list[int]:
     """Line number of each of `rows` in a CSV file; rows count the non-empty lines, from 1."""
-    with path.open("rb") as file:
+    with io.BufferedReader(pa.input_stream(path)) as file:  # unpacked by its name, as where the table is read
         full = (number for number, raw in enumerate(file, 1) if raw.strip(b"\r\n"))
         lines = dict(enumerate(islice(full, max(rows)), 1))
     return [lines[row] for row in rows]
@@ -206,7 +207,7 @@ def since_1970(column: pd.Series) -> pd.Series:
 
 def _first_odd_line(path: Path) -> str:
     """Text on the first bad line of a CSV file that cannot be read: its number, and how it differs; else empty."""
-    with path.open("rb") as file:
+    with io.BufferedReader(pa.input_stream(path)) as file:
         columns = 0
         for number, raw in enumerate(file, 1):
             try:
