@@ -14,7 +14,6 @@ from litsim_predictor.selection import (
     MEETING_ASIDE,
     MEETING_S,
     Wanted,
-    agents_of_interest,
     agents_read,
     selected,
 )
@@ -24,11 +23,11 @@ Build = Callable[..., AgentTable]
 EGO, ROI = 1, 30.0
 
 
-# agents_of_interest
+# the region of interest
 
 
 def interesting(table: AgentTable, roi_m: float = ROI) -> list[int]:
-    return table.id[agents_of_interest(table, EGO, roi_m)].tolist()
+    return selected(table, EGO, roi_m, Wanted.ALL)[0].id.tolist()
 
 
 def test_the_region_is_a_circle_around_the_ego_with_its_border(agent_table: Build) -> None:
@@ -67,11 +66,12 @@ def test_the_region_is_what_its_definition_says(
     assert set(interesting(table)) - unsure == near - unsure
 
 
-# agents_read
+# whose forecast is read
 
 
 def read(table: AgentTable) -> list[int]:
-    return table.id[agents_read(table, EGO)].tolist()
+    near, rows = selected(table, EGO, 1e6, Wanted.READ)
+    return near.id[rows].tolist()
 
 
 def read_beside_the_ego(build: Build, **other: float) -> bool:
@@ -125,7 +125,7 @@ def test_whose_forecast_is_read_is_what_its_definition_says(
     table = agent_table(0, *rows)
     off = (table.id == EGO) | (table.controller != Controller.LOG)
     times = np.linspace(0.0, MEETING_S, 301)
-    found = agents_read(table, EGO)
+    found = agents_read(table, off)
     for i in range(len(table)):
         slack = np.full(1, np.inf)
         for j in np.flatnonzero(off):

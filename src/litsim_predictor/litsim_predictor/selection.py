@@ -30,51 +30,37 @@ class Wanted(StrEnum):
     EGO = "ego"
 
 
-def agents_of_interest(table: AgentTable, ego_id: Egos, roi_m: float) -> BoolArray:
-    """(n,) agents within `roi_m` metres of the ego or of another agent off its log, those included."""
-    return around(table, _off_log(table, ego_id), roi_m)
-
-
-def agents_read(table: AgentTable, ego_id: Egos) -> BoolArray:
-    """(n,) agents whose forecast the conflict stage reads, or may read.
-
-    It reads those of the ego and of agents off their logs; and, as soon as it has taken an agent over, that agent's in
-    the same step, to look for others in conflict with it. Which that will be is not known yet, so these include all
-    that may be taken over: whose boxes come within :data:`MEETING_AHEAD` and :data:`MEETING_ASIDE` of the box of an
-    agent off its log, within :data:`MEETING_S`, all at their present velocities. Others can be taken over, too: they
-    have no forecast in that one step, and are off their logs from the next on.
-    """
-    return _read(table, _off_log(table, ego_id))
-
-
 def selected(table: AgentTable, ego_id: Egos, roi_m: float, wanted: Wanted) -> tuple[AgentTable, IntArray]:
-    """The agents of interest, and the rows among them of those to forecast; both empty if there are none."""
-    off = _off_log(table, ego_id)
-    seen = around(table, off, roi_m)
+    """The agents of interest, and the rows among them of those to forecast; both empty if there are none.
+
+    Of interest are agents within `roi_m` [m] of the ego or of another agent off its log, those included.
+    """
+    off_log = table.off_log | table.mask(np.atleast_1d(ego_id))
+    near = around(table, off_log, roi_m)
     if wanted == Wanted.ALL:
-        forecast = seen
+        forecast = near
     elif wanted == Wanted.EGO:
-        forecast = seen & table.mask(np.atleast_1d(ego_id))
+        forecast = near & table.mask(np.atleast_1d(ego_id))
     else:
-        forecast = seen & _read(table, off)
-    return table.take(seen), forecast[seen].nonzero()[0]
+        forecast = near & agents_read(table, off_log)
+    return table.take(near), forecast[near].nonzero()[0]
 
 
-def _off_log(table: AgentTable, ego_id: Egos) -> BoolArray:
-    return table.off_log | table.mask(np.atleast_1d(ego_id))
+def agents_read(table: AgentTable, off_log: BoolArray) -> BoolArray:
+    """Mask (n,) of the agents whose forecast the conflict stage reads, or may read.
 
-
-def _read(table: AgentTable, off: BoolArray) -> BoolArray:
-    """(n,) :func:`agents_read`, of those that are `off` (n,) their logs."""
-    return off | _may_meet(table, (~off).nonzero()[0], off.nonzero()[0])
-
-
-def _may_meet(table: AgentTable, agents: IntArray, others: IntArray) -> BoolArray:
-    """(n,) mask of those in the rows `agents` that come close to one in the rows `others`."""
+    It reads those of agents that are `off_log` (n,), the ego among them; and, as soon as it has taken an agent over,
+    that agent's in the same step, to look for others in conflict with it. Which that will be is not known yet, so these
+    include all that may be taken over: whose boxes come within :data:`MEETING_AHEAD` and :data:`MEETING_ASIDE` of the
+    box of an agent off its log, within :data:`MEETING_S`, all at their present velocities. Others can be taken over,
+    too: they have no forecast in that one step, and are off their logs from the next on.
+    """
+    agents, others = (~off_log).nonzero()[0], off_log.nonzero()[0]
     if not len(agents) or not len(others):
-        return np.zeros(len(table), np.bool_)
+        return off_log
     cos, sin = np.cos(table.yaw), np.sin(table.yaw)
-    return _meeting(table.scene, table.x, table.y, cos, sin, table.speed, table.length, table.width, agents, others)
+    boxes = table.length, table.width
+    return off_log | _meeting(table.scene, table.x, table.y, cos, sin, table.speed, *boxes, agents, others)
 
 
 @kernel(OUT_BOOLS(INTS, *[FLOATS] * 7, INTS, INTS))
@@ -90,7 +76,10 @@ def _meeting(  # noqa: PLR0917 - a kernel takes arrays and numbers
     agents: IntArray,
     others: IntArray,
 ) -> BoolArray:
-    """See :func:`_may_meet`; arrays (n,) are of the table, `cos` and `sin` of the headings."""
+    """Mask (n,) of those in the rows `agents` that come close to one in the rows `others`; see :func:`agents_read`.
+
+    Arrays (n,) are of the table, `cos` and `sin` of the headings.
+    """
     found = np.zeros(len(x), np.bool_)
     for i in agents:
         for j in others:

@@ -13,7 +13,8 @@ from litsim_policy.conflict.intended import IntentConfig, Intents, intended_moti
 from litsim_policy.conflict.overlap_over_time import closing_chances, within_bounds
 from litsim_policy.conflict.pairs import followed, near, near_any
 from litsim_policy.conflict.weighed import quantile, weighed_chances
-from litsim_predictor.forecast import Forecast
+from litsim_policy.motion.car_following import Poses
+from litsim_predictor.forecast import Forecast, Modes
 from litsim_sim.core.nearby import around
 from litsim_sim.core.quantities import (
     Acceleration,
@@ -160,7 +161,7 @@ class ConflictDetector:
         """
         rows = forecast.rows(table.id)
         rows[~of] = -1
-        states, valid = self._interpolated(table, forecast, rows)
+        states, valid = self._interpolated(forecast, forecast.dt, rows, (table.x, table.y, table.yaw))
         hard = self._brakes_hard(table) & (rows >= 0)
         for row in hard.nonzero()[0]:
             self._hold_back(states[row], table, int(row))
@@ -191,35 +192,32 @@ class ConflictDetector:
         agent = agent[asked]
         kept = modes.probability[asked].astype(np.float64)
         total = forecast.share[modes.row[asked]] + np.bincount(agent, kept, len(table))[agent]
-        states, valid = interpolate(
-            np.ascontiguousarray(modes.mean),
-            np.ascontiguousarray(modes.yaw),
-            np.ascontiguousarray(modes.covariance),
-            forecast.dt,
-            asked,
-            self._steps,
-            self._config.sigma_scale,
-            table.x[agent],
-            table.y[agent],
-            table.yaw[agent],
-        )
+        now = table.x[agent], table.y[agent], table.yaw[agent]
+        states, valid = self._interpolated(modes, forecast.dt, asked, now)
         for k in hard[agent].nonzero()[0]:
             self._hold_back(states[k], table, int(agent[k]))
         return OtherMotions(agent, kept / total, states, valid)
 
-    def _interpolated(self, table: AgentTable, forecast: Forecast, rows: IntArray) -> tuple[FloatArray, BoolArray]:
-        """States (n, T, 6) and validity (n, T) of the most probable motions; `rows` (n,) as in :meth:`_others`."""
+    def _interpolated(
+        self, motions: Forecast | Modes, dt: float, rows: IntArray, now: Poses
+    ) -> tuple[FloatArray, BoolArray]:
+        """States (k, T, 6) and validity (k, T) of motions, every 0.1 s.
+
+        Args:
+            motions: the most probable motions of a forecast, or its alternatives.
+            dt: between the instants of `motions` [s].
+            rows: (k,) of the motions in `motions`; -1 for none.
+            now: poses (k,) from which they begin.
+        """
         return interpolate(
-            np.ascontiguousarray(forecast.mean),
-            np.ascontiguousarray(forecast.yaw),
-            np.ascontiguousarray(forecast.covariance),
-            forecast.dt,
+            np.ascontiguousarray(motions.mean),
+            np.ascontiguousarray(motions.yaw),
+            np.ascontiguousarray(motions.covariance),
+            dt,
             rows,
             self._steps,
             self._config.sigma_scale,
-            table.x,
-            table.y,
-            table.yaw,
+            *now,
         )
 
     def _brakes_hard(self, table: AgentTable) -> BoolArray:

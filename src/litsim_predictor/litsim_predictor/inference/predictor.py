@@ -42,7 +42,7 @@ class LearnedPredictor:
     Args:
         network: a trained model.
         ego_id: the agent around which others matter; one per scene.
-        roi_m: distance from it [m] up to which they do; see :func:`.selection.agents_of_interest`.
+        roi_m: distance from it [m] up to which they do; see :func:`.selection.selected`.
         lane_map, raster: the net; see :func:`.raster.raster_of_net`.
         wanted: the agents to forecast.
         modes: which of their manoeuvres matter.
