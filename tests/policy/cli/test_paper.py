@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from litsim_policy.cli.paper import CAPTIONS, main
-from litsim_policy.driving.simnet_output import FORMAT, OUTPUTS
-from litsim_policy.driving.simnet_raster import CHANNELS, PAPER
+from litsim_policy.driving.simnet.output import FORMAT, OUTPUTS
+from litsim_policy.driving.simnet.raster import CHANNELS, PAPER
 from litsim_policy.paper import running
 from litsim_policy.paper.case_studies import AFTER_S, BEFORE_S, EVENTS, LEFT_TURN, Study, chosen, drawn
 from litsim_policy.paper.experiments import CHANGES

@@ -10,6 +10,7 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
+from litsim_policy.driving.features.traffic_observation import SIZE
 from litsim_policy.driving.imitation_policy import (
     BOUNDS,
     FORMAT,
@@ -19,7 +20,6 @@ from litsim_policy.driving.imitation_policy import (
     ImitationPolicy,
 )
 from litsim_policy.driving.registry import make_policy
-from litsim_policy.driving.traffic_observation import SIZE
 from litsim_policy.learning.imitation.network import TrafficPolicy, save
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ControlSource

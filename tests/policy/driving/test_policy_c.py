@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from safetensors.torch import load_file, save_file
 
 from litsim_policy.driving.action import HIGH, LOW, consistent, executed_yaw_rate, normalised, physical
-from litsim_policy.driving.feature_scales import ACCELERATION
-from litsim_policy.driving.observation import ObservationConfig
+from litsim_policy.driving.features.observation import ObservationConfig
+from litsim_policy.driving.features.scales import ACCELERATION
+from litsim_policy.driving.features.way import AHEAD
 from litsim_policy.driving.policy_c import FORMAT, PolicyC, PolicyNetwork, shipped_weights
 from litsim_policy.driving.registry import make_policy
-from litsim_policy.driving.way_features import AHEAD
 from litsim_policy.learning.network import GaussianPolicy, driving_network, pedal_bounds, restore, save
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ControlSource

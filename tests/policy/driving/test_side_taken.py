@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.handback import HandbackConfig
-from litsim_policy.driving.observation import ObservationConfig
 from litsim_policy.driving.policy_c import PolicyC
 from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
 from litsim_sim.core.scene import ControlSource

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from litsim_policy.driving.courtesy import PEDALS, crossing_awaited
+from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.handback import HandbackConfig
-from litsim_policy.driving.observation import ObservationConfig
 from litsim_policy.driving.policy_c import PolicyC
-from litsim_policy.driving.safety_config import LIMITS_ONLY
+from litsim_policy.driving.safety.config import LIMITS_ONLY
 from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_sim.core.scene import Controller

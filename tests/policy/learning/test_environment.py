@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from litsim_policy.driving.observation import ObservationConfig
+from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.learning.environment import EMPTY, EnvironmentConfig, PolicyEnvironment
 from litsim_policy.learning.episodes import Course, Episodes, Outcome
 from litsim_policy.learning.expert import ExpertConfig, expert_pairs

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from litsim_policy.driving.observation import ObservationConfig, Observer
+from litsim_policy.driving.features.observation import ObservationConfig, Observer
 from litsim_policy.driving.task import DrivingTask
 from litsim_policy.learning.expert import ExpertConfig, expert_pairs
 from litsim_policy.learning.task import TaskConfig

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from litsim_policy.driving.observation import ObservationConfig
+from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.learning.critic import Critic, CriticConfig, gradient_norm, update_critic
 from litsim_policy.learning.network import GaussianPolicy, multilayer, pedal_bounds
 from litsim_policy.learning.ppo import (

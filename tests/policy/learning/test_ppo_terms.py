@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from litsim_policy.driving.observation import ObservationConfig
+from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.learning.network import GaussianPolicy, multilayer
 from litsim_policy.learning.ppo import Batch, PpoConfig, update_policy
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from litsim_policy.driving.safety_config import SafetyConfig
+from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.learning import episodes, rollout
 from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.episodes import Course, EnvironmentConfig

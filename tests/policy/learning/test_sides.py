@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from litsim_policy.driving.action import executed_yaw_rate, physical
-from litsim_policy.driving.feature_scales import SPEED
-from litsim_policy.driving.observation import ObservationConfig
+from litsim_policy.driving.features.observation import ObservationConfig
+from litsim_policy.driving.features.scales import SPEED
 from litsim_policy.learning.critic import Critic, CriticConfig, update_critic
 from litsim_policy.learning.episodes import Course, EnvironmentConfig, Episodes
 from litsim_policy.learning.expert import ExpertConfig, ExpertPairs, expert_pairs

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_policy.driving.simnet_output import FUTURE, OUTPUTS
-from litsim_policy.driving.simnet_raster import CHANNELS, FRAMES, OWN, SMALL
+from litsim_policy.driving.simnet.output import FUTURE, OUTPUTS
+from litsim_policy.driving.simnet.raster import CHANNELS, FRAMES, OWN, SMALL
 from litsim_policy.learning.simnet_data import (
     FUTURE_S,
     PAST_S,

@@ -11,7 +11,7 @@ import pytest
 import torch
 import yaml
 
-from litsim_policy.driving.simnet_network import load_network
+from litsim_policy.driving.simnet.network import load_network
 from litsim_policy.learning import simnet_train
 from litsim_policy.learning.checkpoint import CHECKPOINT, CURVES, HISTORY
 from litsim_policy.learning.simnet_network import near_part

@@ -11,7 +11,7 @@ import pytest
 import torch
 from pydantic import BaseModel
 
-from litsim_policy.driving.observation import ObservationConfig
+from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.learning import network, simnet_network
 from litsim_policy.learning.checkpoint import CHECKPOINT, keep_state, read_state, write_history
 from litsim_policy.learning.imitation import network as imitation_network

@@ -12,8 +12,8 @@ from typing import Literal
 
 import numpy as np
 
+from litsim_policy.driving.features.traffic_observation import SIZE, TrafficObserver
 from litsim_policy.driving.network_file import layer_arrays, perceptron, read_network
-from litsim_policy.driving.traffic_observation import SIZE, TrafficObserver
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import configuration

@@ -15,10 +15,10 @@ from typing import Literal, cast
 import numpy as np
 
 from litsim_policy.driving.action import ACTIONS, executed_yaw_rate, physical
+from litsim_policy.driving.features.observation import ObservationConfig, Observer
 from litsim_policy.driving.network_file import layer_arrays, perceptron, read_network
-from litsim_policy.driving.observation import ObservationConfig, Observer
-from litsim_policy.driving.safety import SafetyLayer
-from litsim_policy.driving.safety_config import SafetyConfig
+from litsim_policy.driving.safety.config import SafetyConfig
+from litsim_policy.driving.safety.layer import SafetyLayer
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.driving.yield_policy import YieldPolicy
 from litsim_sim.core.errors import InputError

@@ -10,8 +10,8 @@ import numpy as np
 from litsim_policy.driving.courtesy import crossing_awaited, distance_kept, room_made, side_taken
 from litsim_policy.driving.giving_way import give_way
 from litsim_policy.driving.handback import HandbackConfig, catch_up
-from litsim_policy.driving.safe_following import braking_needed
-from litsim_policy.driving.safety_config import SafetyConfig
+from litsim_policy.driving.safety.config import SafetyConfig
+from litsim_policy.driving.safety.following import braking_needed
 from litsim_policy.driving.task import opponent_of
 from litsim_policy.motion.car_following import IdmConfig, idm_acceleration
 from litsim_policy.motion.followers import PathFollowers

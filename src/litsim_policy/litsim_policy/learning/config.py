@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from litsim_policy.driving.observation import ObservationConfig
+from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.learning.critic import CriticConfig
 from litsim_policy.learning.data import DataConfig
 from litsim_policy.learning.episodes import EnvironmentConfig

@@ -13,9 +13,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from litsim_policy.driving.feature_scales import LIMIT
-from litsim_policy.driving.observation import ObservationConfig
-from litsim_policy.driving.safety_config import LIMITS_ONLY, SafetyConfig
+from litsim_policy.driving.features.observation import ObservationConfig
+from litsim_policy.driving.features.scales import LIMIT
+from litsim_policy.driving.safety.config import LIMITS_ONLY, SafetyConfig
 from litsim_policy.learning.episodes import Course, EnvironmentConfig, Episodes
 from litsim_policy.learning.reward import PenaltyConfig
 from litsim_sim.core.scene import IntArray

@@ -15,11 +15,11 @@ import numpy as np
 from litsim_policy.conflict.detection import ConflictConfig
 from litsim_policy.conflict.takeover import TakeoverConfig, TakeoverManager
 from litsim_policy.driving.action import consistent, normalised
-from litsim_policy.driving.observation import ObservationConfig, Observer
+from litsim_policy.driving.features.observation import ObservationConfig, Observer
 from litsim_policy.driving.policy_c import commanded, merged
 from litsim_policy.driving.registry import make_policy
-from litsim_policy.driving.safety import SafetyLayer
-from litsim_policy.driving.safety_config import LIMITS_ONLY, SafetyConfig
+from litsim_policy.driving.safety.config import LIMITS_ONLY, SafetyConfig
+from litsim_policy.driving.safety.layer import SafetyLayer
 from litsim_policy.driving.task import NOBODY, DrivingScene, due_step, opponent_of
 from litsim_policy.ego.together import EgosTogether
 from litsim_policy.learning.drafts import Drafts

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from litsim_policy.driving.action import consistent, normalised
-from litsim_policy.driving.observation import ObservationConfig, Observer
+from litsim_policy.driving.features.observation import ObservationConfig, Observer
 from litsim_policy.learning.task import TaskConfig, recorded_task
 from litsim_policy.motion.car_following import Poses
 from litsim_policy.motion.reference_path import ReferencePath, logged_path, pursuit_yaw_rate, window

@@ -13,11 +13,11 @@ from scipy.special import log_ndtr
 from torch import Tensor, nn
 
 from litsim_policy.driving.action import ACTIONS, HIGH, LOW
-from litsim_policy.driving.feature_scales import ACCELERATION
-from litsim_policy.driving.observation import ObservationConfig
+from litsim_policy.driving.features.observation import ObservationConfig
+from litsim_policy.driving.features.scales import ACCELERATION
+from litsim_policy.driving.features.way import AHEAD
 from litsim_policy.driving.policy_c import FORMAT, HIDDEN, PolicyNetwork
-from litsim_policy.driving.safety_config import LIMITS_ONLY
-from litsim_policy.driving.way_features import AHEAD
+from litsim_policy.driving.safety.config import LIMITS_ONLY
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, FloatArray
 from litsim_sim.io.files import replacing

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from litsim_policy.driving.action import consistent, executed_yaw_rate, normalised, physical
-from litsim_policy.driving.feature_scales import SPEED
+from litsim_policy.driving.features.scales import SPEED
 from litsim_policy.learning.network import GaussianPolicy
 from litsim_policy.learning.ppo import Demonstrations, Track, tensor
 from litsim_sim.core.scene import FloatArray

@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from litsim_policy.driving.simnet_output import FUTURE, OUTPUTS
-from litsim_policy.driving.simnet_raster import FRAMES, Motions, Painter, Rasters, RasterShape
+from litsim_policy.driving.simnet.output import FUTURE, OUTPUTS
+from litsim_policy.driving.simnet.raster import FRAMES, Motions, Painter, Rasters, RasterShape
 from litsim_predictor.inference.raster import raster_of_net
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import to_body, wrap_angle

@@ -1,4 +1,4 @@
-"""SimNet for training in torch; :mod:`litsim_policy.driving.simnet_network` runs it without torch."""
+"""SimNet for training in torch; :mod:`litsim_policy.driving.simnet.network` runs it without torch."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import torch
 from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 
-from litsim_policy.driving.simnet_output import FORMAT, OUTPUTS, SMALL_HIDDEN, SMALL_WIDTHS
-from litsim_policy.driving.simnet_raster import CHANNELS, PAPER, SMALL, RasterShape
+from litsim_policy.driving.simnet.output import FORMAT, OUTPUTS, SMALL_HIDDEN, SMALL_WIDTHS
+from litsim_policy.driving.simnet.raster import CHANNELS, PAPER, SMALL, RasterShape
 from litsim_policy.learning.resnet50 import ResNet50
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.files import replacing
@@ -105,7 +105,7 @@ def ending(backbone: Backbone) -> str:
 
 
 def _small_tensors(network: SimNet) -> dict[str, Tensor]:
-    """Weights for :class:`litsim_policy.driving.simnet_network.SmallNetwork`, with outputs in metres and radians."""
+    """Weights for :class:`litsim_policy.driving.simnet.network.SmallNetwork`, with outputs in metres and radians."""
     assert isinstance(network.backbone, nn.Sequential)
     found: dict[str, Tensor] = {}
     number = 0

@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from torch import Tensor
 from tqdm import tqdm
 
-from litsim_policy.driving.simnet_output import FUTURE
+from litsim_policy.driving.simnet.output import FUTURE
 from litsim_policy.learning.checkpoint import CHECKPOINT, CURVES, HISTORY, keep_state, read_state, write_history
 from litsim_policy.learning.data import DataConfig, prepare
 from litsim_policy.learning.divergence import refuse_divergence

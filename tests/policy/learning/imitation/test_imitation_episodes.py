@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import torch
 
+from litsim_policy.driving.features.traffic_observation import SIZE
 from litsim_policy.driving.imitation_policy import BOUNDS
-from litsim_policy.driving.traffic_observation import SIZE
 from litsim_policy.learning.data import DataConfig
 from litsim_policy.learning.expert import PairsConfig
 from litsim_policy.learning.imitation.config import ImitationTraining

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from litsim_policy.driving.features.traffic_observation import TrafficObserver
 from litsim_policy.driving.imitation_policy import BOUNDS, commanded
-from litsim_policy.driving.traffic_observation import TrafficObserver
 from litsim_policy.learning.draw import STAYS
 from litsim_policy.learning.reward import EDGE_FROM, EDGE_FULL, edge_clearance, others_near, ramp
 from litsim_policy.motion.followers import PathFollowers

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from litsim_policy.driving.features.traffic_observation import SIZE, TrafficObserver
 from litsim_policy.driving.imitation_policy import BOUNDS
-from litsim_policy.driving.traffic_observation import SIZE, TrafficObserver
 from litsim_policy.learning.expert import PairsConfig, displaced, inverse_dynamics, share_weights
 from litsim_policy.learning.ppo import Demonstrations, tensor
 from litsim_policy.motion.followers import PathFollowers

@@ -9,8 +9,8 @@ import torch
 from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 
+from litsim_policy.driving.features.traffic_observation import SIZE
 from litsim_policy.driving.imitation_policy import BOUNDS, FORMAT, HIDDEN, LAYERS
-from litsim_policy.driving.traffic_observation import SIZE
 from litsim_sim.io.files import replacing
 
 LOG_STD_START = -1.0

@@ -22,8 +22,8 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
+from litsim_policy.driving.features.traffic_observation import SIZE
 from litsim_policy.driving.imitation_policy import BOUNDS
-from litsim_policy.driving.traffic_observation import SIZE
 from litsim_policy.learning.checkpoint import BEST, CHECKPOINT, CURVES, AdversarialTraining
 from litsim_policy.learning.data import TrainingData, prepare
 from litsim_policy.learning.divergence import refuse_divergence

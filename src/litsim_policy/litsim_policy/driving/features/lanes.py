@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from litsim_policy.driving.feature_scales import CURVATURE, EDGE, HEADING, LATERAL
+from litsim_policy.driving.features.scales import CURVATURE, EDGE, HEADING, LATERAL
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.compiled import FLOATS, FLOATS2, INTS, OUT_FLOATS2, int64, kernel, void
 from litsim_sim.core.pair_geometry import wrapped

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from litsim_policy.driving.registry import make_policy
-from litsim_policy.driving.simnet_config import SimnetConfig
-from litsim_policy.driving.simnet_output import OUTPUTS
-from litsim_policy.driving.simnet_policy import SimnetPolicy
-from litsim_policy.driving.simnet_raster import CHANNELS, FRAMES, OTHERS, OWN, SMALL
+from litsim_policy.driving.simnet.config import SimnetConfig
+from litsim_policy.driving.simnet.output import OUTPUTS
+from litsim_policy.driving.simnet.policy import SimnetPolicy
+from litsim_policy.driving.simnet.raster import CHANNELS, FRAMES, OTHERS, OWN, SMALL
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller, ControlSource
 from litsim_sim.core.takeover import TakeoverTable

@@ -4,10 +4,10 @@ All features are relative to the agents' box centres, divided by fixed scales an
 groups:
 
 - core (4): length, width, speed, acceleration. The paper's table has "height" for the second extent of the box.
-- surrounding (7 per slot): see :mod:`.surrounding_features`.
-- road (7): see :mod:`.lane_features`.
-- ahead (6, optional): agents ahead on the path, see :data:`.way_features.AHEAD_FEATURES`.
-- way (14): see :data:`.way_features.WAY_FEATURES`; in the paper the policy drives along the reference path to the goal,
+- surrounding (7 per slot): see :mod:`.surrounding`.
+- road (7): see :mod:`.lanes`.
+- ahead (6, optional): agents ahead on the path, see :data:`.way.AHEAD_FEATURES`.
+- way (14): see :data:`.way.WAY_FEATURES`; in the paper the policy drives along the reference path to the goal,
   but the paper does not describe these features.
 """
 
@@ -18,11 +18,11 @@ from typing import Literal
 
 import numpy as np
 
-from litsim_policy.driving.feature_scales import ACCELERATION, LENGTH, LIMIT, SPEED, WIDTH
-from litsim_policy.driving.lane_features import ROAD, LaneFeatures
-from litsim_policy.driving.surrounding_features import SLOT, write_surrounding
+from litsim_policy.driving.features.lanes import ROAD, LaneFeatures
+from litsim_policy.driving.features.scales import ACCELERATION, LENGTH, LIMIT, SPEED, WIDTH
+from litsim_policy.driving.features.surrounding import SLOT, write_surrounding
+from litsim_policy.driving.features.way import AHEAD, WAY, write_ahead, write_way
 from litsim_policy.driving.task import DrivingScene, DrivingTask
-from litsim_policy.driving.way_features import AHEAD, WAY, write_ahead, write_way
 from litsim_policy.motion.car_following import Poses
 from litsim_sim.core.compiled import FLOATS, INTS, OUT_FLOATS2, kernel, void
 from litsim_sim.core.quantities import Flag, Length, Positive, Whole, configuration
@@ -41,7 +41,7 @@ class ObservationConfig:
             counter-clockwise; `distance` for the `slots` nearest agents, nearest first.
         slots: number of observed agents.
         sight: range beyond which agents are ignored.
-        ahead: whether :data:`.way_features.AHEAD_FEATURES` are included.
+        ahead: whether :data:`.way.AHEAD_FEATURES` are included.
     """
 
     arrange: Literal["sector", "distance"] = "sector"
@@ -56,7 +56,7 @@ class ObservationConfig:
 
     @property
     def ahead_at(self) -> int:
-        """Position of the first of :data:`.way_features.AHEAD_FEATURES`, if they are included."""
+        """Position of the first of :data:`.way.AHEAD_FEATURES`, if they are included."""
         return self.road_at + ROAD
 
     @property

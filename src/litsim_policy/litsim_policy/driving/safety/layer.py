@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_policy.driving.comfort_limits import limited
-from litsim_policy.driving.evasion import best_choice, evasive_commands
 from litsim_policy.driving.look_ahead import first_touch, rolled_out, stay_on_road, steps_of
-from litsim_policy.driving.safe_following import following_cap, stopping_cap
-from litsim_policy.driving.safety_config import SafetyConfig
+from litsim_policy.driving.safety.comfort import limited
+from litsim_policy.driving.safety.config import SafetyConfig
+from litsim_policy.driving.safety.evasion import best_choice, evasive_commands
+from litsim_policy.driving.safety.following import following_cap, stopping_cap
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.stop_lines import StopLines

@@ -8,7 +8,7 @@ All features are relative to the agents' box centres, divided by fixed scales an
 groups:
 
 - own (3): length, width, speed.
-- road (7): as for policy C, see :mod:`.lane_features`.
+- road (7): as for policy C, see :mod:`.lanes`.
 - way (2): heading of the reference path half a pursuit reach ahead, and one and a half.
 - beams (2 for each): distance to the nearest box in that direction, 1 if there is none within BEAM, and its rate of
   change; the first beam points ahead, the others follow counter-clockwise.
@@ -21,8 +21,8 @@ import math
 import numpy as np
 from numba.types import Tuple
 
-from litsim_policy.driving.feature_scales import HEADING, LENGTH, LIMIT, SPEED, WIDTH
-from litsim_policy.driving.lane_features import ROAD, LaneFeatures
+from litsim_policy.driving.features.lanes import ROAD, LaneFeatures
+from litsim_policy.driving.features.scales import HEADING, LENGTH, LIMIT, SPEED, WIDTH
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.compiled import FLOATS, INTS, OUT_FLOATS2, kernel
 from litsim_sim.core.pair_geometry import within_scenes

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from litsim_policy.driving.feature_scales import (
+from litsim_policy.driving.features.scales import (
     ACCELERATION,
     DISTANCE,
     HEADING,
@@ -15,8 +15,8 @@ from litsim_policy.driving.feature_scales import (
     TIME,
     YAW_RATE,
 )
-from litsim_policy.driving.safe_following import following_cap
-from litsim_policy.driving.safety_config import SafetyConfig
+from litsim_policy.driving.safety.config import SafetyConfig
+from litsim_policy.driving.safety.following import following_cap
 from litsim_policy.driving.task import DrivingScene
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.compiled import (

@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from litsim_policy.driving.feature_scales import (
+from litsim_policy.driving.features.lanes import ROAD
+from litsim_policy.driving.features.observation import CORE, ObservationConfig, Observer
+from litsim_policy.driving.features.scales import (
     ACCELERATION,
     DISTANCE,
     EDGE,
@@ -19,11 +21,9 @@ from litsim_policy.driving.feature_scales import (
     TIME,
     WIDTH,
 )
-from litsim_policy.driving.lane_features import ROAD
-from litsim_policy.driving.observation import CORE, ObservationConfig, Observer
-from litsim_policy.driving.surrounding_features import SLOT
+from litsim_policy.driving.features.surrounding import SLOT
+from litsim_policy.driving.features.way import AHEAD, AHEAD_FEATURES, FORESEEN, WAY_FEATURES
 from litsim_policy.driving.task import DrivingTask
-from litsim_policy.driving.way_features import AHEAD, AHEAD_FEATURES, FORESEEN, WAY_FEATURES
 from litsim_policy.motion.reference_path import ReferencePath, window
 from litsim_sim.scenario.scenario import Scenario
 

@@ -12,8 +12,8 @@ from typing import Protocol
 import numpy as np
 from safetensors import SafetensorError, safe_open
 
-from litsim_policy.driving.simnet_output import FORMAT, OUTPUTS, SMALL_HIDDEN, SMALL_WIDTHS
-from litsim_policy.driving.simnet_raster import CHANNELS, PAPER, SMALL, Rasters, RasterShape
+from litsim_policy.driving.simnet.output import FORMAT, OUTPUTS, SMALL_HIDDEN, SMALL_WIDTHS
+from litsim_policy.driving.simnet.raster import CHANNELS, PAPER, SMALL, Rasters, RasterShape
 from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.dense_kernels import linear, rectified_product, rectify
 from litsim_sim.core.compiled import OUT_SINGLES2, SINGLES, SINGLES2, SINGLES3, float32, kernel, void

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba.types import Tuple
 
-from litsim_policy.driving.feature_scales import DISTANCE, SPEED
+from litsim_policy.driving.features.scales import DISTANCE, SPEED
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.compiled import (
     FLOATS,

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from litsim_policy.driving.simnet_network import SimnetNetwork
-from litsim_policy.driving.simnet_raster import FRAMES, Motions, Painter
+from litsim_policy.driving.simnet.network import SimnetNetwork
+from litsim_policy.driving.simnet.raster import FRAMES, Motions, Painter
 from litsim_predictor.inference.raster import raster_of_net
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.history import History

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_policy.driving.simnet_raster import (
+from litsim_policy.driving.simnet.raster import (
     CHANNELS,
     CLOSENESS,
     COSINE,

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file, save_file
 
-from litsim_policy.driving.simnet_config import shipped_weights
-from litsim_policy.driving.simnet_network import GraphNetwork, SmallNetwork, load_network, shapes
-from litsim_policy.driving.simnet_output import FORMAT, OUTPUTS
-from litsim_policy.driving.simnet_raster import CHANNELS, PAPER, SMALL, RasterShape
+from litsim_policy.driving.simnet.config import shipped_weights
+from litsim_policy.driving.simnet.network import GraphNetwork, SmallNetwork, load_network, shapes
+from litsim_policy.driving.simnet.output import FORMAT, OUTPUTS
+from litsim_policy.driving.simnet.raster import CHANNELS, PAPER, SMALL, RasterShape
 from litsim_sim.core.errors import InputError
 
 torch = pytest.importorskip("torch", reason="torch is for training: make setup-all installs it")

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_policy.driving.observation import ObservationConfig
+from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.policy_c import Driver, PolicyNetwork
-from litsim_policy.driving.safety import GUARDS, SafetyLayer
-from litsim_policy.driving.safety_config import LIMITS_ONLY, SafetyConfig
+from litsim_policy.driving.safety.config import LIMITS_ONLY, SafetyConfig
+from litsim_policy.driving.safety.layer import GUARDS, SafetyLayer
 from litsim_policy.driving.task import DrivingTask
 from litsim_policy.motion.reference_path import lane_path, logged_path
 from litsim_sim.core.scene import STEP_S, AgentTable, ControlSource, EgoCommand, EgoMode

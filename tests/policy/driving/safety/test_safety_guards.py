@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_policy.driving.safe_following import following_cap
-from litsim_policy.driving.safety import GUARDS, SafeCommands, SafetyLayer
-from litsim_policy.driving.safety_config import SafetyConfig
+from litsim_policy.driving.safety.config import SafetyConfig
+from litsim_policy.driving.safety.following import following_cap
+from litsim_policy.driving.safety.layer import GUARDS, SafeCommands, SafetyLayer
 from litsim_policy.driving.task import DrivingTask
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from litsim_policy.driving.safety_config import SafetyConfig
+from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.motion.car_following import GAP_MIN, LEADER_BRAKES, braking_behind, safe_speed
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_FLOATS, float64, kernel

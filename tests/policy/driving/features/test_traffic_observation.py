@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_policy.driving.feature_scales import HEADING, LATERAL, LENGTH, SPEED, WIDTH
-from litsim_policy.driving.traffic_observation import BEAM, BEAMS, OWN, RATE, ROAD, SIZE, WAY, TrafficObserver
+from litsim_policy.driving.features.scales import HEADING, LATERAL, LENGTH, SPEED, WIDTH
+from litsim_policy.driving.features.traffic_observation import BEAM, BEAMS, OWN, RATE, ROAD, SIZE, WAY, TrafficObserver
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray

@@ -1,0 +1,1 @@
+"""What networks that drive see: their observations, group by group."""
