@@ -54,7 +54,6 @@ def test_help_explains_every_option_and_prints_no_lists(program: EntryPoint, mon
 @pytest.mark.parametrize(
     ("parser", "words"),
     [
-        (evaluate.parser, ["--policy", "politeness"]),
         (evaluate.parser, ["--egos", "7;8"]),
         (evaluate.parser, ["--processes", "many"]),
         (evaluate.parser, ["--set", "conflict.handback"]),

@@ -46,7 +46,7 @@ class JointParameters:
     heads: LayerWidth = 8
     relative: Flag = True
     layers: Annotated[Whole, Field(gt=0, le=8)] = 2
-    neighbours: Annotated[Whole, Field(ge=0, le=1024)] = 12
+    neighbours: Annotated[Whole, Field(ge=0, le=10**12)] = 12
     reach: Annotated[Length, Field(gt=0, le=10_000)] = 80.0
     decoder: Kind = "direct"
     hidden: LayerWidth = 128
