@@ -248,7 +248,7 @@ def interrupt_at(epoch: int) -> Callable[..., float]:
         ("model: joint\nparameters: {decoder: gru}\n", "decoder is 'gru', expected one of direct, recurrent"),
         ("model: joint\nparameters: {hidden: 1025}\n", "hidden is 1025, expected a whole number of more than 0 and at"),
         ("model: joint\nparameters: {layers: 1000000}\n", "layers is 1000000, expected a whole number of more than"),
-        (f"model: joint\nparameters: {{neighbours: {10**30}}}\n", "expected a whole number of at least 0 and at most 1"),
+        (f"model: joint\nparameters: {{neighbours: {10**30}}}\n", "a whole number of at least 0 and at most 1"),
         ("model: joint\nparameters: {reach: 1.0e+300}\n", "reach is 1e+300, expected a number of more than 0"),
         ("model: bat\nparameters: {embedding: 1000000}\n", "embedding is 1000000, expected a whole number"),
         (f"model: joint\nepochs: {10**400}\n", "small.yaml: line 2, field epochs"),
