@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_policy.motion.car_following import GAP_MIN, MERGE, SIGHT, AlongPath, IdmConfig, along_path, idm_acceleration
+from litsim_policy.motion.along_path import MERGE, SIGHT, AlongPath, along_path
+from litsim_policy.motion.car_following import GAP_MIN, IdmConfig, idm_acceleration
 from litsim_policy.motion.reference_path import ReferencePath
 
 IDM = IdmConfig(desired_speed=20.0, headway=1.0, standstill_gap=2.0, acceleration=1.5, deceleration=2.0)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from tests.helpers.made_lanes import made_lane
 
-from litsim_policy.motion.car_following import IdmConfig, along_paths, idm_acceleration
+from litsim_policy.motion.along_path import along_paths
+from litsim_policy.motion.car_following import IdmConfig, idm_acceleration
 from litsim_policy.motion.lane_change import LaneChangeConfig, LaneChanges, weigh_changes
 from litsim_policy.motion.lane_lines import LaneLines
 from litsim_sim.core.scene import AgentTable

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_policy.motion.car_following import AlongPath, along_path, along_paths
+from litsim_policy.motion.along_path import AlongPath, along_path, along_paths
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.path_kernels import CHUNK

@@ -13,7 +13,7 @@ from litsim_policy.conflict.intended import IntentConfig, Intents, intended_moti
 from litsim_policy.conflict.overlap_over_time import closing_chances, within_bounds
 from litsim_policy.conflict.pairs import followed, near, near_any
 from litsim_policy.conflict.weighed import quantile, weighed_chances
-from litsim_policy.motion.car_following import Poses
+from litsim_policy.motion.along_path import Poses
 from litsim_predictor.forecast import Forecast, Modes
 from litsim_sim.core.nearby import around
 from litsim_sim.core.quantities import (

@@ -11,7 +11,7 @@ import numpy as np
 from numba.types import Tuple
 
 from litsim_policy.conflict.off_log import OffLog
-from litsim_policy.motion.car_following import along_paths
+from litsim_policy.motion.along_path import along_paths
 from litsim_sim.core.compiled import (
     BOOLS,
     BOOLS2,

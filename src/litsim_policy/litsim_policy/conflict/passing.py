@@ -8,7 +8,7 @@ import numpy as np
 
 from litsim_policy.conflict.life_cycle import HELD, RELEASED, Residuals
 from litsim_policy.conflict.off_log import LOGGED, OffLog
-from litsim_policy.motion.car_following import AlongPath, along_paths
+from litsim_policy.motion.along_path import AlongPath, along_paths
 from litsim_policy.motion.lane_change import LaneChangeConfig, LaneChanges, weigh_changes
 from litsim_policy.motion.lane_lines import NO_LANE, LaneLines
 from litsim_policy.motion.path_kernels import nearest

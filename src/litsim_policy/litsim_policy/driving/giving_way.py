@@ -56,7 +56,7 @@ def give_way(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
     Args:
         gap, along, ahead, in_path, aside, first: (m, w), (m,) of
-            :class:`litsim_policy.motion.car_following.AlongPath`; `along` is the speed there.
+            :class:`litsim_policy.motion.along_path.AlongPath`; `along` is the speed there.
         ids, x, y, yaw: (n,) of all agents.
         rows, speed, wanted: (m,) of the agents: rows, speeds and the speeds that they would drive [m/s].
         opponent: (m,) ids.

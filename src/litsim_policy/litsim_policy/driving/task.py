@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_policy.motion.car_following import Poses
+from litsim_policy.motion.along_path import Poses
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_policy.motion.car_following import IdmConfig, along_paths, idm_acceleration
+from litsim_policy.motion.along_path import along_paths
+from litsim_policy.motion.car_following import IdmConfig, idm_acceleration
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath, pursuit_reach, towards
 from litsim_policy.motion.stop_lines import FREE, StopLines

@@ -13,7 +13,7 @@ import numpy as np
 from litsim_policy.driving.action import consistent, normalised
 from litsim_policy.driving.features.observation import ObservationConfig, Observer
 from litsim_policy.learning.task import TaskConfig, recorded_task
-from litsim_policy.motion.car_following import Poses
+from litsim_policy.motion.along_path import Poses
 from litsim_policy.motion.reference_path import ReferencePath, logged_path, pursuit_yaw_rate, window
 from litsim_sim.core.geometry import to_body
 from litsim_sim.core.quantities import Angle, Length, NonNegative, Positive, Share, Speed, Steps, configuration

@@ -1,50 +1,29 @@
-"""The Intelligent Driver Model (Treiber 2000) along a reference path, behind agents on it."""
+"""The Intelligent Driver Model (Treiber 2000), and the braking that a leader requires."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
 
 import numpy as np
-from numba.types import Tuple
 
-from litsim_policy.motion.path_batch import PathBatch
-from litsim_policy.motion.path_kernels import UNIT_X, UNIT_Y, S, nearest
-from litsim_policy.motion.reference_path import ReferencePath
 from litsim_sim.core.compiled import (
     BOOLS,
     BOOLS2,
     FLOATS,
     FLOATS2,
-    FLOATS3,
-    INTS,
-    INTS2,
-    OUT_BOOLS3,
     OUT_FLOATS,
-    OUT_FLOATS2,
-    OUT_FLOATS3,
-    OUT_INTS,
-    OUT_INTS2,
     float64,
-    int64,
     kernel,
 )
-from litsim_sim.core.pair_geometry import within, within_scenes
+from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, Speed, configuration
-from litsim_sim.core.quickly_made import quickly_made
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray
 
-SIGHT = 120.0  # [m] distance beyond which agents are ignored
-MARGIN = 0.2  # [m] default lateral distance kept to others
-MERGE = 15.0  # [m] distance within which a vehicle beside its path is assumed to move onto it
 DESIRED_MIN = 0.1  # [m/s] lower bound on desired speeds
 GAP_MIN = 0.1  # [m] lower bound on gaps, since the model has a pole at zero
 LEADER_BRAKES = 1.0  # [m/s2] a leader that brakes harder is assumed to brake until it stands
 BRAKING_MIN = 0.1  # [m/s2] lower bound on the braking of such a leader
-
-Poses = tuple[FloatArray, FloatArray, FloatArray]
-"""x, y [m] and yaw [rad] of m agents; arrays (m,)."""
 
 
 @configuration
@@ -102,98 +81,6 @@ def idm_acceleration(
         np.array([model.of_model for model in models]),
     )
     return found.reshape(shape)
-
-
-@quickly_made
-@dataclass(frozen=True)
-class AlongPath:
-    """The agents of a scene relative to a vehicle on its path, or relative to m vehicles, each in its own scene.
-
-    Arrays are (w,) or (m, w) unless stated otherwise: column c is the agent in row `first` + c of the table, and w is
-    the number of agents in the largest of these scenes. Excess columns of smaller scenes are filled as for agents out
-    of sight.
-
-    Attributes:
-        s: arc length of the agent's projection onto the path [m]; -inf out of sight.
-        d: offset of the agent from the path, to the left [m]; inf out of sight.
-        gap: from the vehicle's front bumper to the agent's rear, along the path [m]; negative alongside.
-        speed: of the agent along the path [m/s].
-        ahead: whether the agent's centre is ahead of the vehicle's.
-        aside: lateral gap between agent and vehicle when they pass [m]; negative in the strip swept by the vehicle.
-        in_path: whether the agent's box overlaps that strip, widened by the margin.
-        first: one number or (m,): row of the first agent of the vehicle's scene in the table.
-        own_s, own_d: one number or (m,): `s` and `d` of the vehicle itself [m].
-    """
-
-    s: FloatArray
-    d: FloatArray
-    gap: FloatArray
-    speed: FloatArray
-    ahead: BoolArray
-    aside: FloatArray
-    in_path: BoolArray
-    first: IntArray
-    own_s: FloatArray
-    own_d: FloatArray
-
-    def pairs(self, which: BoolArray) -> Iterator[tuple[int, int, int]]:
-        """Position of the vehicle, column, and row of the agent in the table, for each True in `which` (m, w)."""
-        vehicle, column = which.nonzero()
-        return zip(vehicle.tolist(), column.tolist(), (self.first[vehicle] + column).tolist(), strict=True)
-
-    def __getitem__(self, which: int | slice) -> AlongPath:
-        """The view of one, or some, of the m vehicles."""
-        return AlongPath(*(getattr(self, field.name)[which] for field in fields(self)))
-
-
-def along_path(path: ReferencePath, agents: AgentTable, row: int, margin: float = MARGIN) -> AlongPath:
-    """Agents relative to the one in `row`, which follows `path`; see :func:`along_paths`. Arrays (w,)."""
-    return along_paths(path.batch, agents, np.array([row]), margin)[0]
-
-
-def along_paths(
-    paths: PathBatch,
-    agents: AgentTable,
-    rows: IntArray,
-    margin: float = MARGIN,
-    sight: float | FloatArray = SIGHT,
-    poses: Poses | None = None,
-    path: IntArray | None = None,
-) -> AlongPath:
-    """Agents relative to those in `rows`, each along a path of its own; no vehicle is ahead of itself.
-
-    Args:
-        paths: m paths.
-        agents: all agents.
-        rows: (m,) of the vehicles.
-        margin: lateral distance kept to the agents' boxes [m].
-        sight: (m,) or one for all: range of sight [m]; at most SIGHT.
-        poses: assumed poses of the vehicles; None for their actual ones.
-        path: (m,) positions of the vehicles' paths in `paths`; None for one path per vehicle, in order.
-
-    Returns:
-        arrays (m, w).
-    """
-    own = poses or (agents.x[rows], agents.y[rows], agents.yaw[rows])
-    reach = np.minimum(sight, SIGHT) if isinstance(sight, np.ndarray) else np.full(len(rows), min(sight, SIGHT))
-    first, most, pair, (s, d, turn, unit_x, unit_y) = _projected(
-        agents.scene,
-        agents.x,
-        agents.y,
-        agents.yaw,
-        rows,
-        *own,
-        reach,
-        paths.each if path is None else path,
-        paths.segments,
-        paths.circles,
-        paths.count,
-    )
-    turn -= np.arctan2(unit_y, unit_x)
-    box = agents.length, agents.width
-    (ahead, in_path), where, (own_s, own_d) = _along(pair, s, d, turn, agents.speed, *box, rows, first, most, margin)
-    s, d, gap, speed, aside = where
-    return AlongPath(s, d, gap, speed, ahead, aside, in_path, first, own_s, own_d)
 
 
 @kernel(float64(float64, float64, FLOATS, FLOATS, BOOLS, *[float64] * 5))
@@ -283,128 +170,3 @@ def _idm_accelerations(
             speed[i], desired_speed[i], gap[i], leader_speed[i], leads[i], own[0], own[1], own[2], own[3], own[4]
         )
     return found
-
-
-@kernel(
-    Tuple((OUT_INTS, int64, OUT_INTS2, OUT_FLOATS2))(
-        INTS, FLOATS, FLOATS, FLOATS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, INTS, FLOATS3, FLOATS3, INTS
-    )
-)
-def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    scene: IntArray,
-    x: FloatArray,
-    y: FloatArray,
-    yaw: FloatArray,
-    rows: IntArray,
-    own_x: FloatArray,
-    own_y: FloatArray,
-    own_yaw: FloatArray,
-    sight: FloatArray,
-    path: IntArray,
-    segments: FloatArray,
-    circles: FloatArray,
-    count: IntArray,
-) -> tuple[IntArray, int, IntArray, FloatArray]:
-    """Pairs of vehicles and agents within sight of each other, and the agents' positions along the vehicles' paths.
-
-    Args:
-        scene: (n,) scene of each agent; only agents of one scene form pairs.
-        x, y, yaw: (n,) of all agents [m], [rad].
-        rows: (m,) of the vehicles.
-        own_x, own_y, own_yaw: (m,) of the vehicles [m], [rad].
-        sight: (m,) their range of sight [m].
-        path: (m,) positions of their paths.
-        segments, circles, count: of paths, see :mod:`litsim_policy.motion.path_kernels`.
-
-    Returns:
-        the first row (m,) of each vehicle's scene, and the number of agents in the largest of these;
-        k pairs, ordered by the vehicle: (2, k) position of the vehicle in `rows`, and row of the agent;
-        (5, k) arc length and offset of the agent on the path [m], its heading [rad], and x and y of the path's
-        direction there.
-    """
-    begin, end = within_scenes(scene, rows)
-    most, pairs = 0, 0
-    for i in range(len(rows)):
-        most, pairs = max(most, end[i] - begin[i]), pairs + end[i] - begin[i]
-    pair, found = np.empty((2, pairs), np.int64), np.empty((5, pairs))
-    before = np.full((len(count), most), -1, np.int64)  # the pair for which an agent was projected onto a path already
-    k = 0
-    for i in range(len(rows)):
-        p = path[i]
-        vertices, chunks, last, on_path = segments[p], circles[p], count[p] - 2, before[p]
-        for j in range(begin[i], end[i]):
-            dx, dy = x[j] - own_x[i], y[j] - own_y[i]
-            if not dx * dx + dy * dy < sight[i] * sight[i]:
-                continue
-            pair[0, k], pair[1, k] = i, j
-            known = on_path[j - begin[i]]
-            if j != rows[i] and known >= 0 and pair[1, known] == j:  # not an agent of another scene on the same path
-                for field in range(5):
-                    found[field, k] = found[field, known]
-                k += 1
-                continue
-            place_x, place_y, heading = x[j], y[j], yaw[j]
-            if j == rows[i]:
-                place_x, place_y, heading = own_x[i], own_y[i], own_yaw[i]
-            else:
-                on_path[j - begin[i]] = k
-            segment, s, d = nearest(vertices, chunks, last + 2, place_x, place_y)
-            # at a vertex, the direction is that of the segment that begins there
-            if segment < last and s >= vertices[segment + 1, S]:
-                segment += 1
-            found[0, k], found[1, k], found[2, k] = s, d, heading
-            found[3, k], found[4, k] = vertices[segment, UNIT_X], vertices[segment, UNIT_Y]
-            k += 1
-    return begin, most, pair[:, :k].copy(), found[:, :k].copy()
-
-
-@kernel(Tuple((OUT_BOOLS3, OUT_FLOATS3, OUT_FLOATS2))(INTS2, *[FLOATS] * 6, INTS, INTS, int64, float64))
-def _along(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    pair: IntArray,
-    s: FloatArray,
-    d: FloatArray,
-    turn: FloatArray,
-    speed: FloatArray,
-    length: FloatArray,
-    width: FloatArray,
-    rows: IntArray,
-    first: IntArray,
-    most: int,
-    margin: float,
-) -> tuple[BoolArray, FloatArray, FloatArray]:
-    """Return the fields of :class:`AlongPath`.
-
-    These are ahead and in_path (2, m, w); s, d, gap, speed and aside (5, m, w); own_s and own_d (2, m).
-
-    Args:
-        pair, s, d: k pairs from :func:`_projected`.
-        turn: (k,) heading of the agents relative to the paths [rad].
-        speed, length, width: (n,) of all agents [m/s], [m].
-        rows: (m,) of the vehicles.
-        first, most: first rows (m,) of their scenes, and the number w of agents of the largest of these.
-        margin: as in :func:`along_paths`.
-    """
-    shape = (len(rows), most)
-    seen, where = np.zeros((2, *shape), np.bool_), np.empty((5, *shape))
-    where[0], where[1], where[2], where[3], where[4] = -np.inf, np.inf, -np.inf, 0.0, np.inf
-    own = np.empty((2, len(rows)))
-    own[0], own[1] = -np.inf, np.inf
-    own_s, own_d = own
-    for k in range(len(s)):
-        if pair[1, k] == rows[pair[0, k]]:
-            own_s[pair[0, k]], own_d[pair[0, k]] = s[k], d[k]
-    for k in range(len(s)):
-        i, j = pair[0, k], pair[1, k]
-        cos, sin = math.cos(turn[k]), abs(math.sin(turn[k]))
-        half_along = 0.5 * (length[j] * abs(cos) + width[j] * sin)
-        half_across = 0.5 * (length[j] * sin + width[j] * abs(cos))
-        # the swept strip begins at the vehicle, so that it is offset from the path over the first metres
-        offset = own_d[i] * within(1.0 - (s[k] - own_s[i]) / MERGE, 0.0, 1.0)
-        passing, half_width = abs(d[k] - offset), 0.5 * width[rows[i]]
-        c = j - first[i]
-        where[0, i, c], where[1, i, c] = s[k], d[k]
-        where[2, i, c] = s[k] - half_along - own_s[i] - 0.5 * length[rows[i]]
-        where[3, i, c], where[4, i, c] = speed[j] * cos, passing - (half_across + half_width)
-        seen[0, i, c] = j != rows[i] and s[k] > own_s[i]
-        seen[1, i, c] = passing < half_across + (half_width + margin)
-    return seen, where, own

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from litsim_policy.motion.car_following import AlongPath, Poses, along_paths
+from litsim_policy.motion.along_path import AlongPath, Poses, along_paths
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import pursuit_reach, towards
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray

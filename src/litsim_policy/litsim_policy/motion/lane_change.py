@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba.types import Tuple
 
-from litsim_policy.motion.car_following import AlongPath, idm
+from litsim_policy.motion.along_path import AlongPath
+from litsim_policy.motion.car_following import idm
 from litsim_sim.core.compiled import BOOLS, BOOLS2, FLOATS, FLOATS2, INTS, OUT_BOOLS, OUT_FLOATS, float64, int64, kernel
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, Share, configuration

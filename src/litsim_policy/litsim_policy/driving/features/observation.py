@@ -23,7 +23,7 @@ from litsim_policy.driving.features.scales import ACCELERATION, LENGTH, LIMIT, S
 from litsim_policy.driving.features.surrounding import SLOT, write_surrounding
 from litsim_policy.driving.features.way import AHEAD, WAY, write_ahead, write_way
 from litsim_policy.driving.task import DrivingScene, DrivingTask
-from litsim_policy.motion.car_following import Poses
+from litsim_policy.motion.along_path import Poses
 from litsim_sim.core.compiled import FLOATS, INTS, OUT_FLOATS2, kernel, void
 from litsim_sim.core.quantities import Flag, Length, Positive, Whole, configuration
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray

@@ -145,7 +145,7 @@ def _write_path(
 def _next_on_path(gap: FloatArray, ahead: BoolArray, in_path: BoolArray, i: int, beyond: float, sight: float) -> int:
     """Column of the nearest leader of agent `i` with a gap of more than `beyond` and less than `sight` [m], or -1.
 
-    The arrays (m, w) are those of :class:`litsim_policy.motion.car_following.AlongPath`.
+    The arrays (m, w) are those of :class:`litsim_policy.motion.along_path.AlongPath`.
     """
     found, least = -1, sight
     for j in range(gap.shape[1]):
@@ -171,7 +171,7 @@ def _write_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
     """Write the acceleration of the leader, and the features of the second leader.
 
     Args:
-        gap, along, ahead, in_path: (m, w) as in :class:`litsim_policy.motion.car_following.AlongPath`; `along` is the
+        gap, along, ahead, in_path: (m, w) as in :class:`litsim_policy.motion.along_path.AlongPath`; `along` is the
             speed there.
         begin: (m,) row of the first of the others.
         length, acceleration: (n,) of all agents [m], [m/s2].
@@ -206,7 +206,7 @@ def _write_leader(
 ) -> None:
     """Write the leader within `sight` [m], of agents with `speed` (m,) [m/s].
 
-    The first four arrays (m, w) are those of :class:`litsim_policy.motion.car_following.AlongPath`.
+    The first four arrays (m, w) are those of :class:`litsim_policy.motion.along_path.AlongPath`.
     """
     first = features.shape[1] - WAY + 5
     for i in range(len(speed)):
