@@ -22,10 +22,11 @@ from litsim_policy.paper.experiments import (
     of_backbones,
     of_oracles,
 )
-from litsim_policy.paper.measures import Key, Metrics
+from litsim_policy.paper.measures import Key
 from litsim_policy.paper.page import fill
 from litsim_policy.paper.roads import REAL, SETS
 from litsim_policy.paper.running import carried_out, note_what_happened
+from litsim_sim.analysis.summary import Metrics
 from litsim_sim.campaign.case import code_versions
 from litsim_sim.campaign.results import CAMPAIGN_FILE, Campaign, read_campaign
 from litsim_sim.campaign.suite import Suite

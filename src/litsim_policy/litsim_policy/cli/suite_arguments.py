@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shlex
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -103,8 +103,7 @@ def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]
     """The ego drivers; the command of the arguments becomes that of the external one."""
     known = {setup.name: setup for setup in (base.egos if base else [])}
     names: Sequence[str] = arguments.ego or (tuple(known) if base else DEFAULTS["ego"])
-    if unknown := [name for name in names if name not in known and name not in EGOS]:
-        raise InputError(f"--ego {not_among(unknown, {*known, *EGOS})}")
+    _check_names("--ego", names, {*known, *EGOS})
     setups = [known.get(name) or EgoSetup(name=name, kind=name) for name in names]
     external = [setup for setup in setups if setup.kind == EXTERNAL]
     if arguments.command:
@@ -121,9 +120,18 @@ def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]
 def _policies(names: Sequence[str], base: Suite | None) -> list[str | PolicySetup]:
     """The policies of these names, as the suite has them where it has them."""
     known = {setup_of(policy).name: policy for policy in (base.policies if base else [])}
-    if unknown := [name for name in names if name not in known and name not in PACKAGED]:
-        raise InputError(f"--policy {not_among(unknown, {*known, *PACKAGED})}")
+    _check_names("--policy", names, {*known, *PACKAGED})
     return [known.get(name, name) for name in names]
+
+
+def _check_names(option: str, names: Sequence[str], known: Collection[str]) -> None:
+    """Check that an option was given `known` names only.
+
+    Raises:
+        InputError: it was given others.
+    """
+    if unknown := [name for name in names if name not in known]:
+        raise InputError(f"{option} {not_among(unknown, known)}")
 
 
 class _Egos(argparse.Action):

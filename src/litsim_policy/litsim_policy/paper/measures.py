@@ -11,12 +11,12 @@ from typing import Any, Literal
 
 import numpy as np
 
+from litsim_sim.analysis.summary import Metrics
 from litsim_sim.campaign.bootstrap import drawn_units, percentile_bounds, ratios
 from litsim_sim.campaign.case import Case
 from litsim_sim.campaign.results import RunResult
 from litsim_sim.core.scene import FloatArray, IntArray
 
-Metrics = Mapping[str, Any]
 Key = tuple[str, int, str, int | None]
 """Identifies a case across policies: scenario, id of the ego, its driver, seed."""
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from litsim_policy.paper.experiments import OURS, PAPER_EGO
 from litsim_policy.paper.measures import (
     Key,
-    Metrics,
     Parts,
     Whose,
     ade_parts,
@@ -20,6 +19,7 @@ from litsim_policy.paper.measures import (
 )
 from litsim_policy.paper.published import OTHER_DATA
 from litsim_sim.analysis.displacement import HORIZONS_S
+from litsim_sim.analysis.summary import Metrics
 from litsim_sim.campaign.results import Campaign, RunResult
 from litsim_sim.scenario.run_info import BASELINES, REPLAY
 

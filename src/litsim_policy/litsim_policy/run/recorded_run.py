@@ -15,7 +15,7 @@ from rclpy.serialization import deserialize_message
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.stages import StageState
-from litsim_sim.core.yaml_loader import YamlLoader
+from litsim_sim.core.yaml_loader import load_yaml
 from litsim_sim.io.yaml_input import parse_yaml
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import NET_FILE, RECORDING_FILE, SCENARIO_FILE
@@ -127,7 +127,7 @@ def _parameters(info: Any, statuses: dict[int, Any]) -> dict[str, dict[str, Any]
 
 def _mapping(text: str) -> dict[str, Any]:
     try:
-        values = yaml.load(text, YamlLoader)  # noqa: S506 - a SafeLoader
+        values = load_yaml(text)
     except yaml.YAMLError:
         return {}
     return values if isinstance(values, dict) else {}

@@ -9,14 +9,12 @@ import numpy as np
 from litsim_sim.analysis.displacement import HORIZONS_S
 from litsim_sim.analysis.summary import DISPLACEMENTS, MEANS, RATIOS, SUMS, Figure, displacement
 from litsim_sim.campaign.bootstrap import drawn_units, percentile_bounds, ratios
-from litsim_sim.campaign.criteria import Verdict
 from litsim_sim.campaign.results import RunResult
+from litsim_sim.campaign.row_summary import VERDICTS
 from litsim_sim.core.scene import FloatArray
 
 Bounds = dict[str, tuple[float, float]]
 """Bounds by the name of the figure in the summary of its row; `ade_all_m.5` is that of a horizon."""
-
-VERDICTS = {"passed": Verdict.PASSED, "not_passed": Verdict.FAILED, "errors": Verdict.ERROR}
 
 
 def row_bounds(results: Sequence[RunResult]) -> Bounds:

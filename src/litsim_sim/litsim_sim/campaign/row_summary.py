@@ -10,6 +10,9 @@ from litsim_sim.analysis.summary import summarise
 from litsim_sim.campaign.criteria import PASSED_SHARE, Verdict
 from litsim_sim.campaign.results import RunResult
 
+VERDICTS = {"passed": Verdict.PASSED, "not_passed": Verdict.FAILED, "errors": Verdict.ERROR}
+"""Verdicts by the names of their numbers of runs."""
+
 
 def row_summary(results: Sequence[RunResult]) -> dict[str, Any]:
     """Measures as of :func:`litsim_sim.analysis.summary.summarise`, and how many of the runs have which verdict.
@@ -20,8 +23,6 @@ def row_summary(results: Sequence[RunResult]) -> dict[str, Any]:
     measured = [dict(result.metrics) for result in results if result.metrics is not None]
     counts = Counter(result.verdict for result in results)
     return summarise(measured, len(results) - len(measured)) | {
-        "passed": counts[Verdict.PASSED],
-        "not_passed": counts[Verdict.FAILED],
-        "errors": counts[Verdict.ERROR],
+        **{name: counts[verdict] for name, verdict in VERDICTS.items()},
         PASSED_SHARE: counts[Verdict.PASSED] / len(results) if results else None,
     }

@@ -17,7 +17,7 @@ from pydantic import ValidationError
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import expected, field_type
-from litsim_sim.core.yaml_loader import YamlLoader
+from litsim_sim.core.yaml_loader import load_yaml
 
 Config = TypeVar("Config")
 
@@ -127,7 +127,7 @@ def setting(text: str) -> tuple[str, str, list[Any]]:
     where, equals, value = text.partition("=")
     stage, dot, name = where.partition(".")
     try:
-        values = yaml.load(f"[{value}]", YamlLoader)  # noqa: S506 - a SafeLoader
+        values = load_yaml(f"[{value}]")
     except yaml.YAMLError:
         values = []
     if not (equals and dot and stage and name and values) or None in values:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from typing import Any
 
 import yaml
 
@@ -27,3 +28,8 @@ class YamlLoader(yaml.SafeLoader):
 
 
 YamlLoader.add_implicit_resolver(FLOAT, WITH_EXPONENT, list("-+.0123456789"))
+
+
+def load_yaml(text: str) -> Any:
+    """The value of a YAML text by :class:`YamlLoader`; raises yaml.YAMLError where it is none."""
+    return yaml.load(text, YamlLoader)  # noqa: S506 - a SafeLoader

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from litsim_sim.core.parameters import ParameterReader, Parameters
 from litsim_sim.core.quantities import Duration, Number, OneOf, Positive, Unit, Whole, configuration, field_type, unit
 from litsim_sim.core.vehicle import VEHICLE_FIELDS, VehicleModel
-from litsim_sim.core.yaml_loader import YamlLoader
+from litsim_sim.core.yaml_loader import load_yaml
 from litsim_sim.ego_port.answer import INTERFACES
 from litsim_sim.scenario.run_info import EGOS, POLICIES, RunPlan, new_execution
 from litsim_sim.scenario.scenario import Scenario
@@ -102,7 +102,7 @@ def _by_stage(text: str) -> Parameters:
         ValueError: the text holds something else.
     """
     try:
-        found = yaml.load(text, YamlLoader) or {}  # noqa: S506 - a SafeLoader
+        found = load_yaml(text) or {}
     except yaml.YAMLError:
         found = None
     if not isinstance(found, dict) or not all(isinstance(values, dict) for values in found.values()):
