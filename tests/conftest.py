@@ -14,6 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import litsim_sim  # noqa: F401  before numpy, whose code it chooses
+
+# isort: split
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,1 +1,7 @@
 """Scenes, recordings, the SUMO world, bridge, recorder, launcher and analysis."""
+
+import os
+
+from litsim_sim.core.processor import choose_code
+
+choose_code(os.environ)  # before anything imports numpy
