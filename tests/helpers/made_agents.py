@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from litsim_predictor.inference.contract import HISTORY, AgentInputs
-from litsim_predictor.inference.joint_units import TRAFFIC_CHANNELS
+from litsim_predictor.inference.joint.units import TRAFFIC_CHANNELS
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from litsim_predictor.forecast import Float32Array
-from litsim_predictor.inference.joint_units import TRAFFIC_KNOTS, TRAFFIC_SOME
+from litsim_predictor.inference.joint.units import TRAFFIC_KNOTS, TRAFFIC_SOME
 from litsim_predictor.inference.traffic import Traffic
 from litsim_sim.core.history import History
 from litsim_sim.core.scene import AgentTable, Kind

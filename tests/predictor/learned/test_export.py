@@ -19,7 +19,7 @@ from litsim_predictor.inference import GRAPHS, SHIPPED
 from litsim_predictor.inference.compiled import FORMAT, CompiledNetwork
 from litsim_predictor.inference.contract import AgentInputs, Network
 from litsim_predictor.inference.features import agent_inputs
-from litsim_predictor.inference.joint_network import JointNetwork
+from litsim_predictor.inference.joint.network import JointNetwork
 from litsim_predictor.inference.networks import compiled
 from litsim_predictor.inference.weights import packaged, read_weights
 from litsim_predictor.learned.data.tracks import Tracks

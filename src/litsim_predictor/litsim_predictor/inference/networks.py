@@ -7,7 +7,7 @@ from typing import Any
 
 from litsim_predictor.inference import GRAPHS
 from litsim_predictor.inference.contract import Network
-from litsim_predictor.inference.joint_network import JointNetwork, runs
+from litsim_predictor.inference.joint.network import JointNetwork, runs
 from litsim_predictor.inference.weights import packaged, read_weights
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.contract import SPEED_CHANNEL, STRIDE
-from litsim_predictor.inference.joint_units import (
+from litsim_predictor.inference.joint.units import (
     TRAFFIC_AGO,
     TRAFFIC_CHANNELS,
     TRAFFIC_KNOTS,
@@ -36,7 +36,7 @@ class Traffic:
     Attributes:
         pose: (m, 3) x, y [m] and heading [rad] in frame map.
         speed: (m,) [m/s].
-        earlier, seen: (m,) speed [m/s] :data:`.joint_units.TRAFFIC_AGO` steps of a model ago, and whether it is known.
+        earlier, seen: (m,) speed [m/s] :data:`.joint.units.TRAFFIC_AGO` steps of a model ago, and whether it is known.
         scene: (m,) number of the scene, ascending.
     """
 

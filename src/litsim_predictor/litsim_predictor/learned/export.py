@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from litsim_predictor.inference.compiled import CODES, FORMAT, INPUTS, OUTPUTS, PARAMETER
 from litsim_predictor.inference.contract import HISTORY, HISTORY_CHANNELS, HORIZON, STATE_CHANNELS
-from litsim_predictor.inference.joint_units import TRAFFIC_CHANNELS
+from litsim_predictor.inference.joint.units import TRAFFIC_CHANNELS
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
 from litsim_predictor.inference.weights import Provenance
 from litsim_predictor.learned.data.batch import Prediction, SceneBatch

@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 from torch import Tensor
 
 from litsim_predictor.inference.contract import DT, HISTORY, HORIZON
-from litsim_predictor.inference.joint_units import TRAFFIC_CHANNELS
+from litsim_predictor.inference.joint.units import TRAFFIC_CHANNELS
 from litsim_predictor.learned.data.batch import Prediction, SceneBatch
 from litsim_predictor.learned.evaluation.boxes import path_headings
 from litsim_predictor.learned.evaluation.scores import SCENE_SAMPLES, ScoreBoard, Scores, scored_agents

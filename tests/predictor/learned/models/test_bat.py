@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from litsim_predictor.inference.contract import DT, HISTORY, HORIZON, MANEUVERS
-from litsim_predictor.inference.joint_units import TRAFFIC_CHANNELS
+from litsim_predictor.inference.joint.units import TRAFFIC_CHANNELS
 from litsim_predictor.learned.data.batch import SceneBatch, maneuvers_of
 from litsim_predictor.learned.models.bat import (
     CELL_LENGTH,

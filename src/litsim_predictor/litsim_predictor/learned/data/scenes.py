@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from litsim_predictor.inference.contract import HISTORY, HORIZON, AgentInputs
-from litsim_predictor.inference.joint_units import TRAFFIC_CHANNELS
+from litsim_predictor.inference.joint.units import TRAFFIC_CHANNELS
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
 from litsim_predictor.inference.ways import NO_WAYS, Ways
 from litsim_predictor.learned.data.augmentation import Augmentation, varied_scene

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from litsim_predictor.inference.contract import HORIZON, LATERAL, LONGITUDINAL
-from litsim_predictor.inference.joint_units import GAUSSIAN_CHANNELS
+from litsim_predictor.inference.joint.units import GAUSSIAN_CHANNELS
 from litsim_predictor.learned.models.model import maneuver_parts
 
 

@@ -16,8 +16,8 @@ import torch
 from torch import Tensor, nn
 
 from litsim_predictor.inference.contract import HORIZON, MANEUVERS, STATE_CHANNELS
-from litsim_predictor.inference.joint_parameters import JointParameters
-from litsim_predictor.inference.joint_units import STATE_UNITS, TRAFFIC_CHANNELS, TRAFFIC_PLACES, TRAFFIC_UNITS
+from litsim_predictor.inference.joint.parameters import JointParameters
+from litsim_predictor.inference.joint.units import STATE_UNITS, TRAFFIC_CHANNELS, TRAFFIC_PLACES, TRAFFIC_UNITS
 from litsim_predictor.learned.data.batch import Prediction, SceneBatch
 from litsim_predictor.learned.models.joint_attention import Neighbours, RelativeAttention, SceneAttention
 from litsim_predictor.learned.models.joint_decoders import DirectDecoder, RecurrentDecoder

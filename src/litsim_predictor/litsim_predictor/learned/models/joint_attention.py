@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from litsim_predictor.inference.contract import STATE_CHANNELS
-from litsim_predictor.inference.joint_units import (
+from litsim_predictor.inference.joint.units import (
     LANE,
     LENGTH,
     NEAR,

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from litsim_predictor.inference.contract import DT, HISTORY, HISTORY_CHANNELS
-from litsim_predictor.inference.joint_units import DEVIATION_UNITS, HISTORY_UNITS, MAP_MIDDLE
+from litsim_predictor.inference.joint.units import DEVIATION_UNITS, HISTORY_UNITS, MAP_MIDDLE
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
 from litsim_predictor.learned.models.model import linear_of
 

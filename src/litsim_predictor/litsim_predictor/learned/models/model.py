@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from litsim_predictor.inference.contract import DT, HORIZON, LATERAL, LONGITUDINAL
-from litsim_predictor.inference.joint_units import CORRELATION_LIMIT, SCALE_FLOOR
+from litsim_predictor.inference.joint.units import CORRELATION_LIMIT, SCALE_FLOOR
 from litsim_predictor.learned.data.batch import Prediction, SceneBatch
 
 Decode = Literal["all", "best"] | Tensor

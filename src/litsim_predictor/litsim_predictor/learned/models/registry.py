@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from litsim_predictor.inference.joint_parameters import JointParameters
+from litsim_predictor.inference.joint.parameters import JointParameters
 from litsim_predictor.inference.weights import configured
 from litsim_predictor.learned.models.bat import Bat, BatParameters
 from litsim_predictor.learned.models.cs_lstm import CsLstm, CsLstmParameters

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from litsim_predictor.forecast import Float32Array
-from litsim_predictor.inference.attention_kernels import attend, relate_neighbours
 from litsim_predictor.inference.contract import (
     DT,
     HISTORY,
@@ -24,14 +23,25 @@ from litsim_predictor.inference.contract import (
     ModeChoice,
 )
 from litsim_predictor.inference.dense_kernels import add_and_normalise, linear, rectified_linear
-from litsim_predictor.inference.joint_kernels import (
+from litsim_predictor.inference.joint.attention_kernels import attend, relate_neighbours
+from litsim_predictor.inference.joint.kernels import (
     choose_maneuvers,
     further_maneuvers,
     read_histories,
     write_gaussians,
 )
-from litsim_predictor.inference.joint_parameters import JointParameters
-from litsim_predictor.inference.joint_units import (
+from litsim_predictor.inference.joint.map_kernels import (
+    HALF_COLUMNS,
+    HALF_ROWS,
+    KERNEL,
+    QUARTER_COLUMNS,
+    QUARTER_ROWS,
+    encode_maps,
+    starts_apart,
+    starts_in_halves,
+)
+from litsim_predictor.inference.joint.parameters import JointParameters
+from litsim_predictor.inference.joint.units import (
     DEVIATION_UNITS,
     GAUSSIAN_CHANNELS,
     MAP_MIDDLE,
@@ -42,16 +52,6 @@ from litsim_predictor.inference.joint_units import (
     TRAFFIC_CHANNELS,
     TRAFFIC_PLACES,
     TRAFFIC_UNITS,
-)
-from litsim_predictor.inference.map_kernels import (
-    HALF_COLUMNS,
-    HALF_ROWS,
-    KERNEL,
-    QUARTER_COLUMNS,
-    QUARTER_ROWS,
-    encode_maps,
-    starts_apart,
-    starts_in_halves,
 )
 from litsim_predictor.inference.map_memory import MapMemory
 from litsim_predictor.inference.raster import CHANNELS

@@ -1,4 +1,4 @@
-"""Attention to neighbours, as compiled kernels in single precision: see :mod:`.joint_network`.
+"""Attention to neighbours, as compiled kernels in single precision: see :mod:`.network`.
 
 The k-th neighbours of many agents are processed at a time. These agents are the last dimension of arrays, the lanes.
 """
@@ -11,7 +11,7 @@ import numpy as np
 
 from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.dense_kernels import INNER, add_product, exp, rectify
-from litsim_predictor.inference.joint_units import LANE, NEAR
+from litsim_predictor.inference.joint.units import LANE, NEAR
 from litsim_predictor.inference.product_blocks import SUMS, dot, multiply_add
 from litsim_sim.core.compiled import (
     FLOATS2,
@@ -78,7 +78,7 @@ def relate(
     Args:
         position, heading, speed: (n, 2) [m], (n,) [rad] and (n,) [m/s].
         index, many: see :func:`find_neighbours`.
-        relation: (n, K, RELATION_CHANNELS); see :data:`.joint_units.RELATION_UNITS`. Undefined where `index` is.
+        relation: (n, K, RELATION_CHANNELS); see :data:`.units.RELATION_UNITS`. Undefined where `index` is.
     """
     agents = len(heading)
     cos, sin = np.empty(agents, np.float32), np.empty(agents, np.float32)

@@ -23,7 +23,7 @@ class JointParameters:
         history: how histories are read; "recurrent" is the paper's choice.
         history_channels: channels that a recurrent encoder reads: 2 for coordinates (paper), 4 with yaw and speed.
         state_width: width of the encoder of current states.
-        traffic: whether states include the speed of the traffic ahead; see :mod:`.inference.traffic`. Needs `relative`.
+        traffic: whether states include the speed of the traffic ahead; see :mod:`.traffic`. Needs `relative`.
         heads: number of heads of the attention.
         relative: whether attention is over relations between agents, `layers` times; else it is the paper's attention
             over states in the frame of the scene.

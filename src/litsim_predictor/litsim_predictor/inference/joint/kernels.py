@@ -1,4 +1,4 @@
-"""Inputs and outputs of the joint predictor, as compiled kernels in single precision: see :mod:`.joint_network`."""
+"""Inputs and outputs of the joint predictor, as compiled kernels in single precision: see :mod:`.network`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numba import types
 
 from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.dense_kernels import tanh
-from litsim_predictor.inference.joint_units import CORRELATION_LIMIT, SCALE_FLOOR
+from litsim_predictor.inference.joint.units import CORRELATION_LIMIT, SCALE_FLOOR
 from litsim_sim.core.compiled import (
     BOOLS2,
     INTS,

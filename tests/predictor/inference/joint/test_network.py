@@ -15,9 +15,9 @@ from litsim_predictor.inference.contract import (
     AgentInputs,
     ModeChoice,
 )
-from litsim_predictor.inference.joint_kernels import read_histories
-from litsim_predictor.inference.joint_network import JointNetwork, runs, shapes
-from litsim_predictor.inference.joint_parameters import JointParameters
+from litsim_predictor.inference.joint.kernels import read_histories
+from litsim_predictor.inference.joint.network import JointNetwork, runs, shapes
+from litsim_predictor.inference.joint.parameters import JointParameters
 from litsim_predictor.inference.weights import read_weights
 from made_agents import scene
 

@@ -1,4 +1,4 @@
-"""The joint predictor's encoder of maps, as compiled kernels in single precision: see :mod:`.joint_network`.
+"""The joint predictor's encoder of maps, as compiled kernels in single precision: see :mod:`.network`.
 
 Planes of a map have borders and lie behind each other in one array: each cell of a convolution's kernel is the whole
 plane, shifted, and a convolution the product of its weights with all of these.
@@ -10,7 +10,7 @@ import numpy as np
 
 from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.dense_kernels import ROW, rectified_product
-from litsim_predictor.inference.joint_units import MAP_MIDDLE
+from litsim_predictor.inference.joint.units import MAP_MIDDLE
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
 from litsim_sim.core.compiled import (
     INTS,

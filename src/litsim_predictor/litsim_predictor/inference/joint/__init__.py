@@ -1,0 +1,1 @@
+"""The joint predictor run by compiled kernels, and the definitions that it shares with its model of torch."""
