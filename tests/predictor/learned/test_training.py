@@ -16,6 +16,7 @@ from torch.optim.swa_utils import AveragedModel
 
 from litsim_predictor.cli import evaluate, train
 from litsim_predictor.learned.data.scenes import scene_batches
+from litsim_predictor.learned.evaluation.evaluation import recording_tracks
 from litsim_predictor.learned.models.registry import build
 from litsim_predictor.learned.models.weights import Provenance, load_model, save_model
 from litsim_predictor.learned.training import data as training_data
@@ -33,6 +34,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Kind
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.recordings.recording import Recording, RecordingHeader
+from litsim_sim.scenario.scenario import packaged
 
 Straight = Callable[..., pd.DataFrame]
 SMALL = """
@@ -79,6 +81,17 @@ def test_a_training_leaves_weights_curves_and_history(config: Path, tmp_path: Pa
     history = json.loads((tmp_path / "a" / HISTORY_FILE).read_text())
     assert [entry["epoch"] for entry in history["epochs"]] == [1, 2]
     assert (tmp_path / "a" / CURVES).read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_net_of_a_recording_may_lie_beside_it(config: Path, tmp_path: Path) -> None:
+    table = Recording.read(tmp_path / "made.parquet").table
+    Recording.from_table(RecordingHeader("made", net="street"), table, "made").write(tmp_path / "made.parquet")
+    with pytest.raises(InputError, match=r"made.parquet: no net .*street: expected a file there"):
+        load_parts(read_yaml(config, TrainingConfig), Locator(tmp_path))
+    (tmp_path / "street.net.xml").write_bytes(packaged("nets/us101_like.net.xml").read_bytes())
+    tracks, _ = load_parts(read_yaml(config, TrainingConfig), Locator(tmp_path))["train"][0]
+    assert tracks.lanes is not None
+    assert recording_tracks(tmp_path / "made.parquet", None).lanes is not None
 
 
 def test_what_validates_a_training_is_what_evaluate_measures(config: Path, tmp_path: Path) -> None:

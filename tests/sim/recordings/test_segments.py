@@ -118,8 +118,9 @@ def test_vehicles_are_split_by_id() -> None:
     made = recording(
         *(vehicle(10 * n, 0, 200, 9.0, lane=n % 5).assign(x=lambda t, n=n: t.x + 9 * n) for n in range(1, 11))
     )
-    source = cut_one(made, split=(0.7, 0.1, 0.2), ego_min_s=5.0).recordings[0]
-    assert source.vehicles == (70, 80)
+    for split in ((0.7, 0.1, 0.2), (1.0, 0.0, 0.0)):  # that by time, which is another
+        source = cut_one(made, split=split, ego_min_s=5.0).recordings[0]
+        assert source.vehicles == (70, 80)
     assert [segments.part_of_vehicle(source, n) for n in (10, 70, 71, 80, 90)] == [
         "train",
         "train",
@@ -127,6 +128,21 @@ def test_vehicles_are_split_by_id() -> None:
         "val",
         "test",
     ]
+
+
+def test_pedestrians_are_no_vehicles_of_the_split() -> None:
+    walkers = [vehicle(100 + n, 0, 200, 1.0).assign(kind=int(Kind.PEDESTRIAN), y=5.0 + n) for n in range(5)]
+    made = recording(*(vehicle(n, 0, 200, 9.0).assign(x=lambda t, n=n: t.x + 9 * n) for n in range(1, 11)), *walkers)
+    assert cut_one(made, ego_min_s=5.0).recordings[0].vehicles == (7, 8)
+
+
+def test_parts_of_the_split_follow_each_other_by_id() -> None:
+    for count in (10, 100, 1000):
+        part = segments.parts_of(np.repeat(np.arange(count), 3))
+        assert [int((part == k).sum()) for k in range(3)] == [2.1 * count, 0.3 * count, 0.6 * count]
+    assert (np.diff(part) >= 0).all()
+    few = [[segments.PARTS[k] for k in segments.parts_of(np.arange(count))] for count in (0, 1, 2)]
+    assert few == [[], ["test"], ["train", "test"]]
 
 
 def test_splits_that_are_none() -> None:
@@ -222,7 +238,7 @@ def test_manifests_refuse_other_recordings_and_edits(tmp_path: Path, capsys: pyt
         ([], "either recordings or --manifest"),
         (["absent.parquet"], "no such recording"),
         (["my run (1).parquet"], "my run (1).parquet: scenarios are named after the file: expected up to 100 letters"),
-        ([str(packaged("scenarios/us101_like.parquet")), "--net", "absent.net.xml"], "name a packaged net"),
+        ([str(packaged("scenarios/us101_like.parquet")), "--net", "absent.net.xml"], "expected a file there"),
         ([str(packaged("scenarios/us101_like.parquet")), "--stride", "0"], "stride_s is 0.0"),
         ([str(packaged("scenarios/us101_like.parquet")), "--simulation", "inf"], "simulation_s is inf"),
         ([str(packaged("scenarios/us101_like.parquet")), "--history", "0.01"], "history_s is 0.01"),

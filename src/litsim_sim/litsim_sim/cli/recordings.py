@@ -1,13 +1,9 @@
-"""Common parts of commands on recordings: describing one, and finding its net."""
+"""Description of a recording, as commands print it."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, Kind
-from litsim_sim.recordings.recording import Recording, RecordingHeader
-from litsim_sim.scenario.scenario import packaged, packaged_nets
+from litsim_sim.recordings.recording import Recording
 
 LONG_NOTES = ("mapping", "ids", "moved_by_cleaning_m")  # notes of a header that are whole tables
 
@@ -33,28 +29,3 @@ def describe(recording: Recording) -> str:
         "notes": ", ".join(f"{key}: {value}" for key, value in header.notes.items() if key not in LONG_NOTES),
     }
     return "\n".join(f"{name:<11}{value}" for name, value in rows.items() if value)
-
-
-def net_of(header: RecordingHeader, recording: Path, named: str | None = None) -> Path:
-    """The net of a recording.
-
-    Args:
-        header: header of the recording; its field `net` names a packaged net or a file.
-        recording: path of the recording; a net in the header lies in the same folder.
-        named: packaged net or file that is to be taken instead.
-
-    Raises:
-        InputError: there is no such net, or none is named.
-    """
-    name = named or header.net
-    plain = name.removesuffix(".net.xml")
-    if plain in packaged_nets():
-        return packaged(f"nets/{plain}.net.xml")
-    folder = Path() if named else recording.parent
-    for file in (folder / name, folder / f"{name}.net.xml"):
-        if name and file.is_file():
-            return file
-    raise InputError(
-        f"{recording}: no net {folder / name if name else 'named in its header'}: name a packaged net or a file with "
-        f"--net; packaged are {', '.join(packaged_nets())}"
-    )

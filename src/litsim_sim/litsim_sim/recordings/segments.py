@@ -19,7 +19,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import STEP_S, FloatArray, Kind
+from litsim_sim.core.scene import STEP_S, FloatArray, IntArray, Kind, is_obstacle
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.recording import Recording
@@ -27,6 +27,8 @@ from litsim_sim.recordings.recording import Recording
 Part = Literal["train", "val", "test"]
 PARTS: tuple[Part, ...] = ("train", "val", "test")
 MANIFEST_FILE = "manifest.yaml"  # in a folder of segments
+SHARES = (0.7, 0.1)  # of the vehicle ids for training and validation; the rest is for tests (conv-social-pooling)
+ROUNDING = 1e-6  # since 0.7 + 0.1 is slightly less than 0.8
 EGO_KINDS = (Kind.CAR, Kind.TRUCK, Kind.UNKNOWN)
 
 
@@ -84,7 +86,7 @@ class Source(BaseModel):
         digest: see :func:`content_digest`.
         net: name of a packaged net, or a path relative to the manifest's folder.
         frames: first and last frame.
-        vehicles: largest ids of train and of val; larger ids are test.
+        vehicles: largest ids of train and of val, see :func:`last_ids`; larger ids are test.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -170,7 +172,7 @@ def cut(
             f"ego_min_s is {settings.ego_min_s:g}, expected at most simulation_s, which is {settings.simulation_s:g}: "
             f"no ego is there for longer than its segment"
         )
-    sources = [_source(*each, settings) for each in recordings]
+    sources = [_source(*each) for each in recordings]
     segments: list[Segment] = []
     without_ego = 0
     for number, (source, (*_, recording)) in enumerate(zip(sources, recordings, strict=True)):
@@ -207,19 +209,16 @@ def cut(
     return Manifest(settings=settings, recordings=sources, segments=segments, without_ego=without_ego)
 
 
-def _source(
-    file: str, net: str, crop: dict[str, list[float]] | None, recording: Recording, settings: Settings
-) -> Source:
+def _source(file: str, net: str, crop: dict[str, list[float]] | None, recording: Recording) -> Source:
     """The manifest's entry of a recording."""
-    frames, ids = recording.columns["frame"], np.unique(recording.columns["vehicle_id"])
-    until = [int(ids[max(round(share * len(ids)), 1) - 1]) for share in np.cumsum(settings.split)[:2]]
+    frames, vehicles = recording.columns["frame"], ~is_obstacle(recording.columns["kind"])
     return Source(
         file=file,
         crop=crop,
         digest=content_digest(recording),
         net=net,
         frames=(int(frames.min()), int(frames.max())),
-        vehicles=(until[0], until[1]),
+        vehicles=last_ids(recording.columns["vehicle_id"][vehicles]),
     )
 
 
@@ -305,13 +304,26 @@ def describe(manifest: Manifest) -> str:
     return "\n".join(lines)
 
 
-def part_of_vehicle(source: Source, vehicle: int) -> Part:
-    """The part of `vehicle` in the split of `source` by vehicle id.
+def last_ids(vehicle: IntArray) -> tuple[int, int]:
+    """Largest ids of train and of val in the split of vehicles by id: 70/10/20 % of the ids in `vehicle`, rounded down.
 
-    Predictors are trained with the same split at 70/10/20 %, rounded down: no test vehicle of this split is trained on.
+    Ids of a recording ascend with time, so that the parts follow each other and hardly overlap in time (as in
+    conv-social-pooling).
     """
-    last_train, last_val = source.vehicles
-    return "train" if vehicle <= last_train else "val" if vehicle <= last_val else "test"
+    ids = np.unique(vehicle)
+    before = [ids[0] - 1 if len(ids) else 0, *ids]  # the largest id of no vehicles, of one, of two, ...
+    train, val = (int(before[int(share * len(ids) + ROUNDING)]) for share in np.cumsum(SHARES))
+    return train, val
+
+
+def parts_of(vehicle: IntArray) -> IntArray:
+    """Parts (R,) of rows of the vehicles with ids `vehicle` (R,), as indices in :data:`PARTS`; see :func:`last_ids`."""
+    return np.searchsorted(last_ids(vehicle), vehicle)
+
+
+def part_of_vehicle(source: Source, vehicle: int) -> Part:
+    """The part of `vehicle` in the split of `source` by vehicle id, with which predictors are trained and tested."""
+    return PARTS[int(np.searchsorted(source.vehicles, vehicle))]
 
 
 def _windows(first: int, last: int, settings: Settings) -> list[tuple[Part, int, int]]:

@@ -17,15 +17,16 @@ from litsim_predictor.inference.ways import WAY, Ways
 from litsim_predictor.learned.data.augmentation import Augmentation
 from litsim_predictor.learned.data.batch import SceneBatch, maneuvers_of
 from litsim_predictor.learned.data.scenes import scene_batches, training_batches
-from litsim_predictor.learned.data.sources import I80PairSource, Us101TrackSource, Us101WindowSource, load, net_path
-from litsim_predictor.learned.data.tracks import Tracks, parts_of
+from litsim_predictor.learned.data.sources import I80PairSource, Us101TrackSource, Us101WindowSource, load
+from litsim_predictor.learned.data.tracks import Tracks
 from litsim_predictor.learned.training.config import TEST_FRAMES, TRACKS, WINDOWS
 from litsim_predictor.learned.training.data import Locator
 from litsim_sim.core.errors import InputError
-from litsim_sim.recordings.segments import PARTS
+from litsim_sim.core.scene import Kind
+from litsim_sim.scenario.scenario import packaged
 
 Straight = Callable[..., pd.DataFrame]
-NET = "us101_like"
+NET = packaged("nets/us101_like.net.xml")
 SINE = 3
 UNKNOWN_IDS = 100_000  # vehicles of the windows file whose NGSIM id is not known have greater ones
 DATA_FOLDER = Path(os.environ.get("LITSIM_DATA", "."))
@@ -109,7 +110,7 @@ class TestScenes:
         assert not batch.history[at, 0, HISTORY - 1 - 5].any()
 
     def test_mirrored_scenes_are_the_other_way_round(self, straight: Straight) -> None:
-        tracks = Tracks.from_table("made", straight((1, 150.0, -5.5, 10.0), (2, 170.0, -9.0, 8.0)), net_path(NET))
+        tracks = Tracks.from_table("made", straight((1, 150.0, -5.5, 10.0), (2, 170.0, -9.0, 8.0)), NET)
         rng = np.random.default_rng
         plain = next(training_batches([(tracks, 1.0)], 2, 30, UNVARIED, rng(0)))
         turned = next(
@@ -126,7 +127,7 @@ class TestScenes:
         table = straight((1, 150.0, -5.5, 10.0), (2, 170.0, -9.0, 8.0))
         table["y"] += 0.02 * table["frame"]
         table["yaw"], table["speed"] = np.arctan2(0.2, table["speed"]), np.hypot(0.2, table["speed"])
-        tracks = Tracks.from_table("made", table, net_path(NET))
+        tracks = Tracks.from_table("made", table, NET)
         stretch = Augmentation(**{**vars(UNVARIED), "stretch": 1.0, "stretch_by": (1.5, 1.5)})
         plain, long = (
             next(training_batches([(tracks, 1.0)], 2, 30, how, np.random.default_rng(0))) for how in (UNVARIED, stretch)
@@ -185,7 +186,7 @@ class TestScenes:
         assert sum(int(batch.target.sum()) for batch in batches) == 60 - 2  # the last two have no future
 
     def test_epochs_depend_on_their_seed_alone(self, straight: Straight) -> None:
-        tracks = Tracks.from_table("made", straight((1, 150.0, -5.5, 10.0), (2, 170.0, -9.0, 8.0)), net_path(NET))
+        tracks = Tracks.from_table("made", straight((1, 150.0, -5.5, 10.0), (2, 170.0, -9.0, 8.0)), NET)
 
         def epoch(seed: int) -> list[SceneBatch]:
             return list(training_batches([(tracks, 1.0)], 8, 10, Augmentation(), np.random.default_rng(seed)))
@@ -199,11 +200,15 @@ class TestScenes:
 
 
 class TestSources:
-    def test_parts_follow_each_other_by_vehicle(self) -> None:
-        for count in (10, 100, 1000):
-            part = parts_of(np.repeat(np.arange(count), 3))
-            assert [int((part == k).sum()) for k in range(len(PARTS))] == [2.1 * count, 0.3 * count, 0.6 * count]
-        assert (np.diff(part) >= 0).all()
+    def test_pedestrians_and_cyclists_are_left_out_as_in_runs(self, straight: Straight) -> None:
+        table = straight((1, 150.0, -5.5, 10.0), (2, 155.0, -8.5, 1.0), (3, 160.0, -9.0, 5.0))
+        table["kind"] = table["vehicle_id"].map({1: Kind.CAR, 2: Kind.PEDESTRIAN, 3: Kind.BICYCLE}).astype(np.uint8)
+        seen = Tracks.from_table("made", table, None, np.asarray(table["frame"] >= 60))
+        alone = Tracks.from_table("made", straight((1, 150.0, -5.5, 10.0)), None)
+        assert np.array_equal(seen.vehicle, alone.vehicle) and np.array_equal(seen.motion, alone.motion)
+        assert np.array_equal(seen.target, seen.frame >= 60)
+        with pytest.raises(InputError, match="made: holds only pedestrians and cyclists"):
+            Tracks.from_table("made", table[table["vehicle_id"] > 1], None)
 
     @pytest.mark.data
     def test_no_test_vehicle_is_in_what_is_trained_on(self) -> None:

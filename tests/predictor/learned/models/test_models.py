@@ -14,11 +14,11 @@ from litsim_predictor.inference.contract import HISTORY, HORIZON, MANEUVERS
 from litsim_predictor.learned.data.augmentation import Augmentation
 from litsim_predictor.learned.data.batch import SceneBatch
 from litsim_predictor.learned.data.scenes import training_batches
-from litsim_predictor.learned.data.sources import net_path
 from litsim_predictor.learned.data.tracks import Tracks
 from litsim_predictor.learned.models.model import SceneModel, constant_velocity, negative_log_likelihood
 from litsim_predictor.learned.models.registry import build
 from litsim_sim.core.errors import InputError
+from litsim_sim.scenario.scenario import packaged
 
 MODELS = {
     "default": ("joint", {"traffic": True}),
@@ -41,7 +41,7 @@ def batch(straight: Callable[..., pd.DataFrame]) -> SceneBatch:
     four = straight((1, 150.0, -5.5, 10.0), (2, 165.0, -5.4, 8.0), (3, 150.0, -9.2, 12.0), (4, 190.0, -9.0, 0.0))
     two = straight((7, 300.0, -1.8, 14.0), (9, 320.0, -1.8, 13.0))
     two["frame"] += 1000
-    tracks = Tracks.from_table("made", pd.concat([four, two]), net_path("us101_like"))
+    tracks = Tracks.from_table("made", pd.concat([four, two]), packaged("nets/us101_like.net.xml"))
     return next(training_batches([(tracks, 1.0)], 99, 45, Augmentation(crop=0), np.random.default_rng(3)))
 
 

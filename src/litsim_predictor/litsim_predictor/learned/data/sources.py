@@ -15,14 +15,14 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field
 
-from litsim_predictor.learned.data.tracks import Tracks, parts_of
+from litsim_predictor.learned.data.tracks import Tracks
 from litsim_predictor.learned.data.us101_road import Us101Road
 from litsim_predictor.learned.data.us101_tracks import LEADER_SIZE, US101_NET, apart_from, with_leaders
 from litsim_sim.io.parquet_input import read_table
 from litsim_sim.recordings.ngsim import windows as ngsim_windows
 from litsim_sim.recordings.recording import Recording
-from litsim_sim.recordings.segments import PARTS, Part
-from litsim_sim.scenario.scenario import packaged, packaged_nets
+from litsim_sim.recordings.segments import PARTS, Part, parts_of
+from litsim_sim.scenario.recorded_net import net_of
 
 PERIOD_IDS, PERIOD_FRAMES = 100_000, 100_000  # offsets of ids and frames from one period of a site to the next
 
@@ -129,12 +129,6 @@ def digest_of(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def net_path(name: str) -> Path:
-    """Path of the packaged net `name`, with or without ``.net.xml``; if there is none, `name` as a path."""
-    plain = name.removesuffix(".net.xml")
-    return packaged(f"nets/{plain}.net.xml") if plain in packaged_nets() else Path(name)
-
-
 def split(tracks: Tracks) -> dict[Part, list[Tracks]]:
     """The tracks, split by vehicle id: 70 % train, 10 % val, 20 % test; empty parts are left out."""
     part = parts_of(tracks.vehicle)
@@ -144,9 +138,10 @@ def split(tracks: Tracks) -> dict[Part, list[Tracks]]:
 def _recordings(source: RecordingSource, locate: Callable[[str], Path]) -> dict[Part, list[Tracks]]:
     parts: dict[Part, list[Tracks]] = {}
     for file in source.files:
-        recording = Recording.read(locate(file))
-        net = recording.header.net
-        tracks = Tracks.from_table(recording.header.name, recording.table, net_path(net) if net else None)
+        path = locate(file)
+        recording = Recording.read(path)
+        net = net_of(recording.header, path) if recording.header.net else None
+        tracks = Tracks.from_table(recording.header.name, recording.table, net)
         for name, pieces in (split(tracks) if source.part is None else {source.part: [tracks]}).items():
             parts.setdefault(name, []).extend(pieces)
     return parts

@@ -13,10 +13,8 @@ from litsim_predictor.inference.contract import HISTORY, HORIZON, STRIDE
 from litsim_predictor.inference.features import frame_headings, on_lanes
 from litsim_predictor.inference.raster import MapRaster, raster_of_net
 from litsim_predictor.inference.ways import NO_WAYS, LaneWays, Ways
-from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
-
-SHARES = (0.7, 0.1)  # of the vehicle ids for training and validation; the rest is for tests (conv-social-pooling)
-ROUNDING = 1e-6  # since 0.7 + 0.1 is slightly less than 0.8
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray, is_obstacle
+from litsim_sim.maps.positions import vehicles_of
 
 
 @dataclass(frozen=True)
@@ -48,11 +46,15 @@ class Tracks:
     def from_table(cls, name: str, table: pd.DataFrame, net: Path | None, target: BoolArray | None = None) -> Tracks:
         """Tracks of a `table` with columns vehicle_id, frame, x, y, yaw, speed, length, width (neutral schema).
 
-        All rows are targets if `target` (R,), in the order of `table`, is None.
+        All rows are targets if `target` (R,), in the order of `table`, is None. Pedestrians and cyclists, if there is a
+        column kind, are left out as in runs.
 
         Raises:
-            InputError: `net` is not a readable net, or is too large.
+            InputError: `net` is not a readable net, or is too large; or `table` holds no vehicles.
         """
+        if "kind" in table:
+            target = None if target is None else target[~is_obstacle(table["kind"].to_numpy())]
+            table = vehicles_of(table, name)
         lane_map, raster = (None, MapRaster(None)) if net is None else raster_of_net(net)
         order = np.lexsort([table["frame"], table["vehicle_id"]])
         rows = table.iloc[order]
@@ -147,15 +149,3 @@ class Tracks:
     def _key(self, vehicle: IntArray, frame: IntArray) -> IntArray:
         low, span = int(self.frame.min()) - STRIDE * HISTORY, int(np.ptp(self.frame)) + STRIDE * (HISTORY + HORIZON) + 1
         return vehicle * span + (frame - low)
-
-
-def parts_of(vehicle: IntArray) -> IntArray:
-    """Parts (R,) of rows, as indices in :data:`litsim_sim.recordings.segments.PARTS`: 70/10/20 % of the vehicle ids.
-
-    Ids of a recording ascend with time, so that the parts follow each other and hardly overlap in time (as in
-    conv-social-pooling).
-    """
-    ids = np.unique(vehicle)
-    counts = np.floor(np.cumsum(SHARES) * len(ids) + ROUNDING).astype(np.int64)
-    borders = ids[np.minimum(counts, len(ids) - 1)]
-    return np.searchsorted(borders, vehicle, side="right")

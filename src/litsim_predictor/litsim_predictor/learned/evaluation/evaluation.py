@@ -13,7 +13,7 @@ import torch
 from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.contract import DT, HISTORY, HORIZON, STRIDE
 from litsim_predictor.learned.data.batch import SceneBatch
-from litsim_predictor.learned.data.sources import net_path, split
+from litsim_predictor.learned.data.sources import split
 from litsim_predictor.learned.data.tracks import Tracks
 from litsim_predictor.learned.device import check_device
 from litsim_predictor.learned.evaluation.conflicts import ConflictCounts
@@ -27,6 +27,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.recordings.recording import Recording
 from litsim_sim.recordings.segments import Part
+from litsim_sim.scenario.recorded_net import net_of
 
 REFERENCE = "constant_velocity"
 """The model that every evaluation includes, and to which errors are related."""
@@ -73,13 +74,14 @@ def recording_tracks(path: Path, net: str | None) -> Tracks:
             f"{path}: the recording is too short: {span} frames, expected at least {NEEDED_FRAMES} "
             f"({DT * (HISTORY - 1):g} s of history, the present, {DT * HORIZON:g} s of future at {1 / STEP_S:g} Hz)"
         )
-    named = net_path(net or recording.header.net) if net or recording.header.net else None
-    if named is not None and not net and not named.is_file():
-        beside = path.parent / named.name
-        if not beside.is_file():
-            _log.warning("%s: net %s is neither packaged nor beside it: forecasting without a map", path, named.name)
-        named = beside if beside.is_file() else None
-    return Tracks.from_table(path.stem, recording.table, named)
+    found = None
+    try:
+        found = net_of(recording.header, path, net)
+    except InputError as error:
+        if net:
+            raise
+        _log.warning("%s; forecasting without a map", error)
+    return Tracks.from_table(path.stem, recording.table, found)
 
 
 def part_of(sources: Iterable[Tracks], part: Part | Literal["all"]) -> list[Tracks]:

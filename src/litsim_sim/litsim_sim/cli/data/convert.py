@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from litsim_sim.cli.recordings import describe, net_of
+from litsim_sim.cli.recordings import describe
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import refuse_input_as_output, replacing
 from litsim_sim.io.yaml_input import read_yaml
@@ -119,6 +119,7 @@ def _with_signals(recording: Recording, mapping: Mapping, file: Path, out: Path)
     if not mapping.signals:
         return recording, []
     from litsim_sim.recordings.generic.convert import CLOCK
+    from litsim_sim.scenario.recorded_net import net_of
     from litsim_sim.scenario.recorded_signals import survey
     from litsim_sim.scenario.signals import SignalsFile, on_clock, resolved
 

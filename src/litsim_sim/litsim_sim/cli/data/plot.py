@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from litsim_sim.cli.arguments import number
-from litsim_sim.cli.recordings import describe, net_of
+from litsim_sim.cli.recordings import describe
 from litsim_sim.core.errors import InputError
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.recording import Recording
 from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.recorded_net import net_of
 from litsim_sim.scenario.scenario import recorded_signals
 from litsim_sim.scenario.signals import Signals, build, read_signals
 

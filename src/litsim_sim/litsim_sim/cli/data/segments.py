@@ -9,12 +9,12 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from litsim_sim.cli.recordings import net_of
 from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.recordings import segments
 from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.recording import Recording
+from litsim_sim.scenario.recorded_net import net_of
 from litsim_sim.scenario.scenario import DATA_VARIABLE, Sources, packaged, packaged_nets
 from litsim_sim.scenario.scenario_file import usable_name
 from litsim_sim.scenario.usability import Usability, describe, survey

@@ -1,0 +1,34 @@
+"""The net that a recording lies on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.recordings.recording import RecordingHeader
+from litsim_sim.scenario.scenario import packaged, packaged_nets
+
+
+def net_of(header: RecordingHeader, recording: Path, named: str | None = None) -> Path:
+    """The net of a recording.
+
+    Args:
+        header: header of the recording; its field `net` names a packaged net or a file.
+        recording: path of the recording; a net in the header lies in the same folder.
+        named: packaged net or file that is to be taken instead.
+
+    Raises:
+        InputError: there is no such net, or none is named.
+    """
+    name = named or header.net
+    plain = name.removesuffix(".net.xml")
+    if plain in packaged_nets():
+        return packaged(f"nets/{plain}.net.xml")
+    folder = Path() if named else recording.parent
+    for file in (folder / name, folder / f"{name}.net.xml"):
+        if name and file.is_file():
+            return file
+    raise InputError(
+        f"{recording}: no net {folder / name if name else 'named in its header'}: expected a file there, or one of the "
+        f"packaged {', '.join(packaged_nets())}; where a command has --net, it names another"
+    )
