@@ -72,7 +72,18 @@ def test_a_full_disk_is_said_and_leaves_the_checkpoint_before(tmp_path: Path, mo
     with pytest.raises(InputError, match=r"checkpoint\.pt: cannot be written: No space left on device"):
         keep_state(path, Config(), {"part": part}, {"done": 2})
     monkeypatch.undo()
-    assert read_state(path, Config(), {"part": part})["done"] == 1
+    assert read_state(path, Config(), {"part": part}, ["done"])["done"] == 1
+
+
+@pytest.mark.parametrize("content", [{"model": {}}, {"config": "{}", "part": {}, "done": 1}, 7])
+def test_a_checkpoint_of_another_program_or_version_is_refused(tmp_path: Path, content: object) -> None:
+    torch.save(content, tmp_path / CHECKPOINT)
+    with pytest.raises(InputError, match=r"checkpoint\.pt: a checkpoint of another program or version: \w+Error: "):
+        read_state(tmp_path / CHECKPOINT, Config(), {"part": torch.nn.Linear(3, 3)}, ["done"])
+    part = torch.nn.Linear(3, 3)
+    keep_state(tmp_path / CHECKPOINT, Config(), {"part": part}, {})
+    with pytest.raises(InputError, match="another program or version: KeyError: 'done'"):
+        read_state(tmp_path / CHECKPOINT, Config(), {"part": part}, ["done"])
 
 
 ENTRIES = [{"validation_score": 0.5}] * 50

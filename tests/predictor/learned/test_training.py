@@ -323,7 +323,20 @@ def test_a_damaged_checkpoint_is_named(
     (tmp_path / "out" / CHECKPOINT).write_bytes(content)
     with pytest.raises(SystemExit):
         run(config, tmp_path / "out", "--resume")
-    assert f"{CHECKPOINT}: damaged checkpoint, expected one that train has written\n" in capsys.readouterr().err
+    assert f"{CHECKPOINT}: not a readable checkpoint: " in capsys.readouterr().err
+
+
+def test_a_training_is_not_resumed_on_other_data(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(config, tmp_path / "out", "--epochs", "1")
+    table = Recording.read(tmp_path / "made.parquet").table
+    Recording.from_table(RecordingHeader("made"), table[table["vehicle_id"] != 3], "made").write(
+        tmp_path / "made.parquet"
+    )
+    with pytest.raises(SystemExit):
+        run(config, tmp_path / "out", "--epochs", "1", "--resume")
+    assert f"{CHECKPOINT}: trained on another made.parquet; train" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", sorted(train.packaged_configs()))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -15,6 +15,7 @@ from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.critic import Critic
 from litsim_policy.learning.network import GaussianPolicy, multilayer, save
 from litsim_policy.learning.plots import PANELS, Lines, plot_curves
+from litsim_predictor.learned.checkpoint import checkpoint
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
 
@@ -90,9 +91,8 @@ class AdversarialTraining:
         Raises:
             InputError: there is none, or it is of a run with another configuration.
         """
-        state = read_state(path, self.config, self._parts)
-        for name in ("history", "best", *self.more):
-            setattr(self, name, state[name])
+        for name, value in read_state(path, self.config, self._parts, ("history", "best", *self.more)).items():
+            setattr(self, name, value)
 
     @property
     def about(self) -> dict[str, str]:
@@ -146,23 +146,25 @@ def keep_state(path: Path, config: BaseModel, parts: Mapping[str, Any], more: Ma
 
 
 def read_state(
-    path: Path, config: BaseModel, parts: Mapping[str, Any], *, length: str = "iterations", device: str = "cpu"
+    path: Path,
+    config: BaseModel,
+    parts: Mapping[str, Any],
+    more: Sequence[str],
+    *,
+    length: str = "iterations",
+    device: str = "cpu",
 ) -> dict[str, Any]:
-    """Load the checkpoint `path` to a `device` of torch, restore the states of `parts`, and return its content.
+    """Load the checkpoint `path` to a `device` of torch, restore the states of `parts`, and return its `more`.
 
     Raises:
-        InputError: there is none, or it is of a run with another configuration; only the field `length` may differ.
+        InputError: see :func:`checkpoint`; or it is of a run with another configuration: only the field `length` may
+            differ.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no checkpoint to resume from")
-    try:
-        state: dict[str, Any] = torch.load(path, map_location=device, weights_only=True)
-    except Exception as error:
-        raise InputError(f"{path}: not a readable checkpoint: {error}") from error
-    then, now = json.loads(state["config"]), config.model_dump(mode="json")
-    changed = [key for key in now if key != length and then.get(key) != now[key]]
-    if changed:
-        raise InputError(f"{path}: fields {', '.join(changed)} of the configuration differ from the checkpoint's")
-    for name, part in parts.items():
-        part.load_state_dict(state[name])
-    return state
+    with checkpoint(path, device) as state:
+        then, now = json.loads(state["config"]), config.model_dump(mode="json")
+        changed = [key for key in now if key != length and then.get(key) != now[key]]
+        if changed:
+            raise InputError(f"{path}: fields {', '.join(changed)} of the configuration differ from the checkpoint's")
+        for name, part in parts.items():
+            part.load_state_dict(state[name])
+        return {name: state[name] for name in more}

@@ -179,7 +179,8 @@ class SimnetTraining:
         Raises:
             InputError: there is none, or its configuration differs in another field.
         """
-        state = read_state(path, self.config, self._parts, length="batches", device=self._device)
+        more = ("history", "done")
+        state = read_state(path, self.config, self._parts, more, length="batches", device=self._device)
         self.history, self.done = state["history"], state["done"]
 
 

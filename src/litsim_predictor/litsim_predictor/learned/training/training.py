@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from contextlib import suppress
 from pathlib import Path
-from pickle import UnpicklingError
 from typing import cast
 
 import numpy as np
@@ -17,6 +16,7 @@ from tqdm import tqdm
 from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.contract import AT_SECONDS, MANEUVERS, SECONDS
 from litsim_predictor.inference.weights import Provenance, weights_path
+from litsim_predictor.learned.checkpoint import checkpoint
 from litsim_predictor.learned.data.batch import SceneBatch
 from litsim_predictor.learned.data.scenes import scene_batches, training_batches
 from litsim_predictor.learned.data.sources import digest_of, files_of
@@ -93,26 +93,24 @@ class Training:
         """Restore the state from the checkpoint in the folder.
 
         Raises:
-            InputError: there is none, it is damaged, or it is of another configuration.
+            InputError: there is none, it cannot be used, or it is of another configuration or of other data.
         """
         path = self._folder / CHECKPOINT
-        if not path.is_file():
-            raise InputError(f"{path}: no checkpoint to resume")
-        try:
-            state = torch.load(path, map_location=self._device, weights_only=True)
-        except (RuntimeError, OSError, EOFError, ValueError, UnpicklingError) as error:
-            raise InputError(f"{path}: damaged checkpoint, expected one that train has written") from error
-        if json.loads(state["config"]) != self._config.model_dump(mode="json"):
-            raise InputError(f"{path}: checkpoint of another configuration; train into another folder")
-        self.model.load_state_dict(state["model"])
-        if self._averaged is not None:
-            self._averaged.load_state_dict(state["averaged"])
-        self._optimizer.load_state_dict(state["optimizer"])
-        self._random.bit_generator.state = json.loads(state["random"])
-        torch.set_rng_state(state["torch_random"].cpu())
-        if self._device.startswith("cuda"):
-            torch.cuda.set_rng_state_all([each.cpu() for each in state.get("gpu_random", [])])
-        self.history, self._best = json.loads(state["history"]), json.loads(state["best"])
+        with checkpoint(path, self._device) as state:
+            if json.loads(state["config"]) != self._config.model_dump(mode="json"):
+                raise InputError(f"{path}: checkpoint of another configuration; train into another folder")
+            files = json.loads(state["files"])
+            if changed := [name for name, digest in self._manifest["files"].items() if files[name] != digest]:
+                raise InputError(f"{path}: trained on another {', '.join(changed)}; train into another folder")
+            self.model.load_state_dict(state["model"])
+            if self._averaged is not None:
+                self._averaged.load_state_dict(state["averaged"])
+            self._optimizer.load_state_dict(state["optimizer"])
+            self._random.bit_generator.state = json.loads(state["random"])
+            torch.set_rng_state(state["torch_random"].cpu())
+            if self._device.startswith("cuda"):
+                torch.cuda.set_rng_state_all([each.cpu() for each in state["gpu_random"]])
+            self.history, self._best = json.loads(state["history"]), json.loads(state["best"])
 
     def _first_model(self, locate: Locator) -> SceneModel:
         """The model before the first epoch: with random weights, or with those of the file `start`."""
@@ -236,6 +234,7 @@ class Training:
         """Write the checkpoint, the history and the learning curves."""
         state = {
             "config": json.dumps(self._config.model_dump(mode="json")),
+            "files": json.dumps(self._manifest["files"]),
             "model": self.model.state_dict(),
             "averaged": {} if self._averaged is None else self._averaged.state_dict(),
             "optimizer": self._optimizer.state_dict(),

@@ -1,0 +1,37 @@
+"""Checkpoints of trainings, read with errors that name the file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from litsim_sim.core.errors import InputError
+
+
+@contextmanager
+def checkpoint(path: Path, device: str) -> Iterator[dict[str, Any]]:
+    """The content of the checkpoint `path`, its tensors on a `device` of torch, to be restored in the block.
+
+    Raises:
+        InputError: there is none, it cannot be read, or the block does not find in it what it expects, as in that of
+            another program or version.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no checkpoint to resume from")
+    try:
+        state = torch.load(path, map_location=device, weights_only=True)
+    except Exception as error:
+        raise InputError(f"{path}: not a readable checkpoint: {_brief(error)}") from error
+    try:
+        yield state
+    except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: a checkpoint of another program or version: {_brief(error)}") from error
+
+
+def _brief(error: Exception) -> str:
+    """The kind of an error, and what torch says in the first sentence of its long messages."""
+    return f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0].partition('. ')[0]}"
