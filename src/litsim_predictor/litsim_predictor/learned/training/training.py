@@ -60,9 +60,9 @@ class Training:
         teacher_paths = [weights_path(name) if name in SHIPPED else locate(name) for name in config.teachers]
         self._teachers = [load_model(str(path))[0].to(device) for path in teacher_paths]
         names = [name for source in config.data for name in files_of(source)] + [config.start] * bool(config.start)
-        files = {name: digest_of(locate(name)) for name in names}
-        files |= {name: digest_of(path) for name, path in zip(config.teachers, teacher_paths, strict=True)}
-        self._manifest = {"files": files, "rows": targets_of(self._parts)}
+        self._files = {name: digest_of(locate(name)) for name in names}
+        self._files |= {name: digest_of(path) for name, path in zip(config.teachers, teacher_paths, strict=True)}
+        self._manifest = {"files": self._files, "rows": targets_of(self._parts)}
         self.history: list[dict[str, float]] = []
         self._best: dict[str, float] = {}
 
@@ -99,8 +99,8 @@ class Training:
         with checkpoint(path, self._device) as state:
             if json.loads(state["config"]) != self._config.model_dump(mode="json"):
                 raise InputError(f"{path}: checkpoint of another configuration; train into another folder")
-            files = json.loads(state["files"])
-            if changed := [name for name, digest in self._manifest["files"].items() if files[name] != digest]:
+            then = json.loads(state["files"])
+            if changed := [name for name, digest in self._files.items() if then[name] != digest]:
                 raise InputError(f"{path}: trained on another {', '.join(changed)}; train into another folder")
             self.model.load_state_dict(state["model"])
             if self._averaged is not None:
@@ -234,7 +234,7 @@ class Training:
         """Write the checkpoint, the history and the learning curves."""
         state = {
             "config": json.dumps(self._config.model_dump(mode="json")),
-            "files": json.dumps(self._manifest["files"]),
+            "files": json.dumps(self._files),
             "model": self.model.state_dict(),
             "averaged": {} if self._averaged is None else self._averaged.state_dict(),
             "optimizer": self._optimizer.state_dict(),
