@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import multiprocessing
+
 import numpy as np
 import pytest
 import torch
@@ -96,3 +98,11 @@ def test_processes_begin_before_they_are_asked_for_an_episode(data, config, monk
         episodes = driving.episodes(policies(config)[0], [1, 2, 3], draws=False)
         assert sorted(seed for seeds in begun for seed in seeds) == [1, 2, 3]
         assert len(list(episodes)) == 3
+
+
+def test_a_pool_that_is_not_needed_ends_without_a_word(data, config, capfd) -> None:
+    with rollouts(data, config, 2):
+        pass  # as a training that is resumed when it is complete: its processes have not begun yet
+    for process in multiprocessing.active_children():
+        process.join()
+    assert capfd.readouterr().err == ""

@@ -107,6 +107,8 @@ def _begin(given: Path) -> None:
     """Initialise a process of the pool with the data and the configuration in the file `given`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the parent process ends this one
     torch.set_num_threads(1)
+    if not given.exists():  # the training is over or interrupted already: this process will not be asked for anything
+        return
     data, config = pickle.loads(given.read_bytes())  # noqa: S301 - written by the parent process
     _courses.update({part: _course(data, config, part) for part in PARTS})
     _policies.append(GaussianPolicy(config.observation))
