@@ -103,8 +103,8 @@ def test_an_answer_that_is_no_use(graph: Any, on_invalid: str, fault: str, inter
 @pytest.mark.parametrize(
     ("fault", "kind", "level", "words"),
     [
-        ("stale", "stale", WARN, "the message stamped 0.70 s, at 1.2 s, is stale"),
-        ("future", "future", WARN, "the message stamped 101.20 s, at 1.2 s, is of the future"),
+        ("stale", "stale", WARN, "the message stamped 0.700 s, at 1.2 s, is stale"),
+        ("future", "future", WARN, "the message stamped 101.200 s, at 1.2 s, is of the future"),
         ("flood", "surplus", WARN, "more answers to step "),
         ("other_type", "refused", ERROR, "/litsim/ego/trajectory: ignored, /litsim/ego/twist is in use"),
     ],
@@ -143,7 +143,7 @@ def test_two_stacks_that_answer_end_the_run(graph: Any) -> None:
         ("silence", "it has answered until step 11; its publisher is still announced, so it hangs, or has died"),
         ("death", "it has answered until step 11; its publisher is still announced, so it hangs, or has died"),
         ("leaving", "it has answered until step 11; its publisher has left)"),
-        ("stuck", "it does not answer this step: /litsim/ego/twist: the message stamped 0.70 s, at 1.2 s, is stale"),
+        ("stuck", "it does not answer this step: /litsim/ego/twist: the message stamped 0.700 s, at 1.2 s, is stale"),
     ],
 )
 def test_silence_ends_the_run_and_is_told_from_death_and_from_old_answers(graph: Any, fault: str, why: str) -> None:

@@ -116,6 +116,11 @@ def test_commands_are_within_the_limits() -> None:
         ((("y", slice(None), 3.0),), "it is 3.0 m away from the ego, expected at most 2 m"),
         ((("time", slice(None), -20.0),), "its last pose is for -10.0 s, expected one after 0.0 s"),
         ((("time", slice(None), 0.1),), ""),
+        ((("time", slice(None), 10.0),), ""),
+        (
+            (("time", slice(None), 1.7e9),),
+            "its first pose is for 1700000000.0 s, expected one for 10.0 s or earlier: stamps are in simulation time",
+        ),
     ],
 )
 def test_what_no_vehicle_can_do(change: tuple[tuple[str, slice, float], ...], problem: str) -> None:

@@ -189,7 +189,7 @@ class EgoPort:
             return f"an answer to run {answer.run_id!r}, at step {self._step},"
         if answer.step is not None:
             return f"the answer to step {answer.step}, at step {self._step},"
-        return f"the message stamped {answer.stamp_ns * 1e-9:.2f} s, at {self._step * STEP_S:.1f} s,"
+        return f"the message stamped {answer.stamp_ns * 1e-9:.3f} s, at {self._step * STEP_S:.1f} s,"
 
     def _count(self, kind: str, level: Level, text: str) -> None:
         self.counts[kind] += 1

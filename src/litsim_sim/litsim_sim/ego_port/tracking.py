@@ -15,6 +15,7 @@ SLOW = 2.0  # [m/s] speed below which steering towards the path does not become 
 CRAWL = 0.3  # [m/s] speed below which the direction of motion is not reliable
 PREVIEW = 0.25  # [s] half the window over which speed and heading of a trajectory are differentiated
 STOP = 2.0  # [m/s2] braking once a trajectory is over
+WAIT_MAX = 10.0  # [s] from the step to the first pose of a trajectory, at most: later ones have stamps of another clock
 OFFSET_MAX = 2.0  # [m] largest distance between the ego and a new trajectory
 HASTE = 2.0  # [m/s] by which a trajectory may be faster than the vehicle can be
 ROUNDING = 0.1  # [m] tolerance in addition
@@ -65,6 +66,7 @@ class Reference:
     def __init__(self, trajectory: Trajectory, ego: EgoState) -> None:
         time, x, y = trajectory.time, trajectory.x, trajectory.y
         self._empty = not len(time)
+        self._first = ego.time if self._empty else float(time[0])
         if self._empty or time[0] > ego.time + 0.5 * STEP_S:
             time, x, y = np.append(ego.time, time), np.append(ego.x, x), np.append(ego.y, y)
         self._time, self._x, self._y = time, x, y
@@ -86,6 +88,11 @@ class Reference:
             return "it holds no poses, expected some after the step"
         if self._time[-1] <= ego.time:
             return f"its last pose is for {self._time[-1]:.1f} s, expected one after {ego.time:.1f} s"
+        if self._first > ego.time + WAIT_MAX:
+            return (
+                f"its first pose is for {self._first:.1f} s, expected one for {ego.time + WAIT_MAX:.1f} s or earlier: "
+                "stamps are in simulation time"
+            )
         away = float(np.hypot(*self._offset(ego.time, ego)))
         if away > OFFSET_MAX:
             return f"it is {away:.1f} m away from the ego, expected at most {OFFSET_MAX:g} m"
