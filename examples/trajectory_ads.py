@@ -28,7 +28,7 @@ def on_message(message):
 def plan(route, ego, objects):
     offset = {field.name: field.offset for field in objects.fields}
     rows = np.frombuffer(objects.data, np.uint8).reshape(-1, objects.point_step)
-    x, y = (rows[:, offset[name] : offset[name] + 4].copy().view("<f4")[:, 0] for name in ("x", "y"))
+    x, y = (rows[:, offset[name] : offset[name] + 8].copy().view("<f8")[:, 0] for name in ("x64", "y64"))
     pose, speed = ego.pose.pose, ego.twist.twist.linear.x
     at, yaw = complex(pose.position.x, pose.position.y), 2.0 * np.arctan2(pose.orientation.z, pose.orientation.w)
     away = (x + 1j * y - at) * np.exp(-1j * yaw)  # [m] other agents: ahead, and to the left

@@ -68,14 +68,14 @@ def lengthened(line: np.ndarray, before: float, after: float) -> np.ndarray:
 
 def predicted(objects: np.ndarray, times: np.ndarray) -> np.ndarray:
     """(n, m, 2) box centres [m] of `objects` at `times` (m,) [s] from now: on at their velocity."""
-    now = np.stack([objects["x"], objects["y"]], axis=-1).astype(np.float64)
+    now = np.stack([objects["x64"], objects["y64"]], axis=-1)
     velocity = np.stack([objects["vx"], objects["vy"]], axis=-1).astype(np.float64)
     return now[:, None] + times[None, :, None] * velocity[:, None]
 
 
 def ahead_and_left(objects: np.ndarray, ego: Ego) -> tuple[np.ndarray, np.ndarray]:
     """Where `objects` are in the ego's frame [m]."""
-    away = (objects["x"] - ego.x + 1j * (objects["y"] - ego.y)) * np.exp(-1j * ego.yaw)
+    away = (objects["x64"] - ego.x + 1j * (objects["y64"] - ego.y)) * np.exp(-1j * ego.yaw)
     return away.real, away.imag
 
 

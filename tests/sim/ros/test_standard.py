@@ -18,7 +18,7 @@ from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.ros import ego_port, messages, standard
 from litsim_sim.scenario.scenario import packaged
 
-CODES = {2: "B", 6: "I", 7: "f"}  # of sensor_msgs/PointField
+CODES = {2: "B", 6: "I", 7: "f", 8: "d"}  # of sensor_msgs/PointField
 
 
 def table(ids: list[int]) -> AgentTable:
@@ -35,7 +35,7 @@ def test_objects_are_read_field_by_field() -> None:
     assert (cloud.height, cloud.width, cloud.is_bigendian, cloud.row_step) == (1, 3, False, 3 * cloud.point_step)
     assert len(cloud.data) == cloud.row_step
     names = [field.name for field in cloud.fields]
-    assert {"id", "x", "y", "z", "yaw", "speed", "vx", "vy", "length", "width", "kind"} == set(names)
+    assert {"id", "x", "y", "z", "yaw", "speed", "vx", "vy", "length", "width", "kind", "x64", "y64"} == set(names)
     for point, row in enumerate([0, 2, 3]):
         read = {
             f.name: struct.unpack_from("<" + CODES[f.datatype], bytes(cloud.data), point * cloud.point_step + f.offset)[
@@ -50,12 +50,23 @@ def test_objects_are_read_field_by_field() -> None:
         along = agents.speed[row] * np.exp(1j * agents.yaw[row])
         assert complex(read["vx"], read["vy"]) == pytest.approx(along, rel=1e-5)
         assert read["z"] == 0.0
+        assert (read["x64"], read["y64"]) == (agents.x[row], agents.y[row])
 
 
 @pytest.mark.parametrize("ids", [[], [7]])
 def test_no_objects(ids: list[int]) -> None:
     cloud = standard.objects(table(ids), ego_id=7)
     assert (cloud.width, len(cloud.data)) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("north", "said"), [(0.0, ""), (1e5, ""), (4.1e6, "4100020 m, where x and y are rounded to 0.25 m")]
+)
+def test_that_positions_are_too_far_for_single_precision_is_said(north: float, said: str) -> None:
+    agents = table([3, 7])
+    agents.y[:] = north + 20.0
+    assert said in (text := standard.rounding(agents))
+    assert bool(text) == bool(said)
 
 
 def test_lanes_are_centre_lines_with_a_boundary_half_a_width_to_each_side() -> None:

@@ -17,7 +17,7 @@ from litsim_sim.core.errors import EXIT_FAILED, print_error, reason
 from litsim_sim.core.scene import AgentTable, EgoCommand
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.ego_port.answer import INPUTS, Interface
-from litsim_sim.ego_port.port import EgoPort, Level
+from litsim_sim.ego_port.port import EgoPort, Level, Remark
 from litsim_sim.launch.domain import held_domain
 from litsim_sim.launch.domain_ports import EMPTY
 from litsim_sim.nodes import diagnostics
@@ -26,7 +26,7 @@ from litsim_sim.nodes.bridge_options import BridgeOptions, bridge_stage
 from litsim_sim.nodes.broadcast import PUBLISHED, PUBLISHED_OF_SIGNALS, Broadcast, run_info
 from litsim_sim.nodes.diagnostics import Diagnostics
 from litsim_sim.nodes.run_loop import Pulse, RunLoop
-from litsim_sim.ros import ego_port, messages
+from litsim_sim.ros import ego_port, messages, standard
 from litsim_sim.ros.endpoints import Endpoints, node_of, publisher_on, subscribe
 from litsim_sim.ros.parameters import parameters, read_parameters
 from litsim_sim.ros.process import executor_of, process, serve, spare_from_collection
@@ -128,6 +128,9 @@ class BridgeNode(Node):
 
     def begin(self) -> None:
         self._broadcast.begin(run_info(self.plan, self.options.mode, {BRIDGE: parameters(self)}))
+        if self.plan.ego == EXTERNAL and (text := standard.rounding(self.plan.scenario.log.table(0))):
+            self._pulse.note(text)
+            self._port.remarks.append(Remark(0, Level.WARN, text))
 
     def greet(self) -> None:
         self._to[HELLO].publish(Hello(header=messages.header(0), run_id=self.plan.run_id))

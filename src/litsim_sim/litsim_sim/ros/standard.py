@@ -14,17 +14,29 @@ from litsim_sim.core.scene import AgentTable, FloatArray
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.net_lanes import Lane
 from litsim_sim.ros.messages import header
+from litsim_sim.ros.topics import OBJECTS
 
 _FLOATS = ("x", "y", "z", "yaw", "speed", "vx", "vy", "length", "width")
-_OBJECT = np.dtype([*((name, "<f4") for name in _FLOATS), ("id", "<u4"), ("kind", "u1"), ("padding", "V3")])
+_DOUBLES = ("x64", "y64")
+_OBJECT = np.dtype(
+    [
+        *((name, "<f4") for name in _FLOATS),
+        ("id", "<u4"),
+        ("kind", "u1"),
+        ("padding", "V7"),
+        *((name, "<f8") for name in _DOUBLES),
+    ]
+)
 _FIELDS = [
     PointField(name=name, offset=_OBJECT.fields[name][1], datatype=datatype, count=1)  # type: ignore[index]
     for name, datatype in (
         *((name, PointField.FLOAT32) for name in _FLOATS),
         ("id", PointField.UINT32),
         ("kind", PointField.UINT8),
+        *((name, PointField.FLOAT64) for name in _DOUBLES),
     )
 ]
+_COARSE = 0.01  # [m] rounding of x and y from which on x64 and y64 are needed
 _ID_MASK = 0xFFFFFFFF  # PointCloud2 has no 64-bit integers
 _CENTRE = ColorRGBA(r=0.55, g=0.55, b=0.6, a=0.6)
 _BOUNDARY = ColorRGBA(r=1.0, g=1.0, b=1.0, a=0.9)
@@ -35,12 +47,14 @@ def objects(table: AgentTable, ego_id: int) -> PointCloud2:
     """Every agent but the ego as a point of a cloud in frame map.
 
     Fields: x, y, z (0), yaw, speed, vx, vy, length, width as FLOAT32 [m, rad, m/s], id as UINT32 (the low 32 bits of
-    the recording's), kind as UINT8 (as in ``litsim_msgs/AgentStates``). A position is that of a box centre.
+    the recording's), kind as UINT8 (as in ``litsim_msgs/AgentStates``); x64 and y64, x and y as FLOAT64: far from the
+    origin, as in UTM, FLOAT32 rounds to decimetres. A position is that of a box centre.
     """
     others = table.id != ego_id
     points = np.zeros(int(others.sum()), _OBJECT)
     for name in ("x", "y", "yaw", "speed", "length", "width", "kind"):
         points[name] = getattr(table, name)[others]
+    points["x64"], points["y64"] = table.x[others], table.y[others]
     points["id"] = table.id[others] & _ID_MASK
     yaw, speed = table.yaw[others], table.speed[others]
     points["vx"], points["vy"] = speed * np.cos(yaw), speed * np.sin(yaw)
@@ -54,6 +68,17 @@ def objects(table: AgentTable, ego_id: int) -> PointCloud2:
         row_step=_OBJECT.itemsize * len(points),
         data=array("B", points.tobytes()),
         is_dense=True,
+    )
+
+
+def rounding(table: AgentTable) -> str:
+    """Text that says that FLOAT32 is too coarse for positions as far from the origin as these; empty if it is not."""
+    reach = max(np.abs(table.x).max(initial=0.0), np.abs(table.y).max(initial=0.0))
+    apart = float(np.spacing(np.float32(reach)))
+    return (
+        f"{OBJECTS.name}: positions reach {reach:.0f} m, where x and y are rounded to {apart:.2g} m: read x64 and y64"
+        if apart > _COARSE
+        else ""
     )
 
 
