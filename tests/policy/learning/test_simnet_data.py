@@ -12,6 +12,7 @@ from litsim_policy.driving.simnet.raster import CHANNELS, FRAMES, OWN, SMALL
 from litsim_policy.learning.simnet_data import (
     FUTURE_S,
     PAST_S,
+    RASTERS_MAX,
     UNIT_MIN,
     Moments,
     PerturbationConfig,
@@ -61,6 +62,20 @@ def test_who_is_drawn_and_what_it_does(make_scenario: Any, track: Any) -> None:
     assert np.array_equal(samples.known, rasters[:, OWN + FRAMES - 2].any(axis=(1, 2)))
     assert samples.way == pytest.approx(np.where(samples.known, SPEED * STEP_S, 0.0))
     assert samples.units == pytest.approx(UNIT_MIN)  # nobody does anything
+
+
+def test_rasters_that_no_memory_holds_are_refused_and_units_need_none(make_scenario: Any, track: Any) -> None:
+    scenario = make_scenario(*(track(k, x=60.0 + 20.0 * k, speed=SPEED, last=40) for k in range(1, 4)))
+    moments, raster = Moments([scenario], [1.0], SMALL), 4 * CHANNELS * SMALL.rows * SMALL.columns
+    fit = RASTERS_MAX // raster
+    with pytest.raises(
+        InputError, match=f"{fit} moments of up to 3 agents are {3 * fit} rasters, expected at most {fit}"
+    ):
+        moments.draw(fit, 1000, np.random.default_rng(0))
+    drawn, alone = (moments.draw(40, 1000, np.random.default_rng(0), painted=each) for each in (True, False))
+    assert alone.rasters.nbytes < raster
+    for name in ("futures", "way", "known"):
+        assert np.array_equal(getattr(drawn, name), getattr(alone, name))
 
 
 def test_errors_are_counted_in_what_people_do() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from litsim_policy.learning.ppo import tensor
 from litsim_policy.learning.warm_start import WarmStart
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import read_yaml
+from litsim_sim.recordings.recording import Recording
 
 CONFIG = Path(__file__).parents[3] / "src" / "litsim_policy" / "config"
 
@@ -149,6 +151,8 @@ def test_training_scenarios_never_stand_in_for_missing_ones_to_validate_on(file:
         prepare(DataConfig(generated=(Generated(net="us101_like", segments=1, seed=4000),)), tmp_path)
     with pytest.raises(ValueError, match="in both scenarios and validation"):
         DataConfig(scenarios=("demo",), validation=("demo",))
+    with pytest.raises(ValueError, match=r"a/../b.yaml in both scenarios and validation"):
+        DataConfig(scenarios=("a/../b.yaml",), validation=("./b.yaml",))
     apart = prepare(data, tmp_path)
     assert len(apart.train) == len(apart.validation) == 1 and not set(apart.train) & set(apart.validation)
 
@@ -165,6 +169,24 @@ def test_tuning_egos_validate_in_place_of_those_that_are_reported(
     assert validating.egos == (4, 5) and validating.ego_id == 4
     with pytest.raises(InputError, match=r"tuning: scenario .*other\.yaml has no tuning egos"):
         prepare(DataConfig(scenarios=files["scenarios"], tuning=files["scenarios"]), tmp_path)
+
+
+@pytest.mark.parametrize(("first", "fits"), [(543, False), (544, True)])
+def test_scenarios_of_what_is_reported_on_are_refused(
+    make_scenario, track, lane_centres, tmp_path: Path, first: int, *, fits: bool
+) -> None:
+    given = yaml.safe_load(make_scenario(track(1, x=60.0, y=lane_centres[1], last=45)).to_yaml())
+    made = Recording.read(Path(given["recording"]))
+    table = made.table.assign(frame=made.table["frame"] + first)
+    Recording.from_table(replace(made.header, name="us101_0750"), table, "made").write(tmp_path / "us101.parquet")
+    path = tmp_path / "us101.yaml"
+    path.write_text(yaml.safe_dump(given | {"recording": str(tmp_path / "us101.parquet"), "start_frame": first}))
+    data = DataConfig(scenarios=(str(path),), validation=("demo",))
+    if fits:
+        assert len(prepare(data, tmp_path).train) == 1
+    else:
+        with pytest.raises(InputError, match=r"us101.yaml: frames 543 to .* of us101_0750 overlap \(316, 543\)"):
+            prepare(data, tmp_path)
 
 
 @pytest.mark.parametrize(("frames", "fits"), [((748, 828), True), ((126, 315), True), ((126, 316), False)])

@@ -16,7 +16,8 @@ from litsim_sim.recordings.segments import MANIFEST_FILE, Manifest
 from litsim_sim.scenario.scenario import DATA_VARIABLE, Scenario
 
 REPORTED = (316, 543)
-"""First and last frame of us101_0750 on which results are reported; excluded from training."""
+"""First and last frame of the recording REPORTED_IN on which results are reported; excluded from training."""
+REPORTED_IN = "us101_0750"  # named so by readers of all files that hold it
 
 REAL_FILE = "ngsim/us101_0750_frames_0126_1149.parquet"
 REAL_HISTORY_S = 1.1  # [s] the least that predictors need, since the windows are short
@@ -82,7 +83,8 @@ class DataConfig(BaseModel):
 
     @model_validator(mode="after")
     def _is_apart(self) -> DataConfig:
-        if both := sorted(set(self.scenarios) & set(self.validation)):
+        of_validation = {os.path.realpath(name) for name in self.validation}
+        if both := [name for name in self.scenarios if os.path.realpath(name) in of_validation]:
             raise ValueError(f"{', '.join(both)} in both scenarios and validation, expected in one of them")
         return self
 
@@ -119,14 +121,26 @@ def prepare(config: DataConfig, folder: Path) -> TrainingData:
             (train if segment.part == "train" else validation).append(Scenario.load(where / f"{segment.name}.yaml"))
     windows = [_real(window, folder) for window in config.real]
     train += windows * config.real_weight
-    train += [Scenario.load(name) for name in config.scenarios]
-    validation += [Scenario.load(name) for name in config.validation]
+    train += [_unreported(name) for name in config.scenarios]
+    validation += [_unreported(name) for name in config.validation]
     validation += [_around_tuning_egos(name) for name in config.tuning] * config.real_weight
     if not train:
         raise InputError("data: no scenario to train on, expected generated, real or scenarios")
     if not validation:
         raise InputError("data: no scenario to validate on, expected validation, tuning, or more generated segments")
     return TrainingData(tuple(train), tuple(validation), frozenset(window.name for window in windows))
+
+
+def _unreported(name: str) -> Scenario:
+    """The scenario of that name or file, which must not be of the traffic on which results are reported."""
+    scenario = Scenario.load(name)
+    frames = scenario.recording.columns["frame"]
+    if scenario.recording.header.name == REPORTED_IN and frames.min() <= REPORTED[1] and frames.max() >= REPORTED[0]:
+        raise InputError(
+            f"data: scenario {name}: frames {frames.min()} to {frames.max()} of {REPORTED_IN} overlap {REPORTED}, on "
+            f"which results are reported"
+        )
+    return scenario
 
 
 def _around_tuning_egos(name: str) -> Scenario:

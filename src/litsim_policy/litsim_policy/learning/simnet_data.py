@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from litsim_policy.driving.simnet.output import FUTURE, OUTPUTS
-from litsim_policy.driving.simnet.raster import FRAMES, Motions, Painter, Rasters, RasterShape
+from litsim_policy.driving.simnet.raster import CHANNELS, FRAMES, Motions, Painter, Rasters, RasterShape
 from litsim_predictor.inference.raster import raster_of_net
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import to_body, wrap_angle
@@ -18,6 +18,7 @@ from litsim_sim.scenario.scenario import Scenario
 
 PAST_S = np.arange(1 - FRAMES, 1) * STEP_S
 FUTURE_S = np.arange(1, FUTURE + 1) * STEP_S
+RASTERS_MAX = 4 * 2**30  # [B] of a batch, or of a validation
 UNIT_MIN = 1e-3  # [m], [rad] least unit, for traffic in which no agent accelerates or turns
 
 
@@ -52,7 +53,7 @@ class Samples:
     """Samples of b agents, each at one moment.
 
     Attributes:
-        rasters: (b, CHANNELS, rows, columns).
+        rasters: (b, CHANNELS, rows, columns), or (b,) without content.
         futures: (b, OUTPUTS) future poses in the agent's frame [m], [rad].
         way: (b,) distance moved in the last step [m]; 0 if unknown.
         known: (b,) whether `way` is known.
@@ -138,12 +139,24 @@ class Moments:
         weight = counts * np.array(shares)
         self._share: FloatArray = weight / weight.sum()
         self._perturbation = perturbation
+        self._most = max(int(source.usable.sum(axis=0).max()) for source in self._sources)
+        self._raster_bytes = CHANNELS * shape.rows * shape.columns * np.dtype(np.float32).itemsize
 
-    def draw(self, moments: int, agents: int, random: np.random.Generator) -> Samples:
-        """Samples of at most `agents` agents at each of `moments` moments."""
-        return Samples.joined([self._moment(agents, random) for _ in range(moments)])
+    def draw(self, moments: int, agents: int, random: np.random.Generator, *, painted: bool = True) -> Samples:
+        """Samples of at most `agents` agents at each of `moments` moments; without rasters unless `painted`.
 
-    def _moment(self, agents: int, random: np.random.Generator) -> Samples:
+        Raises:
+            InputError: their rasters could take more than RASTERS_MAX.
+        """
+        most, fit = moments * min(agents, self._most), RASTERS_MAX // self._raster_bytes
+        if painted and most > fit:
+            raise InputError(
+                f"training configuration: {moments} moments of up to {min(agents, self._most)} agents are {most} "
+                f"rasters, expected at most {fit}: choose less for moments, validation_moments or agents"
+            )
+        return Samples.joined([self._moment(agents, random, painted=painted) for _ in range(moments)])
+
+    def _moment(self, agents: int, random: np.random.Generator, *, painted: bool) -> Samples:
         source = self._sources[random.choice(len(self._sources), p=self._share)]
         step = int(random.choice(source.steps, p=source.share))
         log = source.scenario.log
@@ -163,7 +176,8 @@ class Moments:
             own, future = perturbed(own, future, log.speed[chosen, step], self._perturbation, random)
         known = motions.there[rows][:, -2]
         way = np.where(known, np.hypot(*(own[:, -1, :2] - own[:, -2, :2]).T), 0.0)
-        return Samples(source.painter.draw(step, motions, rows, own).copy(), relative(own[:, -1], future), way, known)
+        rasters = source.painter.draw(step, motions, rows, own).copy() if painted else np.empty(len(rows), np.float32)
+        return Samples(rasters, relative(own[:, -1], future), way, known)
 
 
 def relative(present: FloatArray, future: FloatArray) -> FloatArray:

@@ -200,7 +200,7 @@ def run(
     if resume:
         training.read(out / CHECKPOINT)
     else:
-        some = train.draw(SCALES, config.agents, np.random.default_rng([config.seed, MIDDLE]))
+        some = train.draw(SCALES, config.agents, np.random.default_rng([config.seed, MIDDLE]), painted=False)
         training.network.scale_to(some.futures, some.units)
     validation = held_out.draw(
         config.validation_moments, config.agents, np.random.default_rng([config.seed, VALIDATION])
