@@ -62,19 +62,6 @@ def test_an_interrupted_training_names_resume_only_where_there_is_something_to_r
     assert ("--resume" in capsys.readouterr().err) == kept
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
-def test_a_full_disk_is_said_and_leaves_the_checkpoint_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    part = torch.nn.Linear(300, 300)
-    path = tmp_path / CHECKPOINT
-    keep_state(path, Config(), {"part": part}, {"done": 1})
-    opened = Path.open
-    monkeypatch.setattr(Path, "open", lambda _, *words: opened(Path("/dev/full"), *words))
-    with pytest.raises(InputError, match=r"checkpoint\.pt: cannot be written: No space left on device"):
-        keep_state(path, Config(), {"part": part}, {"done": 2})
-    monkeypatch.undo()
-    assert read_state(path, Config(), {"part": part}, ["done"])["done"] == 1
-
-
 @pytest.mark.parametrize("content", [{"model": {}}, {"config": "{}", "part": {}, "done": 1}, 7])
 def test_a_checkpoint_of_another_program_or_version_is_refused(tmp_path: Path, content: object) -> None:
     torch.save(content, tmp_path / CHECKPOINT)
@@ -92,13 +79,14 @@ ENTRIES = [{"validation_score": 0.5}] * 50
 @pytest.mark.parametrize(
     "write",
     [
+        lambda path: keep_state(path, Config(), {"part": torch.nn.Linear(30, 30)}, {}),
         lambda path: write_history(ENTRIES, path),
         lambda path: plot_curves(ENTRIES, path.with_suffix(".png")),
         lambda path: network.save(network.GaussianPolicy(ObservationConfig()), path),
         lambda path: imitation_network.save(imitation_network.TrafficPolicy(), path, {}),
         lambda path: simnet_network.save(simnet_network.SimNet("small"), path, {}),
     ],
-    ids=["history", "curves", "policy C", "imitation", "simnet"],
+    ids=["checkpoint", "history", "curves", "policy C", "imitation", "simnet"],
 )
 def test_what_cannot_be_written_whole_leaves_what_was_there(write: Callable[[Path], None], tmp_path: Path) -> None:
     for name in ("made.file", "made.png"):

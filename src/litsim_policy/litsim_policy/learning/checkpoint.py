@@ -15,7 +15,7 @@ from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.critic import Critic
 from litsim_policy.learning.network import GaussianPolicy, multilayer, save
 from litsim_policy.learning.plots import PANELS, Lines, plot_curves
-from litsim_predictor.learned.checkpoint import checkpoint
+from litsim_predictor.learned.checkpoint import checkpoint, save_checkpoint
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
 
@@ -141,8 +141,7 @@ def keep_state(path: Path, config: BaseModel, parts: Mapping[str, Any], more: Ma
     """
     described = json.dumps(config.model_dump(mode="json"))
     state = {name: part.state_dict() for name, part in parts.items()} | dict(more) | {"config": described}
-    with replacing(path) as new, new.open("wb") as file:  # given a path, torch does not say that the disk is full
-        torch.save(state, file)
+    save_checkpoint(path, state)
 
 
 def read_state(

@@ -1,8 +1,9 @@
-"""Checkpoints of trainings, read with errors that name the file."""
+"""Checkpoints of trainings, written whole, and read with errors that name the file."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import io
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import torch
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import replacing
 
 
 @contextmanager
@@ -30,6 +32,18 @@ def checkpoint(path: Path, device: str) -> Iterator[dict[str, Any]]:
         yield state
     except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
         raise InputError(f"{path}: a checkpoint of another program or version: {_brief(error)}") from error
+
+
+def save_checkpoint(path: Path, state: Mapping[str, Any]) -> None:
+    """Write the checkpoint `path`.
+
+    Raises:
+        Unwritable: it cannot be written; the previous one is kept.
+    """
+    content = io.BytesIO()  # given a file, torch does not say that the disk is full
+    torch.save(dict(state), content)
+    with replacing(path) as new:
+        new.write_bytes(content.getbuffer())
 
 
 def _brief(error: Exception) -> str:

@@ -17,6 +17,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from litsim_sim.core.errors import InputError, not_installed
+from litsim_sim.io.files import replacing
 
 DECIMALS = 3  # of written coordinates: millimetres
 PLAIN_OPTIONS = {
@@ -115,10 +116,7 @@ def _convert(options: Sequence[str], path: Path, folder: Path, outlines: Mapping
     net = re.sub(r"<!--.*?-->\n*", "", made.read_text(encoding="UTF-8"), count=1, flags=re.DOTALL)
     for junction, outline in outlines.items():
         net = re.sub(rf'(<junction id="{re.escape(junction)}"[^>]*? shape=")[^"]*', rf"\g<1>{outline}", net, count=1)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(net, encoding="UTF-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    with replacing(path) as new:
+        new.write_text(net, encoding="UTF-8")
     said = (done.stdout + done.stderr).splitlines()
     return [line.removeprefix("Warning: ").strip() for line in said if line.startswith("Warning")]

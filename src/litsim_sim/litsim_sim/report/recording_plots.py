@@ -24,6 +24,7 @@ from litsim_sim.core.colours import INK
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray
+from litsim_sim.io.files import replacing
 from litsim_sim.maps.lane_crossings import lane_crossings
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.recordings.recording import Recording
@@ -63,8 +64,8 @@ def draw(
         moments: [s] from the first frame on, at which an intersection is drawn as it was then.
 
     Raises:
-        InputError: `path` has another ending, or the recording has no such moments, or shows no intersection.
-        OSError: `path` cannot be written.
+        InputError: `path` has another ending or cannot be written, or the recording has no such moments, or shows no
+            intersection.
     """
     if path.suffix not in (".png", ".html", ".htm"):
         raise InputError(f"{path}: expected a name that ends with .png or .html")
@@ -72,7 +73,8 @@ def draw(
     if crossing is None and moments:
         raise InputError(f"{path}: moments are drawn of an intersection, and no lanes of a net cross under the tracks")
     if path.suffix == ".png":
-        path.write_bytes(_bytes(_overview(recording, lane_map, crossing, signals, moments)))
+        with replacing(path) as new:
+            new.write_bytes(_bytes(_overview(recording, lane_map, crossing, signals, moments)))
         return
     if crossing is not None:
         pictures = {"Plan": intersection(recording, crossing, signals, moments)}
@@ -84,7 +86,8 @@ def draw(
         text=text,
         pictures=[(title, base64.b64encode(_bytes(figure)).decode()) for title, figure in pictures.items()],
     )
-    path.write_text(page, encoding="utf-8")
+    with replacing(path) as new:
+        new.write_text(page, encoding="utf-8")
 
 
 def space_time(recording: Recording) -> Figure:

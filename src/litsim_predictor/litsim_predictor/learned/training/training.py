@@ -16,7 +16,7 @@ from tqdm import tqdm
 from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.contract import AT_SECONDS, MANEUVERS, SECONDS
 from litsim_predictor.inference.weights import Provenance, weights_path
-from litsim_predictor.learned.checkpoint import checkpoint
+from litsim_predictor.learned.checkpoint import checkpoint, save_checkpoint
 from litsim_predictor.learned.data.batch import SceneBatch
 from litsim_predictor.learned.data.scenes import scene_batches, training_batches
 from litsim_predictor.learned.data.sources import digest_of, files_of
@@ -244,8 +244,7 @@ class Training:
             "history": json.dumps(self.history),
             "best": json.dumps(self._best),
         }
-        with replacing(self._folder / CHECKPOINT) as new, new.open("wb") as file:
-            torch.save(state, file)
+        save_checkpoint(self._folder / CHECKPOINT, state)
         summary = {"best": self._best, "manifest": self._manifest, "epochs": self.history, "maneuvers": list(MANEUVERS)}
         with replacing(self._folder / HISTORY_FILE) as new:
             new.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")

@@ -49,10 +49,7 @@ def run(arguments: argparse.Namespace) -> None:
     net = _net(recording, arguments.recording, arguments.net)
     lane_map = None if net is None else LaneMap.from_net(net)
     signals = _signals(recording, net, arguments)
-    try:
-        draw(recording, arguments.out, describe(recording), lane_map, signals, arguments.at)
-    except OSError as error:
-        raise InputError(f"{arguments.out}: cannot be written: {error.strerror or error}") from error
+    draw(recording, arguments.out, describe(recording), lane_map, signals, arguments.at)
     print(arguments.out)
 
 
