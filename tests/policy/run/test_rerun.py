@@ -211,6 +211,13 @@ def test_a_record_that_ends_amid_a_step_is_equal_up_to_there(write: Any) -> None
     assert found.tally.different == 0
 
 
+def test_a_record_without_a_complete_step_is_refused(write: Any) -> None:
+    """As of a run whose ego never answered: step 0 alone differed, since the record lacks its command."""
+    bag = write(lambda name, k, message: None if name == topics.EGO_CONTROL.name else message)
+    with open_record(bag) as record, pytest.raises(InputError, match="has no complete step"):
+        resimulate(record)
+
+
 def test_exit_status_and_words(write: Any, answered: Any, tmp_path: Path, capsys: Any) -> None:
     def main(*words: object) -> tuple[int, str]:
         code = 0

@@ -88,8 +88,10 @@ def resimulate(record: Record) -> Resimulated:
     if info.ego == EXTERNAL:
         record.notes.append("the ego is external: it answers as recorded")
     run_id, ego_id = info.run_id, info.ego_id
-    compared = [messages[topic.name] for topic in (AGENTS, TAKEOVERS, CONTROLS, EGO_CONTROL)]
-    last = min((max(found) for found in compared if found), default=-1)  # a truncated bag may end within a step
+    compared = (AGENTS, EGO_CONTROL) if info.policy == "replay" else (AGENTS, TAKEOVERS, CONTROLS, EGO_CONTROL)
+    last = min(max(messages[topic.name], default=-1) for topic in compared)  # a truncated bag may end within a step
+    if last < 0:
+        raise InputError(f"{record.path}: has no complete step, so there is nothing to repeat")
     digests = RunDigest(), RunDigest()
     steps = 0
     for now in _again(record).steps():
