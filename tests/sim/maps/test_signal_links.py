@@ -64,6 +64,14 @@ def test_every_way_over_a_junction_is_told_apart(links: tuple[SignalLink, ...], 
     assert step == np.ceil((30.05 + PASSED) / (SPEED * STEP_S))
 
 
+def test_who_waits_in_the_junction_has_taken_the_way_that_it_takes_then(links: tuple[SignalLink, ...]) -> None:
+    x, y, yaw = drive(np.array([[-150.0, -8.25], [-60.0, -8.25]]))
+    waits = int(np.searchsorted(x[0], -110.0))  # nearer to where the right turn leaves the junction
+    at = np.r_[:waits, np.full(200, waits), waits : x.shape[1]]
+    ((_, found),) = passed(links, (x[:, at], y[:, at], yaw[:, at]))
+    assert found == passed(links, (x, y, yaw))[0][1] == "WA_0 -> AB_0"
+
+
 def test_who_stops_on_the_line_has_not_passed(links: tuple[SignalLink, ...]) -> None:
     way = np.array([[-150.0, -4.95], [-80.0, -4.95]])
     to_line = -114.6 + 150.0

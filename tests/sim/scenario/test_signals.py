@@ -16,7 +16,7 @@ from litsim_sim.core.signals import SignalState
 from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.recordings.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import Scenario
-from litsim_sim.scenario.signals import Signals, SignalsFile, heed, on_clock, resolved
+from litsim_sim.scenario.signals import Signals, SignalsFile, heed, on_clock, read_signals, resolved
 
 GROUPS = {"east": ["WA_0", "WA_1 -> AB_1"], "left": ["WA_2 -> AAN_0"], "walk": []}
 CHANGES = [
@@ -202,7 +202,18 @@ def test_a_recording_may_carry_its_signals(build: Callable[..., Scenario], tmp_p
         ({"groups": GROUPS, "changes": [[0.0, "west", "red"]]}, "group west is not among groups, east, left"),
         ({"groups": GROUPS, "changes": [[0.0, "east", "blue"]]}, r"line 10, field signals.changes.0.2"),
         ({"groups": GROUPS, "changes": [[1.0, "east", "red"], [0.0, "east", "red"]]}, "0 s after 1 s, not ascending"),
-        ({"groups": GROUPS, "program": {"phases": [{"duration_s": 0}]}}, "duration_s: Input should be greater than 0"),
+        (
+            {"groups": GROUPS, "program": {"phases": [{"duration_s": 0}]}},
+            "duration_s: Input should be greater than or equal to 0.1",
+        ),
+        (
+            {"groups": GROUPS, "changes": [[np.nan, "east", "red"]]},
+            "field signals.changes.0.0: Input should be a finite",
+        ),
+        (
+            {"groups": GROUPS, "changes": [[0.0, "east", "red"], [0.0, "east", "green"]]},
+            "changes: group east shows red and green at 0 s, expected one",
+        ),
         (
             {"groups": GROUPS, "program": {"phases": [{"duration_s": 1, "states": {"x": "red"}}]}},
             "group x is not among",
@@ -229,6 +240,12 @@ def test_what_cannot_be_used(build: Callable[..., Scenario], signals: Any, messa
         ),
         ("group,begin\nwest,0\n", r"columns \['state'\] are missing; the file has \['group', 'begin'\]"),
         ("", "not readable as CSV or Parquet"),
+        ("group,begin,state\neast,0,red\n,1,red\n", r"states\.csv: line 3: column 'group' is empty"),
+        ("group,begin,state\neast,0,\n", r"states\.csv: line 2: column 'state' is empty"),
+        (
+            "group,begin,state\neast,1,red\neast,0,red\neast,1,amber\n",
+            r"line 2, red; .*states\.csv: line 4, amber: group east shows two states at one time, expected one",
+        ),
     ],
 )
 def test_files_that_cannot_be_used(tmp_path: Path, build: Callable[..., Scenario], text: str, message: str) -> None:
@@ -238,6 +255,11 @@ def test_files_that_cannot_be_used(tmp_path: Path, build: Callable[..., Scenario
     (tmp_path / "states.csv").unlink()
     with pytest.raises(InputError, match=r"states\.csv: no such file of signal states"):
         build({"groups": GROUPS, "states": {"file": "states.csv"}})
+
+
+def test_a_light_that_is_off_needs_no_quotes(tmp_path: Path) -> None:
+    (tmp_path / "signals.yaml").write_text("groups: {east: [WA_0]}\nchanges: [[0, east, off], [1, east, red]]\n")
+    assert read_signals(tmp_path / "signals.yaml").changes == [(0.0, "east", "off"), (1.0, "east", "red")]
 
 
 def test_signals_that_nobody_heeds_are_refused(build: Callable[..., Scenario]) -> None:

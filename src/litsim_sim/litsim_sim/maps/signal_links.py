@@ -16,7 +16,7 @@ ARROW = " -> "  # between the lanes of a connection's name
 BESIDE = 0.5  # [m] beyond the lane's edge at which a stop line still counts as crossed
 FACING = np.cos(np.deg2rad(45.0))  # cosine between a vehicle and the lane whose stop line it crosses
 PASSED = 1.0  # [m] beyond the stop line at which it is passed: drivers stop on it, and maps and tracks are that far off
-LEAVES = 60  # steps after the stop line within which a vehicle has passed the junction, or stands in it
+LEAVES = 300  # steps after the stop line within which a vehicle has passed the junction: one that turns may wait in it
 
 
 @dataclass(frozen=True)

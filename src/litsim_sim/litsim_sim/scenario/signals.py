@@ -31,7 +31,9 @@ NAMES = {state.name.lower(): state for state in SignalState} | {
     "off": SignalState.DARK,
     "unknown": SignalState.UNAVAILABLE,
 }
-StateName = Annotated[str, OneOf(tuple(NAMES))]
+StateName = Annotated[str, OneOf(tuple(NAMES)), BeforeValidator(lambda name: "off" if name is False else name)]
+"""Name of a state; to YAML, off without quotes is a truth value."""
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "frame": STEP_S}
 AT_RED_MAX, PASSED_MIN = 0.5, 5  # a group is refused above this share of passages at red, of at least so many passages
 
@@ -73,7 +75,7 @@ class StateList(_Strict):
 class Phase(_Strict):
     """A phase of a fixed cycle; groups that are not named show red."""
 
-    duration_s: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    duration_s: Annotated[float, Field(ge=STEP_S, allow_inf_nan=False)]
     states: Annotated[dict[str, StateName], _Named] = {}
 
 
@@ -85,7 +87,7 @@ class Program(_Strict):
         phases: phases in order.
     """
 
-    offset_s: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+    offset_s: Finite = 0.0
     phases: Annotated[list[Phase], Field(min_length=1)]
 
 
@@ -95,13 +97,13 @@ class SignalsFile(_Strict):
     Attributes:
         groups: connections of each group by its name: ``FROM_LANE -> TO_LANE``, or ``FROM_LANE`` for all of a lane, or
             ``EDGE`` for all of its lanes; empty for a group of the recording that is not needed.
-        changes: [seconds from frame 0 of the recording, group, state], ascending.
+        changes: [seconds from frame 0 of the recording, group, state], ascending for each group.
         states: a file of changes.
         program: a fixed cycle.
     """
 
     groups: Annotated[dict[str, Annotated[list[str], _Named]], Field(min_length=1), _Named]
-    changes: list[tuple[float, str, StateName]] | None = None
+    changes: list[tuple[Finite, str, StateName]] | None = None
     states: StateList | None = None
     program: Program | None = None
 
@@ -110,6 +112,20 @@ class SignalsFile(_Strict):
         given = [name for name in ("changes", "states", "program") if getattr(self, name) is not None]
         if len(given) != 1:
             raise ValueError(f"expected one of changes, states and program, found {' and '.join(given) or 'none'}")
+        return self
+
+    @model_validator(mode="after")
+    def _changes_follow_each_other(self) -> Self:
+        last: dict[str, tuple[float, str]] = {}
+        for begin, group, state in self.changes or []:
+            if group not in self.groups:
+                raise ValueError(f"changes: group {group} is not among groups, {', '.join(sorted(self.groups))}")
+            before, other = last.get(group, (-np.inf, state))
+            if begin < before:
+                raise ValueError(f"changes: group {group}: {begin:g} s after {before:g} s, not ascending")
+            if begin == before and NAMES[state] != NAMES[other]:
+                raise ValueError(f"changes: group {group} shows {other} and {state} at {begin:g} s, expected one")
+            last[group] = begin, state
         return self
 
 
@@ -209,8 +225,8 @@ def build(given: SignalsFile, net: Path, log: Log, start_frame: int, where: str)
         where: names the scenario in errors.
 
     Raises:
-        InputError: a connection is not in the net, or is in two groups; a group of a change is unknown; or most
-            vehicles pass the stop lines of a group at red, so that groups or times must be wrong.
+        InputError: a connection is not in the net, or is in two groups; or most vehicles pass the stop lines of a
+            group at red, so that groups or times must be wrong.
     """
     made = shown(given, read_links(net), log.steps, start_frame, where)
     check_heeded(heed(made, log), where)
@@ -230,13 +246,13 @@ def shown(
         where: names the scenario in errors.
 
     Raises:
-        InputError: a connection is not in the net, or is in two groups; or a group of a change is unknown.
+        InputError: a connection is not in the net, or is in two groups; or a group of a program is unknown.
     """
     members = _members(given.groups, every, f"{where}: signals, field groups")
     groups = tuple(sorted(set(members.values())))
     links = tuple(link for link in every if link.name in members)
     changes = given.changes if given.changes is not None else _cycle(given, start_frame, steps, where)
-    states = _states(changes, groups, set(given.groups), start_frame, steps, where)
+    states = _states(changes, groups, start_frame, steps)
     link_group = np.array([groups.index(members[link.name]) for link in links], np.int64)
     return Signals(groups, links, link_group, states)
 
@@ -288,25 +304,13 @@ def _cycle(given: SignalsFile, start_frame: int, steps: int, where: str) -> list
 def _states(
     changes: Sequence[tuple[float, str, str]],
     groups: tuple[str, ...],
-    known: set[str],
     start_frame: int,
     steps: int,
-    where: str,
 ) -> ByteArray:
     """(g, steps) states; UNAVAILABLE before the first change of a group."""
     states = np.full((len(groups), steps), int(SignalState.UNAVAILABLE), np.uint8)
     rows = {group: row for row, group in enumerate(groups)}
-    last: dict[str, float] = {}
     for begin, group, state in changes:
-        if group not in known:
-            raise InputError(
-                f"{where}: signals, field changes: group {group} is not among groups, {', '.join(sorted(known))}"
-            )
-        if begin < last.get(group, -np.inf):
-            raise InputError(
-                f"{where}: signals, field changes: group {group}: {begin:g} s after {last[group]:g} s, not ascending"
-            )
-        last[group] = begin
         if group in rows:
             step = int(np.ceil(begin * RATE_HZ - 1e-6)) - start_frame
             states[rows[group], max(0, step) :] = int(NAMES[state])
@@ -380,6 +384,10 @@ def _read_changes(given: StateList, path: Path) -> list[tuple[float, str, Any]]:
         at = int(np.argmin(np.isfinite(begin)))
         found = str(table[given.begin].iloc[at])
         raise InputError(f"{source.at(table['row'].iloc[at])}: column {given.begin!r} is {found!r}, expected a number")
+    for column in (given.group, given.state):
+        if table[column].isna().any():
+            at = int(np.argmax(table[column].isna().to_numpy()))
+            raise InputError(f"{source.at(table['row'].iloc[at])}: column {column!r} is empty")
     codes = {str(code): name for code, name in given.codes.items()}
     said = table[given.state].map(_plain)
     names = said.map(lambda value: codes.get(value, value.lower() if value.lower() in NAMES else None))
@@ -391,8 +399,14 @@ def _read_changes(given: StateList, path: Path) -> list[tuple[float, str, Any]]:
         )
     order = np.argsort(begin, kind="stable")
     group = table[given.group].map(_plain).to_numpy()
-    seconds = begin * (1.0 if stamped else SECONDS[given.unit])
-    return [(round(float(seconds[i]), 6), str(group[i]), str(names.iloc[i])) for i in order]
+    seconds = [round(float(each), 6) for each in begin * (1.0 if stamped else SECONDS[given.unit])]
+    seen: dict[tuple[str, float], int] = {}
+    for i in order:
+        first = seen.setdefault((group[i], seconds[i]), i)
+        if NAMES[names.iloc[i]] != NAMES[names.iloc[first]]:
+            one, other = (f"{source.at(table['row'].iloc[k])}, {names.iloc[k]}" for k in (first, i))
+            raise InputError(f"{one}; {other}: group {group[i]} shows two states at one time, expected one")
+    return [(seconds[i], str(group[i]), str(names.iloc[i])) for i in order]
 
 
 def _plain(value: object) -> str:
