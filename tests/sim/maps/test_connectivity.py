@@ -33,6 +33,18 @@ def test_a_closed_net_has_no_way_in_and_lacks_nothing() -> None:
     assert connectivity(LaneMap([there, back])) == Connectivity()
 
 
+def test_junctions_without_lanes_inside_are_told() -> None:
+    lanes = [
+        made_lane("a_0", (0, 0), (100, 0), ("b_0", "c_0")),
+        made_lane("b_0", (112, 0), (200, 0)),
+        made_lane("c_0", (106, 6), (106, 100)),
+    ]
+    found = connectivity(LaneMap(lanes))
+    assert found.apart == (("a_0", "b_0"), ("a_0", "c_0"))
+    (said,) = found.failures
+    assert said.startswith("2 lanes lead to one that begins more than 6 m away, such as a_0 to b_0")
+
+
 def test_lanes_beside_those_that_turn_around_at_the_ends_of_a_net_lack_nothing() -> None:
     lanes = [
         made_lane("a_0", (0, -5), (100, -5), ("b_0",), left="a_1"),

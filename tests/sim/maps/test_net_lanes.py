@@ -64,6 +64,19 @@ def test_nets_that_cannot_be_read(tmp_path: Path) -> None:
         bad.write_text(text)
         with pytest.raises(InputError, match=rf"bad\.net\.xml: not a readable SUMO net: {why}"):
             read_lanes(bad)
+    for before, after, why in (
+        ("0,3 30,3", "0,3", "lane a_2: field shape has no two points"),
+        ("0,3 30,3", "", "lane a_2: field shape has no two points"),
+        ("0,3 30,3", "0,nan 30,3", "lane a_2: field shape has no two points with finite coordinates"),
+        ('width="3.0"', 'width="-3"', "lane a_2: field width is -3, expected more than 0"),
+    ):
+        assert before in EDGE
+        bad.write_text(f'<net version="1.20">{LOCATION}{EDGE.replace(before, after)}{NODES}</net>')
+        with pytest.raises(InputError, match=rf"bad\.net\.xml: {why}"):
+            read_lanes(bad)
+    bad.write_text('<commonRoad><location latitude="1"/></commonRoad>')
+    with pytest.raises(InputError, match="not a SUMO net: its root element is <commonRoad>, expected <net>"):
+        read_lanes(bad)
     bad.write_text('<net version="1.20"></net>')
     with pytest.raises(InputError, match="holds no lanes"):
         read_lanes(bad)

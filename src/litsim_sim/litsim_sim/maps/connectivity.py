@@ -20,6 +20,7 @@ from litsim_sim.maps.net_lanes import Lane
 
 ABUTTING = 3.0  # [m] from the end of a lane within which another one that begins looks like its continuation
 ABUTTING_ANGLE = np.deg2rad(45.0)  # and by which it may turn
+BRIDGED = 6.0  # [m] from the end of a lane within which one that it leads to begins, if only to turn around
 CROSSING_ANGLE = np.deg2rad(20.0)  # from which on edges cross; below they merge or part
 CROSSING_MARGIN = 1.0  # [m] from the end of a lane, where lanes may touch
 
@@ -57,6 +58,7 @@ class Connectivity:
             that begins late; none in a closed net, which has no way in.
         beginning: lanes that begin late: nothing leads to them while it does to others of their edge.
         gaps: lanes into which nothing leads though another lane ends where they begin.
+        apart: pairs of lanes of which one leads to the other, which begins elsewhere: the junction lacks lanes inside.
         crossings: edges that cross: inside a junction there should be connections, not edges; a bridge is none.
     """
 
@@ -65,6 +67,7 @@ class Connectivity:
     unreached: tuple[str, ...] = ()
     beginning: tuple[str, ...] = ()
     gaps: tuple[Gap, ...] = ()
+    apart: tuple[tuple[str, str], ...] = ()
     crossings: tuple[Crossing, ...] = ()
 
     @property
@@ -77,6 +80,12 @@ class Connectivity:
             "and does not lead to it"
             for gap in self.gaps
         ]
+        if self.apart:
+            missed.append(
+                f"{len(self.apart)} lanes lead to one that begins more than {BRIDGED:g} m away, such as "
+                f"{' to '.join(self.apart[0])}: build the net with lanes inside junctions (netconvert without "
+                "--no-internal-links)"
+            )
         missed += [
             f"edges {each.one} and {each.other} cross at ({each.x:.1f}, {each.y:.1f}) without a junction: mark their "
             "lanes there as lanes of an intersection; of a bridge, keep only one level in the recording"
@@ -109,6 +118,12 @@ def connectivity(lane_map: LaneMap) -> Connectivity:
         unreached=tuple(lane.id for lane in lanes if comes_in and lane.id not in comes_in),
         beginning=beginning,
         gaps=_gaps(lanes, {lane.id for lane in lanes if lane.edge_id not in entered}),
+        apart=tuple(
+            (lane.id, name)
+            for lane in lanes
+            for name in lane.successors
+            if np.hypot(*(lanes[lane_map.row(name)].centerline[0] - lane.centerline[-1])) > BRIDGED
+        ),
         crossings=_crossings(lanes),
     )
 

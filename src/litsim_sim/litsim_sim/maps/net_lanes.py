@@ -62,6 +62,8 @@ def read_lanes(path: Path) -> list[Lane]:
 
 def unreadable_net(path: Path, error: Exception) -> InputError:
     """An error about the file at `path`, which is not a SUMO net, with the place at which sumolib failed."""
+    if not isinstance(error, SAXException | OSError) and (tag := _root(path).tag) != "net":
+        return InputError(f"{path}: not a SUMO net: its root element is <{tag}>, expected <net>")
     if isinstance(error, SAXParseException):
         why = f"line {error.getLineNumber()}, column {(error.getColumnNumber() or 0) + 1}: {error.getMessage()}"
     else:
@@ -80,12 +82,12 @@ def read_net(path: Path) -> tuple[Any, list[Lane]]:
     try:
         net: Any = sumolib.net.readNet(str(path), withInternal=True, lxml=False)
         edges = net.getEdges(withInternal=True)
-        left_hand = _is_left_hand(path)
-        lanes = [_lane(lane, left_hand) for edge in edges for lane in edge.getLanes() if _drivable(lane)]
+        left_hand = _root(path).get("lefthand") == "true"
+        lanes = [_lane(lane, left_hand, path) for edge in edges for lane in edge.getLanes() if _drivable(lane)]
     except UNREADABLE as error:
         raise unreadable_net(path, error) from error
     if not lanes:
-        raise InputError(f"{path}: the net holds no lanes")
+        raise InputError(f"{path}: the net holds no lanes for cars; its root element is <{_root(path).tag}>")
     known = {lane.id for lane in lanes}
     for lane in lanes:
         lost = [name for name in lane.successors if name not in known]
@@ -99,16 +101,24 @@ def _drivable(lane: Any) -> bool:
     return bool(lane.allows("passenger"))
 
 
-def _is_left_hand(path: Path) -> bool:
-    """Whether a net is of left-hand traffic, which sumolib does not tell."""
+def _root(path: Path) -> ET.Element:
+    """The root element of a net, whose attributes sumolib does not tell."""
     with sumolib.openz(str(path), "rb") as file:
         _, root = next(iter(ET.iterparse(file, ("start",))))  # noqa: S314  sumolib has read all of it before
-    return bool(root.get("lefthand") == "true")
+    return root
 
 
-def _lane(lane: Any, left_hand: bool) -> Lane:
-    """A lane as sumolib has read it."""
+def _lane(lane: Any, left_hand: bool, path: Path) -> Lane:
+    """A lane as sumolib has read it from the net at `path`.
+
+    Raises:
+        InputError: its shape or its width is none.
+    """
     centerline = np.array([point[:2] for point in lane.getShape()], np.float64)
+    if len(centerline) < 2 or not np.isfinite(centerline).all():
+        raise InputError(f"{path}: lane {lane.getID()}: field shape has no two points with finite coordinates")
+    if not 0.0 < lane.getWidth() < np.inf:
+        raise InputError(f"{path}: lane {lane.getID()}: field width is {lane.getWidth():g}, expected more than 0")
     steps = np.hypot(*np.diff(centerline, axis=0).T)
     keep = np.concatenate([[True], steps > TOLERANCE])
     closed = np.array([centerline[0], centerline[0] + [2 * TOLERANCE, 0.0]])  # by rounding, in a very short junction
