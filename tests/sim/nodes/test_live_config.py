@@ -91,6 +91,7 @@ def test_the_scene_of_the_layout_names_topics_that_it_can_draw(layout: dict[str,
 def test_paths_of_the_layout_lead_to_fields(layout: dict[str, Any]) -> None:
     paths = [path["value"] for panel in layout["configById"].values() for path in panel.get("paths", ())]
     assert "/litsim/ego/state.twist.twist.linear.x" in paths
+    assert {"/litsim/ego/control.acceleration", "/litsim/ego/applied.acceleration"} <= set(paths)  # own, external
     for path in paths:
         topic, _, field = path.partition(".")
         assert field_type(TOPICS[topic].type, field) in ("double", "float"), path
