@@ -34,7 +34,7 @@ def test_both_kinds_read_the_same(tmp_path: Path, name: str, place: str) -> None
     assert source.at(*table["row"].iloc[1:]).endswith(f": {word}s {number} and {int(number) + 1}")
 
 
-@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_empty_lines_are_no_rows_but_count_as_lines(tmp_path: Path, end: str) -> None:
     (tmp_path / "t.csv").write_bytes(end.join(["", "a,b", "1,2", "", "", "3,4", "5,6"]).encode())
     source = TableFile.open(tmp_path / "t.csv")

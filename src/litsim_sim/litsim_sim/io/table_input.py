@@ -185,8 +185,8 @@ class TableFiles:
 
 def _lines(path: Path, rows: Sequence[int]) -> list[int]:
     """Line number of each of `rows` in a CSV file; rows count the non-empty lines, from 1."""
-    with io.BufferedReader(pa.input_stream(path)) as file:  # unpacked by its name, as where the table is read
-        full = (number for number, raw in enumerate(file, 1) if raw.strip(b"\r\n"))
+    with io.TextIOWrapper(io.BufferedReader(pa.input_stream(path)), "latin-1") as file:  # unpacked by its name; any end
+        full = (number for number, line in enumerate(file, 1) if line.strip("\n"))
         lines = dict(enumerate(islice(full, max(rows)), 1))
     return [lines[row] for row in rows]
 

@@ -431,6 +431,9 @@ def test_cells_that_a_file_need_not_have(tmp_path: Path) -> None:
         InputError, match=r"column 'h' is empty or nan, .*; without field columns\.yaw it is derived from the mo"
     ):
         made(tmp_path, straight().assign(h=lambda rows: rows["h"].where(rows["n"] != 7)), BOX)
+    some = BOX | {"rows": {"h": {"min": -1000}}}  # as the error says
+    found = made(tmp_path, straight().assign(h=lambda rows: rows["h"].where(rows["n"] != 7)), some)
+    assert len(found.table) == len(made(tmp_path, straight(), BOX).table)
 
 
 # Noise

@@ -108,11 +108,16 @@ def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[p
         if bad.any():
             at = int(np.argmax(bad))
             ours = name.removesuffix("_x").removesuffix("_y")
-            without = f"; without field columns.{ours} it is derived from the motion" if ours in DERIVED else ""
-            cell = given[name].iloc[at]
+            theirs, cell = columns.named()[name], given[name].iloc[at]
+            without = (
+                f"; without field columns.{ours} it is derived from the motion, and rows: {{{theirs}: {{min: -1000}}}} "
+                "leaves such rows out, with gaps of up to half a second interpolated"
+                if ours in DERIVED
+                else ""
+            )
             found = "empty or nan" if pd.isna(cell) else repr(str(cell))
             raise InputError(
-                f"{source.at(row[at])}: column {columns.named()[name]!r} is {found}, expected a number; "
+                f"{source.at(row[at])}: column {theirs!r} is {found}, expected a number; "
                 f"{int(bad.sum())} such rows{without}"
             )
         return values * FACTORS[unit]
