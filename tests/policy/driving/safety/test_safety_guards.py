@@ -93,8 +93,8 @@ def test_limits_are_counted_whatever_is_switched_off(ask, lane_map) -> None:
 def scene(name: str, lane_centres: tuple[float, ...]) -> tuple[tuple[float, float], list[dict], dict[str, float]]:
     """What is asked for, the others, and agent 2, where the guard `name` and no other is needed."""
     return {
-        # closing at 12 m/s from 22 m: not to be touched within the look ahead, but no more time to lose
-        "following": ((0.0, 0.0), [{"id": 1, "x": 127.0, "speed": 2.0, "acceleration": -3.0}], {"speed": 14.0}),
+        # 33 m behind one that stands, at 20 m/s: not to be touched within the look ahead, but no more time to lose
+        "following": ((0.0, 0.0), [{"id": 1, "x": 137.5, "speed": 0.0}], {"speed": 20.0}),
         "contact": ((0.0, 0.0), [{"id": 1, "x": 101.0, "y": lane_centres[0], "speed": 10.0}], {"yaw": 0.15}),
         "road": ((0.0, 0.0), [], {"y": lane_centres[0] + 0.3, "yaw": 0.15}),
     }[name]
@@ -133,13 +133,13 @@ def test_the_road_alone_is_kept_to_whoever_is_beside(ask, lane_centres) -> None:
 @pytest.mark.parametrize(
     ("leader", "braking"),
     [
-        # 41 m behind a bumper, of which 1 m is kept, at 20 m/s: braking later would do, but not as gently
-        ({"x": 145.5, "speed": 0.0}, 20.0**2 / (2.0 * 40.0)),
-        # 51 m: 4 m/s2 would do, and that much the network may brake itself
-        ({"x": 155.5, "speed": 0.0}, None),
-        # 31 m; the leader, at 10 m/s, stops within 12.5 m
-        ({"x": 135.5, "speed": 10.0, "acceleration": -4.0}, 20.0**2 / (2.0 * 42.5)),
-        # the same leader, going on: 1.7 m/s2 would do, and there is time
+        # 31 m behind a bumper, of which 1 m is kept, at 20 m/s: braking later would do, but not as gently
+        ({"x": 135.5, "speed": 0.0}, 20.0**2 / (2.0 * 30.0)),
+        # 41 m: 5 m/s2 would do; the network may brake by 4 itself, and there is time for what that lacks
+        ({"x": 145.5, "speed": 0.0}, None),
+        # 21 m; the leader, at 10 m/s, stops within 12.5 m
+        ({"x": 125.5, "speed": 10.0, "acceleration": -4.0}, 20.0**2 / (2.0 * 32.5)),
+        # 31 m; the leader, at 10 m/s, goes on: 1.7 m/s2 would do, and there is time
         ({"x": 135.5, "speed": 10.0}, None),
     ],
 )
@@ -149,9 +149,9 @@ def test_what_an_approach_needs_is_braked_for_at_once_where_it_is_much(ask, lead
     assert command(found)[0] == pytest.approx(-(braking or 0.0))
 
 
-@pytest.mark.parametrize(("gap", "leader_speed", "braking"), [(6.0, 15.0, 2.5), (8.0, 12.0, 8.0**2 / (2.0 * 7.0))])
+@pytest.mark.parametrize(("gap", "leader_speed", "braking"), [(6.0, 15.0, 2.5), (6.0, 12.0, 8.0**2 / (2.0 * 5.0))])
 def test_a_gap_that_is_merely_too_short_is_widened_gently(ask, gap: float, leader_speed: float, braking: float) -> None:
-    """At 20 m/s. By the safe speed alone it would brake by 3.8 and 5.2 m/s2; the second is an emergency."""
+    """At 20 m/s. By the safe speed alone it would brake by 3.8 and 6.2 m/s2; the second is an emergency."""
     found = ask(only("following"), (0.0, 0.0), {"id": 1, "x": 104.5 + gap, "speed": leader_speed}, speed=20.0)
     assert found.guarded[0] and command(found)[0] == pytest.approx(-braking)
 
@@ -184,6 +184,24 @@ def test_where_nothing_helps_what_touches_last_and_brakes_hardest_is_done(ask) -
     wall = [{"id": 10 + k, "x": 106.5, "y": -2.2 * k, "speed": 0.0} for k in range(9)]
     acceleration, _ = command(ask(only("contact"), (0.0, 0.0), *wall, speed=20.0))
     assert acceleration == -SAFE.braking_max
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_who_is_cut_in_on_from_beside_swerves_where_braking_comes_too_late(ask, lane_centres, side: float) -> None:
+    """The other, beside it, comes over by 0.7 m/s; both drive at 12 m/s. A third one leaves no room to swerve."""
+    y = lane_centres[1] + side * 2.5
+    beside = {"id": 1, "x": 101.0, "y": y, "yaw": -side * 0.06, "speed": 12.0}
+    found = ask(only("contact"), (0.0, 0.0), beside, speed=12.0)
+    assert command(found)[1] == pytest.approx(-side * TWIST) and found.changed[0, GUARDS.index("contact")]
+    on_the_other_side = {"id": 3, "x": 100.0, "y": lane_centres[1] - side * 2.3, "speed": 12.0}
+    assert command(ask(only("contact"), (0.0, 0.0), beside, on_the_other_side, speed=12.0))[1] != command(found)[1]
+
+
+def test_no_agent_swerves_where_braking_suffices(ask, lane_centres) -> None:
+    """The other is ahead of it, and moves over to behind whom it can fall."""
+    ahead = {"id": 1, "x": 108.0, "y": lane_centres[0], "yaw": -0.12, "speed": 10.0}
+    acceleration, yaw_rate = command(ask(only("contact"), (0.0, 0.0), ahead, speed=14.0))
+    assert acceleration < 0.0 and yaw_rate == pytest.approx(0.0, abs=1e-3)
 
 
 def test_who_is_off_the_road_already_may_come_back(ask, lane_centres) -> None:

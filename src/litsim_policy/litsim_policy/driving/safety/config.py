@@ -43,8 +43,8 @@ class SafetyConfig:
         standstill_gap: kept behind the agent ahead.
         relax: time constant of widening a gap that is too short.
         widening: hardest braking for that alone, outside emergencies.
-        imminent: an approach that needs harder braking is an emergency; by default, the most that the network may
-            command.
+        imminent: an approach that needs harder braking is an emergency. Up to there the network itself brakes, by
+            `deceleration_max` at most, and what is then missing can still be made up for.
         leader_brakes: a leader that brakes harder is assumed to stop.
         horizon: of the look-ahead for other boxes.
         settle: time constant with which turns are expected to end.
@@ -68,7 +68,7 @@ class SafetyConfig:
     standstill_gap: NonNegative[Length] = 1.0
     relax: Positive[Duration] = 1.0
     widening: Positive[Acceleration] = 2.5
-    imminent: NonNegative[Acceleration] = 4.05
+    imminent: NonNegative[Acceleration] = 6.0
     leader_brakes: NonNegative[Acceleration] = LEADER_BRAKES
     horizon: Horizon = 1.5
     settle: Positive[Duration] = 0.5

@@ -25,9 +25,11 @@ def evasive_commands(  # noqa: PLR0917 - a kernel takes arrays and numbers
     acceleration_max: float,
     braking_max: float,
 ) -> FloatArray:
-    """Alternatives to the commands, nearest to the commanded acceleration first.
+    """Alternatives to the commands, nearest to the commanded acceleration first, and after all of them swerves.
 
-    Acceleration is among them, since it may be best for an agent that another cuts in on from behind.
+    Acceleration is among them, since it may be best for an agent that another cuts in on from behind. Swerves to
+    either side, as fast as turns may begin, are the last resort for an agent beside which another moves over: no
+    braking takes it out of the way in time.
 
     Args:
         commands: (k, 2) accelerations [m/s2] and yaw rates [rad/s].
@@ -38,9 +40,11 @@ def evasive_commands(  # noqa: PLR0917 - a kernel takes arrays and numbers
         lateral_acceleration_max, acceleration_max, braking_max: as in :class:`SafetyConfig`.
 
     Returns:
-        (k, 21, 2) accelerations and yaw rates: as commanded, along the path, along the lane; then at other speeds.
+        (k, 35, 2) accelerations and yaw rates: as commanded, along the path, along the lane; then with other
+        accelerations; then, with each of them, to the right and to the left.
     """
-    choices = np.empty((len(commands), 3 * (len(BRAKING) + 3), 2))
+    strengths = len(BRAKING) + 3
+    choices = np.empty((len(commands), 5 * strengths, 2))
     for i in range(len(commands)):
         wanted = commands[i, 0]
         bound = lateral_acceleration_max / max(speed[i], SPEED_MIN)
@@ -48,15 +52,19 @@ def evasive_commands(  # noqa: PLR0917 - a kernel takes arrays and numbers
         along_path = within(within(path_yaw_rate[i], low, high), -bound, bound)
         along_lane = within(within(lane_yaw_rate[i], low, high), -bound, bound)
         steering = (commands[i, 1], along_path, along_lane)
+        swerves = (within(low, -bound, bound), within(high, -bound, bound))
         driving_on = max(min(acceleration_max, cap[i]), wanted)
         hardest = min(wanted, -braking_max)
-        accelerations = np.full(len(BRAKING) + 3, hardest)
+        accelerations = np.full(strengths, hardest)
         accelerations[0], accelerations[-1] = wanted, driving_on
         for k in range(len(BRAKING)):
             accelerations[k + 1] = min(wanted, max(-BRAKING[k], -braking_max))
         for place, k in enumerate(np.argsort(np.abs(accelerations - wanted), kind="mergesort")):
             for s in range(3):
                 choices[i, 3 * place + s, 0], choices[i, 3 * place + s, 1] = accelerations[k], steering[s]
+            for s in range(2):
+                at = 3 * strengths + 2 * place + s
+                choices[i, at, 0], choices[i, at, 1] = accelerations[k], swerves[s]
     return choices
 
 
