@@ -84,8 +84,9 @@ def test_bad_arguments_are_said_in_one_line(
     assert said in capsys.readouterr().err
 
 
-def test_nothing_found_is_no_success(tmp_path: Path) -> None:
+def test_nothing_found_is_no_success(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert status("demo", "--events", "left_turn", "--out", tmp_path / "s.yaml") == EXIT_FAILED
+    assert f"error: no event is found: {tmp_path / 's.yaml'} is not written" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 

@@ -208,6 +208,7 @@ def test_no_such_scenario(tmp_path: Path) -> None:
         ("name: a\n\tego: 3\n", "malformed YAML"),
         ("just words", "expected fields such as name"),
         ("", "expected fields such as name"),
+        ("litsim_segments: 1", "the manifest of a folder of segments, expected a scenario"),
     ],
 )
 def test_malformed_yaml(tmp_path: Path, text: str, message: str) -> None:

@@ -159,6 +159,8 @@ class Scenario:
         cls, text: str, where: str, folder: Path, overrides: dict[str, Any], sources: Sources | None = None
     ) -> Scenario:
         values = parse_yaml(text, where, ScenarioFile)
+        if "litsim_segments" in values:
+            raise InputError(f"{where}: the manifest of a folder of segments, expected a scenario, as those beside it")
         given = {key: value for key, value in overrides.items() if value is not None}
         if "vehicle" in given and isinstance(values.get("vehicle"), dict):
             given["vehicle"] = values["vehicle"] | given["vehicle"]

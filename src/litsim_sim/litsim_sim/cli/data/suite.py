@@ -13,7 +13,7 @@ from rich.table import Table
 from tqdm import tqdm
 
 from litsim_sim.cli.program import at_least_one
-from litsim_sim.core.errors import EXIT_FAILED, InputError
+from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
 from litsim_sim.mining.events import EventKind
 from litsim_sim.mining.mine import mine, possible_egos
 from litsim_sim.mining.selection import Chosen, Found, choose
@@ -74,6 +74,7 @@ def run(arguments: argparse.Namespace) -> int | None:
     chosen = choose(found, wanted, evenly=arguments.spread is not None)
     Console().print(table(found, chosen))
     if not found:
+        print_error("no event is found" + (f": {arguments.out} is not written" if arguments.out else ""))
         return EXIT_FAILED
     if arguments.plot is not None:
         from litsim_sim.mining.plots import plot_severities  # matplotlib takes half a second to load
