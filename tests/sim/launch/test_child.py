@@ -35,6 +35,8 @@ def test_a_signal_is_named_and_an_exit_status_is_told(code: str, expected: str) 
         ("", 1, "node ego ended with exit status 1"),
         ("out of luck\n", 0, "node ego ended with exit status 0"),
         ("out of luck\n", -9, "node ego was ended by SIGKILL"),
+        ("\x1b[31mout\tof\0 luck\x1b[0m\n\x1b[0m\n", 1, "node ego ended with exit status 1: out of luck"),
+        pytest.param("x" * 10**6, 1, f"node ego ended with exit status 1: {'x' * 1000} …", id="a long line"),
     ],
 )
 def test_the_last_word_of_a_node_is_told_where_it_says_why(

@@ -27,6 +27,8 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 STATE = re.compile(r"\) ")  # in /proc/PID/stat the state follows the name, which may hold anything else
 ROOM_MIN = 65536  # [bytes] free space on a disk below which a process could not have logged why it ended
 NAME_MAX = 60  # characters of a stack's command that messages show
+LINE_MAX = 1000  # characters of the last line of its log that they show
+COLOUR = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")  # and other commands to a terminal
 
 _LIBC = ctypes.CDLL(None)
 
@@ -97,8 +99,9 @@ class Child:
 
     @property
     def last_line(self) -> str:
-        """The last non-empty line of its log; empty without one."""
-        return next((line.strip() for line in reversed(self._lines) if line.strip()), "")
+        """The last non-empty line of its log, shortened, and without what is no text; empty without one."""
+        last = next(filter(None, map(_readable, reversed(self._lines))), "")
+        return last if len(last) <= LINE_MAX else f"{last[:LINE_MAX]} …"
 
     def obituary(self) -> str:
         """How the process ended, with the last error or line of its log, which may say why."""
@@ -123,6 +126,11 @@ class Child:
     @property
     def _lines(self) -> list[str]:
         return self.log.read_text(errors="replace").splitlines()
+
+
+def _readable(line: str) -> str:
+    """`line` without commands to a terminal and other characters that are no text."""
+    return "".join(c if c.isprintable() else " " * c.isspace() for c in COLOUR.sub("", line)).strip()
 
 
 def how_it_ended(status: int) -> str:
