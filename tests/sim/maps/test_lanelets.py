@@ -98,6 +98,13 @@ def test_lanelets_one_after_the_other_need_no_turn(tmp_path: Path) -> None:
     assert path[-1, 0] == pytest.approx(90.0, abs=0.02)
 
 
+def test_lanelets_that_no_road_is_long_enough_for(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="lanelet far is 1e\\+06 km long, expected at most 100"):
+        write_lanelets(
+            [straight("a", (0, 0), (50, 0), "far"), straight("far", (50, 0), (1e9, 0))], tmp_path / "n.net.xml"
+        )
+
+
 def test_no_lanelets() -> None:
     with pytest.raises(InputError, match="holds no lanelets"):
         lanelets_plain_xml([])

@@ -74,6 +74,11 @@ def test_nets_that_cannot_be_read(tmp_path: Path) -> None:
         bad.write_text(f'<net version="1.20">{LOCATION}{EDGE.replace(before, after)}{NODES}</net>')
         with pytest.raises(InputError, match=rf"bad\.net\.xml: {why}"):
             read_lanes(bad)
+    bad.write_text(f'<net version="1.20">{LOCATION}{EDGE.replace("0,3 30,3", "0,3 3e6,5e6")}{NODES}</net>')
+    with pytest.raises(
+        InputError, match=r"covers 3000 km by 5000 km, expected at most 2000 km2.*; lane a_2 is farthest"
+    ):
+        read_lanes(bad)
     bad.write_text('<commonRoad><location latitude="1"/></commonRoad>')
     with pytest.raises(InputError, match="not a SUMO net: its root element is <commonRoad>, expected <net>"):
         read_lanes(bad)

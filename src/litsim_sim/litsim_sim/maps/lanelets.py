@@ -28,6 +28,7 @@ AREA_GAP = 0.01  # [m] size of the outline that netconvert is given of a junctio
 EXTENSION = 110.0  # [m] netconvert looks 100 m ahead of a lane for its junction
 SAMPLES_MIN = 8  # points of a centre line, at least
 SAMPLE = 2.0  # [m] between them
+LONGEST = 100_000.0  # [m] of a lanelet
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,12 @@ class _Plan:
         self.by_id = {lanelet.id: lanelet for lanelet in lanelets}
         if not self.by_id:
             raise InputError("the map holds no lanelets")
+        for lanelet in self.by_id.values():
+            reach = float(np.ptp(np.concatenate([lanelet.left, lanelet.right]), axis=0).max())
+            if reach > LONGEST:
+                raise InputError(
+                    f"lanelet {lanelet.id} is {reach / 1e3:.6g} km long, expected at most {LONGEST / 1e3:g}"
+                )
         self.after = {
             name: tuple(other for other in lanelet.successors if other in self.by_id and other != name)
             for name, lanelet in self.by_id.items()

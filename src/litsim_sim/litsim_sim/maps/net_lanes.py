@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from litsim_sim.core.scene import FloatArray
 UNREADABLE = (SAXException, OSError, KeyError, ValueError, AttributeError, TypeError, IndexError)
 """Exceptions that sumolib raises for files that are damaged or not nets."""
 
+MOST_KM2 = 2000  # of the rectangle around a net, whose lookup grid then takes about 1 GB
 TOLERANCE = 1e-3  # [m] coordinates of a net are rounded to this
 
 
@@ -88,12 +90,26 @@ def read_net(path: Path) -> tuple[Any, list[Lane]]:
         raise unreadable_net(path, error) from error
     if not lanes:
         raise InputError(f"{path}: the net holds no lanes for cars; its root element is <{_root(path).tag}>")
+    _check_extent(lanes, path)
     known = {lane.id for lane in lanes}
     for lane in lanes:
         lost = [name for name in lane.successors if name not in known]
         if lost:
             raise InputError(f"{path}: lane {lane.id} leads to unknown lanes {lost}")
     return net, lanes
+
+
+def _check_extent(lanes: Sequence[Lane], path: Path) -> None:
+    """Refuse a net too large for its lookup grid, as with a lane far from all others."""
+    points = np.concatenate([lane.centerline for lane in lanes])
+    extent = np.ptp(points, axis=0) / 1e3
+    if extent.prod() > MOST_KM2:
+        away = [np.abs(lane.centerline - np.median(points, axis=0)).max() for lane in lanes]
+        raise InputError(
+            f"{path}: the net covers {extent[0]:.6g} km by {extent[1]:.6g} km, expected at most {MOST_KM2} km2: cut it "
+            f"to where the traffic is (netconvert --keep-edges.in-boundary); lane {lanes[int(np.argmax(away))].id} is "
+            f"farthest from the middle"
+        )
 
 
 def _drivable(lane: Any) -> bool:
