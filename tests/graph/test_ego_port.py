@@ -155,16 +155,25 @@ def test_silence_ends_the_run_and_is_told_from_death_and_from_old_answers(graph:
     assert BagReader(graph.folder / "run").complete
 
 
-def test_a_publisher_that_cannot_be_heard_is_named(graph: Any) -> None:
-    ego = graph.start_script("standard_ego.py", "--reliability", "best_effort")
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        (("--reliability", "best_effort"), "is BEST_EFFORT and cannot be heard, expected RELIABLE"),
+        (
+            ("--interface", "trajectory", "--topic", "/litsim/ego/twist"),
+            "has type nav_msgs/msg/Path and cannot be heard, expected geometry_msgs/msg/TwistStamped",
+        ),
+    ],
+)
+def test_a_publisher_that_cannot_be_heard_is_named(graph: Any, options: tuple[str, ...], why: str) -> None:
+    ego = graph.start_script("standard_ego.py", *options)
     assert ego.stdout.readline() == "ready\n"
     recorder = graph.start_node("litsim_sim", "recorder", output=graph.folder / "run")
     parameters = {"scenario": graph.scenario(), "ego": "external", "policy": "replay", "progress": "none"}
     bridge = graph.start_node("litsim_sim", "bridge", **parameters, external_timeout_s=20.0)  # to be found
     done = graph.finish(bridge)
     assert done.returncode == 1
-    why = "its publisher on /litsim/ego/twist is BEST_EFFORT and cannot be heard, expected RELIABLE"
-    assert f"silent: the external ego (/standard_ego: {why})" in done.stderr
+    assert f"silent: the external ego (/standard_ego: its publisher on /litsim/ego/twist {why})" in done.stderr
     graph.finish(recorder)
 
 

@@ -288,11 +288,11 @@ def test_controls_of_nobody_and_of_some_are_fine() -> None:
     check_controls(controls(1, 2, 8), EGO_ID)
 
 
-HERE = EgoPublisher(CONTROL, "/mine", reliable=True)
-DEAF = EgoPublisher(CONTROL, "/mine", reliable=False)
-ELSEWHERE = EgoPublisher(TWIST, "/mine", reliable=True)
-RIVAL = EgoPublisher(CONTROL, "/other", reliable=True)
-NAMELESS = EgoPublisher(CONTROL, "", reliable=True)
+HERE = EgoPublisher(CONTROL, "/mine")
+DEAF = EgoPublisher(CONTROL, "/mine", "is BEST_EFFORT and cannot be heard, expected RELIABLE")
+ELSEWHERE = EgoPublisher(TWIST, "/mine")
+RIVAL = EgoPublisher(CONTROL, "/other")
+NAMELESS = EgoPublisher(CONTROL, "")
 MUTE = f"/mine: it publishes on {CONTROL}, but no message has been received; a timer on simulation time does not run"
 STALE = f"/mine: it does not answer this step: {CONTROL}: the answer to step 3, at step 5, is stale"
 

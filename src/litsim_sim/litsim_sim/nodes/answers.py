@@ -151,12 +151,12 @@ class EgoPublisher:
     Attributes:
         topic: its name.
         node: full name of its node; empty if unknown.
-        reliable: whether the bridge can hear it.
+        unheard: text that says why the bridge cannot hear it; empty if it can.
     """
 
     topic: str
     node: str
-    reliable: bool
+    unheard: str = ""
 
 
 def absence(port: EgoPort, there: Sequence[EgoPublisher], known: Sequence[str], domain: str) -> str:
@@ -172,13 +172,13 @@ def absence(port: EgoPort, there: Sequence[EgoPublisher], known: Sequence[str], 
     prefix = f"{name}: " if name else ""
     elsewhere = ", ".join(dict.fromkeys(each.topic for each in there if each.topic not in port.topics))
     there = [each for each in there if each.topic in port.topics]
-    deaf = [each for each in there if not each.reliable]
+    unheard = [each for each in there if each.unheard]
     if elsewhere and not there and port.answered < 0:
         return f"{prefix}it publishes on {elsewhere}, expected {port.topics[0]}"
     if port.unfit:
         return f"{prefix}it does not answer this step: {port.unfit}"
-    if not port.heard and deaf:
-        return f"{prefix}its publisher on {deaf[0].topic} is BEST_EFFORT and cannot be heard, expected RELIABLE"
+    if not port.heard and unheard:
+        return f"{prefix}its publisher on {unheard[0].topic} {unheard[0].unheard}"
     if not port.heard and not there:
         return f"{prefix}no node publishes on {' or '.join(port.topics)}; is it running in {domain}?"
     if not port.heard:
@@ -197,7 +197,7 @@ def rivalry(port: EgoPort, there: Sequence[EgoPublisher]) -> str:
         port: port of the ego.
         there: currently announced publishers.
     """
-    heard = [each.node or "?" for each in there if each.topic in port.topics and each.reliable]
+    heard = [each.node or "?" for each in there if each.topic in port.topics and not each.unheard]
     unasked = sum(port.counts[kind] for kind in ("stale", "future", "surplus"))
     if len(heard) < 2 or not unasked:
         return ""

@@ -16,7 +16,7 @@ from litsim_sim.core.compiled import load_kernels
 from litsim_sim.core.errors import EXIT_FAILED, print_error, reason
 from litsim_sim.core.scene import AgentTable, EgoCommand
 from litsim_sim.core.stages import BRIDGE, StageState
-from litsim_sim.ego_port.answer import INPUTS, Interface
+from litsim_sim.ego_port.answer import Interface
 from litsim_sim.ego_port.port import EgoPort, Level, Remark
 from litsim_sim.launch.domain import held_domain
 from litsim_sim.launch.domain_ports import EMPTY
@@ -27,6 +27,7 @@ from litsim_sim.nodes.broadcast import PUBLISHED, PUBLISHED_OF_SIGNALS, Broadcas
 from litsim_sim.nodes.diagnostics import Diagnostics
 from litsim_sim.nodes.run_loop import Pulse, RunLoop
 from litsim_sim.ros import ego_port, messages, standard
+from litsim_sim.ros.definitions import type_name
 from litsim_sim.ros.endpoints import Endpoints, node_of, publisher_on, subscribe
 from litsim_sim.ros.parameters import parameters, read_parameters
 from litsim_sim.ros.process import executor_of, process, serve, spare_from_collection
@@ -201,9 +202,9 @@ class BridgeNode(Node):
     def _ego_publishers(self) -> list[EgoPublisher]:
         """The announced publishers on the ego port's topics; the names of their nodes are remembered."""
         found = [
-            EgoPublisher(name, node_of(info), _is_reliable(info))
-            for name in INPUTS.values()
-            for info in self.get_publishers_info_by_topic(self.resolve_topic_name(name))
+            EgoPublisher(topic.name, node_of(info), _unheard(topic, info))
+            for topic in EGO_INPUTS.values()
+            for info in self.get_publishers_info_by_topic(self.resolve_topic_name(topic.name))
         ]
         self._ego_nodes = list(dict.fromkeys(each.node for each in found if each.node)) or self._ego_nodes
         return found
@@ -215,8 +216,13 @@ class BridgeNode(Node):
         return messages.status(self.plan.run_id, BRIDGE, state, step, compute_time, text)
 
 
-def _is_reliable(info: Any) -> bool:
-    return bool(info.qos_profile.reliability != ReliabilityPolicy.BEST_EFFORT)
+def _unheard(topic: Topic, info: Any) -> str:
+    """Text that says why a publisher on an input of the ego port cannot be heard; empty if it can."""
+    if info.topic_type != (expected := type_name(topic.type)):
+        return f"has type {info.topic_type} and cannot be heard, expected {expected}"
+    if info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
+        return "is BEST_EFFORT and cannot be heard, expected RELIABLE"
+    return ""
 
 
 def port_of(options: BridgeOptions, plan: RunPlan) -> EgoPort:
