@@ -22,6 +22,7 @@ from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.io.files import replacing
+from litsim_sim.scenario.run_info import OWN_EGOS, POLICIES
 from litsim_sim.scenario.scenario import Scenario
 
 PRECISION = 0.9  # for which the threshold with the best recall is printed
@@ -55,8 +56,9 @@ def parser() -> argparse.ArgumentParser:
         help="probabilities of an overlap from which a pair counts as a conflict; a point of each curve",
     )
     p.add_argument("--cost", nargs="*", type=float, default=[], help="also run the scenarios with these thresholds")
-    p.add_argument("--ego", nargs="+", default=["idm", "perturbed"], help="with --cost: what drives the ego")
-    p.add_argument("--policy", default="litsim", help="with --cost: what moves the background")
+    egos = ["idm", "perturbed"]
+    p.add_argument("--ego", nargs="+", choices=OWN_EGOS, default=egos, help="with --cost: what drives the ego")
+    p.add_argument("--policy", choices=POLICIES, default="litsim", help="with --cost: what moves the background")
     p.add_argument("--out", type=Path, metavar="FILE.png", help="write a picture of the curves to this file")
     return p
 
