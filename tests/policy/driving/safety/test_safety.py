@@ -122,7 +122,7 @@ def test_it_does_not_steer_off_the_road(make_scenario, track, lane_centres) -> N
 def test_who_is_cut_in_on_from_behind_drives_on_where_the_road_is_free(alone, agent_table, lane_centres) -> None:
     """Braking would bring the two together; a leader close ahead leaves nothing else."""
     mine = {"id": 2, "x": 100.0, "y": lane_centres[1], "speed": 15.0}
-    cutting_in = {"id": 1, "x": 93.0, "y": lane_centres[0], "yaw": -0.12, "speed": 17.0}
+    cutting_in = {"id": 1, "x": 93.6, "y": lane_centres[0] - 0.4, "yaw": -0.12, "speed": 17.0}
     leader = {"id": 3, "x": 106.0, "y": lane_centres[1], "speed": 15.0}
     table, blocked = agent_table(5, cutting_in, mine), agent_table(5, cutting_in, mine, leader)
     layer, nothing = SafetyLayer(alone.lane_map), np.zeros(1)

@@ -167,14 +167,14 @@ def test_one_that_reaches_into_who_is_ahead_brakes_as_hard_as_it_can(ask, gap: f
 
 
 def test_who_touches_already_is_no_reason_to_do_anything(ask, lane_centres) -> None:
-    """Where boxes overlap, no command of the next second and a half can help it."""
+    """Where boxes overlap, no command of the next second can help it."""
     touching = {"id": 1, "x": 101.0, "y": lane_centres[1] + 1.5, "speed": 10.0}
     assert not ask(only("contact"), (0.0, 0.0), touching).changed.any()
 
 
 def test_others_that_brake_are_expected_to_go_on(ask, lane_centres) -> None:
-    """Without its braking, the one ahead would be 6 m away after 1.5 s."""
-    ahead = {"id": 1, "x": 110.5, "speed": 10.0}
+    """Without its braking, the one ahead would still be 5 m away after 1.2 s."""
+    ahead = {"id": 1, "x": 109.5, "speed": 10.0}
     assert not ask(only("contact"), (0.0, 0.0), ahead).changed.any()
     assert ask(only("contact"), (0.0, 0.0), ahead | {"acceleration": -7.0}).changed[0, GUARDS.index("contact")]
 
@@ -199,7 +199,7 @@ def test_who_is_cut_in_on_from_beside_swerves_where_braking_comes_too_late(ask, 
 
 def test_no_agent_swerves_where_braking_suffices(ask, lane_centres) -> None:
     """The other is ahead of it, and moves over to behind whom it can fall."""
-    ahead = {"id": 1, "x": 108.0, "y": lane_centres[0], "yaw": -0.12, "speed": 10.0}
+    ahead = {"id": 1, "x": 108.0, "y": lane_centres[0] - 0.8, "yaw": -0.12, "speed": 10.0}
     acceleration, yaw_rate = command(ask(only("contact"), (0.0, 0.0), ahead, speed=14.0))
     assert acceleration < 0.0 and yaw_rate == pytest.approx(0.0, abs=1e-3)
 

@@ -70,7 +70,7 @@ class SafetyConfig:
     widening: Positive[Acceleration] = 2.5
     imminent: NonNegative[Acceleration] = 6.0
     leader_brakes: NonNegative[Acceleration] = LEADER_BRAKES
-    horizon: Horizon = 1.5
+    horizon: Horizon = 1.2
     settle: Positive[Duration] = 0.5
     margin: NonNegative[Length] = 0.15
     road_horizon: Horizon = 0.8
