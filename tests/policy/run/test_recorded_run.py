@@ -19,7 +19,7 @@ from litsim_sim.record.bag import BagReader, BagWriter, qos_yaml
 from litsim_sim.ros import messages, topics
 from litsim_sim.ros.definitions import type_hash, type_name
 from litsim_sim.scenario.run_info import RunPlan, versions
-from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.scenario.scenario import Scenario, packaged
 
 STEPS = 5
 Said = tuple[topics.Topic, int, Any]
@@ -35,7 +35,11 @@ def scenario(make_scenario: Any, track: Any, lane_centres: Any) -> Scenario:
 def write(scenario: Scenario, tmp_path: Path) -> Callable[..., Path]:
     """Writes a bag with a run's information, the files of its scenario, and what else is given."""
 
-    def bag(*said: Said, without: str = "", hashes: str = "", fields: Any = None, **info: Any) -> Path:
+    made = scenario
+
+    def bag(
+        *said: Said, without: str = "", hashes: str = "", fields: Any = None, scenario: Scenario = made, **info: Any
+    ) -> Path:
         plan = RunPlan(scenario, "external", "replay")
         facts = plan.facts() | {"versions": yaml.safe_dump(versions()), "configuration": "{}"} | info
         resolved = yaml.safe_load(scenario.to_yaml()) | {"recording": "/gone", "net": "/gone"} | (fields or {})
@@ -82,6 +86,14 @@ def test_the_scenario_comes_from_the_attachments_while_the_record_is_open(write:
         folder = record.scenario.net_path.parent
         assert folder.is_dir()
     assert not folder.exists()
+
+
+def test_signals_that_the_recording_carries_are_those_of_the_run(write: Any) -> None:
+    street = Scenario.load(packaged("suites/small/street_train_14.yaml"))
+    assert street.signals is not None and street.file.signals is None
+    with open_record(write(scenario=street, fields={"net": str(street.net_path)})) as record:
+        assert record.scenario.signals is not None
+        assert (record.scenario.signals.states == street.signals.states).all()
 
 
 def test_of_a_step_that_comes_twice_the_first_counts_and_other_runs_do_not(write: Any, run_id: str) -> None:

@@ -107,11 +107,12 @@ def _scenario(reader: BagReader, folder: Path) -> Scenario:
     lacking = [name for name in (SCENARIO_FILE, *ATTACHED.values()) if name not in reader.attachments]
     if lacking:
         raise InputError(f"{reader.path}: cannot be repeated without attachment {', '.join(lacking)}")
-    for name in ATTACHED.values():
-        (folder / name).write_bytes(reader.attachments[name])
     where = f"{reader.path}: attachment {SCENARIO_FILE}"
     values = parse_yaml(reader.attachments[SCENARIO_FILE], where, ScenarioFile)
-    values |= {name: str(folder / file) for name, file in ATTACHED.items()} | {"crop": None}
+    names = ATTACHED | {"net": Path(str(values.get("net"))).name}  # that of the recording, if that has signals of it
+    for name, file in ATTACHED.items():
+        (folder / names[name]).write_bytes(reader.attachments[file])
+    values |= {name: str(folder / file) for name, file in names.items()} | {"crop": None}
     return Scenario.from_yaml(yaml.safe_dump(values), where)
 
 
