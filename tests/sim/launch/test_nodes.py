@@ -64,6 +64,12 @@ def test_who_takes_no_part_cannot_be_set() -> None:
     assert "predictor" not in nodes(policy="replay", predictor="kinematic"), "nothing is forecast in a replay"
 
 
+@pytest.mark.parametrize(("node", "name", "value"), [("bridge", "ego", "log"), ("recorder", "output", "elsewhere")])
+def test_what_the_options_decide_cannot_be_set_otherwise(node: str, name: str, value: str) -> None:
+    with pytest.raises(InputError, match=rf"parameter {node}\.{name} cannot be set: the options of the run decide it"):
+        nodes(settings=[(node, name, value)])
+
+
 def test_only_an_external_ego_has_an_interface() -> None:
     assert nodes("external", interface="twist")["bridge"].parameters["ego_interface"] == "twist"
     with pytest.raises(InputError, match="--ego-interface twist: the ego is idm"):

@@ -17,6 +17,11 @@ from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 
 MODES = ("lockstep", "realtime")
 STOP_OR_HOLD = ("stop", "hold")
+DECIDED = {
+    BRIDGE: ("scenario", "ego", "policy", "ego_id", "seed", "end_after_contact_s", "progress", "stage_parameters"),
+    RECORDER: ("output", "overwrite"),
+}
+"""Parameters that follow from the options of a run; if set otherwise, they would contradict the other nodes."""
 
 
 @dataclass(frozen=True)
@@ -68,11 +73,14 @@ def nodes_of(plan: RunPlan, how: GraphOptions) -> list[GraphNode]:
     """The nodes of a run in the order to start them in: the bridge last, since it waits for all others.
 
     Raises:
-        InputError: a parameter is set of a node that takes no part in this run or does not know it, or does not fit; or
-            the interface of an ego that is not external.
+        InputError: a parameter is set of a node that takes no part in this run or does not know it, or does not fit, or
+            that the options of the run decide; or the interface of an ego that is not external.
     """
     if plan.ego != EXTERNAL and how.ego_interface != AUTO:
         raise InputError(f"--ego-interface {how.ego_interface}: the ego is {plan.ego}, expected --ego {EXTERNAL}")
+    for node, decided in DECIDED.items():
+        for name in sorted(set(decided) & set(plan.parameters.get(node, {}))):
+            raise InputError(f"parameter {node}.{name} cannot be set: the options of the run decide it")
     names = (*reversed(plan.stages), BRIDGE)
     own = {RECORDER: {"output": str(how.out), "overwrite": how.overwrite}, BRIDGE: _bridge(plan, how)}
     parameters = {name: own.get(name, {}) | dict(plan.parameters.get(name, {})) for name in (*own, *plan.parameters)}
