@@ -16,8 +16,7 @@ from litsim_policy.cli import calibrate
         (["--spread", "-1"], "--spread: parameter sigma_scale is -1.0, expected a number of at least 0\n"),
         (
             ["--ego", "foo"],
-            "argument --ego: invalid choice: 'foo' (choose from 'bat', 'idm', 'log', 'perturbed'); see calibrate "
-            "--help\n",
+            "argument --ego: invalid choice: 'foo' (choose from 'bat', 'idm', 'log', 'perturbed'); see calibrate --help\n",
         ),
         (["--thresholds", "0"], "--thresholds: [0.0], expected probabilities above 0 and below 1\n"),
     ],
