@@ -30,7 +30,7 @@ from litsim_predictor.learned.training.training import (
     WEIGHTS,
     Training,
 )
-from litsim_sim.core.errors import InputError
+from litsim_sim.core.errors import EXIT_INTERRUPTED, InputError
 from litsim_sim.core.scene import Kind
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.recordings.recording import Recording, RecordingHeader
@@ -119,7 +119,9 @@ def test_equal_seeds_give_equal_weights_and_resuming_changes_nothing(
     cut = tmp_path / "cut"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("litsim_predictor.learned.training.training.Training._learning_rate", interrupt_at(1))
-        run(config, cut)
+        with pytest.raises(SystemExit) as stopped:
+            run(config, cut)
+        assert stopped.value.code == EXIT_INTERRUPTED
     assert len(json.loads((cut / HISTORY_FILE).read_text())["epochs"]) == 1
     run(config, cut, "--resume")
     resumed = torch.load(cut / CHECKPOINT, weights_only=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shlex
+import sys
 from importlib import resources
 from pathlib import Path
 
@@ -79,6 +80,9 @@ def _train(arguments: argparse.Namespace) -> int:
     last = training.history[-1]
     print(f"epoch {last['epoch']:.0f} of {config.epochs}: validation RMSE {last['val_rmse_5']:.2f} m at 5 s")
     print(f"{folder / WEIGHTS}\n{folder / CURVES}")
+    if len(training.history) < config.epochs:
+        print("interrupted; to continue: the same command with --resume", file=sys.stderr)
+        return EXIT_INTERRUPTED
     return 0
 
 
