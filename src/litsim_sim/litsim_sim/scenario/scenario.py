@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import copy
+import logging
 import os
 import re
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,8 @@ from litsim_sim.scenario.signals import Signals, SignalsFile, build, check_known
 
 DATA_VARIABLE = "LITSIM_DATA"
 PACKAGE = "litsim_sim"
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -254,9 +257,19 @@ class Scenario:
         return LaneMap.from_net(self.net_path)
 
 
+@cache
+def _warn(text: str) -> None:
+    _log.warning(text)
+
+
 def recorded_signals(header: RecordingHeader, net: Path, where: str) -> SignalsFile | None:
-    """The signals in the header of a recording, if it names this net."""
-    if not header.signals or header.net != net.name:
+    """The signals in the header of the recording `where`, if it names this net; else a warning says so, once."""
+    if not header.signals:
+        return None
+    if header.net != net.name:
+        _warn(
+            f"{where}: carries signals of net {header.net}, which are left out on {net.name}: name signals of that net"
+        )
         return None
     return validate_yaml(dict(header.signals), SignalsFile, f"{where}: signals in the header", "")
 
