@@ -34,7 +34,9 @@ FAULTS = (
     "death",
     "late",
     "other_type",
+    "slow",
 )
+SLOW_S, SLOW_STEPS = 1.3, 3  # [s] for an answer, and the number of steps, from 0 on, for which it takes so long
 
 
 class StandardEgo(Node):
@@ -62,6 +64,8 @@ class StandardEgo(Node):
         step = Time.from_msg(state.header.stamp).nanoseconds // STEP_NS
         fault = self.options.fault if step >= self.options.at else "none"
         once = fault if step == self.options.at else "none"
+        if self.options.fault == "slow" and step < SLOW_STEPS:
+            time.sleep(SLOW_S)
         if fault in {"death", "leaving"}:
             time.sleep(LEAVING_S)
         if fault == "death":

@@ -129,6 +129,14 @@ def test_what_is_not_asked_for_is_counted_and_changes_nothing(
     assert max(per_step.values()) <= 20
 
 
+def test_a_slow_stack_is_waited_for_while_it_answers_what_was_published_again(graph: Any) -> None:
+    """Step 0 is published again every quarter second: five more answers of 1.3 s are due before that to step 1."""
+    done = launch(graph, "--fault", "slow", timeout=4.0)
+    assert done.returncode == 0, done.stderr
+    port = lockstep(graph)["ego_port"]
+    assert {name: port[name] for name in COUNTS} == COUNTS
+
+
 def test_two_stacks_that_answer_end_the_run(graph: Any) -> None:
     graph.start_script("standard_ego.py", "--ros-args", "-r", "__node:=forgotten")
     done = launch(graph)

@@ -109,6 +109,21 @@ def test_being_asked_twice_two_answers_are_no_surplus() -> None:
     assert at.counts["surplus"] == 1
 
 
+def test_answers_to_repetitions_of_the_step_before_are_still_to_come() -> None:
+    at = port()
+    for _ in range(2):
+        at.ask()
+    at.offer(twist(20))
+    at.open(21, state(21), driven=True)
+    at.ask()
+    assert at.behind == 2
+    at.offer(twist(20))
+    assert (at.behind, at.missing) == (1, True)
+    at.offer(twist(21))
+    assert at.behind == 0
+    assert counts(at) == {"answered": 2}
+
+
 @pytest.mark.parametrize(
     ("off_ns", "kind"),
     [(0, "answered"), (900_000, "answered"), (-900_000, "answered"), (5_000_000, "future"), (-5_000_000, "stale")],

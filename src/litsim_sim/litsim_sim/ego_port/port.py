@@ -91,6 +91,11 @@ class EgoPort:
         """Whether the current step has no answer yet."""
         return self.answered < self._step
 
+    @property
+    def behind(self) -> int:
+        """Number of answers to the previous step, asked for repeatedly, that may come before one to the current."""
+        return self._owed.get(self._step - 1, 0) if self.missing else 0
+
     def open(self, step: int, ego: EgoState | None, *, driven: bool) -> None:
         """Wait for the answer to `step`.
 

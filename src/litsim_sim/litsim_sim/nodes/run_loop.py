@@ -30,6 +30,9 @@ themselves once a second. The world is set up meanwhile."""
 PULSE_S = 1.0  # [s] period of signs of life
 HELLO_PERIOD = 0.03  # [s] period of the greetings of the handshake, to which stages reply once they are ready
 RESEND_FIRST, RESEND = 0.25, 1.0  # [s] wait for answers after which step 0, or a later step, is published again
+SLACK = 2.0
+"""An external ego is asked again after its longest wait so far, times this, if that is more than RESEND: one that takes
+long for a step would fall further behind with every repetition that it answers."""
 LAST_CALL_S = 1.0
 """[s] Grace period after a timeout, except after step 0 in real time: the step is published again, and answers are
 taken that arrived while the bridge itself was not scheduled, so that a pause of the machine does not end a run."""
@@ -136,6 +139,7 @@ class RunLoop:
         self._external = plan.ego == EXTERNAL
         self._realtime = options.mode == "realtime"
         self._asked_around = False
+        self._longest = 0.0  # [s] longest wait for an external ego since step 0
         self._compute = 0.0  # [s] compute time of the newest step
         self._reported = 0.0  # [s] compute time of the step that is reported next
         self._marks: dict[str, float] = {}  # marks of the last step shown
@@ -239,13 +243,17 @@ class RunLoop:
         self._marks = {"begin": begin, "shown": shown, "free": time.perf_counter()}
         patient = step == 0 or not self._realtime
         give_up = time.perf_counter() + self._timeout(step) if patient else due
+        behind = self._port.behind
+        answers.ask()
         while True:
-            answers.ask()
-            until = min(give_up, time.perf_counter() + (RESEND_FIRST if step == 0 else RESEND))
+            until = min(give_up, time.perf_counter() + self._patience(step))
             if graph.serve_until(lambda: not answers.missing, until):
                 self._marks.setdefault("answered", time.perf_counter())
+                self._note_wait(step)
                 graph.apply(answers.command())  # the recorder waits for it
                 graph.serve_until(lambda: answers.complete, until)
+            if patient and self._port.behind < behind:  # not silent: it still answers repetitions of the step before
+                behind, give_up = self._port.behind, time.perf_counter() + self._timeout(step)
             over = time.perf_counter() >= give_up
             if answers.complete or (over and not patient):
                 self._marks["complete"] = time.perf_counter()
@@ -253,7 +261,18 @@ class RunLoop:
             if over:
                 give_up, patient = time.perf_counter() + LAST_CALL_S, False
             self._ask_around(step)
-            graph.show_again()
+            if over or not behind:
+                answers.ask()
+                graph.show_again()
+
+    def _patience(self, step: int) -> float:
+        """Wait for answers after which the step is published again [s]."""
+        return RESEND_FIRST if step == 0 else max(RESEND, SLACK * self._longest)
+
+    def _note_wait(self, step: int) -> None:
+        """Note how long an external ego has taken; it may have been started late for step 0."""
+        if self._external and step > 0:
+            self._longest = max(self._longest, self._marks["answered"] - self._marks["shown"])
 
     def _ask_around(self, step: int) -> None:
         """Report missing answers; the stages repeat their timings, which show which one is silent."""
