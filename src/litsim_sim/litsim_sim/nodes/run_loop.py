@@ -243,7 +243,7 @@ class RunLoop:
         self._marks = {"begin": begin, "shown": shown, "free": time.perf_counter()}
         patient = step == 0 or not self._realtime
         give_up = time.perf_counter() + self._timeout(step) if patient else due
-        behind = self._port.behind
+        behind = self._port.behind if self._external else 0
         answers.ask()
         while True:
             until = min(give_up, time.perf_counter() + self._patience(step))
