@@ -68,8 +68,8 @@ def test_parameters_of_every_stage_are_taken() -> None:
         (
             "policy",
             "safety.road_horizon",
-            1.6,
-            "policy: parameter safety.road_horizon is 1.6, expected at most horizon, which is 1.5",
+            1.3,
+            "policy: parameter safety.road_horizon is 1.3, expected at most horizon, which is 1.2",
         ),
         (
             "policy",

@@ -47,6 +47,7 @@ from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.world.world import World, WorldConfig
 
 NOTE_PERIOD = 5.0  # [s] period of repeated lines in the log
+NAMES_S = 1.0  # [s] by which the names of nodes may follow their publishers, at most
 ENDED = {StageState.FINISHED: diagnostics.FINISHED, StageState.FAILED: diagnostics.FAILED}
 
 
@@ -190,8 +191,8 @@ class BridgeNode(Node):
             serve(self._executor, left)
             if self._port.remarks:
                 self._diagnostics.remarks(self._answers.step)
-                if EGO_APPLIED in self._to and (rivals := rivalry(self._port, self._ego_publishers())):
-                    raise RunFailed(rivals)
+                if EGO_APPLIED in self._to and rivalry(self._port, self._ego_publishers()):
+                    raise RunFailed(rivalry(self._port, self._named_ego_publishers()))
             self._attendance.check()
         return True
 
@@ -207,6 +208,14 @@ class BridgeNode(Node):
             for info in self.get_publishers_info_by_topic(self.resolve_topic_name(topic.name))
         ]
         self._ego_nodes = list(dict.fromkeys(each.node for each in found if each.node)) or self._ego_nodes
+        return found
+
+    def _named_ego_publishers(self) -> list[EgoPublisher]:
+        """The announced publishers on the ego port's topics, as soon as the names of all their nodes are known."""
+        found, give_up = self._ego_publishers(), time.perf_counter() + NAMES_S
+        while not all(each.node for each in found) and time.perf_counter() < give_up:
+            time.sleep(0.01)
+            found = self._ego_publishers()
         return found
 
     def _listen(self, topic: Topic, receive: Callable[[Any], None]) -> None:
