@@ -191,8 +191,8 @@ class BridgeNode(Node):
             serve(self._executor, left)
             if self._port.remarks:
                 self._diagnostics.remarks(self._answers.step)
-                if EGO_APPLIED in self._to and rivalry(self._port, self._ego_publishers()):
-                    raise RunFailed(rivalry(self._port, self._named_ego_publishers()))
+                if EGO_APPLIED in self._to and (rivals := rivalry(self._port, self._ego_publishers())):
+                    raise RunFailed(rivalry(self._port, self._named_ego_publishers()) or rivals)  # one may have gone
             self._attendance.check()
         return True
 
