@@ -138,8 +138,10 @@ def test_a_slow_stack_is_waited_for_while_it_answers_what_was_published_again(gr
 
 
 def test_two_stacks_that_answer_end_the_run(graph: Any) -> None:
-    graph.start_script("standard_ego.py", "--ros-args", "-r", "__node:=forgotten")
-    done = launch(graph)
+    slowly = ("--fault", "slow")  # for longer than either may need to be found, else the run is over before
+    forgotten = graph.start_script("standard_ego.py", *slowly, "--ros-args", "-r", "__node:=forgotten")
+    assert forgotten.stdout.readline() == "ready\n"
+    done = launch(graph, *slowly)
     assert done.returncode == 1
     assert "2 publishers are on /litsim/ego/twist (/forgotten, /standard_ego), and " in done.stderr
     assert read_run(graph.folder / "run").failure
