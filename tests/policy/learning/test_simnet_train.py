@@ -136,6 +136,25 @@ def test_the_program(
     assert "fields learning_rate of the configuration differ" in capsys.readouterr().err
 
 
+def test_a_training_is_not_resumed_on_other_data(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    values = yaml.safe_load(file.read_text()) | {"batches": 1}
+    scenario = yaml.safe_load(Path(values["data"]["scenarios"][0]).read_text())
+    values["data"]["scenarios"] = [str(tmp_path / "scenario.yaml")]
+    (tmp_path / "short.yaml").write_text(yaml.safe_dump(values))
+    (tmp_path / "scenario.yaml").write_text(yaml.safe_dump(scenario))
+    words = ["train_simnet", "--config", str(tmp_path / "short.yaml"), "--out", str(tmp_path / "out")]
+    monkeypatch.setattr(sys, "argv", words)
+    simnet_train.main()
+    (tmp_path / "scenario.yaml").write_text(yaml.safe_dump(scenario | {"seed": 3}))
+    monkeypatch.setattr(sys, "argv", [*words, "--resume"])
+    with pytest.raises(SystemExit) as ended:
+        simnet_train.main()
+    assert ended.value.code == 2
+    assert "trained on another scenario made: its field seed is 3, expected 0" in capsys.readouterr().err
+
+
 def test_configurations_that_are_wrong(tmp_path: Path) -> None:
     path = tmp_path / "wrong.yaml"
     path.write_text("backbone: resnet18\ndata: {}\n")

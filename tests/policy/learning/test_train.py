@@ -79,6 +79,18 @@ def test_what_a_checkpoint_must_be(file: Path, tmp_path: Path) -> None:
         train.run(config, tmp_path, resume=True, progress=False)
 
 
+def test_a_training_is_not_resumed_on_other_data(file: Path, tmp_path: Path) -> None:
+    config = with_iterations(file, 1)
+    scenario = yaml.safe_load(Path(config.data.scenarios[0]).read_text())
+    (tmp_path / "scenario.yaml").write_text(yaml.safe_dump(scenario))
+    data = config.data.model_copy(update={"scenarios": (str(tmp_path / "scenario.yaml"),)})
+    config = config.model_copy(update={"data": data})
+    train.run(config, tmp_path, progress=False)
+    (tmp_path / "scenario.yaml").write_text(yaml.safe_dump(scenario | {"seed": 3}))
+    with pytest.raises(InputError, match="trained on another scenario made: its field seed is 3, expected 0"):
+        train.run(config, tmp_path, resume=True, progress=False)
+
+
 def test_drivers_are_imitated(file: Path) -> None:
     """After the warm start the policy does in the recordings what the drivers did, better than nothing would."""
     config = read_yaml(file, TrainConfig)

@@ -13,6 +13,8 @@ from pydantic import BaseModel
 
 from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.critic import Critic
+from litsim_policy.learning.data import TrainingData
+from litsim_policy.learning.data_state import DataState
 from litsim_policy.learning.network import GaussianPolicy, multilayer, save
 from litsim_policy.learning.plots import PANELS, Lines, plot_curves
 from litsim_predictor.learned.checkpoint import checkpoint, save_checkpoint
@@ -52,7 +54,8 @@ class AdversarialTraining:
     more: ClassVar[tuple[str, ...]] = ()
     panels: ClassVar[Mapping[str, Lines]] = PANELS
 
-    def __init__(self) -> None:
+    def __init__(self, data: TrainingData) -> None:
+        self._data = DataState.of(data)
         self.history: list[dict[str, float]] = []
         self.best = -np.inf
 
@@ -73,7 +76,7 @@ class AdversarialTraining:
     def keep(self, out: Path) -> None:
         """Write a checkpoint to the folder `out`; see :func:`keep_state`."""
         more = {"history": self.history, "best": float(self.best)} | {name: getattr(self, name) for name in self.more}
-        keep_state(out / CHECKPOINT, self.config, self._parts, more)
+        keep_state(out / CHECKPOINT, self.config, self._data, self._parts, more)
 
     def write(self, out: Path) -> None:
         """Write the history, its curves and the weights of the last iteration to the folder `out`.
@@ -89,9 +92,10 @@ class AdversarialTraining:
         """Restore the state from the checkpoint `path`.
 
         Raises:
-            InputError: there is none, or it is of a run with another configuration.
+            InputError: there is none, or it is of a run with another configuration or other scenarios.
         """
-        for name, value in read_state(path, self.config, self._parts, ("history", "best", *self.more)).items():
+        more = ("history", "best", *self.more)
+        for name, value in read_state(path, self.config, self._data, self._parts, more).items():
             setattr(self, name, value)
 
     @property
@@ -108,8 +112,8 @@ class Training(AdversarialTraining):
     policy: GaussianPolicy
     critic: Critic
 
-    def __init__(self, config: TrainConfig) -> None:
-        super().__init__()
+    def __init__(self, config: TrainConfig, data: TrainingData) -> None:
+        super().__init__(data)
         torch.manual_seed(config.seed)
         size = config.observation.size
         self.config = config
@@ -133,20 +137,22 @@ def write_history(history: list[dict[str, float]], path: Path) -> None:
         new.write_text(json.dumps(history, indent=1) + "\n", encoding="utf-8")
 
 
-def keep_state(path: Path, config: BaseModel, parts: Mapping[str, Any], more: Mapping[str, Any]) -> None:
-    """Write a checkpoint: the states of `parts` (networks and optimisers), `more`, and `config`.
+def keep_state(
+    path: Path, config: BaseModel, data: DataState, parts: Mapping[str, Any], more: Mapping[str, Any]
+) -> None:
+    """Write a checkpoint: the states of `parts` (networks and optimisers), `more`, `config`, and what `data` are.
 
     Raises:
         Unwritable: the file cannot be written; the previous checkpoint is kept.
     """
-    described = json.dumps(config.model_dump(mode="json"))
-    state = {name: part.state_dict() for name, part in parts.items()} | dict(more) | {"config": described}
-    save_checkpoint(path, state)
+    described = {"config": json.dumps(config.model_dump(mode="json")), "data": data.to_json()}
+    save_checkpoint(path, {name: part.state_dict() for name, part in parts.items()} | dict(more) | described)
 
 
 def read_state(
     path: Path,
     config: BaseModel,
+    data: DataState,
     parts: Mapping[str, Any],
     more: Sequence[str],
     *,
@@ -156,14 +162,15 @@ def read_state(
     """Load the checkpoint `path` to a `device` of torch, restore the states of `parts`, and return its `more`.
 
     Raises:
-        InputError: see :func:`checkpoint`; or it is of a run with another configuration: only the field `length` may
-            differ.
+        InputError: see :func:`checkpoint`; or it is of a run with another configuration, of which only the field
+            `length` may differ, or with other scenarios than `data`.
     """
     with checkpoint(path, device) as state:
         then, now = json.loads(state["config"]), config.model_dump(mode="json")
         changed = [key for key in now if key != length and then.get(key) != now[key]]
         if changed:
             raise InputError(f"{path}: fields {', '.join(changed)} of the configuration differ from the checkpoint's")
+        data.refuse_other(state.get("data"), path)
         for name, part in parts.items():
             part.load_state_dict(state[name])
         return {name: state[name] for name in more}

@@ -24,7 +24,8 @@ from tqdm import tqdm
 
 from litsim_policy.driving.simnet.output import FUTURE
 from litsim_policy.learning.checkpoint import CHECKPOINT, CURVES, HISTORY, keep_state, read_state, write_history
-from litsim_policy.learning.data import DataConfig, prepare
+from litsim_policy.learning.data import DataConfig, TrainingData, prepare
+from litsim_policy.learning.data_state import DataState
 from litsim_policy.learning.divergence import refuse_divergence
 from litsim_policy.learning.plots import SIMNET_PANELS, plot_curves
 from litsim_policy.learning.simnet_data import Moments, PerturbationConfig, Samples
@@ -94,8 +95,9 @@ class SimnetTraining:
         done: number of batches done.
     """
 
-    def __init__(self, config: SimnetConfig, device: str = "cpu") -> None:
+    def __init__(self, config: SimnetConfig, data: TrainingData, device: str = "cpu") -> None:
         torch.manual_seed(config.seed)
+        self._data = DataState.of(data)
         self.config, self.network, self._device = config, SimNet(config.backbone).to(device), device
         self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._optimiser = torch.optim.Adam(self.network.parameters(), config.learning_rate)
@@ -165,7 +167,8 @@ class SimnetTraining:
         if last["batches"] > self.config.near_batches and last["validation"] <= self.best:
             about = {"config": self.config.model_dump_json(), "figures": json.dumps(last)}
             save(self.network, self.weights(out), about)
-        keep_state(out / CHECKPOINT, self.config, self._parts, {"history": self.history, "done": self.done})
+        more = {"history": self.history, "done": self.done}
+        keep_state(out / CHECKPOINT, self.config, self._data, self._parts, more)
         write_history(self.history, out / HISTORY)
         plot_curves(self.history, out / CURVES, SIMNET_PANELS, along="batches", log=True)
 
@@ -177,10 +180,10 @@ class SimnetTraining:
         """Restore the state from the checkpoint `path`; the number of batches may differ, and with it the schedule.
 
         Raises:
-            InputError: there is none, or its configuration differs in another field.
+            InputError: there is none, its configuration differs in another field, or it was trained on other scenarios.
         """
         more = ("history", "done")
-        state = read_state(path, self.config, self._parts, more, length="batches", device=self._device)
+        state = read_state(path, self.config, self._data, self._parts, more, length="batches", device=self._device)
         self.history, self.done = state["history"], state["done"]
 
 
@@ -194,7 +197,7 @@ def run(
     """
     out.mkdir(parents=True, exist_ok=True)
     data = prepare(config.data, out / "data")
-    training, shape = SimnetTraining(config, device), SHAPES[config.backbone]
+    training, shape = SimnetTraining(config, data, device), SHAPES[config.backbone]
     train = Moments(*_counted(data.train), shape, config.perturbation)
     held_out = Moments(*_counted(data.validation), shape, config.perturbation)
     if resume:

@@ -48,7 +48,7 @@ def run(config: TrainConfig, out: Path, *, resume: bool = False, progress: bool 
     """
     out.mkdir(parents=True, exist_ok=True)
     data = prepare(config.data, out / "data")
-    training = Training(config)
+    training = Training(config, data)
     if resume:
         training.read(out / CHECKPOINT)
     with rollouts(data, config, processes) as (driving, validation):

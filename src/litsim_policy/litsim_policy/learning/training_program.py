@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,7 +11,7 @@ import torch
 
 from litsim_policy.learning.checkpoint import CHECKPOINT
 from litsim_sim.cli.arguments import Parser
-from litsim_sim.cli.program import at_least_one, training_folder
+from litsim_sim.cli.program import at_least_one, print_how_to_resume, training_folder
 
 
 def training_parser(prog: str, doc: str | None, example: str) -> argparse.ArgumentParser:
@@ -39,5 +38,5 @@ def training_program(arguments: argparse.Namespace) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         if (out / CHECKPOINT).exists():
-            print(f"\ninterrupted; to continue: --resume with --out {out}", file=sys.stderr)
+            print_how_to_resume()
         raise

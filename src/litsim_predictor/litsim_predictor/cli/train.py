@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import shlex
-import sys
 from importlib import resources
 from pathlib import Path
 
 from litsim_sim.cli.arguments import Parser
-from litsim_sim.cli.program import at_least_one, program, training_folder
+from litsim_sim.cli.program import at_least_one, print_how_to_resume, program, training_folder
 from litsim_sim.core.errors import EXIT_INTERRUPTED
 from litsim_sim.io.yaml_input import read_yaml, validate_yaml
 
@@ -81,7 +80,7 @@ def _train(arguments: argparse.Namespace) -> int:
     print(f"epoch {last['epoch']:.0f} of {config.epochs}: validation RMSE {last['val_rmse_5']:.2f} m at 5 s")
     print(f"{folder / WEIGHTS}\n{folder / CURVES}")
     if len(training.history) < config.epochs:
-        print("interrupted; to continue: the same command with --resume", file=sys.stderr)
+        print_how_to_resume()
         return EXIT_INTERRUPTED
     return 0
 

@@ -104,6 +104,11 @@ def training_folder(out: Path, checkpoint: str, *, resume: bool) -> None:
     make_folder(out)
 
 
+def print_how_to_resume() -> None:
+    """Tell on stderr how an interrupted training is continued."""
+    print("\ninterrupted; to continue: the same command with --resume", file=sys.stderr)
+
+
 def at_least_one(text: str) -> int:
     """A number of processes from the text of an option.
 

@@ -100,7 +100,7 @@ def test_drivers_are_imitated(file: Path, tmp_path: Path) -> None:
     config = changed(file)
     data = prepare(config.data, tmp_path)
     recorded = traffic_pairs(data.train, config.drivers, np.random.default_rng(0), data.real).shown
-    policy = train.Imitation(config).policy
+    policy = train.Imitation(config, data).policy
 
     def likelihood() -> float:
         with torch.no_grad():

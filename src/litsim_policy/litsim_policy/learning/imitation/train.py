@@ -52,8 +52,8 @@ class Imitation(AdversarialTraining):
     more = ("replay",)
     panels = IMITATION_PANELS
 
-    def __init__(self, config: ImitationTraining) -> None:
-        super().__init__()
+    def __init__(self, config: ImitationTraining, data: TrainingData) -> None:
+        super().__init__(data)
         torch.manual_seed(config.seed)
         self.config = config
         self.policy, self.value = TrafficPolicy(), perceptron(SIZE)
@@ -81,7 +81,7 @@ def run(config: ImitationTraining, out: Path, *, resume: bool = False, progress:
     """
     out.mkdir(parents=True, exist_ok=True)
     data = prepare(config.data, out / "data")
-    training = Imitation(config)
+    training = Imitation(config, data)
     if resume:
         training.read(out / CHECKPOINT)
     each_once = list({scenario.name: scenario for scenario in data.train}.values())
