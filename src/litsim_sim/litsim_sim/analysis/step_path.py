@@ -14,7 +14,8 @@ Marks = Mapping[str, Mapping[int, Mapping[str, float]]]
 def step_path(step: int, marks: Marks) -> dict[str, float]:
     """Durations [s] of the parts of one step, in order; empty if marks of a participant are missing.
 
-    A hop between two stages is the serialisation, transport and reading of a message. `wait for ego` is the time by
+    A hop between two stages is the serialisation, transport and reading of a message; it is negative where the receiver
+    begins before the sender has noted that everything is published. `wait for ego` is the time by
     which the ego answered later than the policy, `recorder` the bridge's wait for the recorder's confirmation. The
     parts add up to `whole step`; the part in brackets runs in parallel.
     """
