@@ -9,7 +9,7 @@ import secrets
 import subprocess
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -100,7 +100,7 @@ class RunPlan:
         driven = () if self.policy == REPLAY else POLICY_STAGES
         return (*driven, *(() if self.ego == EXTERNAL else (EGO,)), RECORDER)
 
-    @property
+    @cached_property
     def identity(self) -> str:
         """Identity of the run: equal for equal runs, independent of the locations of files; else different."""
         file = self.scenario.file
@@ -120,7 +120,7 @@ class RunPlan:
         """Those of :attr:`parameters` that affect the result: all but the bridge's and the recorder's."""
         return {stage: self.parameters[stage] for stage in (*POLICY_STAGES, EGO) if self.parameters.get(stage)}
 
-    @property
+    @cached_property
     def run_id(self) -> str:
         """Id of the run in messages: the identity, with the execution if it has a name."""
         return f"{self.identity}@{self.execution}" if self.execution else self.identity
