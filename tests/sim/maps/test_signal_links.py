@@ -47,6 +47,10 @@ def test_links_are_those_of_the_net(links: tuple[SignalLink, ...]) -> None:
     assert left.stop.tolist() == [-114.6, -1.65]
     assert (left.heading, left.exit_heading) == pytest.approx((0.0, np.pi / 2))
     assert left.exit.tolist() == [-98.35, 17.9]
+    assert left.junction == "A" and left.turns and not by_name["WA_1 -> AB_1"].turns
+    oncoming, cross = {"BA_0 -> AW_0", "BA_1 -> AW_1", "BA_0 -> AAN_0"}, {"ANA_0 -> AAS_0", "ANA_1 -> AB_1"}
+    assert set(left.foes) == oncoming | cross | {"ASA_0 -> AAN_0", "ASA_1 -> AW_1"}
+    assert all(link.name in by_name[foe].foes for link in links for foe in link.foes)
 
     assert read_links(packaged("nets/us101_like.net.xml")) == ()
     with pytest.raises(InputError, match="no such net"):

@@ -2,8 +2,9 @@
 
 :func:`check_net` runs them all: how vehicle centres lie on the lanes, and on those that the recording names
 (:mod:`.placement`); by which shift and turn they would lie best (:mod:`.alignment`); where lanes lead, which have no
-way in or out, and which cross (:mod:`.connectivity`); how far centre lines lie from CAD centre lines over the recorded
-stretch; and whether SUMO loads the net without a warning.
+way in or out, and which cross (:mod:`.connectivity`); which connections conflict and have green together
+(:mod:`.green_conflicts`); how far centre lines lie from CAD centre lines over the recorded stretch; and whether SUMO
+loads the net without a warning.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from litsim_sim.core.scene import FloatArray
 from litsim_sim.maps.alignment import Alignment, align
 from litsim_sim.maps.cad import CenterLine, distance_to_lines
 from litsim_sim.maps.connectivity import Connectivity, connectivity
+from litsim_sim.maps.green_conflicts import program_conflicts
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.placement import Placement, lane_numbers, placement
 
@@ -58,6 +60,7 @@ class NetCheck:
         alignments: how they would lie best.
         cad: distance to CAD centre lines, where such were given.
         connectivity: where lanes lead, and where they do not.
+        greens: see :func:`.green_conflicts.program_conflicts`.
         warnings: what SUMO says on loading.
     """
 
@@ -66,6 +69,7 @@ class NetCheck:
     alignments: dict[str, Alignment] = field(default_factory=dict)
     cad: CadDistance | None = None
     connectivity: Connectivity = field(default_factory=Connectivity)
+    greens: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
     @property
@@ -84,7 +88,7 @@ class NetCheck:
         ]
         if self.cad is not None and not self.cad.median < CAD_GOAL:
             missed.append(f"the median distance to the CAD centre lines is {self.cad.median:.2f} m, goal {CAD_GOAL} m")
-        return missed + self.connectivity.failures + [f"SUMO: {warning}" for warning in self.warnings]
+        return [*missed, *self.connectivity.failures, *self.greens, *(f"SUMO: {warning}" for warning in self.warnings)]
 
 
 def check_net(net: Path, parts: dict[str, pd.DataFrame], cad: list[CenterLine] | None = None) -> NetCheck:
@@ -106,6 +110,7 @@ def check_net(net: Path, parts: dict[str, pd.DataFrame], cad: list[CenterLine] |
         alignments={name: align(lane_map, table) for name, table in parts.items()},
         cad=None if cad is None else cad_distance(lane_map, everything, cad),
         connectivity=connectivity(lane_map),
+        greens=program_conflicts(net),
         warnings=load_warnings(net),
     )
 

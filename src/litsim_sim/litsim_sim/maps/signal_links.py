@@ -16,6 +16,7 @@ ARROW = " -> "  # between the lanes of a connection's name
 BESIDE = 0.5  # [m] beyond the lane's edge at which a stop line still counts as crossed
 FACING = np.cos(np.deg2rad(45.0))  # cosine between a vehicle and the lane whose stop line it crosses
 PASSED = 1.0  # [m] beyond the stop line at which it is passed: drivers stop on it, and maps and tracks are that far off
+STRAIGHT = "s"  # SUMO's letter for the direction of a connection that goes straight on
 LEAVES = 300  # steps after the stop line within which a vehicle has passed the junction: one that turns may wait in it
 
 
@@ -34,6 +35,10 @@ class SignalLink:
         via: ids of the lanes inside the junction, in driving direction.
         light: id of the traffic light; empty where only the record of a run is known.
         index: position among its links, -1 likewise.
+        junction: id of the junction; empty likewise.
+        turns: whether it leads to the left, to the right or back, by SUMO's direction.
+        foes: names of the controlled connections of the junction that it crosses or merges with, except those from its
+            own edge, which a light does not tell apart.
     """
 
     name: str
@@ -47,6 +52,9 @@ class SignalLink:
     via: tuple[str, ...] = ()
     light: str = ""
     index: int = -1
+    junction: str = ""
+    turns: bool = False
+    foes: tuple[str, ...] = ()
 
 
 def read_links(path: Path) -> tuple[SignalLink, ...]:
@@ -58,19 +66,52 @@ def read_links(path: Path) -> tuple[SignalLink, ...]:
     net, every = read_net(path)
     lanes = {lane.id: lane for lane in every}
     try:
-        found = [
-            _link(connection, lanes)
+        controlled = [
+            connection
             for edge in net.getEdges(withInternal=False)
             for lane in edge.getLanes()
             for connection in lane.getOutgoing()
             if connection.getTLSID() and lane.getID() in lanes and connection.getToLane().getID() in lanes
         ]
+        foes = _foes(controlled)
+        found = [_link(connection, lanes, foes[place]) for place, connection in enumerate(controlled)]
     except UNREADABLE as error:
         raise unreadable_net(path, error) from error
     return tuple(sorted(found, key=lambda link: link.name))
 
 
-def _link(connection: Any, lanes: dict[str, Lane]) -> SignalLink:
+def _foes(connections: Sequence[Any]) -> list[tuple[str, ...]]:
+    """For each of `connections`, the names of those of other edges that its junction marks as its foes."""
+    at: dict[str, list[int]] = {}
+    for place, connection in enumerate(connections):
+        at.setdefault(connection.getFrom().getToNode().getID(), []).append(place)
+    found: list[tuple[str, ...]] = [()] * len(connections)
+    for places in at.values():
+        junction = connections[places[0]].getFrom().getToNode()
+        index = {place: junction.getLinkIndex(connections[place]) for place in places}
+        for place in places:
+            found[place] = tuple(
+                _name(connections[other])
+                for other in places
+                if connections[other].getFrom() is not connections[place].getFrom()
+                and _are_foes(junction, index[place], index[other])
+            )
+    return found
+
+
+def _are_foes(junction: Any, one: int, other: int) -> bool:
+    """Whether a junction marks two of its links as foes; those of which it says nothing are none."""
+    try:
+        return bool(junction.areFoes(one, other))
+    except (KeyError, IndexError):
+        return False
+
+
+def _name(connection: Any) -> str:
+    return f"{connection.getFromLane().getID()}{ARROW}{connection.getToLane().getID()}"
+
+
+def _link(connection: Any, lanes: dict[str, Lane], foes: tuple[str, ...]) -> SignalLink:
     begin, end = lanes[connection.getFromLane().getID()], lanes[connection.getToLane().getID()]
     via: list[str] = []
     following = connection.getViaLaneID()
@@ -79,12 +120,15 @@ def _link(connection: Any, lanes: dict[str, Lane]) -> SignalLink:
         following = next(iter(lanes[following].successors), "")
     last, before = begin.centerline[-1], begin.centerline[-2]
     return SignalLink(
-        name=f"{begin.id}{ARROW}{end.id}",
+        name=_name(connection),
         from_lane=begin.id,
         to_lane=end.id,
         via=tuple(via),
         light=connection.getTLSID(),
         index=int(connection.getTLLinkIndex()),
+        junction=connection.getFrom().getToNode().getID(),
+        turns=connection.getDirection() != STRAIGHT,
+        foes=foes,
         stop=last,
         heading=float(np.arctan2(*(last - before)[::-1])),
         width=begin.width,

@@ -1,4 +1,4 @@
-"""Check whether the vehicles of a recording heed its signals."""
+"""Check whether the vehicles of a recording heed its signals, and whether these give green to who conflicts."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from litsim_sim.core.scene import RATE_HZ
 from litsim_sim.maps.signal_links import LEAVES, read_links
 from litsim_sim.recordings.recording import Recording
 from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.signal_conflicts import green_conflicts
 from litsim_sim.scenario.signals import PASSED_MIN, SignalsFile, check_heeded, check_known, heed, shown
 
 DOUBTFUL = 0.1  # share of passages at red above which a line asks whether connections and times are right
@@ -16,6 +17,8 @@ PIECE = round(60 * RATE_HZ)  # frames processed at once, to bound memory
 
 def survey(signals: SignalsFile, net: Path, recording: Recording, where: str) -> list[str]:
     """Lines with the numbers of vehicles that pass the stop lines of each group of `signals`, in total and at red.
+
+    Further lines warn of groups that are green together though they conflict, see :func:`.green_conflicts`.
 
     Raises:
         InputError: the signals do not fit the net, are not heeded by the vehicles, or are never known; `where` names
@@ -33,7 +36,9 @@ def survey(signals: SignalsFile, net: Path, recording: Recording, where: str) ->
             counts[group] = before[0] + passed, before[1] + at_red
     check_heeded(counts, where)
     check_known(signals, known, (first, last), where)
-    return [_line(group, passed, at_red) for group, (passed, at_red) in counts.items()]
+    lines = [_line(group, passed, at_red) for group, (passed, at_red) in counts.items()]
+    everything = shown(signals, links, last - first + 1, first, where)
+    return lines + [f"signals    WARNING: {said}" for said in green_conflicts(signals, everything, first)]
 
 
 def _line(group: str, passed: int, at_red: int) -> str:

@@ -26,6 +26,7 @@ from litsim_sim.scenario.checks import Demand, UnmetDemandError, check_agents, c
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
 from litsim_sim.scenario.scenario_file import ScenarioFile
+from litsim_sim.scenario.signal_conflicts import green_conflicts
 from litsim_sim.scenario.signals import Signals, SignalsFile, build, check_known, read_signals, resolved
 
 DATA_VARIABLE = "LITSIM_DATA"
@@ -102,6 +103,8 @@ class Scenario:
         self.signals: Signals | None = None
         if isinstance(given, SignalsFile):
             self.signals = build(given, self.net_path, self.log, self.start_frame, where)
+            for said in green_conflicts(given, self.signals, self.start_frame):
+                _warn(f"{where}: signals: {said}")
             if self.file.signals:  # signals of a recording may be known for a part of it only
                 shown = (self.start_frame, self.start_frame + self.total_steps)
                 check_known(given, self.signals.known, shown, where)
