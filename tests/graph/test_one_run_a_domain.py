@@ -34,8 +34,9 @@ def test_a_second_launcher_is_refused_and_the_first_run_goes_on(graph: Any) -> N
 
 
 def test_of_two_launchers_at_the_same_instant_one_goes_on(graph: Any) -> None:
-    graph.start_script("standard_ego.py")
     launchers = {name: start(graph, graph.folder / name) for name in ("one", "other")}
+    graph.wait("one of them to end", lambda: any(launcher.poll() is not None for launcher in launchers.values()))
+    graph.start_script("standard_ego.py")
     done = {name: graph.finish(launcher) for name, launcher in launchers.items()}
     assert sorted(each.returncode for each in done.values()) == [0, 2], [each.stderr for each in done.values()]
     (winner,) = (name for name, each in done.items() if each.returncode == 0)
