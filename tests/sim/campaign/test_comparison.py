@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import bootstrap
 
 from campaigns import CRITERIA, VERSIONS, metrics, scenario_file, suite
 from litsim_sim.campaign.case import cases_of
@@ -33,8 +34,15 @@ def campaign(folder: Path, outcomes: Sequence[Any], sources: str = "b", **values
     return read_campaign(folder)
 
 
-def compared(folder: Path, before: Sequence[Any], after: Sequence[Any]) -> CampaignComparison:
-    return compare_campaigns(campaign(folder / "a", before), campaign(folder / "b", after, sources="c"))
+def compared(folder: Path, before: Sequence[Any], after: Sequence[Any], **values: Any) -> CampaignComparison:
+    both = campaign(folder / "a", before, **values), campaign(folder / "b", after, sources="c", **values)
+    return compare_campaigns(*both)
+
+
+def of_vehicles(count: int) -> dict[str, Any]:
+    """The first `count` egos of the demo, with one seed."""
+    egos = [7, 1, 2, 3, 4, 5, 8, 15, 20, 24][:count]
+    return {"cases": [{"scenario": "demo", "egos": egos}], "seeds": [0]}
 
 
 GOOD, BAD = metrics(at_fault=0), metrics(at_fault=1)
@@ -108,7 +116,7 @@ def test_the_json_links_both_reports_and_says_why(tmp_path: Path) -> None:
 def test_changes_are_of_the_runs_that_both_have_measured(tmp_path: Path) -> None:
     before = [metrics(progress_m=value) for value in (10.0, 20.0, 30.0)] + [metrics(progress_m=99.0)]
     after = [metrics(progress_m=value) for value in (11.0, 22.0, 33.0)] + ["no answer"]
-    changes = {each.name: each for each in compared(tmp_path, before, after).changes}
+    changes = {each.name: each for each in compared(tmp_path, before, after, **of_vehicles(4)).changes}
     progress = changes["progress_m"]
     assert (progress.pairs, progress.differs) == (3, 3)
     assert (progress.before, progress.after, progress.change) == (20.0, 22.0, 2.0)
@@ -130,22 +138,49 @@ def test_one_pair_has_no_interval(tmp_path: Path) -> None:
     assert (change.low, change.high, change.clear) == (None, None, False)
 
 
+def test_runs_that_only_repeat_others_narrow_no_interval(tmp_path: Path) -> None:
+    """Seeds that change nothing, and other policies on the same road, tell no more than one run of each vehicle."""
+    values = [1.0, -2.0, 3.0, 2.5, 4.0]
+    before, after = [metrics(progress_m=50.0)] * 5, [metrics(progress_m=50.0 + value) for value in values]
+    alone = compared(tmp_path / "alone", before, after, **of_vehicles(5)).changes[-1]
+    repeated = of_vehicles(5) | {"seeds": [0, 1, 2, 3], "policies": ["replay", "litsim"]}
+    found = compared(tmp_path / "repeated", before * 8, after * 8, **repeated)
+    change = found.changes[-1]
+    assert (change.name, change.pairs, found.vehicles) == ("progress_m", 40, 5)
+    assert (change.low, change.high) == pytest.approx((alone.low, alone.high))
+    assert not change.clear and change.low < 0.0 < change.high
+
+
+def test_seeds_of_one_vehicle_have_no_interval(tmp_path: Path) -> None:
+    before, after = ([metrics(progress_m=base + k) for k in (0.0, 0.5, 2.0)] for base in (1.0, 3.0))
+    change = compared(tmp_path, before, after).changes[-1]
+    assert (change.pairs, change.low, change.high, change.clear) == (3, None, None, False)
+
+
 def test_the_interval_covers_the_true_mean_about_as_often_as_it_says() -> None:
     draw = np.random.default_rng(4)
-    bounds = [paired_interval(draw.normal(0.3, 1.0, 60)) for _ in range(200)]
-    covered = np.mean([low <= 0.3 <= high for low, high in bounds if low is not None])
-    assert 0.90 <= covered <= 0.98
+    alone = [paired_interval(draw.normal(0.3, 1.0, 60), np.arange(60)) for _ in range(200)]
+    seeds = [paired_interval(np.repeat(draw.normal(0.3, 1.0, 60), 5), np.repeat(np.arange(60), 5)) for _ in range(200)]
+    for bounds in (alone, seeds):
+        covered = np.mean([low <= 0.3 <= high for low, high in bounds if low is not None])
+        assert 0.90 <= covered <= 0.98
 
 
 def test_the_interval_is_of_pairs_and_not_of_two_samples() -> None:
     """What is common to both runs of a pair, however large, widens nothing."""
     common = np.random.default_rng(1).normal(0.0, 100.0, 50)
     before, after = common, common + np.where(np.arange(50) % 2, 0.9, 1.1)
-    low, high = paired_interval(after - before) or (0.0, 0.0)
+    low, high = paired_interval(after - before, np.arange(50)) or (0.0, 0.0)
     assert 0.95 < low < high < 1.05
 
 
 def test_the_interval_is_the_same_every_time() -> None:
-    values = np.random.default_rng(2).normal(size=30)
-    assert paired_interval(values) == paired_interval(values)
-    assert paired_interval(np.full(5, 2.0)) == (2.0, 2.0)
+    values, vehicles = np.random.default_rng(2).normal(size=30), np.arange(30)
+    assert paired_interval(values, vehicles) == paired_interval(values, vehicles)
+    assert paired_interval(np.full(5, 2.0), vehicles[:5]) == (2.0, 2.0)
+
+
+def test_the_interval_of_one_pair_for_each_vehicle_is_that_of_scipy() -> None:
+    values = np.random.default_rng(3).normal(1.0, 2.0, 40)
+    theirs = bootstrap((values,), np.mean, n_resamples=20000, method="percentile", rng=np.random.default_rng(1))
+    assert paired_interval(values, np.arange(40)) == pytest.approx(theirs.confidence_interval, abs=0.05)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,10 +12,19 @@ from campaigns import CRITERIA, VERSIONS, cases, metrics, suite
 from litsim_sim.campaign.folder import CampaignFolder
 from litsim_sim.campaign.results import RunResult
 from litsim_sim.cli.compare import main
+from litsim_sim.scenario.scenario import Scenario
+
+VEHICLES = Scenario.load("demo").possible_egos
 
 
-def campaign(folder: Path, at_fault: list[int], **values: float) -> str:
-    asked = {"policies": ["litsim"], "seeds": list(range(len(at_fault)))}
+def by_vehicle(count: int) -> dict[str, Any]:
+    """A suite of `count` vehicles, with one run each."""
+    return {"policies": ["litsim"], "cases": [{"scenario": "demo", "egos": list(VEHICLES[:count])}]}
+
+
+def campaign(folder: Path, at_fault: list[int], suited: dict[str, Any] | None = None, **values: float) -> str:
+    """A run for each of `at_fault`: by default of one vehicle, by seeds from 0."""
+    asked = suited or {"policies": ["litsim"], "seeds": list(range(len(at_fault)))}
     lies = CampaignFolder(folder)
     made = cases(**asked)
     lies.begin(suite(**asked), made, VERSIONS)
@@ -47,13 +57,13 @@ def test_better_or_equal_is_status_0(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 def test_clear_changes_are_shown_and_the_others_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = campaign(tmp_path / "a", [0, 0, 0], progress_m=10.0)
-    after = campaign(tmp_path / "b", [0, 0, 0], progress_m=12.0)
+    before = campaign(tmp_path / "a", [0, 0, 0], by_vehicle(3), progress_m=10.0)
+    after = campaign(tmp_path / "b", [0, 0, 0], by_vehicle(3), progress_m=12.0)
     main([before, after])
     out = capsys.readouterr().out
     row = next(line for line in out.splitlines() if "progress_m" in line)
     assert row.split() == ["*", "progress_m", "3", "11", "13", "+2", "2", "..", "2"]
-    assert "of fewer than 20 runs it is too narrow" in out
+    assert "of fewer than 20 vehicles it is too narrow" in out
     assert max(map(len, out[out.index("mean over") :].splitlines())) <= 100
 
 
@@ -62,10 +72,10 @@ def test_names_of_measures_stay_whole_at_100_columns(tmp_path: Path, capsys: pyt
     folders = []
     for at, value in (("a", -1.23456e-5), ("b", 1.23456e-5)):
         folder = CampaignFolder(tmp_path / at)
-        asked = {"policies": ["litsim"], "seeds": [0, 1]}
+        asked = by_vehicle(2)
         folder.begin(suite(**asked), cases(**asked), VERSIONS)
-        for seed, case in enumerate(cases(**asked)):
-            within = {"longitudinal_acceleration": value * (1 + seed)}
+        for number, case in enumerate(cases(**asked)):
+            within = {"longitudinal_acceleration": value * (1 + number)}
             measured = metrics(comfort={"ego": {"within": within}})
             folder.store(RunResult.judged(case, measured, CRITERIA))
         folders.append(str(folder.path))
@@ -94,7 +104,9 @@ def test_what_is_no_pair_of_campaigns_is_refused(
     assert said in capsys.readouterr().err
 
 
-def test_enough_runs_are_not_called_few(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = campaign(tmp_path / "a", [0] * 20)
+def test_enough_vehicles_are_not_called_few(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, repeated = campaign(tmp_path / "a", [0] * 20, by_vehicle(20)), campaign(tmp_path / "b", [0] * 20)
     main([folder, folder])
     assert "too narrow" not in capsys.readouterr().out
+    main([repeated, repeated])
+    assert "too narrow" in capsys.readouterr().out, "20 seeds of one vehicle are few"

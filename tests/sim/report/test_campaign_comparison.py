@@ -25,7 +25,7 @@ def campaign(folder: Path, outcomes: Sequence[dict[str, Any] | None], sources: s
     lies.begin(suite(**asked), made, VERSIONS | {"sources": sources})
     for case, outcome in zip(made, outcomes, strict=True):
         if outcome is not None:
-            lies.store(RunResult.judged(case, outcome, CRITERIA))
+            lies.store(RunResult.judged(case, outcome, asked.get("criteria", CRITERIA)))
     return read_campaign(folder)
 
 
@@ -38,6 +38,18 @@ def printed(before: Campaign, after: Campaign, *, everything: bool = False) -> s
 def test_what_differs_between_the_versions_is_said(tmp_path: Path) -> None:
     before, after = (campaign(tmp_path / name, [metrics()], sources=name) for name in ("a", "b"))
     assert f"{tmp_path}/a -> {tmp_path}/b\n  sources: a -> b\n0 of 1 newly failing\n" in printed(before, after)
+
+
+def test_other_criteria_are_said(tmp_path: Path) -> None:
+    """A run that has not changed fails newly if its limits have: nobody should look for the cause in the system."""
+    strict = {"runs": [{"name": "no contact at fault", "field": "collision.ego_at_fault", "max": 0}]}
+    strict["runs"].append({"field": "progress_m", "min": 5.0})
+    before = campaign(tmp_path / "a", [metrics(progress_m=1.0)])
+    after = campaign(tmp_path / "b", [metrics(progress_m=1.0)], criteria=Criteria.model_validate(strict))
+    told = "judged by other criteria, so that equal runs may differ: progress_m at least 5\n"
+    assert told in (said := printed(before, after)) and "1 of 1 newly failing" in said
+    assert compare_campaigns(before, after).to_json()["other_criteria"] == ["progress_m at least 5"]
+    assert "other criteria" not in printed(before, before)
 
 
 def test_a_case_that_was_not_run_fails_newly(tmp_path: Path) -> None:
@@ -86,10 +98,15 @@ def test_what_a_case_that_failed_before_fails_by_newly_is_told(tmp_path: Path) -
 
 
 def test_measures_that_have_hardly_changed_are_shown_on_request(tmp_path: Path) -> None:
-    before = campaign(tmp_path / "a", [metrics(progress_m=value, takeovers=3) for value in (1.0, 2.0, 3.0, 4.0)])
-    after = campaign(tmp_path / "b", [metrics(progress_m=value, takeovers=3) for value in (2.0, 1.0, 4.0, 3.0)])
+    asked = {"cases": [{"scenario": "demo", "egos": [7, 1, 2, 3]}], "seeds": [0]}
+    both = ("a", (1.0, 2.0, 3.0, 4.0)), ("b", (2.0, 1.0, 4.0, 3.0))
+    before, after = (
+        campaign(tmp_path / name, [metrics(progress_m=value, takeovers=3) for value in values], **asked)
+        for name, values in both
+    )
     short, whole = printed(before, after), printed(before, after, everything=True)
     assert "1 more measures differ (--all)" in short and "progress_m" not in short
     row = next(line for line in whole.splitlines() if "progress_m" in line)
     assert row.split()[:5] == ["progress_m", "4", "2.5", "2.5", "0"], "not marked: its interval holds 0"
     assert "takeovers" not in whole, "nothing differs"
+    assert "(paired bootstrap over 4 vehicles, 2000 resamples)" in short and "fewer than 20 vehicles" in short

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from litsim_sim.core.scene import FloatArray, IntArray
@@ -13,6 +15,14 @@ LEVEL, RESAMPLES, SEED = 0.95, 2000, 0
 def drawn_units(count: int) -> IntArray:
     """(RESAMPLES, count) positions of `count` units, drawn with replacement, the same at every call."""
     return np.random.default_rng(SEED).integers(count, size=(RESAMPLES, count))
+
+
+@lru_cache(maxsize=8)
+def times_drawn(count: int) -> FloatArray:
+    """(RESAMPLES, count) how often each of `count` units is in each of the draws of :func:`drawn_units`."""
+    times = np.stack([np.bincount(draw, minlength=count) for draw in drawn_units(count)]).astype(np.float64)
+    times.setflags(write=False)
+    return times
 
 
 def percentile_bounds(figures: FloatArray) -> tuple[float, float] | None:

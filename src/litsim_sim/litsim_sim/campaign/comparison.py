@@ -8,15 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import bootstrap
 
 from litsim_sim.analysis.compare import OF_AN_EXECUTION, leaves
-from litsim_sim.campaign.bootstrap import LEVEL, RESAMPLES, SEED
+from litsim_sim.campaign.bootstrap import LEVEL, RESAMPLES, SEED, percentile_bounds, ratios, times_drawn
 from litsim_sim.campaign.case import Case
 from litsim_sim.campaign.criteria import CriterionResult, Verdict
 from litsim_sim.campaign.results import RUNS_FOLDER, Campaign, RunResult
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import FloatArray
+from litsim_sim.core.scene import FloatArray, IntArray
 
 PASSED = "passed"
 NOT_RUN = "not run"
@@ -34,6 +33,11 @@ class Pair:
     case: Case
     before: RunResult | None
     after: RunResult | None
+
+    @property
+    def vehicle(self) -> tuple[str, int]:
+        """The vehicle that is the ego: its scenario and id."""
+        return self.case.scenario, self.case.ego_id
 
     @property
     def newly_failing(self) -> bool:
@@ -75,7 +79,8 @@ class Change:
             the share of cases that pass.
         pairs: number of pairs that have it.
         before, after: means.
-        low, high: bounds of the mean difference, after minus before, by the paired bootstrap; None for a single pair.
+        low, high: bounds of the mean difference, after minus before, by :func:`paired_interval`; None if all pairs are
+            of one vehicle.
         differs: number of pairs in which it differs.
     """
 
@@ -137,11 +142,22 @@ class CampaignComparison:
         return [pair for pair in self.pairs if pair.worse]
 
     @property
+    def vehicles(self) -> int:
+        """Number of vehicles that are the ego of any pair."""
+        return len({pair.vehicle for pair in self.pairs})
+
+    @property
     def other_versions(self) -> dict[str, tuple[str | None, str | None]]:
         """Dependencies of the runs with different versions, with both versions."""
         names = {**self.before.versions, **self.after.versions}
         both = {name: (self.before.versions.get(name), self.after.versions.get(name)) for name in names}
         return {name: pair for name, pair in both.items() if pair[0] != pair[1]}
+
+    @property
+    def other_criteria(self) -> list[str]:
+        """Names of the criteria of runs that only one of the campaigns has, or that have other fields or limits."""
+        before, after = ({each.title: each for each in one.criteria.runs} for one in (self.before, self.after))
+        return [name for name in {**before, **after} if before.get(name) != after.get(name)]
 
     @property
     def renamed(self) -> list[str]:
@@ -155,7 +171,9 @@ class CampaignComparison:
             "before": _described(self.before),
             "after": _described(self.after),
             "versions": {name: list(pair) for name, pair in self.other_versions.items()},
+            "other_criteria": self.other_criteria,
             "common": len(self.pairs),
+            "vehicles": self.vehicles,
             "newly_failing": [self._told(pair) for pair in self.newly_failing],
             "newly_passing": [self._told(pair) for pair in self.newly_passing],
             "still_failing": [self._told(pair) for pair in self.still_failing],
@@ -220,26 +238,25 @@ def report_of(campaign: Campaign, result: RunResult | None) -> Path | None:
     return campaign.folder / RUNS_FOLDER / result.case.id / result.report if result and result.report else None
 
 
-def paired_interval(difference: FloatArray) -> tuple[float, float] | None:
-    """Bounds at :data:`LEVEL` of the mean of `difference` (n,), by the bootstrap over pairs; None for fewer than two.
+def paired_interval(difference: FloatArray, vehicles: IntArray) -> tuple[float, float] | None:
+    """Bounds at :data:`LEVEL` of the mean of `difference` (n,) by the bootstrap over vehicles; None for fewer than two.
 
-    The interval is the percentiles of :data:`RESAMPLES` means of pairs drawn with replacement (Efron 1979), drawn with
-    the same seed every time.
+    The interval is the percentiles of :data:`RESAMPLES` means of the pairs of vehicles drawn with replacement (Efron
+    1979), drawn with the same seed every time. All pairs of one vehicle (its seeds, drivers and policies) are drawn
+    together, since they resemble each other: what only repeats a run would narrow the interval otherwise.
+
+    Args:
+        difference: of each pair.
+        vehicles: (n,) number of the vehicle that is the ego of each pair.
     """
-    if len(difference) < 2:
+    drawn, vehicle = np.unique(vehicles, return_inverse=True)
+    if len(drawn) < 2:
         return None
     if np.ptp(difference) == 0.0:
         return float(difference[0]), float(difference[0])
-    found = bootstrap(
-        (difference,),
-        np.mean,
-        confidence_level=LEVEL,
-        n_resamples=RESAMPLES,
-        method="percentile",
-        batch=max(1, 2_000_000 // len(difference)),  # 16 MB at a time
-        rng=np.random.default_rng(SEED),
-    ).confidence_interval
-    return float(found.low), float(found.high)
+    times, count = times_drawn(len(drawn)), len(drawn)
+    sums, pairs = np.bincount(vehicle, difference, count), np.bincount(vehicle, minlength=count)
+    return percentile_bounds(ratios(times @ sums, times @ pairs))
 
 
 def _changes(pairs: Sequence[Pair]) -> list[Change]:
@@ -247,19 +264,22 @@ def _changes(pairs: Sequence[Pair]) -> list[Change]:
 
     Runs that could not be judged have no measures, but count as not passed.
     """
-    passed = _change(PASSED, [(float(_passed(pair.before)), float(_passed(pair.after))) for pair in pairs])
-    columns: dict[str, list[tuple[float, float]]] = {}
+    vehicles = {vehicle: number for number, vehicle in enumerate(dict.fromkeys(pair.vehicle for pair in pairs))}
+    columns: dict[str, list[tuple[float, float, int]]] = {PASSED: []}
     for pair in pairs:
+        number = vehicles[pair.vehicle]
+        columns[PASSED].append((float(_passed(pair.before)), float(_passed(pair.after)), number))
         before, after = _measures(pair.before), _measures(pair.after)
         for name in before:
             if name in after:
-                columns.setdefault(name, []).append((before[name], after[name]))
-    return [passed, *(_change(name, values) for name, values in columns.items())]
+                columns.setdefault(name, []).append((before[name], after[name], number))
+    return [_change(name, values) for name, values in columns.items()]
 
 
-def _change(name: str, values: Sequence[tuple[float, float]]) -> Change:
-    before, after = np.array(values).T
-    low, high = paired_interval(after - before) or (None, None)
+def _change(name: str, values: Sequence[tuple[float, float, int]]) -> Change:
+    """The change of a measure from its value before and after and the number of the vehicle, of each pair."""
+    before, after, vehicles = np.array(values).T
+    low, high = paired_interval(after - before, vehicles.astype(np.int64)) or (None, None)
     differs = int(np.count_nonzero(after != before))
     return Change(name, len(values), float(before.mean()), float(after.mean()), low, high, differs)
 

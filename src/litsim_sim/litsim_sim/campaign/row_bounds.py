@@ -8,7 +8,7 @@ import numpy as np
 
 from litsim_sim.analysis.displacement import HORIZONS_S
 from litsim_sim.analysis.summary import DISPLACEMENTS, MEANS, RATIOS, SUMS, Figure, displacement
-from litsim_sim.campaign.bootstrap import drawn_units, percentile_bounds, ratios
+from litsim_sim.campaign.bootstrap import percentile_bounds, ratios, times_drawn
 from litsim_sim.campaign.results import RunResult
 from litsim_sim.campaign.row_summary import VERDICTS
 from litsim_sim.core.scene import FloatArray
@@ -30,8 +30,8 @@ def row_bounds(results: Sequence[RunResult]) -> Bounds:
     vehicles = list(dict.fromkeys((result.case.scenario, result.case.ego_id) for result in results))
     if len(vehicles) < 2:
         return {}
-    times = np.stack([np.bincount(draw, minlength=len(vehicles)) for draw in drawn_units(len(vehicles))])
-    times = times[:, [vehicles.index((result.case.scenario, result.case.ego_id)) for result in results]]
+    own = [vehicles.index((result.case.scenario, result.case.ego_id)) for result in results]
+    times = times_drawn(len(vehicles))[:, own]
     found = {
         name: percentile_bounds(times @ above if below is None else ratios(times @ above, times @ below))
         for name, above, below in _figures(results)

@@ -16,7 +16,7 @@ CASES_MAX = 20  # most cases of a list, unless everything is requested
 DIGITS = 3
 SMALL = 1e-3  # numbers below have two digits, to limit the width of the table
 MARK = "*"
-FEW = 20  # pairs below which the bootstrap's bounds hold in less than nine of ten cases
+FEW = 20  # vehicles below which the bootstrap's bounds hold in less than nine of ten cases
 
 
 def print_campaigns(
@@ -31,9 +31,7 @@ def print_campaigns(
         console: output.
     """
     console = console or Console(width=None if sys.stdout.isatty() else WIDTH)
-    _say(console, f"{comparison.before.folder} -> {comparison.after.folder}")
-    for name, (before, after) in comparison.other_versions.items():
-        _say(console, f"  {name}: {before} -> {after}", "dim")
+    _print_heading(console, comparison)
     limit = None if everything else CASES_MAX
     for title, pairs, style in (
         ("newly failing", comparison.newly_failing, "bold red"),
@@ -58,6 +56,15 @@ def print_campaigns(
     if comparison.renamed:
         _say(console, f"{len(comparison.renamed)} of one name are not the same case: the scenario is another", "yellow")
     _print_changes(console, comparison, everything=everything)
+
+
+def _print_heading(console: Console, comparison: CampaignComparison) -> None:
+    """The folders, and in what the campaigns differ: versions of dependencies, and criteria of runs."""
+    _say(console, f"{comparison.before.folder} -> {comparison.after.folder}")
+    for name, (before, after) in comparison.other_versions.items():
+        _say(console, f"  {name}: {before} -> {after}", "dim")
+    if others := comparison.other_criteria:
+        _say(console, f"  judged by other criteria, so that equal runs may differ: {', '.join(others)}", "yellow")
 
 
 def _print_pair(console: Console, comparison: CampaignComparison, pair: Pair) -> None:
@@ -100,9 +107,10 @@ def _print_changes(console: Console, comparison: CampaignComparison, *, everythi
     for change in shown:
         table.add_row(*_cells(change), style="bold" if change.clear else None)
     console.print(table)
-    _say(console, f"{MARK} the interval (paired bootstrap, {RESAMPLES} resamples) leaves out 0", "dim")
-    if len(comparison.pairs) < FEW:
-        _say(console, f"  of fewer than {FEW} runs it is too narrow: see docs/campaigns.md", "dim")
+    how = f"paired bootstrap over {comparison.vehicles} vehicles, {RESAMPLES} resamples"
+    _say(console, f"{MARK} the interval ({how}) leaves out 0", "dim")
+    if comparison.vehicles < FEW:
+        _say(console, f"  of fewer than {FEW} vehicles it is too narrow: see docs/campaigns.md", "dim")
     if len(shown) < len(differing):
         _say(console, f"{len(differing) - len(shown)} more measures differ (--all)", "dim")
 
