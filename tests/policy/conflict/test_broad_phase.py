@@ -7,7 +7,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from litsim_policy.conflict.detection import ConflictConfig, ConflictDetector
+from litsim_policy.conflict.config import ConflictConfig
+from litsim_policy.conflict.detection import ConflictDetector
 from litsim_policy.conflict.futures import PredictedMotion
 from strips import Strips
 

@@ -12,37 +12,21 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from litsim_policy.conflict.detection import Conflict, ConflictConfig, ConflictDetector
+from constant_motion import straight_on
+from litsim_policy.conflict.config import ConflictConfig
+from litsim_policy.conflict.detection import Conflict, ConflictDetector
 from litsim_policy.conflict.futures import PredictedMotion
 from litsim_predictor.forecast import Forecast, Modes
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.parameters import ParameterOverrides
-from litsim_sim.core.scene import STEP_S, AgentTable, Controller
+from litsim_sim.core.scene import STEP_S, AgentTable
 from litsim_sim.scenario.log import Log
 from strips import Strips
 
 DT = 0.2  # [s] between instants of the forecasts here
 NOW = 5  # step at which the scenes are looked at
 LENGTH, WIDTH = 4.5, 2.0  # [m] of everybody
-
-
-def straight_on(table: AgentTable, horizon: float = 5.0, dt: float = DT) -> Forecast:
-    """Everybody goes on as it moves now."""
-    t = dt * np.arange(1, round(horizon / dt) + 1)
-    heading = np.stack([np.cos(table.yaw), np.sin(table.yaw)], axis=-1)
-    gone = (table.speed[:, None] * t)[..., None] * heading[:, None, :]
-    mean = np.stack([table.x, table.y], axis=-1)[:, None, :] + gone
-    return Forecast(
-        step=table.step,
-        dt=dt,
-        id=table.id,
-        mean=mean,
-        yaw=np.repeat(table.yaw[:, None], len(t), axis=1).astype(np.float32),
-        covariance=np.full((len(table), len(t), 3), [1.0, 0.5, 0.0], np.float32),
-        maneuver_probability=np.empty((len(table), 0), np.float32),
-        valid=np.ones(len(table), np.bool_),
-    )
 
 
 @dataclass(frozen=True)
@@ -62,7 +46,7 @@ class Scene:
 def scene(log: Log, table: AgentTable, *off: int, roi_m: float = 30.0, **config: float) -> Scene:
     """The mean of the forecast alone counts, if not told otherwise."""
     detector = ConflictDetector(log, roi_m, ConflictConfig(**{"sigma_scale": 0.0} | config))
-    logged, forecast = detector.logged_future(table), detector.forecast_future(table, straight_on(table))
+    logged, forecast = detector.futures.logged(table), detector.futures.forecast(table, straight_on(table))
     return Scene(detector, table, np.isin(table.id, off), logged, forecast)
 
 
@@ -200,14 +184,14 @@ def test_an_ego_without_a_forecast_is_in_none(look) -> None:
     found = look({"id": 2, "x": 85.0, "speed": 10.0}, ego={"speed": 4.0})
     unknown = straight_on(found.table)
     unknown.valid[found.table.row(1)] = False
-    nowhere = found.detector.forecast_future(found.table, unknown)
+    nowhere = found.detector.futures.forecast(found.table, unknown)
     assert len(found.conflicts()) == 1 and replace(found, forecast=nowhere).conflicts() == []
 
 
 def test_an_empty_forecast_is_no_conflict(look) -> None:
     found = look({"id": 2, "x": 85.0, "speed": 10.0}, ego={"speed": 4.0})
     nobody = straight_on(AgentTable.empty(NOW))
-    assert not found.detector.forecast_future(found.table, nobody).valid.any()
+    assert not found.detector.futures.forecast(found.table, nobody).valid.any()
 
 
 def test_the_soonest_conflict_comes_first_and_every_agent_once(look, lane_centres) -> None:
@@ -227,7 +211,7 @@ def test_of_two_opponents_the_one_that_is_met_first_is_named(look, placed, lane_
     aside = {"id": 3, "x": 92.0, "y": lane_centres[3], "speed": 5.0}
     scene = look({"id": 2, "x": 82.0, "speed": 12.0}, aside, ego={"speed": 0.0})
     table = placed(scene.table, 3, y=lane_centres[1])
-    forecast = scene.detector.forecast_future(table, straight_on(table))
+    forecast = scene.detector.futures.forecast(table, straight_on(table))
     (conflict,) = replace(scene, table=table, forecast=forecast, off=np.isin(table.id, [1, 3])).conflicts()
     assert (conflict.agent, conflict.opponent) == (2, 3)
 
@@ -245,7 +229,7 @@ def test_background_meets_background_that_is_off_its_log(look, lane_centres) -> 
     stopped = scene.table.speed.copy()
     stopped[scene.table.row(3)] = 2.0
     table = replace(scene.table, speed=stopped)
-    forecast = scene.detector.forecast_future(table, straight_on(table))
+    forecast = scene.detector.futures.forecast(table, straight_on(table))
     (conflict,) = replace(scene, table=table, off=np.isin(table.id, [1, 3]), forecast=forecast).conflicts()
     assert (conflict.agent, conflict.opponent) == (2, 3)
 
@@ -313,111 +297,6 @@ def test_every_conflict_is_an_overlap_that_shapely_sees_and_none_comes_earlier(a
         others = boxes_at(here, conflict.opponent, here.forecast)
         assert mine[at].distance(others[at]) < 1e-6
         assert all(a.intersection(b).area < 1e-3 for a, b in zip(mine[:at], others[:at], strict=True))
-
-
-# futures
-
-
-def test_an_agent_that_rejoins_its_log_keeps_its_residual_in_the_future(make_scenario, track, placed) -> None:
-    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
-    detector = ConflictDetector(log, 30.0, ConflictConfig())
-    logged = detector.logged_future(log.table(NOW))
-    shifted = detector.logged_future(placed(log.table(NOW), 2, x=log.x[1, NOW] - 3.0, y=log.y[1, NOW] + 0.5))
-    assert shifted.x[1] == pytest.approx(logged.x[1] - 3.0) and shifted.y[1] == pytest.approx(logged.y[1] + 0.5)
-    held = placed(log.table(NOW), 2, x=log.x[1, NOW] - 3.0, controller=1)
-    assert detector.logged_future(
-        held,
-    ).x[1] == pytest.approx(logged.x[1]), "put back at once"
-
-
-def test_logged_futures_lie_at_the_steps_up_to_the_horizon(make_scenario, track) -> None:
-    log = make_scenario(track(1, x=100.0, last=20), track(2, x=80.0, last=40)).log
-    future = ConflictDetector(log, 30.0, ConflictConfig(horizon=3.0)).logged_future(log.table(NOW))
-    assert future.x.shape == (2, 30)
-    assert future.x[1, :3] == pytest.approx([86.0, 87.0, 88.0])
-    assert future.valid[0].sum() == 15, "the ego's log ends at step 20, 1.5 s from now"
-
-
-def test_a_log_that_is_late_goes_on_late(make_scenario, track) -> None:
-    log = make_scenario(track(1, x=100.0, last=20), track(2, x=80.0, last=40)).log
-    lag = np.array([0, 4])
-    table = log.table(NOW, lag)
-    future = ConflictDetector(log, 30.0, ConflictConfig()).logged_future(table, lag)
-    assert table.x[1] == pytest.approx(81.0) and future.x[1, :3] == pytest.approx([82.0, 83.0, 84.0])
-
-
-@pytest.mark.parametrize("dt", [0.1, 0.2, 0.5, 0.3])
-def test_a_forecast_of_any_dt_becomes_one_of_every_step(make_scenario, track, dt: float) -> None:
-    log = make_scenario(track(1, x=100.0, yaw=0.05), track(2, x=80.0)).log
-    table = log.table(NOW)
-    detector = ConflictDetector(log, 30.0, ConflictConfig(horizon=3.0))
-    future = detector.forecast_future(table, straight_on(table, 3.0, dt))
-    t = 0.1 * np.arange(1, 31)
-    assert future.x[0] == pytest.approx(table.x[0] + 10.0 * t * np.cos(0.05))
-    assert future.y[0] == pytest.approx(table.y[0] + 10.0 * t * np.sin(0.05)) and future.valid.all()
-    xx, yy, xy = future.covariance[0].T
-    reached = t >= dt - 1e-9
-    assert xx[reached] == pytest.approx(1.0) and yy[reached] == pytest.approx(0.25) and xy == pytest.approx(0.0)
-    assert (np.diff(xx[~reached]) > 0).all(), "from certain to as uncertain as the first instant"
-
-
-def test_beyond_the_end_of_a_forecast_nothing_is_known(make_scenario, track) -> None:
-    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
-    detector = ConflictDetector(log, 30.0, ConflictConfig(horizon=3.0))
-    future = detector.forecast_future(log.table(NOW), straight_on(log.table(NOW), 2.0))
-    assert future.valid[0].tolist() == [True] * 20 + [False] * 10
-
-
-def test_headings_are_interpolated_the_short_way_round(make_scenario, track, placed) -> None:
-    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
-    table = placed(log.table(NOW), 1, yaw=np.pi - 0.05)
-    forecast = straight_on(table)
-    forecast.yaw[0] = -np.pi + 0.05
-    future = ConflictDetector(log, 30.0, ConflictConfig()).forecast_future(table, forecast)
-    assert np.cos(future.yaw[0]).max() < -0.99, "never across 0"
-
-
-def test_an_ego_that_brakes_hard_is_expected_to_go_on_for_a_second(make_scenario, track, placed) -> None:
-    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
-    detector = ConflictDetector(log, 30.0, ConflictConfig(horizon=3.0))
-
-    def ahead(**values: float) -> np.ndarray:
-        table = placed(log.table(NOW), 1, controller=Controller.EGO, **values)
-        return detector.forecast_future(table, straight_on(table)).x[0] - table.x[0]
-
-    assert ahead(acceleration=-6.0)[[9, 29]] == pytest.approx([7.0, 7.0 + 4.0 * 2.0])
-    assert ahead(acceleration=-6.0, speed=3.0)[[4, 9, 29]] == pytest.approx([0.75, 0.75, 0.75]), "then it stands"
-    assert ahead(acceleration=-0.9)[29] == pytest.approx(30.0), "that is not hard"
-
-
-def test_an_agent_that_keeps_its_speed_is_not_held_back_even_if_all_braking_is_hard(
-    make_scenario, track, placed
-) -> None:
-    """Its speed used to be divided by a deceleration of zero, which left its future infinite."""
-    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
-    detector = ConflictDetector(log, 30.0, ConflictConfig(horizon=3.0, braking_hard=0.0, emergency=0.0))
-    for speed in (10.0, 0.0):
-        table = placed(log.table(NOW), 1, controller=Controller.EGO, acceleration=0.0, speed=speed)
-        expected = speed * STEP_S * np.arange(1, 31)
-        assert detector.forecast_future(table, straight_on(table)).x[0] - table.x[0] == pytest.approx(expected)
-
-
-def test_agents_under_control_are_expected_where_they_are_forecast_unless_in_an_emergency(
-    make_scenario, track, placed
-) -> None:
-    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
-    detector = ConflictDetector(log, 30.0, ConflictConfig(horizon=3.0))
-    table = placed(log.table(NOW), 2, controller=Controller.POLICY, acceleration=-3.9)
-    assert detector.forecast_future(table, straight_on(table)).x[1] - table.x[1] == pytest.approx(np.arange(1.0, 31.0))
-
-
-def test_spreads_are_scaled_and_keep_their_shape(make_scenario, track) -> None:
-    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
-    table = log.table(NOW)
-    forecast = straight_on(table)
-    forecast.covariance[:] = [2.0, 0.5, 0.4]  # sigma along x and y [m], and their correlation
-    future = ConflictDetector(log, 30.0, ConflictConfig(sigma_scale=3.0)).forecast_future(table, forecast)
-    assert future.covariance[0, -1] == pytest.approx([9.0 * 4.0, 9.0 * 0.25, 9.0 * 0.4 * 2.0 * 0.5], rel=1e-6)
 
 
 # thresholds
@@ -520,14 +399,14 @@ def test_a_turn_that_is_less_probable_is_weighed(look, lane_centres) -> None:
     scene = look({"id": 2, "x": 100.0, "y": lane_centres[2], "speed": 10.0})
     row, aside = scene.table.row(1), 1.5 * np.sign(lane_centres[2] - lane_centres[1])
     forecast = with_mode(straight_on(scene.table), row, (10.0, aside), 0.35)
-    expected = scene.detector.forecast_future(scene.table, forecast)
+    expected = scene.detector.futures.forecast(scene.table, forecast)
     assert expected.others.row.tolist() == [row] and expected.others.weight == pytest.approx([0.35])
     assert expected.others.states[0, 9, :2] == pytest.approx([110.0, lane_centres[1] + aside])
     pair = np.array([[scene.table.row(2), row]])
     chance = scene.detector.overlap_probability(scene.table, scene.logged, expected, pair, 0.2)
     assert chance.max() == pytest.approx(0.35)
     assert not scene.detector.overlap_probability(scene.table, scene.logged, scene.forecast, pair, 0.2).any()
-    others = scene.detector.expected_future(scene.table, forecast, scene.table.id == 2).others
+    others = scene.detector.futures.expected(scene.table, forecast, scene.table.id == 2).others
     assert not len(others), "nobody asks for those of the ego"
 
 
@@ -563,5 +442,5 @@ def test_whoever_brakes_in_an_emergency_is_taken_to_go_on(look, placed) -> None:
     scene = look({"id": 2, "x": 100.0, "speed": 14.0})
     table, time = placed(scene.table, 2, acceleration=-5.0), 0.1 * np.arange(1, 31)
     braked = 14.0 * time - 2.5 * np.minimum(time, 1.0) ** 2 - 5.0 * np.maximum(time - 1.0, 0.0)
-    expected, row = scene.detector.forecast_future(table, straight_on(table)), table.row(2)
+    expected, row = scene.detector.futures.forecast(table, straight_on(table)), table.row(2)
     assert expected.x[row] - table.x[row] == pytest.approx(braked)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_policy.conflict.detection import ConflictConfig
+from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.takeover import TakeoverConfig, TakeoverManager
 from litsim_predictor.kinematic import KinematicPredictor
 from litsim_predictor.selection import Wanted

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from litsim_policy.conflict.detection import ConflictConfig, ConflictDetector
+from litsim_policy.conflict.config import ConflictConfig
+from litsim_policy.conflict.detection import ConflictDetector
 from litsim_policy.run.conflict_calibration import COSTS, Curve, draw_calibration, threshold_for, tuning_of
 from litsim_policy.run.conflict_recall import SECONDS, PairScores, score_drives
 from litsim_predictor.kinematic import KinematicPredictor

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
-from litsim_policy.conflict.detection import ConflictConfig
+from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.run.conflict_calibration import COSTS, Curve, costs, draw_calibration, recall_curve, threshold_for
 from litsim_policy.run.conflict_recall import SECONDS
 from litsim_predictor.models import DEFAULT_MODEL, PredictorConfig

@@ -3,88 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
-from pydantic import model_validator
 
-from litsim_policy.conflict.futures import OtherMotions, PredictedMotion, follow_logs, hold_back, interpolate, widest
-from litsim_policy.conflict.intended import IntentConfig, Intents, intended_motion
+from litsim_policy.conflict.agent_futures import AgentFutures
+from litsim_policy.conflict.config import ConflictConfig
+from litsim_policy.conflict.futures import PredictedMotion, widest
 from litsim_policy.conflict.overlap_over_time import closing_chances, within_bounds
 from litsim_policy.conflict.pairs import followed, near, near_any
 from litsim_policy.conflict.weighed import quantile, weighed_chances
-from litsim_policy.motion.along_path import Poses
-from litsim_predictor.forecast import Forecast, Modes
+from litsim_predictor.forecast import Forecast
 from litsim_sim.core.nearby import around
-from litsim_sim.core.quantities import (
-    Acceleration,
-    Duration,
-    Horizon,
-    Length,
-    NonNegative,
-    Number,
-    OpenShare,
-    at_most,
-    configuration,
-)
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
-
-
-@configuration
-class ConflictConfig:
-    """When two futures count as a conflict.
-
-    A forecast is a Gaussian around its mean, so two boxes overlap at an instant with a probability. The mean alone is
-    the special case `sigma_scale` = 0: the probability is then 1 or 0, and any threshold gives the same. With the
-    forecast's spread, threshold 0.5 is nearly the same where only one coordinate is uncertain, as in a lane: the
-    probability is a half where the mean boxes touch. Lower thresholds detect a conflict sooner.
-
-    Attributes:
-        horizon: of the futures that are compared.
-        margin: added to the length of boxes; positive values lead to earlier takeovers.
-        probability_threshold: least probability of an overlap at some instant that counts as a conflict.
-        probability_clear: likewise for agents that are already off their logs; lower than the threshold, it keeps
-            takeovers from flickering.
-        sigma_scale: factor on the standard deviations of the forecast.
-        braking_time: time for which a hard braking agent is assumed to keep braking, where its forecast expects less;
-            0 leaves forecasts unchanged.
-        braking_hard: deceleration from which an ego's braking is hard.
-        emergency: deceleration from which any agent's braking is hard. No forecast knows the reason for it, and
-            agents behind need longer to stop.
-        roi_m: radius around an agent off its log within which others are compared; 0 for the scenario's.
-        approach_time: others that would reach that radius within this time, at their present rate of approach, are
-            compared as well; 0 for the radius alone. Stopping behind a standing agent can take more than 30 m.
-        region: off_log: around every agent off its log; ego: the same, but agents are taken over only within `roi_m`
-            of the ego.
-        closing_time: a conflict within this time is certain and urgent, regardless of the forecast, if it results from
-            an agent off its log keeping its acceleration and heading; twice that in an emergency; 0 for the forecast
-            alone.
-        intent: how agents under control are assumed to continue.
-        happened: folder of the outcomes of earlier runs; agents are then taken over by the contacts in it instead of
-            predictions, as by an oracle, for experiments; empty for predictions.
-    """
-
-    horizon: Horizon = 3.0
-    margin: Length = 0.0
-    probability_threshold: OpenShare = 0.3
-    probability_clear: OpenShare = 0.2
-    sigma_scale: NonNegative[Number] = 1.0
-    braking_time: NonNegative[Duration] = 1.0
-    braking_hard: NonNegative[Acceleration] = 1.0
-    emergency: NonNegative[Acceleration] = 4.0
-    roi_m: NonNegative[Length] = 0.0
-    approach_time: NonNegative[Duration] = 3.0
-    region: Literal["off_log", "ego"] = "off_log"
-    closing_time: NonNegative[Duration] = 1.0
-    intent: IntentConfig = IntentConfig()
-    happened: str = ""
-
-    @model_validator(mode="after")
-    def _check(self) -> ConflictConfig:
-        at_most(self, "probability_clear", "probability_threshold")
-        return self
 
 
 @dataclass(frozen=True)
@@ -113,123 +45,15 @@ class ConflictDetector:
 
     Only background agents in the region of interest of an agent off its log are compared. If two background agents
     overlap in the log itself, and the one off its log is at its logged position then, the overlap is ignored.
+
+    Attributes:
+        futures: those that are compared.
     """
 
     def __init__(self, log: Log, roi_m: float, config: ConflictConfig, overlaps: LogOverlaps | None = None) -> None:
         self._log, self._roi_m, self._config = log, roi_m, config
         self._overlaps = overlaps or LogOverlaps(log)
-        self._steps = int(config.horizon / STEP_S + 1e-9)
-
-    def logged_future(self, table: AgentTable, lag: IntArray | None = None) -> PredictedMotion:
-        """The future of all agents by their logs.
-
-        An agent on its log keeps its present residual, if any; an agent off its log is put back onto it at once.
-
-        Args:
-            table: n agents.
-            lag: (n,) steps by which the replay of each log lags; None for no lag.
-        """
-        log, rows = self._log, self._log.ids.searchsorted(table.id)
-        now = np.full(len(table), table.step) if lag is None else table.step - lag
-        return PredictedMotion(
-            *follow_logs(log.x, log.y, log.yaw, log.valid, rows, now, self._steps, table.x, table.y, ~table.off_log)
-        )
-
-    def forecast_future(self, table: AgentTable, forecast: Forecast) -> PredictedMotion:
-        """The forecast motion of all agents, for any `dt` of the forecast; not valid for agents without a forecast.
-
-        Between the instants of the forecast, and from the present pose to the first of them, centres, headings and
-        covariances are interpolated linearly; now, the covariance is zero. Nothing is valid beyond its last instant.
-        Agents that brake hard are moved back along the forecast accordingly; see `ConflictConfig.braking_time`.
-
-        Args:
-            table: n agents.
-            forecast: of the same step.
-        """
-        return self.expected_future(table, forecast, np.ones(len(table), np.bool_))
-
-    def expected_future(
-        self, table: AgentTable, forecast: Forecast, of: BoolArray, intents: Intents | None = None
-    ) -> PredictedMotion:
-        """The motion of some agents, as forecast, or as intended under control; not valid for all others.
-
-        Args:
-            table: n agents.
-            forecast: of the same step.
-            of: mask (n,) of these agents.
-            intents: agents under control, all of them in `of`; None for none.
-        """
-        rows = forecast.rows(table.id)
-        rows[~of] = -1
-        states, valid = self._interpolated(forecast, forecast.dt, rows, (table.x, table.y, table.yaw))
-        hard = self._brakes_hard(table) & (rows >= 0)
-        for row in hard.nonzero()[0]:
-            self._hold_back(states[row], table, int(row))
-        config = self._config
-        if config.intent.used and intents is not None and len(intents.rows):
-            at = intents.rows
-            forecasts = PredictedMotion(states[at], valid[at])
-            motion = intended_motion(config.intent, intents, table, forecasts, config.sigma_scale)
-            states[at], valid[at], rows[at] = motion.states, motion.valid, -1  # no other manoeuvres
-        return PredictedMotion(states, valid, self._others(table, forecast, rows, hard))
-
-    def _others(self, table: AgentTable, forecast: Forecast, rows: IntArray, hard: BoolArray) -> OtherMotions:
-        """Other manoeuvres of the agents, by `forecast`.
-
-        Args:
-            table: n agents.
-            forecast: of the same step.
-            rows: (n,) of the agents in it; -1 for those not wanted.
-            hard: mask (n,) of those that brake hard.
-        """
-        modes, known = forecast.modes, (rows >= 0).nonzero()[0]
-        agent_of = np.full(len(forecast.id), -1, np.int64)
-        agent_of[rows[known]] = known
-        agent = agent_of[modes.row]
-        asked = (agent >= 0).nonzero()[0]
-        if not len(asked):
-            return OtherMotions.none(self._steps)
-        agent = agent[asked]
-        kept = modes.probability[asked].astype(np.float64)
-        total = forecast.share[modes.row[asked]] + np.bincount(agent, kept, len(table))[agent]
-        now = table.x[agent], table.y[agent], table.yaw[agent]
-        states, valid = self._interpolated(modes, forecast.dt, asked, now)
-        for k in hard[agent].nonzero()[0]:
-            self._hold_back(states[k], table, int(agent[k]))
-        return OtherMotions(agent, kept / total, states, valid)
-
-    def _interpolated(
-        self, motions: Forecast | Modes, dt: float, rows: IntArray, now: Poses
-    ) -> tuple[FloatArray, BoolArray]:
-        """States (k, T, 6) and validity (k, T) of motions, every 0.1 s.
-
-        Args:
-            motions: the most probable motions of a forecast, or its alternatives.
-            dt: between the instants of `motions` [s].
-            rows: (k,) of the motions in `motions`; -1 for none.
-            now: poses (k,) from which they begin.
-        """
-        return interpolate(
-            np.ascontiguousarray(motions.mean),
-            np.ascontiguousarray(motions.yaw),
-            np.ascontiguousarray(motions.covariance),
-            dt,
-            rows,
-            self._steps,
-            self._config.sigma_scale,
-            *now,
-        )
-
-    def _brakes_hard(self, table: AgentTable) -> BoolArray:
-        """Mask (n,) of agents that are assumed to keep braking hard; see `ConflictConfig.braking_time`."""
-        config = self._config
-        braking = -table.acceleration
-        return (braking > 0.0) & (braking >= np.where(table.of_ego, config.braking_hard, config.emergency))
-
-    def _hold_back(self, states: FloatArray, table: AgentTable, row: int) -> None:
-        """Hold the motion `states` (T, 6) of the agent in `row` back in place, as its braking requires."""
-        speed, braking = table.speed[row], -table.acceleration[row]
-        hold_back(states, table.x[row], table.y[row], speed, braking, self._config.braking_time)
+        self.futures = AgentFutures(log, config)
 
     def overlap_probability(
         self,
@@ -253,7 +77,7 @@ class ConflictDetector:
         self, table: AgentTable, logged: PredictedMotion, forecast: Forecast, pairs: IntArray, least: float
     ) -> FloatArray:
         """Probability (m, T) that the first of each pair, by its log, overlaps the second, by its forecast."""
-        expected = self.forecast_future(table, forecast)
+        expected = self.futures.forecast(table, forecast)
         return self.overlap_probability(table, logged, expected, pairs, least)
 
     def around(self, table: AgentTable, agents: BoolArray) -> BoolArray:

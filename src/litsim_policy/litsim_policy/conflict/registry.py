@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from litsim_policy.conflict.detection import ConflictConfig
+from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.region import RegionManager
 from litsim_policy.conflict.takeover import TakeoverConfig, TakeoverManager
 from litsim_predictor.forecast import Forecast

@@ -73,12 +73,12 @@ class ConflictScene:
             self._covered |= missing
             self._rows = self._covered.nonzero()[0]
             self._near = self._table.take(self._rows)
-            self._logged = self._detector.logged_future(self._near, self._lag[self._rows])
+            self._logged = self._detector.futures.logged(self._near, self._lag[self._rows])
         elif not (off_log & ~self._foreseen).any():
             return
         self._foreseen |= off_log
         rows, lagged = self._rows, self._lagged[self._rows]
         foreseen = self._foreseen & self._covered
         driven = None if self._intents is None else self._intents().among(foreseen & ~self._lagged).moved_to(rows)
-        self._expected = self._detector.expected_future(self._near, self._forecast, foreseen[rows] & ~lagged, driven)
+        self._expected = self._detector.futures.expected(self._near, self._forecast, foreseen[rows] & ~lagged, driven)
         self._expected.put(lagged, self._logged)

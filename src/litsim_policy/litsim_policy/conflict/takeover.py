@@ -8,7 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from litsim_policy.conflict.detection import Conflict, ConflictConfig, ConflictDetector
+from litsim_policy.conflict.config import ConflictConfig
+from litsim_policy.conflict.detection import Conflict, ConflictDetector
 from litsim_policy.conflict.hindsight import Hindsight
 from litsim_policy.conflict.intended import Intents
 from litsim_policy.conflict.life_cycle import RELEASED, Excuse, Residuals, review

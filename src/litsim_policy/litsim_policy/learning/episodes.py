@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from litsim_policy.conflict.detection import ConflictConfig
+from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.takeover import TakeoverConfig, TakeoverManager
 from litsim_policy.driving.action import consistent, normalised
 from litsim_policy.driving.features.observation import ObservationConfig, Observer

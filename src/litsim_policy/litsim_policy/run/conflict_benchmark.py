@@ -7,7 +7,8 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from litsim_policy.conflict.detection import ConflictConfig, ConflictDetector
+from litsim_policy.conflict.config import ConflictConfig
+from litsim_policy.conflict.detection import ConflictDetector
 from litsim_predictor.benchmark import columns_of_traffic
 from litsim_predictor.forecast import Forecast
 from litsim_predictor.kinematic import KinematicPredictor
@@ -72,7 +73,7 @@ def detection_rows(timing: Timing) -> Iterator[str]:
 
 
 def _detect(detector: ConflictDetector, table: AgentTable, forecast: Forecast, off: BoolArray) -> int:
-    logged, expected = detector.logged_future(table), detector.forecast_future(table, forecast)
+    logged, expected = detector.futures.logged(table), detector.futures.forecast(table, forecast)
     return len(detector.detect(table, ~off, off, logged, expected))
 
 

@@ -10,7 +10,8 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 
-from litsim_policy.conflict.detection import ConflictConfig, ConflictDetector
+from litsim_policy.conflict.config import ConflictConfig
+from litsim_policy.conflict.detection import ConflictDetector
 from litsim_policy.run.conflict_recall import PairScores, score_drives
 from litsim_policy.run.runner import Runner, record
 from litsim_predictor.inference.contract import ModeChoice

@@ -116,7 +116,7 @@ def _judged(
     """Scores of the pairs of one step; `meets` are the ids that overlap the ego at each step, `met` all until now."""
     off = table.id == ego
     pairs = detector.near(table, ~off & ~np.isin(table.id, list(met)), off)
-    chance = detector.chances(table, detector.logged_future(table), forecast, pairs, LEAST)
+    chance = detector.chances(table, detector.futures.logged(table), forecast, pairs, LEAST)
     agents = table.id[pairs[:, 0]].tolist()
     last = len(meets) - 1
     steps = [round(second / STEP_S) for second in SECONDS]
