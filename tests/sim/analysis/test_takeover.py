@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from litsim_sim.analysis.metrics import compute_metrics
+from litsim_sim.analysis.tables import takeovers_table
 from litsim_sim.analysis.takeover import handbacks, jump, ledger
 from litsim_sim.core.scene import Controller
 from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
@@ -72,6 +73,19 @@ def test_blocked_entry_is_never_a_false_alarm(table: Make, make_run: Make) -> No
     log = follower_log(table)
     (entry,) = ledger(make_run(log, log, takeovers={5: [record(2, reason=TakeoverReason.BLOCKED_ENTRY)]}))
     assert not entry.false_alarm
+
+
+def test_what_no_forecast_predicted_has_no_time_to_conflict(table: Make, make_run: Make) -> None:
+    """The message holds placeholders: 0 s, as if the overlap were now, and a probability of 0 or 1."""
+    log = follower_log(table)
+    for reason in TakeoverReason:
+        found = record(2, reason=reason, time_to_conflict=0.0, overlap_probability=1.0)
+        run = make_run(log, log, takeovers={5: [found]})
+        (entry,) = ledger(run)
+        expected = (0.0, 1.0) if reason == TakeoverReason.CONFLICT else (None, None)
+        assert (entry.time_to_conflict, entry.overlap_probability) == expected
+        rows = takeovers_table(run).to_pylist()
+        assert (rows[0]["time_to_conflict_s"], rows[0]["overlap_probability"]) == expected
 
 
 def test_without_a_logged_pose_there_is_no_residual(table: Make, make_run: Make) -> None:

@@ -43,6 +43,12 @@ def test_a_takeover_that_never_ends_and_was_for_nothing() -> None:
     assert cells["back"] == cells["left over"] == cells["off its log"] == "–"
 
 
+def test_a_takeover_that_no_forecast_predicted() -> None:
+    more = {"reason": "region", "time_to_conflict_s": None, "overlap_probability": None}
+    table = takeover_table([ENTRY | more], 0.1, ego=1)
+    assert dict(zip(table.head, table.rows[0].cells, strict=True))["predicted overlap"] == "–"
+
+
 def test_contacts() -> None:
     verdict = {"agent": 5, "step": 31, "in_log": False, "verdict": "active_front", "ego_at_fault": True}
     verdict |= {"delta_v_mps": 3.21}

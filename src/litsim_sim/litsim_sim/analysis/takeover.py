@@ -59,8 +59,8 @@ class LedgerEntry:
         handback_step: first step of the handback; None without one.
         released_step: last step off the log; None if the run or the agent's presence ended before.
         held_s: time from the detection to the first step on the log again, or to the last step of the run [s].
-        time_to_conflict: predicted at detection [s].
-        overlap_probability: predicted at detection.
+        time_to_conflict: predicted at detection [s]; None unless the reason is a conflict, as nothing else is predicted.
+        overlap_probability: predicted at detection; None likewise.
         log_collision_predicted: whether the log itself led into the opponent's forecast.
         replay: first contact after the detection that pure replay of this agent, with the lag of its last takeover,
             would have had with the ego and with other agents off their logs or on them with a lag, as they actually
@@ -81,8 +81,8 @@ class LedgerEntry:
     handback_step: int | None
     released_step: int | None
     held_s: float
-    time_to_conflict: float
-    overlap_probability: float
+    time_to_conflict: float | None
+    overlap_probability: float | None
     log_collision_predicted: bool
     replay: ReplayContact | None
     residual_position: float | None
@@ -272,6 +272,7 @@ def _entry(run: Run, episode: list[tuple[int, Takeover]], replay: ReplayContact 
     (first_step, first), (last_step, last) = episode[0], episode[-1]
     back = (step for step, record in episode if record.state == TakeoverState.HANDBACK)
     logged = last.residual_position >= 0  # -1 stands for no logged pose
+    predicted = first.reason == TakeoverReason.CONFLICT  # else both numbers are placeholders
     return LedgerEntry(
         agent=first.agent,
         opponent=first.opponent,
@@ -280,8 +281,8 @@ def _entry(run: Run, episode: list[tuple[int, Takeover]], replay: ReplayContact 
         handback_step=next(back, None),
         released_step=last_step if last.state == TakeoverState.RELEASED else None,
         held_s=round((min(last_step + 1, run.tables[-1].step) - first_step) * run.info.dt, 6),
-        time_to_conflict=first.time_to_conflict,
-        overlap_probability=first.overlap_probability,
+        time_to_conflict=first.time_to_conflict if predicted else None,
+        overlap_probability=first.overlap_probability if predicted else None,
         log_collision_predicted=bool(first.log_collision_predicted),
         replay=replay,
         residual_position=last.residual_position if logged else None,

@@ -65,9 +65,9 @@ def contact_table(metrics: dict[str, Any], dt: float, ego: int) -> EventTable:
 
 def _takeover(entry: dict[str, Any], dt: float, ego: int) -> EventRow:
     detected = entry["detected_step"]
-    certainty = entry.get("overlap_probability")
-    in_time = number(entry.get("time_to_conflict_s"), 1, "s")
-    predicted = f"in {in_time}" + (f", p = {certainty:.2f}" if certainty else "")
+    certainty, in_time = entry.get("overlap_probability"), entry.get("time_to_conflict_s")
+    predicted = NOTHING if in_time is None else f"in {in_time:.1f} s"
+    predicted += f", p = {certainty:.2f}" if certainty else ""
     cells = (
         _who(entry["agent"], ego),
         _who(entry["opponent"], ego),

@@ -10,7 +10,6 @@ from rich.table import Table
 
 from litsim_sim.core.run_end import RunEnd
 from litsim_sim.core.scene import STEP_S
-from litsim_sim.core.takeover import TakeoverReason
 from litsim_sim.report.wording import lockstep_text
 
 NOTHING = "-"
@@ -68,7 +67,6 @@ def _careful(avoids: bool | None) -> str:
 
 def _ledger_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, ...]]:
     for each in metrics["ledger"]:
-        predicted = each["reason"] == TakeoverReason.CONFLICT.name.lower()
         replay = "false alarm" if each["false_alarm"] else "no contact"
         if each["replay_would_collide"]:
             replay = f"hits {each['replay_opponent']} at {_time(each['replay_step'])}"
@@ -77,8 +75,8 @@ def _ledger_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, ...]]:
             each["reason"].replace("_", " "),
             str(each["opponent"]),
             _time(each["detected_step"]),
-            f"{each['time_to_conflict_s']:.1f}" if predicted else NOTHING,
-            _plain(each["overlap_probability"]) if predicted else NOTHING,
+            NOTHING if each["time_to_conflict_s"] is None else f"{each['time_to_conflict_s']:.1f}",
+            _plain(each["overlap_probability"]),
             replay,
             f"{each['held_s']:.1f}",
             _time(each["released_step"]),
