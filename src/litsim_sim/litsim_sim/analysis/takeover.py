@@ -59,7 +59,7 @@ class LedgerEntry:
         handback_step: first step of the handback; None without one.
         released_step: last step off the log; None if the run or the agent's presence ended before.
         held_s: time from the detection to the first step on the log again, or to the last step of the run [s].
-        time_to_conflict: predicted at detection [s]; None unless the reason is a conflict, as nothing else is predicted.
+        time_to_conflict: predicted at detection [s]; None for other reasons than a conflict, which are not predicted.
         overlap_probability: predicted at detection; None likewise.
         log_collision_predicted: whether the log itself led into the opponent's forecast.
         replay: first contact after the detection that pure replay of this agent, with the lag of its last takeover,
