@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -52,8 +51,10 @@ def _lanes(run: Run, rows: pd.DataFrame) -> np.ndarray:
     if lane_map is None or rows.empty:
         return np.full(len(rows), -1)
     at = lane_map.nearest(*(rows[name].to_numpy() for name in ("x", "y", "yaw")))
-    lanes_of = Counter(lane.edge_id for lane in lane_map.lanes)
-    from_left = [-1 if lane.is_internal else lanes_of[lane.edge_id] - lane.index for lane in lane_map.lanes]
+    leftmost: dict[str, int] = {}  # footpaths to the right have positions, too
+    for lane in lane_map.lanes:
+        leftmost[lane.edge_id] = max(leftmost.get(lane.edge_id, 0), lane.index)
+    from_left = [-1 if lane.is_internal else leftmost[lane.edge_id] - lane.index + 1 for lane in lane_map.lanes]
     return np.array(from_left)[at.lane]
 
 
