@@ -464,7 +464,9 @@ def test_exported_lanes_count_from_the_left(agent_table: object) -> None:
 
 def test_exported_lanes_count_from_the_left_beside_a_footpath(agent_table: object) -> None:
     """SUMO numbers footpaths, too, which are no lanes of cars: the leftmost lane was 0, which stands for none."""
-    lane = '<lane id="a_{0}" index="{0}" {1}="pedestrian" speed="13.9" length="300.0" width="3.5" shape="0,{2} 300,{2}"/>'
+    lane = (
+        '<lane id="a_{0}" index="{0}" {1}="pedestrian" speed="13.9" length="300.0" width="3.5" shape="0,{2} 300,{2}"/>'
+    )
     lanes = "".join(lane.format(*each) for each in ((0, "allow", -8.5), (1, "disallow", -5.0), (2, "disallow", -1.5)))
     ends = "".join(f'<junction id="{name}" type="dead_end" x="0" y="0" incLanes="" intLanes=""/>' for name in "xy")
     net = f'<net version="1.20"><edge id="a" from="x" to="y" priority="1">{lanes}</edge>{ends}</net>'
