@@ -276,7 +276,8 @@ class Episodes:
         penalty += self._course.penalty.share * passed_on(penalty, driven, because)
         scene, collided = driven >> BITS, np.zeros(len(self.running), np.bool_)
         collided[scene[terminated]] = True
-        driven_on = here & np.isin(driven, list(now)) & (after.step < self._end[scene]) & ~collided[scene]
+        still = np.array([agent in now for agent in driven.tolist()], np.bool_)
+        driven_on = here & still & (after.step < self._end[scene]) & ~collided[scene]
         return Outcome(driven, following, executed, corrected, penalty, terms, driven[here], terminated, driven_on)
 
     def _leave_out(self, over: BoolArray) -> None:

@@ -69,12 +69,13 @@ class StopLines:
         path, link = (red | IS_AMBER[state])[scene].nonzero()
         if not len(path):
             return found
-        line, on_way = self._lines_on(paths, path, link)
-        gap = line - (s + 0.5 * table.length[rows])[path]
+        line = paths.project(path, *np.ascontiguousarray(self._stop[link].T))
+        gap = line.s - (s + 0.5 * table.length[rows])[path]
         needed = table.speed[rows][path] ** 2 / (2.0 * np.maximum(gap, GAP_MIN))
         bound = np.where(red[scene[path], link], self._config.red_braking, self._config.amber_braking)
-        stops = on_way & (gap > -PASSED) & (needed <= bound)
-        np.minimum.at(found, path[stops], np.maximum(gap[stops], GAP_MIN))
+        at = ((np.abs(line.d) <= ON_WAY) & (gap > -PASSED) & (needed <= bound)).nonzero()[0]
+        at = at[self._taken(paths, path[at], link[at], line.segment[at], line.s[at])]
+        np.minimum.at(found, path[at], np.maximum(gap[at], GAP_MIN))
         return found
 
     def of(self, agents: PathFollowers) -> FloatArray:
@@ -83,13 +84,11 @@ class StopLines:
             return np.full(len(agents), FREE)
         return self.gaps(agents.table, agents.rows, agents.paths, agents.s)
 
-    def _lines_on(self, paths: PathBatch, path: IntArray, link: IntArray) -> tuple[FloatArray, BoolArray]:
-        """Arc lengths (k,) [m] of the links' stop lines on paths, and whether the paths take these links (k,)."""
-        stop = paths.project(path, *np.ascontiguousarray(self._stop[link].T))
+    def _taken(self, paths: PathBatch, path: IntArray, link: IntArray, segment: IntArray, s: FloatArray) -> BoolArray:
+        """Whether paths take links (k,), whose stop lines are in their `segment`, at arc lengths `s` [m]."""
         leave = paths.project(path, *np.ascontiguousarray(self._exit[link].T))
-        facing = np.cos(paths.heading(path, stop.segment) - self._heading[link]) >= FACING
-        near = (np.abs(stop.d) <= ON_WAY) & (np.abs(leave.d) <= ON_WAY)
-        return stop.s, near & facing & (leave.s > stop.s)
+        facing = np.cos(paths.heading(path, segment) - self._heading[link]) >= FACING
+        return (np.abs(leave.d) <= ON_WAY) & facing & (leave.s > s)
 
 
 def idm_at_signals(
