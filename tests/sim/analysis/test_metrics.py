@@ -155,9 +155,10 @@ def test_the_ledger_shows_contacts_and_takeovers(
     metrics = compute_metrics(replace(run, tables=hit))
     taken = {"agent": 2, "opponent": 1, "reason": "conflict", "detected_step": 21, "released_step": 40, "held_s": 2.0}
     found = {"time_to_conflict_s": 1.5, "overlap_probability": 0.4, "residual_m": 5.0, "false_alarm": False}
+    unpredicted = {"reason": "blocked_entry", "time_to_conflict_s": None, "overlap_probability": None}
     metrics["ledger"] = [
         taken | found | {"replay_would_collide": True, "replay_step": 36, "replay_opponent": 1},
-        taken | found | {"reason": "blocked_entry", "released_step": None, "replay_would_collide": False},
+        taken | found | unpredicted | {"released_step": None, "replay_would_collide": False},
     ]
     print_ledger(metrics)
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]

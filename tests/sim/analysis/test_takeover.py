@@ -62,6 +62,18 @@ def test_a_takeover_is_held_no_longer_than_the_run_lasts(table: Make, make_run: 
     assert (entry.released_step, entry.held_s) == (None, 2.3), "the last step of the run is 23 steps later"
 
 
+def test_steps_that_a_damaged_record_lacks_make_no_second_takeover(table: Make, make_run: Make) -> None:
+    log = follower_log(table)
+    every = episode(2, 5, 20, 30) | episode(2, 33, 35, 38)
+    (first, second), damaged = ledger(make_run(log, log, takeovers=every)), []
+    for lost in (range(10, 13), range(18, 22), range(28, 32)):
+        kept = {k: found for k, found in every.items() if k not in lost}
+        damaged.append([(each.detected_step, each.held_s) for each in ledger(make_run(log, log, takeovers=kept))])
+    whole = [(5, first.held_s), (33, second.held_s)]
+    assert damaged[:2] == [whole, whole]
+    assert damaged[2] == [(5, 2.3), whole[1]], "the release is lost, too; another detection is another one"
+
+
 def test_takeover_without_need_is_a_false_alarm(table: Make, make_run: Make) -> None:
     log = follower_log(table)
     (entry,) = ledger(make_run(log, log, takeovers=episode(2, 5, 20, 30)))
@@ -246,7 +258,7 @@ def test_what_is_measured_at_a_step_is_measured_there_though_others_are_lost(
     lost = make_run([run[k] for k in kept], [log[k] for k in kept], takeovers=found)
     assert [entry.ego_distance for entry in ledger(lost)] == pytest.approx([18.0, 16.0])
     split = make_run(run, log, takeovers={20: found[20], 30: found[20]})
-    assert [entry.ego_distance for entry in ledger(split)] == pytest.approx([18.0, 18.0]), "both at the detection"
+    assert [entry.ego_distance for entry in ledger(split)] == pytest.approx([18.0]), "at the detection"
     gone = make_run(run[:40], log[:40], takeovers=found)
     assert [entry.ego_distance for entry in ledger(gone)] == [pytest.approx(18.0), None], "step 40 is lost itself"
 

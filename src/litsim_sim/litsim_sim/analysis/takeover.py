@@ -255,11 +255,15 @@ def _velocity(table: AgentTable, row: int) -> FloatArray:
 
 
 def _episodes(run: Run) -> Iterator[list[tuple[int, Takeover]]]:
-    """The records of each takeover as (step, record): of one agent, at consecutive steps, up to its release."""
+    """The records of each takeover as (step, record): of one agent and one step of detection, up to its release.
+
+    Steps that the recording lacks do not end one.
+    """
     open_episodes: dict[int, list[tuple[int, Takeover]]] = {}
     for step in sorted(run.takeovers):
         records = {record.agent: record for record in run.takeovers[step]}
-        for agent in [a for a, e in open_episodes.items() if a not in records or e[-1][0] != step - 1]:
+        detected = {agent: record.detected_step for agent, record in records.items()}
+        for agent in [a for a, e in open_episodes.items() if detected.get(a) != e[-1][1].detected_step]:
             yield open_episodes.pop(agent)
         for agent, record in records.items():
             open_episodes.setdefault(agent, []).append((step, record))
