@@ -21,7 +21,11 @@ from litsim_sim.record.run import Run, read_run
 ERROR, WARN = b"\x02", b"\x01"
 PATIENT, IMPATIENT = 60.0, 8.0
 """[s] for an answer: of an ego that answers, however busy the machine; of one that may not."""
-COUNTS = {"answered": 36, "late": 0, "stale": 0, "future": 0, "surplus": 0, "invalid": 0, "refused": 0}
+STARTED_AGAIN = (
+    "/standard_ego: its publisher on /litsim/ego/twist was not there at step 0; a stack that has been started again in "
+    "mid-run answers without what it knew before"
+)
+COUNTS = {"answered": 36, "late": 0, "stale": 0, "future": 0, "surplus": 0, "invalid": 0, "refused": 0, "joined": 0}
 
 
 def launch(graph: Any, *ego: object, launcher: tuple[object, ...] = (), timeout: float = PATIENT) -> Any:
@@ -163,6 +167,35 @@ def test_silence_ends_the_run_and_is_told_from_death_and_from_old_answers(graph:
     assert error + why in done.stderr
     assert (WARN, "waiting for /litsim/ego/twist") in said(graph.folder / "run")
     assert BagReader(graph.folder / "run").complete
+
+
+@pytest.mark.parametrize("fault", ["leaving", "death"])
+def test_a_stack_that_is_started_again_is_told(graph: Any, fault: str) -> None:
+    """It answers on, whether DDS has noticed that the first one is gone or not."""
+    first = graph.start_script("standard_ego.py", "--fault", fault)
+    options = ("--ego", "external", "--policy", "replay", "--out", graph.folder / "run", "--domain-id", graph.domain)
+    launcher = graph.start_launch("--scenario", graph.scenario(), "--answer-timeout", PATIENT, *options)
+    graph.finish(first)
+    graph.start_script("standard_ego.py")
+    done = graph.finish(launcher)
+    assert done.returncode == 0, done.stderr
+    assert STARTED_AGAIN in done.stderr
+    assert said(graph.folder / "run").count((WARN, STARTED_AGAIN)) == 1
+    port = lockstep(graph)["ego_port"]
+    assert {name: port[name] for name in COUNTS} == COUNTS | {"joined": 1}
+
+
+def test_a_stack_that_is_started_again_in_real_time_is_told_at_the_end(graph: Any) -> None:
+    graph.start_script("standard_ego.py", "--fault", "silence")
+    options = ("--ego", "external", "--policy", "replay", "--out", graph.folder / "run", "--domain-id", graph.domain)
+    scenario = graph.scenario(simulation_s=10.0)  # for the second one to be found
+    launcher = graph.start_launch("--scenario", scenario, "--mode", "realtime", *options)
+    graph.wait_under_way(graph.folder / "run")
+    graph.start_script("standard_ego.py")
+    done = graph.finish(launcher)
+    assert done.returncode == 1 and "answers missed on /litsim/ego/twist" in done.stderr
+    assert said(graph.folder / "run").count((WARN, STARTED_AGAIN)) == 1
+    assert lockstep(graph)["ego_port"]["joined"] == 1
 
 
 @pytest.mark.parametrize(

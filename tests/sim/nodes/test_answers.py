@@ -14,7 +14,16 @@ from litsim_sim.core.stages import StageState
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import Answer, Interface
 from litsim_sim.ego_port.port import EgoPort
-from litsim_sim.nodes.answers import Answers, Attendance, EgoPublisher, RunFailed, absence, check_controls, rivalry
+from litsim_sim.nodes.answers import (
+    Answers,
+    Attendance,
+    EgoPublisher,
+    EgoPublishers,
+    RunFailed,
+    absence,
+    check_controls,
+    rivalry,
+)
 
 RUN, OTHER = "run", "another run"
 STAGES = ("predictor", "conflict", "policy", "ego", "recorder")
@@ -351,6 +360,38 @@ def test_several_stacks_that_answer_are_told(
         bridge.port.offer(Answer(Interface.CONTROL, EgoCommand(step, 0.5, 0.0), step=step, run_id=RUN))
     found = rivalry(bridge.port, there)
     assert found.startswith(said) and bool(found) == bool(said)
+
+
+FIRST, AGAIN = (EgoPublisher(CONTROL, node, gid=gid) for node, gid in (("/mine", b"1"), ("", b"2")))
+
+
+@pytest.mark.parametrize(
+    ("looks", "joined"),
+    [
+        (((FIRST,), (FIRST,), ()), 0),
+        (((), (FIRST,), (FIRST,)), 0),
+        (((FIRST, AGAIN), (AGAIN,)), 0),
+        (((FIRST,), (AGAIN,)), 1),
+        (((FIRST,), (), (FIRST, AGAIN), (AGAIN,)), 1),
+        (((FIRST,), (AGAIN,), (FIRST,)), 1),
+        (((FIRST,), (FIRST, EgoPublisher(TWIST, "/mine", gid=b"3"))), 0),
+        (((FIRST,), (FIRST, EgoPublisher(CONTROL, "/deaf", "is BEST_EFFORT", b"3"))), 0),
+    ],
+)
+def test_a_stack_that_is_started_again_is_told_once(
+    bridge: Bridge, looks: tuple[tuple[EgoPublisher, ...], ...], joined: int
+) -> None:
+    bridge.open(0)
+    bridge.ego(0)
+    met = EgoPublishers()
+    told = [text for there in looks for text in met.note(bridge.port, there, ["/mine"])]
+    assert met.met
+    said = (
+        f"/mine: its publisher on {CONTROL} was not there at step 0; a stack that has been started again in mid-run "
+        "answers without what it knew before"
+    )
+    assert told == [said] * joined
+    assert bridge.answers.summary()["ego_port"]["joined"] == joined
 
 
 def test_the_answer_to_a_step_that_was_published_again_is_never_stale(bridge: Bridge) -> None:

@@ -20,6 +20,11 @@ def test_what_of_the_ego_was_of_no_use_is_told_with_lockstep() -> None:
     port = {"interface": "twist", "answered": 281, "late": 0, "stale": 3, "surplus": 400}
     told = lockstep_text(own | {"ego_port": port})
     assert told == "1 missed answers, 0 gaps; of the ego's messages 3 stale, 400 surplus"
+    again = {"interface": "twist", "answered": 281, "late": 0, "joined": 1}
+    assert (
+        lockstep_text(own | {"ego_port": again})
+        == "1 missed answers, 0 gaps; 1 publishers of the ego joined in mid-run"
+    )
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from litsim_sim.ego_port.answer import AUTO, INPUTS, Answer, Interface, problem
 from litsim_sim.ego_port.tracking import EgoState, Reference, Trajectory, TwistTarget, follow_twist
 
 STAMP_TOLERANCE_NS = 1_000_000  # [ns] by which a stamp may miss its step, as by rounding of floating-point seconds
-COUNTS = ("answered", "late", "stale", "future", "surplus", "invalid", "refused")
+COUNTS = ("answered", "late", "stale", "future", "surplus", "invalid", "refused", "joined")
 SAY_AGAIN = 10  # [steps] for which a remark of the same kind is not repeated
 
 
@@ -52,7 +52,8 @@ class EgoPort:
         interface: interface in use; None before the first message.
         counts: numbers of messages under the names of :data:`COUNTS`: `answered`; `late`, to an earlier step, and held
             from then on; `stale`, to an earlier step or of another run; `future`, to a later step; `surplus`, more to a
-            step than asked for; `invalid`; `refused`, of another interface.
+            step than asked for; `invalid`; `refused`, of another interface. And `joined`, the number of publishers that
+            the bridge has found in mid-run, as of a stack that was started again.
         remarks: remarks to be published; the publisher clears the list.
         answered: newest step that was answered, by a valid answer or not; -1 before the first.
         heard: whether any message has been received.

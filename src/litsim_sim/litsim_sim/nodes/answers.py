@@ -152,11 +152,13 @@ class EgoPublisher:
         topic: its name.
         node: full name of its node; empty if unknown.
         unheard: text that says why the bridge cannot hear it; empty if it can.
+        gid: identifier that DDS gives it, and no other.
     """
 
     topic: str
     node: str
     unheard: str = ""
+    gid: bytes = b""
 
 
 def absence(port: EgoPort, there: Sequence[EgoPublisher], known: Sequence[str], domain: str) -> str:
@@ -206,6 +208,42 @@ def rivalry(port: EgoPort, there: Sequence[EgoPublisher]) -> str:
         "were not asked for: it would depend on chance which of them drives the ego; end the others, or choose another "
         "domain"
     )
+
+
+class EgoPublishers:
+    """The publishers that have answered for an external ego, to notice a stack that is started again in mid-run.
+
+    It answers on as if nothing had happened, but has not seen the steps before its start.
+    """
+
+    def __init__(self) -> None:
+        self._known: set[bytes] = set()
+
+    @property
+    def met(self) -> bool:
+        """Whether any have been noted."""
+        return bool(self._known)
+
+    def note(self, port: EgoPort, there: Sequence[EgoPublisher], names: Sequence[str]) -> list[str]:
+        """Note the announced publishers. The first call is made when step 0 is answered: none that it finds has joined.
+
+        Args:
+            port: port of the ego, which counts those that have joined since.
+            there: currently announced publishers.
+            names: names of the nodes, of publishers whose node is unknown.
+
+        Returns:
+            For each that has joined, a text that says so.
+        """
+        heard = {each.gid: each for each in there if each.topic in port.topics and not each.unheard}
+        joined = [each for gid, each in heard.items() if gid not in self._known] if self._known else []
+        self._known |= heard.keys()
+        port.counts["joined"] += len(joined)
+        return [
+            f"{each.node or ', '.join(names) or '?'}: its publisher on {each.topic} was not there at step 0; a stack "
+            "that has been started again in mid-run answers without what it knew before"
+            for each in joined
+        ]
 
 
 class Answers:

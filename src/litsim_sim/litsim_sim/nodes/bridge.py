@@ -21,7 +21,7 @@ from litsim_sim.ego_port.port import EgoPort, Level, Remark
 from litsim_sim.launch.domain import held_domain
 from litsim_sim.launch.domain_ports import EMPTY
 from litsim_sim.nodes import diagnostics
-from litsim_sim.nodes.answers import Answers, Attendance, EgoPublisher, RunFailed, absence, rivalry
+from litsim_sim.nodes.answers import Answers, Attendance, EgoPublisher, EgoPublishers, RunFailed, absence, rivalry
 from litsim_sim.nodes.bridge_options import BridgeOptions, bridge_stage
 from litsim_sim.nodes.broadcast import PUBLISHED, PUBLISHED_OF_SIGNALS, Broadcast, run_info
 from litsim_sim.nodes.diagnostics import Diagnostics
@@ -79,6 +79,8 @@ class BridgeNode(Node):
         self._noted = ("", 0.0)
         self._pulse = Pulse(options.progress == "lines")
         self._ego_nodes: list[str] = []
+        self._publishers_of_ego = EgoPublishers()
+        self._to_meet = True  # whether a publisher of the ego may have come since they were last noted
         external = plan.ego == EXTERNAL
         published = (HELLO, STATUS, TIMING, *((EGO_APPLIED,) if external else ()))
         self._to = {t: publisher_on(self, t) for t in published}
@@ -150,8 +152,8 @@ class BridgeNode(Node):
 
     def apply(self, command: EgoCommand) -> None:
         if EGO_APPLIED in self._to:
-            if not self._ego_nodes:
-                self._ego_publishers()
+            if self._to_meet or not self._ego_nodes:
+                self.meet_ego()
             self._to[EGO_APPLIED].publish(messages.ego_to_message(command, self.plan.run_id))
 
     def report_time(self, step: int, compute_time: float, marks: str) -> None:
@@ -167,6 +169,7 @@ class BridgeNode(Node):
 
     def waiting(self, step: int, text: str) -> None:
         about = self.silent_ego() if EGO_APPLIED in self._to else ""  # which also remembers the ego's nodes
+        self._to_meet = True
         self.note(f"step {step}: {text}" + (f": {about}" if about and step == 0 and self._port.missing else ""))
         self._diagnostics.say(step, diagnostics.RUNNING, Level.WARN, text)
 
@@ -177,6 +180,13 @@ class BridgeNode(Node):
                 self._pulse.note(text)
             self._noted = (text, time.monotonic())
             self.get_logger().info(text)
+
+    def meet_ego(self) -> None:
+        for text in self._publishers_of_ego.note(self._port, self._ego_publishers(), self._ego_nodes):
+            self._port.remarks.append(Remark(self._answers.step, Level.WARN, text))
+            self._pulse.note(text)
+        self._diagnostics.remarks(self._answers.step)
+        self._to_meet = not self._publishers_of_ego.met
 
     def silent_ego(self) -> str:
         there = self._ego_publishers()
@@ -203,7 +213,7 @@ class BridgeNode(Node):
     def _ego_publishers(self) -> list[EgoPublisher]:
         """The announced publishers on the ego port's topics; the names of their nodes are remembered."""
         found = [
-            EgoPublisher(topic.name, node_of(info), _unheard(topic, info))
+            EgoPublisher(topic.name, node_of(info), _unheard(topic, info), bytes(info.endpoint_gid))
             for topic in EGO_INPUTS.values()
             for info in self.get_publishers_info_by_topic(self.resolve_topic_name(topic.name))
         ]

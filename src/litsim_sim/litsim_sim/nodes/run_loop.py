@@ -87,6 +87,9 @@ class Graph(Protocol):
     def note(self, text: str) -> None:
         """Report the state of the run to the user; repeated texts are throttled."""
 
+    def meet_ego(self) -> None:
+        """Report publishers of an external ego that were not there at step 0, which they have answered now."""
+
     def silent_ego(self) -> str:
         """Text that says why an external ego has not answered the current step."""
 
@@ -163,6 +166,8 @@ class RunLoop:
         """See :meth:`run`; after RunInfo has been published."""
         self._meet()
         last, wall = self._all_steps(self._plan.scenario.total_steps)
+        if self._external:
+            self._graph.meet_ego()
         if RECORDER in self._plan.stages:
             until = time.perf_counter() + self._options.answer_timeout_s
             self._graph.serve_until(lambda: self._attendance.recorded >= last, until)

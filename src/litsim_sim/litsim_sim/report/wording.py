@@ -42,10 +42,13 @@ def is_nested(value: Any) -> bool:
 
 def lockstep_text(lockstep: Mapping[str, Any]) -> str:
     """Missed answers and gaps of a run (`lockstep` of `metrics.json`), and unused messages of an external ego."""
-    port = {name: count for name, count in lockstep["ego_port"].items() if name not in ("interface", "answered")}
+    own = ("interface", "answered", "joined")
+    port = {name: count for name, count in lockstep["ego_port"].items() if name not in own}
     unused = "".join(f", {count} {name}" for name, count in port.items() if count)
     told = f"{lockstep['missed']} missed answers, {lockstep['gaps']} gaps"
-    return f"{told}; of the ego's messages{unused[1:]}" if unused else told
+    told += f"; of the ego's messages{unused[1:]}" if unused else ""
+    joined = lockstep["ego_port"].get("joined", 0)
+    return f"{told}; {joined} publishers of the ego joined in mid-run" if joined else told
 
 
 def leaf(value: Any) -> str:
