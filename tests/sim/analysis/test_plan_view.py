@@ -97,6 +97,23 @@ def test_the_overview_is_chosen_by_the_road(
     assert (tmp_path / "overview.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.parametrize(("net", "y"), [(STREET, -5.0), (MOTORWAY, -5.5)])
+def test_no_legend_covers_the_name_of_an_axis(
+    make_run: Any, table: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, net: Path, y: float
+) -> None:
+    """A long way along a street makes a low picture; the legend is below it, not a share of its height further down."""
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
+    tables = [table(k, {"id": 1, "x": 2.5 * k - 50.0, "y": y}, {"id": 2, "x": 200.0, "y": y}) for k in range(80)]
+    plots.overview(make_run(tables, net_xml=net.read_bytes()), tmp_path / "overview.png")
+    (figure,) = drawn
+    figure.canvas.draw()
+    low = [(axes, found) for axes in figure.axes if (found := axes.get_legend())]
+    low = [(axes, legend) for axes, legend in low if legend.get_window_extent().y1 < axes.get_window_extent().y0]
+    ((axes, legend),) = low
+    assert legend.get_window_extent().y1 < axes.xaxis.label.get_window_extent().y0
+
+
 @pytest.mark.filterwarnings("error::UserWarning")
 def test_a_run_that_failed_at_its_first_step_has_an_overview_without_warnings(
     make_run: Any, table: Any, tmp_path: Path

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import ScaledTranslation
 
 from litsim_sim.analysis.collision import collisions
 from litsim_sim.analysis.lanes import lane_map_of
@@ -43,6 +44,7 @@ from litsim_sim.record.run import Run
 SIZE_PX, DPI = (1600, 1120), 100
 AHEAD, BEHIND = 70.0, 70.0  # [m] of road around the ego in the bird's-eye view
 SAME_LANE, BESIDE = 1.8, 5.5  # [m] lateral distance up to which an agent is in the ego's lane, or in an adjacent one
+LEGEND_BELOW_PT = 36.0  # [pt] from the x axis to a legend below it: its tick labels and its name come between
 LATER = 5  # steps after a contact at which it is shown
 GROUPS_MAX = 12  # signal groups that are shown, unless the ego passes more
 ROUTE_MAX = 3000.0  # [m]
@@ -146,7 +148,7 @@ def _plan(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap, area: Area) -
     frame(axes, area)
     handles = [line_handle(COLOURS[c], f"path: {NAMES[c]}") for c in COLOURS if driven[c]]
     handles.append(line_handle(INK, "ego's log", lw=1.1, ls=DASHED))
-    axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, -0.07), ncols=5, frameon=False, fontsize=10)
+    _legend_below(axes, handles)
     none = "" if run.signals is not None else " (no signals are known)"
     axes.set_title(f"{table.step * run.info.dt:.1f} s: {moment.why}{none}", loc="left", fontsize=12, color=INK)
     _plain(axes)
@@ -228,8 +230,17 @@ def _bird_view(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -
     shown = [c for c in COLOURS if c in table.controller]
     handles: list[Any] = [Patch(facecolor=COLOURS[c], edgecolor=INK, label=NAMES[c]) for c in shown]
     handles.append(Patch(facecolor="none", edgecolor=INK, linestyle=DASHED, label="where the log has it"))
-    axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=5, frameon=False, fontsize=10)
+    _legend_below(axes, handles)
     _plain(axes)
+
+
+def _legend_below(axes: Axes, handles: list[Any]) -> None:
+    """Draw a legend below the name of the x axis, however low the axes are."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    anchor = axes.transAxes + ScaledTranslation(0.0, -LEGEND_BELOW_PT / 72.0, figure.dpi_scale_trans)
+    place = {"loc": "upper left", "bbox_to_anchor": (0.0, 0.0), "bbox_transform": anchor, "borderaxespad": 0.0}
+    axes.legend(handles=handles, ncols=5, frameon=False, fontsize=10, **place)
 
 
 def _fill(axes: Axes, boxes: FloatArray, **style: Any) -> None:
