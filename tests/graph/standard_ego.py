@@ -35,8 +35,10 @@ FAULTS = (
     "late",
     "other_type",
     "slow",
+    "steady",
 )
 SLOW_S, SLOW_STEPS = 1.3, 3  # [s] for an answer, and the number of steps, from 0 on, for which it takes so long
+STEADY_S = 0.1  # [s] for every step, but not for its repetitions
 
 
 class StandardEgo(Node):
@@ -66,6 +68,9 @@ class StandardEgo(Node):
         once = fault if step == self.options.at else "none"
         if self.options.fault == "slow" and step < SLOW_STEPS:
             time.sleep(SLOW_S)
+        if self.options.fault == "steady" and step > self.seen:
+            time.sleep(STEADY_S)
+        self.seen = step
         if fault in {"death", "leaving"}:
             time.sleep(LEAVING_S)
         if fault == "death":

@@ -30,8 +30,13 @@ COUNTS = {"answered": 36, "late": 0, "stale": 0, "future": 0, "surplus": 0, "inv
 
 def launch(graph: Any, *ego: object, launcher: tuple[object, ...] = (), timeout: float = PATIENT) -> Any:
     graph.start_script("standard_ego.py", *ego)
+    return run_for(graph, "--answer-timeout", timeout, *launcher)
+
+
+def run_for(graph: Any, *launcher: object) -> Any:
+    """A run for a stack that is there, or comes."""
     options = ("--ego", "external", "--policy", "replay", "--out", graph.folder / "run", "--domain-id", graph.domain)
-    return graph.launch("--scenario", graph.scenario(), "--answer-timeout", timeout, *options, *launcher)
+    return graph.launch("--scenario", graph.scenario(), *options, *launcher)
 
 
 def lockstep(graph: Any) -> dict[str, Any]:
@@ -142,10 +147,10 @@ def test_a_slow_stack_is_waited_for_while_it_answers_what_was_published_again(gr
 
 
 def test_two_stacks_that_answer_end_the_run(graph: Any) -> None:
-    slowly = ("--fault", "slow")  # for longer than either may need to be found, else the run is over before
-    forgotten = graph.start_script("standard_ego.py", *slowly, "--ros-args", "-r", "__node:=forgotten")
-    assert forgotten.stdout.readline() == "ready\n"
-    done = launch(graph, *slowly)
+    for name in ("forgotten", "standard_ego"):  # at a steady pace: the run is not over before both are found
+        stack = graph.start_script("standard_ego.py", "--fault", "steady", "--ros-args", "-r", f"__node:={name}")
+        assert stack.stdout.readline() == "ready\n"
+    done = run_for(graph)
     assert done.returncode == 1
     assert "2 publishers are on /litsim/ego/twist (/forgotten, /standard_ego), and " in done.stderr
     assert read_run(graph.folder / "run").failure
