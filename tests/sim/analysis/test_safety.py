@@ -116,6 +116,17 @@ def test_the_gap_ends_where_the_leader_reaches_into_the_strip(table: Make) -> No
     assert found.gap[0] == pytest.approx(nose[0] + nose[1] - 1.0 - 2.0)  # that side goes up at 45 degrees to the strip
 
 
+def test_who_turns_away_beside_leads_nobody_though_its_tail_swings_in_behind(table: Make) -> None:
+    own = {"id": 1, "x": 0.0, "y": 0.0, "speed": 5.0}
+    truck = {"id": 2, "x": 1.0, "y": 3.5, "yaw": 0.2, "length": 18.0, "width": 2.5, "speed": 4.0}
+    alone = following(table(0, own, truck), np.array([0]))
+    assert (alone.leader[0], alone.gap[0], alone.headway[0], alone.drac[0]) == (-1, np.inf, np.inf, 0.0)
+    ahead = following(table(0, own, truck, {"id": 3, "x": 24.0, "y": 0.0}), np.array([0]))
+    assert (ahead.leader[0], ahead.gap[0]) == (2, pytest.approx(20.0))
+    touched = following(table(0, own, truck | {"y": 2.5}), np.array([0]))
+    assert (touched.leader[0], touched.gap[0]) == (1, 0.0), "it reaches into the strip beside the own box, too"
+
+
 def test_gaps_are_those_of_polygons(table: Make) -> None:
     """Random boxes against the intersection of polygons with the strip."""
     random = np.random.default_rng(11)
@@ -132,10 +143,9 @@ def test_gaps_are_those_of_polygons(table: Make) -> None:
             strip = shapely.box(-200.0, -scene.width[k] / 2, 200.0, scene.width[k] / 2)
             places = [shapely.Polygon(box).intersection(strip) for box in np.stack([ahead, left], axis=-1)]
             centre, _ = to_body(scene.x - scene.x[k], scene.y - scene.y[k], scene.yaw[k])
-            gaps = [
-                place.bounds[0] - scene.length[k] / 2 if place.area > 0.0 and centre[i] > 0.0 and i != k else np.inf
-                for i, place in enumerate(places)
-            ]
+            back = -scene.length[k] / 2
+            leads = [place.area > 0.0 and place.bounds[2] > back and centre[i] > 0.0 for i, place in enumerate(places)]
+            gaps = [place.bounds[0] + back if leads[i] and i != k else np.inf for i, place in enumerate(places)]
             gap = min(gaps) if min(gaps) < SIGHT_M else np.inf
             assert measured.gap[k] == pytest.approx(max(gap, 0.0), abs=1e-9)
             assert measured.leader[k] == (int(np.argmin(gaps)) if np.isfinite(gap) else -1)

@@ -163,20 +163,23 @@ def following(table: AgentTable, rows: IntArray) -> Following:
     return Following.measured(leader, gap, np.where(there, speed - along, 0.0), speed)
 
 
-@kernel(float64(*[float64] * 6))
-def _rear(ahead: float, left: float, yaw: float, length: float, width: float, half: float) -> float:
+@kernel(float64(*[float64] * 7))
+def _rear(ahead: float, left: float, yaw: float, length: float, width: float, half: float, back: float) -> float:
     """Smallest distance ahead [m] of a box within the strip up to `half` [m] to either side; inf if it is outside.
+
+    inf, too, if it is in the strip only more than `back` [m] behind, as the tail of a vehicle that turns away beside.
 
     Args:
         ahead, left: centre of the box [m].
         yaw: heading [rad].
         length, width: extents [m].
         half: half width of the strip [m].
+        back: distance of the own rear behind the own centre [m].
     """
     cos, sin = math.cos(yaw), math.sin(yaw)
     if not abs(left) < half + 0.5 * (length * abs(sin) + width * abs(cos)):
         return math.inf
-    rear = math.inf
+    rear, front = math.inf, -math.inf
     for k in range(4):  # edges, each from a corner to the next one
         u0, v0, u1, v1 = (
             CORNERS[k, 0] * length,
@@ -187,11 +190,12 @@ def _rear(ahead: float, left: float, yaw: float, length: float, width: float, ha
         x0, y0 = ahead + u0 * cos - v0 * sin, left + u0 * sin + v0 * cos
         x1, y1 = ahead + u1 * cos - v1 * sin, left + u1 * sin + v1 * cos
         if abs(y0) <= half:
-            rear = min(rear, x0)
+            rear, front = min(rear, x0), max(front, x0)
         for side in (-half, half):
             if (y0 - side) * (y1 - side) < 0.0:
-                rear = min(rear, x0 + (side - y0) / (y1 - y0) * (x1 - x0))
-    return rear
+                x = x0 + (side - y0) / (y1 - y0) * (x1 - x0)
+                rear, front = min(rear, x), max(front, x)
+    return rear if front > -back else math.inf
 
 
 @kernel(Tuple((OUT_INTS, OUT_FLOATS))(INTS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS))
@@ -216,7 +220,7 @@ def _leaders(
             ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
             if b == a or not (0.0 < ahead < nearest + reach and abs(left) < half + reach):
                 continue
-            rear = _rear(ahead, left, yaw[b] - yaw[a], length[b], width[b], half)
+            rear = _rear(ahead, left, yaw[b] - yaw[a], length[b], width[b], half, front)
             if rear < nearest:
                 nearest, leader[m], gap[m] = rear, b, max(rear - front, 0.0)
     return leader, gap
