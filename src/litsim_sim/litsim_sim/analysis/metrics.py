@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Set
+from collections.abc import Callable, Iterator, Set
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -148,9 +148,19 @@ def write_metrics(metrics: dict[str, Any], path: Path) -> None:
     try:
         text = json.dumps(metrics, indent=2, allow_nan=False) + "\n"
     except ValueError as error:
-        raise InputError(f"{path}: a measure is not finite, expected finite numbers: {error}") from error
+        because = f": {metrics['why']}" if metrics.get("why") else ""
+        raise InputError(f"{path}: {', '.join(_not_finite(metrics))} not finite, expected numbers{because}") from error
     with replacing(path) as new:
         new.write_text(text)
+
+
+def _not_finite(value: Any, name: str = "") -> Iterator[str]:
+    """Paths of the numbers in the tree `value`, which is at `name`, that are not finite, joined by dots."""
+    if isinstance(value, dict | list):
+        for key, below in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _not_finite(below, f"{name}.{key}" if name else str(key))
+    elif isinstance(value, float) and not np.isfinite(value):
+        yield name
 
 
 def _unusable(run: Run) -> list[str]:
