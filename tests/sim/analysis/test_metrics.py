@@ -298,10 +298,10 @@ def test_bare_runs_can_be_drawn_and_printed(table: Make, make_run: Make, write_r
 
 def test_metrics_without_numbers_are_refused(tmp_path: Path) -> None:
     metrics = {"x": {"y": [1.0, {"5": float("nan")}]}, "z": float("inf"), "n": 1.0, "why": "no positions at 3 steps"}
-    expected = r"m\.json: x\.y\.1\.5, z not finite, expected numbers: no positions at 3 steps"
+    expected = r"m\.json: x\.y\.1\.5 and 1 more not finite, expected finite numbers: no positions at 3 steps"
     with pytest.raises(InputError, match=expected):
         write_metrics(metrics, tmp_path / "m.json")
-    with pytest.raises(InputError, match=r"m\.json: z not finite, expected numbers$"):
+    with pytest.raises(InputError, match=r"m\.json: z not finite, expected finite numbers$"):
         write_metrics({"z": float("nan")}, tmp_path / "m.json")
 
 

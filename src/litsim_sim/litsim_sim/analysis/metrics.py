@@ -148,8 +148,10 @@ def write_metrics(metrics: dict[str, Any], path: Path) -> None:
     try:
         text = json.dumps(metrics, indent=2, allow_nan=False) + "\n"
     except ValueError as error:
+        first, *others = _not_finite(metrics)
+        named = f"{first} and {len(others)} more" if others else first
         because = f": {metrics['why']}" if metrics.get("why") else ""
-        raise InputError(f"{path}: {', '.join(_not_finite(metrics))} not finite, expected numbers{because}") from error
+        raise InputError(f"{path}: {named} not finite, expected finite numbers{because}") from error
     with replacing(path) as new:
         new.write_text(text)
 
