@@ -210,6 +210,34 @@ def test_a_setup_makes_a_row_with_its_parameters() -> None:
     assert made[2].policy == "litsim" and len({case.id for case in made}) == 3
 
 
+def test_a_row_tells_which_of_its_own_parameters_the_suite_replaces() -> None:
+    """A row named for a long horizon was run with another one, and nothing said so."""
+    long = {"name": "long", "kind": "litsim", "parameters": {"conflict.horizon": 5.0, "conflict.passing": False}}
+    ego = {"name": "mine", "kind": "perturbed", "parameters": {"ego.kind": "brake"}}
+    replaced = {"conflict.horizon": [2.0], "ego.kind": ["lane_change"]}
+    (found,) = cases(policies=[long], egos=[ego], parameters=replaced)
+    assert found.row == "mine, litsim, long, horizon=2.0, kind=lane_change"
+    (same,) = cases(policies=[long], egos=[ego], parameters={"conflict.horizon": [5.0], "ego.kind": ["brake"]})
+    assert same.row == "mine, litsim, long"
+
+
+@pytest.mark.parametrize(
+    ("policies", "parameters", "rows"),
+    [
+        (
+            ["litsim", {"name": "long", "kind": "litsim", "parameters": {"conflict.horizon": 5.0}}],
+            [2.0],
+            "long, horizon",
+        ),
+        ([{"name": each, "kind": "yield"} for each in "ab"], [2.0, 3.0], "b, horizon=2.0"),
+    ],
+)
+def test_two_rows_of_the_same_runs_are_refused(policies: list[Any], parameters: list[float], rows: str) -> None:
+    """The second would be missing from every table without a word."""
+    with pytest.raises(InputError, match=f"suite some: rows .* and .*{rows}.* ask for the same runs"):
+        cases(policies=policies, parameters={"conflict.horizon": parameters})
+
+
 def test_an_entry_may_name_its_seed() -> None:
     (case,) = cases(cases=[{"scenario": "demo", "ego_id": 7, "seed": 3}], policies=["litsim"])
     assert case.seed == 3 and case.name == "demo/7/idm/litsim/3"

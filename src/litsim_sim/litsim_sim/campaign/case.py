@@ -130,7 +130,7 @@ def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, s
 
     Raises:
         InputError: a scenario cannot be used, an ego is not in it, or two scenarios have the same name; it names file
-            and line of the entry, where it has them.
+            and line of the entry, where it has them. Or two rows are of the same runs.
     """
     _check_scenario_names(suite)
     found = code_versions() if with_versions is None else with_versions
@@ -141,7 +141,13 @@ def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, s
     cases: dict[str, Case] = {}
     for row, seed, road in product(_rows(suite), seeds, roads):
         case = _case(row, seed, suite.end_after_contact_s, road, graph=graph, deciding=deciding)
-        cases[case.id] = _merged(cases[case.id], case) if case.id in cases else case
+        same = cases.get(case.id)
+        if same is not None and same.row != case.row:
+            raise InputError(
+                f"suite {suite.name}: rows {same.row!r} and {case.row!r} ask for the same runs, expected different "
+                f"policies or parameters; those of the suite replace those of a policy or an ego"
+            )
+        cases[case.id] = case if same is None else _merged(same, case)
     return list(cases.values())
 
 
@@ -195,9 +201,11 @@ class _Road:
 def _rows(suite: Suite) -> Iterator[_Row]:
     """Ego, policy, parameters and label of every row: each ego with each policy and combination of parameters.
 
-    Parameters of the policy's stages make no rows of a replay, which has none of these stages.
+    Parameters of the policy's stages make no rows of a replay, which has none of these stages. Labels tell the
+    parameters that have several values, and those of the ego or the policy that the suite replaces.
     """
     for ego, setup in product(suite.egos, suite.setups):
+        own = {**ego.parameters, **setup.parameters}
         mine = {
             name: values
             for name, values in suite.parameters.items()
@@ -209,7 +217,7 @@ def _rows(suite: Suite) -> Iterator[_Row]:
                 str(value) if short == MODEL else f"{short}={value}"
                 for name, value in varied.items()
                 for short in [name.split(".", 1)[1]]
-                if len(mine[name]) > 1 or short == MODEL
+                if len(mine[name]) > 1 or short == MODEL or own.get(name, value) != value
             ]
             label = ", ".join(part for part in (setup.label, *told) if part)
             yield _Row(ego, setup.kind, tuple({**setup.parameters, **varied}.items()), label)
