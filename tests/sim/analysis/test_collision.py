@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -87,6 +88,13 @@ def test_without_a_net_lateral_contacts_are_the_ego_s_fault(table: Make, make_ru
     run = make_run([table(0), scene])
     assert in_lane_of(run) is None
     assert collisions(run).ego[0].ego_at_fault
+
+
+def test_what_is_behind_the_ego_is_seen_from_the_rear_axle_of_its_own_vehicle(table: Make, make_run: Make) -> None:
+    run = make_run([table(k, {"id": 1, "x": 0.0, "y": 0.0}, {"id": 2, "x": -3.8, "y": 1.2}) for k in range(3)])
+    for vehicle, expected in (("{}", Verdict.REAR), ("{rear_axle: 0.5}", Verdict.LATERAL)):
+        made = replace(run, scenario_yaml=f"start_frame: 0\nvehicle: {vehicle}\n")
+        assert [contact.verdict for contact in collisions(made).ego] == [expected]
 
 
 def test_delta_v_is_half_the_difference_of_the_velocities(table: Make) -> None:

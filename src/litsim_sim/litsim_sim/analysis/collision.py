@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 
 import numpy as np
 import shapely
@@ -14,9 +15,11 @@ from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.geometry import box_corners, wrap_angle
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.core.steps import Steps
+from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.record.run import Run
 
 STOPPED_SPEED = 0.05  # [m/s] up to which a vehicle counts as stopped (nuPlan)
+REAR_AXLE = VehicleLimits().rear_axle  # of an ego whose scenario says nothing else
 BEHIND_ANGLE = np.deg2rad(150.0)  # bearing from the ego's heading beyond which a track is behind the ego (nuPlan)
 
 InLane = Callable[[AgentTable, int], bool]
@@ -99,7 +102,7 @@ def collisions(run: Run, in_lane: InLane | None = None) -> Collisions:
     tables, ego = run.simulated, run.info.ego_id
     found, logged = tuple(contacts(tables, run.info.dt)), LogContacts(run)
     in_log = tuple(map(logged.excuse, found))
-    by_step = {table.step: table for table in tables}
+    by_step, axle = {table.step: table for table in tables}, _rear_axle_in(run.scenario_yaml or run.info.scenario_yaml)
     telling = _first(each for _, each in sorted(zip(in_log, found, strict=True), key=lambda pair: pair[0]))
     mine = sorted((step, pair) for pair, step in telling.items() if ego in pair)
     return Collisions(
@@ -108,8 +111,18 @@ def collisions(run: Run, in_lane: InLane | None = None) -> Collisions:
         log=logged.first,
         agents=agents_of(tables) | agents_of(run.simulated_log),
         controlled=controlled_agents(tables),
-        ego=tuple(judge(by_step[step], ego, pair[0] if pair[1] == ego else pair[1], in_lane) for step, pair in mine),
+        ego=tuple(
+            judge(by_step[step], ego, pair[0] if pair[1] == ego else pair[1], in_lane, axle) for step, pair in mine
+        ),
     )
+
+
+@lru_cache(maxsize=16)
+def _rear_axle_in(scenario_yaml: str) -> float:
+    """Distance of the ego's rear axle behind its box centre, as a share of its length, in the text of a scenario."""
+    said = load_yaml(scenario_yaml, "scenario")
+    vehicle = said.get("vehicle") if isinstance(said, dict) else None
+    return float(vehicle.get("rear_axle", REAR_AXLE)) if isinstance(vehicle, dict) else REAR_AXLE
 
 
 def _first(found: Iterable[Contact]) -> dict[Pair, int]:
@@ -135,26 +148,34 @@ def controlled_agents(tables: Iterable[AgentTable]) -> frozenset[int]:
     return frozenset(np.unique(table.id[table.under_control]).tolist())
 
 
-def judge(table: AgentTable, ego: int, agent: int, in_lane: InLane | None = None) -> EgoContact:
+def judge(
+    table: AgentTable, ego: int, agent: int, in_lane: InLane | None = None, rear_axle: float = REAR_AXLE
+) -> EgoContact:
     """Kind and attribution of the contact between `ego` and `agent` in `table`.
 
     Order of tests, thresholds and attribution are those of nuPlan's no-at-fault-collision metric (Caesar et al. 2021,
     nuplan-devkit): the ego is at fault in contacts with a stopped track, in contacts of its front bumper, and in
     lateral contacts while its box is not inside one lane.
+
+    Args:
+        table: the agents at the first step of the contact.
+        ego, agent: ids.
+        in_lane: see :func:`collisions`.
+        rear_axle: distance of the ego's rear axle, from which a track is seen, behind its box centre [lengths].
     """
     e, a = table.row(ego), table.row(agent)
-    verdict = _verdict(table, e, a)
+    verdict = _verdict(table, e, a, rear_axle)
     inside = verdict == Verdict.LATERAL and in_lane is not None and in_lane(table, e)
     at_fault = verdict in (Verdict.STOPPED_TRACK, Verdict.FRONT) or (verdict == Verdict.LATERAL and not inside)
     return EgoContact(agent, table.step, verdict, at_fault, _delta_v(table, e, a))
 
 
-def _verdict(table: AgentTable, e: int, a: int) -> Verdict:
+def _verdict(table: AgentTable, e: int, a: int, rear_axle: float) -> Verdict:
     if table.speed[e] <= STOPPED_SPEED:
         return Verdict.STOPPED_EGO
     if table.speed[a] <= STOPPED_SPEED:
         return Verdict.STOPPED_TRACK
-    lever = VehicleLimits().rear_axle * table.length[e]
+    lever = rear_axle * table.length[e]
     dx = table.x[a] - (table.x[e] - lever * np.cos(table.yaw[e]))
     dy = table.y[a] - (table.y[e] - lever * np.sin(table.yaw[e]))
     if abs(wrap_angle(np.arctan2(dy, dx) - table.yaw[e])) > BEHIND_ANGLE:
