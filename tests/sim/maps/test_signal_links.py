@@ -83,6 +83,20 @@ def test_who_stops_on_the_line_has_not_passed(links: tuple[SignalLink, ...]) -> 
     assert len(passed(links, drive(way, reach=to_line + 2.5))) == 1
 
 
+@pytest.mark.parametrize(("back", "times"), [(0.05, 1), (0.9, 1), (1.1, 7)])
+def test_who_rocks_to_and_fro_beyond_the_line_passes_once_and_who_comes_back_to_it_again(
+    links: tuple[SignalLink, ...], back: float, times: int
+) -> None:
+    x, y, yaw = drive(np.array([[-150.0, -4.95], [-80.0, -4.95]]))
+    stands = int(np.searchsorted(x[0] + 2.0, -114.6 + PASSED))
+    at = np.r_[:stands, np.full(12, stands), stands : x.shape[1]]
+    x, y, yaw = x[:, at], y[:, at], yaw[:, at]
+    x[0, stands : stands + 12] = -114.6 - 2.0 + PASSED + 0.01 - np.tile([0.0, back], 6)
+    found = passed(links, (x, y, yaw))
+    assert len(found) == times
+    assert found[-1][0] == stands + 12, "when it drives on"
+
+
 def test_other_directions_and_lanes_do_not_count(links: tuple[SignalLink, ...]) -> None:
     assert not passed(links, drive(np.array([[-80.0, -4.95], [-150.0, -4.95]])))  # backwards
     assert not passed(links, drive(np.array([[-150.0, -14.0], [-80.0, -14.0]])))  # beside the road

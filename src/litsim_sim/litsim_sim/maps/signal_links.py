@@ -157,8 +157,9 @@ def crossings(
 ) -> Crossings:
     """Passages of the stop lines of `links`.
 
-    A line is passed when the front centre gets `PASSED` beyond it, in the direction of the lane. The connection is
-    determined after the junction; for a vehicle that is not seen there, by the exit that it came nearest to.
+    A line is passed when the front centre gets `PASSED` beyond it, in the direction of the lane. Recorded vehicles that
+    stand there rock to and fro: one passes the last time that it does so without being back at the line. The connection
+    is determined after the junction; for a vehicle that is not seen there, by the exit that it came nearest to.
 
     Args:
         links: connections.
@@ -182,6 +183,9 @@ def crossings(
         passed &= np.abs(beside[:, 1:]) <= 0.5 * line.width + BESIDE
         passed &= np.cos(yaw[:, 1:] - line.heading) >= FACING
         for agent, step in zip(*np.nonzero(passed), strict=True):
+            again = np.flatnonzero(passed[agent, step + 1 :])
+            if len(again) and (along[agent, step + 1 : step + 2 + again[0]] > -PASSED).all():
+                continue
             after = slice(step + 1, step + 2 + LEAVES)
             there = valid[agent, after]
             way_x, way_y = front_x[agent, after][there], front_y[agent, after][there]
