@@ -481,6 +481,17 @@ def test_who_follows_a_late_log_is_somebody_to_look_out_for(stage, track) -> Non
     assert [(t.agent, t.opponent) for t in answer.takeovers] == [(3, 2)]
 
 
+def test_who_follows_a_late_log_does_not_run_into_who_is_ahead_of_it_by_now(stage, track) -> None:
+    """In the log, agent 2 is ahead of agent 3, which is slower; 25 m late, it is behind, and knows nothing of it."""
+    tracks = track(1, x=300.0), track(2, x=90.0), track(3, x=75.0, speed=8.0)
+    s = stage(*tracks, handback="time_shift", history_steps=20)
+    assert s.see({}).takeovers == ()
+    s.manager._lag[1] = 25
+    answers = [s.see({2: {"x": s.logged(2) - 25.0}}) for _ in range(3)]
+    answer = next(each for each in answers if each.takeovers)
+    assert [(t.agent, t.opponent) for t in answer.takeovers] == [(2, 3)]
+
+
 # Pedestrians and cyclists
 
 

@@ -118,7 +118,30 @@ class ConflictDetector:
         closing = self._closing(table, logged, pairs, goes_on)
         np.maximum(chance, closing, out=chance)
         self._excuse(chance, table, pairs, expected, lag)
-        reached = chance >= threshold
+        return self._soonest(table, logged, pairs, chance, closing)
+
+    def detect_behind(
+        self, table: AgentTable, lagged: BoolArray, ahead: BoolArray, logged: PredictedMotion, lag: IntArray
+    ) -> list[Conflict]:
+        """Conflicts of agents on `lagged` logs with agents `ahead` (masks (n,)) that they follow, as in :meth:`detect`.
+
+        Both are expected where their logs lead, with the lags of `logged`. A log that lags does not know who is ahead
+        by now, such as a vehicle that changes lane in front of the agent.
+        """
+        pairs = self.near(table, lagged, ahead)
+        pairs = pairs[followed(pairs[:, ::-1].copy(), table.x, table.y, table.yaw, table.length, table.width)]
+        chance = self.overlap_probability(table, logged, logged, pairs, self._config.probability_threshold)
+        self._excuse(chance, table, pairs, logged, lag)
+        return self._soonest(table, logged, pairs, chance, np.zeros(chance.shape))
+
+    def _soonest(
+        self, table: AgentTable, logged: PredictedMotion, pairs: IntArray, chance: FloatArray, closing: FloatArray
+    ) -> list[Conflict]:
+        """The conflicts of `pairs` (m, 2) by their `chance` (m, T), soonest first, one for each agent.
+
+        Those for which `closing` (m, T) is 1 somewhere are urgent.
+        """
+        reached = chance >= self._config.probability_threshold
         hit: BoolArray = np.asarray(reached.any(axis=1))
         if not hit.any():
             return []

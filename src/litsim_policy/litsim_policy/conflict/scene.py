@@ -53,6 +53,12 @@ class ConflictScene:
             self._near, on_log[rows], off_log[rows], self._logged, self._expected, self._lag[rows]
         )
 
+    def detect_behind(self, lagged: BoolArray, ahead: BoolArray) -> list[Conflict]:
+        """Conflicts of agents on `lagged` logs with agents `ahead`; see :meth:`ConflictDetector.detect_behind`."""
+        self._cover(lagged, np.zeros_like(lagged))
+        rows = self._rows
+        return self._detector.detect_behind(self._near, lagged[rows], ahead[rows], self._logged, self._lag[rows])
+
     def still_in_conflict(self, agents: BoolArray, off_log: BoolArray) -> BoolArray:
         """Mask of `agents` that would be in conflict; see :meth:`ConflictDetector.still_in_conflict`."""
         self._cover(agents, off_log)

@@ -216,8 +216,11 @@ class TakeoverManager:
             candidates = ~before & ~barred
             known = self._hindsight
             found = scene.detect(candidates, fresh) if known is None else known.detect(table, candidates)
-            if done == 1 and walking.any() and lagged.any():
-                found = _soonest(found, scene.detect(lagged & ~before, walking))
+            if done == 1 and lagged.any():
+                late = lagged & ~before & ~barred
+                found = _soonest(found, scene.detect_behind(late, ~before & ~lagged))
+                if walking.any():
+                    found = _soonest(found, scene.detect(lagged & ~before, walking))
             for conflict in found:
                 seen = self._suspected.get(conflict.agent, 0) + 1
                 suspected[conflict.agent] = seen
