@@ -66,6 +66,16 @@ def lengthened(line: np.ndarray, before: float, after: float) -> np.ndarray:
     return np.concatenate([begin[None], line, end[None]])
 
 
+def sampled(line: np.ndarray, spacing: float) -> np.ndarray:
+    """Points (m, 2) along a polyline (n, 2), its ends among them, at equal distances of at most `spacing` metres.
+
+    A spline through them cannot fold back on itself, as one through vertices at uneven distances may.
+    """
+    along = np.append(0.0, np.cumsum(np.hypot(*np.diff(line, axis=0).T)))
+    at = np.linspace(0.0, along[-1], int(np.ceil(along[-1] / spacing)) + 1)
+    return np.stack([np.interp(at, along, line[:, k]) for k in (0, 1)], axis=-1)
+
+
 def predicted(objects: np.ndarray, times: np.ndarray) -> np.ndarray:
     """(n, m, 2) box centres [m] of `objects` at `times` (m,) [s] from now: on at their velocity."""
     now = np.stack([objects["x64"], objects["y64"]], axis=-1)

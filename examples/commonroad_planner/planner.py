@@ -16,7 +16,7 @@ from commonroad_rp.reactive_planner import ReactivePlanner
 from commonroad_rp.state import ReactivePlannerState
 from commonroad_rp.utility.config import ReactivePlannerConfiguration
 from commonroad_rp.utility.utils_coordinate_system import create_coordinate_system
-from conversions import STEP_S, Ego, ahead_and_left, braking, lengthened, predicted
+from conversions import STEP_S, Ego, ahead_and_left, braking, lengthened, predicted, sampled
 
 STEPS = 30  # of the horizon
 SEAM = 0.4  # [m] by which lanes side by side may gape
@@ -27,6 +27,7 @@ GAP_S, GAP = 0.6, 2.0  # time [s] at the ego's speed and distance [m] that it ke
 GAP_SIDE = 0.3  # [m] and to the side
 SIGHT, REAR = 80.0, 40.0  # [m] ahead and behind within which objects count
 ENDS = 60.0  # [m] by which the reference path is made longer than the route, for whatever is projected on it
+SPACING = 2.0  # [m] between the points of the reference path
 NO_SAMPLE = "no sample is feasible and free of collisions"
 OFF_PLAN, OFF_SPEED = 0.5, 1.0  # [m], [m/s] from the plan beyond which the next one begins at the measured state
 
@@ -69,7 +70,7 @@ class Planner:
         self._road = _road_borders(lanes)
         with warnings.catch_warnings():  # of the spline that it fits; straight roads have no radius
             warnings.simplefilter("ignore")
-            self._system = create_coordinate_system(lengthened(route, ENDS, ENDS))
+            self._system = create_coordinate_system(sampled(lengthened(route, ENDS, ENDS), SPACING))
         self._planner = ReactivePlanner(self._config)
         self._states: list[ReactivePlannerState] = []  # of the last plan,
         self._step = 0  # from this step on

@@ -83,6 +83,12 @@ def test_a_line_is_lengthened_at_both_ends(conversions: ModuleType) -> None:
     assert longer == pytest.approx(np.array([[-3.0, 0.0], [0.0, 0.0], [10.0, 0.0], [10.0, 5.0], [10.0, 9.0]]))
 
 
+def test_a_line_is_sampled_evenly_from_end_to_end(conversions: ModuleType) -> None:
+    line = np.array([[0.0, 0.0], [0.1, 0.0], [6.0, 0.0], [6.0, 3.0]])
+    points = conversions.sampled(line, 2.0)
+    assert points == pytest.approx(np.array([[0.0, 0.0], [1.8, 0.0], [3.6, 0.0], [5.4, 0.0], [6.0, 1.2], [6.0, 3.0]]))
+
+
 def test_braking_stops_beside_the_line(conversions: ModuleType) -> None:
     ego = conversions.Ego(2.0, 0.5, 0.0, 6.0, 0.0)
     points = conversions.braking(np.array([[0.0, 0.0], [5.0, 0.0]]), ego, 6.0, 31)
