@@ -31,7 +31,7 @@ build: setup ## setup, then the ROS 2 workspace, into build/ and install/
 	@tools/build.sh
 
 demo: build ## the embedded scenario, closed loop: the ego brakes, drives on; leaves bags/demo
-	./litsim litsim_sim launch --scenario demo --ego perturbed --set ego.kind=brake ego.deceleration=2.5 ego.duration=2.5 "ego.time=[2.0, 2.0]" \
+	./litsim litsim_sim launch --scenario demo --ego perturbed --set ego.kind=brake ego.deceleration=3 ego.duration=3 "ego.time=[8.0, 8.0]" \
 	  --policy litsim --out bags/demo --overwrite
 
 test: setup-all build ## every test, in JOBS processes; prints the slowest

@@ -15,6 +15,9 @@ from litsim_sim.campaign.suite import Suite
 from litsim_sim.report.experiment import write_experiment_report
 from litsim_sim.scenario.scenario import packaged
 
+DEMO: dict[str, Any] = yaml.safe_load(packaged("scenarios/demo.yaml").read_text())
+EGO: int = DEMO["ego"]
+EGOS: list[int] = DEMO["egos"]
 VERSIONS = {"python": "3", "commit": "a", "sources": "b"}
 CRITERIA = Criteria(runs=[{"name": "no contact at fault", "field": "collision.ego_at_fault", "max": 0}])
 
@@ -78,10 +81,9 @@ def summarised_metrics(**changes: Any) -> dict[str, Any]:
 def scenario_file(folder: Path, name: str = "own", **values: Any) -> str:
     """Copy the demo with its recording beside it; return the path of its file."""
     folder.mkdir(parents=True, exist_ok=True)
-    demo = yaml.safe_load(packaged("scenarios/demo.yaml").read_text())
-    shutil.copy(packaged(f"scenarios/{demo['recording']}"), folder / "demo.parquet")
+    shutil.copy(packaged(f"scenarios/{DEMO['recording']}"), folder)
     path = folder / f"{name}.yaml"
-    path.write_text(yaml.safe_dump(demo | {"recording": "demo.parquet"} | values))
+    path.write_text(yaml.safe_dump(DEMO | values))
     return str(path)
 
 

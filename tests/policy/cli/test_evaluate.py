@@ -16,9 +16,10 @@ from typing import Any
 import pytest
 import yaml
 
-from campaigns import scenario_file, told
+from campaigns import EGO, scenario_file, told
 from litsim_policy.cli import evaluate, run
 from litsim_sim.campaign.results import read_campaign
+from litsim_sim.scenario.scenario import packaged
 
 PATIENCE_S = 120.0  # for what takes seconds
 FAULT = {"runs": [{"name": "no fault", "field": "collision.ego_at_fault", "max": 0}]}
@@ -182,7 +183,10 @@ def test_all_are_those_that_can_be_the_ego(tmp_path, scenario) -> None:
 
 
 def test_several_egos_and_values_are_rows_of_the_table(capsys, tmp_path, criteria) -> None:
-    words = ["--policy", "replay", "yield", "--set", "conflict.handback=catch_up,time_shift", "--egos", "7"]
+    """In this scene those behind the ego are under control for less time if their logs may be shifted."""
+    waves = {"recording": str(packaged("scenarios/us101_like.parquet")), "ego": 7, "egos": [7]}
+    words = ["--policy", "replay", "yield", "--set", "conflict.handback=catch_up,time_shift", "--egos", "ego"]
+    words += ["--scenario", scenario_file(tmp_path, "waves", **waves)]
     called("--ego", "idm", "log", *words, "--out", tmp_path / "out", "--criteria", criteria)
     found = results(tmp_path / "out")["rows"]
     rows = ["replay", "yield, handback=catch_up", "yield, handback=time_shift"]
@@ -205,10 +209,10 @@ def test_the_exit_status_is_the_verdict_by_the_criteria(tmp_path, capsys, limit:
     criteria = tmp_path / "criteria.yaml"
     some = {"name": "few", "field": "collision.excess", "max": limit}
     criteria.write_text(yaml.safe_dump({"runs": [some]}))
-    words = ["--policy", "replay", "--egos", "7", "--criteria", criteria, "--out", tmp_path / "out"]
+    words = ["--policy", "replay", "--egos", "ego", "--criteria", criteria, "--out", tmp_path / "out"]
     assert called(*words) == status
     said = capsys.readouterr()
-    assert ("demo/7/idm/replay: failed: few: collision.excess is " in said.err) == bool(status)
+    assert (f"demo/{EGO}/idm/replay: failed: few: collision.excess is " in said.err) == bool(status)
     assert f"{1 - status} passed, {status} failed, 0 errors" in said.out
     found = results(tmp_path / "out")
     assert found["verdict"] == ("failed" if status else "passed")

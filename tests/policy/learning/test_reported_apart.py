@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,9 @@ import litsim_policy
 import litsim_sim
 from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.weights import read_weights
-from litsim_sim.traffic.seeds import CALIBRATION, DEMO_RECORDING, PAPER, REPORTED, TRAINING
+from litsim_sim.recordings.load import load_recording
+from litsim_sim.scenario.scenario import packaged
+from litsim_sim.traffic.seeds import CALIBRATION, DEMO, PAPER, REPORTED, TRAINING
 
 POLICIES = sorted((Path(litsim_policy.__file__).parent / "weights").glob("*.safetensors"))
 REAL = yaml.safe_load((Path(litsim_sim.__file__).parent / "scenarios/us101_0750.yaml").read_text())
@@ -28,7 +31,7 @@ def trained_on(weights: Path) -> dict[str, Any]:
 
 def test_seeds_have_one_use() -> None:
     assert len(TRAINING | CALIBRATION | REPORTED) == len(TRAINING) + len(CALIBRATION) + len(REPORTED)
-    assert len(REPORTED) == len(PAPER) + 2, "one for docs/experiments.md, one for the paper's left turn"
+    assert len(REPORTED) == len(PAPER) + 3, "one each for docs/experiments.md, the demo and the paper's left turn"
     assert POLICIES and SHIPPED
 
 
@@ -68,10 +71,22 @@ def provenance_rows(name: str) -> dict[str, dict[str, int]]:
     return dict(read_weights(name).provenance.manifest["rows"])
 
 
-def test_who_was_trained_on_the_demo_and_how_much_of_it() -> None:
-    """README.md and docs/experiments.md say the same in words: where this changes, they do."""
-    rows = {name: provenance_rows(name) for name in SHIPPED}
-    seen = {name for name in rows if DEMO_RECORDING in rows[name].get("train", {})}
-    assert seen == {"bat", "cs_lstm", "default", "paper"}
-    of_demo = {part: each.get(DEMO_RECORDING, 0) for part, each in rows["default"].items()}
-    assert 0.815 <= of_demo["train"] / sum(of_demo.values()) < 0.825
+def seed_of(file: str) -> int:
+    """Seed of a packaged generated recording, as it says itself."""
+    return int(load_recording(packaged(f"scenarios/{file}")).header.notes["seed"])
+
+
+def test_the_demo_is_of_a_seed_for_reports_alone() -> None:
+    assert seed_of("demo.parquet") == DEMO
+    assert DEMO in REPORTED
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_predictors_did_not_see_the_demo(name: str) -> None:
+    """Of generated traffic they saw the other packaged recording, of another seed."""
+    provenance = read_weights(name).provenance
+    made = [file for source in provenance.training["data"] if source["kind"] == "recording" for file in source["files"]]
+    assert made == ["us101_like.parquet"]
+    assert seed_of("us101_like.parquet") not in REPORTED | CALIBRATION
+    demo = sha256(packaged("scenarios/demo.parquet").read_bytes()).hexdigest()
+    assert demo not in provenance.manifest["files"].values()

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
+from campaigns import EGOS
 from litsim_policy.run.runner import Runner, record
 from litsim_sim.analysis.contacts import Pair, contacts
 from litsim_sim.analysis.metrics import compute_metrics, digest
@@ -27,6 +28,7 @@ DRIVEN = (Controller.POLICY, Controller.EGO)
 
 
 LOADED_LATE = """
+from campaigns import EGOS
 from litsim_policy.run.runner import Runner
 from litsim_sim.core import compiled
 from litsim_sim.scenario.run_info import RunPlan
@@ -186,7 +188,7 @@ def test_even_where_agents_change_hands_nobody_jumps(demo: Scenario, drive, beyo
 @settings(max_examples=6, phases=(Phase.explicit, Phase.reuse, Phase.generate))  # a run is too long to be shrunk
 @example(ego=4, handback="time_shift", kind="brake", deceleration=3.5, duration=4.0)
 @given(
-    st.sampled_from([3, 7, 4]),
+    st.sampled_from(EGOS),
     st.sampled_from(("catch_up", "time_shift")),
     st.sampled_from(["brake", "lane_change"]),
     st.floats(1.0, 6.0),

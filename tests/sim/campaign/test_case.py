@@ -8,10 +8,11 @@ from typing import Any
 
 import pytest
 
-from campaigns import VERSIONS, cases, scenario_file, suite
+from campaigns import DEMO, EGO, VERSIONS, cases, scenario_file, suite
 from litsim_sim.campaign.case import Case, cases_of
 from litsim_sim.campaign.suite import Suite
 from litsim_sim.core.errors import InputError
+from litsim_sim.recordings.recording import Recording
 from litsim_sim.scenario.scenario import Scenario
 
 
@@ -23,7 +24,7 @@ def one(**values: Any) -> Case:
 def test_every_ego_policy_seed_and_value_is_a_case() -> None:
     made = cases(egos=["idm", "log"], seeds=[1, 2], parameters={"conflict.horizon": [2.0, 3.0]})
     assert [case.name for case in made] == [
-        f"demo/7/{ego}/{row[0]}/{seed}{row[1]}"
+        f"demo/{EGO}/{ego}/{row[0]}/{seed}{row[1]}"
         for ego in ("idm", "log")
         for row in (("replay", ""), ("litsim", ", horizon=2.0"), ("litsim", ", horizon=3.0"))
         for seed in (1, 2)
@@ -132,7 +133,7 @@ def test_whole_numbers_are_equal_to_those_with_a_point() -> None:
 def test_more_values_to_try_leave_the_runs_of_the_others_what_they_were() -> None:
     few, many = (cases(policies=["litsim"], parameters={"conflict.horizon": each}) for each in ([2.0], [2.0, 3.0]))
     assert [case.id for case in few] == [case.id for case in many][:1]
-    assert (few[0].name, many[0].name) == ("demo/7/idm/litsim", "demo/7/idm/litsim, horizon=2.0")
+    assert (few[0].name, many[0].name) == (f"demo/{EGO}/idm/litsim", f"demo/{EGO}/idm/litsim, horizon=2.0")
 
 
 @pytest.mark.parametrize(
@@ -153,9 +154,10 @@ def test_another_run_has_another_id_and_is_compared_with_another(other: dict[str
 def test_another_recording_is_another_run(tmp_path: Path) -> None:
     path = scenario_file(tmp_path)
     before = one(cases=[{"scenario": path, "ego_id": 1}])
-    crop = Scenario.load(path).recording
-    crop.table.loc[0, "speed"] += 0.5
-    crop.write(tmp_path / "demo.parquet")
+    recording = Scenario.load(path).recording
+    changed = recording.table.copy()
+    changed.loc[0, "speed"] += 0.5
+    Recording.of_table(recording.header, changed).write(tmp_path / DEMO["recording"])
     after = one(cases=[{"scenario": path, "ego_id": 1}])
     assert after.id != before.id and after.key != before.key
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import bootstrap
 
-from campaigns import CRITERIA, VERSIONS, metrics, scenario_file, suite
+from campaigns import CRITERIA, EGO, EGOS, VERSIONS, metrics, scenario_file, suite
 from litsim_sim.campaign.case import cases_of
 from litsim_sim.campaign.comparison import CampaignComparison, compare_campaigns, paired_interval
 from litsim_sim.campaign.folder import CampaignFolder
@@ -41,8 +41,7 @@ def compared(folder: Path, before: Sequence[Any], after: Sequence[Any], **values
 
 def of_vehicles(count: int) -> dict[str, Any]:
     """The first `count` egos of the demo, with one seed."""
-    egos = [7, 1, 2, 3, 4, 5, 8, 15, 20, 24][:count]
-    return {"cases": [{"scenario": "demo", "egos": egos}], "seeds": [0]}
+    return {"cases": [{"scenario": "demo", "egos": EGOS[:count]}], "seeds": [0]}
 
 
 GOOD, BAD = metrics(at_fault=0), metrics(at_fault=1)
@@ -77,8 +76,8 @@ def test_cases_are_matched_by_all_that_is_no_version(tmp_path: Path) -> None:
     before = campaign(tmp_path / "a", [GOOD, GOOD], egos=[ego[0]])
     after = campaign(tmp_path / "b", [BAD, GOOD, GOOD], sources="c", egos=[ego[1]])
     found = compare_campaigns(before, after)
-    assert [pair.case.name for pair in found.newly_failing] == ["demo/7/mine/litsim/0"]
-    assert [case.name for case in found.only_after] == ["demo/7/mine/litsim/2"] and found.only_before == ()
+    assert [pair.case.name for pair in found.newly_failing] == [f"demo/{EGO}/mine/litsim/0"]
+    assert [case.name for case in found.only_after] == [f"demo/{EGO}/mine/litsim/2"] and found.only_before == ()
     assert found.other_versions == {"sources": ("b", "c")}
 
 
@@ -93,7 +92,7 @@ def test_cases_of_one_name_whose_scenario_is_another_are_not_the_same(tmp_path: 
     )
     found = compare_campaigns(before, after)
     assert found.renamed == ["own/1/idm/litsim/0"]
-    assert [pair.case.name for pair in found.pairs] == ["demo/7/idm/litsim/0"]
+    assert [pair.case.name for pair in found.pairs] == [f"demo/{EGO}/idm/litsim/0"]
 
 
 def test_campaigns_of_other_cases_cannot_be_compared(tmp_path: Path) -> None:
@@ -106,7 +105,7 @@ def test_the_json_links_both_reports_and_says_why(tmp_path: Path) -> None:
     found = compared(tmp_path, [GOOD], [BAD])
     told = json.loads(json.dumps(found.to_json()))["newly_failing"][0]
     before, after = (each.cases[0].id for each in (found.before, found.after))
-    assert told["name"] == "demo/7/idm/litsim/0"
+    assert told["name"] == f"demo/{EGO}/idm/litsim/0"
     assert told["before"]["report"] == str(tmp_path / f"a/runs/{before}/report.html")
     assert told["after"]["report"] == str(tmp_path / f"b/runs/{after}/report.html")
     assert (told["before"]["verdict"], told["after"]["verdict"]) == ("passed", "failed")

@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 import pytest
 from junit2htmlreport.parser import Junit
 
-from campaigns import CRITERIA, VERSIONS, cases, metrics, suite
+from campaigns import CRITERIA, EGO, VERSIONS, cases, metrics, suite
 from litsim_sim.campaign.folder import CampaignFolder
 from litsim_sim.campaign.junit import write_junit
 from litsim_sim.campaign.results import Campaign, RunResult, read_campaign
@@ -35,7 +35,7 @@ def test_another_reader_finds_every_case_and_why_it_did_not_pass(campaign: Campa
     tests = {(test.testclass.name, test.name): test for found in read.suites for test in found.all()}
     assert {name for name in tests if not name[0].startswith("campaign")} == {(c.row, c.name) for c in campaign.cases}
 
-    passed, failed, error, gap = (tests["idm, litsim", f"demo/7/idm/litsim/{seed}"] for seed in (1, 2, 3, 4))
+    passed, failed, error, gap = (tests["idm, litsim", f"demo/{EGO}/idm/litsim/{seed}"] for seed in (1, 2, 3, 4))
     assert not passed.failed() and passed.duration == 1.25
     reason = "no contact at fault: collision.ego_at_fault is 2, expected at most 0"
     assert failed.failure_msg == reason

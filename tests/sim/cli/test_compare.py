@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from campaigns import CRITERIA, VERSIONS, cases, metrics, suite
+from campaigns import CRITERIA, EGO, VERSIONS, cases, metrics, suite
 from litsim_sim.campaign.folder import CampaignFolder
 from litsim_sim.campaign.results import RunResult
 from litsim_sim.cli.compare import main
@@ -40,9 +40,9 @@ def test_a_newly_failing_case_is_status_1_with_both_reports(tmp_path: Path, caps
         main([before, after])
     assert ended.value.code == 1
     out = capsys.readouterr().out
-    assert "1 of 3 newly failing\n  demo/7/idm/litsim/2\n    was passed\n" in out
+    assert f"1 of 3 newly failing\n  demo/{EGO}/idm/litsim/2\n    was passed\n" in out
     assert "    is failed\n      no contact at fault: collision.ego_at_fault is 1, expected at most 0\n" in out
-    assert "1 of 3 newly passing\n  demo/7/idm/litsim/1\n" in out
+    assert f"1 of 3 newly passing\n  demo/{EGO}/idm/litsim/1\n" in out
     for folder in (before, after):
         assert sum(line.strip().startswith(f"{folder}/runs/") for line in out.splitlines()) == 2
         assert f"{folder}/runs/" in out and "report.html" in out

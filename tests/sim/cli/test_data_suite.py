@@ -8,12 +8,13 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from campaigns import scenario_file
 from litsim_sim.campaign.suite import Suite
 from litsim_sim.cli import data
 from litsim_sim.cli.data.suite import find, parse_events
 from litsim_sim.core.errors import EXIT_FAILED, EXIT_INPUT, InputError
 from litsim_sim.mining.events import EventKind
-from litsim_sim.scenario.scenario import Scenario, packaged
+from litsim_sim.scenario.scenario import Scenario
 
 
 def status(*words: str | Path) -> int | None:
@@ -53,12 +54,7 @@ def test_the_hardest_are_at_least_as_hard_as_a_spread(tmp_path: Path) -> None:
 
 
 def test_an_event_in_two_pieces_of_a_recording_is_of_the_first(tmp_path: Path) -> None:
-    recording = packaged("scenarios/us101_like.parquet")
-    shutil.copy(recording, tmp_path)
-    for name, frame in (("first", 0), ("second", 10)):
-        text = packaged("scenarios/demo.yaml").read_text().replace("start_frame: 0", f"start_frame: {frame}")
-        (tmp_path / f"{name}.yaml").write_text(text.replace("egos: [", "tuning: []\negos: [7]\n#"))
-    first, second = (str(tmp_path / f"{name}.yaml") for name in ("first", "second"))
+    first, second = (scenario_file(tmp_path, f"from_{frame}", start_frame=frame) for frame in (0, 10))
     both, alone = find([first, second], [EventKind.LANE_CHANGE]), find([first], [EventKind.LANE_CHANGE])
     assert len(alone) > 2
     moments = {(each.event.ego, each.event.step + Scenario.load(each.scenario).start_frame) for each in both}
@@ -99,18 +95,15 @@ def test_the_default_leaves_out_what_happens_all_the_time() -> None:
 
 def test_a_packed_suite_stands_for_itself(tmp_path: Path) -> None:
     source, out = tmp_path / "source", tmp_path / "packed.yaml"
-    source.mkdir()
-    shutil.copy(packaged("scenarios/us101_like.parquet"), source)
-    text = packaged("scenarios/demo.yaml").read_text().replace("start_frame: 0", "start_frame: 5")
-    (source / "late.yaml").write_text(text.replace("name: demo", "name: late").replace("25.0", "15.0"))
-    asked = (source / "late.yaml", "--events", "lane_change", "--hardest", "2", "--out", out)
+    late = scenario_file(source, "late", start_frame=5, simulation_s=15.0)
+    asked = (late, "--events", "lane_change", "--hardest", "2", "--out", out)
     assert status(*asked) == 0
     plain = Suite.load(out)
     assert status(*asked, "--pack") == 0
-    before = Scenario.load(source / "late.yaml")
+    before = Scenario.load(late)
     shutil.rmtree(source)
     packed = Suite.load(out)
-    assert {case.scenario for case in packed.cases} == {str(tmp_path / "packed" / "late.yaml")}
+    assert {case.scenario for case in packed.cases} == {str(tmp_path / "packed" / f"{before.name}.yaml")}
     assert [(case.ego_id, case.events) for case in packed.cases] == [(case.ego_id, case.events) for case in plain.cases]
     after = Scenario.load(packed.cases[0].scenario)
     assert (after.start_frame, after.total_steps, after.egos) == (5, 180, before.egos)

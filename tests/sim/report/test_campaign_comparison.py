@@ -9,7 +9,7 @@ from typing import Any
 
 from rich.console import Console
 
-from campaigns import CRITERIA, VERSIONS, cases, metrics, suite
+from campaigns import CRITERIA, EGO, EGOS, VERSIONS, cases, metrics, suite
 from litsim_sim.campaign.comparison import compare_campaigns
 from litsim_sim.campaign.criteria import Criteria
 from litsim_sim.campaign.folder import CampaignFolder
@@ -54,7 +54,8 @@ def test_other_criteria_are_said(tmp_path: Path) -> None:
 
 def test_a_case_that_was_not_run_fails_newly(tmp_path: Path) -> None:
     before, after = campaign(tmp_path / "a", [metrics()]), campaign(tmp_path / "b", [None])
-    assert "1 of 1 newly failing\n  demo/7/idm/litsim/0\n    was passed\n    is not run\n" in printed(before, after)
+    said = printed(before, after)
+    assert f"1 of 1 newly failing\n  demo/{EGO}/idm/litsim/0\n    was passed\n    is not run\n" in said
 
 
 def test_a_long_list_is_cut_and_said_to_be(tmp_path: Path) -> None:
@@ -64,7 +65,7 @@ def test_a_long_list_is_cut_and_said_to_be(tmp_path: Path) -> None:
     assert "and 3 more (--all)" in (short := printed(before, after))
     assert f"/{count - 1}\n" not in short
     whole = printed(before, after, everything=True)
-    assert f"demo/7/idm/litsim/{count - 1}\n" in whole and "more" not in whole
+    assert f"demo/{EGO}/idm/litsim/{count - 1}\n" in whole and "more" not in whole
 
 
 def test_cases_of_one_campaign_and_those_failing_in_both_are_counted(tmp_path: Path) -> None:
@@ -72,7 +73,7 @@ def test_cases_of_one_campaign_and_those_failing_in_both_are_counted(tmp_path: P
     after = campaign(tmp_path / "b", [metrics(), metrics(at_fault=1), metrics()], seeds=[0, 1, 5])
     said = printed(before, after)
     assert "1 pass in neither" in said
-    assert f"only in {tmp_path}/b: 1, such as demo/7/idm/litsim/5" in said and f"only in {tmp_path}/a" not in said
+    assert f"only in {tmp_path}/b: 1, such as demo/{EGO}/idm/litsim/5" in said and f"only in {tmp_path}/a" not in said
 
 
 def test_what_a_case_that_failed_before_fails_by_newly_is_told(tmp_path: Path) -> None:
@@ -90,15 +91,15 @@ def test_what_a_case_that_failed_before_fails_by_newly_is_told(tmp_path: Path) -
         both.append(read_campaign(tmp_path / name))
     said = printed(*both)
     assert "3 pass in neither\n2 of these fail by more than before\n" in said
-    assert "demo/7/idm/litsim/0\n    progress_m at least 5: progress_m is 2, expected at least 5\n" in said
-    assert "demo/7/idm/litsim/2\n    is error: no answer to step 3\n" in said and "litsim/1\n" not in said
+    assert f"demo/{EGO}/idm/litsim/0\n    progress_m at least 5: progress_m is 2, expected at least 5\n" in said
+    assert f"demo/{EGO}/idm/litsim/2\n    is error: no answer to step 3\n" in said and "litsim/1\n" not in said
     told = compare_campaigns(*both).to_json()["worse"]
     assert [each["newly_missed"] for each in told] == [["progress_m at least 5"], []]
     assert "fail by more" not in printed(*both[::-1]) and compare_campaigns(*both[::-1]).worse == []
 
 
 def test_measures_that_have_hardly_changed_are_shown_on_request(tmp_path: Path) -> None:
-    asked = {"cases": [{"scenario": "demo", "egos": [7, 1, 2, 3]}], "seeds": [0]}
+    asked = {"cases": [{"scenario": "demo", "egos": EGOS[:4]}], "seeds": [0]}
     both = ("a", (1.0, 2.0, 3.0, 4.0)), ("b", (2.0, 1.0, 4.0, 3.0))
     before, after = (
         campaign(tmp_path / name, [metrics(progress_m=value, takeovers=3) for value in values], **asked)

@@ -55,7 +55,7 @@ def test_a_file_that_is_missing_or_of_another_log(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read as what happened"):
         Happened.read(tmp_path, scene)
     Happened(np.zeros((2, 4, 3)), np.ones((2, 4), np.bool_), np.empty((0, 3), np.int64)).write(file_of(tmp_path, scene))
-    with pytest.raises(InputError, match="2 agents, expected the 93"):
+    with pytest.raises(InputError, match=f"2 agents, expected the {len(scene.log.ids)} of the log"):
         Happened.read(tmp_path, scene)
 
 

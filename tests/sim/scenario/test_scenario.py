@@ -59,26 +59,30 @@ def refusal(tmp_path: Path, fields: dict[str, Any]) -> str:
 
 def test_demo(demo: Scenario) -> None:
     assert packaged_scenarios() == ("demo", "us101_0750")
-    assert (demo.name, demo.ego_id, demo.roi_m, demo.seed) == ("demo", 7, 30.0, 0)
+    assert (demo.name, demo.ego_id, demo.roi_m, demo.seed) == ("demo", 6, 30.0, 0)
     assert (demo.history_steps, demo.total_steps, demo.shortened, demo.start_frame) == (30, 280, False, 0)
     assert demo.net_path.name == "us101_like.net.xml"
     row = demo.log.row(demo.ego_id)
     assert demo.log.valid[row].all()
     at = demo.lane_map.nearest(demo.log.x[row], demo.log.y[row], demo.log.yaw[row])
     lanes = [demo.lane_map.lanes[i] for i in at.lane]
-    assert all(lane.left and lane.right for lane in lanes)
+    assert all(lane.right and not lane.left for lane in lanes)
+    frames = demo.recording.table.groupby("vehicle_id")["frame"]
+    stay = (frames.min() == 0) & (frames.max() == demo.total_steps)
+    assert set(demo.egos) == set(stay.index[stay])
     assert demo.egos[0] == demo.ego_id
     assert demo.tuning_egos == ()
     assert set(demo.egos) < set(demo.possible_egos) < set(demo.log.ids.tolist())
 
 
-def test_demo_ego_has_a_follower_and_neighbours(demo: Scenario) -> None:
-    for step in range(0, demo.total_steps + 1, 10):
+def test_demo_ego_drives_in_a_queue_with_neighbours_to_its_right(demo: Scenario) -> None:
+    for step in range(0, demo.total_steps, 10):  # the one ahead leaves the recorded stretch with the last step
         table = demo.log.table(step)
         ego = table.row(demo.ego_id)
         ahead, left = table.x - table.x[ego], table.y - table.y[ego]
-        assert ((np.abs(left) < 1.8) & (ahead < -5) & (ahead > -50)).any()
-        assert ((np.abs(left - 3.66) < 1.8) & (np.abs(ahead) < 25)).any()
+        in_lane = np.abs(left) < 1.8
+        assert (in_lane & (ahead < -5) & (ahead > -25)).any()
+        assert (in_lane & (ahead > 5) & (ahead < 25)).any()
         assert ((np.abs(left + 3.66) < 1.8) & (np.abs(ahead) < 25)).any()
 
 
@@ -333,7 +337,7 @@ def test_defects_of_the_recording_are_reported(tmp_path: Path, fields: dict[str,
 
 
 def test_log_holds_what_was_recorded(demo: Scenario) -> None:
-    log, rows = demo.log, EMBEDDED.table.groupby("frame").get_group(123)
+    log, rows = demo.log, load_recording(packaged("scenarios/demo.parquet")).table.groupby("frame").get_group(123)
     table = log.table(123)
     assert table.step == 123
     assert (table.controller == Controller.LOG).all()

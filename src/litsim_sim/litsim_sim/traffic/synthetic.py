@@ -23,7 +23,7 @@ from litsim_sim.traffic.motion import Smoothness, smooth_motion
 from litsim_sim.traffic.sites import US101_LIKE
 from litsim_sim.traffic.traffic import Observation, Site, observe
 
-DEFAULT_SEED = 17  # that of the packaged recording
+DEFAULT_SEED = 17  # that of the packaged us101_like.parquet, on which predictors are trained
 DEFAULT_SECONDS = 28.1  # [s] 281 frames: steps 0 to 280
 STRETCH = (US101_LIKE.window[0], US101_LIKE.window[2])  # [m] of x in which vehicles of us101_like are recorded
 MARGIN_S = 8.0  # [s] observed before and after, so that filters have run in: they are metres long, and some creep
