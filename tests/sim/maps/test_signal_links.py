@@ -84,7 +84,7 @@ def test_who_stops_on_the_line_has_not_passed(links: tuple[SignalLink, ...]) -> 
 
 
 @pytest.mark.parametrize(("back", "times"), [(0.05, 1), (0.9, 1), (1.1, 7)])
-def test_who_rocks_to_and_fro_beyond_the_line_passes_once_and_who_comes_back_to_it_again(
+def test_who_rocks_back_and_forth_beyond_the_line_passes_once_and_who_comes_back_to_it_again(
     links: tuple[SignalLink, ...], back: float, times: int
 ) -> None:
     x, y, yaw = drive(np.array([[-150.0, -4.95], [-80.0, -4.95]]))

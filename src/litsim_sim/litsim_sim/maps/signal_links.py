@@ -158,8 +158,9 @@ def crossings(
     """Passages of the stop lines of `links`.
 
     A line is passed when the front centre gets `PASSED` beyond it, in the direction of the lane. Recorded vehicles that
-    stand there rock to and fro: one passes the last time that it does so without being back at the line. The connection
-    is determined after the junction; for a vehicle that is not seen there, by the exit that it came nearest to.
+    stand there rock back and forth: one passes the last time that it does so without being back at the line. The
+    connection is determined after the junction; for a vehicle that is not seen there, by the exit that it came nearest
+    to.
 
     Args:
         links: connections.
