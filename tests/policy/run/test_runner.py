@@ -28,7 +28,6 @@ DRIVEN = (Controller.POLICY, Controller.EGO)
 
 
 LOADED_LATE = """
-from campaigns import EGOS
 from litsim_policy.run.runner import Runner
 from litsim_sim.core import compiled
 from litsim_sim.scenario.run_info import RunPlan
