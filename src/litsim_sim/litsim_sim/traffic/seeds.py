@@ -19,7 +19,7 @@ LEFT_TURNS = 78000
 """Street that is searched for the left turn of the paper's case studies."""
 
 DEMO = 9119
-"""Recording of scenario demo, the first one from 9100 on in which exactly ten cars stay from first frame to last."""
+"""Recording of scenario demo, the first from 9100 on in which exactly ten vehicles stay from first frame to last."""
 
 REPORTED = frozenset({9000, DEMO, *PAPER, LEFT_TURNS})
 """Results are reported on these, which are used for nothing else."""

@@ -24,7 +24,7 @@ DEVELOPMENT_DATA: tuple[Source, ...] = (
     # Few, but the only real scenes in which every vehicle is seen.
     Us101WindowSource(kind="us101_windows", file=WINDOWS, test_frames=TEST_FRAMES, share=4.0),
     I80LaneSource(kind="i80_lanes", file="ngsim/i80_lanes_1_7_longitudinal.parquet", share=0.25),
-    RecordingSource(kind="recording", files=("us101_like.parquet",), share=0.5),  # the embedded recording
+    RecordingSource(kind="recording", files=("us101_like.parquet",), share=0.5),  # packaged; not that of scenario demo
 )
 
 
