@@ -28,7 +28,7 @@ from litsim_sim.ros.cdr import run_id_of, stamp_ns, without_padding
 from litsim_sim.ros.definitions import definition, type_hash, type_name
 from litsim_sim.ros.endpoints import Endpoints, publisher_on, subscribe
 from litsim_sim.ros.parameters import read_parameters
-from litsim_sim.ros.process import process, spin
+from litsim_sim.ros.process import interrupt_nobody, process, spin
 from litsim_sim.ros.topics import FOREIGN, HELLO, LANES, RECORDED, RECORDED_TOPICS, RUN_INFO, STATUS, Topic
 from litsim_sim.scenario.scenario import Scenario
 
@@ -238,15 +238,9 @@ def step_of(topic: Topic, data: bytes) -> int:
 
 
 def give_way() -> None:
-    """Let other processes go first; to be called before threads are started, which inherit it.
-
-    Each message wakes a thread that receives it. With SCHED_BATCH it waits for a processor to be free, instead of
-    interrupting a stage.
-    """
+    """Let other processes go first; to be called before threads are started, which inherit it."""
     os.nice(NICENESS)
-    if os.sched_getscheduler(0) == os.SCHED_OTHER:  # else the user has chosen
-        with suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    interrupt_nobody()
 
 
 def let_other_sessions_go_first() -> None:
