@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import lru_cache
 
 import numpy as np
 import shapely
@@ -15,7 +14,6 @@ from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.geometry import box_corners, wrap_angle
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.core.steps import Steps
-from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.record.run import Run
 
 STOPPED_SPEED = 0.05  # [m/s] up to which a vehicle counts as stopped (nuPlan)
@@ -102,7 +100,7 @@ def collisions(run: Run, in_lane: InLane | None = None) -> Collisions:
     tables, ego = run.simulated, run.info.ego_id
     found, logged = tuple(contacts(tables, run.info.dt)), LogContacts(run)
     in_log = tuple(map(logged.excuse, found))
-    by_step, axle = {table.step: table for table in tables}, _rear_axle_in(run.scenario_yaml or run.info.scenario_yaml)
+    by_step, axle = {table.step: table for table in tables}, _rear_axle_of(run)
     telling = _first(each for _, each in sorted(zip(in_log, found, strict=True), key=lambda pair: pair[0]))
     mine = sorted((step, pair) for pair, step in telling.items() if ego in pair)
     return Collisions(
@@ -117,11 +115,9 @@ def collisions(run: Run, in_lane: InLane | None = None) -> Collisions:
     )
 
 
-@lru_cache(maxsize=16)
-def _rear_axle_in(scenario_yaml: str) -> float:
-    """Distance of the ego's rear axle behind its box centre, as a share of its length, in the text of a scenario."""
-    said = load_yaml(scenario_yaml, "scenario")
-    vehicle = said.get("vehicle") if isinstance(said, dict) else None
+def _rear_axle_of(run: Run) -> float:
+    """Distance of the ego's rear axle behind its box centre, as a share of its length, by the run's scenario."""
+    vehicle = run.scenario.get("vehicle")
     return float(vehicle.get("rear_axle", REAR_AXLE)) if isinstance(vehicle, dict) else REAR_AXLE
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Set
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +42,6 @@ from litsim_sim.analysis.timing import StageTime, Timing, timing
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ARRAY_FIELDS, Controller, Kind
 from litsim_sim.io.files import replacing
-from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.record.digest import RunDigest
 from litsim_sim.record.run import LOST_ATTACHMENTS, Run
 
@@ -122,13 +120,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
 
 def roi_of(run: Run) -> float:
     """Radius [m] of the region of interest of the run's scenario."""
-    return _roi_in(run.scenario_yaml or run.info.scenario_yaml)
-
-
-@lru_cache(maxsize=16)
-def _roi_in(scenario_yaml: str) -> float:
-    said = load_yaml(scenario_yaml, "scenario")
-    return float(said.get("roi_m", ROI_M) if isinstance(said, dict) else ROI_M)
+    return float(run.scenario.get("roi_m", ROI_M))
 
 
 def digest(run: Run) -> str:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -191,6 +191,11 @@ class Run:
     def logged(self) -> Steps:
         """Logged agents of the same steps likewise; the same object for runs that have their log in common."""
         return Steps.of(self.log)
+
+    @property
+    def scenario(self) -> Mapping[str, Any]:
+        """Fields of the resolved scenario, by name; empty without one."""
+        return _scenario_fields(self.scenario_yaml or self.info.scenario_yaml)
 
     @property
     def simulated(self) -> Steps:
@@ -425,6 +430,13 @@ def _scenario_yaml(reader: BagReader) -> str:
         return reader.attachments.get(SCENARIO_FILE, b"").decode()
     except UnicodeDecodeError as error:
         raise InputError(f"{reader.path}: attachment {SCENARIO_FILE}: no UTF-8 text: {error}") from error
+
+
+@lru_cache(maxsize=16)
+def _scenario_fields(scenario_yaml: str) -> Mapping[str, Any]:
+    """The fields in the text of a scenario; cached, as many runs have it in common."""
+    said = load_yaml(scenario_yaml, "scenario")
+    return said if isinstance(said, dict) else {}
 
 
 def start_frame(scenario_yaml: str, bag: Path) -> int:
