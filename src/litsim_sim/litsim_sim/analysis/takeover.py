@@ -276,7 +276,6 @@ def _entry(run: Run, episode: list[tuple[int, Takeover]], replay: ReplayContact 
     (first_step, first), (last_step, last) = episode[0], episode[-1]
     back = (step for step, record in episode if record.state == TakeoverState.HANDBACK)
     logged = last.residual_position >= 0  # -1 stands for no logged pose
-    predicted = first.reason == TakeoverReason.CONFLICT  # else both numbers are placeholders
     return LedgerEntry(
         agent=first.agent,
         opponent=first.opponent,
@@ -285,8 +284,8 @@ def _entry(run: Run, episode: list[tuple[int, Takeover]], replay: ReplayContact 
         handback_step=next(back, None),
         released_step=last_step if last.state == TakeoverState.RELEASED else None,
         held_s=round((min(last_step + 1, run.tables[-1].step) - first_step) * run.info.dt, 6),
-        time_to_conflict=first.time_to_conflict if predicted else None,
-        overlap_probability=first.overlap_probability if predicted else None,
+        time_to_conflict=first.time_to_conflict if first.predicted else None,
+        overlap_probability=first.overlap_probability if first.predicted else None,
         log_collision_predicted=bool(first.log_collision_predicted),
         replay=replay,
         residual_position=last.residual_position if logged else None,

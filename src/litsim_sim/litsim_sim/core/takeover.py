@@ -74,6 +74,11 @@ class Takeover:
     path_source: PathSource = PathSource.ROUTE
     time_shift: float = 0.0
 
+    @property
+    def predicted(self) -> bool:
+        """Whether a conflict was predicted; else `time_to_conflict` and `overlap_probability` are placeholders."""
+        return self.reason == TakeoverReason.CONFLICT
+
 
 @quickly_made
 @dataclass(frozen=True)

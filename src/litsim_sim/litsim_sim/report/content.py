@@ -12,7 +12,7 @@ from litsim_sim.core.colours import Mode
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray, Kind
 from litsim_sim.core.signals import SignalState
-from litsim_sim.core.takeover import Takeover, TakeoverReason
+from litsim_sim.core.takeover import Takeover
 from litsim_sim.maps.net_lanes import Lane
 from litsim_sim.record.run import Run
 from litsim_sim.report.forecasts import Forecasts
@@ -178,15 +178,14 @@ def _takeovers(run: Run, tracks: Tracks, origin: FloatArray) -> dict[str, Any]:
 
 def _takeover(record: Takeover, path: int, origin: FloatArray) -> dict[str, Any]:
     pose, goal = (np.array(place) - [*origin, 0.0] for place in (record.conflict_pose, record.goal_pose))
-    predicted = record.reason == TakeoverReason.CONFLICT
     return {
         "agent": record.agent,
         "opponent": record.opponent,
         "state": record.state.name.lower(),
         "reason": record.reason.name.lower(),
         "detected": record.detected_step,
-        "ttc": _plain(record.time_to_conflict) if predicted else None,
-        "probability": _plain(record.overlap_probability) if predicted else None,
+        "ttc": _plain(record.time_to_conflict) if record.predicted else None,
+        "probability": _plain(record.overlap_probability) if record.predicted else None,
         "pose": [_plain(v, 3) for v in pose] if np.isfinite(pose).all() else None,
         "goal": [_plain(v) for v in goal[:2]] if np.isfinite(goal).all() else None,
         "path": path,
