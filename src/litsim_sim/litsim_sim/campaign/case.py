@@ -74,6 +74,11 @@ class Case:
         return hash(self.id)
 
     @property
+    def vehicle(self) -> tuple[str, int]:
+        """The vehicle that is the ego: its scenario and id."""
+        return self.scenario, self.ego_id
+
+    @property
     def row(self) -> str:
         """Name of the row of tables that the run is counted in: ego, policy and label."""
         return ", ".join(part for part in (self.ego.name, self.policy, self.label) if part)

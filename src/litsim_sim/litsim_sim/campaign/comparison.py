@@ -35,11 +35,6 @@ class Pair:
     after: RunResult | None
 
     @property
-    def vehicle(self) -> tuple[str, int]:
-        """The vehicle that is the ego: its scenario and id."""
-        return self.case.scenario, self.case.ego_id
-
-    @property
     def newly_failing(self) -> bool:
         """Whether it passed and does not any more, for any reason; one is that it has not been run."""
         return _passed(self.before) and not _passed(self.after)
@@ -144,7 +139,7 @@ class CampaignComparison:
     @property
     def vehicles(self) -> int:
         """Number of vehicles that are the ego of any pair."""
-        return len({pair.vehicle for pair in self.pairs})
+        return len({pair.case.vehicle for pair in self.pairs})
 
     @property
     def other_versions(self) -> dict[str, tuple[str | None, str | None]]:
@@ -264,10 +259,10 @@ def _changes(pairs: Sequence[Pair]) -> list[Change]:
 
     Runs that could not be judged have no measures, but count as not passed.
     """
-    vehicles = {vehicle: number for number, vehicle in enumerate(dict.fromkeys(pair.vehicle for pair in pairs))}
+    vehicles = {vehicle: number for number, vehicle in enumerate(dict.fromkeys(pair.case.vehicle for pair in pairs))}
     columns: dict[str, list[tuple[float, float, int]]] = {PASSED: []}
     for pair in pairs:
-        number = vehicles[pair.vehicle]
+        number = vehicles[pair.case.vehicle]
         columns[PASSED].append((float(_passed(pair.before)), float(_passed(pair.after)), number))
         before, after = _measures(pair.before), _measures(pair.after)
         for name in before:

@@ -27,10 +27,10 @@ def row_bounds(results: Sequence[RunResult]) -> Bounds:
     Args:
         results: of the runs of a row.
     """
-    vehicles = list(dict.fromkeys((result.case.scenario, result.case.ego_id) for result in results))
+    vehicles = list(dict.fromkeys(result.case.vehicle for result in results))
     if len(vehicles) < 2:
         return {}
-    own = [vehicles.index((result.case.scenario, result.case.ego_id)) for result in results]
+    own = [vehicles.index(result.case.vehicle) for result in results]
     times = times_drawn(len(vehicles))[:, own]
     found = {
         name: percentile_bounds(times @ above if below is None else ratios(times @ above, times @ below))
