@@ -11,6 +11,7 @@ from litsim_sim.analysis.lanes import lane_map_of
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller
 from litsim_sim.io.files import replacing
+from litsim_sim.maps.net_lanes import lanes_from_left
 from litsim_sim.record.run import Run, start_frame
 from litsim_sim.recordings.recording import COLUMNS
 
@@ -51,11 +52,8 @@ def _lanes(run: Run, rows: pd.DataFrame) -> np.ndarray:
     if lane_map is None or rows.empty:
         return np.full(len(rows), -1)
     at = lane_map.nearest(*(rows[name].to_numpy() for name in ("x", "y", "yaw")))
-    leftmost: dict[str, int] = {}  # footpaths to the right have positions, too
-    for lane in lane_map.lanes:
-        leftmost[lane.edge_id] = max(leftmost.get(lane.edge_id, 0), lane.index)
-    from_left = [-1 if lane.is_internal else leftmost[lane.edge_id] - lane.index + 1 for lane in lane_map.lanes]
-    return np.array(from_left)[at.lane]
+    from_left = np.array(lanes_from_left(lane_map.lanes))[at.lane]
+    return np.where(from_left == 0, -1, from_left)
 
 
 def write(rows: pd.DataFrame, out: Path) -> None:

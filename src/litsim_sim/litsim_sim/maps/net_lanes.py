@@ -53,6 +53,17 @@ class Lane:
     is_internal: bool
 
 
+def lanes_from_left(lanes: Sequence[Lane]) -> list[int]:
+    """Numbers of `lanes` counted from the left of their edges, 1 first; 0 inside junctions.
+
+    Lanes that are not among them, such as footpaths to the right, have positions in their edges all the same.
+    """
+    count: dict[str, int] = {}
+    for lane in lanes:
+        count[lane.edge_id] = max(count.get(lane.edge_id, 0), lane.index + 1)
+    return [0 if lane.is_internal else count[lane.edge_id] - lane.index for lane in lanes]
+
+
 def read_lanes(path: Path) -> list[Lane]:
     """The lanes of a SUMO net that cars may use, those inside junctions included.
 

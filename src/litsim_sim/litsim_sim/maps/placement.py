@@ -9,7 +9,7 @@ import pandas as pd
 
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.maps.net_lanes import Lane
+from litsim_sim.maps.net_lanes import lanes_from_left
 
 WORST = 10  # vehicles whose worst miss is reported, at most
 
@@ -123,21 +123,16 @@ def lane_numbers(lane_map: LaneMap) -> IntArray:
     A ramp (an edge of one lane that runs into or comes out of one lane of several) goes on with the number of that
     lane.
     """
-    count: dict[str, int] = {}
-    for lane in lane_map.lanes:
-        count[lane.edge_id] = max(count.get(lane.edge_id, 0), lane.index + 1)
-
-    def number(lane: Lane) -> int:
-        return 0 if lane.is_internal else count[lane.edge_id] - lane.index
-
-    numbers = [number(lane) for lane in lane_map.lanes]
+    from_left = lanes_from_left(lane_map.lanes)
+    alone = [number == 1 and lane.index == 0 for lane, number in zip(lane_map.lanes, from_left, strict=True)]
+    numbers = from_left.copy()
     for row, lane in enumerate(lane_map.lanes):
         for name in lane.successors:
             after = lane_map.row(name)
             if lane.is_internal or lane_map.lanes[after].is_internal:
                 continue
-            if count[lane.edge_id] == 1:
-                numbers[row] = max(numbers[row], number(lane_map.lanes[after]))
-            if count[lane_map.lanes[after].edge_id] == 1:
+            if alone[row]:
+                numbers[row] = max(numbers[row], from_left[after])
+            if alone[after]:
                 numbers[after] = max(numbers[after], numbers[row])
     return np.array(numbers, np.int64)

@@ -16,6 +16,7 @@ from litsim_sim.core.geometry import overlapping_pairs
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.signals import OF_SUMO
 from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.maps.net_lanes import lanes_from_left
 from litsim_sim.maps.signal_links import read_links
 from litsim_sim.recordings.recording import Recording, RecordingHeader
 from litsim_sim.traffic.drivers import SUMO_DEFAULT, Behaviour, calibrated
@@ -202,11 +203,8 @@ def _lane_from_left(site: Site, table: pd.DataFrame) -> np.ndarray:
     """(n,) lane counted from the left edge of its road, 1 first; -1 inside junctions."""
     lane_map = LaneMap.from_net(site.net)
     at = lane_map.nearest(*(table[name].to_numpy() for name in ("x", "y", "yaw")))
-    lanes = {lane.edge_id: 0 for lane in lane_map.lanes}
-    for lane in lane_map.lanes:
-        lanes[lane.edge_id] += 1
     numbers = [
-        -1 if lane.is_internal else site.lane_of_edge.get(lane.edge_id, lanes[lane.edge_id] - lane.index)
-        for lane in lane_map.lanes
+        -1 if lane.is_internal else site.lane_of_edge.get(lane.edge_id, from_left)
+        for lane, from_left in zip(lane_map.lanes, lanes_from_left(lane_map.lanes), strict=True)
     ]
     return np.array(numbers)[at.lane]
