@@ -19,12 +19,9 @@ CROSSING = np.sin(np.deg2rad(45.0))  # of the angle between two approaches, abov
 
 def conflicting_pairs(links: Sequence[SignalLink]) -> list[tuple[int, int]]:
     """Positions in `links` of the pairs of connections that conflict, see :attr:`.SignalLink.foes`."""
-    return [
-        (i, i + 1 + k)
-        for i, one in enumerate(links)
-        for k, other in enumerate(links[i + 1 :])
-        if other.junction == one.junction and (other.name in one.foes or one.name in other.foes)
-    ]
+    place = {link.name: k for k, link in enumerate(links)}
+    both = ((place[foe], k) for k, link in enumerate(links) for foe in link.foes if foe in place)
+    return sorted({(min(pair), max(pair)) for pair in both})
 
 
 def may_give_way(one: SignalLink, other: SignalLink) -> bool:

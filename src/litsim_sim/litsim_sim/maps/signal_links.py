@@ -89,9 +89,10 @@ def _foes(connections: Sequence[Any]) -> list[tuple[str, ...]]:
     for places in at.values():
         junction = connections[places[0]].getFrom().getToNode()
         index = {place: junction.getLinkIndex(connections[place]) for place in places}
+        name = {place: _name(connections[place]) for place in places}
         for place in places:
             found[place] = tuple(
-                _name(connections[other])
+                name[other]
                 for other in places
                 if connections[other].getFrom() is not connections[place].getFrom()
                 and _are_foes(junction, index[place], index[other])
