@@ -159,6 +159,24 @@ def test_twist(target: TwistTarget, expected: tuple[float, float]) -> None:
     assert follow_twist(target, ego, VehicleModel()) == pytest.approx(expected)
 
 
+@pytest.mark.parametrize(("speed", "target"), [(5.0, 45.0), (1.0, 0.0), (5.0, -20.0)])
+def test_a_target_speed_out_of_reach_costs_no_yaw_rate(speed: float, target: float) -> None:
+    """What the vehicle can turn in a step depends on the speed that it has in that step."""
+    ego, model = EgoState(0.0, 0.0, 0.0, 0.0, speed, LENGTH), VehicleModel()
+    asked = follow_twist(TwistTarget(target, 9.0), ego, model)
+    motion = Motion(*(np.array([v]) for v in (ego.x, ego.y, ego.yaw, ego.speed, 0.0, 0.0)))
+    turned = [
+        float(bicycle_step(motion, np.array([LENGTH]), np.array([asked[0]]), np.array([rate]), model).yaw_rate[0])
+        for rate in (asked[1], 9.0)
+    ]
+    assert turned[0] == turned[1] > 0.1
+
+
+def test_a_trajectory_that_is_too_fast_is_steered_to_all_the_same() -> None:
+    model, ego = VehicleModel(), EgoState(0.0, 0.0, -1.0, -0.5, 5.0, LENGTH)
+    assert Reference(straight(30.0), ego).command(ego, model) == pytest.approx(model.within(9.0, 9.0, 5.2))
+
+
 def test_twist_settles_behind_slow_actuators() -> None:
     model = VehicleModel(delay_s=0.3, lag_s=0.3)
     actuators, speed, seen = Actuators(model), 10.0, []

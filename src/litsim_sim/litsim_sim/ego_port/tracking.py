@@ -51,9 +51,13 @@ class Trajectory:
 
 
 def follow_twist(target: TwistTarget, ego: EgoState, vehicle: VehicleModel) -> tuple[float, float]:
-    """Acceleration and yaw rate: the target is reached in one step, slower behind actuators, within the limits."""
+    """Acceleration and yaw rate: the target is reached in one step, slower behind actuators, within the limits.
+
+    The yaw rate is cut to the limit at the mean speed of the step, not at a target speed that the step cannot reach.
+    """
     acceleration = (max(target.speed, 0.0) - ego.speed) / (STEP_S + 3.0 * vehicle.reaction_s)
-    return vehicle.within(acceleration, target.yaw_rate, ego.speed + 0.5 * STEP_S * acceleration)
+    possible, _ = vehicle.within(acceleration, target.yaw_rate, ego.speed)
+    return vehicle.within(possible, target.yaw_rate, ego.speed + 0.5 * STEP_S * possible)
 
 
 class Reference:
@@ -138,7 +142,8 @@ class Reference:
             + bandwidth**2 * e_along
         )
         yaw_rate = rate + bandwidth**2 * e_across / max(ego.speed, SLOW) + 2.0 * bandwidth * float(np.sin(e_heading))
-        return vehicle.within(acceleration, yaw_rate, ego.speed + 0.5 * STEP_S * max(acceleration, 0.0))
+        possible, _ = vehicle.within(acceleration, yaw_rate, ego.speed)
+        return vehicle.within(possible, yaw_rate, ego.speed + 0.5 * STEP_S * max(possible, 0.0))
 
     def _offset(self, time: float, ego: EgoState) -> tuple[float, float]:
         """Vector from the ego to the trajectory at `time` [m], in frame map."""
