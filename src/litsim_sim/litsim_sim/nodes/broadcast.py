@@ -48,6 +48,7 @@ class Broadcast:
         topics = (*PUBLISHED, *of_signals(plan.scenario))
         self._publishers = {topic: publisher_on(node, topic) for topic in topics}
         self._scene: list[tuple[Topic, Any]] = []
+        self._without_objects: AgentTable | None = None  # the last step shown, if its objects have not been published
 
     def begin(self, info: RunInfo) -> None:
         """Publish the messages for the whole run."""
@@ -73,13 +74,24 @@ class Broadcast:
         if (signals := self._plan.scenario.signals) is not None:
             shown = messages.signals_to_message(signals.table(table.step), self._plan.run_id)
             self._scene.append(self._publish(SIGNALS, shown))
-        if table.step == 0 or self._publishers[OBJECTS].get_subscription_count():
-            self._scene.append(self._publish(OBJECTS, standard.objects(table, ego_id)))
+        self._without_objects = table
+        if table.step == 0 or self._are_objects_heard:
+            self._show_objects(table)
 
     def repeat(self) -> None:
-        """Publish the last step shown again."""
+        """Publish the last step shown again; its objects, too, if a subscriber has come since, such as a new stack."""
         for topic, message in self._scene:
             self._publish(topic, message)
+        if self._without_objects is not None and self._are_objects_heard:
+            self._show_objects(self._without_objects)
+
+    @property
+    def _are_objects_heard(self) -> bool:
+        return bool(self._publishers[OBJECTS].get_subscription_count())
+
+    def _show_objects(self, table: AgentTable) -> None:
+        self._scene.append(self._publish(OBJECTS, standard.objects(table, self._plan.scenario.ego_id)))
+        self._without_objects = None
 
     def _publish(self, topic: Topic, message: Any) -> tuple[Topic, Any]:
         self._publishers[topic].publish(message)

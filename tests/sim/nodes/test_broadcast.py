@@ -1,0 +1,55 @@
+"""What the bridge publishes of a step, with publishers that only take note."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from litsim_sim.nodes.broadcast import Broadcast
+from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
+from litsim_sim.scenario.scenario import Scenario
+
+
+class Notes:
+    """A node and all its publishers: notes the topics and stamps of what is published."""
+
+    def __init__(self) -> None:
+        self.published: list[tuple[str, int]] = []
+        self.subscribers: dict[str, int] = {}
+
+    def create_publisher(self, _: Any, topic: str, *__: Any, **___: Any) -> Any:
+        return _Publisher(self, topic)
+
+    def steps(self, topic: str) -> list[int]:
+        """Steps of the messages on `topic` since the last call for any topic."""
+        found, self.published = [step for name, step in self.published if name == topic], []
+        return found
+
+
+class _Publisher:
+    def __init__(self, notes: Notes, topic: str) -> None:
+        self._notes, self._topic = notes, topic
+
+    def publish(self, message: Any) -> None:
+        stamp = message.header.stamp if hasattr(message, "header") else message.clock
+        self._notes.published.append((self._topic, 10 * stamp.sec + stamp.nanosec // 100_000_000))
+
+    def get_subscription_count(self) -> int:
+        return self._notes.subscribers.get(self._topic, 0)
+
+
+def test_objects_reach_a_stack_that_is_started_while_a_step_waits_for_it() -> None:
+    scenario, notes = Scenario.load("demo"), Notes()
+    broadcast = Broadcast(notes, RunPlan(scenario, EXTERNAL, "replay"))
+    for step in (0, 1):
+        broadcast.show(scenario.log.table(step))
+        broadcast.accompany(scenario.log.table(step))
+    assert notes.steps("/litsim/objects") == [0], "made for nobody"
+    broadcast.repeat()
+    assert notes.steps("/litsim/objects") == []
+    notes.subscribers["/litsim/objects"] = 1
+    for _ in range(2):
+        broadcast.repeat()
+        assert notes.steps("/litsim/objects") == [1]
+    broadcast.show(scenario.log.table(2))
+    broadcast.accompany(scenario.log.table(2))
+    assert notes.steps("/litsim/objects") == [2]
