@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 
@@ -22,11 +23,11 @@ def step_messages(step: int) -> list[BagMessage]:
     return [BagMessage(topic, step * STEP_NS, bytes([step])) for topic in ("/clock", "/a")]
 
 
-def player(steps: int = 20, **options) -> Player:
+def player(steps: int = 20, begin_ns: int = 0, **options) -> Player:
     """Two messages a step, and a latched one at steps 0 and 5."""
     messages = [m for step in range(steps) for m in step_messages(step)]
     messages += [BagMessage("/map", step * STEP_NS, bytes([step])) for step in (0, 5)]
-    return Player(messages, ["/map"], **options)
+    return Player([replace(m, log_time_ns=begin_ns + m.log_time_ns) for m in messages], ["/map"], **options)
 
 
 def steps_of(messages: list[BagMessage], topic: str = "/a") -> list[int]:
@@ -175,6 +176,29 @@ def test_seek_stays_within_the_bag(to: float, step: int) -> None:
     playing.take(0.0)
     playing.seek(to, 0.0)
     assert steps_of(playing.take(0.0)) == [step]
+
+
+@pytest.mark.parametrize("paused", [False, True])
+def test_seek_to_a_step_finds_it_though_its_seconds_are_no_exact_float(*, paused: bool) -> None:
+    """8.3 s are 8300000000.000001 ns, as floats go."""
+    playing = player(200, paused=paused)
+    for step in range(200):
+        playing.seek(float(f"{0.1 * step:.1f}"), 0.0)
+        assert steps_of(playing.take(0.0))[0] == step
+    for step in (83, 161):
+        assert steps_of(player(200, start_s=step / 10).take(0.0)) == [step]
+
+
+def test_a_bag_in_time_since_1970_is_played_as_any_other() -> None:
+    """There, a float of nanoseconds is off by up to 128: steps were not found."""
+    for begin_ns in range(1_700_000_000_123_456_700, 1_700_000_000_123_456_900, 7):
+        playing = player(begin_ns=begin_ns, paused=True)
+        for step in range(3):
+            playing.step(0.0)
+            assert steps_of(playing.take(0.0)) == [step]
+        playing.seek(1.2, 0.0)
+        assert steps_of(playing.take(0.0)) == [12]
+        assert playing.position_s(0.0) == pytest.approx(1.2, abs=1e-9)
 
 
 def test_start_is_a_seek_and_must_lie_within() -> None:

@@ -58,7 +58,8 @@ class Player:
         self._messages = sorted(messages, key=lambda message: message.log_time_ns)  # stable: else the order of the file
         if not self._messages:
             raise InputError("nothing to play: the bag holds no messages on the topics asked for")
-        self._times = [message.log_time_ns for message in self._messages]
+        first = self._messages[0].log_time_ns  # of which floats are too coarse, if it counts from 1970
+        self._times = [message.log_time_ns - first for message in self._messages]
         self._steps = sorted(set(self._times))
         self._latched = {
             topic: [i for i, message in enumerate(self._messages) if message.topic == topic] for topic in latched
@@ -71,15 +72,15 @@ class Player:
         self._next = 0  # index of the message that comes next
         self._sent: dict[str, int] = {}  # index of what each latched topic published last
         self._extra: list[BagMessage] = []  # due whatever the time
-        self._at = float(self._times[0])  # simulation time at `_since` [ns]
+        self._at = 0.0  # simulation time since the first message at `_since` [ns]
         self._since: float | None = None  # wall time at which it was so; None while time stands still
         if start_s > 0.0:
-            self._go(self._times[0] + start_s * SECOND_NS)
+            self._go(round(start_s * SECOND_NS))
 
     @property
     def duration_s(self) -> float:
         """From the first to the last message [s]."""
-        return (self._times[-1] - self._times[0]) / SECOND_NS
+        return self._times[-1] / SECOND_NS
 
     @property
     def finished(self) -> bool:
@@ -88,7 +89,7 @@ class Player:
 
     def position_s(self, now: float) -> float:
         """Simulation time since the first message [s]."""
-        return (min(self._position(now), self._times[-1]) - self._times[0]) / SECOND_NS
+        return min(self._position(now), self._times[-1]) / SECOND_NS
 
     def take(self, now: float) -> list[BagMessage]:
         """Messages that are due and have not been taken yet, in order."""
@@ -100,7 +101,7 @@ class Player:
         position = self._position(now)
         due += self._emit(bisect_right(self._times, position))
         if self.loop and position >= self._end:
-            self._at, self._since, self._next = float(self._times[0]), now, 0
+            self._at, self._since, self._next = 0.0, now, 0
         return due
 
     def wait_s(self, now: float) -> float:
@@ -134,7 +135,7 @@ class Player:
     def seek(self, position_s: float, now: float) -> None:
         """Continue at `position_s` after the first message [s], or at the nearest position; while paused, show it."""
         self._anchor(now)
-        self._go(self._times[0] + min(max(position_s, 0.0), self.duration_s) * SECOND_NS)
+        self._go(round(min(max(position_s, 0.0), self.duration_s) * SECOND_NS))
 
     def set_rate(self, rate: float, now: float) -> None:
         """Play at `rate` from now on.
@@ -160,7 +161,8 @@ class Player:
         if self._since is not None:
             self._since = now
 
-    def _go(self, time_ns: float) -> None:
+    def _go(self, time_ns: int) -> None:
+        """Go to `time_ns` after the first message; whole nanoseconds, or 8.3 s might be later than a step at 8.3 s."""
         self._at, self._next = float(time_ns), bisect_left(self._times, time_ns)
         for topic, indices in self._latched.items():
             known = bisect_left(indices, self._next) - 1
