@@ -203,6 +203,37 @@ def test_an_answer_that_is_no_use_stops(answer: Answer, why: str) -> None:
     assert str(error.value).startswith(said)
 
 
+@pytest.mark.parametrize(
+    ("answer", "why"),
+    [
+        (twist(21, nan), "twist.linear.x is nan, expected a finite value"),
+        (twist(21, frame="odom"), "frame_id is 'odom'"),
+    ],
+)
+def test_so_does_a_late_one_that_is_no_use_by_itself(answer: Answer, why: str) -> None:
+    at = port()
+    at.offer(twist(20))
+    at.open(45, state(45), driven=True)
+    at.offer(answer)
+    assert at.missing
+    assert counts(at) == {"answered": 1, "late": 1, "invalid": 1}
+    with pytest.raises(AnswerInvalid) as error:
+        at.take()
+    assert str(error.value).startswith(f"the answer to step 21 on /litsim/ego/twist cannot be used: {why}")
+
+
+def test_but_not_one_that_has_come_too_late() -> None:
+    """As it is over: in real time, the stack may be fast again."""
+    time = 2.1 + 0.1 * np.arange(20)
+    over = Answer(Interface.TRAJECTORY, Trajectory(time, 10.0 * time, np.zeros(20)), 21 * STEP_NS)
+    at = port("trajectory")
+    at.offer(trajectory(20))
+    at.open(45, state(45), driven=True)
+    at.offer(over)
+    assert counts(at) == {"answered": 1, "late": 1, "invalid": 1}
+    assert at.take().step == 45
+
+
 @pytest.mark.parametrize(("answer", "why"), BAD)
 def test_or_the_last_good_one_is_held(answer: Answer, why: str) -> None:
     at = port(at=19, stop_on_invalid=False)

@@ -78,7 +78,7 @@ class EgoPort:
         self._owed: dict[int, int] = {}  # answers that may come yet to steps asked for again
         self._ego: EgoState | None = None
         self._driven = False
-        self._invalid = ""  # what is wrong with the answer to the current step
+        self._invalid = ""  # text that says which answer cannot be used, and why, if the run must end for that
         self._held: EgoCommand | TwistTarget | Reference | None = None
         self._said: dict[str, int] = {}
 
@@ -147,7 +147,7 @@ class EgoPort:
             AnswerInvalid: the answer cannot be used, and the run must end.
         """
         if self._invalid and self._stop_on_invalid:
-            raise AnswerInvalid(f"the answer to step {self._step} on {self.topics[0]} cannot be used: {self._invalid}")
+            raise AnswerInvalid(self._invalid)
         held = self._held
         if isinstance(held, EgoCommand):
             return replace(held, step=self._step)
@@ -167,13 +167,15 @@ class EgoPort:
         else:
             self._offered += 1
         wrong, target = problem(answer), answer.target
+        too_late = step < self._step and not wrong  # then what is wrong may be that the ego has moved on
         reference = None
         if not wrong and isinstance(target, Trajectory) and self._driven and self._ego is not None:
             reference = Reference(target, self._ego)
             wrong = reference.problem(self._ego, self._vehicle)
         if wrong:
             self._count("invalid", Level.ERROR, f"{self.topics[0]}: {self._came(answer)} cannot be used: {wrong}")
-            self._invalid = wrong if step == self._step else self._invalid
+            if not too_late:
+                self._invalid = f"the answer to step {step} on {self.topics[0]} cannot be used: {wrong}"
             return
         self.counts["answered"] += 1
         self._held = reference if isinstance(target, Trajectory) else target
