@@ -67,6 +67,7 @@ def seen(lane_map: LaneMap, lane_centres: tuple[float, ...]) -> Evidence:
         counts={"answered": STEPS + 1},
         remarks=(),
         states=states,
+        history_steps=0,
         lane_map=lane_map,
         vehicle=VEHICLE,
         total_steps=STEPS,
@@ -132,6 +133,17 @@ def test_silence(seen: Evidence) -> None:
     assert only(silent, "answers every step") == "10 of 11 steps; 1 missing, first 10; no answer to step 10"
 
 
+def test_a_stamp_between_two_steps_answers_neither(seen: Evidence) -> None:
+    off = answered(seen, 10, stamp_ns=10 * STEP_NS + 30_000_000)
+    missed = replace(off, counts={"answered": 10, "future": 1}, state="FAILED", failure="no answer to step 10")
+    found = clauses(missed)
+    said = "10 of 11 steps; 1 missing, first 10; 1 from the future; no answer to step 10"
+    assert found["answers every step"].text == said
+    assert found["latency"].figures["max_ms"] == pytest.approx(200.0)  # of step 9
+    nearly = answered(seen, 10, stamp_ns=10 * STEP_NS + 900_000)
+    assert clauses(nearly)["answers every step"].verdict == PASS
+
+
 @pytest.mark.parametrize(
     ("counts", "words"),
     [
@@ -165,6 +177,22 @@ def test_beginning_elsewhere(seen: Evidence) -> None:
     aside = answered(seen, 4, target=trajectory(seen.states[4], aside=3.0))
     text = only(aside, "frames plausible")
     assert text == "1 do not begin at the ego, first at step 4: 3.0 m away, expected at most 2 m"
+
+
+@pytest.mark.parametrize("fault", ["empty", "aside", "jump"])
+def test_in_the_history_trajectories_are_not_used_and_so_not_judged(seen: Evidence, fault: str) -> None:
+    ego = seen.states[4]
+    target = {
+        "empty": Trajectory(*np.zeros((3, 0))),
+        "aside": trajectory(ego, aside=3.0),
+        "jump": trajectory(ego, bump=10.0),
+    }[fault]
+    changed = answered(seen, 4, target=target)
+    assert FAIL in {each.verdict for each in clauses(changed).values()}
+    found = clauses(replace(changed, history_steps=5))
+    assert {each.verdict for each in found.values()} == {PASS}
+    assert found["values finite and feasible"].figures["judged"] == 6
+    assert only(answered(replace(seen, history_steps=5), 4, frame="odom"), "frames plausible")
 
 
 def test_against_the_road(seen: Evidence) -> None:

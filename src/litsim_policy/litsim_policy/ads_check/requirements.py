@@ -113,7 +113,7 @@ def answers(seen: Evidence) -> Clause:
     if not steps:
         return Clause(name, Verdict.OPEN, "no step was published")
     # A run does not go past a step without an answer, so the number of answered steps tells which are missing.
-    heard = {each.step for each in seen.used} & set(steps)
+    heard = {each.answer.step_answered for each in seen.used} & set(steps)
     missing = list(steps[max(len(heard), seen.counts.get("answered", 0) + seen.counts.get("invalid", 0)) :])
     repeats = sum(len(times) - 1 for times in seen.asked.values())
     counts = {kind: seen.counts.get(kind, 0) for kind in ("late", "stale", "future", "surplus", "refused")}
@@ -144,7 +144,8 @@ def latencies(seen: Evidence) -> tuple[list[int], FloatArray]:
     """Steps after step 0, and their latencies [ms] from the step's first publication to its first answer."""
     first: dict[int, int] = {}
     for each in seen.used:
-        first.setdefault(each.step, each.received_ns)
+        if each.answer.step_answered is not None:
+            first.setdefault(each.step, each.received_ns)
     steps = sorted(step for step in first.keys() & seen.asked.keys() if step > 0)
     return steps, np.array([1e-6 * (first[step] - seen.asked[step][0]) for step in steps], np.float64)
 
@@ -205,7 +206,7 @@ def values(seen: Evidence, limit: float) -> Clause:
     wrong: list[tuple[Heard, str]] = []
     clipped, judged = 0, 0
     for each in seen.used:
-        answer, ego = _in_frame(each.answer), seen.states.get(each.step)
+        answer, ego = _in_frame(each.answer), seen.driven(each.step)
         if fault := problem(answer):
             wrong.append((each, fault))
         elif ego is not None and answer.target is not None:
@@ -265,9 +266,9 @@ def _in_frame(answer: Answer) -> Answer:
 def _offset(heard: Heard, seen: Evidence) -> float | None:
     """Distance [m] from the ego to the trajectory of `heard` at the time of the step that it answers.
 
-    None if the answer is not a trajectory, or does not cover that time.
+    None if the answer is not a trajectory, does not cover that time, or does not drive the ego.
     """
-    target, ego = heard.answer.target, seen.states.get(heard.step)
+    target, ego = heard.answer.target, seen.driven(heard.step)
     if not isinstance(target, Trajectory) or ego is None or problem(_in_frame(heard.answer)):
         return None
     if not len(target.time) or target.time[0] > ego.time + 0.5 * STEP_S:

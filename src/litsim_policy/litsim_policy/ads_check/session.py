@@ -92,6 +92,7 @@ def observe(check: Check) -> Evidence:
             counts=bystander.counts,
             remarks=summarised(filter(_names_an_input, bystander.remarks)),
             states=_states(check),
+            history_steps=check.scenario.history_steps,
             lane_map=check.scenario.lane_map,
             vehicle=check.scenario.vehicle,
             total_steps=check.scenario.total_steps,

@@ -43,7 +43,7 @@ class Heard:
 
     @property
     def step(self) -> int:
-        """The step that it answers."""
+        """The step that it answers, or that nearest to its stamp."""
         step = self.answer.step
         return round(self.answer.stamp_ns / STEP_NS) if step is None else step
 
@@ -81,6 +81,7 @@ class Evidence:
         counts: of the answers at the bridge, by :data:`litsim_sim.ego_port.port.COUNTS`.
         remarks: of the bridge on ``/diagnostics`` about the answers, by :func:`summarised`.
         states: of the ego, by step, from the record.
+        history_steps: steps at the start of the run in which the ego follows its log, whatever is answered.
         lane_map: of the road.
         vehicle: model of the ego.
         total_steps: last step of the run, which begins at 0.
@@ -99,6 +100,7 @@ class Evidence:
     counts: dict[str, int]
     remarks: tuple[str, ...]
     states: dict[int, EgoState]
+    history_steps: int
     lane_map: LaneMap
     vehicle: VehicleModel
     total_steps: int
@@ -106,6 +108,10 @@ class Evidence:
     failure: str
     left: int | None
     ending: Ending = field(default_factory=lambda: Ending(0.0, None, present=False))
+
+    def driven(self, step: int) -> EgoState | None:
+        """State of the ego at a step; None if the answer to that step does not drive it, or the state is unknown."""
+        return self.states.get(step) if step >= self.history_steps else None
 
     @property
     def used(self) -> list[Heard]:

@@ -11,11 +11,12 @@ from math import isfinite
 import numpy as np
 
 from litsim_sim.core import topic_names
-from litsim_sim.core.scene import EgoCommand
+from litsim_sim.core.scene import STEP_NS, EgoCommand
 from litsim_sim.ego_port.tracking import Trajectory, TwistTarget
 
 MAP_FRAME = "map"
 BODY_FRAMES = ("", "ego", "base_link")
+STAMP_TOLERANCE_NS = 1_000_000  # [ns] by which a stamp may miss its step, as by rounding of floating-point seconds
 
 
 class Interface(StrEnum):
@@ -59,6 +60,14 @@ class Answer:
     run_id: str | None = None
     frame: str = MAP_FRAME
     fault: str = ""
+
+    @property
+    def step_answered(self) -> int | None:
+        """The step that it answers, given by `step` or its stamp; None if the stamp lies between two steps."""
+        if self.step is not None:
+            return self.step
+        step = round(self.stamp_ns / STEP_NS)
+        return step if abs(self.stamp_ns - step * STEP_NS) <= STAMP_TOLERANCE_NS else None
 
 
 def problem(answer: Answer) -> str:

@@ -15,7 +15,6 @@ from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import AUTO, INPUTS, Answer, Interface, problem
 from litsim_sim.ego_port.tracking import EgoState, Reference, Trajectory, TwistTarget, follow_twist
 
-STAMP_TOLERANCE_NS = 1_000_000  # [ns] by which a stamp may miss its step, as by rounding of floating-point seconds
 COUNTS = ("answered", "late", "stale", "future", "surplus", "invalid", "refused", "joined")
 SAY_AGAIN = 10  # [steps] for which a remark of the same kind is not repeated
 
@@ -184,11 +183,8 @@ class EgoPort:
         """The step that is answered; None if it is of another run, or between two past steps."""
         if answer.run_id is not None and answer.run_id != self._run_id:
             return None
-        if answer.step is not None:
-            return answer.step
-        step = round(answer.stamp_ns / STEP_NS)
-        if abs(answer.stamp_ns - step * STEP_NS) <= STAMP_TOLERANCE_NS:
-            return step
+        if answer.step_answered is not None:
+            return answer.step_answered
         return None if answer.stamp_ns < self._step * STEP_NS else self._step + 1
 
     def _came(self, answer: Answer) -> str:
