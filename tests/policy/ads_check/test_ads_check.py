@@ -266,6 +266,11 @@ def test_demands(target: Any, clipped: bool) -> None:
     assert is_clipped(target, state(0, 0.0), VEHICLE) == clipped
 
 
+def test_a_yaw_rate_need_not_be_possible_at_a_speed_that_slow_actuators_reach_later() -> None:
+    assert not is_clipped(TwistTarget(SPEED + 6.0, 0.35), state(0, 0.0), VehicleModel(lag_s=1.0))
+    assert is_clipped(TwistTarget(SPEED + 6.0, 0.45), state(0, 0.0), VehicleModel(lag_s=1.0))
+
+
 def test_motion_along_a_circle() -> None:
     angle, radius = np.linspace(np.pi - 0.2, np.pi + 0.2, 21), 50.0  # its headings go past pi
     circle = Trajectory(0.1 * np.arange(21), radius * np.sin(angle), radius * np.cos(angle))

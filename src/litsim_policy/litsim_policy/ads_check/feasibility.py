@@ -25,7 +25,7 @@ def is_clipped(target: EgoCommand | TwistTarget | Trajectory, ego: EgoState, veh
         return _exceeds(target.acceleration, target.yaw_rate, ego.speed, vehicle)
     if isinstance(target, TwistTarget):
         acceleration = (target.speed - ego.speed) / (STEP_S + 3.0 * vehicle.reaction_s)
-        return _exceeds(acceleration, target.yaw_rate, max(ego.speed, target.speed), vehicle)
+        return _exceeds(acceleration, target.yaw_rate, ego.speed + STEP_S * max(acceleration, 0.0), vehicle)
     asked = np.stack(motion(target), axis=1).tolist()
     return any(_exceeds(acceleration, yaw_rate, speed, vehicle) for speed, acceleration, yaw_rate in asked)
 
