@@ -69,6 +69,14 @@ def test_pedestrians_are_cylinders(agent_table: Make) -> None:
     assert (other.scale.x, other.scale.y) == (0.5, 0.6)
 
 
+def test_an_agent_of_the_next_run_is_drawn_as_its_own_kind(agent_table: Make) -> None:
+    layer = AgentLayer()
+    before = by_key(layer.draw(agent_table(30, {"id": 1}, {"id": 2})))
+    after = by_key(layer.draw(agent_table(0, {"id": 1, "kind": Kind.PEDESTRIAN}, {"id": 2})))
+    assert after.keys() == before.keys()
+    assert [after["agents", number].type for number in (0, 1)] == [Marker.CYLINDER, Marker.CUBE]
+
+
 def test_who_has_vanished_is_deleted_once_and_can_come_back(agent_table: Make) -> None:
     layer = AgentLayer()
     first = by_key(layer.draw(agent_table(0, {"id": 1}, {"id": BIG})))

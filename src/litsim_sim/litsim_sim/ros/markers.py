@@ -50,7 +50,7 @@ class Layer:
     def marker(self, namespace: str, agent: int, kind: int, **fields: Any) -> tuple[_Key, Marker]:
         """The marker of an agent in a namespace: the one shown already, or a new one with `fields`."""
         key = (namespace, agent)
-        if key not in self._shown:
+        if key not in self._shown or self._shown[key].type != kind:  # another type: of an agent of another run
             number = self._numbers.setdefault(agent, len(self._numbers))
             self._shown[key] = Marker(ns=namespace, id=number, type=kind, action=Marker.ADD, **fields)
             self._shown[key].pose.orientation.w = 1.0
