@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -138,6 +139,22 @@ def test_kinds_of_argoverse(tmp_path: Path, traffic: Traffic) -> None:
 
 
 @pytest.mark.parametrize(
+    ("names", "clip"),
+    [
+        ((np.nan, 7.0, 8.0), 7),
+        (("", "007", "8b"), "007"),
+        (tuple(np.arange("2024-01", "2024-04", dtype="M8[M]")), "2024-01-01 00:00:00"),
+    ],
+)
+def test_clips_by_any_name(tmp_path: Path, traffic: Traffic, names: tuple[Any, ...], clip: int | str) -> None:
+    path = tmp_path / "case.parquet"
+    pd.concat([traffic().assign(case_id=name) for name in names]).to_parquet(path, index=False)
+    mapping = drafted(path)
+    assert mapping.clip == clip
+    assert convert(path, mapping)[1].left_out == {f"of another clip than {clip}": 2 * len(traffic())}
+
+
+@pytest.mark.parametrize(
     ("names", "kind", "ours"),
     [
         (["vehicle_id", "timestep_time", "vehicle_x", "vehicle_y", "vehicle_angle", "vehicle_type"], "bus", "truck"),
@@ -170,6 +187,28 @@ def test_frames_have_a_rate_that_only_the_source_knows(tmp_path: Path, traffic: 
     assert "rate_hz: 25.0  # a guess by the change of positions" in text
     table.drop(columns=["speed", "heading"]).to_csv(tmp_path / "case.csv", index=False)
     assert "rate_hz: 10.0  # a guess: frames per second of the camera" in draft(tmp_path / "case.csv")
+
+
+@pytest.mark.parametrize(
+    ("x", "without", "position", "speed"),
+    [
+        ("x", [], "ft", "ft/s"),
+        ("x", ["speed", "heading"], "ft", "m/s"),
+        ("x_m", [], "m", "m/s"),
+        ("Easting", [], "m", "m/s"),
+        ("utm_x", ["speed"], "m", "m/s"),
+    ],
+)
+def test_positions_are_in_feet_where_sizes_are_unless_their_name_says_metres(
+    tmp_path: Path, traffic: Traffic, x: str, without: list[str], position: str, speed: str
+) -> None:
+    """Feet and ft/s agree with each other as well as metres and m/s do: only sizes, whose range is known, tell."""
+    table = traffic(x=1 / 0.3048, y=1 / 0.3048, speed=1 / 0.3048, length=1 / 0.3048, width=1 / 0.3048)
+    table.drop(columns=without).rename(columns={"x": x}).to_csv(tmp_path / "case.csv", index=False)
+    text = draft(tmp_path / "case.csv")
+    mapping = Mapping.model_validate(yaml.safe_load(text))
+    assert (mapping.units.size, mapping.units.position, mapping.units.speed) == ("ft", position, speed)
+    assert ("position: ft  # a guess: sizes are in feet, too" in text) == (position == "ft")
 
 
 def test_a_table_without_places(tmp_path: Path, traffic: Traffic) -> None:

@@ -28,6 +28,7 @@ from litsim_sim.recordings.generic.plausibility import (
     ZEROS,
     heading,
     pace,
+    rows_apart,
 )
 from litsim_sim.recordings.generic.reading import NEEDED, texts
 from litsim_sim.recordings.generic.sides import MOVING
@@ -68,6 +69,8 @@ NUMBERED = {"1": "motorcycle", "2": "car", "3": "truck"}
 USUAL_SIZE = {"length": 4.6, "width": 1.9}  # [m] of a passenger car, for files without sizes
 NARROW = 0.45  # [m] width of people, who may be most of those in a file
 CAMERA_RATES_HZ = (10.0, 12.5, 15.0, 20.0, 25.0, 29.97, 30.0, 50.0, 60.0)
+FRAMES_APART = 3  # rows between the positions that motion is judged by, where frames have a rate that nobody knows
+ROWS_APART_MAX = 20  # likewise, where times are in a unit that does not fit them
 HINTS = (
     "# vehicles: {file: tracksMeta.csv, vehicle_id: id}  # a file with a row for each vehicle: classes, sizes",
     "# transform: {yaw_deg: 0, x: 0, y: 0}  # onto the net, in degrees and metres; data map --check says what fits",
@@ -75,6 +78,8 @@ HINTS = (
 )
 POSITIONS = ("m", "cm", "ft")
 """Units of positions, the more usual ones first."""
+FEET, METRES = r"(ft|feet)$", r"[_x]m$|utm|east"
+"""Pattern of names of a column of positions, in lower case, that tell their unit."""
 GEOGRAPHIC = r"lat(itude)?|lon(gitude)?|lng"
 """Pattern of column names, in lower case, of positions that no mapping reads."""
 COMPONENTS = ("speed_x", "speed_y")
@@ -136,14 +141,15 @@ def draft(paths: Path | Sequence[Path]) -> str:
     if "clip" in columns and table["clip"].nunique() < 2:
         del columns["clip"], made.fields["columns"]["clip"]
     if "clip" in columns:
-        first = table["clip"].iloc[0]
-        made.fields["clip"] = first if isinstance(first, str) else int(first)
+        clips = texts(table["clip"])
+        first = clips[clips != ""].iloc[0]
+        made.fields["clip"] = int(first) if re.fullmatch(r"0|[1-9]\d*", first) else first
         made.remarks["clip"] = f"the first of {table['clip'].nunique()}"
-        table = table[table["clip"] == first]
-    steps = _Steps.of(table)
+        table = table[clips == first]
+    steps = _Steps.of(table, 1)
     _clock(made, steps)
     _sizes(made, table)
-    _motion(made, steps)
+    _motion(made, _Steps.of(table, _rows_apart(made, steps)))
     if "kind" in columns:
         _kinds(made, table["kind"])
     unused = [name for name in source.columns if name not in used or name in held]
@@ -209,7 +215,7 @@ def _named(source: TableFiles) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class _Steps:
-    """Steps between consecutive rows of the same vehicle, in the units of the file.
+    """Steps from rows of a vehicle to later ones of the same, in the units of the file.
 
     Attributes:
         clock: column that rows are ordered by: time or frame.
@@ -224,13 +230,15 @@ class _Steps:
     dy: FloatArray
 
     @classmethod
-    def of(cls, table: pd.DataFrame) -> _Steps:
+    def of(cls, table: pd.DataFrame, apart: int) -> _Steps:
+        """The steps from each row of a vehicle to its row `apart` rows later."""
         clock = "time" if "time" in table else "frame"
         known = table.dropna(subset=[name for name in (clock, "x", "y", "yaw", "speed") if name in table])
         ordered = known.sort_values(["vehicle_id", clock])
-        same = np.diff(pd.factorize(ordered["vehicle_id"])[0]) == 0
-        changes = (np.diff(ordered[name].to_numpy(np.float64))[same] for name in (clock, "x", "y"))
-        return cls(clock, ordered[:-1][same], *changes)
+        vehicle = pd.factorize(ordered["vehicle_id"])[0]
+        same = vehicle[apart:] == vehicle[:-apart]
+        places = (ordered[name].to_numpy(np.float64) for name in (clock, "x", "y"))
+        return cls(clock, ordered[:-apart][same], *((place[apart:] - place[:-apart])[same] for place in places))
 
 
 def _clock(made: _Draft, steps: _Steps) -> None:
@@ -243,6 +251,14 @@ def _clock(made: _Draft, steps: _Steps) -> None:
     fits = [unit for unit in ("s", "ms", "us", "ns") if low <= median * FACTORS[unit] <= high]
     made.fields.setdefault("units", {})["time"] = fits[0] if fits else "s"
     made.remarks["units.time"] = f"rows of a vehicle follow each other by {median:g}"
+
+
+def _rows_apart(made: _Draft, steps: _Steps) -> int:
+    """How many rows apart positions are for the guesses on motion, by the consecutive `steps`, see :data:`SPAN_S`."""
+    median = float(np.median(steps.dt)) if len(steps.dt) else 0.0
+    if steps.clock == "frame" or median <= 0.0:
+        return FRAMES_APART
+    return min(rows_apart(median * FACTORS[made.fields["units"]["time"]]), ROWS_APART_MAX)
 
 
 def _sizes(made: _Draft, table: pd.DataFrame) -> None:
@@ -259,7 +275,10 @@ def _sizes(made: _Draft, table: pd.DataFrame) -> None:
 def _motion(made: _Draft, steps: _Steps) -> None:
     """Guess the units of positions, speeds and angles such that they agree with each other."""
     units, columns = made.fields.setdefault("units", {}), made.fields["columns"]
-    units["position"] = "ft" if re.search(r"_?(ft|feet)$", columns["x"].lower()) else "m"
+    in_feet = re.search(FEET, columns["x"].lower())
+    units["position"] = "ft" if in_feet else "m"
+    if units.get("size") == "ft" and not (in_feet or re.search(METRES, columns["x"].lower())):
+        units["position"], made.remarks["units.position"] = "ft", "a guess: sizes are in feet, too"
     by_frame = steps.clock == "frame"
     dt = steps.dt * (1.0 / made.fields["rate_hz"] if by_frame else FACTORS[units["time"]])
     dx, dy = (change * FACTORS[units["position"]] for change in (steps.dx, steps.dy))

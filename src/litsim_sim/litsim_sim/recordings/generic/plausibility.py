@@ -20,6 +20,7 @@ from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
 from litsim_sim.recordings.generic.sides import MOVING
 
 STEP_RANGE_S = (0.005, 0.6)  # time between rows of a vehicle: 200 to 2 rows per second, and longer ones are holes
+SPAN_S = 0.1  # least time between the positions that motion is judged by: nearer ones differ by noise above all
 SPEED_MAX = 70.0  # [m/s] bound on the 90 % quantile of speeds
 AGREEMENT = 1.15  # largest ratio between speeds and those of the positions; 1.01 in NGSIM's files
 CLOSE, CLOSER = 1.05, 0.25  # ratio beyond which another unit, in which a quarter of its logarithm is left, is suggested
@@ -70,7 +71,7 @@ def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
 
 def _time(table: pd.DataFrame, mapping: Mapping) -> str:
     """Check that the time between rows of a vehicle is plausible."""
-    step = _steps(table)["dt"].to_numpy()
+    step = _steps(table, 1)["dt"].to_numpy()
     if not len(step):
         return ""
     median = float(np.median(step))
@@ -87,7 +88,7 @@ def _time(table: pd.DataFrame, mapping: Mapping) -> str:
 
 def _speed(table: pd.DataFrame, mapping: Mapping) -> str:
     """Check that speeds agree with the change of positions."""
-    steps = _steps(table)
+    steps = _steps(table, _rows_apart(table))
     driven = steps["way"].to_numpy() / steps["dt"].to_numpy()
     if "speed" not in table:
         fast = float(np.quantile(driven, 0.9)) if len(driven) else 0.0
@@ -211,7 +212,7 @@ def _degrees(table: pd.DataFrame, mapping: Mapping) -> str:
 
 def _across(table: pd.DataFrame, mapping: Mapping) -> str:
     """Check, for reference box_corner, that vehicles drive along the x axis of the file."""
-    steps = _steps(table)
+    steps = _steps(table, _rows_apart(table))
     steps = steps[steps["way"] > MOVING * steps["dt"]]
     if mapping.reference != "box_corner" or len(steps) < ROWS_MIN:
         return ""
@@ -229,7 +230,7 @@ def _heading(table: pd.DataFrame, mapping: Mapping) -> str:
     """Check that headings agree with the direction of motion."""
     if "yaw" not in table:
         return ""
-    steps = _steps(table)
+    steps = _steps(table, _rows_apart(table))
     steps = steps[steps["way"] > MOVING * steps["dt"]]
     if len(steps) < ROWS_MIN:
         return ""
@@ -320,17 +321,36 @@ def heading(angle: FloatArray, zero: str, positive: str) -> FloatArray:
     return (angle if positive == "counterclockwise" else -angle) + (0.5 * np.pi if zero == "y" else 0.0)
 
 
-def _steps(table: pd.DataFrame) -> pd.DataFrame:
-    """From each row of a vehicle to its next: `dt` [s], `dx`, `dy`, `way` [m], `speed` (mean of both) and `yaw`."""
+def rows_apart(step: float) -> int:
+    """How many rows that follow each other by `step` [s], more than 0, are SPAN_S apart; at least 1."""
+    return max(1, round(SPAN_S / step))
+
+
+def _rows_apart(table: pd.DataFrame) -> int:
+    """The same for a table, whose steps in time are plausible."""
+    return rows_apart(float(np.median(dt))) if len(dt := _steps(table, 1)["dt"].to_numpy()) else 1
+
+
+def _steps(table: pd.DataFrame, apart: int) -> pd.DataFrame:
+    """From each row of a vehicle to its row `apart` rows later.
+
+    Returns:
+        Columns `dt` [s], `dx`, `dy`, `way` [m], `speed` (mean of both rows) and `yaw` (of the first).
+    """
     vehicle = table["vehicle_id"].to_numpy()
-    same = vehicle[1:] == vehicle[:-1]
-    values = {name: np.diff(table[column].to_numpy())[same] for name, column in (("dt", "t"), ("dx", "x"), ("dy", "y"))}
+    same = vehicle[apart:] == vehicle[:-apart]
+
+    def change(column: str) -> FloatArray:
+        given = table[column].to_numpy()
+        return np.asarray((given[apart:] - given[:-apart])[same], np.float64)
+
+    values = {name: change(column) for name, column in (("dt", "t"), ("dx", "x"), ("dy", "y"))}
     steps = pd.DataFrame(values).assign(way=np.hypot(values["dx"], values["dy"]))
     if "speed" in table:
         speed = table["speed"].to_numpy()
-        steps["speed"] = (0.5 * (speed[1:] + speed[:-1]))[same]
+        steps["speed"] = (0.5 * (speed[apart:] + speed[:-apart]))[same]
     if "yaw" in table:
-        steps["yaw"] = table["yaw"].to_numpy()[:-1][same]
+        steps["yaw"] = table["yaw"].to_numpy()[:-apart][same]
     return steps[steps["dt"] > 0]
 
 
