@@ -263,6 +263,17 @@ def test_in_the_history_a_trajectory_may_be_empty_and_nothing_is_tracked() -> No
     assert counts(at) == {"answered": 1}
 
 
+@pytest.mark.parametrize("kind", [control, twist, trajectory])
+def test_the_last_answer_of_the_history_is_held(kind: Any) -> None:
+    """In real time, the first answer that counts may be late."""
+    at = EgoPort("run", VehicleModel())
+    at.open(29, state(29), driven=False)
+    at.offer(kind(29))
+    at.open(30, replace(state(30), speed=10.5), driven=True)
+    held = at.take()
+    assert held.acceleration == pytest.approx({control: -1.0, twist: -5.0, trajectory: -2.0}[kind])
+
+
 def test_an_ego_that_follows_its_log_or_has_left() -> None:
     at = port()
     at.offer(replace(control(20), target=EgoCommand(20, mode=EgoMode.FOLLOW_LOG)))
