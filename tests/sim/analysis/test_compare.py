@@ -46,6 +46,11 @@ def test_what_differs_is_marked_and_by_how_much() -> None:
     assert found["reactive"].changes == (None, None)
 
 
+def test_a_branch_that_is_null_in_a_run_has_no_row_of_its_own() -> None:
+    for trees in ((A, changed(handback=None)), (changed(handback=None), A)):
+        assert "handback" not in rows(*trees) and "handback.residual_m" in rows(*trees)
+
+
 def test_lists_are_counted_but_compared_by_content() -> None:
     row = rows(A, changed(collision={"pairs": 2, "contacts": [{"step": 4}]}))["collision.contacts"]
     assert row.values == (1, 1) and row.differs

@@ -70,11 +70,17 @@ class Comparison:
 
 
 def compare(metrics: dict[str, dict[str, Any]]) -> Comparison:
-    """Compare trees of :func:`litsim_sim.analysis.metrics.compute_metrics`, keyed by name of the run."""
+    """Compare trees of :func:`litsim_sim.analysis.metrics.compute_metrics`, keyed by name of the run.
+
+    A branch of one run that is null in another has rows for its leaves alone.
+    """
     columns = [dict(leaves(tree)) for tree in metrics.values()]
     names = list(dict.fromkeys(name for column in columns for name in column))
+    branches = {name[:dot] for name in names for dot, letter in enumerate(name) if letter == "."}
     rows = []
     for name in names:
+        if name in branches:
+            continue
         found = [column.get(name) for column in columns]
         shown = tuple(len(value) if isinstance(value, list) else value for value in found)
         rows.append(Row(name, shown, any(not _same(found[0], value) for value in found[1:])))
