@@ -17,6 +17,7 @@ from litsim_sim.io.table_input import TableFiles, is_stamped, since_1970
 from litsim_sim.recordings.cleaning.cleaning import smoothed
 from litsim_sim.recordings.generic.counts import Counts
 from litsim_sim.recordings.generic.draft import likely_kind
+from litsim_sim.recordings.generic.headings import headings
 from litsim_sim.recordings.generic.mapping import FACTORS, KindName, Mapping
 from litsim_sim.recordings.generic.obstacles import NAMES as OBSTACLES
 from litsim_sim.recordings.generic.obstacles import obstacle_rows, with_usual_sizes, without_unused
@@ -36,7 +37,6 @@ from litsim_sim.recordings.recording import BOUNDS, COLUMNS, Recording, Recordin
 
 IDS_KEPT = 5000  # most renumbered vehicle ids that the header lists
 DROP, UNKNOWN = "drop", "unknown"
-CREEPING = 1.0  # [m] travel within a second below which a vehicle keeps its direction: noise would turn it
 HARSH = 5.0  # [m/s2] magnitude that accelerations of vehicles hardly ever exceed
 FAR = 1.0  # [m] displacement by cleaning beyond which a vehicle is reported
 OVERLAP_S = 1.0  # [s] for which a pair of vehicles must overlap to be reported
@@ -274,9 +274,9 @@ def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
     vehicle, x, y = (table[name].to_numpy() for name in ("vehicle_id", "x", "y"))
     walking = obstacle_rows(table)
     if "yaw" not in table or walking.any():
-        least = np.where(walking, DIRECTION_MIN, CREEPING)
-        along = direction_of_motion(vehicle, x, y, np.full(len(table), np.nan), least)
-        table = table.assign(yaw=np.where(walking, along, table["yaw"]) if "yaw" in table else along)
+        along = direction_of_motion(vehicle, x, y, np.full(len(table), np.nan), DIRECTION_MIN)
+        known = table["yaw"] if "yaw" in table else _headings(table, mapping)
+        table = table.assign(yaw=np.where(walking, along, known))
     yaw = wrap_angle(table["yaw"].to_numpy())
     ahead = AHEAD[mapping.reference] * table["length"].to_numpy()
     x, y = x + ahead * np.cos(yaw), y + ahead * np.sin(yaw)
@@ -290,6 +290,14 @@ def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
             acceleration=np.where(walking, rate, table["acceleration"]) if "acceleration" in table else rate
         )
     return table
+
+
+def _headings(table: pd.DataFrame, mapping: Mapping) -> FloatArray:
+    """Headings (n,) [rad] of vehicles by the motion of their reference points; see :func:`.headings.headings`."""
+    vehicle, x, y, length = (table[name].to_numpy() for name in ("vehicle_id", "x", "y", "length"))
+    levers = VehicleLimits.rear_axle - AHEAD[mapping.reference]
+    lever = np.zeros(len(table)) if mapping.reference == "box_corner" else levers * length
+    return headings(vehicle, x, y, lever)
 
 
 def _check_walking(table: pd.DataFrame, ids: dict[str, int], source: TableFiles) -> None:

@@ -116,7 +116,7 @@ class Counts:
         if self.turns:
             lines.append(
                 f"turns      {self.turns} times the heading of a vehicle turns as none does, at most "
-                f"{self.largest_turn}: without field columns.yaw headings are directions of motion"
+                f"{self.largest_turn}: without field columns.yaw headings follow from the motion"
             )
         if self.harsh > HARSH_MAX:
             share = f"{self.harsh:.0%} of the accelerations are beyond 5 m/s2"

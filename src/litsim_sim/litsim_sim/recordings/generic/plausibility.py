@@ -289,7 +289,7 @@ def _turned_headings(table: pd.DataFrame, mapping: Mapping) -> str:
     return (
         f"headings of {len(off)} vehicles that go straight are {abs(np.rad2deg(turned)):.1f} degrees to the "
         f"{'left' if turned > 0 else 'right'} of their way (median): is column {mapping.columns.yaw!r} relative to "
-        f"another north than the positions? Without field columns.yaw headings are directions of motion"
+        f"another north than the positions? Without field columns.yaw headings follow from the motion"
     )
 
 
