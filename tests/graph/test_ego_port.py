@@ -156,6 +156,19 @@ def test_two_stacks_that_answer_end_the_run(graph: Any) -> None:
     assert read_run(graph.folder / "run").failure
 
 
+def test_two_stacks_that_answer_on_two_inputs_end_the_run_unless_one_is_chosen(graph: Any) -> None:
+    for name, interface in (("forgotten", "trajectory"), ("standard_ego", "twist")):
+        arguments = ("--interface", interface, "--fault", "steady", "--ros-args", "-r", f"__node:={name}")
+        assert graph.start_script("standard_ego.py", *arguments).stdout.readline() == "ready\n"
+    done = run_for(graph)
+    assert done.returncode == 1
+    who = "/forgotten on /litsim/ego/trajectory, /standard_ego on /litsim/ego/twist"
+    assert f"error: several nodes answer: {who}; it would depend on chance" in done.stderr
+    done = run_for(graph, "--ego-interface", "twist", "--overwrite")
+    assert done.returncode == 0, done.stderr
+    assert lockstep(graph)["ego_port"]["refused"] > 0
+
+
 @pytest.mark.parametrize(
     ("fault", "why"),
     [

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from litsim_sim.core.lockstep import RECORDER_WINDOW
-from litsim_sim.core.scene import ControlTable, EgoCommand
+from litsim_sim.core.scene import STEP_NS, ControlTable, EgoCommand
 from litsim_sim.core.stages import StageState
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import Answer, Interface
 from litsim_sim.ego_port.port import EgoPort
+from litsim_sim.ego_port.tracking import TwistTarget
 from litsim_sim.nodes.answers import (
     Answers,
     Attendance,
@@ -359,6 +360,36 @@ def test_several_stacks_that_answer_are_told(
     for step in answered:
         bridge.port.offer(Answer(Interface.CONTROL, EgoCommand(step, 0.5, 0.0), step=step, run_id=RUN))
     found = rivalry(bridge.port, there)
+    assert found.startswith(said) and bool(found) == bool(said)
+
+
+def on_twist(node: str, process: bytes, unheard: str = "") -> EgoPublisher:
+    return EgoPublisher(TWIST, node, unheard, process * 12 + b"xxxx")
+
+
+@pytest.mark.parametrize(
+    ("interface", "second", "said"),
+    [
+        ("auto", on_twist("/other", b"2"), f"several nodes answer: /mine on {CONTROL}, /other on {TWIST}; it would"),
+        ("auto", on_twist("", b"2"), f"several nodes answer: /mine on {CONTROL}, ? on {TWIST}; it would depend"),
+        ("auto", on_twist("/other", b"1"), ""),  # of one process
+        ("auto", on_twist("/mine", b"2"), ""),
+        ("auto", on_twist("/other", b"2", "has type geometry_msgs/msg/Twist"), ""),
+        ("control", on_twist("/other", b"2"), ""),
+    ],
+)
+def test_stacks_that_answer_on_several_inputs_are_told_unless_one_was_chosen(
+    interface: str, second: EgoPublisher, said: str
+) -> None:
+    port = EgoPort(RUN, VehicleModel(), interface)
+    port.open(3, None, driven=False)
+    port.ask()
+    there = (EgoPublisher(CONTROL, "/mine", gid=b"1" * 12 + b"yyyy"), second)
+    port.offer(Answer(Interface.CONTROL, EgoCommand(3, 0.5, 0.0), step=3, run_id=RUN))
+    assert rivalry(port, there) == ""
+    port.offer(Answer(Interface.TWIST, TwistTarget(3.0, 0.0), 3 * STEP_NS))
+    assert port.counts["refused"] == 1
+    found = rivalry(port, there)
     assert found.startswith(said) and bool(found) == bool(said)
 
 

@@ -49,6 +49,7 @@ class EgoPort:
 
     Attributes:
         interface: interface in use; None before the first message.
+        by_first: whether the first message decides the interface, as none was chosen.
         counts: numbers of messages under the names of :data:`COUNTS`: `answered`; `late`, to an earlier step, and held
             from then on; `stale`, to an earlier step or of another run; `future`, to a later step; `surplus`, more to a
             step than asked for; `invalid`; `refused`, of another interface. And `joined`, the number of publishers that
@@ -63,6 +64,7 @@ class EgoPort:
         self, run_id: str, vehicle: VehicleModel, interface: str = AUTO, *, stop_on_invalid: bool = True
     ) -> None:
         self.interface = None if interface == AUTO else Interface(interface)
+        self.by_first = interface == AUTO
         self.counts: Counter[str] = Counter()
         self.remarks: list[Remark] = []
         self.answered = -1

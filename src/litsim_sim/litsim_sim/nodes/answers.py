@@ -17,6 +17,8 @@ from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES, RECORDER, StageSt
 from litsim_sim.core.topic_names import CONTROLS, EGO_CONTROL, RECORDED, RUN_INFO
 from litsim_sim.ego_port.port import COUNTS, AnswerInvalid, EgoPort, ego_state
 
+PARTICIPANT_BYTES = 12  # length of the prefix of a GUID of DDS
+
 
 class RunFailed(Exception):
     """The run cannot continue; the message says what was missing, and where."""
@@ -160,6 +162,11 @@ class EgoPublisher:
     unheard: str = ""
     gid: bytes = b""
 
+    @property
+    def participant(self) -> bytes:
+        """The part of :attr:`gid` that all publishers of a process have in common."""
+        return self.gid[:PARTICIPANT_BYTES]
+
 
 def absence(port: EgoPort, there: Sequence[EgoPublisher], known: Sequence[str], domain: str) -> str:
     """Text that says why an external ego has not answered the current step, as far as known.
@@ -195,11 +202,26 @@ def absence(port: EgoPort, there: Sequence[EgoPublisher], known: Sequence[str], 
 def rivalry(port: EgoPort, there: Sequence[EgoPublisher]) -> str:
     """Text that says that several publishers answer for the ego; empty if there is one, or every answer was asked for.
 
+    Answers on a second input are no matter if they are the same process's, or if the user has chosen the input.
+
     Args:
         port: port of the ego.
         there: currently announced publishers.
     """
-    heard = [each.node or "?" for each in there if each.topic in port.topics and not each.unheard]
+    drivers = [each for each in there if each.topic in port.topics and not each.unheard]
+    processes, nodes = {each.participant for each in drivers}, {each.node for each in drivers} - {""}
+    strangers = [
+        each
+        for each in there
+        if not (each.topic in port.topics or each.unheard or each.participant in processes or each.node in nodes)
+    ]
+    if port.by_first and port.counts["refused"] and drivers and strangers:
+        who = ", ".join(sorted(f"{each.node or '?'} on {each.topic}" for each in [*drivers, *strangers]))
+        return (
+            f"several nodes answer: {who}; it would depend on chance whose first message decides which of them drives "
+            "the ego; end the others, or choose with --ego-interface"
+        )
+    heard = [each.node or "?" for each in drivers]
     unasked = sum(port.counts[kind] for kind in ("stale", "future", "surplus"))
     if len(heard) < 2 or not unasked:
         return ""
