@@ -156,6 +156,12 @@ def test_kinds_and_lanes(tmp_path: Path) -> None:
         made(tmp_path, source, FRONT | {"columns": columns})
 
 
+def test_lanes_are_those_of_the_nearest_rows(tmp_path: Path) -> None:
+    table = straight(rate=2.0, seconds=2.0).assign(lane=[1, 1, 2, 2, 2])
+    fields = BOX | {"columns": {**BOX["columns"], "lane": "lane"}}  # type: ignore[dict-item]
+    assert made(tmp_path, table, fields).table["lane"].tolist() == 8 * [1] + 13 * [2]
+
+
 def test_what_a_mapping_leaves_open_is_told(tmp_path: Path) -> None:
     table = pd.concat([straight(), straight().assign(id="car 1", py=20.0, h=0.0, px=np.arange(31) * 1.2)])
     path = tmp_path / "in.csv"
@@ -331,6 +337,14 @@ def test_times_that_no_frame_falls_into(tmp_path: Path) -> None:
         ({"units": {"position": "yard"}}, "units.position: Input should be 'm', 'ft' or 'cm'"),
         ({"columns": {"vehicle_id": "id"}}, "columns.x: Field required"),
         ({"columns": FRONT["columns"] | {"time": "t"}}, "columns: give either frame or time"),  # type: ignore[operator]
+        (
+            {"columns": FRONT["columns"] | {"y": "px"}},  # type: ignore[operator]
+            "columns: x and y are both column 'px', expected two",
+        ),
+        (
+            {"columns": FRONT["columns"] | {"speed": ["v", "v"]}},  # type: ignore[operator]
+            "columns: speed_x and speed_y are both column 'v', expected two",
+        ),
         ({"transform": {"x": float("nan")}}, "transform.x: Input should be a finite number, found nan"),
         (
             {"columns": FRONT["columns"] | {"speed": ["v"]}},  # type: ignore[operator]

@@ -107,6 +107,15 @@ class Columns(_Strict):
             raise ValueError("give either frame or time")
         return self
 
+    @model_validator(mode="after")
+    def _each_for_one_thing(self) -> Columns:
+        known: dict[str, str] = {}
+        for ours, theirs in self.named().items():
+            other = known.setdefault(theirs, ours)
+            if other != ours and {ours, other} != {"length", "width"}:  # of round obstacles
+                raise ValueError(f"{other} and {ours} are both column {theirs!r}, expected two")
+        return self
+
     def named(self) -> dict[str, str]:
         """The file's columns by our names; components of speed are ``speed_x`` and ``speed_y``."""
         said = self.model_dump()

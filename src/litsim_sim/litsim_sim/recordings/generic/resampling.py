@@ -111,7 +111,9 @@ def resampled(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.Dat
                 values[name] = np.interp(at, t, rows[name].to_numpy())
         if "yaw" in rows:
             values["yaw"] = np.interp(at, t, np.unwrap(rows["yaw"].to_numpy()))
-        nearest = np.clip(np.searchsorted(t, at - EDGE * STEP_S), 0, len(t) - 1)
+        after = np.clip(np.searchsorted(t, at - EDGE * STEP_S), 0, len(t) - 1)
+        before = np.maximum(after - 1, 0)
+        nearest = np.where(at - t[before] < t[after] - at, before, after)
         for name in ("length", "width"):
             values[name] = float(rows[name].median())
         for name in ("kind", "lane"):
