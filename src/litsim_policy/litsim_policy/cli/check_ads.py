@@ -21,6 +21,7 @@ from litsim_sim.cli.program import interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.io.files import make_folder, replacing
 from litsim_sim.launch.domain import graph_domain
+from litsim_sim.launch.middleware import check_security
 from litsim_sim.scenario.scenario import Scenario
 
 COLOURS = {Verdict.PASS: "green", Verdict.FAIL: "red", Verdict.OPEN: "yellow"}
@@ -85,6 +86,7 @@ def check_ads(arguments: argparse.Namespace, console: Console) -> int:
     Raises:
         InputError: an argument or a file cannot be used.
     """
+    check_security(os.environ)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     scenario = Scenario.load(arguments.scenario, simulation_s=arguments.seconds)
     limits = Limits(arguments.latency_limit or 1e3 * arguments.answer_timeout, arguments.clipped_limit)
