@@ -228,6 +228,13 @@ def test_generated_traffic_is_on_the_road(embedded: Recording) -> None:
     assert lane_map.inside_road(embedded.table["x"].to_numpy(), embedded.table["y"].to_numpy()).all()
 
 
+def test_a_crop_that_cuts_holes_into_tracks_is_named(embedded: Recording, tmp_path: Path) -> None:
+    path = tmp_path / "swerving.parquet"
+    Recording(embedded.header, {**embedded.columns, "y": embedded.columns["frame"] % 20.0}).write(path)
+    with pytest.raises(InputError, match=r"swerving.parquet, cropped to y within \[0, 9\.5\]: vehicle_id 1: .* a hole"):
+        load_recording(path, {"y": [0, 9.5]})
+
+
 # Real traffic
 
 

@@ -49,7 +49,8 @@ def load_recording(path: Path, crop: Crop | None = None) -> Recording:
             return recording
         kept = within(recording.columns, len(recording.columns["frame"]), crop, str(path))
         left = {name: values[kept] for name, values in recording.columns.items()}
-        return Recording.from_columns(recording.header, left, str(path))
+        limits = ", ".join(f"{column} within [{float(low):g}, {float(high):g}]" for column, (low, high) in crop.items())
+        return Recording.from_columns(recording.header, left, f"{path}, cropped to {limits}")
     raise InputError(
         f"{path}: format not recognised: columns are {columns}; expected {list(COLUMNS)} with a LitSim header, or the "
         f"US-101 windows file (columns {list(ngsim_windows.MARKERS)} among others); {OTHER_TABLES}"
