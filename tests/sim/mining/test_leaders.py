@@ -28,6 +28,11 @@ def test_a_leader_is_seen_over_the_ends_of_lanes_up_to_a_hundred_metres() -> Non
     assert made.following.gap[0].tolist() == pytest.approx([85.5] * made.log.steps, abs=0.01)
 
 
+def test_a_leader_whose_rear_is_near_is_seen_where_its_lane_begins_farther_away() -> None:
+    made = situation(straight(1, 74.0, 10.0, 2), straight(2, 177.0, 10.0, 2))  # `weave` begins 102 m ahead of the first
+    assert made.following.gap[0].tolist() == pytest.approx([98.5] * made.log.steps, abs=0.01)
+
+
 def test_at_a_junction_the_leader_is_on_the_way_that_the_agent_takes() -> None:
     turning, ahead = on_path(1, ("WA_2", "AAN_0"), 100.0, 8.0), on_path(2, ("WA_2", "AAN_0"), 125.0, 8.0)
     other = on_path(3, ("WA_1", "AB_1"), 120.0, 8.0)

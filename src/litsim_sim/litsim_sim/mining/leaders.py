@@ -33,21 +33,24 @@ def leaders(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> Following:
     first = np.concatenate([[True], ~same])[: len(agent)]
     nearest = np.full((shape[1], len(lane_map.lanes)), NOWHERE)  # rearmost agent of each lane
     nearest[step[first], lane[first]] = agent[first]
-    _look_ahead(tracks, lane_map, nearest, leader, distance)
+    _look_ahead(tracks, lane_map, SIGHT_M + log.length.max(initial=0.0), nearest, leader, distance)
     return _followed(log, tracks.along, leader, distance)
 
 
 def _look_ahead(
-    tracks: LaneTracks, lane_map: LaneMap, nearest: IntArray, leader: IntArray, distance: FloatArray
+    tracks: LaneTracks, lane_map: LaneMap, reach: float, nearest: IntArray, leader: IntArray, distance: FloatArray
 ) -> None:
-    """Fill `leader` and `distance` (n, steps) for the foremost agents of each lane, from the lanes that follow."""
+    """Fill `leader` and `distance` (n, steps) for the foremost agents of each lane, from the lanes that follow.
+
+    Those that begin farther away than `reach` [m] are left out.
+    """
     length = np.array([lane.length for lane in lane_map.lanes])
     agent, step = np.nonzero((tracks.lane != NOWHERE) & (leader == NOWHERE))
     lane = tracks.lane[agent, step]
     way = length[lane] - tracks.s[agent, step]
     for _ in range(HOPS_MAX):
         lane = tracks.following[agent, lane]
-        going: BoolArray = (lane != NOWHERE) & (way < SIGHT_M)
+        going: BoolArray = (lane != NOWHERE) & (way < reach)
         agent, step, lane, way = agent[going], step[going], lane[going], way[going]
         if not len(agent):
             return
