@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from litsim_sim.cli.arguments import Parser
+from litsim_sim.cli.arguments import Parser, number
 from litsim_sim.cli.program import program
 from litsim_sim.cli.replay import split_arguments
 from litsim_sim.nodes.live_server import HOST, PORT
@@ -18,7 +18,11 @@ def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_sim live``."""
     p = Parser(prog="live", description=__doc__)
     p.add_argument(
-        "--rate", type=_rate, default=20.0, metavar="HZ", help="largest number of frames per second (default: 20)"
+        "--rate",
+        type=number(0.0, RATE_MAX, above=True),
+        default=20.0,
+        metavar="HZ",
+        help="largest number of frames per second (default: 20)",
     )
     serving = p.add_argument_group("Foxglove over a WebSocket (needs foxglove-sdk)")
     serving.add_argument("--foxglove", action="store_true", help="serve all topics and the markers")
@@ -41,18 +45,10 @@ def main(argv: list[str] | None = None) -> None:
     live(ros, arguments.rate, (host, port) if arguments.foxglove else None)
 
 
-def _rate(text: str) -> float:
-    rate = float(text)
-    if not 0.0 < rate <= RATE_MAX:
-        raise argparse.ArgumentTypeError(f"{text}, expected more than 0 and at most {RATE_MAX:g}")
-    return rate
-
-
 def _port(text: str) -> int:
-    port = int(text)
-    if port not in PORTS:
-        raise argparse.ArgumentTypeError(f"{text}, expected 0 to {PORTS[-1]}")
-    return port
+    if not text.isdecimal() or int(text) not in PORTS:
+        raise argparse.ArgumentTypeError(f"{text!r}, expected 0 to {PORTS[-1]}")
+    return int(text)
 
 
 if __name__ == "__main__":

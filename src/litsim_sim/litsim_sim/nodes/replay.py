@@ -64,6 +64,9 @@ class ReplayNode(Node):
         about = "seconds from the first message; setting it seeks"
         self.declare_parameter("seek_to", nan, ParameterDescriptor(description=about))
         check_given(self, given)
+        begin_s = self.get_parameter("seek_to").value
+        if not isnan(begin_s) and (wrong := self._beyond(begin_s)):
+            raise InputError(wrong)
         self._apply(self.get_parameters(["rate", "loop", "seek_to"]))
         self.add_on_set_parameters_callback(self._check)
         self.add_post_set_parameters_callback(self._apply)
@@ -130,9 +133,14 @@ class ReplayNode(Node):
                     checked_rate(parameter.value)
                 except InputError as error:
                     wrong = str(error)
-            elif parameter.name == "seek_to" and not 0.0 <= parameter.value <= self.player.duration_s:
-                wrong = f"seek_to is {parameter.value:g}, expected 0 to {self.player.duration_s:g} s"
+            elif parameter.name == "seek_to":
+                wrong = self._beyond(parameter.value) or wrong
         return SetParametersResult(successful=not wrong, reason=wrong)
+
+    def _beyond(self, position_s: float) -> str:
+        """Text that says that a position is not in the bag; empty if it is."""
+        inside = 0.0 <= position_s <= self.player.duration_s
+        return "" if inside else f"seek_to is {position_s:g}, expected 0 to {self.player.duration_s:g} s"
 
     def _apply(self, parameters: list[Any]) -> None:
         now = time.monotonic()

@@ -1,0 +1,25 @@
+"""The words that `live` takes."""
+
+from __future__ import annotations
+
+import pytest
+
+from litsim_sim.cli.live import main
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--rate", "fast"), "--rate: 'fast', expected a number of more than 0 and at most 100"),
+        (("--rate", "0"), "--rate: '0', expected a number of more than 0 and at most 100"),
+        (("--rate", "nan"), "--rate: 'nan', expected a number of more than 0 and at most 100"),
+        (("--foxglove", "--port", "http"), "--port: 'http', expected 0 to 65535"),
+        (("--foxglove", "--port", "65536"), "--port: '65536', expected 0 to 65535"),
+        (("--port", "8765"), "--port and --host go with --foxglove"),
+    ],
+)
+def test_bad_words_are_refused(words: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main([*words])
+    assert end.value.code == 2
+    assert said in capsys.readouterr().err
