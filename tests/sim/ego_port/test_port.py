@@ -145,6 +145,16 @@ def test_another_run_is_stale_and_before_the_first_step_nothing_counts() -> None
     assert "an answer to run 'another'" in at.remarks[-1].text
 
 
+def test_a_message_of_another_run_does_not_decide_the_interface() -> None:
+    at = port()
+    at.offer(control(20, run_id="another"))
+    assert at.interface is None and len(at.topics) == 3
+    assert counts(at) == {"stale": 1}
+    at.offer(twist(20))
+    assert not at.missing
+    assert counts(at) == {"stale": 1, "answered": 1}
+
+
 def test_a_late_answer_is_held_from_then_on() -> None:
     at = port()
     at.offer(control(20, -1.0))

@@ -43,9 +43,9 @@ class AnswerInvalid(Exception):
 class EgoPort:
     """Takes the answers of the ego's driver, one for every step.
 
-    The first message decides which interface is in use, if none was chosen. An answer to the current step counts once.
-    One to an earlier step is stale, unless it is the newest so far: then it is late, and held from then on. One to a
-    later step is dropped.
+    The first message decides which interface is in use, if none was chosen, unless it names another run. An answer to
+    the current step counts once. One to an earlier step is stale, unless it is the newest so far: then it is late, and
+    held from then on. One to a later step is dropped.
 
     Attributes:
         interface: interface in use; None before the first message.
@@ -120,10 +120,10 @@ class EgoPort:
         if self._step < 0:
             return
         self.heard = True
-        if self.interface is None:
+        if self.interface is None and not self._of_another_run(answer):
             self.interface = answer.interface
             self._say("interface", Level.OK, f"the ego is driven over {INPUTS[answer.interface]}")
-        if answer.interface != self.interface:
+        if self.interface not in (None, answer.interface):
             self._count("refused", Level.ERROR, f"{INPUTS[answer.interface]}: ignored, {self.topics[0]} is in use")
             return
         step = self._step_of(answer)
@@ -185,15 +185,18 @@ class EgoPort:
 
     def _step_of(self, answer: Answer) -> int | None:
         """The step that is answered; None if it is of another run, or between two past steps."""
-        if answer.run_id is not None and answer.run_id != self._run_id:
+        if self._of_another_run(answer):
             return None
         if answer.step_answered is not None:
             return answer.step_answered
         return None if answer.stamp_ns < self._step * STEP_NS else self._step + 1
 
+    def _of_another_run(self, answer: Answer) -> bool:
+        return answer.run_id is not None and answer.run_id != self._run_id
+
     def _came(self, answer: Answer) -> str:
         """A message in words."""
-        if answer.run_id is not None and answer.run_id != self._run_id:
+        if self._of_another_run(answer):
             return f"an answer to run {answer.run_id!r}, at step {self._step},"
         if answer.step is not None:
             return f"the answer to step {answer.step}, at step {self._step},"
