@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from itertools import pairwise
 from pathlib import Path
 
 import pandas as pd
@@ -60,6 +61,22 @@ def test_an_event_in_two_pieces_of_a_recording_is_of_the_first(tmp_path: Path) -
     moments = {(each.event.ego, each.event.step + Scenario.load(each.scenario).start_frame) for each in both}
     assert len(moments) == len(both)
     assert both[: len(alone)] == alone
+
+
+def test_an_event_that_the_end_of_a_piece_cuts_off_is_of_the_first(tmp_path: Path) -> None:
+    pieces = [scenario_file(tmp_path, f"from_{frame}", start_frame=frame, simulation_s=8.0) for frame in (0, 40, 80)]
+    start = {piece: Scenario.load(piece).start_frame for piece in pieces}
+    lasting = [
+        (
+            each.event.ego,
+            each.event.other,
+            start[each.scenario] + each.event.begin,
+            start[each.scenario] + each.event.end,
+        )
+        for each in find(pieces, [EventKind.FOLLOWING])
+    ]
+    assert len(lasting) > 20
+    assert all(a[:2] != b[:2] or a[3] < b[2] for a, b in pairwise(sorted(lasting)))
 
 
 @pytest.mark.parametrize(

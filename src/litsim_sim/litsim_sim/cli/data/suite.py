@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from litsim_sim.cli.program import at_least_one
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
-from litsim_sim.mining.events import EventKind
+from litsim_sim.mining.events import Event, EventKind
 from litsim_sim.mining.mine import mine, possible_egos
 from litsim_sim.mining.selection import Chosen, Found, choose
 from litsim_sim.mining.suite_file import pack, scenario_names, suite_fields, write_suite
@@ -24,6 +24,8 @@ from litsim_sim.scenario.scenario import Scenario
 CRITICAL = 0.5  # severity at which a measure meets its criticality target
 ASKED = tuple(kind for kind in EventKind if kind not in (EventKind.FOLLOWING, EventKind.TURN))
 """Kinds searched by default: all but the ubiquitous ones."""
+LASTING = (EventKind.FOLLOWING, EventKind.TURN)
+"""Kinds whose numbers are from anywhere between their ends, which the ends of a scenario may cut off."""
 
 
 def add(subparsers: Any) -> None:
@@ -99,18 +101,46 @@ def find(names: Sequence[str], kinds: Sequence[EventKind]) -> list[Found]:
         InputError: a scenario cannot be used.
     """
     found: list[Found] = []
-    known, egos = set[tuple[object, ...]](), 0
+    known, egos = _Known(), 0
     with tqdm(names, unit="scenario", dynamic_ncols=True, disable=None) as bar:  # on a terminal
         for name in bar:
             scenario = Scenario.load(name)
             egos += len(possible_egos(scenario))
-            for event in mine(scenario, kinds):
-                at = (scenario.file.recording, scenario.start_frame + event.step, event.kind, event.ego, event.other)
-                if at not in known:
-                    known.add(at)
-                    found.append(Found(name, event))
+            new = [event for event in mine(scenario, kinds) if not known.has(scenario, event)]
+            known.add(scenario, new)
+            found += [Found(name, event) for event in new]
             bar.set_postfix_str(f"{egos} egos, {len(found)} events")
     return found
+
+
+class _Known:
+    """The events of the scenarios that have been searched, by recording, kind and vehicles, with their frames."""
+
+    def __init__(self) -> None:
+        self._frames: dict[tuple[object, ...], list[tuple[int, int, int]]] = {}
+
+    def has(self, scenario: Scenario, event: Event) -> bool:
+        """Whether an earlier scenario has `event`: at the same frame, or a part of it that lasts into this one."""
+        begin, at, end = _frames(scenario, event)
+        earlier = self._frames.get(_of(scenario, event), [])
+        if event.kind in LASTING:
+            return any(begin <= its_end and its_begin <= end for its_begin, _, its_end in earlier)
+        return any(at == its_at for _, its_at, _ in earlier)
+
+    def add(self, scenario: Scenario, events: Sequence[Event]) -> None:
+        """Add the `events` of a scenario."""
+        for event in events:
+            self._frames.setdefault(_of(scenario, event), []).append(_frames(scenario, event))
+
+
+def _of(scenario: Scenario, event: Event) -> tuple[object, ...]:
+    return scenario.file.recording, event.kind, event.ego, event.other
+
+
+def _frames(scenario: Scenario, event: Event) -> tuple[int, int, int]:
+    """Frames of the recording at which an event begins, has its numbers, and ends."""
+    begin, at, end = (scenario.start_frame + step for step in (event.begin, event.step, event.end))
+    return begin, at, end
 
 
 def parse_events(text: str | None) -> dict[EventKind, int | None]:
