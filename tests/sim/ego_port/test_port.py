@@ -152,7 +152,8 @@ def test_a_message_of_another_run_does_not_decide_the_interface() -> None:
     assert counts(at) == {"stale": 1}
     at.offer(twist(20))
     assert not at.missing
-    assert counts(at) == {"stale": 1, "answered": 1}
+    at.offer(control(20, run_id="another"))
+    assert counts(at) == {"stale": 2, "answered": 1}
 
 
 def test_a_late_answer_is_held_from_then_on() -> None:

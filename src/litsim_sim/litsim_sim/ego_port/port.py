@@ -120,10 +120,14 @@ class EgoPort:
         if self._step < 0:
             return
         self.heard = True
-        if self.interface is None and not self._of_another_run(answer):
+        if answer.run_id not in (None, self._run_id):
+            text = f"an answer to run {answer.run_id!r}, at step {self._step}, is stale"
+            self._count("stale", Level.WARN, f"{INPUTS[answer.interface]}: {text}")
+            return
+        if self.interface is None:
             self.interface = answer.interface
             self._say("interface", Level.OK, f"the ego is driven over {INPUTS[answer.interface]}")
-        if self.interface not in (None, answer.interface):
+        if answer.interface != self.interface:
             self._count("refused", Level.ERROR, f"{INPUTS[answer.interface]}: ignored, {self.topics[0]} is in use")
             return
         step = self._step_of(answer)
@@ -184,20 +188,13 @@ class EgoPort:
         self._held = reference if isinstance(target, Trajectory) else target
 
     def _step_of(self, answer: Answer) -> int | None:
-        """The step that is answered; None if it is of another run, or between two past steps."""
-        if self._of_another_run(answer):
-            return None
+        """The step that is answered; None if it is between two past steps."""
         if answer.step_answered is not None:
             return answer.step_answered
         return None if answer.stamp_ns < self._step * STEP_NS else self._step + 1
 
-    def _of_another_run(self, answer: Answer) -> bool:
-        return answer.run_id is not None and answer.run_id != self._run_id
-
     def _came(self, answer: Answer) -> str:
         """A message in words."""
-        if self._of_another_run(answer):
-            return f"an answer to run {answer.run_id!r}, at step {self._step},"
         if answer.step is not None:
             return f"the answer to step {answer.step}, at step {self._step},"
         return f"the message stamped {answer.stamp_ns * 1e-9:.3f} s, at {self._step * STEP_S:.1f} s,"
