@@ -6,6 +6,7 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 from litsim_policy.run.benchmark import EGO, POLICY, execute, write_scenario
@@ -15,24 +16,29 @@ from litsim_sim.record.run import Run, read_run
 
 LIBRARIES = ("numpy", "shapely", "pyarrow", "pydantic", "numba", "libsumo", "rclpy.node")
 """Slow imports of the processes of this run, each with its own dependencies."""
+TORCH = "torch"
+"""The slowest import of runs when a target was set for their start; none imports it now. Timed if it is installed."""
 FIRST_STEP, SLOWEST, RATIO = "launcher to first step", "slowest import", "first step / slowest import"
 SECONDS = 4.0  # [s] simulated time, 3 s of history included
 
 Start = dict[str, float]
-"""Times of one repetition [s]: :data:`FIRST_STEP`, and the import of each of :data:`LIBRARIES` on its own."""
+"""Times of one repetition [s]: :data:`FIRST_STEP`, and the import of each library on its own."""
 
 
 def measure_start(folder: Path, agents: int, repeats: int, advance: Callable[[], object]) -> list[Start]:
     """Time, `repeats` times, the import of each library in a new process, and the launch of a run.
 
+    The libraries are :data:`LIBRARIES`, and :data:`TORCH` where it is installed.
+
     Raises:
         InputError: a run failed, or a library cannot be imported.
     """
     scenario = write_scenario(folder, agents, SECONDS)
+    libraries = [*LIBRARIES, *([TORCH] if find_spec(TORCH) else [])]
     found = []
     for _ in range(repeats):
         bare = _import_time("sys")
-        start = {library: _import_time(library) - bare for library in LIBRARIES}
+        start = {library: _import_time(library) - bare for library in libraries}
         found.append(start | {FIRST_STEP: time_to_first_step(scenario, folder / "bag")})
         advance()
     return found
@@ -66,6 +72,9 @@ def start_rows(found: Sequence[Mapping[str, float]]) -> Iterator[list[str]]:
     yield [f"{SLOWEST}, s", _spread(slowest)]
     yield [f"{FIRST_STEP}, s", _spread(first)]
     yield [RATIO, _spread([a / b for a, b in zip(first, slowest, strict=True)])]
+    if all(TORCH in each for each in found):
+        yield [f"import {TORCH}, which no run does, s", _spread([each[TORCH] for each in found])]
+        yield [f"{FIRST_STEP} / import {TORCH}", _spread([each[FIRST_STEP] / each[TORCH] for each in found])]
 
 
 def _import_time(library: str) -> float:
