@@ -164,6 +164,7 @@ def test_nobody_is_there(graph: Any) -> None:
             "error: no-such-stack: no such program, expected the command that starts a driving stack",
         ),
         (("--clipped-limit", "nan"), "--clipped-limit: 'nan', expected a number of at least 0 and at most 1"),
+        (("--seconds", "0.05"), "--seconds: '0.05', expected a number of at least 0.1"),
         (("--domain-id", "400"), "error: ROS_DOMAIN_ID is '400', expected 0 to 232"),
     ],
 )

@@ -23,6 +23,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+import litsim_sim  # isort: skip  # noqa: F401 - before numpy: chooses its code, as in the nodes; digests depend on it
 import numpy as np
 from tqdm import tqdm
 

@@ -19,6 +19,7 @@ from litsim_policy.ads_check.session import Check, observe
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser, number, positive
 from litsim_sim.cli.program import interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, InputError
+from litsim_sim.core.scene import STEP_S
 from litsim_sim.io.files import make_folder, replacing
 from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.middleware import check_security
@@ -37,7 +38,9 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=DefaultsFormatter,
     )
     p.add_argument("--scenario", default="demo", help="name of a packaged scenario, or a YAML file")
-    p.add_argument("--seconds", type=positive, default=4.0, metavar="S", help="driving time after the history [s]")
+    p.add_argument(
+        "--seconds", type=number(STEP_S), default=4.0, metavar="S", help="driving time after the history [s]"
+    )
     p.add_argument(
         "--wait",
         type=positive,

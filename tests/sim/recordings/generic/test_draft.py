@@ -189,6 +189,22 @@ def test_frames_have_a_rate_that_only_the_source_knows(tmp_path: Path, traffic: 
     assert "rate_hz: 10.0  # a guess: frames per second of the camera" in draft(tmp_path / "case.csv")
 
 
+@pytest.mark.parametrize("rate", [2.0, 5.0, 12.5, 25.0])
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("m/s", 1.0), ("km/h", 3.6), ("mph", 1.0 / 0.44704), ("ft/s", 1.0 / 0.3048)]
+)
+def test_the_rate_of_frames_by_which_speeds_agree(
+    tmp_path: Path, traffic: Traffic, rate: float, unit: str, factor: float
+) -> None:
+    slow = 0.25  # 3 m/s and less, which would be 1 m/s at the 10 Hz that a draft begins with
+    table = traffic(x=slow, y=slow, speed=slow * factor)
+    frame = table["timestamp"] * rate
+    table = table.assign(frame=frame.round().astype(int))[np.abs(frame - frame.round()) < 1e-6]
+    table.drop(columns="timestamp").to_csv(tmp_path / "case.csv", index=False)
+    mapping = drafted(tmp_path / "case.csv")
+    assert (mapping.rate_hz, mapping.units.speed) == (rate, unit)
+
+
 @pytest.mark.parametrize(
     ("x", "without", "position", "speed"),
     [

@@ -228,3 +228,9 @@ def test_noise_of_rows_a_few_hundredths_of_a_second_apart_is_not_taken_for_motio
         converted(tmp_path, table.assign(heading=table["heading"] - 0.5 * np.pi))
     with pytest.raises(InputError, match=r"change 0\.\d+ times as fast as column 'speed' says .*units.speed km/h"):
         converted(tmp_path, table.assign(speed=3.6 * table["speed"]))
+
+
+def test_times_that_are_accepted_as_they_are_do_not_switch_off_other_checks(tmp_path: Path, traffic: Traffic) -> None:
+    fields = {name: column for name, column in COLUMNS.items() if name != "speed"}
+    with pytest.raises(InputError, match=r"positions change by 10\d{6} m/s in one row of ten"):
+        converted(tmp_path, traffic(timestamp=1e-6), accept=["time"], columns=fields)

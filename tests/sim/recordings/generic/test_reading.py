@@ -65,6 +65,11 @@ def test_a_filter_by_a_column_that_is_otherwise_not_used(converted: Callable[...
         converted(table, rows={"camera": 1})
     with pytest.raises(InputError, match=r"field rows\.agent_type: min and max are for numbers; the column holds car"):
         converted(table, rows={"agent_type": {"min": 1}})
+    dated = table.assign(timestamp=pd.Timestamp("2024-05-17 08:30") + pd.to_timedelta(table["timestamp"], unit="s"))
+    with pytest.raises(
+        InputError, match=r"field rows\.timestamp: min and max are for numbers; the column holds 2024-05"
+    ):
+        converted(dated, rows={"timestamp": {"min": 5}})
 
 
 def test_one_of_several_clips(converted: Callable[..., Any], traffic: Traffic) -> None:

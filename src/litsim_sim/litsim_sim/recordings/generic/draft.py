@@ -68,9 +68,8 @@ NUMBERED = {"1": "motorcycle", "2": "car", "3": "truck"}
 
 USUAL_SIZE = {"length": 4.6, "width": 1.9}  # [m] of a passenger car, for files without sizes
 NARROW = 0.45  # [m] width of people, who may be most of those in a file
-CAMERA_RATES_HZ = (10.0, 12.5, 15.0, 20.0, 25.0, 29.97, 30.0, 50.0, 60.0)
+CAMERA_RATES_HZ = (2.0, 4.0, 5.0, 10.0, 12.5, 15.0, 20.0, 25.0, 29.97, 30.0, 50.0, 60.0)
 FRAMES_APART = 3  # rows between the positions that motion is judged by, where frames have a rate that nobody knows
-ROWS_APART_MAX = 20  # likewise, where times are in a unit that does not fit them
 HINTS = (
     "# vehicles: {file: tracksMeta.csv, vehicle_id: id}  # a file with a row for each vehicle: classes, sizes",
     "# transform: {yaw_deg: 0, x: 0, y: 0}  # onto the net, in degrees and metres; data map --check says what fits",
@@ -258,7 +257,7 @@ def _rows_apart(made: _Draft, steps: _Steps) -> int:
     median = float(np.median(steps.dt)) if len(steps.dt) else 0.0
     if steps.clock == "frame" or median <= 0.0:
         return FRAMES_APART
-    return min(rows_apart(median * FACTORS[made.fields["units"]["time"]]), ROWS_APART_MAX)
+    return rows_apart(median * FACTORS[made.fields["units"]["time"]])
 
 
 def _sizes(made: _Draft, table: pd.DataFrame) -> None:
@@ -283,7 +282,10 @@ def _motion(made: _Draft, steps: _Steps) -> None:
     dt = steps.dt * (1.0 / made.fields["rate_hz"] if by_frame else FACTORS[units["time"]])
     dx, dy = (change * FACTORS[units["position"]] for change in (steps.dx, steps.dy))
     driven = np.hypot(dx, dy) / np.where(dt > 0, dt, np.inf)
-    moving = driven > MOVING
+    slowest = MOVING
+    if by_frame and len(driven):  # at another rate they are faster
+        slowest = min(MOVING, 0.5 * float(np.quantile(driven, 0.9)))
+    moving = driven > slowest
     if "speed" in steps.begin and moving.any():
         said = np.abs(steps.begin["speed"].to_numpy(np.float64)[moving])
         ratio = max(1.0 / pace(said, driven[moving]), 1e-9)

@@ -54,7 +54,7 @@ def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
         InputError: checks failed; the message has the figure of each.
     """
     found = {"time": _time(table, mapping), "size": _size(table, mapping)}
-    if not found["time"]:  # the others depend on times
+    if not found["time"] or "time" in mapping.accept:  # the others depend on times
         found |= {
             "speed": _speed(table, mapping),
             "acceleration": _acceleration(table, mapping),
@@ -322,12 +322,12 @@ def heading(angle: FloatArray, zero: str, positive: str) -> FloatArray:
 
 
 def rows_apart(step: float) -> int:
-    """How many rows that follow each other by `step` [s], more than 0, are SPAN_S apart; at least 1."""
-    return max(1, round(SPAN_S / step))
+    """How many rows that follow each other by `step` [s], more than 0, are SPAN_S apart; from 1 to 20."""
+    return round(SPAN_S / max(min(step, SPAN_S), STEP_RANGE_S[0]))
 
 
 def _rows_apart(table: pd.DataFrame) -> int:
-    """The same for a table, whose steps in time are plausible."""
+    """The same for a table."""
     return rows_apart(float(np.median(dt))) if len(dt := _steps(table, 1)["dt"].to_numpy()) else 1
 
 

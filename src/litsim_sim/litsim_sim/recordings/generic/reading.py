@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.table_input import TableFile, TableFiles
+from litsim_sim.io.table_input import TableFile, TableFiles, is_stamped
 from litsim_sim.recordings.generic.counts import Counts
 from litsim_sim.recordings.generic.mapping import Mapping, Span, Value, Vehicles
 
@@ -76,7 +76,7 @@ def _filtered(raw: pd.DataFrame, mapping: Mapping, source: TableFiles, counts: C
 def _kept(values: pd.Series, rule: Value | list[Value] | Span, where: str) -> pd.Series:
     if isinstance(rule, Span):
         numbers = pd.to_numeric(values, errors="coerce")
-        if numbers.isna().all():
+        if numbers.isna().all() or is_stamped(values):
             raise InputError(f"{where}: min and max are for numbers; the column holds {_values(values)}")
         return numbers.between(rule.min, rule.max)
     wanted = {plain(value) for value in (rule if isinstance(rule, list) else [rule])}
