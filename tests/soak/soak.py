@@ -303,7 +303,7 @@ def results_in(kept: Path) -> list[Result]:
 
 def page(results: Sequence[Result], title: str) -> str:
     """Results as Markdown: a line of sums, a row for each case, and what went wrong."""
-    cores, minutes = os.cpu_count(), sum(each.wall_s for each in results) / 60.0
+    cores, seconds = os.cpu_count(), sum(each.wall_s for each in results)
     spoilt = [each for each in results if each.spoilt]
     results = [each for each in results if not each.spoilt]
     failed = [each for each in results if each.wrong]
@@ -312,7 +312,7 @@ def page(results: Sequence[Result], title: str) -> str:
         f"## {title}",
         "",
         f"{len(results)} runs, {len(results) - len(failed)} of them correct{again}: exit status 0, the known digest,",
-        f"no process, shared memory, domain or open file left. {minutes:.0f} minutes on {cores} cores.",
+        f"no process, shared memory, domain or open file left. {seconds:.0f} s on {cores} cores.",
         "Memory is the maximum of a launcher and of a node; growth from run to run is the slope of a fitted line,",
         "growth within a run that of the process that grew most from its second quarter to its last.",
         "",
