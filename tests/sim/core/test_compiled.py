@@ -9,10 +9,22 @@ from types import FrameType
 
 import numpy as np
 import pytest
+from numba import TypingError
 from numba.types import UniTuple
 
 from litsim_sim.core import compiled
-from litsim_sim.core.compiled import FLOATS, OUT_FLOATS, cache_directory, float64, int64, kernel, void
+from litsim_sim.core.ahead_of_time import compile_kernels, import_kernels, missing_kernels
+from litsim_sim.core.compiled import (
+    FLOATS,
+    KERNELS,
+    OUT_FLOATS,
+    Kernel,
+    cache_directory,
+    float64,
+    int64,
+    kernel,
+    void,
+)
 
 SCALE = 3.0
 SHAPE = (2, 2)
@@ -158,7 +170,7 @@ def result(run: subprocess.Popen[str]) -> tuple[list[float], str]:
 
 def test_machine_code_is_made_once_and_anew_when_a_constant_of_another_module_changes(tmp_path: Path) -> None:
     folder = package(tmp_path)
-    assert result(start(folder)) == ([3.0, 1.0], "litsim: compiling kernels, once for this machine (some seconds)\n")
+    assert result(start(folder)) == ([3.0, 1.0], "litsim: compiling kernels, once for this machine (about a minute)\n")
     assert result(start(folder)) == ([3.0, 0.0], "")
     package(tmp_path, factor=2.5)
     assert result(start(folder))[0] == [3.5, 1.0]
@@ -206,8 +218,27 @@ def test_processes_may_compile_at_once(tmp_path: Path) -> None:
 def test_a_package_is_compiled_ahead_of_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = package(tmp_path, name="made_ahead")
     monkeypatch.syspath_prepend(tmp_path)
-    assert compiled.compile_package("made_ahead") == ["made_ahead.called", "made_ahead.caller"]
+    assert import_kernels("made_ahead") == ["made_ahead.called", "made_ahead.caller"]
+
+    def missing() -> list[Kernel]:
+        return [each for each in missing_kernels() if each.__module__.startswith("made_ahead")]
+
+    assert [each.__name__ for each in missing()] == ["caller", "called"]
+    assert len(list(compile_kernels(missing(), 2))) == 2
+    assert not missing() and not list(compile_kernels(missing(), 2))
     assert result(start(folder)) == ([3.0, 0.0], "")
+
+
+def test_a_kernel_that_cannot_be_compiled_ahead_of_time_is_an_error() -> None:
+    @kernel(float64(float64))
+    def nameless(a):
+        return a.name
+
+    try:
+        with pytest.raises(TypingError, match="Unknown attribute 'name'"):
+            list(compile_kernels([nameless], 1))
+    finally:
+        KERNELS.remove(nameless)
 
 
 def test_what_lies_in_a_folder_that_cannot_be_written_to_is_kept_with_the_user(

@@ -3,28 +3,44 @@
 from __future__ import annotations
 
 import argparse
+import os
 import time
 from importlib.util import find_spec
 
+from tqdm import tqdm
+
 from litsim_sim.cli.arguments import Parser
-from litsim_sim.cli.program import program
-from litsim_sim.core.compiled import compile_package
+from litsim_sim.cli.program import at_least_one, program
+from litsim_sim.core.ahead_of_time import compile_kernels, import_kernels, missing_kernels
+from litsim_sim.core.compiled import load_kernels
 
 PACKAGES = ("litsim_sim", "litsim_predictor", "litsim_policy")
 """All that can hold kernels; this package is below the others and imports nothing of them by itself."""
+PROCESSES_MAX = 8  # by default: more find no kernel whose callees are ready, and each takes memory
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_sim compile``: none."""
-    return Parser(prog="compile", description=__doc__)
+    """Arguments of ``ros2 run litsim_sim compile``."""
+    p = Parser(prog="compile", description=__doc__)
+    p.add_argument(
+        "--processes",
+        type=at_least_one,
+        default=min(len(os.sched_getaffinity(0)), PROCESSES_MAX),
+        help=f"kernels to compile at once; default: as many as processors, at most {PROCESSES_MAX}",
+    )
+    return p
 
 
 @program
 def main() -> None:
     """Entry point of ``ros2 run litsim_sim compile``."""
-    parser().parse_args()
-    begin = time.perf_counter()
-    found = [module for package in PACKAGES if find_spec(package) for module in compile_package(package)]
+    processes, begin = parser().parse_args().processes, time.perf_counter()
+    found = [module for package in PACKAGES if find_spec(package) for module in import_kernels(package)]
+    missing = missing_kernels()
+    with tqdm(total=len(missing), unit="kernel", disable=None) as bar:  # on a terminal
+        for _ in compile_kernels(missing, processes):
+            bar.update()
+    load_kernels()
     print(f"compile: {len(found)} modules of kernels ready in {time.perf_counter() - begin:.1f} s")
 
 

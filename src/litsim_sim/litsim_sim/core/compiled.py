@@ -17,14 +17,11 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-import pkgutil
-import re
 import sys
 from collections.abc import Callable
 from enum import Enum, EnumMeta
 from functools import cache, cached_property, update_wrapper
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from types import FunctionType
 from typing import Any, TypeVar, cast
@@ -43,7 +40,6 @@ from numba.extending import typeof_impl
 
 from litsim_sim.core import machine_code
 
-MARK = re.compile(r"^@kernel\(", re.MULTILINE)  # occurs in the source of every module with kernels
 NUMBA_ARRAYS, SCIPY_BLAS = "numba.np.arraymath", "scipy.linalg"
 OPTIONS = {
     "error_model": "numpy",
@@ -51,7 +47,7 @@ OPTIONS = {
 }
 F = TypeVar("F", bound=Callable[..., Any])
 
-_kernels: list[Kernel] = []  # all kernels defined so far
+KERNELS: list[Kernel] = []  # all kernels defined so far
 
 
 def read_array(dtype: types.Type, ndim: int) -> types.Array:
@@ -103,11 +99,16 @@ class Kernel:
         self.__class__ = type(type(self).__name__, (type(self),), {"__call__": staticmethod(loaded)})
         return loaded(*arguments)
 
+    @property
+    def kept(self) -> Path | None:
+        """The file of its machine code, which need not exist yet; None if no cache directory is writable."""
+        directory = cache_directory(self._file)
+        return None if directory is None else directory / self._name
+
     @cached_property
     def loaded(self) -> Any:
         """Numba's dispatcher of the function, for calls; its machine code is loaded from disk, or compiled and kept."""
-        directory = cache_directory(self._file)
-        kept = None if directory is None else directory / self._name
+        kept = self.kept
         found = machine_code.load(kept, self._function, self._signature, OPTIONS) if kept else None
         if found is None:
             found = self.compiled
@@ -126,7 +127,7 @@ class Kernel:
             raise TypeError(f"kernel {self._function.__name__} uses what is defined after it")
         directory = cache_directory(self._file)
         if directory is None or not any(directory.glob(f"*-{self.stamp}.*.nbi")):
-            _announce()
+            announce()
         _spare_blas()
         machine_code.box_arrays_quickly()
         before = numba.config.CACHE_LOCATOR_CLASSES
@@ -169,34 +170,26 @@ def kernel(signature: Any, *, outer: bool = False) -> Callable[[F], F]:
 
     def compiled(function: F) -> F:
         found = Kernel(cast(FunctionType, function), signature, outer=outer)
-        _kernels.append(found)
+        KERNELS.append(found)
         return cast(F, found)
 
     return compiled
 
 
 def load_kernels() -> None:
-    """Load or compile all kernels defined so far, except those that only other kernels call, whose code contains them.
+    """Load or compile all :func:`run_kernels`.
 
     To be called before the first step of a run: loading takes as long as several steps.
     """
-    inner = {id(called) for caller in _kernels for called in caller.uses}
     with without_collection():
-        for each in _kernels:
-            if each.outer or id(each) not in inner:
-                each.loaded  # noqa: B018 - the property is cached
+        for each in run_kernels():
+            each.loaded  # noqa: B018 - the property is cached
 
 
-def compile_package(name: str) -> list[str]:
-    """Compile the kernels of package `name` that are not on disk yet; return the names of its modules with kernels."""
-    found = []
-    for module in pkgutil.walk_packages(import_module(name).__path__, f"{name}."):
-        spec = find_spec(module.name)
-        if spec is not None and spec.origin is not None and MARK.search(Path(spec.origin).read_text("utf-8")):
-            import_module(module.name)
-            found.append(module.name)
-    load_kernels()
-    return found
+def run_kernels() -> list[Kernel]:
+    """All kernels defined so far, except those that only other kernels call, whose code contains them."""
+    inner = {id(called) for caller in KERNELS for called in caller.uses}
+    return [each for each in KERNELS if each.outer or id(each) not in inner]
 
 
 def cache_directory(source: Path) -> Path | None:
@@ -267,9 +260,9 @@ def _spare_blas() -> None:
 
 
 @cache
-def _announce() -> None:
-    """Print once per process why it takes a while."""
-    print("litsim: compiling kernels, once for this machine (some seconds)", file=sys.stderr, flush=True)
+def announce() -> None:
+    """Print once per process, and not in its copies, why it takes a while."""
+    print("litsim: compiling kernels, once for this machine (about a minute)", file=sys.stderr, flush=True)
 
 
 @cache
