@@ -34,10 +34,10 @@ from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 
 runner = Runner(RunPlan(Scenario.load("demo"), "idm", "litsim"))
-before = {each for each in compiled._kernels if "loaded" in vars(each)}
+before = {each for each in compiled.KERNELS if "loaded" in vars(each)}
 for _ in zip(range(80), runner.steps()):
     pass
-print(len(before) > 20, *(each.__name__ for each in compiled._kernels if "loaded" in vars(each) and each not in before))
+print(len(before) > 20, *(each.__name__ for each in compiled.KERNELS if "loaded" in vars(each) and each not in before))
 """
 
 
