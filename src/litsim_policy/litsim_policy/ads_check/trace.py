@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from litsim_sim.core.scene import STEP_NS
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import Answer, Interface
 from litsim_sim.ego_port.tracking import EgoState
@@ -44,8 +43,7 @@ class Heard:
     @property
     def step(self) -> int:
         """The step that it answers, or that nearest to its stamp."""
-        step = self.answer.step
-        return round(self.answer.stamp_ns / STEP_NS) if step is None else step
+        return self.answer.nearest_step
 
 
 @dataclass(frozen=True)

@@ -64,11 +64,14 @@ class VehicleModel(VehicleLimits):
         """Sum of dead time and lag [s]: about how far a controller has to look ahead."""
         return self.delay_s + self.lag_s
 
+    def possible(self, acceleration: float) -> float:
+        """An acceleration [m/s2] cut to the limits."""
+        return min(max(acceleration, -self.deceleration_max), self.acceleration_max)
+
     def within(self, acceleration: float, yaw_rate: float, speed: float) -> tuple[float, float]:
         """An acceleration [m/s2] and a yaw rate [rad/s] cut to the limits at `speed` [m/s]."""
         turn = min(speed * self.curvature_max, self.lateral_acceleration_max / max(speed, SPEED_MIN))
-        cut = min(max(acceleration, -self.deceleration_max), self.acceleration_max)
-        return cut, min(max(yaw_rate, -turn), turn)
+        return self.possible(acceleration), min(max(yaw_rate, -turn), turn)
 
 
 VEHICLE_FIELDS: tuple[str, ...] = tuple(each.name for each in fields(VehicleModel))

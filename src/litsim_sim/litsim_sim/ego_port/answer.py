@@ -62,12 +62,16 @@ class Answer:
     fault: str = ""
 
     @property
+    def nearest_step(self) -> int:
+        """The step given by `step`, or that nearest to its stamp."""
+        return round(self.stamp_ns / STEP_NS) if self.step is None else self.step
+
+    @property
     def step_answered(self) -> int | None:
         """The step that it answers, given by `step` or its stamp; None if the stamp lies between two steps."""
-        if self.step is not None:
-            return self.step
-        step = round(self.stamp_ns / STEP_NS)
-        return step if abs(self.stamp_ns - step * STEP_NS) <= STAMP_TOLERANCE_NS else None
+        step = self.nearest_step
+        exact = self.step is not None or abs(self.stamp_ns - step * STEP_NS) <= STAMP_TOLERANCE_NS
+        return step if exact else None
 
 
 def problem(answer: Answer) -> str:

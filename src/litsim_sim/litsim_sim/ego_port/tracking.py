@@ -55,9 +55,8 @@ def follow_twist(target: TwistTarget, ego: EgoState, vehicle: VehicleModel) -> t
 
     The yaw rate is cut to the limit at the mean speed of the step, not at a target speed that the step cannot reach.
     """
-    acceleration = (max(target.speed, 0.0) - ego.speed) / (STEP_S + 3.0 * vehicle.reaction_s)
-    possible, _ = vehicle.within(acceleration, target.yaw_rate, ego.speed)
-    return vehicle.within(possible, target.yaw_rate, ego.speed + 0.5 * STEP_S * possible)
+    acceleration = vehicle.possible((max(target.speed, 0.0) - ego.speed) / (STEP_S + 3.0 * vehicle.reaction_s))
+    return vehicle.within(acceleration, target.yaw_rate, ego.speed + 0.5 * STEP_S * acceleration)
 
 
 class Reference:
@@ -142,7 +141,7 @@ class Reference:
             + bandwidth**2 * e_along
         )
         yaw_rate = rate + bandwidth**2 * e_across / max(ego.speed, SLOW) + 2.0 * bandwidth * float(np.sin(e_heading))
-        possible, _ = vehicle.within(acceleration, yaw_rate, ego.speed)
+        possible = vehicle.possible(acceleration)
         return vehicle.within(possible, yaw_rate, ego.speed + 0.5 * STEP_S * max(possible, 0.0))
 
     def _offset(self, time: float, ego: EgoState) -> tuple[float, float]:

@@ -209,12 +209,7 @@ def rivalry(port: EgoPort, there: Sequence[EgoPublisher]) -> str:
         there: currently announced publishers.
     """
     drivers = [each for each in there if each.topic in port.topics and not each.unheard]
-    processes, nodes = {each.participant for each in drivers}, {each.node for each in drivers} - {""}
-    strangers = [
-        each
-        for each in there
-        if not (each.topic in port.topics or each.unheard or each.participant in processes or each.node in nodes)
-    ]
+    strangers = _on_other_inputs(port, drivers, there)
     if port.by_first and port.counts["refused"] and drivers and strangers:
         who = ", ".join(sorted(f"{each.node or '?'} on {each.topic}" for each in [*drivers, *strangers]))
         return (
@@ -230,6 +225,15 @@ def rivalry(port: EgoPort, there: Sequence[EgoPublisher]) -> str:
         "were not asked for: it would depend on chance which of them drives the ego; end the others, or choose another "
         "domain"
     )
+
+
+def _on_other_inputs(
+    port: EgoPort, drivers: Sequence[EgoPublisher], there: Sequence[EgoPublisher]
+) -> list[EgoPublisher]:
+    """The publishers on inputs that are not in use, of other processes and other nodes than the `drivers`."""
+    processes, nodes = {each.participant for each in drivers}, {each.node for each in drivers} - {""}
+    others = (each for each in there if each.topic not in port.topics and not each.unheard)
+    return [each for each in others if each.participant not in processes and each.node not in nodes]
 
 
 class EgoPublishers:
