@@ -32,7 +32,7 @@ from litsim_sim.recordings.generic.resampling import (
     split,
     without_outliers,
 )
-from litsim_sim.recordings.ngsim.tracks import DIRECTION_MIN, PIECE, direction_of_motion
+from litsim_sim.recordings.ngsim.tracks import PIECE, direction_of_motion
 from litsim_sim.recordings.recording import BOUNDS, COLUMNS, Recording, RecordingHeader
 
 IDS_KEPT = 5000  # most renumbered vehicle ids that the header lists
@@ -273,10 +273,11 @@ def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
     """`table` with box centres, and with heading, speed and acceleration derived where the file lacks them."""
     vehicle, x, y = (table[name].to_numpy() for name in ("vehicle_id", "x", "y"))
     walking = obstacle_rows(table)
-    if "yaw" not in table or walking.any():
-        along = direction_of_motion(vehicle, x, y, np.full(len(table), np.nan), DIRECTION_MIN)
-        known = table["yaw"] if "yaw" in table else _headings(table, mapping)
-        table = table.assign(yaw=np.where(walking, along, known))
+    if "yaw" not in table:
+        table = table.assign(yaw=_headings(table, mapping))
+    if walking.any():
+        along = direction_of_motion(vehicle, x, y, np.full(len(table), np.nan))
+        table = table.assign(yaw=np.where(walking, along, table["yaw"]))
     yaw = wrap_angle(table["yaw"].to_numpy())
     ahead = AHEAD[mapping.reference] * table["length"].to_numpy()
     x, y = x + ahead * np.cos(yaw), y + ahead * np.sin(yaw)

@@ -53,12 +53,14 @@ def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
     Raises:
         InputError: checks failed; the message has the figure of each.
     """
-    found = {"time": _time(table, mapping), "size": _size(table, mapping)}
+    step = _steps(table, 1)["dt"].to_numpy()
+    found = {"time": _time(step, mapping), "size": _size(table, mapping)}
     if not found["time"] or "time" in mapping.accept:  # the others depend on times
+        steps = _steps(table, rows_apart(float(np.median(step))) if len(step) else 1)
         found |= {
-            "speed": _speed(table, mapping),
+            "speed": _speed(table, steps, mapping),
             "acceleration": _acceleration(table, mapping),
-            "heading": _across(table, mapping) or _heading(table, mapping),
+            "heading": _across(steps, mapping) or _heading(table, steps, mapping),
             "side": sides.problems(table),
         }
     problems = [f"{text} (check {name})" for name, text in found.items() if text and name not in mapping.accept]
@@ -69,9 +71,8 @@ def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
         )
 
 
-def _time(table: pd.DataFrame, mapping: Mapping) -> str:
-    """Check that the time between rows of a vehicle is plausible."""
-    step = _steps(table, 1)["dt"].to_numpy()
+def _time(step: FloatArray, mapping: Mapping) -> str:
+    """Check that the time `step` (n,) [s] between rows of a vehicle is plausible."""
     if not len(step):
         return ""
     median = float(np.median(step))
@@ -86,9 +87,8 @@ def _time(table: pd.DataFrame, mapping: Mapping) -> str:
     return f"{said}, units.time being {mapping.units.time}{would}"
 
 
-def _speed(table: pd.DataFrame, mapping: Mapping) -> str:
+def _speed(table: pd.DataFrame, steps: pd.DataFrame, mapping: Mapping) -> str:
     """Check that speeds agree with the change of positions."""
-    steps = _steps(table, _rows_apart(table))
     driven = steps["way"].to_numpy() / steps["dt"].to_numpy()
     if "speed" not in table:
         fast = float(np.quantile(driven, 0.9)) if len(driven) else 0.0
@@ -210,9 +210,8 @@ def _degrees(table: pd.DataFrame, mapping: Mapping) -> str:
     return "; or are they degrees? Longitudes and latitudes have to be projected to metres first"
 
 
-def _across(table: pd.DataFrame, mapping: Mapping) -> str:
+def _across(steps: pd.DataFrame, mapping: Mapping) -> str:
     """Check, for reference box_corner, that vehicles drive along the x axis of the file."""
-    steps = _steps(table, _rows_apart(table))
     steps = steps[steps["way"] > MOVING * steps["dt"]]
     if mapping.reference != "box_corner" or len(steps) < ROWS_MIN:
         return ""
@@ -226,11 +225,10 @@ def _across(table: pd.DataFrame, mapping: Mapping) -> str:
     )
 
 
-def _heading(table: pd.DataFrame, mapping: Mapping) -> str:
+def _heading(table: pd.DataFrame, steps: pd.DataFrame, mapping: Mapping) -> str:
     """Check that headings agree with the direction of motion."""
     if "yaw" not in table:
         return ""
-    steps = _steps(table, _rows_apart(table))
     steps = steps[steps["way"] > MOVING * steps["dt"]]
     if len(steps) < ROWS_MIN:
         return ""
@@ -324,11 +322,6 @@ def heading(angle: FloatArray, zero: str, positive: str) -> FloatArray:
 def rows_apart(step: float) -> int:
     """How many rows that follow each other by `step` [s], more than 0, are SPAN_S apart; from 1 to 20."""
     return round(SPAN_S / max(min(step, SPAN_S), STEP_RANGE_S[0]))
-
-
-def _rows_apart(table: pd.DataFrame) -> int:
-    """The same for a table."""
-    return rows_apart(float(np.median(dt))) if len(dt := _steps(table, 1)["dt"].to_numpy()) else 1
 
 
 def _steps(table: pd.DataFrame, apart: int) -> pd.DataFrame:

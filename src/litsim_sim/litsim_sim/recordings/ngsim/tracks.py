@@ -129,7 +129,7 @@ def neutral(
 
 
 def direction_of_motion(
-    vehicle: IntArray, x: FloatArray, y: FloatArray, hint: FloatArray, least: float | FloatArray = DIRECTION_MIN
+    vehicle: IntArray, x: FloatArray, y: FloatArray, hint: FloatArray, least: float = DIRECTION_MIN
 ) -> FloatArray:
     """Heading [rad] (n,) from the way between half a second before and after; held where a vehicle stands.
 
@@ -137,7 +137,7 @@ def direction_of_motion(
         vehicle: (n,) ids; rows of one vehicle are consecutive frames.
         x, y: (n,) [m].
         hint: (n,) heading of vehicles that never move, NaN for 0.
-        least: way [m], of all rows or (n,), below which a vehicle stands.
+        least: way [m] below which a vehicle stands.
     """
     index = np.arange(len(vehicle))
     first = np.flatnonzero(np.r_[True, vehicle[1:] != vehicle[:-1]])
