@@ -16,7 +16,7 @@ from litsim_sim.core.compiled import load_kernels
 
 PACKAGES = ("litsim_sim", "litsim_predictor", "litsim_policy")
 """All that can hold kernels; this package is below the others and imports nothing of them by itself."""
-PROCESSES_MAX = 8  # by default: more find no kernel whose callees are ready, and each takes memory
+PROCESSES_MAX = 8  # by default: the longest chain of kernels is a fifth of the work, and each process takes memory
 
 
 def parser() -> argparse.ArgumentParser:
