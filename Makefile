@@ -15,7 +15,7 @@ ARGS ?=
 JOBS ?= $(shell expr 2 + $$(nproc))
 
 BIN := .venv/bin
-SOURCES := src/litsim_sim:src/litsim_predictor:src/litsim_policy
+SOURCES := src/litsim_sim:src/litsim_predictor:src/litsim_policy:src/litsim_data:src/litsim_eval:src/litsim_research
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -59,9 +59,9 @@ format: setup-all ## put the sources into the format that lint asks for
 	$(BIN)/ruff format
 
 bench: build ## what a step costs on this machine, by stage, beside highway-env
-	./litsim litsim_predictor bench
+	./litsim litsim_eval bench forecasts
 	@benchmarks/highway_env/setup.sh || echo "bench: without highway-env"
-	./litsim litsim_policy bench $(if $(wildcard benchmarks/highway_env/.venv/.ready),--highway-env benchmarks/highway_env) $(ARGS)
+	./litsim litsim_eval bench $(if $(wildcard benchmarks/highway_env/.venv/.ready),--highway-env benchmarks/highway_env) $(ARGS)
 
 soak: build ## 100 short runs of the graph, resumed where they were left; docs/soak.md
 	./litsim exec python tests/soak/soak.py $(ARGS)

@@ -24,8 +24,10 @@ import yaml
 from hypothesis import settings
 
 from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, STEP_S, AgentTable, Controller, Kind
-from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader
+from litsim_sim.scenario.recording import COLUMNS, Recording, RecordingHeader
 from litsim_sim.scenario.scenario import Scenario
+
+pytest_plugins = ["made_runs", "driven_runs", "straight_tracks"]  # fixtures that tests of several packages use
 
 # Real data, where they lie beside the project; elsewhere the tests that need them are skipped and say so.
 BESIDE = Path(__file__).resolve().parents[2] / "shared" / "data"

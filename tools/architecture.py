@@ -1,6 +1,6 @@
 """Draws the imports between folders into ARCHITECTURE.md, from the code alone.
 
-    PYTHONPATH=src/litsim_sim:src/litsim_predictor:src/litsim_policy python tools/architecture.py [--check | --largest]
+    PYTHONPATH=src/litsim_sim:src/litsim_predictor:src/litsim_policy:src/litsim_data:src/litsim_eval:src/litsim_research python tools/architecture.py [--check | --largest]
 
 Without an option, the part of ARCHITECTURE.md between the marks is written anew; --check says whether that would change
 it; --largest prints the largest classes and folders. `make architecture` and `make lint` call the first two.

@@ -7,7 +7,7 @@ if [ $# -gt 0 ]; then
 Usage: tools/build.sh   (make build)
 
 colcon build --symlink-install into build/, install/ and log/. Python sources are linked, so that only messages, build
-descriptions and the set of data files call for another build. Then the kernels (litsim_sim/core/compiled.py) are compiled
+descriptions and the set of data files call for another build. Then the kernels (litsim_sim/kernels/compiled.py) are compiled
 beside their sources. On stock ROS 2 Jazzy, use plain `colcon build`, and `ros2 run litsim_sim compile` after it.
 TEXT
   exit 0
@@ -40,7 +40,7 @@ kernels_key() {
 }
 
 compile_kernels() {
-  PYTHONPATH=src/litsim_sim:src/litsim_predictor:src/litsim_policy .venv/bin/python -m litsim_sim.cli.compile
+  PYTHONPATH=src/litsim_sim:src/litsim_predictor:src/litsim_policy:src/litsim_data:src/litsim_eval:src/litsim_research .venv/bin/python -m litsim_sim.cli.compile
 }
 
 # Bytecode of the workspace's modules, what is not up to date. Python writes it by itself when it imports a module, but not

@@ -14,12 +14,12 @@ from pathlib import Path
 import pandas as pd
 import yaml
 
-from litsim_sim.cli.data import main as data
+from litsim_data.cli import main as data
 from litsim_sim.io.yaml_input import read_yaml
-from litsim_sim.maps.signal_links import read_links
-from litsim_sim.recordings.recording import Recording
+from litsim_sim.lane_map.signal_links import read_links
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.plan_offset import fit_offset
+from litsim_sim.scenario.recording import Recording
 from litsim_sim.scenario.signals import SignalsFile, on_clock
 
 HERE = Path(__file__).parent

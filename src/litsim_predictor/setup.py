@@ -30,10 +30,6 @@ setup(
     entry_points={
         "console_scripts": [
             "predictor = litsim_predictor.predictor_node:main",
-            "train = litsim_predictor.cli.train:main",
-            "export = litsim_predictor.cli.export:main",
-            "evaluate = litsim_predictor.cli.evaluate:main",
-            "bench = litsim_predictor.cli.bench:main",
         ],
         # what reads the parameters of the stage, see litsim_sim.core.stage_registry
         "litsim.stages": ["predictor = litsim_predictor.models:predictor_stage"],

@@ -32,12 +32,8 @@ setup(
             "bridge = litsim_sim.nodes.bridge:main",
             "recorder = litsim_sim.nodes.recorder:main",
             "launch = litsim_sim.cli.launch:main",
-            "analyze = litsim_sim.cli.analyze:main",
-            "report = litsim_sim.cli.report:main",
             "replay = litsim_sim.cli.replay:main",
-            "compare = litsim_sim.cli.compare:main",
             "live = litsim_sim.cli.live:main",
-            "data = litsim_sim.cli.data:main",
             "compile = litsim_sim.cli.compile:main",
         ],
         "litsim.stages": [  # what reads the parameters of each, see litsim_sim.core.stage_registry

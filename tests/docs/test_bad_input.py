@@ -13,9 +13,9 @@ import pandas as pd
 import pytest
 import yaml
 
-from litsim_sim.cli.data import main as data
+from litsim_data.cli import main as data
 from litsim_sim.core.errors import InputError
-from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader
+from litsim_sim.scenario.recording import COLUMNS, Recording, RecordingHeader
 from litsim_sim.scenario.scenario import Scenario, packaged
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "faults.md"

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from litsim_data.maps.netconvert import find_netconvert
 from litsim_sim.core.errors import InputError
 from litsim_sim.launch.executables import find_executable
-from litsim_sim.maps.netconvert import find_netconvert
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "your-own-recording.md"

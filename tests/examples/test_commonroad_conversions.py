@@ -15,7 +15,7 @@ import pytest
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import Interface, problem
 from litsim_sim.ego_port.tracking import EgoState, Reference
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.ros import messages, standard
 from litsim_sim.ros.ego_port import from_path
 from litsim_sim.scenario.scenario import packaged

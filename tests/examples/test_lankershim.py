@@ -11,11 +11,11 @@ from types import ModuleType
 import pandas as pd
 import pytest
 
+from litsim_data.maps.commonroad import import_commonroad
+from litsim_data.maps.netconvert import find_netconvert
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import read_yaml
-from litsim_sim.maps.commonroad import import_commonroad
-from litsim_sim.maps.netconvert import find_netconvert
-from litsim_sim.maps.signal_links import read_links
+from litsim_sim.lane_map.signal_links import read_links
 from litsim_sim.scenario.signals import SignalsFile, shown
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "lankershim"

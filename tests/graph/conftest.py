@@ -26,7 +26,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.launch.child import end_with_parent
 from litsim_sim.record.bag import BagReader
-from litsim_sim.recordings.recording import Recording, RecordingHeader
+from litsim_sim.scenario.recording import Recording, RecordingHeader
 
 HERE = Path(__file__).parent
 MARK = "LITSIM_TEST"  # variable by which a graph's processes are known

@@ -14,7 +14,7 @@ from typing import Any
 import rclpy
 from rclpy.node import Node
 
-from litsim_policy.ads_check.bystander import Bystander
+from litsim_eval.check_ads.bystander import Bystander
 from litsim_sim.launch.middleware import use_middleware_settings
 
 KINDS = {

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from litsim_sim.recordings.recording import HEADER_KEY, Recording
+from litsim_sim.scenario.recording import HEADER_KEY, Recording
 
 HANDSHAKE_S = 30.0  # the others start within it, however busy the machine is
 

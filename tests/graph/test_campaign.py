@@ -14,8 +14,8 @@ import pytest
 import yaml
 from junitparser import JUnitXml
 
-from litsim_sim.campaign.criteria import Verdict
-from litsim_sim.campaign.results import RunResult, read_campaign
+from litsim_eval.campaign.criteria import Verdict
+from litsim_eval.campaign.results import RunResult, read_campaign
 from litsim_sim.record.run import read_run
 
 STACK = [sys.executable, str(Path(__file__).with_name("external_ego.py"))]
@@ -40,7 +40,7 @@ def suite(graph: Any, egos: list[Any], ids: list[int]) -> Path:
 
 def start(graph: Any, file: Path, *options: object, **environment: str) -> subprocess.Popen[str]:
     words = ("--suite", file, "--out", graph.folder / "out", *options)
-    return graph.start_program("litsim_policy", "evaluate", *words, **environment)
+    return graph.start_program("litsim_eval", "evaluate", *words, **environment)
 
 
 def by_ego(graph: Any) -> dict[str, RunResult]:

@@ -30,7 +30,7 @@ def start(graph: Any, *arguments: object, command: tuple[object, ...] = ()) -> A
     usual = ("--scenario", scenario, "--seconds", 3, "--answer-timeout", 8, "--end-wait", 2, "--wait", 60)
     usual += ("--json", result)
     stack = ("--", sys.executable, *command) if command else ()
-    return graph.start_node("litsim_policy", "check_ads", *map(str, (*usual, *arguments, *stack)))
+    return graph.start_node("litsim_eval", "check_ads", *map(str, (*usual, *arguments, *stack)))
 
 
 def verdicts(graph: Any) -> dict[str, str]:
@@ -169,7 +169,7 @@ def test_nobody_is_there(graph: Any) -> None:
     ],
 )
 def test_bad_input(graph: Any, arguments: tuple[str, ...], words: str) -> None:
-    done = graph.finish(graph.start_node("litsim_policy", "check_ads", *arguments))
+    done = graph.finish(graph.start_node("litsim_eval", "check_ads", *arguments))
     assert done.returncode == 2
     assert words in done.stderr
     assert "Traceback" not in done.stderr

@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from litsim_policy.run.recorded_run import open_record
-from litsim_policy.run.rerun import resimulate
-from litsim_policy.run.runner import Runner, record
-from litsim_sim.analysis.analyze import analyze
-from litsim_sim.analysis.metrics import compute_metrics
+from litsim_eval.analysis.analyze import analyze
+from litsim_eval.analysis.metrics import compute_metrics
+from litsim_eval.runs.recorded_run import open_record
+from litsim_eval.runs.rerun import resimulate
+from litsim_eval.runs.runner import Runner, record
 from litsim_sim.core.parameters import by_stage
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import read_run

@@ -12,8 +12,8 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
 
-from litsim_policy.run.recorded_run import open_record
-from litsim_policy.run.rerun import resimulate
+from litsim_eval.runs.recorded_run import open_record
+from litsim_eval.runs.rerun import resimulate
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.repair import repair
 from litsim_sim.record.run import Run, read_run

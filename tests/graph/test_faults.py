@@ -17,10 +17,10 @@ from typing import Any
 
 import pytest
 
-from litsim_policy.run.benchmark import write_scenario
-from litsim_policy.run.runner import Runner, record
-from litsim_sim.analysis.analyze import analyze
-from litsim_sim.analysis.metrics import digest
+from litsim_eval.analysis.analyze import analyze
+from litsim_eval.analysis.metrics import digest
+from litsim_eval.benchmark.steps import write_scenario
+from litsim_eval.runs.runner import Runner, record
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from litsim_sim.analysis.analyze import analyze
+from litsim_eval.analysis.analyze import analyze
 from litsim_sim.record.run import read_run
 
 AT = 20  # step at which the run waits for its ego while somebody is stopped

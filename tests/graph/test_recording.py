@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from litsim_sim.analysis.metrics import compute_metrics
+from litsim_eval.analysis.metrics import compute_metrics
 from litsim_sim.core.stages import StageState
 from litsim_sim.record.bag import BagReader, find_mcap
 from litsim_sim.record.run import read_run

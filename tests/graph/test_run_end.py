@@ -10,14 +10,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from litsim_policy.run.recorded_run import open_record
-from litsim_policy.run.rerun import resimulate
-from litsim_policy.run.runner import Runner, record
-from litsim_sim.analysis.metrics import compute_metrics
+from litsim_eval.analysis.metrics import compute_metrics
+from litsim_eval.runs.recorded_run import open_record
+from litsim_eval.runs.rerun import resimulate
+from litsim_eval.runs.runner import Runner, record
 from litsim_sim.core.run_end import EndReason
 from litsim_sim.core.stages import StageState
 from litsim_sim.record.run import read_run
-from litsim_sim.recordings.recording import Recording, RecordingHeader
+from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 

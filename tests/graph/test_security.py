@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from litsim_policy.cli.security import policy
+from litsim_eval.cli.security import policy
 from litsim_sim.ego_port.answer import Interface
-from litsim_sim.recordings.recording import Recording, RecordingHeader
+from litsim_sim.scenario.recording import Recording, RecordingHeader
 
 GROUPS = {"east": ["WA_0", "WA_1"], "left": ["WA_2"]}
 CHANGES = [[0.0, "east", "green"], [0.0, "left", "red"]]
@@ -93,7 +93,7 @@ def test_each_node_of_a_run_is_in_an_enclave_of_its_own(graph: Any) -> None:
     assert done.returncode == 2
     assert "ROS_SECURITY_STRATEGY is '', expected 'Enforce'" in done.stderr
     assert not bag.exists()
-    checked = graph.finish(graph.start_program("litsim_policy", "check_ads", "--out", bag, **secured))
+    checked = graph.finish(graph.start_program("litsim_eval", "check_ads", "--out", bag, **secured))
     assert (checked.returncode, checked.stderr) == (2, done.stderr)
     assert not bag.exists()
 

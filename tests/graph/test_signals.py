@@ -10,7 +10,7 @@ import pandas as pd
 
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import read_run
-from litsim_sim.recordings.recording import Recording, RecordingHeader
+from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import Scenario
 
 GROUPS = {"east": ["WA_0", "WA_1"], "left": ["WA_2"]}

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from litsim_sim.analysis.metrics import compute_metrics
+from litsim_eval.analysis.metrics import compute_metrics
 from litsim_sim.record.bag import FAILURE_FILE
 from litsim_sim.record.run import read_run
 

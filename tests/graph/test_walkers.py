@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from litsim_policy.run.runner import Runner, record
-from litsim_sim.analysis.metrics import compute_metrics
+from litsim_eval.analysis.metrics import compute_metrics
+from litsim_eval.runs.runner import Runner, record
 from litsim_sim.core.scene import Controller, Kind
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import RunPlan

@@ -8,11 +8,11 @@ from typing import Any
 
 import yaml
 
-from litsim_sim.campaign.case import Case, cases_of
-from litsim_sim.campaign.criteria import Criteria
-from litsim_sim.campaign.results import read_campaign
-from litsim_sim.campaign.suite import Suite
-from litsim_sim.report.experiment import write_experiment_report
+from litsim_eval.campaign.case import Case, cases_of
+from litsim_eval.campaign.criteria import Criteria
+from litsim_eval.campaign.results import read_campaign
+from litsim_eval.campaign.suite import Suite
+from litsim_eval.report.experiment import write_experiment_report
 from litsim_sim.scenario.scenario import packaged
 
 DEMO: dict[str, Any] = yaml.safe_load(packaged("scenarios/demo.yaml").read_text())

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from litsim_sim.analysis.metrics import compute_metrics
+from litsim_eval.analysis.metrics import compute_metrics
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.bag import find_mcap
 from litsim_sim.record.digest import RunDigest

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from litsim_sim.maps.net_lanes import Lane
+from litsim_sim.lane_map.net_lanes import Lane
 
 
 def made_lane(

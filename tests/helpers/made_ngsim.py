@@ -20,9 +20,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pcsv
 
+from litsim_data.ngsim.formats import MOTORWAY_COLUMNS, STREET_COLUMNS, URBAN
+from litsim_data.ngsim.sites import FOOT, SITES, Site
 from litsim_sim.core.scene import STEP_S, FloatArray
-from litsim_sim.recordings.ngsim.formats import MOTORWAY_COLUMNS, STREET_COLUMNS, URBAN
-from litsim_sim.recordings.ngsim.sites import FOOT, SITES, Site
 
 PORTAL_HEADER = (
     "Vehicle_ID,Frame_ID,Total_Frames,Global_Time,Local_X,Local_Y,Global_X,Global_Y,v_length,v_Width,v_Class,v_Vel,"

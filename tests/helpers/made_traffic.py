@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from litsim_data.mining.events import Situation
+from litsim_data.mining.signals import WaySignals
 from litsim_sim.core.scene import STEP_S, FloatArray
-from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.maps.net_lanes import Lane
-from litsim_sim.mining.events import Situation
-from litsim_sim.mining.signals import WaySignals
-from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.lane_map.net_lanes import Lane
 from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.recording import COLUMNS, Recording, RecordingHeader
 from litsim_sim.scenario.scenario import packaged
 
 SECONDS = 12.0

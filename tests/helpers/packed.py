@@ -1,4 +1,4 @@
-"""Reader of the containers of ``litsim_sim.report.packing``, like `assets/container.js` in the browser."""
+"""Reader of the containers of ``litsim_eval.report.packing``, like `assets/container.js` in the browser."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from litsim_sim.report.packing import WHOLE
+from litsim_eval.report.packing import WHOLE
 
 
 def unpack(text: str) -> tuple[dict[str, Any], dict[str, npt.NDArray[np.float64]]]:

@@ -9,8 +9,8 @@ import pandas as pd
 import yaml
 
 from litsim_sim.core.scene import STEP_S, Kind
-from litsim_sim.recordings.load import load_recording
-from litsim_sim.recordings.recording import Recording
+from litsim_sim.scenario.load import load_recording
+from litsim_sim.scenario.recording import Recording
 from litsim_sim.scenario.scenario import packaged
 
 PEDESTRIAN, CYCLIST = 9001, 9002

@@ -27,10 +27,10 @@ import litsim_sim  # isort: skip  # noqa: F401 - before numpy: chooses its code,
 import numpy as np
 from tqdm import tqdm
 
-from litsim_policy.run.benchmark import write_scenario
-from litsim_policy.run.memory_benchmark import children, resident_mb
-from litsim_policy.run.runner import Runner, record
-from litsim_sim.analysis.metrics import compute_metrics
+from litsim_eval.analysis.metrics import compute_metrics
+from litsim_eval.benchmark.memory import children, resident_mb
+from litsim_eval.benchmark.steps import write_scenario
+from litsim_eval.runs.runner import Runner, record
 from litsim_sim.core.errors import EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED, InputError, print_error
 from litsim_sim.core.parameters import by_stage
 from litsim_sim.io.files import replacing

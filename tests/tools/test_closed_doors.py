@@ -23,9 +23,9 @@ sys.addaudithook(listen)
 if "--ask" in sys.argv:
     import urllib.request
     urllib.request.urlopen("http://127.0.0.1:9/", timeout=1)
-from litsim_policy.run.runner import Runner, record
-from litsim_sim.analysis.metrics import compute_metrics
-from litsim_sim.report.thumbnails import write_thumbnail
+from litsim_eval.runs.runner import Runner, record
+from litsim_eval.analysis.metrics import compute_metrics
+from litsim_eval.report.thumbnails import write_thumbnail
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 from pathlib import Path

@@ -14,8 +14,8 @@ from litsim_predictor.forecast import NoPredictor, Predictor
 from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.contract import NO_MODES, ModeChoice, Network
 from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
-from litsim_predictor.oracle import OraclePredictor
 from litsim_predictor.selection import Wanted
+from litsim_research.oracle import OraclePredictor
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.quantities import Flag, Length, NonNegative, configuration
@@ -152,9 +152,9 @@ def _network(model: str, modified: int) -> Network:
     if not find_spec("torch"):
         raise InputError(
             f"{model}: weights of a model that comes without a graph need torch, which is not installed here; "
-            "litsim_predictor export makes a graph of them where it is"
+            "litsim_research export makes a graph of them where it is"
         )
-    from litsim_predictor.learned.eager import EagerNetwork
-    from litsim_predictor.learned.models.weights import load_model
+    from litsim_research.predictors.eager import EagerNetwork
+    from litsim_research.predictors.models.weights import load_model
 
     return EagerNetwork(load_model(model)[0], model)

@@ -6,9 +6,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from litsim_sim.core.compiled import FLOATS, INTS, OUT_BOOLS, kernel
 from litsim_sim.core.nearby import around
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_BOOLS, kernel
 
 Egos = int | IntArray
 """Id of the ego, or ids of those of several scenes (scenes,)."""

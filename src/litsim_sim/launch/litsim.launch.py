@@ -1,7 +1,7 @@
 """A whole run: `ros2 launch litsim_sim litsim.launch.py scenario:=demo ego:=idm policy:=litsim`.
 
 Starts the nodes that the launcher script `ros2 run litsim_sim launch` starts, with the same parameters, and ends when
-the run is over and recorded. `ros2 run litsim_sim analyze OUT` measures it then.
+the run is over and recorded. `ros2 run litsim_eval analyze OUT` measures it then.
 """
 
 from __future__ import annotations

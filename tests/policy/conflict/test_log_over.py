@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from litsim_policy.run.runner import Runner, record
-from litsim_sim.analysis.metrics import compute_metrics
+from litsim_eval.analysis.metrics import compute_metrics
+from litsim_eval.runs.runner import Runner, record
 from litsim_sim.core.scene import AgentTable, Controller, EgoCommand
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario

@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 import yaml
 
-from litsim_policy.run.runner import Runner, record
-from litsim_sim.analysis.metrics import compute_metrics
+from litsim_eval.analysis.metrics import compute_metrics
+from litsim_eval.runs.runner import Runner, record
 from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand
-from litsim_sim.recordings.recording import Recording, RecordingHeader
+from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 

@@ -17,7 +17,7 @@ from litsim_policy.driving.features.scales import ACCELERATION
 from litsim_policy.driving.features.way import AHEAD
 from litsim_policy.driving.policy_c import FORMAT, PolicyC, PolicyNetwork, shipped_weights
 from litsim_policy.driving.registry import make_policy
-from litsim_policy.learning.network import GaussianPolicy, driving_network, pedal_bounds, restore, save
+from litsim_research.policies.network import GaussianPolicy, driving_network, pedal_bounds, restore, save
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ControlSource
 

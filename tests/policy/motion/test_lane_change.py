@@ -11,7 +11,7 @@ from litsim_policy.motion.car_following import IdmConfig, idm_acceleration
 from litsim_policy.motion.lane_change import LaneChangeConfig, LaneChanges, weigh_changes
 from litsim_policy.motion.lane_lines import LaneLines
 from litsim_sim.core.scene import AgentTable
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.lane_map.lane_map import LaneMap
 
 RIGHT, LEFT = 0, 1
 LENGTH = 4.5

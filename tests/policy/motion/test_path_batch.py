@@ -15,7 +15,7 @@ from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.path_kernels import CHUNK
 from litsim_policy.motion.reference_path import ReferencePath, pursuit_yaw_rate
 from litsim_sim.core.scene import ARRAY_FIELDS
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.joined import BITS, JoinedTable
 
 

@@ -15,7 +15,7 @@ from litsim_policy.motion.reference_path import ReferencePath
 from litsim_policy.motion.route import CHANGE_COST, Router
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.scenario import packaged
 
 CURVATURE_MAX = VehicleLimits().curvature_max

@@ -12,7 +12,7 @@ from litsim_policy.motion.reference_path import ReferencePath
 from litsim_policy.motion.route import Router
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.scenario import packaged
 
 GENTLE = 0.02  # [1/m] of a long vehicle

@@ -21,7 +21,7 @@ from litsim_policy.motion.stop_lines import SignalConfig, StopLines, idm_at_sign
 from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable, ControlTable, EgoCommand, EgoMode
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.takeover import TakeoverTable
-from litsim_sim.maps.signal_links import read_links
+from litsim_sim.lane_map.signal_links import read_links
 from litsim_sim.scenario.scenario import Scenario, packaged
 from litsim_sim.scenario.signals import Signals
 from litsim_sim.world.world import World

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from litsim_predictor.inference.features import frame_headings
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.scenario import Scenario
 
 NET = Scenario.load("demo").net_path

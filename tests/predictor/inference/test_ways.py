@@ -15,13 +15,13 @@ from litsim_predictor.inference.contract import DT, HISTORY, HORIZON, STRIDE, Ag
 from litsim_predictor.inference.predictor import LearnedPredictor
 from litsim_predictor.inference.raster import raster_of_net
 from litsim_predictor.inference.ways import WAY, LaneWays, Ways, along_ways, bend
-from litsim_predictor.learned.data.scenes import scene_batches
-from litsim_predictor.learned.data.tracks import Tracks
-from litsim_predictor.learned.models.along_lanes import AlongLanes
-from litsim_predictor.learned.models.weights import load_model
 from litsim_predictor.models import network
+from litsim_research.predictors.data.scenes import scene_batches
+from litsim_research.predictors.data.tracks import Tracks
+from litsim_research.predictors.models.along_lanes import AlongLanes
+from litsim_research.predictors.models.weights import load_model
 from litsim_sim.core.scene import AgentTable, FloatArray
-from litsim_sim.maps.lane_map import LaneMap, LanePosition
+from litsim_sim.lane_map.lane_map import LaneMap, LanePosition
 from litsim_sim.scenario.scenario import packaged
 
 Build = Callable[..., AgentTable]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from litsim_sim.analysis.safety import following, times_to_collision
+from litsim_data.surrogates.safety import following, times_to_collision
 from litsim_sim.core.geometry import overlapping_pairs
 from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable
 from litsim_sim.core.steps import Steps

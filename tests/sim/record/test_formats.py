@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from litsim_sim.analysis.metrics import compute_metrics
+from litsim_eval.analysis.metrics import compute_metrics
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.bag import FORMAT, FORMAT_KEY, BagReader, BagWriter
 from litsim_sim.record.run import read_run

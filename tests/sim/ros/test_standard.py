@@ -14,7 +14,7 @@ from visualization_msgs.msg import Marker
 from litsim_sim.core.scene import AgentTable, EgoCommand, EgoMode
 from litsim_sim.ego_port.answer import Interface
 from litsim_sim.ego_port.tracking import Trajectory, TwistTarget
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.ros import ego_port, messages, standard
 from litsim_sim.scenario.scenario import packaged
 

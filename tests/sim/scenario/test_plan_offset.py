@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 
 from litsim_sim.core.scene import FloatArray
-from litsim_sim.maps.signal_links import read_links
-from litsim_sim.recordings.recording import Recording, RecordingHeader
+from litsim_sim.lane_map.signal_links import read_links
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.plan_offset import TRIED_S, fit_offset
+from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import packaged
 from litsim_sim.scenario.signals import SignalsFile
 

@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.maps.signal_links import read_links
-from litsim_sim.recordings.recording import Recording, RecordingHeader
+from litsim_sim.lane_map.signal_links import read_links
 from litsim_sim.scenario.recorded_signals import survey
+from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import packaged
 from litsim_sim.scenario.signals import SignalsFile
 

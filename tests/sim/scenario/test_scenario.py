@@ -13,13 +13,13 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
+from litsim_data.ngsim import official
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, STEP_S, Controller, Kind
 from litsim_sim.core.vehicle import VehicleModel
-from litsim_sim.recordings.load import load_recording
-from litsim_sim.recordings.ngsim import official
-from litsim_sim.recordings.recording import Recording, RecordingHeader
+from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import Scenario, packaged, packaged_scenarios
 
 EMBEDDED = load_recording(packaged("scenarios/us101_like.parquet"))

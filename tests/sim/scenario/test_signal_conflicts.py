@@ -12,15 +12,15 @@ import pytest
 import yaml
 
 from litsim_sim.core.scene import STEP_S
-from litsim_sim.maps.signal_links import read_links
-from litsim_sim.recordings.recording import Recording, RecordingHeader
+from litsim_sim.lane_map.signal_links import read_links
 from litsim_sim.scenario.recorded_signals import survey
+from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import Scenario, packaged
 from litsim_sim.scenario.signal_conflicts import green_conflicts
 from litsim_sim.scenario.signals import SignalsFile, shown
 
 NET = packaged("nets/urban_like.net.xml")
-STREETS = sorted(packaged("suites/small").glob("street_*.yaml"))
+STREETS = sorted(packaged("suites/small", "litsim_eval").glob("street_*.yaml"))
 GROUPS = {"main": ["WA", "BA"], "side": ["ANA", "ASA"]}
 CROSS = [[0.0, "main", "green"], [0.0, "side", "red"], [4.0, "side", "green"], [6.0, "main", "amber"]]
 SAID = (

@@ -14,7 +14,7 @@ import yaml
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.signals import SignalState
 from litsim_sim.io.yaml_input import load_yaml
-from litsim_sim.recordings.recording import Recording, RecordingHeader
+from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.scenario.signals import Signals, SignalsFile, heed, on_clock, read_signals, resolved
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.recordings.load import load_recording
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.scenario import Scenario, Sources, packaged
 from litsim_sim.scenario.usability import Usability, describe, survey
 

@@ -15,7 +15,7 @@ import pytest
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand, Kind
 from litsim_sim.core.signals import SignalState
-from litsim_sim.maps.signal_links import read_links
+from litsim_sim.lane_map.signal_links import read_links
 from litsim_sim.scenario.scenario import Scenario, packaged
 from litsim_sim.scenario.signals import Signals
 from litsim_sim.world.sumo import SumoMirror

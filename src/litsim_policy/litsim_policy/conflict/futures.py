@@ -9,7 +9,10 @@ from functools import cached_property
 import numpy as np
 from numba import types
 
-from litsim_sim.core.compiled import (
+from litsim_sim.core.pair_geometry import wrapped
+from litsim_sim.core.quickly_made import quickly_made
+from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import (
     BOOLS,
     BOOLS2,
     FLOATS,
@@ -25,9 +28,6 @@ from litsim_sim.core.compiled import (
     read_array,
     void,
 )
-from litsim_sim.core.pair_geometry import wrapped
-from litsim_sim.core.quickly_made import quickly_made
-from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 
 X, Y, YAW, XX, YY, XY = range(6)  # columns of `PredictedMotion.states`
 LOW_X, LOW_Y, HIGH_X, HIGH_Y, SPREAD = range(5)  # columns of `PredictedMotion.bounds`

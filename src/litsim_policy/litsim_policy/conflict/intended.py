@@ -14,10 +14,10 @@ import numpy as np
 from litsim_policy.conflict.futures import XX, XY, YAW, YY, PredictedMotion, X, Y
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.path_kernels import UNIT_X, UNIT_Y, S, nearest, segment_at
-from litsim_sim.core.compiled import BOOLS2, FLOATS, FLOATS3, INTS, OUT_FLOATS3, float64, kernel
 from litsim_sim.core.quantities import Acceleration, Duration, Flag, Length, NonNegative, Positive, Speed, configuration
 from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS3, INTS, OUT_FLOATS3, float64, kernel
 
 
 @configuration

@@ -12,7 +12,11 @@ from numba.types import Tuple
 
 from litsim_policy.conflict.off_log import OffLog
 from litsim_policy.motion.along_path import along_paths
-from litsim_sim.core.compiled import (
+from litsim_sim.core.pair_geometry import wrapped
+from litsim_sim.core.quickly_made import quickly_made
+from litsim_sim.core.scene import AgentTable, BoolArray, ByteArray, FloatArray, IntArray
+from litsim_sim.core.takeover import TakeoverState
+from litsim_sim.kernels.compiled import (
     BOOLS,
     BOOLS2,
     FLOATS,
@@ -27,10 +31,6 @@ from litsim_sim.core.compiled import (
     kernel,
     void,
 )
-from litsim_sim.core.pair_geometry import wrapped
-from litsim_sim.core.quickly_made import quickly_made
-from litsim_sim.core.scene import AgentTable, BoolArray, ByteArray, FloatArray, IntArray
-from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.scenario.log import Log
 
 if TYPE_CHECKING:

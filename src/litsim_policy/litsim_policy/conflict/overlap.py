@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import types
 
-from litsim_sim.core.compiled import boolean, float64, kernel
+from litsim_sim.kernels.compiled import boolean, float64, kernel
 
 NODES = 16  # number of nodes of the quadrature
 REACH = 6.0  # standard deviations to either side over which the Gaussian is integrated

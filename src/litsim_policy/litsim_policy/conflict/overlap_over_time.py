@@ -21,7 +21,8 @@ from litsim_policy.conflict.futures import (
     gone_straight_on,
 )
 from litsim_policy.conflict.overlap import contain, likely, strips
-from litsim_sim.core.compiled import (
+from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import (
     BOOLS,
     BOOLS2,
     FLOATS,
@@ -36,7 +37,6 @@ from litsim_sim.core.compiled import (
     int64,
     kernel,
 )
-from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 
 
 @kernel(float64(*[float64] * 4))

@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 
-from litsim_sim.core.compiled import (
+from litsim_sim.core.pair_geometry import behind_scene
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import (
     BOOLS,
     FLOATS,
     INTS,
@@ -17,8 +19,6 @@ from litsim_sim.core.compiled import (
     float64,
     kernel,
 )
-from litsim_sim.core.pair_geometry import behind_scene
-from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 
 FOLLOWED = 0.8  # of the distance at which boxes in line touch: closer pairs do not follow each other
 

@@ -13,7 +13,6 @@ from litsim_policy.motion.lane_change import LaneChangeConfig, LaneChanges, weig
 from litsim_policy.motion.lane_lines import NO_LANE, LaneLines
 from litsim_policy.motion.path_kernels import nearest
 from litsim_policy.motion.route import Router
-from litsim_sim.core.compiled import BOOLS, FLOATS, FLOATS3, INTS, OUT_BOOLS2, OUT_INTS, float64, int64, kernel
 from litsim_sim.core.quantities import (
     ChangeTime,
     Length,
@@ -24,7 +23,8 @@ from litsim_sim.core.quantities import (
     configuration,
 )
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.kernels.compiled import BOOLS, FLOATS, FLOATS3, INTS, OUT_BOOLS2, OUT_INTS, float64, int64, kernel
+from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.log import Log
 
 IN_LANE = 1.0  # [m] largest distance from the centre line of an agent that drives in a lane, rather than between two

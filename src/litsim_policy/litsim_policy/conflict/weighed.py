@@ -11,7 +11,8 @@ from numba.types import Tuple
 
 from litsim_policy.conflict.futures import PredictedMotion
 from litsim_policy.conflict.overlap_over_time import may_meet, overlap_chances, touching, write_chances
-from litsim_sim.core.compiled import (
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import (
     BOOLS2,
     FLOATS,
     FLOATS2,
@@ -26,7 +27,6 @@ from litsim_sim.core.compiled import (
     int64,
     kernel,
 )
-from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 
 NEGLIGIBLE = 1e-3
 """Probability of an overlap below which a motion adds nothing to a weighted sum."""

@@ -11,7 +11,9 @@ import numpy as np
 
 from litsim_policy.motion.car_following import LEADER_BRAKES, braking_behind, safe_speed
 from litsim_policy.motion.path_kernels import UNIT_X, UNIT_Y, S, X, Y, segment_at
-from litsim_sim.core.compiled import (
+from litsim_sim.core.pair_geometry import overlap, within_scenes
+from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import (
     BOOLS,
     BOOLS2,
     FLOATS,
@@ -25,8 +27,6 @@ from litsim_sim.core.compiled import (
     int64,
     kernel,
 )
-from litsim_sim.core.pair_geometry import overlap, within_scenes
-from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 
 FOLLOWING_TIME = 0.5  # [s] time constant of matching a leader's speed, nearer than the standstill gap
 PEDALS = 3  # number of braking strengths, up to the hardest, that are tried to let an agent cross

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from litsim_policy.motion.car_following import idm
-from litsim_sim.core.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_FLOATS, boolean, float64, int64, kernel
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_FLOATS, boolean, float64, int64, kernel
 
 
 @kernel(boolean(FLOATS, FLOATS, FLOATS, INTS, int64, int64))

@@ -12,7 +12,9 @@ from functools import cache
 import numpy as np
 from numba.types import UniTuple
 
-from litsim_sim.core.compiled import (
+from litsim_sim.core.pair_geometry import overlap, within_scenes
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import (
     FLOATS,
     FLOATS3,
     INTS,
@@ -24,9 +26,7 @@ from litsim_sim.core.compiled import (
     read_array,
     written_array,
 )
-from litsim_sim.core.pair_geometry import overlap, within_scenes
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.lane_map.lane_map import LaneMap
 
 POSES = read_array(float64, 4)
 ROUNDING = 1e-9  # [m] by which the circles around two boxes are widened

@@ -1,7 +1,7 @@
 """Policy C: a network drives the agents that are held, within the limits and guards of a safety layer.
 
 The network is a small MLP, so the weights are read from a safetensors file and applied with numpy: the policy node
-needs no torch. :mod:`litsim_policy.learning.network` is the same network for training in torch.
+needs no torch. :mod:`litsim_research.policies.network` is the same network for training in torch.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import configuration
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, FloatArray
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverState, TakeoverTable
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.setting import Setting
 from litsim_sim.scenario.signals import LinkSignals
 
@@ -51,7 +51,7 @@ class PolicyNetwork:
 
     @classmethod
     def load(cls, path: Path) -> PolicyNetwork:
-        """Read what :func:`litsim_policy.learning.network.save` has written.
+        """Read what :func:`litsim_research.policies.network.save` has written.
 
         Raises:
             InputError: the file is missing, damaged, or holds another network than this version drives with.
@@ -80,7 +80,7 @@ class PolicyCConfig:
     """Parameters of :class:`PolicyC`.
 
     Attributes:
-        weights: file of the network, written by ``litsim_policy train``; empty for the packaged one.
+        weights: file of the network, written by ``litsim_research train policy``; empty for the packaged one.
         safety: limits and guards.
     """
 

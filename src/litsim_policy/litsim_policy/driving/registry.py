@@ -6,12 +6,12 @@ from collections.abc import Callable
 from typing import Protocol
 
 from litsim_policy.driving.handback import HandbackConfig
-from litsim_policy.driving.idm_policy import IdmPolicy, IdmPolicyConfig
-from litsim_policy.driving.imitation_policy import IMITATIONS, ImitationConfig, ImitationPolicy
 from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
 from litsim_policy.driving.reaction import HumanReaction, ReactionConfig
-from litsim_policy.driving.simnet.config import SimnetConfig
 from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
+from litsim_research.baselines.idm_policy import IdmPolicy, IdmPolicyConfig
+from litsim_research.baselines.imitation_policy import IMITATIONS, ImitationConfig, ImitationPolicy
+from litsim_research.baselines.simnet.config import SimnetConfig
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.scene import AgentTable, ControlTable
@@ -53,8 +53,8 @@ def make_policy(
     if name == "idm":
         return IdmPolicy(scenario, idm or IdmPolicyConfig())
     if name == "simnet":
-        from litsim_policy.driving.simnet.network import load_network
-        from litsim_policy.driving.simnet.policy import SimnetPolicy
+        from litsim_research.baselines.simnet.network import load_network
+        from litsim_research.baselines.simnet.policy import SimnetPolicy
 
         return SimnetPolicy(scenario, load_network((simnet or SimnetConfig()).file()))
     if name in IMITATIONS:

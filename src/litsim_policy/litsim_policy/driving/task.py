@@ -14,7 +14,7 @@ from litsim_policy.motion.reference_path import ReferencePath
 from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, IntArray
 from litsim_sim.core.takeover import PathSource, Takeover
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.lane_map.lane_map import LaneMap
 
 NOBODY = -1  # in place of an opponent's id
 

@@ -18,7 +18,7 @@ from litsim_predictor.models import ModelName, make_predictor
 from litsim_predictor.selection import Wanted
 from litsim_sim.core.quantities import Horizon, Length, NonNegative, Positive, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand, FloatArray
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.scenario import Scenario
 
 BACK = -0.5  # cosine of the angle to the present heading (120 degrees) beyond which a step counts as backwards

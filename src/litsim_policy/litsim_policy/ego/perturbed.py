@@ -22,7 +22,7 @@ from litsim_sim.core.quantities import (
     configuration,
 )
 from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand, EgoMode
-from litsim_sim.maps.net_lanes import Lane
+from litsim_sim.lane_map.net_lanes import Lane
 from litsim_sim.scenario.scenario import Scenario
 
 KINDS = ("brake", "lane_change", "mixed", "keep_speed")

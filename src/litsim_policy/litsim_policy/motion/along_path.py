@@ -12,7 +12,10 @@ from numba.types import Tuple
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.path_kernels import UNIT_X, UNIT_Y, S, nearest
 from litsim_policy.motion.reference_path import ReferencePath
-from litsim_sim.core.compiled import (
+from litsim_sim.core.pair_geometry import within, within_scenes
+from litsim_sim.core.quickly_made import quickly_made
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import (
     FLOATS,
     FLOATS3,
     INTS,
@@ -26,9 +29,6 @@ from litsim_sim.core.compiled import (
     int64,
     kernel,
 )
-from litsim_sim.core.pair_geometry import within, within_scenes
-from litsim_sim.core.quickly_made import quickly_made
-from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 
 SIGHT = 120.0  # [m] distance beyond which agents are ignored
 MARGIN = 0.2  # [m] default lateral distance kept to others

@@ -7,7 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from litsim_sim.core.compiled import (
+from litsim_sim.core.pair_geometry import within
+from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, Speed, configuration
+from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray
+from litsim_sim.kernels.compiled import (
     BOOLS,
     BOOLS2,
     FLOATS,
@@ -16,9 +19,6 @@ from litsim_sim.core.compiled import (
     float64,
     kernel,
 )
-from litsim_sim.core.pair_geometry import within
-from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, Speed, configuration
-from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray
 
 DESIRED_MIN = 0.1  # [m/s] lower bound on desired speeds
 GAP_MIN = 0.1  # [m] lower bound on gaps, since the model has a pole at zero

@@ -12,7 +12,7 @@ from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import pursuit_reach, towards
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
 from litsim_sim.core.takeover import Takeover
-from litsim_sim.maps.lane_map import LaneMap, LanePosition
+from litsim_sim.lane_map.lane_map import LaneMap, LanePosition
 
 
 class PathFollowers:

@@ -12,11 +12,22 @@ from numba.types import Tuple
 
 from litsim_policy.motion.along_path import AlongPath
 from litsim_policy.motion.car_following import idm
-from litsim_sim.core.compiled import BOOLS, BOOLS2, FLOATS, FLOATS2, INTS, OUT_BOOLS, OUT_FLOATS, float64, int64, kernel
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, Share, configuration
 from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import (
+    BOOLS,
+    BOOLS2,
+    FLOATS,
+    FLOATS2,
+    INTS,
+    OUT_BOOLS,
+    OUT_FLOATS,
+    float64,
+    int64,
+    kernel,
+)
 
 NOBODY = -1
 BRAKING_MAX = 8.0  # [m/s2] limit on the model's braking

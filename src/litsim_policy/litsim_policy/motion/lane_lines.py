@@ -10,8 +10,8 @@ import numpy as np
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import BEYOND, ReferencePath
 from litsim_sim.core.scene import FloatArray, IntArray
-from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.maps.net_lanes import Lane
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.lane_map.net_lanes import Lane
 
 NO_LANE = -1  # in place of the position of a lane in `LaneMap.lanes`
 FAR = 1000.0  # [m] distance ahead beyond which no caller needs the lanes

@@ -16,7 +16,8 @@ import math
 import numpy as np
 from numba import types
 
-from litsim_sim.core.compiled import (
+from litsim_sim.core.scene import FloatArray, IntArray
+from litsim_sim.kernels.compiled import (
     FLOATS,
     FLOATS2,
     FLOATS3,
@@ -30,7 +31,6 @@ from litsim_sim.core.compiled import (
     int64,
     kernel,
 )
-from litsim_sim.core.scene import FloatArray, IntArray
 
 CHUNK = 8  # segments in a circle
 SLACK = 1e-6  # [m] by which circles are widened, for rounding

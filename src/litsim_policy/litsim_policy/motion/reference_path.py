@@ -11,8 +11,8 @@ from litsim_policy.motion import bezier
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.path_kernels import thinned
 from litsim_sim.core.scene import FloatArray
-from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.maps.net_lanes import Lane
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.lane_map.net_lanes import Lane
 from litsim_sim.scenario.log import Log
 
 SPACING = 1.0  # [m] between points; recorded positions jitter at shorter distances

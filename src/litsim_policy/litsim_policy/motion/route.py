@@ -12,7 +12,7 @@ from litsim_policy.motion import bezier
 from litsim_policy.motion.reference_path import SPACING, ReferencePath, lane_change
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.scene import FloatArray
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.lane_map.lane_map import LaneMap
 
 CHANGE_COST = 20.0  # [m] cost of a lane change, as length of road
 CHANGE_LENGTH = 60.0  # [m] most road that a lane change takes

@@ -14,7 +14,7 @@ from litsim_policy.motion.path_batch import PathBatch
 from litsim_sim.core.quantities import Acceleration, Positive, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.core.signals import STOP_STATES, SignalState
-from litsim_sim.maps.signal_links import FACING, PASSED
+from litsim_sim.lane_map.signal_links import FACING, PASSED
 from litsim_sim.scenario.signals import LinkSignals
 
 AMBER = (SignalState.AMBER, SignalState.AMBER_PERMISSIVE)

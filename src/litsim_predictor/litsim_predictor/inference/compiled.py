@@ -2,7 +2,7 @@
 
 The graphs that come with the package hold no weights. They are given those of the safetensors file of the same name,
 or of any file of a model of the same kind and configuration, so that no second copy can differ. A graph that a user
-exports holds its weights. `litsim_predictor export` writes both.
+exports holds its weights. `litsim_research export` writes both.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class CompiledNetwork:
         kind = self._session.get_modelmeta().custom_metadata_map.get("format")
         if kind != FORMAT:
             raise InputError(
-                f"{path}: metadata format is {kind!r}, expected {FORMAT!r}: a file written by litsim_predictor export"
+                f"{path}: metadata format is {kind!r}, expected {FORMAT!r}: a file written by litsim_research export"
             )
         self._asks = [node.name for node in self._session.get_inputs()]
         answers = {node.name: node.shape for node in self._session.get_outputs()}

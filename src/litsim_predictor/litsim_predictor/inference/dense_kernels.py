@@ -22,7 +22,7 @@ from litsim_predictor.inference.product_blocks import (
     add_row_block,
     multiply_add,
 )
-from litsim_sim.core.compiled import OUT_SINGLES2, SINGLES, SINGLES2, float32, kernel, void
+from litsim_sim.kernels.compiled import OUT_SINGLES2, SINGLES, SINGLES2, float32, kernel, void
 
 ROW = types.Array(float32, 1, "C", readonly=True)
 """Type of an array (n,) that lies in one piece, so that its neighbours are read at once."""

@@ -10,7 +10,9 @@ from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.contract import HISTORY_CHANNELS, STATE_CHANNELS, AgentInputs
 from litsim_predictor.inference.raster import MapRaster
 from litsim_predictor.inference.traffic import Traffic
-from litsim_sim.core.compiled import (
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import (
     BOOLS2,
     FLOATS,
     FLOATS3,
@@ -19,9 +21,7 @@ from litsim_sim.core.compiled import (
     kernel,
     void,
 )
-from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
-from litsim_sim.maps.lane_map import LaneMap, LanePosition
+from litsim_sim.lane_map.lane_map import LaneMap, LanePosition
 
 LANE_ANGLE = 0.6  # [rad] largest angle between a vehicle and a lane that it drives along
 LANE_DISTANCE = 3.0  # [m] largest distance of such a vehicle from the centre line

@@ -8,7 +8,8 @@ import numpy as np
 
 from litsim_predictor.forecast import Float32Array, Forecast, Modes
 from litsim_predictor.inference.contract import DT, AgentFutures
-from litsim_sim.core.compiled import (
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray
+from litsim_sim.kernels.compiled import (
     FLOATS,
     FLOATS2,
     FLOATS3,
@@ -22,7 +23,6 @@ from litsim_sim.core.compiled import (
     kernel,
     void,
 )
-from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray
 
 MOVED = 0.1  # [m] between two steps of the horizon: agents that move less keep their heading
 

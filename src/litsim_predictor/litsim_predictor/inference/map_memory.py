@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from litsim_predictor.forecast import Float32Array
-from litsim_sim.core.compiled import INTS, INTS2, OUT_INTS, kernel, read_array, uint64, written_array
 from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import ByteArray, IntArray
+from litsim_sim.kernels.compiled import INTS, INTS2, OUT_INTS, kernel, read_array, uint64, written_array
 
 MOST = 32768
 """Maps that are remembered: 16 MB of codes and fingerprints."""

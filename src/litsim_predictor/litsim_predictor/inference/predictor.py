@@ -29,7 +29,7 @@ from litsim_predictor.selection import Egos, Wanted, selected
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.history import History
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.lane_map.lane_map import LaneMap
 
 
 class LearnedPredictor:

@@ -15,11 +15,22 @@ import numpy as np
 import numpy.typing as npt
 from numba import types
 
-from litsim_sim.core.compiled import FLOATS, INTS, float32, int32, int64, kernel, read_array, uint8, void, written_array
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ByteArray, FloatArray, IntArray
-from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.maps.net_lanes import Lane
+from litsim_sim.kernels.compiled import (
+    FLOATS,
+    INTS,
+    float32,
+    int32,
+    int64,
+    kernel,
+    read_array,
+    uint8,
+    void,
+    written_array,
+)
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.lane_map.net_lanes import Lane
 
 CHANNELS = 4
 ROWS, COLUMNS = 24, 24

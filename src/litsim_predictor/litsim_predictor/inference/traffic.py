@@ -20,10 +20,10 @@ from litsim_predictor.inference.joint.units import (
     TRAFFIC_SOME,
     TRAFFIC_WIDTHS,
 )
-from litsim_sim.core.compiled import BOOLS, FLOATS2, INTS, OUT_SINGLES2, SINGLES, float32, kernel, void
 from litsim_sim.core.history import History
 from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import BOOLS, FLOATS2, INTS, OUT_SINGLES2, SINGLES, float32, kernel, void
 
 KNOTS, WIDTHS = np.array(TRAFFIC_KNOTS, np.float32), np.array(TRAFFIC_WIDTHS, np.float32)
 

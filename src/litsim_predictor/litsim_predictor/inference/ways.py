@@ -20,7 +20,7 @@ from litsim_predictor.inference.contract import AgentFutures, FurtherFutures
 from litsim_predictor.inference.in_map import turned_gaussians
 from litsim_sim.core.geometry import to_body, wrap_angle
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
-from litsim_sim.maps.lane_map import LaneMap, LanePosition
+from litsim_sim.lane_map.lane_map import LaneMap, LanePosition
 
 WAY = 151
 """Poses of a way, a metre from one to the next: 5 s at 30 m/s."""

@@ -28,7 +28,7 @@ class Provenance:
     """What made a file of weights.
 
     Attributes:
-        model, parameters: kind and configuration of the model, with which :mod:`litsim_predictor.learned` builds it.
+        model, parameters: kind and configuration of the model, with which :mod:`litsim_research.predictors` builds it.
         command: that trained it.
         training: the whole training configuration.
         manifest: its training data: files with digests, and samples by source and part.

@@ -11,8 +11,8 @@ from tqdm import tqdm
 
 from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import at_least_one, program
-from litsim_sim.core.ahead_of_time import compile_kernels, import_kernels, missing_kernels
-from litsim_sim.core.compiled import load_kernels
+from litsim_sim.kernels.ahead_of_time import compile_kernels, import_kernels, missing_kernels
+from litsim_sim.kernels.compiled import load_kernels
 
 PACKAGES = ("litsim_sim", "litsim_predictor", "litsim_policy")
 """All that can hold kernels; this package is below the others and imports nothing of them by itself."""

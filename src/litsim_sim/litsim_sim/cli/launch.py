@@ -96,7 +96,7 @@ def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], arguments
 
 def _show(out: Path) -> None:
     """Write the report of the partial recording that a failed run left in `out`, if it can be read."""
-    from litsim_sim.report.run_report import write_report  # as below
+    from litsim_eval.report.run_report import write_report  # as below
 
     with suppress(InputError):
         write_report(out)
@@ -104,10 +104,10 @@ def _show(out: Path) -> None:
 
 def _measure(out: Path, quiet: bool) -> int:
     """Write measures and report of the recording in `out`; return the exit status."""
-    from litsim_sim.analysis.analyze import measure  # imported here, so that the nodes start without waiting for it
+    from litsim_eval.analysis.analyze import measure  # imported here, so that the nodes start without waiting for it
+    from litsim_eval.report.run_report import REPORT_FILE, render, save
+    from litsim_eval.report.terminal import print_metrics
     from litsim_sim.record.run import read_run
-    from litsim_sim.report.run_report import REPORT_FILE, render, save
-    from litsim_sim.report.terminal import print_metrics
 
     run = read_run(out)
     metrics = measure(run, out)
@@ -125,7 +125,7 @@ def _check_no_campaign(out: Path) -> None:
     """
     if not out.is_dir():
         return
-    from litsim_sim.campaign.results import is_campaign  # as above
+    from litsim_eval.campaign.results import is_campaign  # as above
 
     if is_campaign(out):
         raise InputError(f"{out}: the folder of a campaign, expected one of a run; give another --out")

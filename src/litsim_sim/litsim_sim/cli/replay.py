@@ -15,7 +15,7 @@ from litsim_sim.core.stages import EGO, POLICY_STAGES
 from litsim_sim.launch.executables import find_executable
 
 STAGES = (*POLICY_STAGES, EGO)
-RERUN = ("litsim_policy", "rerun")
+RERUN = ("litsim_eval", "rerun")
 """Package and executable with all stages in one process; called as a program, since it depends on this package."""
 
 KEYS = "While it plays in a terminal: space pauses, s steps, arrows seek 1 s (paused: one step), + - rate, q quits."

@@ -10,11 +10,11 @@ import numpy as np
 from numba.types import UniTuple
 from pydantic import Field
 
-from litsim_sim.core.compiled import FLOATS, OUT_FLOATS, float64, kernel
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.quantities import Acceleration, Curvature, Number, Positive, Speed, configuration
 from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, FloatArray
+from litsim_sim.kernels.compiled import FLOATS, OUT_FLOATS, float64, kernel
 
 SPEED_MIN = 1e-3  # [m/s] least speed in the bound on lateral acceleration
 

@@ -10,9 +10,9 @@ from typing import cast
 
 import numpy as np
 
-from litsim_sim.core.compiled import FLOATS, INTS, OUT_INTS2, kernel
 from litsim_sim.core.pair_geometry import overlap
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_INTS2, kernel
 
 
 def wrap_angle(angle: FloatArray) -> FloatArray:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from litsim_sim.core.compiled import BOOLS2, FLOATS3, INTS, OUT_BOOLS2, OUT_FLOATS3, kernel, void
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray, places
+from litsim_sim.kernels.compiled import BOOLS2, FLOATS3, INTS, OUT_BOOLS2, OUT_FLOATS3, kernel, void
 
 
 class History:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from litsim_sim.core.compiled import BOOLS, FLOATS, INTS, OUT_BOOLS, float64, kernel
 from litsim_sim.core.pair_geometry import behind_scene
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import BOOLS, FLOATS, INTS, OUT_BOOLS, float64, kernel
 
 
 def around(table: AgentTable, centres: BoolArray, radius: float) -> BoolArray:

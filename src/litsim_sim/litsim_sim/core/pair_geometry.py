@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numba.types import UniTuple
 
-from litsim_sim.core.compiled import INTS, OUT_INTS, boolean, float64, int64, kernel
 from litsim_sim.core.scene import IntArray
+from litsim_sim.kernels.compiled import INTS, OUT_INTS, boolean, float64, int64, kernel
 
 
 @kernel(boolean(*[float64] * 8))

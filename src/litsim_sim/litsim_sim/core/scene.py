@@ -12,8 +12,8 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from litsim_sim.core.compiled import INTS, OUT_INTS, kernel
 from litsim_sim.core.quickly_made import quickly_made
+from litsim_sim.kernels.compiled import INTS, OUT_INTS, kernel
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

@@ -12,12 +12,12 @@ from litsim_msgs.msg import Hello, StageStatus
 from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
 
-from litsim_sim.core.compiled import load_kernels
 from litsim_sim.core.errors import EXIT_FAILED, print_error, reason
 from litsim_sim.core.scene import AgentTable, EgoCommand
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.ego_port.answer import Interface
 from litsim_sim.ego_port.port import EgoPort, Level, Remark
+from litsim_sim.kernels.compiled import load_kernels
 from litsim_sim.launch.domain import held_domain
 from litsim_sim.launch.domain_ports import EMPTY
 from litsim_sim.nodes import diagnostics

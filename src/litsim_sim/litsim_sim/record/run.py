@@ -38,12 +38,12 @@ from litsim_sim.core.topic_names import (
 )
 from litsim_sim.io.parquet_input import parse_arrow
 from litsim_sim.io.yaml_input import load_yaml
-from litsim_sim.maps.signal_links import ARROW, SignalLink
+from litsim_sim.lane_map.signal_links import ARROW, SignalLink
 from litsim_sim.record.bag import BagReader, BagTopic
 from litsim_sim.record.digest import CONTROL_FIELDS
 from litsim_sim.record.failure import read_failure
-from litsim_sim.recordings.recording import Recording
 from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.recording import Recording
 from litsim_sim.scenario.signals import Signals
 
 DECODED = (RUN_INFO, AGENTS, SIGNAL_MAP, SIGNALS, TAKEOVERS, CONTROLS, EGO_CONTROL, EGO_APPLIED, STATUS, TIMING)
@@ -150,7 +150,7 @@ class Run:
         detections: how conflict detection ended, by step.
         timing: compute time [s] by stage and step.
         marks: clock times that each stage took while it served a step [s], by stage, step and name; see
-            :mod:`litsim_sim.analysis.step_path`.
+            :mod:`litsim_eval.analysis.step_path`.
         statuses: reported states of all stages, in order of arrival.
         scenario_yaml: the resolved scenario.
         net_xml: the SUMO net, or empty.

@@ -12,11 +12,11 @@ from litsim_msgs.msg import Hello, RunInfo, StageStatus
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
-from litsim_sim.core.compiled import load_kernels
 from litsim_sim.core.errors import InputError, reason
 from litsim_sim.core.lockstep import Joiner
 from litsim_sim.core.stages import BRIDGE
 from litsim_sim.core.step_marks import step_marks
+from litsim_sim.kernels.compiled import load_kernels
 from litsim_sim.ros import messages
 from litsim_sim.ros.company import Company, Read
 from litsim_sim.ros.endpoints import Endpoints, publisher_on, subscribe

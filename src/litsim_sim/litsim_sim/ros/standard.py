@@ -11,8 +11,8 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from litsim_sim.core.scene import AgentTable, FloatArray
-from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.maps.net_lanes import Lane
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.lane_map.net_lanes import Lane
 from litsim_sim.ros.messages import header
 from litsim_sim.ros.topics import OBJECTS
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Kind
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario_file import ScenarioFile
 

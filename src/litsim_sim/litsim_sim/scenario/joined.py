@@ -19,8 +19,8 @@ import numpy as np
 from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable, ByteArray, ControlTable, IntArray
 from litsim_sim.core.takeover import Takeover
 from litsim_sim.core.vehicle import VehicleModel
-from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.maps.signal_links import SignalLink
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.lane_map.signal_links import SignalLink
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
 from litsim_sim.scenario.scenario import Scenario

@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 import numpy as np
 from numba.types import UniTuple
 
-from litsim_sim.core.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_FLOATS, OUT_INTS, int64, kernel
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import (
     STEP_S,
@@ -24,7 +23,8 @@ from litsim_sim.core.scene import (
     is_obstacle,
 )
 from litsim_sim.core.steps import Steps
-from litsim_sim.recordings.recording import Recording
+from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_FLOATS, OUT_INTS, int64, kernel
+from litsim_sim.scenario.recording import Recording
 
 REPLAYS = 4
 """Number of cached replays of a log: most runs of a scenario end with it, a few earlier."""

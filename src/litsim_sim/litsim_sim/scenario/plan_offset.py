@@ -9,7 +9,7 @@ import numpy as np
 
 from litsim_sim.core.scene import STEP_S, BoolArray
 from litsim_sim.core.signals import STOP_STATES
-from litsim_sim.maps.signal_links import SignalLink
+from litsim_sim.lane_map.signal_links import SignalLink
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.signals import Signals, SignalsFile, heed, shown
 

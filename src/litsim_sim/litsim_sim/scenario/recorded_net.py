@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.recordings.recording import RecordingHeader
+from litsim_sim.scenario.recording import RecordingHeader
 from litsim_sim.scenario.scenario import packaged, packaged_nets
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from litsim_sim.core.scene import RATE_HZ
-from litsim_sim.maps.signal_links import LEAVES, read_links
-from litsim_sim.recordings.recording import Recording
+from litsim_sim.lane_map.signal_links import LEAVES, read_links
 from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.recording import Recording
 from litsim_sim.scenario.signal_conflicts import green_conflicts
 from litsim_sim.scenario.signals import PASSED_MIN, SignalsFile, check_heeded, check_known, heed, shown
 

@@ -19,12 +19,12 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, IntArray
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
-from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.recordings.load import load_recording
-from litsim_sim.recordings.recording import Recording, RecordingHeader
+from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.checks import Demand, UnmetDemandError, check_agents, check_coverage
+from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
+from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario_file import ScenarioFile
 from litsim_sim.scenario.signal_conflicts import green_conflicts
 from litsim_sim.scenario.signals import Signals, SignalsFile, build, check_known, read_signals, resolved
@@ -277,9 +277,9 @@ def recorded_signals(header: RecordingHeader, net: Path, where: str) -> SignalsF
     return validate_yaml(dict(header.signals), SignalsFile, f"{where}: signals in the header", "")
 
 
-def packaged(relative: str) -> Path:
-    """Path of the file at `relative` in this package."""
-    return Path(str(resources.files(PACKAGE).joinpath(relative)))
+def packaged(relative: str, package: str = PACKAGE) -> Path:
+    """Path of the file at `relative` in a package, by default this one."""
+    return Path(str(resources.files(package).joinpath(relative)))
 
 
 def packaged_scenarios() -> tuple[str, ...]:

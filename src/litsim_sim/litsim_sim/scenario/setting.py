@@ -7,7 +7,7 @@ from typing import Protocol
 
 from litsim_sim.core.scene import IntArray
 from litsim_sim.core.vehicle import VehicleModel
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
 from litsim_sim.scenario.signals import LinkSignals

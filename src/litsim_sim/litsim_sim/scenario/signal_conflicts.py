@@ -8,7 +8,7 @@ import numpy as np
 
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.signals import SignalState
-from litsim_sim.maps.green_conflicts import and_more, conflicting_pairs, may_give_way
+from litsim_sim.lane_map.green_conflicts import and_more, conflicting_pairs, may_give_way
 from litsim_sim.scenario.signals import NAMES, Signals, SignalsFile
 
 PERMISSIVE = (SignalState.GREEN_PERMISSIVE, SignalState.AMBER_PERMISSIVE)

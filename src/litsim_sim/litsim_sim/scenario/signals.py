@@ -21,7 +21,7 @@ from litsim_sim.core.scene import RATE_HZ, STEP_S, ByteArray, IntArray
 from litsim_sim.core.signals import STOP_STATES, SignalState, SignalTable
 from litsim_sim.io.table_input import TableFile, is_stamped, since_1970
 from litsim_sim.io.yaml_input import read_yaml
-from litsim_sim.maps.signal_links import ARROW, SignalLink, crossings, read_links
+from litsim_sim.lane_map.signal_links import ARROW, SignalLink, crossings, read_links
 from litsim_sim.scenario.log import Log
 
 NAMES = {state.name.lower(): state for state in SignalState} | {
@@ -240,7 +240,7 @@ def shown(
 
     Args:
         given: resolved signals.
-        every: the controlled connections of the net, see :func:`litsim_sim.maps.signal_links.read_links`.
+        every: the controlled connections of the net, see :func:`litsim_sim.lane_map.signal_links.read_links`.
         steps: number of steps.
         start_frame: frame of the recording at step 0.
         where: names the scenario in errors.

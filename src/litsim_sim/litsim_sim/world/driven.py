@@ -8,7 +8,6 @@ from dataclasses import fields
 
 import numpy as np
 
-from litsim_sim.core.compiled import FLOATS, boolean, kernel
 from litsim_sim.core.dynamics import Motion, VehicleLimits, bicycle_step
 from litsim_sim.core.scene import (
     AgentTable,
@@ -21,6 +20,7 @@ from litsim_sim.core.scene import (
     places,
 )
 from litsim_sim.core.vehicle import Actuators
+from litsim_sim.kernels.compiled import FLOATS, boolean, kernel
 from litsim_sim.scenario.setting import Setting
 
 # numpy compares plain numbers much faster than members of an enumeration

@@ -7,10 +7,10 @@ import math
 import numpy as np
 from numba.types import UniTuple
 
-from litsim_sim.core.compiled import FLOATS, float64, int64, kernel
 from litsim_sim.core.pair_geometry import overlap
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller, FloatArray
+from litsim_sim.kernels.compiled import FLOATS, float64, int64, kernel
 from litsim_sim.scenario.log import Log
 
 SIDE_ROOM = 0.3  # [m] beyond touching boxes within which an agent is in the path of one that enters

@@ -11,10 +11,10 @@ import numpy as np
 
 from litsim_policy.driving.features.scales import CURVATURE, EDGE, HEADING, LATERAL
 from litsim_policy.motion.followers import PathFollowers
-from litsim_sim.core.compiled import FLOATS, FLOATS2, INTS, OUT_FLOATS2, int64, kernel, void
 from litsim_sim.core.pair_geometry import wrapped
 from litsim_sim.core.scene import FloatArray, IntArray
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.kernels.compiled import FLOATS, FLOATS2, INTS, OUT_FLOATS2, int64, kernel, void
+from litsim_sim.lane_map.lane_map import LaneMap
 
 ROAD = 7  # number of these features
 CURVE_LENGTH = 10.0  # [m] length of lane around the agent over which its curvature is measured
@@ -54,7 +54,7 @@ def _write(  # noqa: PLR0917 - a kernel takes arrays and numbers
     """Write the ROAD features of m agents.
 
     Args:
-        lane, d, lane_heading: (m,) as in :class:`litsim_sim.maps.lane_map.LanePosition`.
+        lane, d, lane_heading: (m,) as in :class:`litsim_sim.lane_map.lane_map.LanePosition`.
         around: (m, 2) heading of the lane half of CURVE_LENGTH behind and ahead [rad].
         yaw: (m,) of the agents [rad].
         half_width: of all lanes [m].

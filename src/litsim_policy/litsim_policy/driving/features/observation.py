@@ -24,10 +24,10 @@ from litsim_policy.driving.features.surrounding import SLOT, write_surrounding
 from litsim_policy.driving.features.way import AHEAD, WAY, write_ahead, write_way
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.along_path import Poses
-from litsim_sim.core.compiled import FLOATS, INTS, OUT_FLOATS2, kernel, void
 from litsim_sim.core.quantities import Flag, Length, Positive, Whole, configuration
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_FLOATS2, kernel, void
+from litsim_sim.lane_map.lane_map import LaneMap
 
 CORE = 4  # number of features of the agent itself
 

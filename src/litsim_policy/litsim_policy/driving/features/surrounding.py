@@ -13,7 +13,9 @@ from numba.types import Tuple
 
 from litsim_policy.driving.features.scales import DISTANCE, SPEED
 from litsim_policy.motion.followers import PathFollowers
-from litsim_sim.core.compiled import (
+from litsim_sim.core.pair_geometry import within_scenes
+from litsim_sim.core.scene import FloatArray, IntArray
+from litsim_sim.kernels.compiled import (
     FLOATS,
     INTS,
     OUT_FLOATS,
@@ -25,8 +27,6 @@ from litsim_sim.core.compiled import (
     kernel,
     void,
 )
-from litsim_sim.core.pair_geometry import within_scenes
-from litsim_sim.core.scene import FloatArray, IntArray
 
 SLOT = 7  # number of features of a slot
 

@@ -24,10 +24,10 @@ from numba.types import Tuple
 from litsim_policy.driving.features.lanes import ROAD, LaneFeatures
 from litsim_policy.driving.features.scales import HEADING, LENGTH, LIMIT, SPEED, WIDTH
 from litsim_policy.motion.followers import PathFollowers
-from litsim_sim.core.compiled import FLOATS, INTS, OUT_FLOATS2, kernel
 from litsim_sim.core.pair_geometry import within_scenes
 from litsim_sim.core.scene import FloatArray, IntArray
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_FLOATS2, kernel
+from litsim_sim.lane_map.lane_map import LaneMap
 
 BEAMS = 20
 BEAM = 50.0  # [m] range of a beam

@@ -19,7 +19,9 @@ from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.following import following_cap
 from litsim_policy.driving.task import DrivingScene
 from litsim_policy.motion.followers import PathFollowers
-from litsim_sim.core.compiled import (
+from litsim_sim.core.pair_geometry import wrapped
+from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import (
     BOOLS2,
     FLOATS,
     FLOATS2,
@@ -30,8 +32,6 @@ from litsim_sim.core.compiled import (
     kernel,
     void,
 )
-from litsim_sim.core.pair_geometry import wrapped
-from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 
 FORESEEN = SafetyConfig(own_braking=4.0, leader_braking=5.0, imminent=1.0)
 """Parameters of the feature "safe acceleration behind the leaders", with braking that the network may command."""

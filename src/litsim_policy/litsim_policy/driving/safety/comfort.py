@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numba.types import Tuple
 
-from litsim_sim.core.compiled import FLOATS, OUT_BOOLS, OUT_FLOATS2, float64, kernel
 from litsim_sim.core.dynamics import SPEED_MIN
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray
+from litsim_sim.kernels.compiled import FLOATS, OUT_BOOLS, OUT_FLOATS2, float64, kernel
 
 SAME = 1e-9  # [m/s2], [rad/s] up to which a command counts as unchanged
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from litsim_sim.core.compiled import BOOLS2, FLOATS, FLOATS2, FLOATS3, OUT_FLOATS3, OUT_INTS, float64, kernel
 from litsim_sim.core.dynamics import SPEED_MIN
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS2, FLOATS3, OUT_FLOATS3, OUT_INTS, float64, kernel
 
 BRAKING = np.array([2.0, 3.0, 4.0, 6.0])  # [m/s2] braking that is tried before the hardest
 

@@ -7,9 +7,9 @@ import numpy as np
 from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.motion.car_following import GAP_MIN, LEADER_BRAKES, braking_behind, safe_speed
 from litsim_policy.motion.followers import PathFollowers
-from litsim_sim.core.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_FLOATS, float64, kernel
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_FLOATS, float64, kernel
 
 
 def following_cap(config: SafetyConfig, agents: PathFollowers) -> FloatArray:

@@ -22,7 +22,7 @@ from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.stop_lines import StopLines
 from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.signals import LinkSignals
 
 GUARDS = ("limits", "following", "contact", "road")

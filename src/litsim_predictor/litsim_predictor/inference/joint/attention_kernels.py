@@ -13,7 +13,8 @@ from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.dense_kernels import INNER, add_product, exp, rectify
 from litsim_predictor.inference.joint.units import LANE, NEAR
 from litsim_predictor.inference.product_blocks import SUMS, dot, multiply_add
-from litsim_sim.core.compiled import (
+from litsim_sim.core.scene import FloatArray, IntArray
+from litsim_sim.kernels.compiled import (
     FLOATS2,
     INTS,
     INTS2,
@@ -29,7 +30,6 @@ from litsim_sim.core.compiled import (
     kernel,
     void,
 )
-from litsim_sim.core.scene import FloatArray, IntArray
 
 LANES_MULTIPLE = 16  # of which the number of lanes is a multiple; those beyond the last agent are padding
 

@@ -10,7 +10,8 @@ from numba import types
 from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.dense_kernels import tanh
 from litsim_predictor.inference.joint.units import CORRELATION_LIMIT, SCALE_FLOOR
-from litsim_sim.core.compiled import (
+from litsim_sim.core.scene import BoolArray, IntArray
+from litsim_sim.kernels.compiled import (
     BOOLS2,
     INTS,
     OUT_INTS,
@@ -24,7 +25,6 @@ from litsim_sim.core.compiled import (
     kernel,
     void,
 )
-from litsim_sim.core.scene import BoolArray, IntArray
 
 SOFT_UNTIL = 20.0  # beyond, log(1 + exp(x)) is x in single precision
 

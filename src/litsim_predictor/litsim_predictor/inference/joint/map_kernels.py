@@ -12,7 +12,8 @@ from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.dense_kernels import ROW, rectified_product
 from litsim_predictor.inference.joint.units import MAP_MIDDLE
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
-from litsim_sim.core.compiled import (
+from litsim_sim.core.scene import ByteArray, IntArray
+from litsim_sim.kernels.compiled import (
     INTS,
     OUT_SINGLES,
     OUT_SINGLES2,
@@ -25,7 +26,6 @@ from litsim_sim.core.compiled import (
     uint8,
     void,
 )
-from litsim_sim.core.scene import ByteArray, IntArray
 
 BYTES3, BYTES4 = (read_array(uint8, ndim) for ndim in (3, 4))
 KERNEL = 3  # cells along each side of a convolution's kernel

@@ -1,0 +1,1 @@
+"""Recordings in and out: formats, cleaning, maps, generated traffic, segments and mined scenarios."""

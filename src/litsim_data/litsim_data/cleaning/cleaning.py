@@ -1,0 +1,244 @@
+"""Cleaning of a whole recording: noisy positions become box centres with the kinematics of vehicles.
+
+Module `track_fit` cleans one track, `report` measures the changes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy.spatial import KDTree
+from tqdm import tqdm
+
+from litsim_data.cleaning.report import CleaningReport, measure
+from litsim_data.cleaning.track_fit import CleaningConfig, Motion, fit_track
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.scene import FloatArray, IntArray
+from litsim_sim.scenario.recording import COLUMNS
+
+__all__ = ["CleaningConfig", "CleaningReport", "clean", "front_centres", "smoothed"]
+
+NEEDED = ("vehicle_id", "frame", "x", "y", "length", "width", "kind", "lane")
+PUBLISHED = ("yaw", "speed", "acceleration")
+"""Optional columns: for the figures before cleaning; `yaw` also as a hint for tracks that lead nowhere."""
+
+FRONT = 0.5  # distance of the front centre ahead of the box centre [lengths]
+LEADS_NOWHERE = 5.0  # [m] tracks of a smaller extent are given a hint of their direction
+MOVED = 1.0  # [m] shortest displacement with a reliable direction
+NEIGHBOUR = 30.0  # [m] within which directions of other vehicles serve as hints, those of the same lane first
+NEIGHBOURS = 16  # most neighbours considered
+JUMP = 60.0  # [m] largest plausible measuring error between frames
+
+
+@dataclass(frozen=True)
+class _Tracks:
+    """The input sorted by vehicle and frame; vehicle k's rows are ``start[k]`` up to ``start[k + 1]``."""
+
+    table: pd.DataFrame
+    start: IntArray
+
+    def rows(self, vehicle: int) -> slice:
+        return slice(int(self.start[vehicle]), int(self.start[vehicle + 1]))
+
+
+def clean(
+    tracks: pd.DataFrame, config: CleaningConfig | None = None, *, progress: bool = False
+) -> tuple[pd.DataFrame, CleaningReport]:
+    """Smooth positions, and derive box centres, headings, speeds and accelerations that agree with them.
+
+    Vehicles are cleaned independently, except that one which hardly moves gets the direction of those around it.
+
+    Args:
+        tracks: vehicle_id, frame, x, y, length, width, kind, lane and, if known, yaw, speed and acceleration as
+            published. x, y are FRONT centres in frame map [m] at 10 Hz, one row per vehicle and frame, without holes
+            within a track; in any order.
+        config: what is noise.
+        progress: show a bar on stderr.
+
+    Returns:
+        The recording's table (:data:`litsim_sim.scenario.recording.COLUMNS`), sorted by frame and vehicle, and
+        figures before and after.
+
+    Raises:
+        InputError: columns are missing or unknown, values are not finite, a size is not positive, rows are duplicated,
+            frames are missing, or a vehicle jumps by more than 60 m.
+    """
+    config = config or CleaningConfig()
+    sorted_tracks = _checked(tracks)
+    state = _fitted(sorted_tracks, config, FRONT, measured=False, progress=progress)
+    cleaned = _neutral(sorted_tracks.table, state, config)
+    report = measure(sorted_tracks.table, cleaned, state[:, 5], config)
+    return _in_order(cleaned), report
+
+
+def smoothed(
+    tracks: pd.DataFrame, *, ahead: float, measured: bool, config: CleaningConfig | None = None
+) -> pd.DataFrame:
+    """Like :func:`clean`, for positions of any point of the vehicles and without a report.
+
+    Args:
+        tracks: see :func:`clean`; x, y are of the point `ahead`.
+        ahead: distance of that point ahead of the box centre [lengths].
+        measured: whether column yaw holds measured headings, to be kept to, rather than hints.
+        config: what is noise.
+
+    Returns:
+        The recording's table, see :func:`clean`.
+
+    Raises:
+        InputError: as :func:`clean`.
+    """
+    config = config or CleaningConfig()
+    sorted_tracks = _checked(tracks)
+    return _in_order(_neutral(sorted_tracks.table, _fitted(sorted_tracks, config, ahead, measured=measured), config))
+
+
+def _fitted(
+    tracks: _Tracks, config: CleaningConfig, ahead: float, *, measured: bool, progress: bool = False
+) -> FloatArray:
+    """Motions (n, 6) of all vehicles, with columns as of :func:`_columns`; arguments as of :func:`smoothed`."""
+    table = tracks.table
+    points = table[["x", "y"]].to_numpy(np.float64)
+    length, share = table["length"].to_numpy(np.float64), ahead + config.rear_axle
+    yaw = table["yaw"].to_numpy(np.float64) if measured else None
+    count = len(tracks.start) - 1
+    state = np.empty((len(table), 6))
+    with tqdm(total=count, unit=" vehicles", disable=not progress) as bar:
+        waiting = []
+        for vehicle in range(count):
+            rows = tracks.rows(vehicle)
+            if np.linalg.norm(np.ptp(points[rows], axis=0)) < LEADS_NOWHERE:
+                waiting.append(vehicle)
+                continue
+            seen = None if yaw is None else yaw[rows]
+            state[rows] = _columns(fit_track(points[rows], share * float(np.median(length[rows])), config, yaw=seen))
+            bar.update()
+        hints = _hints(tracks, waiting, state)
+        for vehicle, hint in zip(waiting, hints, strict=True):
+            rows = tracks.rows(vehicle)
+            seen = None if yaw is None else yaw[rows]
+            state[rows] = _columns(fit_track(points[rows], share * float(np.median(length[rows])), config, hint, seen))
+            if rows.stop - rows.start == 1 and "speed" in table:  # one position says nothing about speed
+                state[rows, 3] = table["speed"].to_numpy()[rows]
+            bar.update()
+    return state
+
+
+def _neutral(table: pd.DataFrame, state: FloatArray, config: CleaningConfig) -> pd.DataFrame:
+    """The recording's columns of the tracks `table` with the motions `state` (n, 6)."""
+    yaw, lever = state[:, 2], config.rear_axle * table["length"].to_numpy(np.float64)
+    return table[["vehicle_id", "frame", "length", "width", "kind", "lane"]].assign(
+        x=state[:, 0] + lever * np.cos(yaw),
+        y=state[:, 1] + lever * np.sin(yaw),
+        yaw=wrap_angle(yaw),
+        speed=state[:, 3],
+        acceleration=state[:, 4],
+    )[list(COLUMNS)]
+
+
+def _in_order(cleaned: pd.DataFrame) -> pd.DataFrame:
+    return cleaned.astype(COLUMNS).sort_values(["frame", "vehicle_id"], ignore_index=True)
+
+
+def front_centres(table: pd.DataFrame) -> pd.DataFrame:
+    """A recording's table with front centres in place of box centres, as input of :func:`clean`."""
+    yaw, half = table["yaw"].to_numpy(), FRONT * table["length"].to_numpy()
+    return table.assign(x=table["x"] + half * np.cos(yaw), y=table["y"] + half * np.sin(yaw))
+
+
+def _columns(motion: Motion) -> FloatArray:
+    """A motion as rows (n, 6): axle x, y, yaw, speed, acceleration, yaw rate."""
+    return np.column_stack([motion.axle, motion.yaw, motion.speed, motion.acceleration, motion.yaw_rate])
+
+
+def _checked(tracks: pd.DataFrame) -> _Tracks:
+    """Check that the tracks can be cleaned, and sort them by vehicle and frame."""
+    missing = [name for name in NEEDED if name not in tracks.columns]
+    unknown = [name for name in tracks.columns if name not in NEEDED + PUBLISHED]
+    if missing or unknown:
+        raise InputError(
+            f"tracks to clean: unknown columns {unknown}, missing columns {missing}; expected {list(NEEDED)} and at "
+            f"most {list(PUBLISHED)}"
+        )
+    if tracks.empty:
+        raise InputError("tracks to clean: no rows")
+    for name in tracks.columns:
+        values = pd.to_numeric(tracks[name], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+        bad = ~np.isfinite(values)
+        if name in ("length", "width"):
+            bad |= values <= 0.0
+        if bad.any():
+            at = int(np.argmax(bad))
+            row = tracks.iloc[at : at + 1].astype(object).iloc[0]
+            expected = "a positive number" if name in ("length", "width") else "a finite number"
+            raise InputError(
+                f"tracks to clean: vehicle_id {row['vehicle_id']}, frame {row['frame']}: column {name} is {row[name]}, "
+                f"expected {expected}; {int(bad.sum())} such rows"
+            )
+    table = tracks.sort_values(["vehicle_id", "frame"], ignore_index=True)
+    vehicle, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
+    same = vehicle[1:] == vehicle[:-1]
+    step = np.diff(frame)
+    moved = np.hypot(np.diff(table["x"]), np.diff(table["y"]))
+    for bad, what in (
+        (same & (step == 0), "is duplicated"),
+        (same & (step != 1), "is followed by a hole"),
+        (same & (moved > JUMP), f"is followed by a jump of more than {JUMP:g} m"),
+    ):
+        if bad.any():
+            at = int(np.argmax(bad))
+            raise InputError(
+                f"tracks to clean: vehicle_id {vehicle[at]}: frame {frame[at]} {what} (next row: frame "
+                f"{frame[at + 1]}); {int(bad.sum())} such places"
+            )
+    start = np.concatenate([[0], np.flatnonzero(~same) + 1, [len(table)]])
+    return _Tracks(table, start)
+
+
+def _hints(tracks: _Tracks, waiting: list[int], state: FloatArray) -> FloatArray:
+    """Directions (k,) [rad] for the vehicles `waiting`: as published, or those of vehicles around them, or 0.
+
+    Args:
+        state: (n, 6) see :func:`_columns`; valid for all but the waiting vehicles.
+    """
+    table = tracks.table
+    if "yaw" in table:
+        yaw = table["yaw"].to_numpy(np.float64)
+        pieces = (yaw[tracks.rows(vehicle)] for vehicle in waiting)
+        return np.array([np.arctan2(np.sin(piece).sum(), np.cos(piece).sum()) for piece in pieces])
+    hints = _directions_around(tracks, waiting, state)
+    positions = table[["x", "y"]].to_numpy(np.float64)
+    for k, vehicle in enumerate(waiting):  # a clear displacement in another direction overrides the hint
+        own = positions[tracks.rows(vehicle)]
+        way = own[-3:].mean(axis=0) - own[:3].mean(axis=0)
+        moved = float(np.linalg.norm(way))
+        if moved > MOVED and way @ [np.cos(hints[k]), np.sin(hints[k])] < 0.5 * moved:
+            hints[k] = np.arctan2(way[1], way[0])
+    return hints
+
+
+def _directions_around(tracks: _Tracks, waiting: list[int], state: FloatArray) -> FloatArray:
+    """Directions (k,) [rad] of the nearest vehicles not `waiting`, preferably in the same lane; 0 without any."""
+    table = tracks.table
+    known = np.ones(len(table), np.bool_)
+    for vehicle in waiting:
+        known[tracks.rows(vehicle)] = False
+    known[known] = np.arange(int(known.sum())) % 5 == 0  # twice a second is plenty
+    hints = np.zeros(len(waiting))
+    if not waiting or not known.any():
+        return hints
+    lane, directions = table["lane"].to_numpy(), state[known, 2]
+    lanes = lane[known]
+    tree = KDTree(state[known, :2])
+    for k, vehicle in enumerate(waiting):
+        rows = tracks.rows(vehicle)
+        place = table[["x", "y"]].iloc[rows].median().to_numpy()
+        distance, at = tree.query(place, k=NEIGHBOURS, distance_upper_bound=NEIGHBOUR)
+        at = at[np.isfinite(distance)]
+        if len(at):
+            same = at[(lanes[at] == lane[rows.start]) & (lane[rows.start] >= 0)]
+            hints[k] = directions[(same if len(same) else at)[0]]
+    return hints

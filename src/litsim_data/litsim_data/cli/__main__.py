@@ -1,0 +1,5 @@
+"""``python -m litsim_data.cli``."""
+
+from litsim_data.cli import main
+
+main()

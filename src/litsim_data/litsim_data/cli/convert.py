@@ -1,0 +1,193 @@
+"""`data convert`: any known format to the neutral schema."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from litsim_data.description import describe
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import refuse_input_as_output, replacing
+from litsim_sim.io.yaml_input import read_yaml
+from litsim_sim.scenario.load import load_recording
+from litsim_sim.scenario.recording import Recording
+
+if TYPE_CHECKING:
+    from litsim_data.generic.mapping import Mapping
+
+
+NOT_DRAFTED = ("mapping", "vehicles", "clip", "crop", "raw", "truncated")  # options that do not apply to a draft
+
+
+def add(subparsers: Any) -> None:
+    """Add the parser of the command."""
+    command = subparsers.add_parser(
+        "convert",
+        help="any known format to the neutral schema",
+        description="Convert a recording to the neutral schema. Official NGSIM files (recognised by content) are "
+        "cleaned, and may hold several recordings: then OUT is a folder with one file each. An interrupted conversion "
+        "of them is resumed by the same command.",
+    )
+    source_help = "recording of any known format; with --mapping or --draft, several files make one table"
+    command.add_argument("sources", type=Path, nargs="+", metavar="IN", help=source_help)
+    command.add_argument("out", type=Path, metavar="OUT", help="file OUT.parquet, or a folder for official NGSIM files")
+    crop_help = "keep rows with LOW <= COLUMN <= HIGH, with COLUMN as named in IN (NGSIM: in docs/data.md)"
+    command.add_argument("--crop", nargs=3, action="append", metavar=("COLUMN", "LOW", "HIGH"), help=crop_help)
+    command.add_argument("--mapping", type=Path, metavar="M.yaml", help="IN is any CSV or Parquet, described by M.yaml")
+    command.add_argument("--clip", metavar="CLIP", help="with --mapping: which of several clips in IN")
+    vehicles_help = "with --mapping: the file of its field vehicles"
+    command.add_argument("--vehicles", type=Path, metavar="FILE", help=vehicles_help)
+    draft_help = "guess a mapping (YAML) for IN from its columns, and write it to OUT for you to check"
+    command.add_argument("--draft", action="store_true", help=draft_help)
+    raw_help = "official NGSIM: keep published speeds and accelerations, do not smooth positions"
+    command.add_argument("--raw", action="store_true", help=raw_help)
+    truncated_help = "official NGSIM: accept a file that ends within a line"
+    command.add_argument("--truncated", action="store_true", help=truncated_help)
+    command.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Convert, and print the result.
+
+    Raises:
+        InputError: IN cannot be used, `--crop` or the mapping do not fit it, or OUT cannot be written.
+    """
+    crop = parse_crop(arguments.crop)
+    refuse_input_as_output(arguments.out, *arguments.sources, *filter(None, [arguments.mapping, arguments.vehicles]))
+    source = arguments.sources[0]
+    if arguments.draft:
+        _draft(arguments)
+    elif arguments.mapping is not None:
+        _convert_mapped(arguments, crop)
+    elif arguments.clip is not None:
+        raise InputError("--clip goes with --mapping")
+    elif arguments.vehicles is not None:
+        raise InputError("--vehicles goes with --mapping")
+    elif len(arguments.sources) > 1:
+        raise InputError(f"{arguments.sources[1]}: several files IN go with --mapping or --draft")
+    elif _is_official(source):
+        from litsim_data.ngsim import official as ngsim
+
+        options = {"cleaned": not arguments.raw, "truncated": arguments.truncated, "crop": crop}
+        for made in ngsim.convert(source, arguments.out, progress=True, **options):
+            print(made.text())
+            if made.cleaning:
+                print(made.cleaning)
+    elif arguments.raw or arguments.truncated:
+        raise InputError(f"{source}: --raw and --truncated are for official NGSIM files")
+    else:
+        print(describe(convert(source, arguments.out, crop)))
+
+
+def _convert_mapped(arguments: argparse.Namespace, crop: dict[str, list[float]]) -> None:
+    from litsim_data.generic.convert import convert as convert_mapped
+    from litsim_data.generic.mapping import Span, read_mapping
+
+    if arguments.raw or arguments.truncated:
+        raise InputError("--mapping goes with neither --raw nor --truncated")
+    mapping = read_mapping(arguments.mapping)
+    rows = mapping.rows | {column: Span(min=low, max=high) for column, (low, high) in crop.items()}
+    clip = mapping.clip if arguments.clip is None else arguments.clip
+    if clip is not None and mapping.columns.clip is None:
+        raise InputError(f"{arguments.mapping}: a clip is chosen, but field columns.clip does not say where clips are")
+    chosen: dict[str, Any] = {"rows": rows, "clip": clip}
+    if arguments.vehicles is not None:
+        if mapping.vehicles is None:
+            raise InputError(f"{arguments.mapping}: --vehicles is given, but field vehicles does not say what is in it")
+        file = os.path.relpath(arguments.vehicles, arguments.sources[0].parent)
+        chosen["vehicles"] = mapping.vehicles.model_copy(update={"file": file})
+    recording, counts = convert_mapped(arguments.sources, mapping.model_copy(update=chosen))
+    recording, heeded = _with_signals(recording, mapping, arguments.mapping, arguments.out)
+    recording.write(_file(arguments.out))
+    print(describe(recording))
+    print(counts.text())
+    for line in heeded:
+        print(line)
+
+
+def _with_signals(recording: Recording, mapping: Mapping, file: Path, out: Path) -> tuple[Recording, list[str]]:
+    """The recording with the signals that the mapping in `file` names, and lines on how vehicles heed them.
+
+    Frames of a file of states are those of the table, where it counts frames, and else those of the recording.
+
+    Raises:
+        InputError: the signals cannot be used, do not fit the net, or are not what vehicles heed; or there is no net.
+    """
+    if not mapping.signals:
+        return recording, []
+    from litsim_data.generic.convert import CLOCK
+    from litsim_sim.scenario.recorded_net import net_of
+    from litsim_sim.scenario.recorded_signals import survey
+    from litsim_sim.scenario.signals import SignalsFile, on_clock, resolved
+
+    path = file.parent / mapping.signals
+    given = read_yaml(path, SignalsFile)
+    by_frame = given.states is not None and given.states.unit == "frame"
+    zero = 0.0 if by_frame else float(str(recording.header.notes.get(CLOCK, 0.0)))
+    slower = recording.header.rate_hz / mapping.rate_hz if by_frame and mapping.columns.frame is not None else 1.0
+    content = on_clock(resolved(given, path.parent, str(path)), zero, slower)
+    net = net_of(recording.header, out)
+    lines = survey(content, net, recording, str(path))
+    header = replace(recording.header, net=net.name, signals=content.model_dump(mode="json", exclude_none=True))
+    return Recording(header, recording.columns), lines
+
+
+def _draft(arguments: argparse.Namespace) -> None:
+    from litsim_data.generic.draft import draft
+
+    given = [name for name in NOT_DRAFTED if getattr(arguments, name) not in (None, False)]
+    if given:
+        raise InputError(
+            f"--draft goes without {', '.join(f'--{name}' for name in given)}: it reads IN alone; fields vehicles, clip"
+            " and rows of the mapping that it writes say the rest"
+        )
+    out = _file(arguments.out)
+    if out.exists():
+        raise InputError(f"{out}: exists already; --draft does not overwrite")
+    text = draft(arguments.sources)
+    with replacing(out) as new:
+        new.write_text(text, encoding="utf-8")
+    print(text, end="")
+    files = " ".join(map(str, arguments.sources))
+    print(f"look it over, above all what is marked: data convert --mapping {out} {files} OUT.parquet")
+
+
+def convert(source: Path, out: Path, crop: dict[str, list[float]]) -> Recording:
+    """Write the recording at `source`, cut by `crop`, in the neutral schema to `out`.
+
+    Raises:
+        InputError: `source` is no recording, `crop` does not fit it, or `out` cannot be written.
+    """
+    recording = load_recording(source, crop)
+    recording.write(_file(out))
+    return recording
+
+
+def _file(out: Path) -> Path:
+    if out.is_dir():
+        raise InputError(f"{out}: is a folder, expected a file name such as {out / 'recording.parquet'}")
+    return out
+
+
+def _is_official(path: Path) -> bool:
+    from litsim_data.ngsim import formats as ngsim_format
+
+    return path.is_file() and ngsim_format.detect(path) is not None
+
+
+def parse_crop(pairs: list[list[str]] | None) -> dict[str, list[float]]:
+    """The values of `--crop`, as they come from the command line.
+
+    Raises:
+        InputError: limits are no numbers.
+    """
+    crop: dict[str, list[float]] = {}
+    for column, low, high in pairs or []:
+        try:
+            crop[column] = [float(low), float(high)]
+        except ValueError as error:
+            raise InputError(f"--crop {column} {low} {high}: expected a column and two numbers") from error
+    return crop

@@ -1,0 +1,180 @@
+"""`data map`: build a net, from a recording, from published numbers or from a map of another format; or check one."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from litsim_sim.core.errors import EXIT_FAILED, InputError
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.scenario.scenario import DATA_VARIABLE, Scenario, packaged, packaged_nets
+
+US101_FILE = "ngsim/us101_0750_frames_0126_1149.parquet"
+SITES = ("us101", "i80", "lankershim", "peachtree", "generic")
+
+
+PACKAGED = ("us101_like", "urban_like", "us101", "i80")
+
+
+def add(subparsers: Any) -> None:
+    """Add the parser of the command."""
+    command = subparsers.add_parser("map", help="build a net with netconvert, or check one", description=__doc__)
+    what = command.add_mutually_exclusive_group()
+    what.add_argument("--which", choices=PACKAGED, help="build a packaged net again")
+    what.add_argument("--commonroad", type=Path, metavar="F.xml", help="import a CommonRoad lanelet map")
+    what.add_argument("--lanelet2", type=Path, metavar="F.osm", help="import a Lanelet2 map (pip install lanelet2)")
+    what.add_argument("--opendrive", type=Path, metavar="F.xodr", help="import an OpenDRIVE map through netconvert")
+    what.add_argument("--check", type=Path, metavar="NET.net.xml", help="check this net instead of building one")
+    command.add_argument("--recording", type=Path, metavar="R", help="recording to fit lanes to, or to check against")
+    command.add_argument("--site", choices=SITES, help="site of the recording; default: as the recording says")
+    command.add_argument(
+        "--origin",
+        type=float,
+        nargs=2,
+        metavar=("LAT", "LON"),
+        help="origin of frame map for --lanelet2; position of the site for --check",
+    )
+    command.add_argument("--cad", type=Path, metavar="FILE", help="CAD centre lines, for --check")
+    scenario_help = "for --check: name of a CommonRoad window; without --recording, a scenario or its file"
+    command.add_argument("--scenario", action="append", default=[], metavar="S", help=scenario_help)
+    picture_help = "for --check: draw the net, the tracks and where they lie on no lane"
+    command.add_argument("--picture", type=Path, metavar="P.png", help=picture_help)
+    command.add_argument("--out", type=Path, metavar="OUT.net.xml", help="the net to write")
+    command.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Build or check; return the exit status: 1 if a check misses its goal.
+
+    Raises:
+        InputError: the input cannot be used, or netconvert is missing.
+    """
+    if arguments.check is not None:
+        return 0 if check(arguments) else EXIT_FAILED
+    if arguments.out is None:
+        raise InputError("data map: name the net to write with --out, or one to check with --check")
+    print(f"building {arguments.out} ...", file=sys.stderr)
+    for warning in build(arguments):
+        print(f"netconvert: {warning}", file=sys.stderr)
+    return 0
+
+
+def build(arguments: argparse.Namespace) -> list[str]:
+    """Build the net that `arguments` ask for; return netconvert's warnings.
+
+    Raises:
+        InputError: as :func:`run`.
+    """
+    from litsim_data.maps import commonroad, lanelet2_osm
+    from litsim_data.maps.netconvert import import_opendrive
+
+    out = arguments.out
+    if arguments.commonroad is not None:
+        return commonroad.import_commonroad(arguments.commonroad, out)
+    if arguments.lanelet2 is not None:
+        if arguments.origin is None:
+            raise InputError("data map: --lanelet2 needs --origin LAT LON, the point that becomes (0, 0)")
+        return lanelet2_osm.import_lanelet2(arguments.lanelet2, (arguments.origin[0], arguments.origin[1]), out)
+    if arguments.opendrive is not None:
+        return import_opendrive(arguments.opendrive, out)
+    if arguments.which is not None:
+        build_map(arguments.which, out, arguments.recording)
+        return []
+    return fit(arguments.recording, arguments.site, out)
+
+
+def fit(recording: Path | None, site: str | None, out: Path) -> list[str]:
+    """Build the net of a site under a recording; I-80 alone can do without one.
+
+    Raises:
+        InputError: the recording is missing or does not allow a fit, or netconvert is missing.
+    """
+    from litsim_data.maps import fitting, highway, intersections, positions
+
+    if recording is None:
+        if site != "i80":
+            raise InputError("data map: name the recording to fit lanes to with --recording")
+        highway.write_net(highway.i80_plan(), out)
+        return []
+    found = positions.for_fitting(recording, "" if site in (None, "generic") else str(site))
+    name = site or found.site or "generic"
+    if name in fitting.LAYOUTS:
+        highway.write_net(fitting.fit_plan(found.table, fitting.LAYOUTS[name]), out)
+    elif name == "generic":
+        highway.write_net(fitting.fit_generic_plan(found.table), out)
+    else:
+        return intersections.write_net(intersections.fit_streets(found.table), out)
+    return []
+
+
+def build_map(which: str, out: Path, recording: Path | None) -> None:
+    """Build a packaged net: `us101_like`, `urban_like`, `i80`, or `us101` fitted to the windows file at `recording`.
+
+    Raises:
+        InputError: netconvert or the recording is missing, or `out` cannot be written.
+    """
+    from litsim_data.maps import highway, urban
+
+    if which == "us101_like":
+        highway.write_net(highway.us101_like_plan(), out)
+    elif which == "urban_like":
+        urban.write_net(out)
+    else:
+        fit(_us101(recording) if which == "us101" else None, which, out)
+
+
+def check(arguments: argparse.Namespace) -> bool:
+    """Check a net, print the result, draw it where asked for, and return whether it meets the goals.
+
+    Raises:
+        InputError: a file cannot be used, or does not fit the net.
+    """
+    from litsim_data.maps import cad
+    from litsim_data.maps.check import check_net
+    from litsim_data.maps.check_text import describe
+    from litsim_data.ngsim.sites import SITES as KNOWN
+
+    net = arguments.check
+    if not net.is_file() and str(net).removesuffix(".net.xml") in packaged_nets():
+        net = packaged(f"nets/{str(net).removesuffix('.net.xml')}.net.xml")
+    lines = None
+    if arguments.cad is not None:
+        lines, _ = cad.read_center_lines(arguments.cad, KNOWN.get(arguments.site or ""))
+    parts, transform = _parts(arguments)
+    result = check_net(net, parts, lines)
+    print(describe(result, transform, None if arguments.origin is None else tuple(arguments.origin)))
+    if arguments.picture is not None:
+        from litsim_data.pictures.map_picture import draw  # matplotlib takes half a second to load
+
+        draw(arguments.picture, LaneMap.from_net(net), parts, result)
+        print(arguments.picture)
+    return not result.failures
+
+
+def _parts(arguments: argparse.Namespace) -> tuple[dict[str, pd.DataFrame], dict[str, Any] | None]:
+    """What is checked against the net, by name; and the transform by which the recording was mapped, if it was.
+
+    Without a recording, scenarios are those of LitSim, whatever of them lies on their net.
+    """
+    from litsim_data.maps import positions
+
+    if arguments.recording is None:
+        loaded = [Scenario.load(name, coverage_min=0.0) for name in arguments.scenario]
+        return {each.name: positions.vehicles_of(each.recording.table, each.name) for each in loaded}, None
+    parts = positions.for_checking(arguments.recording, arguments.scenario)
+    return parts, positions.mapped_by(arguments.recording)
+
+
+def _us101(recording: Path | None) -> Path:
+    """The windows file: as given, or where the development data lies."""
+    if recording is not None:
+        return recording
+    data = os.environ.get(DATA_VARIABLE)
+    if not data:
+        raise InputError(f"net us101 is fitted to real tracks: name them with --recording, or set {DATA_VARIABLE}")
+    return Path(data) / US101_FILE

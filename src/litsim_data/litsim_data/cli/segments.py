@@ -1,0 +1,161 @@
+"""`data segments`: cut recordings into segments with an ego each; a manifest and a scenario file for every segment."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from litsim_data import segments
+from litsim_sim.core.errors import EXIT_FAILED, InputError
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.scenario.load import load_recording
+from litsim_sim.scenario.recorded_net import net_of
+from litsim_sim.scenario.recording import Recording
+from litsim_sim.scenario.scenario import DATA_VARIABLE, Sources, packaged, packaged_nets
+from litsim_sim.scenario.scenario_file import usable_name
+from litsim_sim.scenario.usability import Usability, describe, survey
+
+
+def add(subparsers: Any) -> None:
+    """Add the parser of the command."""
+    command = subparsers.add_parser("segments", help="cut recordings into scenarios of 28 s, split 70/10/20")
+    command.add_argument("recordings", nargs="*", type=Path, metavar="RECORDING", help="of any known format")
+    command.add_argument("--manifest", type=Path, help="instead: reproduce this manifest and its scenario files")
+    command.add_argument("--out", type=Path, required=True, metavar="DIR")
+    command.add_argument("--net", help="packaged net or file; default: the one that the recording names")
+    command.add_argument("--crop", nargs=3, action="append", metavar=("COLUMN", "LOW", "HIGH"), help="as for convert")
+    defaults = segments.Settings()
+    command.add_argument(
+        "--seed", type=int, default=defaults.seed, help="seed of the choice of egos; default %(default)s"
+    )
+    for name, text in (
+        ("history", "recorded past [s]"),
+        ("simulation", "simulated time after the history [s]"),
+        ("stride", "time from the start of a segment to the start of the next [s]"),
+        ("ego-min", "least time that an ego is present after the history [s]"),
+    ):
+        value = getattr(defaults, f"{name.replace('-', '_')}_s")
+        command.add_argument(f"--{name}", type=float, default=value, help=f"{text}; default %(default)s")
+    split = [f"{share:g}" for share in defaults.split]
+    shares = f"shares of time for train, val and test; default {' '.join(split)}"
+    command.add_argument("--split", type=float, nargs=3, default=list(defaults.split), help=shares)
+    coverage = "share of box centres that must lie on lanes in the scenarios; default: that of scenarios"
+    command.add_argument("--coverage-min", type=float, metavar="SHARE", help=coverage)
+    command.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Cut, write and print the result; return the exit status: 1 if none of the scenarios can be loaded.
+
+    Raises:
+        InputError: as :func:`cut_files` and :func:`reproduce`, or the arguments do not fit each other.
+    """
+    if bool(arguments.recordings) == bool(arguments.manifest):
+        raise InputError("expected either recordings or --manifest")
+    if arguments.manifest:
+        manifest, recordings = reproduce(arguments.manifest, arguments.out)
+    else:
+        crop = {column: [_number(low), _number(high)] for column, low, high in arguments.crop or []}
+        try:
+            settings = segments.Settings(
+                seed=arguments.seed,
+                history_s=arguments.history,
+                simulation_s=arguments.simulation,
+                stride_s=arguments.stride,
+                ego_min_s=arguments.ego_min,
+                split=tuple(arguments.split),
+                coverage_min=arguments.coverage_min,
+            )
+        except ValidationError as error:
+            problem = error.errors()[0]
+            raise InputError(f"{'.'.join(map(str, problem['loc']))} is {problem['input']}: {problem['msg']}") from error
+        manifest, recordings = cut_files(arguments.recordings, arguments.out, arguments.net, crop or None, settings)
+    usability = _usability(manifest, arguments.out, recordings)
+    print(segments.describe(manifest))
+    print(describe(usability))
+    return EXIT_FAILED if all(each.lacks for each in usability) else 0
+
+
+def cut_files(
+    paths: list[Path], out: Path, net: str | None, crop: dict[str, list[float]] | None, settings: segments.Settings
+) -> tuple[segments.Manifest, list[Recording]]:
+    """Cut the recordings at `paths` and write manifest and scenario files to the folder `out`.
+
+    Returns:
+        The manifest, and the cropped recordings.
+
+    Raises:
+        InputError: a recording, its net or `out` cannot be used.
+    """
+    for path in paths:
+        try:
+            usable_name(segments.name_of(path.name, "train", 0))
+        except ValueError as error:
+            raise InputError(f"{path}: scenarios are named after the file: {error}; rename it") from error
+    sources = []
+    for path in paths:
+        recording = load_recording(path, crop)
+        sources.append((_stored(path, out), _net(net_of(recording.header, path, net), out), crop, recording))
+    manifest = segments.cut(sources, settings)
+    segments.write(manifest, out)
+    return manifest, [recording for *_, recording in sources]
+
+
+def reproduce(path: Path, out: Path) -> tuple[segments.Manifest, list[Recording]]:
+    """Cut again by the manifest at `path`, and write to `out`; return the same as :func:`cut_files`.
+
+    Raises:
+        InputError: the manifest or a recording cannot be used, or `out` cannot be written.
+    """
+    manifest = segments.Manifest.read(path)
+    again, cropped = segments.reproduce(manifest, path.parent)
+    if again != manifest:
+        raise InputError(f"{path}: its recordings and settings give other segments than it lists: was it edited?")
+    files = [source.file for source in again.recordings]
+    moved = [file if file.startswith("$") else _stored(path.parent / file, out) for file in files]
+    nets = [
+        source.net if source.net in packaged_nets() else _stored(path.parent / source.net, out)
+        for source in again.recordings
+    ]
+    recordings = [
+        source.model_copy(update={"file": file, "net": net})
+        for source, file, net in zip(again.recordings, moved, nets, strict=True)
+    ]
+    again = again.model_copy(update={"recordings": recordings})
+    segments.write(again, out)
+    return again, cropped
+
+
+def _stored(path: Path, folder: Path) -> str:
+    """`path` in the form of the manifest in `folder`: relative to $LITSIM_DATA if below it, else to the folder."""
+    data = os.environ.get(DATA_VARIABLE)
+    if data and path.resolve().is_relative_to(Path(data).resolve()):
+        return f"${{{DATA_VARIABLE}}}/{path.resolve().relative_to(Path(data).resolve()).as_posix()}"
+    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+
+
+def _net(net: Path, out: Path) -> str:
+    """Name of the packaged net, or path of the net relative to `out`."""
+    if net.parent == packaged("nets"):
+        return net.name.removesuffix(".net.xml")
+    return Path(os.path.relpath(net.resolve(), out.resolve())).as_posix()
+
+
+def _usability(manifest: segments.Manifest, out: Path, recordings: list[Recording]) -> list[Usability]:
+    """Which of the scenarios that lie in `out` can be loaded; `recordings` are those of the manifest."""
+    nets = [packaged(f"nets/{s.net}.net.xml") if s.net in packaged_nets() else out / s.net for s in manifest.recordings]
+    lane_maps = {net: LaneMap.from_net(net) for net in nets}
+    sources = [Sources(recording, lane_maps[net]) for recording, net in zip(recordings, nets, strict=True)]
+    paths = [out / f"{segment.name}.yaml" for segment in manifest.segments]
+    return survey(paths, [sources[segment.recording] for segment in manifest.segments])
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise InputError(f"--crop: {text} is not a number; expected a column and two numbers") from error

@@ -1,0 +1,349 @@
+"""Conversion of a table of trajectories to a recording, by its mapping."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pandas as pd
+
+from litsim_data.cleaning.cleaning import smoothed
+from litsim_data.generic.counts import Counts
+from litsim_data.generic.draft import likely_kind
+from litsim_data.generic.headings import headings
+from litsim_data.generic.mapping import FACTORS, KindName, Mapping
+from litsim_data.generic.obstacles import NAMES as OBSTACLES
+from litsim_data.generic.obstacles import obstacle_rows, with_usual_sizes, without_unused
+from litsim_data.generic.plausibility import check_plausible, heading
+from litsim_data.generic.reading import plain, read_rows, texts
+from litsim_data.generic.resampling import (
+    HOLE_MAX_S,
+    count_leaps,
+    count_turns,
+    in_order,
+    resampled,
+    split,
+    without_outliers,
+)
+from litsim_data.ngsim.tracks import PIECE, direction_of_motion
+from litsim_sim.core.dynamics import VehicleLimits
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import overlapping_pairs, wrap_angle
+from litsim_sim.core.scene import RATE_HZ, STEP_S, FloatArray, IntArray, Kind
+from litsim_sim.io.table_input import TableFiles, is_stamped, since_1970
+from litsim_sim.scenario.recording import BOUNDS, COLUMNS, Recording, RecordingHeader
+
+IDS_KEPT = 5000  # most renumbered vehicle ids that the header lists
+DROP, UNKNOWN = "drop", "unknown"
+HARSH = 5.0  # [m/s2] magnitude that accelerations of vehicles hardly ever exceed
+FAR = 1.0  # [m] displacement by cleaning beyond which a vehicle is reported
+OVERLAP_S = 1.0  # [s] for which a pair of vehicles must overlap to be reported
+CLOCK = "time_of_frame_0_s"  # note of the header: clock time of the file at frame 0
+AHEAD = {"front_centre": -0.5, "box_centre": 0.0, "rear_axle": VehicleLimits.rear_axle, "box_corner": 0.0}
+"""Distance of the box centre ahead of the reference point, in lengths; corners are converted to centres on reading."""
+DERIVED = ("yaw", "speed", "acceleration")  # optional columns
+
+
+def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, Counts]:
+    """The table at `paths` (CSV or Parquet, one file or several) as a recording, and the counts of the conversion.
+
+    Raises:
+        InputError: a column is missing, a cell is not a number, a vehicle is at two places at a time or jumps too
+            often, a kind is not in the mapping, the motion is implausible, or the result fails a check of
+            :meth:`Recording.from_table`.
+    """
+    source, counts = TableFiles.open(paths), Counts()
+    given = _without_dropped_kinds(read_rows(source, mapping, counts), mapping, source, counts)
+    table, names = _in_si(without_unused(given), mapping, source)
+    table = in_order(table, source, counts)
+    check_plausible(table[~obstacle_rows(table)], mapping, str(source))
+    table = with_usual_sizes(_never_backwards(table, counts), mapping, counts)
+    _count_assumptions(table, mapping, counts)
+    table = without_outliers(table, source, counts)
+    count_leaps(table[~obstacle_rows(table)], source, counts)
+    count_turns(table[~obstacle_rows(table)], source, counts)
+    table = resampled(split(table, counts), source, counts)
+    moving = _with_motion(table, mapping)
+    _check_walking(moving[obstacle_rows(moving)], names.get("ids", {}), source)
+    if mapping.clean:
+        walking = obstacle_rows(table)  # not cleaned: the motion model is that of vehicles
+        raw = table[~walking].drop(columns="acceleration", errors="ignore")
+        ahead = -AHEAD[mapping.reference]
+        cleaned = smoothed(raw, ahead=ahead, measured="yaw" in table)
+        counts.moved = _moved(raw, cleaned, ahead)
+        moving = pd.concat([cleaned, moving[walking]])
+    else:
+        harsh = np.abs(moving["acceleration"].to_numpy()[~obstacle_rows(moving)]) > HARSH
+        counts.harsh = float(harsh.mean())
+        if not (np.abs(moving["acceleration"]) <= BOUNDS["acceleration"][1]).all() and "acceleration" not in table:
+            leap = f"; {counts.leaps} leaps, at most {counts.farthest_leap}, it would not" if counts.leaps else ""
+            raise InputError(
+                f"{source}: accelerations derived from the file reach "
+                f"{np.abs(moving['acceleration']).max():.3g} m/s2, beyond {HARSH:g} m/s2 in {counts.harsh:.1%} of the "
+                f"rows: field clean of the mapping, set to true, smooths such positions{leap}"
+            )
+    counts.overlaps = _overlaps(moving[~obstacle_rows(moving)])
+    header = RecordingHeader(
+        name=mapping.name,
+        source=mapping.source,
+        licence=mapping.licence,
+        net=mapping.net,
+        notes={"file": source.name, "mapping": mapping.model_dump(exclude_defaults=True), **counts.note(), **names},
+    )
+    return Recording.from_table(header, moving[list(COLUMNS)], f"{source}, brought to 10 Hz"), counts
+
+
+def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Columns in SI units and frame map: vehicle_id, t [s], x, y, length, width, kind, lane, row, and yaw, speed and
+    acceleration where given; and notes on ids and clock for the header.
+    """
+    units, columns = mapping.units, mapping.columns
+    row = given["row"].to_numpy()
+
+    def numbers(name: str, unit: str = "m") -> FloatArray:
+        values = pd.to_numeric(given[name], errors="coerce").to_numpy(np.float64, na_value=np.nan)
+        bad = ~np.isfinite(values)
+        if bad.any():
+            at = int(np.argmax(bad))
+            ours = name.removesuffix("_x").removesuffix("_y")
+            theirs, cell = columns.named()[name], given[name].iloc[at]
+            without = (
+                f"; without field columns.{ours} it is derived from the motion, and rows: {{{theirs}: {{min: -1000}}}} "
+                "leaves such rows out, with gaps of up to half a second interpolated"
+                if ours in DERIVED
+                else ""
+            )
+            found = "empty or nan" if pd.isna(cell) else repr(str(cell))
+            raise InputError(
+                f"{source.at(row[at])}: column {theirs!r} is {found}, expected a number; "
+                f"{int(bad.sum())} such rows{without}"
+            )
+        return values * FACTORS[unit]
+
+    ids, names = _ids(given["vehicle_id"], row, source)
+    if columns.time is None:
+        time = numbers("frame") / mapping.rate_hz
+    else:  # frame 0 is the first one
+        stamped = is_stamped(given["time"])
+        given = given.assign(time=since_1970(given["time"])) if stamped else given
+        time = numbers("time", "s" if stamped else units.time)
+        zero = float(np.floor(time.min() * RATE_HZ) / RATE_HZ)
+        time, names = time - zero, {CLOCK: round(zero, 6) + 0.0} | names
+    turn, mirror = np.deg2rad(mapping.transform.yaw_deg), -1.0 if mapping.transform.mirror_y else 1.0
+    sizes = {}
+    for name in ("length", "width"):
+        size = getattr(columns, name)
+        sizes[name] = numbers(name, units.size) if isinstance(size, str) else size * FACTORS[units.size]
+    x, y = numbers("x", units.position), numbers("y", units.position)
+    if mapping.reference == "box_corner":
+        x, y = x + 0.5 * sizes["length"], y + 0.5 * sizes["width"]
+    y = mirror * y
+    table = pd.DataFrame(
+        {
+            "vehicle_id": ids,
+            "t": time,
+            "x": mapping.transform.x + np.cos(turn) * x - np.sin(turn) * y,
+            "y": mapping.transform.y + np.sin(turn) * x + np.cos(turn) * y,
+            "row": row,
+            "kind": _kinds(given),
+            "lane": numbers("lane") if columns.lane is not None else -1.0,
+        }
+    )
+    table = table.assign(**sizes)
+    if columns.yaw is not None:
+        angle = heading(numbers("yaw", units.angle), mapping.angles.zero, mapping.angles.positive)
+        table["yaw"] = mirror * angle + turn
+    if isinstance(columns.speed, tuple):
+        table["speed"] = np.hypot(numbers("speed_x", units.speed), numbers("speed_y", units.speed))
+    elif columns.speed is not None:
+        table["speed"] = numbers("speed", units.speed)
+    if columns.acceleration is not None:
+        table["acceleration"] = numbers("acceleration", units.acceleration)
+    return table, names
+
+
+def _never_backwards(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
+    """`table` with negative speeds, of reversing vehicles or noise around 0, set to 0."""
+    if "speed" not in table:
+        return table
+    counts.backwards = int((table["speed"] < 0.0).sum())
+    return table.assign(speed=table["speed"].clip(lower=0.0))
+
+
+def _count_assumptions(table: pd.DataFrame, mapping: Mapping, counts: Counts) -> None:
+    """Count the vehicles whose kind nobody knows, and those whose size is that of other kinds."""
+    columns = mapping.columns
+    if columns.kind is None:
+        counts.kindless = int(table["vehicle_id"].nunique())
+    if not (isinstance(columns.length, str) and isinstance(columns.width, str)):
+        other = table["kind"].isin([Kind.TRUCK, Kind.MOTORCYCLE])
+        counts.of_one_size = int(table.loc[other, "vehicle_id"].nunique())
+
+
+def _ids(column: pd.Series, row: IntArray, source: TableFiles) -> tuple[IntArray, dict[str, Any]]:
+    """Ids as integers: small integers stay; others are numbered on from the largest of these, or from 1.
+
+    Raises:
+        InputError: an id is missing, or there are too many.
+    """
+    if (empty := column.isna().to_numpy()).any():
+        raise InputError(f"{source.at(row[empty][0])}: no vehicle id; {int(empty.sum())} such rows")
+    codes, names = pd.factorize(texts(column))
+    numeric = pd.to_numeric(pd.Series(names), errors="coerce")
+    small = (numeric.between(0, PIECE - 1) & (numeric == np.floor(numeric)) & ~numeric.duplicated()).to_numpy()
+    first = int(numeric[small].max()) + 1 if small.any() else 1
+    others = int((~small).sum())
+    if first + others > PIECE:
+        raise InputError(
+            f"{source}: {others} vehicles with ids that are not integers below {PIECE}, to be numbered from {first}: "
+            f"expected fewer than {PIECE} vehicles"
+        )
+    numbers = np.where(small, numeric.fillna(0.0), first + np.cumsum(~small) - 1).astype(np.int64)
+    if not others:
+        return numbers[codes], {}
+    kept = {str(name): int(number) for name, number in zip(names[~small], numbers[~small], strict=True)}
+    return numbers[codes], {"ids": kept} if others <= IDS_KEPT else {"ids_renumbered": others}
+
+
+def _without_dropped_kinds(given: pd.DataFrame, mapping: Mapping, source: TableFiles, counts: Counts) -> pd.DataFrame:
+    """The rows of kinds that the mapping keeps, with column `kind` translated by it."""
+    if "kind" not in given:
+        return given
+    said, kinds = texts(given["kind"]), {plain(name): ours for name, ours in mapping.kinds.items()}
+    if missing := sorted(set(said.unique()) - set(kinds)):
+        row = given["row"][said == missing[0]].iloc[0]
+        entries = ", ".join(f"{name!r}: {likely_kind(name)}" for name in missing)
+        raise InputError(
+            f"{source.at(row)}: kind {missing[0]!r} is not in field kinds of the mapping, which needs an entry for "
+            f"each value of column {mapping.columns.kind!r}, one of {', '.join(get_args(KindName))}: for those that "
+            f"are missing, probably kinds: {{{entries}}}"
+        )
+    row_kind = said.map(kinds)
+    ours = _of_whole_tracks(row_kind, given, mapping, counts)
+    for kind in sorted(set(said[row_kind == DROP])):
+        counts.leave_out(f"kind {kind}", int(((said == kind) & (ours == DROP)).sum()))
+    counts.leave_out("of a track most of whose rows are dropped", int(((row_kind != DROP) & (ours == DROP)).sum()))
+    for kind in sorted(set(said[ours == UNKNOWN])):
+        counts.unknown[kind] = int(given["vehicle_id"][said == kind].nunique())
+    if ours.isin([DROP, *OBSTACLES]).all() and not (ours == DROP).all():
+        raise InputError(f"{source}: only pedestrians and cyclists are left; the kinds are {sorted(set(said))}")
+    if (ours == DROP).all():
+        raise InputError(f"{source}: field kinds of the mapping drops every row; the kinds are {sorted(set(said))}")
+    return given.assign(kind=ours)[ours != DROP]
+
+
+def _of_whole_tracks(row_kind: pd.Series, given: pd.DataFrame, mapping: Mapping, counts: Counts) -> pd.Series:
+    """For each row of `given` the kind that most rows of its track have, as trackers change their minds.
+
+    Tracks end at long holes: trackers use an id again for another object.
+    """
+    ids, _ = pd.factorize(given["vehicle_id"])
+    kinds, names = pd.factorize(row_kind)
+    if (pd.DataFrame({"id": ids, "kind": kinds}).drop_duplicates()["id"].value_counts() == 1).all():
+        return row_kind
+    t = _seconds(given, mapping)
+    order = np.lexsort([t, ids])
+    begins = np.r_[True, (np.diff(ids[order]) != 0) | (np.diff(t[order]) > HOLE_MAX_S + STEP_S)]
+    track = np.empty(len(ids), np.int64)
+    track[order] = np.cumsum(begins) - 1
+    rows = np.zeros((track.max() + 1, len(names)), np.int64)
+    np.add.at(rows, (track, kinds), 1)
+    counts.changing = int(((rows > 0).sum(axis=1) > 1).sum())
+    return pd.Series(np.asarray(names)[rows.argmax(axis=1)][track], index=row_kind.index)
+
+
+def _seconds(given: pd.DataFrame, mapping: Mapping) -> FloatArray:
+    """Time (n,) of each row of a table as read [s]; NaN for cells that are no time."""
+    if mapping.columns.time is not None and is_stamped(given["time"]):
+        return since_1970(given["time"]).to_numpy(np.float64)
+    by_frame = mapping.columns.time is None
+    name, factor = ("frame", 1.0 / mapping.rate_hz) if by_frame else ("time", FACTORS[mapping.units.time])
+    return pd.to_numeric(given[name], errors="coerce").to_numpy(np.float64, na_value=np.nan) * factor
+
+
+def _kinds(given: pd.DataFrame) -> IntArray:
+    if "kind" not in given:
+        return np.full(len(given), int(Kind.UNKNOWN))
+    return np.asarray(given["kind"].map({kind.name.lower(): int(kind) for kind in Kind}), np.int64)
+
+
+def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
+    """`table` with box centres, and with heading, speed and acceleration derived where the file lacks them."""
+    vehicle, x, y = (table[name].to_numpy() for name in ("vehicle_id", "x", "y"))
+    walking = obstacle_rows(table)
+    if "yaw" not in table:
+        table = table.assign(yaw=_headings(table, mapping))
+    if walking.any():
+        along = direction_of_motion(vehicle, x, y, np.full(len(table), np.nan))
+        table = table.assign(yaw=np.where(walking, along, table["yaw"]))
+    yaw = wrap_angle(table["yaw"].to_numpy())
+    ahead = AHEAD[mapping.reference] * table["length"].to_numpy()
+    x, y = x + ahead * np.cos(yaw), y + ahead * np.sin(yaw)
+    table = table.assign(x=x, y=y, yaw=yaw)
+    if "speed" not in table or walking.any():
+        speed = np.hypot(_rate(vehicle, x), _rate(vehicle, y))
+        table = table.assign(speed=np.where(walking, speed, table["speed"]) if "speed" in table else speed)
+    if "acceleration" not in table or walking.any():
+        rate = _rate(vehicle, table["speed"].to_numpy())
+        table = table.assign(
+            acceleration=np.where(walking, rate, table["acceleration"]) if "acceleration" in table else rate
+        )
+    return table
+
+
+def _headings(table: pd.DataFrame, mapping: Mapping) -> FloatArray:
+    """Headings (n,) [rad] of vehicles by the motion of their reference points; see :func:`.headings.headings`."""
+    vehicle, x, y, length = (table[name].to_numpy() for name in ("vehicle_id", "x", "y", "length"))
+    levers = VehicleLimits.rear_axle - AHEAD[mapping.reference]
+    lever = np.zeros(len(table)) if mapping.reference == "box_corner" else levers * length
+    return headings(vehicle, x, y, lever)
+
+
+def _check_walking(table: pd.DataFrame, ids: dict[str, int], source: TableFiles) -> None:
+    """Refuse pedestrians and cyclists, rows of 10 Hz, who jump; `ids` are names of the file by vehicle_id's numbers.
+
+    Raises:
+        InputError: one does.
+    """
+    jumps = (np.abs(table["acceleration"]) > BOUNDS["acceleration"][1]).to_numpy()
+    if not jumps.any():
+        return
+    first = table.iloc[int(np.argmax(jumps))]
+    number = int(first["vehicle_id"]) % PIECE
+    who = next((name for name, given in ids.items() if given == number), number)
+    raise InputError(
+        f"{source}: {Kind(int(first['kind'])).name.lower()} {who} jumps {first['frame'] * STEP_S:.1f} s after frame 0, "
+        f"as an acceleration of {first['acceleration']:.0f} m/s2 by its positions shows; {int(jumps.sum())} such rows: "
+        f"leave it out by field rows of the mapping, or all of its kind by field kinds"
+    )
+
+
+def _moved(raw: pd.DataFrame, cleaned: pd.DataFrame, ahead: float) -> dict[int, float]:
+    """Largest displacement [m], if over FAR, by vehicle, of the point `ahead` lengths ahead of the centre."""
+    both = raw.merge(cleaned, on=["vehicle_id", "frame"], suffixes=("", "_cleaned"))
+    lever, yaw = ahead * both["length"], both["yaw_cleaned" if "yaw" in raw else "yaw"]
+    dx = both["x_cleaned"] + lever * np.cos(yaw) - both["x"]
+    dy = both["y_cleaned"] + lever * np.sin(yaw) - both["y"]
+    most = np.hypot(dx, dy).groupby(both["vehicle_id"]).max()
+    return {int(vehicle): float(way) for vehicle, way in most[most > FAR].items()}
+
+
+def _overlaps(table: pd.DataFrame) -> dict[tuple[int, int], float]:
+    """How long [s] the boxes of two vehicles overlap, if for OVERLAP_S or more, by their ids; `table` is at 10 Hz."""
+    x, y, yaw, length, width = (table[name].to_numpy() for name in ("x", "y", "yaw", "length", "width"))
+    pairs = overlapping_pairs(x, y, yaw, length, width, table["frame"].to_numpy())
+    who, frames = np.unique(np.sort(table["vehicle_id"].to_numpy()[pairs], axis=1), axis=0, return_counts=True)
+    long = frames >= OVERLAP_S * RATE_HZ
+    return {(int(a), int(b)): float(n * STEP_S) for (a, b), n in zip(who[long], frames[long], strict=True)}
+
+
+def _rate(vehicle: IntArray, values: FloatArray) -> FloatArray:
+    """Time derivative (n,) of `values` (n,) by central differences within each vehicle; 0 for a single row."""
+    index = np.arange(len(vehicle))
+    begins = np.r_[True, vehicle[1:] != vehicle[:-1]]
+    ends = np.r_[begins[1:], True]
+    before, after = np.where(begins, index, index - 1), np.where(ends, index, index + 1)
+    span = np.maximum(after - before, 1) * STEP_S
+    return np.asarray((values[after] - values[before]) / span, np.float64)

@@ -1,0 +1,373 @@
+"""Drafting of a mapping: the meaning of columns is guessed from their names, units from their values."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import yaml
+
+from litsim_data.generic.mapping import FACTORS, Mapping
+from litsim_data.generic.plausibility import (
+    AGREEMENT,
+    ANGLE_UNITS,
+    POSITIVES,
+    SPEED_UNITS,
+    STEP_RANGE_S,
+    WIDTH_RANGE,
+    ZEROS,
+    heading,
+    pace,
+    rows_apart,
+)
+from litsim_data.generic.reading import NEEDED, texts
+from litsim_data.generic.sides import MOVING
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.scene import FloatArray
+from litsim_sim.io.table_input import TableFiles, is_stamped, since_1970
+
+OF = r"(vehicle|veh|car|object|obj|actor|agent|track|timestep)_?"
+"""What many names begin with, in lower case: ``vehicle_x`` of SUMO's trajectories is an x."""
+PLACE = r"(local|pos(ition)?|utm|map|translation|location|cent(er|re))_?"
+NAMES: dict[str, str] = {
+    "vehicle_id": r"(vehicle|track|agent|actor|object|car|obj|veh|instance)?_?(id|uuid|token)",
+    "time": rf"({OF}|global_?)?(time|timestamp|stamp)(_?(s|ms|us|ns|sec|seconds|micros|millis|nanos))?|t",
+    "frame": r"frame(_?(id|number|num|no))?|(time_?)?step",
+    "x": rf"({OF})?({PLACE})?x(_?(center|centre|m|ft|pos|position|utm))?|(utm_?)?east(ing)?",
+    "y": rf"({OF})?({PLACE})?y(_?(center|centre|m|ft|pos|position|utm))?|(utm_?)?north(ing)?",
+    "length": rf"({OF}|v_?)?(length|size_?l)(_?(m|ft|cm))?",
+    "width": rf"({OF}|v_?)?(width|size_?w)(_?(m|ft|cm))?",
+    "yaw": rf"({OF}|utm_?)?(yaw|heading|course|psi|theta|orientation|angle)(_?(rad|deg))?",
+    "speed": rf"({OF})?(speed|velocity)|v|v_?vel|lon_?velocity|speed_?(ms|mps|kmh|kph|km_h|mph|m_s)",
+    "speed_x": r"v(el|elocity)?_?x|x_?v(el|elocity)|speed_?x",
+    "speed_y": r"v(el|elocity)?_?y|y_?v(el|elocity)|speed_?y",
+    "acceleration": r"(lon_?)?(acceleration|accel|acc)(_?(mps2|m_?s2))?|v_?acc",
+    "kind": r"(agent|actor|object|obj|vehicle|track|v)?_?(type|class|kind|category)(_?(id|name))?|classification",
+    "lane": rf"({OF})?lane(_?id)?",
+    "clip": r"(case|clip|recording|scenario|scene|sequence|file|log)_?(id|no|number)?",
+}
+"""Pattern of a file's column names, in lower case with words joined by underscores or nothing, by our name."""
+
+KINDS: dict[str, str] = {
+    "car": r"car|van|suv|taxi|auto|passenger.*|vehicle|.*\.car",
+    "truck": r"(.*\.)?truck.*|(.*\.)?bus(\..*)?|lorry|(.*\.)?trailer|heavy.*|medium.*",
+    "motorcycle": r"(.*\.)?motor_?(cycl|bik).*|moped|scooter",
+    "drop": r"ped.*|person|human.*|walker.*|(.*\.)?bi?cycl.*|bike.*|cyclist|riderless.*|animal|static.*|movable.*"
+    r"|background|construction|unknown_obstacle",
+}
+"""Pattern of a file's kinds, in lower case, by our name."""
+NUMBERED = {"1": "motorcycle", "2": "car", "3": "truck"}
+"""Our names of NGSIM's numbers, whose column is `v_class`; numbers of other data sets mean something else."""
+
+USUAL_SIZE = {"length": 4.6, "width": 1.9}  # [m] of a passenger car, for files without sizes
+NARROW = 0.45  # [m] width of people, who may be most of those in a file
+CAMERA_RATES_HZ = (2.0, 4.0, 5.0, 10.0, 12.5, 15.0, 20.0, 25.0, 29.97, 30.0, 50.0, 60.0)
+FRAMES_APART = 3  # rows between the positions that motion is judged by, where frames have a rate that nobody knows
+HINTS = (
+    "# vehicles: {file: tracksMeta.csv, vehicle_id: id}  # a file with a row for each vehicle: classes, sizes",
+    "# transform: {yaw_deg: 0, x: 0, y: 0}  # onto the net, in degrees and metres; data map --check says what fits",
+    "# signals: signals.yaml  # what signals of the net showed (docs/signals.md)",
+)
+POSITIONS = ("m", "cm", "ft")
+"""Units of positions, the more usual ones first."""
+FEET, METRES = r"(ft|feet)$", r"[_x]m$|utm|east"
+"""Pattern of names of a column of positions, in lower case, that tell their unit."""
+GEOGRAPHIC = r"lat(itude)?|lon(gitude)?|lng"
+"""Pattern of column names, in lower case, of positions that no mapping reads."""
+COMPONENTS = ("speed_x", "speed_y")
+HEIGHT = "height"
+"""Column of image boxes with their extent across the road; column width is their extent along it."""
+SUMO_X = "vehicle_x"
+"""Column of SUMO's trajectories (option --fcd-output, by xml2csv)."""
+NUMBERS = {"time", "frame", "x", "y", "length", "width", "yaw", "speed", "speed_x", "speed_y"}
+OPTIONAL = ("yaw", "speed", "acceleration", "lane")
+"""Columns of numbers that a file need not have; in one that it has, every cell is one."""
+IDENTITY = ("vehicle_id", "x", "y")
+
+
+@dataclass
+class _Draft:
+    """The fields of a mapping, and remarks on them for the user."""
+
+    fields: dict[str, Any]
+    remarks: dict[str, str] = field(default_factory=dict)
+
+
+def draft(paths: Path | Sequence[Path]) -> str:
+    """Text of a mapping file for the table at `paths` (CSV or Parquet); guesses are marked by comments.
+
+    Raises:
+        InputError: the file cannot be read, or has no columns for id, position and time.
+    """
+    source = TableFiles.open(paths)
+    columns = _named(source)
+    used = set(columns.values())
+    raw = source.read(sorted(used), needed={columns[name] for name in NEEDED if name in columns})
+    table = pd.DataFrame({ours: raw[theirs] for ours, theirs in columns.items()})
+    if "time" in table and is_stamped(table["time"]):
+        table["time"] = since_1970(table["time"])
+    for name in sorted(NUMBERS & {*columns}):
+        table[name] = _numbers(table[name], raw["row"], columns[name], source)
+    empty = _incomplete(table)
+    held = [columns.pop(name) for name in empty]
+    table = table.drop(columns=empty)
+    components = [columns.pop(name) for name in COMPONENTS if name in columns]
+    if len(components) == 2 and "speed" not in columns:
+        table["speed"] = np.hypot(table["speed_x"], table["speed_y"])
+    made = _Draft({"name": re.sub(r"\W+", "_", source.files[0].path.stem), "source": "", "licence": "", "net": ""})
+    made.remarks["source"] = "data set, site and period, as in a citation"
+    made.remarks["net"] = "name of the SUMO net in whose frame the positions are"
+    sizes = {name: size for name, size in USUAL_SIZE.items() if name not in columns}
+    made.fields["columns"] = columns | sizes | ({"speed": components} if "speed" in table and components else {})
+    remarks = [f"{name} has cells without a number, and is not used" for name in held]
+    remarks += [f"the file has no {' and '.join(sizes)}: those of a usual car, in metres"] if sizes else []
+    made.remarks["columns"] = "; ".join(remarks)
+    made.fields["reference"] = "box_centre"
+    made.remarks["reference"] = "a guess: box_centre, front_centre or rear_axle"
+    if columns["x"] == SUMO_X:
+        made.fields["reference"] = "front_centre"
+        made.remarks["reference"] = "a guess: column names are those of SUMO, whose positions are of front centres"
+    if columns.get("width") == HEIGHT:
+        made.fields["reference"] = "box_corner"
+        made.remarks["reference"] = "a guess: columns width and height are of boxes in a picture, x and y their corner"
+    if "clip" in columns and table["clip"].nunique() < 2:
+        del columns["clip"], made.fields["columns"]["clip"]
+    if "clip" in columns:
+        clips = texts(table["clip"])
+        first = clips[clips != ""].iloc[0]
+        made.fields["clip"] = int(first) if re.fullmatch(r"0|[1-9]\d*", first) else first
+        made.remarks["clip"] = f"the first of {table['clip'].nunique()}"
+        table = table[clips == first]
+    steps = _Steps.of(table, 1)
+    _clock(made, steps)
+    _sizes(made, table)
+    _motion(made, _Steps.of(table, _rows_apart(made, steps)))
+    if "kind" in columns:
+        _kinds(made, table["kind"])
+    unused = [name for name in source.columns if name not in used or name in held]
+    text = _written(made, f"Drafted from the columns of {source.name}; not used: {', '.join(unused) or 'none'}.")
+    Mapping.model_validate(yaml.safe_load(text))  # else this is wrong, not the user
+    return text
+
+
+def _numbers(column: pd.Series, row: pd.Series, name: str, source: TableFiles) -> pd.Series:
+    """The numbers of a column, NaN where cells are empty.
+
+    Raises:
+        InputError: a cell holds something else; `name` is the column, `row` (n,) the places of the cells.
+    """
+    values = pd.to_numeric(column, errors="coerce").astype(np.float64)
+    if (bad := (values.isna() & column.notna()).to_numpy()).any():
+        at = int(np.argmax(bad))
+        raise InputError(
+            f"{source.at(row.iloc[at])}: column {name!r} is {str(column.iloc[at])!r}, expected a number; "
+            f"{int(bad.sum())} such rows"
+        )
+    return values
+
+
+def _incomplete(table: pd.DataFrame) -> list[str]:
+    """Our names of the columns that a file need not have, and that lack numbers in some rows where they are needed."""
+    vehicles = table  # of people no heading or speed is read
+    if "kind" in table:
+        vehicles = table[texts(table["kind"]).map(likely_kind) != "drop"]
+    found = [name for name in (*OPTIONAL, *COMPONENTS) if name in table and name != "lane"]
+    found = [name for name in found if vehicles[name].isna().any()]
+    lanes = pd.to_numeric(table["lane"], errors="coerce") if "lane" in table else pd.Series()  # many are names
+    return [*found, *(["lane"] if lanes.isna().any() else [])]
+
+
+def _named(source: TableFiles) -> dict[str, str]:
+    """The file's columns by our names; the first of several that match."""
+    found: dict[str, str] = {}
+    for ours, pattern in NAMES.items():
+        for theirs in source.columns:
+            plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", theirs.strip()).lower().replace(" ", "_").replace("-", "_")
+            if theirs not in found.values() and re.fullmatch(pattern, plain):
+                found[ours] = theirs
+                break
+    if "time" in found:
+        found.pop("frame", None)
+    if "speed" in found or not {*COMPONENTS} <= {*found}:
+        for name in COMPONENTS:
+            found.pop(name, None)
+    if "length" not in found and "width" in found and HEIGHT in source.columns:  # of boxes along x, as in highD
+        found |= {"length": found["width"], "width": HEIGHT}
+    missing = [name for name in IDENTITY if name not in found]
+    missing += [] if "time" in found or "frame" in found else ["time or frame"]
+    if missing:
+        angles = [name for name in source.columns if re.fullmatch(GEOGRAPHIC, name.strip().lower())]
+        degrees = f"{' and '.join(angles)} have to be projected to metres first; " if angles else ""
+        raise InputError(
+            f"{source}: no column looks like {', '.join(missing)}; the file has {list(source.columns)}; {degrees}"
+            f"write the mapping by hand (docs/data.md)"
+        )
+    return found
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """Steps from rows of a vehicle to later ones of the same, in the units of the file.
+
+    Attributes:
+        clock: column that rows are ordered by: time or frame.
+        begin: (k) rows at which the steps begin.
+        dt, dx, dy: (k,) changes of clock and position.
+    """
+
+    clock: str
+    begin: pd.DataFrame
+    dt: FloatArray
+    dx: FloatArray
+    dy: FloatArray
+
+    @classmethod
+    def of(cls, table: pd.DataFrame, apart: int) -> _Steps:
+        """The steps from each row of a vehicle to its row `apart` rows later."""
+        clock = "time" if "time" in table else "frame"
+        known = table.dropna(subset=[name for name in (clock, "x", "y", "yaw", "speed") if name in table])
+        ordered = known.sort_values(["vehicle_id", clock])
+        vehicle = pd.factorize(ordered["vehicle_id"])[0]
+        same = vehicle[apart:] == vehicle[:-apart]
+        places = (ordered[name].to_numpy(np.float64) for name in (clock, "x", "y"))
+        return cls(clock, ordered[:-apart][same], *((place[apart:] - place[:-apart])[same] for place in places))
+
+
+def _clock(made: _Draft, steps: _Steps) -> None:
+    """Guess the unit of times; for frame numbers, put a placeholder for their rate."""
+    if steps.clock == "frame":
+        made.fields["rate_hz"] = 10.0
+        made.remarks["rate_hz"] = "a guess: frames per second of the camera"
+        return
+    (low, high), median = STEP_RANGE_S, float(np.median(steps.dt)) if len(steps.dt) else 0.0
+    fits = [unit for unit in ("s", "ms", "us", "ns") if low <= median * FACTORS[unit] <= high]
+    made.fields.setdefault("units", {})["time"] = fits[0] if fits else "s"
+    made.remarks["units.time"] = f"rows of a vehicle follow each other by {median:g}"
+
+
+def _rows_apart(made: _Draft, steps: _Steps) -> int:
+    """How many rows apart positions are for the guesses on motion, by the consecutive `steps`, see :data:`SPAN_S`."""
+    median = float(np.median(steps.dt)) if len(steps.dt) else 0.0
+    if steps.clock == "frame" or median <= 0.0:
+        return FRAMES_APART
+    return rows_apart(median * FACTORS[made.fields["units"]["time"]])
+
+
+def _sizes(made: _Draft, table: pd.DataFrame) -> None:
+    """Guess the unit of sizes by the median width of the vehicles."""
+    if "width" not in table:
+        return
+    width = float(table.groupby("vehicle_id")["width"].median().median())
+    low, high = NARROW, WIDTH_RANGE[1]
+    units = made.fields.setdefault("units", {})
+    units["size"] = next((u for u in ("m", "ft", "cm") if low <= width * FACTORS[u] <= high), "m")
+    made.remarks["units.size"] = f"half of the vehicles are wider than {width:g}"
+
+
+def _motion(made: _Draft, steps: _Steps) -> None:
+    """Guess the units of positions, speeds and angles such that they agree with each other."""
+    units, columns = made.fields.setdefault("units", {}), made.fields["columns"]
+    in_feet = re.search(FEET, columns["x"].lower())
+    units["position"] = "ft" if in_feet else "m"
+    if units.get("size") == "ft" and not (in_feet or re.search(METRES, columns["x"].lower())):
+        units["position"], made.remarks["units.position"] = "ft", "a guess: sizes are in feet, too"
+    by_frame = steps.clock == "frame"
+    dt = steps.dt * (1.0 / made.fields["rate_hz"] if by_frame else FACTORS[units["time"]])
+    dx, dy = (change * FACTORS[units["position"]] for change in (steps.dx, steps.dy))
+    driven = np.hypot(dx, dy) / np.where(dt > 0, dt, np.inf)
+    slowest = MOVING
+    if by_frame and len(driven):  # at another rate they are faster
+        slowest = min(MOVING, 0.5 * float(np.quantile(driven, 0.9)))
+    moving = driven > slowest
+    if "speed" in steps.begin and moving.any():
+        said = np.abs(steps.begin["speed"].to_numpy(np.float64)[moving])
+        ratio = max(1.0 / pace(said, driven[moving]), 1e-9)
+        rates = {0.0: 1.0}
+        if by_frame:  # the file does not give the rate: choose that of a camera by which speeds agree
+            rates = {rate: rate / made.fields["rate_hz"] for rate in CAMERA_RATES_HZ}
+        given, agrees = units["position"], _agrees(columns["speed"])
+        off = {
+            (place, unit, rate): abs(float(np.log(ratio * FACTORS[unit] / faster * FACTORS[given] / FACTORS[place])))
+            for place in ([given] if by_frame else POSITIONS)
+            for unit in SPEED_UNITS
+            for rate, faster in rates.items()
+        }
+        agreeing = [choice for choice in off if choice[0] == given and off[choice] <= np.log(AGREEMENT)]
+        best = min(agreeing or off, key=lambda choice: round(off[choice], 2))
+        units["position"], units["speed"], rate = best
+        made.remarks["units.speed"] = f"{agrees} best with the change of positions in this unit"
+        if off[best] > np.log(AGREEMENT):
+            made.remarks["units.speed"] += f", but is off by a factor of {np.exp(off[best]):.2g}"
+        if units["position"] != given:
+            made.remarks["units.position"] = f"a guess: {agrees} with no change of positions in {given}"
+        if by_frame:
+            made.fields["rate_hz"] = rate
+            made.remarks["rate_hz"] = "a guess by the change of positions: frames per second of the camera"
+    if "yaw" in steps.begin and moving.any():
+        _angles(made, steps.begin["yaw"].to_numpy(np.float64)[moving], np.arctan2(dy, dx)[moving])
+
+
+def _agrees(column: str | list[str]) -> str:
+    return f"column {column} agrees" if isinstance(column, str) else f"columns {' and '.join(column)} agree"
+
+
+def _angles(made: _Draft, angle: FloatArray, motion: FloatArray) -> None:
+    """Guess the convention by which headings `angle` (n,) agree best with the directions of `motion` (n,) [rad]."""
+    errors = {
+        (unit, zero, positive): float(
+            np.median(np.abs(wrap_angle(heading(angle * FACTORS[unit], zero, positive) - motion)))
+        )
+        for unit, zero, positive in product(ANGLE_UNITS, ZEROS, POSITIVES)
+    }
+    best = min(errors, key=lambda key: errors[key])
+    made.fields["units"]["angle"] = best[0]
+    made.fields["angles"] = {"zero": best[1], "positive": best[2]}
+    off = np.rad2deg(errors[best])
+    made.remarks["angles"] = f"headings are then {off:.2g} degrees off the direction of motion (median)"
+
+
+def likely_kind(said: str) -> str:
+    """What a file most probably means by a kind, as field `kinds` of a mapping has it."""
+    return next((ours for ours, like in KINDS.items() if re.fullmatch(like, said.lower())), "unknown")
+
+
+def _kinds(made: _Draft, kinds: pd.Series) -> None:
+    counts = texts(kinds).value_counts()
+    found = {str(said): likely_kind(str(said)) for said in counts.index}
+    if made.fields["columns"]["kind"].lower() == "v_class":
+        found = {said: NUMBERED.get(said, ours) for said, ours in found.items()}
+    made.fields["kinds"] = found
+    vehicles = "unknown ones are vehicles, too: say what they are; " if "unknown" in found.values() else ""
+    held = ", ".join(f"{said or 'empty'} {rows}" for said, rows in counts.items())
+    made.remarks["kinds"] = f"{vehicles}drop leaves rows out; pedestrian and bicycle keep them as obstacles: {held}"
+
+
+def _written(made: _Draft, head: str) -> str:
+    lines = [f"# {head}"]
+    for name, value in made.fields.items():
+        remark = made.remarks.get(name)
+        if isinstance(value, dict):
+            lines.append(f"{name}:{_comment(remark)}")
+            for inner, each in value.items():
+                told = _comment(made.remarks.get(f"{name}.{inner}"))
+                lines.append(f"  {_scalar(inner)}: {_scalar(each)}{told}")
+        else:
+            lines.append(f"{name}: {_scalar(value)}{_comment(remark)}")
+    return "\n".join([*lines, *HINTS]) + "\n"
+
+
+def _comment(remark: str | None) -> str:
+    return f"  # {' '.join(remark.split())}" if remark else ""
+
+
+def _scalar(value: Any) -> str:
+    return (
+        yaml.safe_dump(value, default_flow_style=True, width=10**6, allow_unicode=True).removesuffix("\n...\n").strip()
+    )

@@ -1,0 +1,222 @@
+"""The mapping file: the meaning of a table's columns, their units and the reference point of positions.
+
+docs/data.md has examples for front centres and for box centres.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from litsim_data.ngsim.sites import FOOT
+from litsim_sim.core.scene import RATE_HZ
+from litsim_sim.io.yaml_input import read_yaml
+
+FACTORS: dict[str, float] = {
+    "m": 1.0,
+    "ft": FOOT,
+    "cm": 0.01,
+    "m/s": 1.0,
+    "km/h": 1.0 / 3.6,
+    "mph": 0.44704,
+    "ft/s": FOOT,
+    "m/s2": 1.0,
+    "ft/s2": FOOT,
+    "g": 9.80665,
+    "rad": 1.0,
+    "deg": float(np.pi / 180.0),
+    "s": 1.0,
+    "ms": 1e-3,
+    "us": 1e-6,
+    "ns": 1e-9,
+}
+"""Value of one of each unit in SI units."""
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Length = Literal["m", "ft", "cm"]
+KindName = Literal["car", "truck", "motorcycle", "bicycle", "pedestrian", "unknown", "drop"]
+Value = str | int | float | bool
+Check = Literal["time", "speed", "acceleration", "heading", "side", "size"]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class Span(_Strict):
+    """A range of numbers, bounds included; either may be omitted."""
+
+    min: float = -math.inf
+    max: float = math.inf
+
+
+class Columns(_Strict):
+    """Names of the file's columns.
+
+    Attributes:
+        vehicle_id: id, number or text.
+        frame: frame number at `rate_hz`; either this or `time`.
+        time: time of the row.
+        x, y: position of the reference point.
+        length, width: a column, or a number in the unit of sizes that holds for all vehicles.
+        yaw: heading; derived from motion if omitted.
+        speed, acceleration: values along the heading; derived from positions if omitted. Two columns of speed are its
+            components along x and y.
+        kind: class of the vehicle, translated by `kinds`.
+        clip: clip of the row; times and vehicle ids of different clips are unrelated.
+        lane: lane number, counted from 1 at the left edge.
+    """
+
+    vehicle_id: str
+    frame: str | None = None
+    time: str | None = None
+    x: str
+    y: str
+    length: str | float
+    width: str | float
+    yaw: str | None = None
+    speed: str | tuple[str, str] | None = None
+    acceleration: str | None = None
+    kind: str | None = None
+    clip: str | None = None
+    lane: str | None = None
+
+    @field_validator("length", "width", mode="before")
+    @classmethod
+    def _column_or_size(cls, said: object) -> object:
+        is_size = isinstance(said, int | float) and not isinstance(said, bool) and 0.0 < said < math.inf
+        if not (isinstance(said, str) or is_size):
+            raise ValueError(f"expected a column, or a number greater than 0, found {said!r:.60}")
+        return said
+
+    @field_validator("speed", mode="before")
+    @classmethod
+    def _one_speed_or_two(cls, said: object) -> object:
+        pair = isinstance(said, list | tuple) and len(said) == 2 and all(isinstance(name, str) for name in said)
+        if not (said is None or isinstance(said, str) or pair):
+            raise ValueError(f"expected a column, or the two of its components, [vx, vy], found {said!r:.60}")
+        return said
+
+    @model_validator(mode="after")
+    def _one_clock(self) -> Columns:
+        if (self.frame is None) == (self.time is None):
+            raise ValueError("give either frame or time")
+        return self
+
+    @model_validator(mode="after")
+    def _each_for_one_thing(self) -> Columns:
+        known: dict[str, str] = {}
+        for ours, theirs in self.named().items():
+            other = known.setdefault(theirs, ours)
+            if other != ours and {ours, other} != {"length", "width"}:  # of round obstacles
+                raise ValueError(f"{other} and {ours} are both column {theirs!r}, expected two")
+        return self
+
+    def named(self) -> dict[str, str]:
+        """The file's columns by our names; components of speed are ``speed_x`` and ``speed_y``."""
+        said = self.model_dump()
+        if isinstance(self.speed, tuple):
+            said |= {"speed_x": self.speed[0], "speed_y": self.speed[1]}
+        return {ours: theirs for ours, theirs in said.items() if isinstance(theirs, str)}
+
+
+class Vehicles(_Strict):
+    """A second file with one row per vehicle, in which many data sets keep classes and sizes.
+
+    Attributes:
+        file: path relative to the table.
+        vehicle_id: its column with the ids of the table.
+    """
+
+    file: Annotated[str, Field(min_length=1)]
+    vehicle_id: str
+
+
+class Units(_Strict):
+    """Units of the file."""
+
+    position: Length = "m"
+    size: Length = "m"
+    speed: Literal["m/s", "km/h", "mph", "ft/s"] = "m/s"
+    acceleration: Literal["m/s2", "ft/s2", "g"] = "m/s2"
+    angle: Literal["rad", "deg"] = "rad"
+    time: Literal["s", "ms", "us", "ns"] = "s"
+
+
+class Angles(_Strict):
+    """Convention of headings: the axis of the file that zero points along, and the direction in which they grow."""
+
+    zero: Literal["x", "y"] = "x"
+    positive: Literal["counterclockwise", "clockwise"] = "counterclockwise"
+
+
+class Transform(_Strict):
+    """Rigid transform to frame map: positions are rotated by `yaw_deg` counter-clockwise, then translated by x, y [m].
+
+    `mirror_y` first changes the sign of y and of headings, for image coordinates with y pointing down.
+    """
+
+    yaw_deg: Number = 0.0
+    x: Number = 0.0
+    y: Number = 0.0
+    mirror_y: bool = False
+
+
+class Mapping(_Strict):
+    """The mapping file.
+
+    Attributes:
+        name, source, licence, net: fields of the recording's header.
+        columns: names of the columns.
+        vehicles: file with the columns that the table lacks.
+        reference: point that x and y refer to: the centre of the front bumper, of the box or of the rear axle; or the
+            corner of the box with the smallest x and y, if all vehicles drive along the x axis of the file.
+        rate_hz: frames per second of column `frame`.
+        units, angles, transform: conventions of the file.
+        kinds: our kind for each value of column `kind`; ``drop`` leaves rows out. Pedestrians and bicycles always
+            follow their log, see :mod:`litsim_data.generic.obstacles`.
+        clip: the clip to convert, a value of column `clip`; required if there are several.
+        rows: the rows to keep, by column of the file: a value, a list of values, or a :class:`Span`.
+        signals: file with the states of the net's signals (docs/signals.md), relative to the mapping; its times are
+            those of column `time`, or else count from frame 0.
+        accept: checks of :mod:`litsim_data.generic.plausibility` to skip.
+        clean: whether headings, speeds and accelerations are derived from smoothed positions, as noisy positions need;
+            else those of the file are kept, and missing ones are plain differences.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    source: str = ""
+    licence: str = ""
+    net: str = ""
+    columns: Columns
+    vehicles: Vehicles | None = None
+    reference: Literal["front_centre", "box_centre", "rear_axle", "box_corner"]
+    rate_hz: Annotated[float, Field(gt=0, le=1000)] = RATE_HZ
+    units: Units = Units()
+    angles: Angles = Angles()
+    transform: Transform = Transform()
+    kinds: dict[str, KindName] = {}
+    clip: Value | None = None
+    rows: dict[str, Value | list[Value] | Span] = {}
+    signals: str = ""
+    accept: list[Check] = []
+    clean: bool = False
+
+    @model_validator(mode="after")
+    def _kinds_of_a_column(self) -> Mapping:
+        if self.kinds and self.columns.kind is None:
+            raise ValueError("kinds without columns.kind, expected the column with the kinds of vehicles there")
+        return self
+
+
+def read_mapping(path: Path) -> Mapping:
+    """Read a mapping file.
+
+    Raises:
+        InputError: it is missing or not YAML, or a field is missing, unknown or of the wrong type.
+    """
+    return read_yaml(path, Mapping)

@@ -1,0 +1,61 @@
+"""Pedestrians and cyclists of a table: which of their columns are used, and defaults for the others.
+
+Data sets describe them less completely than vehicles: many give no heading, no size, or a size of 0. As obstacles that
+follow their log they need accurate positions only; headings and speeds are derived from these.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from litsim_data.generic.counts import Counts
+from litsim_data.generic.mapping import Mapping
+from litsim_sim.core.scene import BoolArray, Kind, is_obstacle
+from litsim_sim.scenario.recording import BOUNDS
+
+USUAL_SIZES: dict[Kind, tuple[float, float]] = {Kind.BICYCLE: (1.8, 0.6), Kind.PEDESTRIAN: (0.5, 0.5)}
+"""Default length and width [m]."""
+
+NAMES = tuple(kind.name.lower() for kind in USUAL_SIZES)
+UNUSED = ("yaw", "speed", "speed_x", "speed_y", "acceleration")
+
+
+def obstacle_rows(table: pd.DataFrame) -> BoolArray:
+    """Mask (n,) of the rows of pedestrians and cyclists; column `kind` holds names or numbers, and may be absent."""
+    if "kind" not in table:
+        return np.zeros(len(table), np.bool_)
+    if pd.api.types.is_numeric_dtype(table["kind"]):
+        return is_obstacle(table["kind"].to_numpy())
+    return np.asarray(table["kind"].isin(NAMES), np.bool_)
+
+
+def without_unused(given: pd.DataFrame) -> pd.DataFrame:
+    """`given`, as read, with 0 for the unused columns of pedestrians and cyclists and for their missing sizes."""
+    rows = obstacle_rows(given)
+    if not rows.any():
+        return given
+    given = given.assign(**{name: given[name].astype(object).mask(rows, 0) for name in UNUSED if name in given})
+    for name in {"length", "width"} & {*given.columns}:
+        missing = rows & ~np.isfinite(pd.to_numeric(given[name], errors="coerce").to_numpy(np.float64, na_value=np.nan))
+        given[name] = given[name].astype(object).mask(missing, 0)
+    return given
+
+
+def with_usual_sizes(table: pd.DataFrame, mapping: Mapping, counts: Counts) -> pd.DataFrame:
+    """`table`, in SI units, with default sizes for pedestrians and cyclists without a size.
+
+    They have none if the mapping gives one size for all vehicles, or if their median size is below BOUNDS.
+    """
+    rows = obstacle_rows(table)
+    if not rows.any():
+        return table
+    known = isinstance(mapping.columns.length, str) and isinstance(mapping.columns.width, str)
+    sizes = table.groupby("vehicle_id")[["length", "width"]].transform("median")
+    small = (sizes["length"] < BOUNDS["length"][0]) | (sizes["width"] < BOUNDS["width"][0])
+    rows &= small.to_numpy() | (not known)
+    counts.usual_sizes = int(table.loc[rows, "vehicle_id"].nunique())
+    table = table.copy()
+    for kind, (length, width) in USUAL_SIZES.items():
+        table.loc[rows & (table["kind"].to_numpy() == kind), ["length", "width"]] = length, width
+    return table

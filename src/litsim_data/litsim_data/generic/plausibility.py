@@ -1,0 +1,375 @@
+"""Plausibility checks of a mapping: wrong units and conventions show in the motion and the sizes of vehicles.
+
+Each check compares two quantities that must agree, and suggests another unit or convention of the mapping under which
+they do. The bounds are our choice and wide: a wrong unit is off by a factor of three at least, the closest frame rates
+in use (10 and 12.5, 25 and 30) by one of 1.2.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pandas as pd
+
+from litsim_data.generic import sides
+from litsim_data.generic.mapping import FACTORS, Mapping
+from litsim_data.generic.sides import MOVING
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.scene import FloatArray, Kind
+
+STEP_RANGE_S = (0.005, 0.6)  # time between rows of a vehicle: 200 to 2 rows per second, and longer ones are holes
+SPAN_S = 0.1  # least time between the positions that motion is judged by: nearer ones differ by noise above all
+SPEED_MAX = 70.0  # [m/s] bound on the 90 % quantile of speeds
+AGREEMENT = 1.15  # largest ratio between speeds and those of the positions; 1.01 in NGSIM's files
+CLOSE, CLOSER = 1.05, 0.25  # ratio beyond which another unit, in which a quarter of its logarithm is left, is suggested
+HEADING_MAX = 0.35  # [rad] bound on the median angle between heading and direction of motion
+MISREAD = 0.005  # share of moving rows off by more above which a convention that halves it is suggested
+TURNED_MAX = np.deg2rad(3.0)  # bound on the median offset of headings of vehicles that go straight; NGSIM: 0
+STRAIGHT, WAY_MIN, VEHICLES_MIN = np.deg2rad(8.0), 20.0, 5  # going straight: range of headings, [m]; vehicles needed
+ACROSS_MAX = 0.05  # share of moving rows that may lead off the x axis for reference box_corner
+REVERSE_MAX = 5.0  # [m/s] largest plausible speed in reverse
+STANDING = 0.5  # [m/s] if 99 % of rows are slower, all vehicles are parked
+CHANGE_S = 1.0  # [s] interval over which speeds are compared
+CHANGE_MIN = 0.5  # [m/s2] smallest change of speed that counts
+CHANGES = (0.32, 1.6)  # ratio of accelerations to those of the positions; NGSIM's files: 0.39 to 1
+SAME_SIGN = 0.8  # smallest share of changes with the same sign; 0.95 in NGSIM's files
+LENGTH_RANGE, WIDTH_RANGE = (2.5, 25.0), (1.2, 3.2)  # [m] bounds on the medians; motorcycles are smaller
+ROWS_MIN = 20  # moving rows that a comparison needs
+SPEED_UNITS = ("m/s", "km/h", "mph", "ft/s")
+ANGLE_UNITS, ZEROS, POSITIVES = ("rad", "deg"), ("x", "y"), ("counterclockwise", "clockwise")
+
+
+def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
+    """Refuse a table with implausible motion or sizes.
+
+    Args:
+        table: rows in SI units and frame map, sorted by vehicle and time; columns vehicle_id, t, x, y, length, width,
+            kind, lane, and yaw, speed and acceleration where the file has them.
+        mapping: the mapping; checks in its field `accept` are skipped.
+        where: name of the file in errors.
+
+    Raises:
+        InputError: checks failed; the message has the figure of each.
+    """
+    step = _steps(table, 1)["dt"].to_numpy()
+    found = {"time": _time(step, mapping), "size": _size(table, mapping)}
+    if not found["time"] or "time" in mapping.accept:  # the others depend on times
+        steps = _steps(table, rows_apart(float(np.median(step))) if len(step) else 1)
+        found |= {
+            "speed": _speed(table, steps, mapping),
+            "acceleration": _acceleration(table, mapping),
+            "heading": _across(steps, mapping) or _heading(table, steps, mapping),
+            "side": sides.problems(table),
+        }
+    problems = [f"{text} (check {name})" for name, text in found.items() if text and name not in mapping.accept]
+    if problems:
+        raise InputError(
+            f"{where}: {'; '.join(problems)}; nothing was written: correct the mapping, or list a check in its field "
+            f"accept if the file is right"
+        )
+
+
+def _time(step: FloatArray, mapping: Mapping) -> str:
+    """Check that the time `step` (n,) [s] between rows of a vehicle is plausible."""
+    if not len(step):
+        return ""
+    median = float(np.median(step))
+    low, high = STEP_RANGE_S
+    if low <= median <= high:
+        return ""
+    said = f"rows of a vehicle follow each other by {median:.4g} s (median), expected {low:g} to {high:g} s"
+    if mapping.columns.time is None:
+        return f"{said}: is rate_hz, which is {mapping.rate_hz:g}, right?"
+    fits = [unit for unit in ("s", "ms", "us", "ns") if _fit((median,), (STEP_RANGE_S,), mapping.units.time, unit)]
+    would = f"; units.time {' or '.join(fits)} would fit" if fits else ""
+    return f"{said}, units.time being {mapping.units.time}{would}"
+
+
+def _speed(table: pd.DataFrame, steps: pd.DataFrame, mapping: Mapping) -> str:
+    """Check that speeds agree with the change of positions."""
+    driven = steps["way"].to_numpy() / steps["dt"].to_numpy()
+    if "speed" not in table:
+        fast = float(np.quantile(driven, 0.9)) if len(driven) else 0.0
+        slow = float(np.quantile(driven, 0.99)) if len(driven) >= ROWS_MIN else STANDING
+        if slow >= STANDING and fast <= SPEED_MAX:
+            return ""
+        far = f"{fast:.0f} m/s in one row of ten and more, expected at most {SPEED_MAX:g}"
+        if slow < STANDING:
+            far = f"less than {STANDING:g} m/s in 99 of 100 rows, so that no vehicle moves"
+        right = f"is units.position, which is {mapping.units.position}, right, and {_clock(mapping)}?"
+        return f"positions change by {far}: {right}{_degrees(table, mapping)}"
+    if (back := table["speed"].to_numpy() < -REVERSE_MAX).any():
+        return (
+            f"column {mapping.columns.speed!r} is below -{REVERSE_MAX:g} m/s in {back.mean():.0%} of the rows, down to "
+            f"{table['speed'].min():.3g} m/s, expected speeds along the heading: is it that along an axis?"
+        )
+    said = steps["speed"].to_numpy()
+    moving = (np.abs(said) > 0.05) & ((driven > 0.05) | (np.abs(said) > MOVING))
+    if moving.sum() < ROWS_MIN:
+        return ""
+    ratio = float(np.median(driven[moving] / np.abs(said[moving])))
+    if 1.0 / AGREEMENT <= ratio <= AGREEMENT:
+        return _closer_unit(said[moving], driven[moving], mapping)
+    fits = [
+        f"{field} {unit}"
+        for field, given, units in (
+            ("units.position", mapping.units.position, ("m", "ft", "cm")),
+            ("units.speed", mapping.units.speed, SPEED_UNITS),
+        )
+        for unit in units
+        if unit != given and _agrees(ratio, FACTORS[unit] / FACTORS[given], field == "units.speed")
+    ]
+    if mapping.columns.time is None and STEP_RANGE_S[0] <= ratio / mapping.rate_hz <= STEP_RANGE_S[1]:
+        fits.append(f"rate_hz {mapping.rate_hz / ratio:.3g}")
+    would = f"; {' or '.join(fits)} would fit" if fits else _degrees(table, mapping)
+    return f"positions change {ratio:.3g} times as fast as column {mapping.columns.speed!r} says (median){would}"
+
+
+def _closer_unit(said: FloatArray, driven: FloatArray, mapping: Mapping) -> str:
+    """Check that speeds (n,) do not agree better in a unit close to that of the mapping: km/h is 0.91 ft/s."""
+    ratio = pace(said, driven)
+    off = abs(np.log(ratio))
+    for unit in SPEED_UNITS:
+        would = abs(np.log(ratio * FACTORS[mapping.units.speed] / FACTORS[unit]))
+        if off > np.log(CLOSE) and would < CLOSER * off:
+            return (
+                f"positions change {ratio:.3g} times as fast as column {mapping.columns.speed!r} says (median of the "
+                f"fastest quarter); units.speed {unit} would fit better than {mapping.units.speed}"
+            )
+    return ""
+
+
+def pace(said: FloatArray, driven: FloatArray) -> float:
+    """How many times as fast as speeds (n,) say positions change: the median of the fastest quarter by what is said.
+
+    Noise of positions a few hundredths of a second apart makes slow vehicles seem faster, but hardly fast ones.
+    """
+    fast = np.abs(said) >= np.quantile(np.abs(said), 0.75)
+    return float(np.median(driven[fast] / np.maximum(np.abs(said[fast]), 1e-9)))
+
+
+def _acceleration(table: pd.DataFrame, mapping: Mapping) -> str:
+    """Check that accelerations agree with the change of positions."""
+    if "acceleration" not in table:
+        return ""
+    said, driven = _changes(table)
+    clear = np.abs(driven) > CHANGE_MIN
+    if clear.sum() < ROWS_MIN:
+        return ""
+    said, driven = said[clear], driven[clear]
+    ratio, same = float(np.median(said / driven)), float((said * driven > 0.0).mean())
+    where = f"column {mapping.columns.acceleration!r} says"
+    if same < SAME_SIGN and ratio != 0.0:
+        return (
+            f"{where} the opposite of how speeds change in {1.0 - same:.0%} of {len(said)} clear changes: is it an "
+            f"acceleration along an axis, or is braking positive? Without field columns.acceleration it is derived "
+            f"from the speeds"
+        )
+    if CHANGES[0] <= ratio <= CHANGES[1]:
+        return ""
+    fits = [
+        f"units.acceleration {unit}"
+        for unit in ("m/s2", "ft/s2", "g")
+        if CHANGES[0] <= ratio * FACTORS[unit] / FACTORS[mapping.units.acceleration] <= CHANGES[1]
+    ]
+    would = (
+        f"; {' or '.join(fits)} would fit"
+        if fits
+        else "; without field columns.acceleration it is derived from the speeds"
+    )
+    return f"{where} {ratio:.3g} times the acceleration with which positions change (median){would}"
+
+
+def _changes(table: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
+    """(k,) accelerations [m/s2] by the file's column and by its positions, each over two consecutive seconds.
+
+    Both are second differences of the distance travelled, the former of accelerations integrated twice; noise of
+    positions has little weight in them.
+    """
+    vehicle, t, x, y, given = (table[name].to_numpy() for name in ("vehicle_id", "t", "x", "y", "acceleration"))
+    begins = np.flatnonzero((vehicle[1:] != vehicle[:-1]) | (np.diff(t) > STEP_RANGE_S[1])) + 1
+    said, driven = [np.zeros(0)], [np.zeros(0)]
+    for first, last in zip(np.r_[0, begins], np.r_[begins, len(t)], strict=True):
+        rows = slice(first, last)
+        at = np.arange(t[first], t[last - 1] + 1e-9, CHANGE_S)
+        step = np.diff(t[rows])
+        speed = np.r_[0.0, np.cumsum(0.5 * (given[rows][1:] + given[rows][:-1]) * step)]
+        way = np.r_[0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * step)]
+        said.append(np.diff(np.interp(at, t[rows], way), 2) / CHANGE_S**2)
+        gone = np.hypot(*(np.diff(np.interp(at, t[rows], values[rows])) for values in (x, y)))
+        driven.append(np.diff(gone) / CHANGE_S**2)
+    return np.concatenate(said), np.concatenate(driven)
+
+
+def _degrees(table: pd.DataFrame, mapping: Mapping) -> str:
+    """A hint for positions that may be longitudes and latitudes, which hardly differ in any unit; else empty."""
+    if mapping.units.position != "m" or max(np.ptp(table[name].to_numpy()) for name in ("x", "y")) > 1.0:
+        return ""
+    return "; or are they degrees? Longitudes and latitudes have to be projected to metres first"
+
+
+def _across(steps: pd.DataFrame, mapping: Mapping) -> str:
+    """Check, for reference box_corner, that vehicles drive along the x axis of the file."""
+    steps = steps[steps["way"] > MOVING * steps["dt"]]
+    if mapping.reference != "box_corner" or len(steps) < ROWS_MIN:
+        return ""
+    motion = np.arctan2(steps["dy"].to_numpy(), steps["dx"].to_numpy()) - np.deg2rad(mapping.transform.yaw_deg)
+    across = float((np.abs(np.sin(motion)) > np.sin(HEADING_MAX)).mean())
+    if across <= ACROSS_MAX:
+        return ""
+    return (
+        f"vehicles drive more than {np.rad2deg(HEADING_MAX):.0f} degrees off the file's x axis in {across:.0%} of the "
+        f"moving rows, and reference box_corner is for boxes along that axis"
+    )
+
+
+def _heading(table: pd.DataFrame, steps: pd.DataFrame, mapping: Mapping) -> str:
+    """Check that headings agree with the direction of motion."""
+    if "yaw" not in table:
+        return ""
+    steps = steps[steps["way"] > MOVING * steps["dt"]]
+    if len(steps) < ROWS_MIN:
+        return ""
+    motion, yaw = np.arctan2(steps["dy"].to_numpy(), steps["dx"].to_numpy()), steps["yaw"].to_numpy()
+    error, off = _apart(yaw, motion), _off(yaw, motion)
+    mirror = -1.0 if mapping.transform.mirror_y else 1.0
+    turn = np.deg2rad(mapping.transform.yaw_deg)
+    there = mirror * (motion - turn)  # in the axes of the file, mirrored like the headings
+    angle = mirror * (yaw - turn) - (0.5 * np.pi if mapping.angles.zero == "y" else 0.0)
+    angle = angle if mapping.angles.positive == "counterclockwise" else -angle
+    fits = []
+    for unit, zero, positive in product(ANGLE_UNITS, ZEROS, POSITIVES):
+        read = heading(angle * FACTORS[unit] / FACTORS[mapping.units.angle], zero, positive)
+        if _apart(read, there) <= 0.5 * HEADING_MAX and _off(read, there) <= 0.5 * off:
+            changes = {
+                "units.angle": (mapping.units.angle, unit),
+                "angles.zero": (mapping.angles.zero, zero),
+                "angles.positive": (mapping.angles.positive, positive),
+            }
+            fits.append([f"{name} {new}" for name, (old, new) in changes.items() if new != old])
+    few = off <= max(MISREAD, ROWS_MIN / len(steps))
+    if error <= HEADING_MAX and (few or not fits):
+        return _turned_headings(table, mapping)
+    fewest = min(map(len, fits), default=0)
+    would = " or ".join(" with ".join(fit) for fit in fits if len(fit) == fewest)
+    mirrored = fewest == 1 and would.startswith("angles.positive")
+    also = ", and transform.mirror_y with it where y points down but headings do not turn with it" if mirrored else ""
+    most = f"{np.rad2deg(HEADING_MAX):.0f}"
+    if error > HEADING_MAX:
+        off_by = f"{np.rad2deg(error):.0f} degrees off the direction of motion"
+        far = f"{off_by} (median of moving rows), at most {most} expected"
+    else:
+        far = (
+            f"more than {most} degrees off the direction of motion in {off:.1%} of the moving rows, and in at most "
+            f"half as many under another convention"
+        )
+    largest = float(np.abs(angle).max() / FACTORS[mapping.units.angle])
+    return (
+        f"headings are {far}; column {mapping.columns.yaw!r} goes up to {largest:.4g} {mapping.units.angle}"
+        f"{f'; {would} would fit{also}' if fits else ''}"
+    )
+
+
+def _turned_headings(table: pd.DataFrame, mapping: Mapping) -> str:
+    """Check that headings of vehicles that go straight are not all turned to one side of their way."""
+    off = []
+    for _, rows in table.groupby("vehicle_id", sort=False):
+        yaw = np.unwrap(rows["yaw"].to_numpy())
+        way = rows[["x", "y"]].to_numpy()[[0, -1]]
+        gone = np.hypot(*(way[1] - way[0]))
+        if gone > WAY_MIN and np.ptp(yaw) < STRAIGHT:
+            off.append(float(wrap_angle(yaw.mean() - np.arctan2(*(way[1] - way[0])[::-1]))))
+    turned = float(np.median(off)) if len(off) >= VEHICLES_MIN else 0.0
+    if abs(turned) <= TURNED_MAX:
+        return ""
+    return (
+        f"headings of {len(off)} vehicles that go straight are {abs(np.rad2deg(turned)):.1f} degrees to the "
+        f"{'left' if turned > 0 else 'right'} of their way (median): is column {mapping.columns.yaw!r} relative to "
+        f"another north than the positions? Without field columns.yaw headings follow from the motion"
+    )
+
+
+def _size(table: pd.DataFrame, mapping: Mapping) -> str:
+    """Check that median length and width are those of vehicles; those known to be motorcycles do not count."""
+    wide = table[table["kind"] != Kind.MOTORCYCLE]
+    if wide.empty:
+        return ""
+    vehicles = wide.groupby("vehicle_id")[["length", "width"]].median()
+    length, width = (float(vehicles[name].median()) for name in ("length", "width"))
+    said = f"half of the vehicles are longer than {length:.3g} m and wider than {width:.3g} m"
+    if width > length:
+        return f"{said}: are columns length and width swapped?"
+    bounds = (LENGTH_RANGE, WIDTH_RANGE)
+    fits = [unit for unit in ("m", "ft", "cm") if _fit((length, width), bounds, mapping.units.size, unit)]
+    if mapping.units.size in fits:
+        return ""
+    would = f"; units.size {' or '.join(fits)} would fit" if fits else ""
+    if not fits and all(2.0 * size > low for size, (low, _) in zip((length, width), bounds, strict=True)):
+        would = "; are they half of the sizes, from the middle?"
+    elif not fits and width < WIDTH_RANGE[0]:
+        would = "; are most of them motorcycles or people, whom field columns.kind would tell apart?"
+    expected = " and ".join(f"{low:g} to {high:g}" for low, high in bounds)
+    return f"{said}, expected {expected}{would}"
+
+
+def heading(angle: FloatArray, zero: str, positive: str) -> FloatArray:
+    """Headings (n,) [rad], counter-clockwise from x, of angles (n,) [rad] in the convention given; axes of the file."""
+    return (angle if positive == "counterclockwise" else -angle) + (0.5 * np.pi if zero == "y" else 0.0)
+
+
+def rows_apart(step: float) -> int:
+    """How many rows that follow each other by `step` [s], more than 0, are SPAN_S apart; from 1 to 20."""
+    return round(SPAN_S / max(min(step, SPAN_S), STEP_RANGE_S[0]))
+
+
+def _steps(table: pd.DataFrame, apart: int) -> pd.DataFrame:
+    """From each row of a vehicle to its row `apart` rows later.
+
+    Returns:
+        Columns `dt` [s], `dx`, `dy`, `way` [m], `speed` (mean of both rows) and `yaw` (of the first).
+    """
+    vehicle = table["vehicle_id"].to_numpy()
+    same = vehicle[apart:] == vehicle[:-apart]
+
+    def change(column: str) -> FloatArray:
+        given = table[column].to_numpy()
+        return np.asarray((given[apart:] - given[:-apart])[same], np.float64)
+
+    values = {name: change(column) for name, column in (("dt", "t"), ("dx", "x"), ("dy", "y"))}
+    steps = pd.DataFrame(values).assign(way=np.hypot(values["dx"], values["dy"]))
+    if "speed" in table:
+        speed = table["speed"].to_numpy()
+        steps["speed"] = (0.5 * (speed[apart:] + speed[:-apart]))[same]
+    if "yaw" in table:
+        steps["yaw"] = table["yaw"].to_numpy()[:-apart][same]
+    return steps[steps["dt"] > 0]
+
+
+def _agrees(ratio: float, factor: float, of_speed: bool) -> bool:
+    """Whether speeds would agree, were the positions or speeds larger by `factor`."""
+    would = ratio / factor if of_speed else ratio * factor
+    return 1.0 / AGREEMENT <= would <= AGREEMENT
+
+
+def _apart(angles: FloatArray, others: FloatArray) -> float:
+    """Median distance of two arrays of angles (n,) [rad]."""
+    return float(np.median(np.abs(wrap_angle(angles - others))))
+
+
+def _off(angles: FloatArray, others: FloatArray) -> float:
+    """Share of pairs of angles (n,) [rad] that differ by more than HEADING_MAX."""
+    return float((np.abs(wrap_angle(angles - others)) > HEADING_MAX).mean())
+
+
+def _fit(values: tuple[float, ...], bounds: tuple[tuple[float, float], ...], given: str, unit: str) -> bool:
+    """Whether all values, read in `unit` instead of `given`, are within their bounds."""
+    factor = FACTORS[unit] / FACTORS[given]
+    return all(low <= value * factor <= high for value, (low, high) in zip(values, bounds, strict=True))
+
+
+def _clock(mapping: Mapping) -> str:
+    if mapping.columns.time is None:
+        return f"rate_hz, which is {mapping.rate_hz:g}"
+    return f"units.time, which is {mapping.units.time}"

@@ -1,0 +1,179 @@
+"""Resampling of tracks with rows at arbitrary times to 10 Hz."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from litsim_data.generic.counts import Counts
+from litsim_data.ngsim.tracks import JUMP_MAX, PIECE
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.scene import RATE_HZ, STEP_S, BoolArray, IntArray
+from litsim_sim.io.table_input import TableFiles
+
+HOLE_MAX_S = 0.5  # [s] longest hole that is interpolated; a longer one splits the track
+EDGE = 1e-4  # [frames] tolerance of times at frames; above the rounding of seconds since 1970
+AWAY_MAX_S = 0.5  # [s] shorter stretches between two jumps are errors and left out
+LEAP, LEAP_ACCELERATION = 2.0, 15.0  # [m], [m/s2] by which no vehicle departs between two rows from its motion around
+TURN, TURN_RATE = np.deg2rad(30.0), 3.0  # [rad], [rad/s] by which no vehicle turns between two rows
+AROUND = 3  # steps before and after that this motion is the median of
+JUMPS_MAX = 0.01  # share of rows left out or following a jump above which the file is refused
+
+
+def in_order(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.DataFrame:
+    """Rows sorted by vehicle and time, without exact copies.
+
+    Raises:
+        InputError: a vehicle has two different rows at one time.
+    """
+    kept = table.drop_duplicates([name for name in table.columns if name != "row"])
+    counts.leave_out("exact copy of another", len(table) - len(kept))
+    table = kept.sort_values(["vehicle_id", "t", "row"], ignore_index=True)
+    vehicle, step = table["vehicle_id"].to_numpy(), np.diff(table["t"].to_numpy())
+    twice = (vehicle[1:] == vehicle[:-1]) & (step <= 1e-9)
+    if twice.any():
+        at = int(np.argmax(twice))
+        rows = table["row"].to_numpy()[at : at + 2]
+        raise InputError(
+            f"{source.at(*rows)}: vehicle {vehicle[at]} occurs twice at "
+            f"{table['t'].iloc[at]:.3f} s, with other values; {int(twice.sum())} such pairs; are there several clips "
+            f"in the file (field columns.clip of the mapping)?"
+        )
+    return table
+
+
+def without_outliers(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.DataFrame:
+    """Rows, in order, without stretches of less than half a second between two jumps of a vehicle.
+
+    Raises:
+        InputError: there are so many jumps that rows of one id cannot be of one vehicle.
+    """
+    vehicle, t = table["vehicle_id"].to_numpy(), table["t"].to_numpy()
+    jumps = _jumps(table)
+    if not jumps.any():
+        return table
+    begins = np.r_[True, vehicle[1:] != vehicle[:-1]]
+    stretch = np.cumsum(begins | jumps) - 1  # stretch of each row: tracks, cut at jumps
+    first = np.flatnonzero(begins | jumps)
+    last = np.r_[first[1:], len(table)] - 1
+    whole = begins[first] & np.r_[begins[first[1:]], True]
+    away = ((t[last] - t[first] < AWAY_MAX_S) & ~whole)[stretch]
+    if max(int(away.sum()), int(jumps.sum())) > max(JUMPS_MAX * len(table), 2):
+        at = int(np.argmax(jumps))
+        rows = table.iloc[at - 1 : at + 1]
+        way = float(np.hypot(*np.diff(rows[["x", "y"]].to_numpy(), axis=0)[0]))
+        raise InputError(
+            f"{source.at(*rows['row'])}: vehicle {vehicle[at]} moves by {way:.4g} m within {t[at] - t[at - 1]:.3g} s; "
+            f"{int(jumps.sum())} such jumps: does every vehicle have its own id?"
+        )
+    counts.leave_out("the vehicle jumps elsewhere for less than half a second", int(away.sum()))
+    return table[~away].reset_index(drop=True)
+
+
+def split(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
+    """Tracks cut at long holes and jumps, with the pieces renumbered; rows are in order."""
+    vehicle, step = table["vehicle_id"].to_numpy(), np.diff(table["t"].to_numpy())
+    same = vehicle[1:] == vehicle[:-1]
+    begins = np.r_[True, ~same]
+    hole = np.r_[False, same & (step > HOLE_MAX_S + STEP_S)]
+    jumps = _jumps(table) & ~hole
+    cuts = np.cumsum(hole | jumps)
+    piece = cuts - cuts[np.flatnonzero(begins)][np.cumsum(begins) - 1]
+    counts.jumps = int(jumps.sum())
+    counts.tracks = int(begins.sum())
+    counts.pieces = counts.tracks + int(cuts[-1])
+    return table.assign(vehicle_id=vehicle + PIECE * piece)
+
+
+def resampled(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.DataFrame:
+    """Every track at the 10 Hz frames within its time span; values between rows are interpolated.
+
+    Tracks without such a frame are left out.
+
+    Raises:
+        InputError: no track is left.
+    """
+    pieces = []
+    for vehicle, rows in table.groupby("vehicle_id", sort=True):
+        t = rows["t"].to_numpy()
+        first, last = int(np.ceil(t[0] * RATE_HZ - EDGE)), int(np.floor(t[-1] * RATE_HZ + EDGE))
+        if last < first:
+            counts.too_short += 1
+            continue
+        frame = np.arange(first, last + 1)
+        at = frame * STEP_S
+        values: dict[str, Any] = {"vehicle_id": vehicle, "frame": frame}
+        for name in ("x", "y", "speed", "acceleration"):
+            if name in rows:
+                values[name] = np.interp(at, t, rows[name].to_numpy())
+        if "yaw" in rows:
+            values["yaw"] = np.interp(at, t, np.unwrap(rows["yaw"].to_numpy()))
+        after = np.clip(np.searchsorted(t, at - EDGE * STEP_S), 0, len(t) - 1)
+        before = np.maximum(after - 1, 0)
+        nearest = np.where(at - t[before] < t[after] - at, before, after)
+        for name in ("length", "width"):
+            values[name] = float(rows[name].median())
+        for name in ("kind", "lane"):
+            values[name] = rows[name].to_numpy()[nearest]
+        pieces.append(pd.DataFrame(values))
+    if not pieces:
+        raise InputError(f"{source}: no vehicle is seen at a frame of 10 Hz: are times in the unit of the mapping?")
+    made = pd.concat(pieces, ignore_index=True)
+    counts.rows = len(made)
+    return made
+
+
+def count_leaps(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None:
+    """Count the steps of vehicles, rows in order, that are no jumps but depart from the motion around as none drives.
+
+    A step counts if it ends farther than LEAP from where the median velocity of the steps around it leads, and farther
+    than LEAP_ACCELERATION explains: a vehicle that is pushed aside by a lane's width, say, and goes on.
+    """
+    vehicle, t = table["vehicle_id"].to_numpy(), table["t"].to_numpy()
+    step = np.diff(t)
+    known = (vehicle[1:] == vehicle[:-1]) & (step <= HOLE_MAX_S + STEP_S) & ~_jumps(table)[1:]
+    way = np.where(known, np.diff(table[["x", "y"]].to_numpy(), axis=0).T, np.nan)
+    velocity = way / step
+    change = np.hypot(*np.diff(velocity))
+    near = np.fmax(np.r_[0.0, change], np.r_[change, 0.0]) * step > LEAP  # only these need a closer look
+    at = np.flatnonzero(near & known)
+    around = at[:, None] + np.r_[-AROUND:0, 1 : AROUND + 1]
+    same = (around >= 0) & (around < len(step)) & (vehicle[np.clip(around, 0, len(step))] == vehicle[at, None])
+    others = np.where(same, velocity[:, np.clip(around, 0, len(step) - 1)], np.nan)
+    enough = np.isfinite(others[0]).sum(axis=1) >= AROUND
+    at, others = at[enough], others[:, enough]
+    off = np.hypot(*(velocity[:, at] - np.nanmedian(others, axis=2))) * step[at]
+    is_leap = off > LEAP + LEAP_ACCELERATION * step[at] ** 2
+    counts.leaps = int(is_leap.sum())
+    if counts.leaps:
+        worst = int(np.argmax(np.where(is_leap, off, 0.0)))
+        rows = table["row"].to_numpy()[at[worst] : at[worst] + 2]
+        counts.farthest_leap = f"by {off[worst]:.1f} m within {step[at[worst]]:.3g} s ({source.at(*rows)})"
+
+
+def count_turns(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None:
+    """Count the steps of vehicles, rows in order, at which `yaw` turns as none does: front and rear swapped, say."""
+    if "yaw" not in table:
+        return
+    vehicle, t = table["vehicle_id"].to_numpy(), table["t"].to_numpy()
+    step, turn = np.diff(t), np.abs(wrap_angle(np.diff(table["yaw"].to_numpy())))
+    known = (vehicle[1:] == vehicle[:-1]) & (step <= HOLE_MAX_S + STEP_S)
+    turn = np.where(known & (turn > TURN) & (turn > TURN_RATE * step), turn, 0.0)
+    counts.turns = int((turn > 0.0).sum())
+    if counts.turns:
+        worst = int(np.argmax(turn))
+        rows = table["row"].to_numpy()[worst : worst + 2]
+        counts.largest_turn = (
+            f"by {np.rad2deg(turn[worst]):.0f} degrees within {step[worst]:.3g} s ({source.at(*rows)})"
+        )
+
+
+def _jumps(table: pd.DataFrame) -> BoolArray:
+    """Mask (n,) of rows farther from the previous one of the vehicle than any vehicle moves in that time."""
+    vehicle: IntArray = table["vehicle_id"].to_numpy()
+    t, x, y = (table[name].to_numpy() for name in ("t", "x", "y"))
+    far = np.hypot(np.diff(x), np.diff(y)) > JUMP_MAX * np.maximum(np.diff(t) / STEP_S, 1.0)
+    return np.r_[False, (vehicle[1:] == vehicle[:-1]) & far]

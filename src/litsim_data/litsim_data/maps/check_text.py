@@ -1,0 +1,98 @@
+"""The result of a net's check as text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from litsim_data.maps.alignment import START_SHIFTS, START_TURNS, Alignment, explained
+from litsim_data.maps.check import NetCheck
+from litsim_data.maps.connectivity import Connectivity
+from litsim_data.maps.placement import Placement
+
+
+def describe(
+    check: NetCheck, transform: Mapping[str, Any] | None = None, origin: tuple[float, float] | None = None
+) -> str:
+    """The result as lines of text: tables of placements and of the worst misses, and what else was found.
+
+    Args:
+        check: the result.
+        transform: field `transform` of the mapping that the recording was made with; None where there was no mapping.
+        origin: latitude and longitude of the site [degrees], for what a turn may come from.
+    """
+    lines = [f"{'part':<28}{'rows':>8}{'on a lane':>11}{'on named':>10}{'label ok':>10}{'offset m':>10}"]
+    for name, part in check.placements.items():
+        named = f"{part.inside_named:>10.2%}{part.agreement:>10.2%}" if part.named else f"{'-':>10}{'-':>10}"
+        lines.append(f"{name:<28}{part.rows:>8}{part.inside:>11.2%}{named}{part.offset:>10.2f}")
+    for name, part in check.placements.items():
+        lines += _misses(name, part)
+    for name, found in check.alignments.items():
+        lines += _alignment(name, found, transform, origin)
+    if check.cad is not None:
+        each = ", ".join(f"{name} {value:.2f}" for name, value in sorted(check.cad.by_line.items()))
+        lines.append(f"CAD: median {check.cad.median:.3f} m, 95th percentile {check.cad.p95:.3f} m ({each})")
+    lines += _connectivity(check.lanes, check.connectivity)
+    lines.append(f"SUMO: {'; '.join(check.warnings) or 'loads without warnings'}")
+    lines += [f"MISSED: {missed}" for missed in check.failures]
+    return "\n".join(lines)
+
+
+def _misses(name: str, part: Placement) -> list[str]:
+    if not part.worst:
+        return []
+    past = f"{part.past_end:.0%} of these positions past the ends of the nearest lane"
+    lines = [f"{name}: {part.missing} vehicles have been on no lane, {past}; the worst of each, in frame map:"]
+    columns = ("", "vehicle", "time s", "frame", "x m", "y m", "beyond m")
+    lines.append("  {:>3}{:>9}{:>9}{:>8} {:>11} {:>11} {:>11}  nearest lane".format(*columns))
+    for number, miss in enumerate(part.worst, 1):
+        lines.append(
+            f"  {number:>3}{miss.vehicle:>9}{miss.time_s:>9.1f}{miss.frame:>8} {miss.x:>11.2f} {miss.y:>11.2f} "
+            f"{miss.beyond:>11.2f}  {miss.lane}{', past its end' if miss.past_end else ''}"
+        )
+    return lines
+
+
+def _alignment(
+    name: str, found: Alignment, transform: Mapping[str, Any] | None, origin: tuple[float, float] | None
+) -> list[str]:
+    degrees, far = math.degrees(found.turn), math.hypot(*found.shift)
+    before = transform or {}
+    yaw_deg, x, y = (float(before.get(key, 0.0)) for key in ("yaw_deg", "x", "y"))
+    if found.lost:
+        reach = f"{START_SHIFTS[-1]:.0f} m and {math.degrees(START_TURNS[-1]):.0f} degrees"
+        most = f"{max(found.before, found.after):.1%}"
+        x, y = x + found.net_centre[0] - found.centre[0], y + found.net_centre[1] - found.centre[1]
+        return [
+            f"{name}: no motion of about {reach} puts more than {most} of it on lanes of its direction",
+            f"  for another check with the middle of both together, {_as_field(before, yaw_deg, x, y)}",
+        ]
+    if found.in_place:
+        return [f"{name}: in place; the best fit is {far:.2f} m and {degrees:+.2f} degrees off"]
+    centre, shift = (
+        f"({each[0]:{sign}.2f}, {each[1]:{sign}.2f})" for each, sign in ((found.centre, ""), (found.shift, "+"))
+    )
+    along = "" if found.determined else "; the lanes do not tell how far along them"
+    lines = [f"{name}: lies best turned by {degrees:+.2f} degrees about {centre} and shifted by {shift} m{along}"]
+    lines.append(f"  then {found.after:.1%} of the positions are on a lane of their direction, now {found.before:.1%}")
+    if why := explained(found.turn, origin):
+        lines.append(f"  {why}")
+    lines.append(f"  {_as_field(before, *found.transform(yaw_deg, x, y))}")
+    return lines
+
+
+def _as_field(before: Mapping[str, Any], yaw_deg: float, x: float, y: float) -> str:
+    mirrored = "mirror_y: true, " if before.get("mirror_y") else ""
+    return f"as a mapping's transform: {{{mirrored}yaw_deg: {yaw_deg:.10g}, x: {x:.2f}, y: {y:.2f}}}"
+
+
+def _connectivity(lanes: int, found: Connectivity) -> list[str]:
+    without = ", ".join((*(gap.lane for gap in found.gaps), *found.unreached)) or "none"
+    ends = f"; ending early: {', '.join(found.ending)}" if found.ending else ""
+    begins = f"; beginning late: {', '.join(found.beginning)}" if found.beginning else ""
+    crossing = ", ".join(f"{each.one} and {each.other}" for each in found.crossings) or "none"
+    return [
+        f"lanes: {lanes}, without exit: {', '.join(found.stuck) or 'none'}, without a way in: {without}{ends}{begins}",
+        f"edges that cross without a junction: {crossing}",
+    ]

@@ -1,0 +1,186 @@
+"""Events across lanes: cut-in, cut-out, lane change of the ego, and merging from a ramp."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from litsim_data.mining.events import HEADWAY_MAX_S, Event, EventKind, Number, Situation, measured, severity
+from litsim_data.mining.lane_changes import LaneChange
+from litsim_data.mining.lane_tracks import NOWHERE
+from litsim_sim.core.scene import STEP_S
+
+CREEP = 1.0  # [m/s] lower bound on the ego's speed in headways
+AROUND = round(3.0 / STEP_S)  # steps around a cut-in without another lane change of the intruder
+AFTER = round(3.0 / STEP_S)  # steps after an event in which the shortest TTC is searched for
+ORIGIN_M = 300.0  # [m] distance upstream within which the roads that lead to a lane are searched for
+
+R157_BRAKING, R157_DELAY = 6.0, 0.35  # [m/s2], [s] UN Regulation 157: of the TTC above which a cut-in must be avoided
+
+
+def cut_ins(situation: Situation) -> Iterator[Event]:
+    """A vehicle becomes the leader of an ego that keeps its lane, by its only lane change within 3 s."""
+    leader = situation.following.leader
+    for change in situation.changes:
+        if _again(situation, change):
+            continue
+        for ego in situation.followers(change.agent, change.cross).tolist():
+            new = leader[ego, change.cross - 1] != change.agent
+            keeps = _keeps_lane(situation, ego, change.begin, change.end)
+            if new and keeps and _near(situation, ego, change.cross):
+                yield _cut_in(situation, change, ego)
+
+
+def cut_outs(situation: Situation) -> Iterator[Event]:
+    """The leader of an ego that keeps its lane changes lanes and reveals the vehicle ahead of it."""
+    following = situation.following
+    for change in situation.changes:
+        shown = int(following.leader[change.agent, change.cross - 1])
+        for ego in situation.followers(change.agent, change.cross - 1).tolist():
+            keeps = _keeps_lane(situation, ego, change.begin, change.end)
+            if shown == NOWHERE or int(following.leader[ego, change.cross]) != shown or not keeps:
+                continue
+            if not _near(situation, ego, change.cross - 1):
+                continue
+            numbers, worst = _gap(situation, ego, change.cross)
+            ttc_leader = situation.ttc_min(change.agent, change.begin, change.cross - 1)
+            ttc_min = situation.ttc_min(ego, change.cross, _later(situation, ego, change.cross))
+            numbers |= {"ttc_min_s": measured(ttc_min), "leader_ttc_min_s": measured(ttc_leader)}
+            numbers["leader_id"] = situation.id_of(change.agent)
+            yield _event(situation, EventKind.CUT_OUT, ego, shown, change, max(worst, severity(ttc=ttc_min)), numbers)
+
+
+def lane_change_events(situation: Situation) -> Iterator[Event]:
+    """The ego changes lanes, between a new leader and a new follower, if any."""
+    for change in situation.changes:
+        yield _own_change(situation, change, EventKind.LANE_CHANGE)
+
+
+def lane_merges(situation: Situation) -> Iterator[Event]:
+    """A vehicle changes from a lane of a smaller road, such as a ramp, to one of a larger road.
+
+    Gives one event for the merging vehicle, and one for its new follower.
+    """
+    for change in situation.changes:
+        if not _merging(situation, change):
+            continue
+        yield _own_change(situation, change, EventKind.MERGE, {"role": "merging"})
+        for ego in situation.followers(change.agent, change.cross)[:1].tolist():
+            if _near(situation, ego, change.cross) and _keeps_lane(situation, ego, change.begin, change.end):
+                yield _cut_in(situation, change, ego, EventKind.MERGE, {"role": "merged ahead of"})
+
+
+def _cut_in(
+    situation: Situation,
+    change: LaneChange,
+    ego: int,
+    kind: EventKind = EventKind.CUT_IN,
+    more: dict[str, Number] | None = None,
+) -> Event:
+    at = change.cross
+    numbers, worst = _gap(situation, ego, at)
+    ttc, closing = situation.ttc_min(ego, at, at), float(situation.following.closing[ego, at])
+    ttc_min = situation.ttc_min(ego, at, _later(situation, ego, at))
+    numbers |= {"ttc_min_s": measured(ttc_min), "from": "right" if change.left else "left"}
+    if closing > 0.0:
+        avoidable = ttc > closing / (2.0 * R157_BRAKING) + R157_DELAY
+        numbers["r157"] = "to be avoided" if avoidable else "unavoidable"
+    numbers["duration_s"] = measured(change.duration_s)
+    worst = max(worst, severity(ttc=ttc_min))
+    return _event(situation, kind, ego, change.agent, change, worst, numbers | (more or {}))
+
+
+def _own_change(
+    situation: Situation, change: LaneChange, kind: EventKind, more: dict[str, Number] | None = None
+) -> Event:
+    """A lane change as an event of the vehicle that makes it, with the more critical of its new leader and follower."""
+    at, row = change.cross, change.agent
+    ahead, worst_ahead = _gap(situation, row, at)
+    numbers: dict[str, Number] = {f"ahead_{name}": value for name, value in ahead.items()}
+    behind = situation.followers(row, at)[:1].tolist()
+    after, worst_behind = _gap(situation, behind[0], at) if behind else (dict.fromkeys(ahead), 0.0)
+    numbers |= {f"behind_{name}": value for name, value in after.items()}
+    numbers |= {"to": "left" if change.left else "right", "duration_s": measured(change.duration_s)}
+    numbers["lateral_speed_mps"] = measured(change.lateral_speed)
+    leader = int(situation.following.leader[row, at])
+    other = behind[0] if behind and worst_behind > worst_ahead else leader
+    return _event(situation, kind, row, other, change, max(worst_ahead, worst_behind), numbers | (more or {}))
+
+
+def _event(
+    situation: Situation,
+    kind: EventKind,
+    ego: int,
+    other: int,
+    change: LaneChange,
+    worst: float,
+    numbers: dict[str, Number],
+) -> Event:
+    other_id = None if other == NOWHERE else situation.id_of(other)
+    steps = (change.begin, change.cross, change.end)
+    return Event(kind, situation.id_of(ego), other_id, *steps, worst, numbers)
+
+
+def _gap(situation: Situation, row: int, step: int) -> tuple[dict[str, Number], float]:
+    """Measures of the agent in `row` with respect to its leader at `step`, and their severity."""
+    following = situation.following
+    gap, closing = float(following.gap[row, step]), float(following.closing[row, step])
+    headway, ttc = float(following.headway[row, step]), situation.ttc_min(row, step, step)
+    there = following.leader[row, step] != NOWHERE
+    numbers = {
+        "gap_m": measured(gap),
+        "closing_mps": measured(closing) if there else None,
+        "headway_s": measured(headway),
+        "ttc_s": measured(ttc),
+    }
+    return dict(numbers), severity(ttc=ttc, headway=headway)
+
+
+def _near(situation: Situation, row: int, step: int) -> bool:
+    """Whether the leader is within a headway of 3.5 s, at the ego's speed or at least 1 m/s."""
+    speed = max(float(situation.log.speed[row, step]), CREEP)
+    return bool(situation.following.gap[row, step] <= HEADWAY_MAX_S * speed)
+
+
+def _later(situation: Situation, row: int, step: int) -> int:
+    return min(step + AFTER, int(situation.log.last_step[row]))
+
+
+def _again(situation: Situation, change: LaneChange) -> bool:
+    """Whether the agent makes another lane change within 3 s."""
+    return any(
+        other is not change and other.agent == change.agent and abs(other.cross - change.cross) <= AROUND
+        for other in situation.changes
+    )
+
+
+def _keeps_lane(situation: Situation, row: int, begin: int, end: int) -> bool:
+    """Whether the agent in `row` makes no lane change from step `begin` to `end`."""
+    return not any(other.agent == row and other.begin <= end and other.end >= begin for other in situation.changes)
+
+
+def _merging(situation: Situation, change: LaneChange) -> bool:
+    """Whether the old lane comes from another and smaller road than the new one."""
+    left, entered = (_upstream(situation, lane) for lane in (change.from_lane, change.to_lane))
+    lanes = situation.lane_map.lanes
+
+    def size(edges: set[str]) -> int:
+        return max((sum(lane.edge_id == edge for lane in lanes) for edge in edges), default=0)
+
+    return bool(left - entered) and 0 < size(left - entered) < size(entered - left)
+
+
+def _upstream(situation: Situation, lane: int) -> set[str]:
+    """Ids of the edges that lead to a lane without lane changes, within 300 m upstream."""
+    lanes = situation.lane_map.lanes
+    waiting, found, seen = [(lane, 0.0)], set[str](), set[int]()
+    while waiting:
+        here, way = waiting.pop()
+        for before in situation.ways.predecessors[here]:
+            if before in seen:
+                continue
+            seen.add(before)
+            if not lanes[before].is_internal:
+                found.add(lanes[before].edge_id)
+            if way + lanes[before].length < ORIGIN_M:
+                waiting.append((before, way + lanes[before].length))
+    return found

@@ -1,0 +1,109 @@
+"""Files of a mined suite: the scenarios to search, and the suite to write."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from litsim_data.mining.selection import Chosen
+from litsim_data.segments import MANIFEST_FILE, Manifest
+from litsim_eval.campaign.suite import Suite
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import replacing
+from litsim_sim.io.yaml_input import validate_yaml
+from litsim_sim.scenario.scenario import Scenario, packaged, packaged_nets, packaged_scenarios
+
+
+def scenario_names(given: Iterable[str]) -> list[str]:
+    """Unique names and files of scenarios, with each folder of segments replaced by the scenarios of its manifest.
+
+    Raises:
+        InputError: a folder has no manifest, or it cannot be read.
+    """
+    names: list[str] = []
+    for each in given:
+        path = Path(each)
+        if each not in packaged_scenarios() and path.is_dir():
+            if not (path / MANIFEST_FILE).is_file():
+                raise InputError(
+                    f"{path}: no {MANIFEST_FILE}: expected scenarios, or a folder that `data segments` wrote"
+                )
+            names += [str(path / f"{segment.name}.yaml") for segment in Manifest.read(path / MANIFEST_FILE).segments]
+        else:
+            names.append(each)
+    return list(dict.fromkeys(names))
+
+
+def suite_fields(chosen: Sequence[Chosen], folder: Path, **fields: Any) -> dict[str, Any]:
+    """The fields of a suite file in `folder` with the chosen cases; `fields` are the other fields."""
+    cases = [
+        {
+            "scenario": _seen_from(each.scenario, folder),
+            "ego_id": each.ego,
+            "tags": [str(kind) for kind in each.kinds],
+            "events": [event.entry() for event in each.events],
+        }
+        for each in chosen
+    ]
+    return fields | {"cases": cases}
+
+
+def write_suite(path: Path, values: dict[str, Any]) -> Suite:
+    """Write a suite file with the fields `values`, and return the suite.
+
+    Raises:
+        InputError: it has no cases, or cannot be written.
+    """
+    if not values["cases"]:
+        raise InputError("no scenario holds any of the events that were asked for: there is nothing to write")
+    text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=10**6)
+    suite = validate_yaml(values, Suite, str(path), text)
+    with replacing(path) as new:
+        new.write_text(text, encoding="utf-8")
+    return suite
+
+
+def pack(chosen: Sequence[Chosen], folder: Path) -> list[Chosen]:
+    """Copy the scenarios of `chosen` to `folder`, each with its part of the recording; return the cases of the copies.
+
+    The folder is self-contained, except for packaged nets and packaged scenarios, which are not copied.
+
+    Raises:
+        InputError: a scenario cannot be used, two have one name, or a file cannot be written.
+    """
+    names = [name for name in dict.fromkeys(each.scenario for each in chosen) if name not in packaged_scenarios()]
+    moved: dict[str, str] = {}
+    for name in names:
+        scenario = Scenario.load(name)
+        path = folder / f"{scenario.name}.yaml"
+        if str(path) in moved.values():
+            raise InputError(f"{name}: a second scenario with the name {scenario.name}: rename one to pack both")
+        _pack(scenario, path)
+        moved[name] = str(path)
+    return [replace(each, scenario=moved.get(each.scenario, each.scenario)) for each in chosen]
+
+
+def _pack(scenario: Scenario, path: Path) -> None:
+    recording, net = path.with_suffix(".parquet"), scenario.net_path
+    scenario.recording.write(recording)
+    net_name = net.name.removesuffix(".net.xml")
+    if net_name not in packaged_nets() or net != packaged(f"nets/{net.name}").resolve():
+        net_name = net.name
+        with replacing(path.parent / net_name) as new:
+            shutil.copyfile(net, new)
+    values = scenario.file.model_dump(mode="json", exclude_defaults=True, exclude={"crop"})
+    values |= {"recording": recording.name, "net": net_name}
+    with replacing(path) as new:
+        new.write_text(yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=120), encoding="utf-8")
+
+
+def _seen_from(scenario: str, folder: Path) -> str:
+    if scenario in packaged_scenarios():
+        return scenario
+    return Path(os.path.relpath(Path(scenario).resolve(), folder.resolve())).as_posix()

@@ -1,0 +1,137 @@
+"""Assignment of rows to NGSIM's recordings: by site, and by period.
+
+Every period was recorded separately: frame numbers and ids start again, so one Vehicle_ID in two periods is two
+vehicles. Periods overlap in time (US-101's second begins before the last vehicle of the first has left), so gaps in
+time do not separate them; the time of frame 0, the same for all rows of a period, does. Where one clock runs through
+several periods, two minutes without vehicles separate them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from litsim_data.ngsim.sites import SITES, Site
+from litsim_data.ngsim.tracks import origins_of
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import IntArray
+
+CLOCK_SLACK_MS = 30_000  # largest difference between times of frame 0 of one clock
+CLOCKS_MAX = 64  # NGSIM has about ten; more mean that frames and times do not belong together
+MINUTE_MS = 60_000
+
+
+@dataclass
+class Clock:
+    """Rows of one site with one time of frame 0.
+
+    Attributes:
+        site: name of the site.
+        origin_ms: time of frame 0 [ms since 1970].
+        rows: number of rows.
+        minutes: minutes since 1970 with rows, ascending.
+    """
+
+    site: str
+    origin_ms: int
+    rows: int = 0
+    minutes: list[int] = field(default_factory=list)
+
+    @property
+    def key(self) -> str:
+        """Unique name in the file: site and time of frame 0."""
+        return f"{self.site}_{self.origin_ms}"
+
+
+@dataclass(frozen=True)
+class Period:
+    """One recording: a stretch of a clock's rows without a break.
+
+    Attributes:
+        name: unique name, such as us101_0750.
+        site: its site.
+        clock: index of its clock.
+        minutes: first and last minute since 1970.
+    """
+
+    name: str
+    site: Site
+    clock: int
+    minutes: tuple[int, int]
+
+    def holds(self, time_ms: IntArray) -> np.ndarray:
+        """Mask (n,) of the times `time_ms` (n,) [ms] of its clock that belong to this period."""
+        minute = time_ms // MINUTE_MS
+        return (minute >= self.minutes[0]) & (minute <= self.minutes[1])
+
+
+class Clocks:
+    """The clocks of a file, in order of appearance."""
+
+    def __init__(self, clocks: list[Clock] | None = None) -> None:
+        """Start with the `clocks` of an earlier part of the file, or with none."""
+        self.clocks = clocks or []
+
+    @classmethod
+    def from_json(cls, values: list[dict[str, Any]]) -> Clocks:
+        """The inverse of :meth:`to_json`."""
+        return cls([Clock(**value) for value in values])
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """The clocks as dictionaries for JSON."""
+        return [asdict(clock) for clock in self.clocks]
+
+    def assign(self, columns: dict[str, np.ndarray], where: str) -> IntArray:
+        """Index (n,) of the clock of every row; new clocks are added.
+
+        Args:
+            columns: site, time_ms, frame and line, see :class:`litsim_data.ngsim.blocks.Block`.
+            where: the file, for errors.
+
+        Raises:
+            InputError: there are more clocks than NGSIM can have.
+        """
+        names = list(SITES)
+        time_ms, index = columns["time_ms"], np.empty(len(columns["time_ms"]), np.int64)
+        origins = origins_of(time_ms, columns["frame"])
+        for site in np.unique(columns["site"]):
+            rows = np.flatnonzero(columns["site"] == site)
+            found, back = np.unique(origins[rows], return_inverse=True)
+            codes = np.array([self._find(names[site], int(origin)) for origin in found], np.int64)
+            index[rows] = codes[back]
+        if len(self.clocks) > CLOCKS_MAX:
+            at = int(np.argmax(index >= CLOCKS_MAX))
+            raise InputError(
+                f"{where}: line {columns['line'][at]}: Frame_ID {columns['frame'][at]} at Global_Time {time_ms[at]}: "
+                f"frames and times do not run together at 10 Hz; {len(self.clocks)} different times of frame 0"
+            )
+        for code in np.unique(index):
+            clock, mine = self.clocks[code], time_ms[index == code]
+            clock.rows += len(mine)
+            clock.minutes = sorted({*clock.minutes, *np.unique(mine // MINUTE_MS).tolist()})
+        return index
+
+    def _find(self, site: str, origin_ms: int) -> int:
+        for code, clock in enumerate(self.clocks):
+            if clock.site == site and abs(clock.origin_ms - origin_ms) <= CLOCK_SLACK_MS:
+                return code
+        self.clocks.append(Clock(site, origin_ms))
+        return len(self.clocks) - 1
+
+    def periods(self) -> list[Period]:
+        """The recordings, sorted by site and time, with unique names."""
+        stretches = []
+        for code, clock in enumerate(self.clocks):
+            minutes = np.array(clock.minutes)
+            pieces = np.split(minutes, np.flatnonzero(np.diff(minutes) > 2) + 1)
+            stretches += [(clock.site, int(piece[0]), int(piece[-1]), code) for piece in pieces]
+        order = list(SITES)
+        found: list[Period] = []
+        for name, first, last, code in sorted(stretches, key=lambda s: (order.index(s[0]), s[1], s[3])):
+            site = SITES[name]
+            title = f"{name}_{site.period(first * MINUTE_MS)}"
+            same = sum(period.name == title or period.name.startswith(f"{title}_") for period in found)
+            found.append(Period(f"{title}_{same + 1}" if same else title, site, code, (first, last)))
+        return found

@@ -1,0 +1,1 @@
+"""Pictures of recordings and maps, and the frame of HTML pages."""

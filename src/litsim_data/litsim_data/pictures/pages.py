@@ -1,0 +1,46 @@
+"""HTML pages from the templates in `templates`: every value is escaped, all but the style and scripts in `assets`."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from litsim_eval.report.wording import NOTHING, branches, is_nested, leaf
+
+
+def render_page(template: str, **values: Any) -> str:
+    """A page of LitSim as HTML.
+
+    Args:
+        template: name of a file in `templates`.
+        values: values for the names in the template; text in them is escaped.
+
+    Raises:
+        jinja2.UndefinedError: the template names a value that is not given.
+    """
+    return _environment().get_template(template).render(values)
+
+
+def asset(name: str) -> Markup:
+    """Text of a file in `assets`: style or script of our own, which goes into a page as it is."""
+    return Markup((files("litsim_eval.report") / "assets" / name).read_text(encoding="utf-8"))  # noqa: S704  no data
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("litsim_eval.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.globals.update(asset=asset, NOTHING=NOTHING)
+    environment.filters.update(branches=branches, leaf=leaf)
+    environment.tests["nested"] = is_nested
+    return environment

@@ -1,0 +1,301 @@
+"""Pictures of recordings: space-time diagrams by lane and a map of the tracks; of intersections, a plan and signals."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import shapely
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize, to_hex
+from matplotlib.figure import Figure, FigureBase
+
+from litsim_data.pictures.pages import render_page
+from litsim_data.pictures.plan_view import NEAR, Area, draw_boxes, draw_lanes, draw_signals, draw_stop_lines, groups_in
+from litsim_data.pictures.plan_view import frame as show_area
+from litsim_sim.core.colours import INK
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray
+from litsim_sim.io.files import replacing
+from litsim_sim.lane_map.lane_crossings import lane_crossings
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.recording import Recording
+from litsim_sim.scenario.signals import Signals
+
+DPI = 100
+LANES_MAX = 12  # diagrams; the busiest lanes
+PIECES_MAX = 60_000  # of tracks per diagram; above, frames are left out
+WIDTH, DIAGRAM, MAP = 14.0, 1.6, 4.5  # [inch] of everything; heights of one diagram and of the map
+BALANCE = 0.2  # share by which one direction must prevail to be the main one
+LANE = "#d5d8dc"
+SPEEDS = "turbo_r"
+UNKNOWN_LANE = "#8a9099"
+
+
+def draw(
+    recording: Recording,
+    path: Path,
+    text: str,
+    lane_map: LaneMap | None = None,
+    signals: Signals | None = None,
+    moments: Sequence[float] = (),
+) -> None:
+    """Draw `recording` to a PNG, or to a self-contained HTML page if `path` ends so.
+
+    Where lanes of the net cross under the tracks, it is an intersection: its plan is drawn, in true proportions, and
+    below it what the signals showed; else space-time diagrams by lane.
+
+    Args:
+        recording: what to draw.
+        path: .png, .html or .htm.
+        text: what the page says of the recording.
+        lane_map: lanes under the tracks.
+        signals: signals of the recording, from its first frame on.
+        moments: [s] from the first frame on, at which an intersection is drawn as it was then.
+
+    Raises:
+        InputError: `path` has another ending or cannot be written, or the recording has no such moments, or shows no
+            intersection.
+    """
+    if path.suffix not in (".png", ".html", ".htm"):
+        raise InputError(f"{path}: expected a name that ends with .png or .html")
+    crossing = lane_map if lane_map is not None and _is_intersection(recording, lane_map) else None
+    if crossing is None and moments:
+        raise InputError(f"{path}: moments are drawn of an intersection, and no lanes of a net cross under the tracks")
+    if path.suffix == ".png":
+        with replacing(path) as new:
+            new.write_bytes(_bytes(_overview(recording, lane_map, crossing, signals, moments)))
+        return
+    if crossing is not None:
+        pictures = {"Plan": intersection(recording, crossing, signals, moments)}
+    else:
+        pictures = {"Space and time, by lane": space_time(recording), "Tracks": track_map(recording, lane_map)}
+    page = render_page(
+        "recording.html.j2",
+        name=recording.header.name,
+        text=text,
+        pictures=[(title, base64.b64encode(_bytes(figure)).decode()) for title, figure in pictures.items()],
+    )
+    with replacing(path) as new:
+        new.write_text(page, encoding="utf-8")
+
+
+def space_time(recording: Recording) -> Figure:
+    """One diagram per lane and direction: place along the main direction over time, coloured by speed."""
+    figure = Figure(figsize=(WIDTH, _height(recording.table)), dpi=DPI, layout="constrained", facecolor="white")
+    _space_time(figure, recording)
+    return figure
+
+
+def track_map(recording: Recording, lane_map: LaneMap | None = None) -> Figure:
+    """All tracks in frame map, coloured by lane, over the lanes of the net."""
+    figure = Figure(figsize=(WIDTH, MAP), dpi=DPI, layout="constrained", facecolor="white")
+    _tracks(figure.add_subplot(), recording.table, lane_map)
+    return figure
+
+
+def main_direction(table: pd.DataFrame) -> float:
+    """Direction [rad] of most of the way driven, there or back: as clearly more of it goes, else nearer to +x."""
+    yaw, weight = table["yaw"].to_numpy(), table["speed"].to_numpy() + 1e-3
+    axis = 0.5 * float(np.arctan2((weight * np.sin(2 * yaw)).sum(), (weight * np.cos(2 * yaw)).sum()))
+    ahead = float((weight * np.cos(yaw - axis)).sum() / weight.sum())
+    turned = ahead < -BALANCE or (abs(ahead) <= BALANCE and np.cos(axis) < 0.0)
+    return float(wrap_angle(np.array([axis + np.pi]))[0]) if turned else axis
+
+
+def intersection(
+    recording: Recording, lane_map: LaneMap, signals: Signals | None = None, moments: Sequence[float] = ()
+) -> Figure:
+    """All tracks in frame map, coloured by speed, over the lanes and the stop lines; below, the signals over time.
+
+    Between them, one plan with boxes and stop lines for each of the `moments` [s] from the first frame on.
+
+    Raises:
+        InputError: the recording is shorter than a moment says.
+    """
+    table = recording.table
+    first, steps = int(table["frame"].min()), int(table["frame"].max() - table["frame"].min())
+    shown = [_step(moment, steps) for moment in moments]
+    area = Area.around(table[["x", "y"]].to_numpy())
+    groups = [] if signals is None else groups_in(signals, area, [])
+    wide, high = area.high - area.low
+    plan = float(np.clip(WIDTH * high / wide, 4.0, 14.0))
+    heights = [*[plan] * (1 + len(shown)), *([0.9 + 0.22 * len(groups)] if groups else [])]
+    figure = Figure(figsize=(WIDTH, sum(heights) + 0.6), dpi=DPI, layout="constrained", facecolor="white")
+    grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
+    plans = [figure.add_subplot(grid[k]) for k in range(1 + len(shown))]
+    speeds = Normalize(0.0, max(1.0, float(table["speed"].quantile(0.98))))
+    for axes, step in zip(plans, (None, *shown), strict=True):
+        draw_lanes(axes, lane_map)
+        if step is None:
+            _paths(axes, table, speeds)
+        else:
+            _boxes(axes, recording, first + step, speeds)
+            axes.set_title(f"{step * STEP_S:.1f} s, frame {first + step}", loc="left", fontsize=9, color=INK)
+        if signals is not None:
+            draw_stop_lines(axes, signals, step or 0)
+        show_area(axes, area)
+        _plain(axes)
+    figure.colorbar(
+        ScalarMappable(speeds, SPEEDS), ax=plans, label="speed [m/s]", shrink=0.8, pad=0.01, aspect=20 * len(plans)
+    )
+    if signals is not None and groups:
+        lower = figure.add_subplot(grid[-1])
+        draw_signals(lower, signals, groups, steps)
+        for step in shown:
+            lower.axvline(step * STEP_S, color=INK, lw=1.2)
+        lower.set_title(f"Signals; time from frame {first}", loc="left", fontsize=9, color=INK)
+        _plain(lower)
+    else:
+        plans[0].set_title("no signals are known", loc="left", fontsize=9, color=INK)
+    return figure
+
+
+def _step(moment: float, steps: int) -> int:
+    """The step nearest to a moment [s] of a recording of `steps` steps after the first frame.
+
+    Raises:
+        InputError: it lies outside.
+    """
+    step = round(moment / STEP_S)
+    if not 0 <= step <= steps:
+        raise InputError(f"moment {moment:g}: expected 0 to {steps * STEP_S:g} s from the first frame that is drawn")
+    return step
+
+
+def _paths(axes: Axes, table: pd.DataFrame, speeds: Normalize) -> None:
+    """All tracks, coloured by speed."""
+    table = table.sort_values(["vehicle_id", "frame"], ignore_index=True)
+    pieces, at = _pieces(table, np.ones(len(table), np.bool_), table[["x", "y"]].to_numpy())
+    colour = table["speed"].to_numpy()[at]
+    axes.add_collection(LineCollection(pieces, array=colour, cmap=SPEEDS, norm=speeds, linewidths=0.7, zorder=4))
+
+
+def _boxes(axes: Axes, recording: Recording, frame: int, speeds: Normalize) -> None:
+    """Draw the boxes of all agents at `frame`, coloured by speed."""
+    agents = Log.from_recording(recording, frame, 1).table(0)
+    draw_boxes(axes, agents, [to_hex(colour) for colour in colormaps[SPEEDS](speeds(agents.speed))])
+
+
+def _is_intersection(recording: Recording, lane_map: LaneMap) -> bool:
+    """Whether any track goes over a crossing of lanes."""
+    crossings = lane_crossings(lane_map.lanes)
+    if not len(crossings):
+        return False
+    tracks = shapely.multipoints(recording.table[["x", "y"]].to_numpy()[::10])
+    return bool((shapely.distance(shapely.points(crossings), tracks) <= NEAR).any())
+
+
+def _overview(
+    recording: Recording,
+    lane_map: LaneMap | None,
+    crossing: LaneMap | None,
+    signals: Signals | None,
+    moments: Sequence[float],
+) -> Figure:
+    """Everything in one picture; `crossing` is the map of what is an intersection."""
+    title = f"{recording.header.name}   {recording.header.source}"
+    if crossing is not None:
+        figure = intersection(recording, crossing, signals, moments)
+        figure.suptitle(title, x=0.012, ha="left", fontsize=11, color=INK)
+        return figure
+    diagrams = _height(recording.table)
+    figure = Figure(figsize=(WIDTH, diagrams + MAP), dpi=DPI, layout="constrained", facecolor="white")
+    upper, lower = figure.subfigures(2, 1, height_ratios=(diagrams, MAP))
+    _space_time(upper, recording)
+    _tracks(lower.add_subplot(), recording.table, lane_map)
+    figure.suptitle(title, x=0.012, ha="left", fontsize=11, color=INK)
+    return figure
+
+
+def _bytes(figure: Figure) -> bytes:
+    FigureCanvasAgg(figure)
+    sink = io.BytesIO()
+    figure.savefig(sink, format="png", dpi=DPI)
+    return sink.getvalue()
+
+
+def _groups(table: pd.DataFrame) -> list[tuple[bool, int]]:
+    """Each (whether against the main direction, lane), the busiest first."""
+    against = _against(table)
+    counts = pd.Series(list(zip(against.tolist(), table["lane"].tolist(), strict=True))).value_counts()
+    return list(counts.index)
+
+
+def _height(table: pd.DataFrame) -> float:
+    """Height of the space-time diagrams [inch]."""
+    return DIAGRAM * min(len(_groups(table)), LANES_MAX) + 0.6
+
+
+def _against(table: pd.DataFrame) -> BoolArray:
+    return np.asarray(np.cos(table["yaw"].to_numpy() - main_direction(table)) < 0, np.bool_)
+
+
+def _space_time(figure: FigureBase, recording: Recording) -> None:
+    table = recording.table.sort_values(["vehicle_id", "frame"], ignore_index=True)
+    direction, turned, groups = main_direction(table), _against(table), _groups(table)
+    shown = sorted(groups[:LANES_MAX])
+    along = np.cos(direction) * table["x"].to_numpy() + np.sin(direction) * table["y"].to_numpy()
+    lane = table["lane"].to_numpy()
+    axes = figure.subplots(len(shown), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    speeds = Normalize(0.0, max(1.0, float(table["speed"].quantile(0.98))))
+    time = STEP_S * (table["frame"].to_numpy() - table["frame"].min())
+    for axis, (against, number) in zip(axes, shown, strict=True):
+        rows = (turned == against) & (lane == number)
+        pieces, at = _pieces(table, rows, np.column_stack([time, along]))
+        colour = table["speed"].to_numpy()[at]
+        axis.add_collection(LineCollection(pieces, array=colour, cmap=SPEEDS, norm=speeds, linewidths=0.7))
+        name = f"lane {number}" if number >= 0 else "lane unknown"
+        axis.set_title(f"{name}{', opposite direction' if against else ''}", loc="left", fontsize=9, color=INK)
+        axis.set_ylabel("along [m]", fontsize=8)
+        _plain(axis)
+    if len(groups) > len(shown):
+        axes[0].set_title(f"the {len(shown)} busiest of {len(groups)} lanes", loc="right", fontsize=9, color=INK)
+    axes[0].set(xlim=(0.0, max(STEP_S, float(time.max()))), ylim=(float(along.min()) - 1.0, float(along.max()) + 1.0))
+    axes[-1].set_xlabel(f"time [s] from frame {table['frame'].min()}", fontsize=9)
+    figure.colorbar(ScalarMappable(speeds, SPEEDS), ax=list(axes), label="speed [m/s]", shrink=0.8, pad=0.01)
+
+
+def _tracks(axes: Axes, table: pd.DataFrame, lane_map: LaneMap | None) -> None:
+    table = table.sort_values(["vehicle_id", "frame"], ignore_index=True)
+    lane = table["lane"].to_numpy()
+    for known in lane_map.lanes if lane_map is not None else ():
+        axes.plot(*known.centerline.T, color=LANE, lw=3.0, zorder=0, solid_capstyle="butt")
+    points = table[["x", "y"]].to_numpy()
+    for number in np.unique(lane):
+        pieces, _ = _pieces(table, lane == number, points)
+        colour = f"C{(number - 1) % 10}" if number >= 0 else UNKNOWN_LANE
+        axes.add_collection(LineCollection(pieces, colors=colour, linewidths=0.5, alpha=0.6))
+        axes.plot([], [], color=colour, label=f"lane {number}" if number >= 0 else "lane unknown")
+    low, high = points.min(axis=0) - 5.0, points.max(axis=0) + 5.0
+    tall = (high - low)[1] > 0.2 * (high - low)[0]  # a straight motorway would be a hairline in true proportions
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal" if tall else "auto")
+    axes.set(xlabel="x [m]", ylabel="y [m]" if tall else "y [m], stretched")
+    axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=12, frameon=False, fontsize=8)
+    _plain(axes)
+
+
+def _pieces(table: pd.DataFrame, rows: BoolArray, points: FloatArray) -> tuple[FloatArray, np.ndarray]:
+    """Pieces (k, 2, 2) of tracks between consecutive `points` of chosen rows, and the row (k,) where each begins."""
+    vehicle, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
+    chosen = np.flatnonzero(rows)
+    stride = max(1, len(chosen) // PIECES_MAX)
+    chosen = chosen[(frame[chosen] % stride == 0)]
+    joined = (vehicle[chosen[1:]] == vehicle[chosen[:-1]]) & (np.diff(frame[chosen]) == stride)
+    begin, end = chosen[:-1][joined], chosen[1:][joined]
+    return np.stack([points[begin], points[end]], axis=1), begin
+
+
+def _plain(axes: Axes) -> None:
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(colors=INK, labelsize=8)

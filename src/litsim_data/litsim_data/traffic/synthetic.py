@@ -1,0 +1,210 @@
+"""Generated recordings: SUMO's traffic on a packaged net, smoothed to plausible vehicle motion."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, replace
+
+import numpy as np
+import pandas as pd
+
+from litsim_data.traffic.drivers import SUMO_DEFAULT, Behaviour, calibrated
+from litsim_data.traffic.motion import Smoothness, smooth_motion
+from litsim_data.traffic.sites import US101_LIKE
+from litsim_data.traffic.traffic import Observation, Site, observe
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import overlapping_pairs
+from litsim_sim.core.scene import STEP_S
+from litsim_sim.core.signals import OF_SUMO
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.lane_map.net_lanes import lanes_from_left
+from litsim_sim.lane_map.signal_links import read_links
+from litsim_sim.scenario.recording import Recording, RecordingHeader
+
+DEFAULT_SEED = 17  # that of the packaged us101_like.parquet, on which predictors are trained
+DEFAULT_SECONDS = 28.1  # [s] 281 frames: steps 0 to 280
+STRETCH = (US101_LIKE.window[0], US101_LIKE.window[2])  # [m] of x in which vehicles of us101_like are recorded
+MARGIN_S = 8.0  # [s] observed before and after, so that filters have run in: they are metres long, and some creep
+SEGMENTS_PER_RECORDING = 10  # so that 70, 10 and 20 % of one are whole segments
+REPAIRS = 10  # most rounds in which contacts are removed from a recording
+REMOVED_MAX = 0.03  # largest share of the vehicles that may be left out for that
+ATTEMPTS = 5  # most seeds tried for a recording of a set, NEXT_SEED apart
+NEXT_SEED = 100
+DECIMALS = {"x": 6, "y": 6, "yaw": 5, "speed": 5, "acceleration": 3}
+"""Decimals written: coarser positions would give steps longer than the speeds allow, finer ones large files."""
+
+
+def synthesize(
+    seed: int = DEFAULT_SEED,
+    seconds: float = DEFAULT_SECONDS,
+    site: Site = US101_LIKE,
+    behaviour: Behaviour | None = None,
+) -> Recording:
+    """Generate a recording; equal arguments give equal recordings.
+
+    Args:
+        seed: seed of demand and SUMO.
+        seconds: duration.
+        site: net and traffic.
+        behaviour: behaviour of the drivers; default: the calibrated one.
+
+    Raises:
+        InputError: `seconds` is too short, or boxes of the smoothed traffic overlap too often (another seed will do).
+    """
+    return next(synthesize_all(site, [seed], seconds, behaviour))
+
+
+def synthesize_segments(site: Site, segments: int, seed: int) -> Iterator[Recording]:
+    """Recordings for `segments` segments of 28 s, at most SEGMENTS_PER_RECORDING in each, on all processors.
+
+    A recording whose seed gives overlaps is made with another one, in a fixed order; its header names the one that was.
+
+    Raises:
+        InputError: as :func:`synthesize`.
+    """
+    if segments < 1:
+        raise InputError(f"{segments} segments are asked for, expected at least 1")
+    count = -(-segments // SEGMENTS_PER_RECORDING)
+    longest = -(-segments // count)
+    seeds = [seed + 1000 * number for number in range(count)]  # so that neighbouring seeds share no recording
+    return synthesize_all(site, seeds, longest * DEFAULT_SECONDS, attempts=ATTEMPTS)
+
+
+def synthesize_all(
+    site: Site, seeds: list[int], seconds: float, behaviour: Behaviour | None = None, attempts: int = 1
+) -> Iterator[Recording]:
+    """One recording for each of `seeds`, on all processors, with up to `attempts` seeds; see :func:`synthesize`."""
+    if seconds < STEP_S:
+        raise InputError(f"a recording of {seconds} s holds no frame, expected at least {STEP_S} s")
+    # libsumo holds one simulation per process, and the caller may be using its own.
+    workers = min(len(seeds), os.cpu_count() or 1)
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        waiting = [pool.submit(_attempt, site, seed, seconds, behaviour or calibrated(), attempts) for seed in seeds]
+        for job in waiting:
+            yield job.result()
+
+
+def _attempt(site: Site, seed: int, seconds: float, behaviour: Behaviour, attempts: int) -> Recording:
+    """The recording of the first of `attempts` seeds that gives one, in a process of its own."""
+    for attempt in range(attempts - 1):
+        try:
+            return _record(site, seed + attempt * NEXT_SEED, seconds, behaviour)
+        except InputError:
+            continue
+    return _record(site, seed + (attempts - 1) * NEXT_SEED, seconds, behaviour)
+
+
+def _record(site: Site, seed: int, seconds: float, behaviour: Behaviour) -> Recording:
+    """Observe simulated traffic and make a recording of it, with motion smoothed and overlaps repaired."""
+    seen = observe(site, seed, seconds + 2 * MARGIN_S, behaviour)
+    centred, removed = set[int](), set[int]()
+    tracks = [_track(site, seen, vehicle, seed, seconds) for vehicle in range(len(seen.vehicles))]
+    for _ in range(0 if behaviour == SUMO_DEFAULT else REPAIRS):
+        pairs = _overlaps(_joined(tracks))
+        if not pairs:
+            break
+        ids = [vehicle for pair in pairs for vehicle in pair]
+        for pair in pairs:
+            # Mostly they touch because both keep towards each other: have them keep to the middle of their lanes.
+            # Where that is not enough (SUMO moves bodies over junction borders and past tails), one must go.
+            if set(pair) <= centred:
+                if not removed & set(pair):
+                    worst = max(pair, key=lambda vehicle: (ids.count(vehicle), vehicle))
+                    tracks[worst] = pd.DataFrame()
+                    removed.add(worst)
+                continue
+            for vehicle in pair:
+                centred.add(vehicle)
+                tracks[vehicle] = _track(site, seen, vehicle, seed, seconds, centred=True)
+    table = _joined(tracks)
+    left = [] if behaviour == SUMO_DEFAULT else _overlaps(table)
+    if left or len(removed) > max(2.0, REMOVED_MAX * len(tracks)):
+        raise InputError(
+            f"seed {seed}: the boxes of {len(left)} pairs of vehicles overlap after {len(removed)} vehicles have been "
+            f"left out; choose another seed"
+        )
+    numbers = {old: new for new, old in enumerate(pd.unique(table["vehicle_id"]), start=1)}
+    table["vehicle_id"] = table["vehicle_id"].map(numbers)
+    table["lane"] = _lane_from_left(site, table)
+    traffic = {"drivers": behaviour.name, "flow": sum(route.flow for route in site.routes)}
+    notes = {"seed": seed, "seconds": seconds, "traffic": traffic, "left_out": len(removed)}
+    header = RecordingHeader(
+        name=site.name,
+        source="generated with SUMO by LitSim data synthesize",
+        licence="Apache-2.0",
+        net=site.net.name,
+        notes=notes,
+        signals=_signals(site, seen, seconds),
+    )
+    return Recording.from_table(header, table, f"synthetic recording of seed {seed}")
+
+
+def _track(
+    site: Site, seen: Observation, vehicle: int, seed: int, seconds: float, *, centred: bool = False
+) -> pd.DataFrame:
+    """Rows of one vehicle in the neutral schema (without lane), for the frames in which it is in the window."""
+    body = seen.vehicles[vehicle]
+    kind = Smoothness(site.path_filter, site.offset, site.wander, unsteadiness=site.unsteadiness)
+    driver = kind.for_driver(np.random.default_rng([seed, vehicle]))
+    if centred:
+        driver = replace(driver, offset=0.0, wander=0.0)
+    motion = smooth_motion(seen.front[vehicle], seen.speed[vehicle], body.length, driver)
+    if motion is None:
+        return pd.DataFrame()
+    step = seen.first[vehicle] - round(MARGIN_S / STEP_S) + np.arange(len(motion.x))
+    rows = pd.DataFrame({"vehicle_id": vehicle, "frame": step, **asdict(motion)})
+    rows = rows.assign(length=body.length, width=body.width, kind=int(body.kind))
+    x_min, y_min, x_max, y_max = site.window
+    inside = (step >= 0) & (step < round(seconds / STEP_S))
+    inside &= rows["x"].between(x_min, x_max) & rows["y"].between(y_min, y_max)
+    return rows[inside].round(DECIMALS)
+
+
+def _joined(tracks: list[pd.DataFrame]) -> pd.DataFrame:
+    """All tracks, in the order in which vehicles appear."""
+    table = pd.concat([track for track in tracks if len(track)], ignore_index=True)
+    return table.sort_values(["frame", "x"], ignore_index=True)
+
+
+def _overlaps(table: pd.DataFrame) -> list[tuple[int, int]]:
+    """Pairs of vehicles whose boxes overlap in any frame, which makes a recording unusable as a log."""
+    values = table[["x", "y", "yaw", "length", "width"]].to_numpy(np.float64)
+    ids, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
+    pairs: set[tuple[int, int]] = set()
+    for rows in np.split(np.arange(len(frame)), np.flatnonzero(np.diff(frame)) + 1):
+        for i, j in overlapping_pairs(*values[rows].T):
+            pairs.add((int(min(ids[rows[i]], ids[rows[j]])), int(max(ids[rows[i]], ids[rows[j]]))))
+    return sorted(pairs)
+
+
+def _signals(site: Site, seen: Observation, seconds: float) -> dict[str, object]:
+    """States of the signals in the form of the header; links that always show the same form a group."""
+    begin, frames = round(MARGIN_S / STEP_S), round(seconds / STEP_S)
+    groups: dict[str, list[str]] = {}
+    changes: list[tuple[float, str, str]] = []
+    by_course: dict[tuple[str, str], str] = {}
+    for link in read_links(site.net):
+        shown = seen.lights[link.light][begin : begin + frames]
+        course = "".join(states[link.index] for states in shown)
+        group = by_course.setdefault((link.light, course), f"{link.light}{sum(g[0] == link.light for g in by_course)}")
+        if group not in groups:
+            groups[group] = []
+            for frame, letter in enumerate(course):
+                if frame == 0 or letter != course[frame - 1]:
+                    changes.append((round(frame * STEP_S, 1), group, OF_SUMO[letter].name.lower()))
+        groups[group].append(link.name)
+    return {"groups": groups, "changes": sorted(changes)} if groups else {}
+
+
+def _lane_from_left(site: Site, table: pd.DataFrame) -> np.ndarray:
+    """(n,) lane counted from the left edge of its road, 1 first; -1 inside junctions."""
+    lane_map = LaneMap.from_net(site.net)
+    at = lane_map.nearest(*(table[name].to_numpy() for name in ("x", "y", "yaw")))
+    numbers = [
+        -1 if lane.is_internal else site.lane_of_edge.get(lane.edge_id, from_left)
+        for lane, from_left in zip(lane_map.lanes, lanes_from_left(lane_map.lanes), strict=True)
+    ]
+    return np.array(numbers)[at.lane]

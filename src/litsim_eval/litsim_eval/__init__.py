@@ -1,0 +1,1 @@
+"""Evaluation: runs in process, campaigns, measures, reports, check of a stack, and benchmarks."""

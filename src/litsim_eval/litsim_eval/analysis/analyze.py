@@ -1,0 +1,48 @@
+"""Analyze a recorded run: write its measures to files beside its bag."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from litsim_eval.analysis.metrics import METRICS_FILE, compute_metrics, write_metrics
+from litsim_eval.analysis.tables import SERIES_FILE, TAKEOVERS_FILE, write_tables
+from litsim_sim.io.files import make_folder, replacing
+from litsim_sim.record.run import Run, read_run
+
+PLOT_FILE = "overview.png"
+FILES = (METRICS_FILE, SERIES_FILE, TAKEOVERS_FILE, PLOT_FILE)
+
+
+def analyze(bag: Path, out: Path | None = None) -> dict[str, Any]:
+    """Measure the run in `bag` (folder or MCAP file); write :data:`FILES` beside it, each whole or not at all.
+
+    Args:
+        bag: the run's bag.
+        out: folder for the files; created if missing. Default: the folder of the MCAP file.
+
+    Returns:
+        The contents of `metrics.json`.
+
+    Raises:
+        InputError: `bag` is not a LitSim run, or the results cannot be written.
+    """
+    run = read_run(bag)
+    return measure(run, out or run.path.parent)
+
+
+def measure(run: Run, folder: Path) -> dict[str, Any]:
+    """Like :func:`analyze`, for a run already read; writes to `folder`."""
+    make_folder(folder)
+    metrics = compute_metrics(run)
+    write_metrics(metrics, folder / METRICS_FILE)
+    write_tables(run, folder)
+    _plot(run, folder / PLOT_FILE)
+    return metrics
+
+
+def _plot(run: Run, path: Path) -> None:
+    from litsim_eval.analysis.plots import overview  # matplotlib takes half a second to load
+
+    with replacing(path) as new:
+        overview(run, new)

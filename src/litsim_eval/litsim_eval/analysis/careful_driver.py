@@ -1,0 +1,136 @@
+"""The careful and competent human driver model of UN Regulation 157: would it have avoided a contact?
+
+The parameters are the regulation's: the driver perceives a risk once a vehicle in the next lane has wandered 0.375 m
+from the centre of that lane towards it, or once the time to collision is 2 s; reacts after 0.75 s; and brakes at up to
+0.774 g, reached with a jerk of 12.65 m/s3. The regulation's risk evaluation time of 0.4 s is omitted, which makes the
+verdict stricter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from litsim_data.surrogates.safety import times_to_collision
+from litsim_sim.core.geometry import boxes_overlap, to_body
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.steps import Steps
+from litsim_sim.lane_map.lane_map import LaneMap
+
+REACTION_S = 0.75
+BRAKE_MAX = 0.774 * 9.81  # [m/s2]
+BRAKE_JERK = 12.65  # [m/s3]
+WANDERING = 0.375  # [m]
+NEXT_LANE = 1.5  # lane widths from the centre of the agent's lane within which a vehicle drives next to that lane
+TTC_S = 2.0
+LOOK_BACK_S = 5.0  # time before the contact in which a risk is searched for
+LOOK_ON_S = 3.0  # time after the contact in which the driver must stay clear of the other vehicle
+
+
+@dataclass(frozen=True)
+class CarefulDriver:
+    """Verdict on one contact.
+
+    Attributes:
+        agent: id of the other vehicle.
+        contact_step: step of the actual contact.
+        perceived_step: step at which the driver perceives the risk; the contact step if nothing announces it.
+        avoided: whether the driver avoids the contact by braking on the path that the replaced vehicle took.
+        speed_at_contact: the driver's speed at the contact [m/s]; 0 if it is avoided.
+    """
+
+    agent: int
+    contact_step: int
+    perceived_step: int
+    avoided: bool
+    speed_at_contact: float
+
+
+def careful_driver(
+    tables: Sequence[AgentTable], driven: int, agent: int, contact_step: int, dt: float, lane_map: LaneMap | None
+) -> CarefulDriver:
+    """Replace the driver of `driven` by the careful driver before its contact with `agent`.
+
+    The regulation defines this for the vehicle under test; here it applies to background agents as well. The other
+    vehicle moves as in the run, whatever the driver does. Where the run ends before the driver has stayed free for long
+    enough, both vehicles go straight on at their last speeds.
+
+    Args:
+        tables: steps of the run, ascending.
+        driven: id of the vehicle whose driver is replaced.
+        agent: id of the other vehicle.
+        contact_step: first step of the contact.
+        dt: duration of a step [s].
+        lane_map: lanes, for the wandering criterion; without them only the time to collision counts.
+    """
+    steps = Steps.of(tables)
+    rows, since = steps.rows_of(np.array([driven, agent])), steps.step - contact_step
+    near = (since * dt >= -LOOK_BACK_S) & (since * dt <= LOOK_ON_S) & (rows >= 0).all(axis=1)
+    own, other = rows[near].T
+    step, table = steps.step[near], steps.stacked
+    risky = step[_risky(table, own, other, lane_map) & (step <= contact_step)]
+    perceived = int(risky[0]) if len(risky) else contact_step
+    step, own, other = (values[step >= perceived] for values in (step, own, other))
+    lacking = max(0, contact_step + round(LOOK_ON_S / dt) - int(steps.step[-1])) if near[-1] else 0
+    beyond = np.append(np.zeros(len(step), np.int64), np.arange(1, lacking + 1))  # the last step of the run
+    step, own, other = (np.append(values, np.repeat(values[-1:], lacking)) for values in (step, own, other))
+    step = step + beyond
+    (own_x, own_y), (other_x, other_y) = (_straight_on(table, rows, beyond, dt) for rows in (own, other))
+    path = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(own_x), np.diff(own_y)))])
+    s, speed = _braked(table.speed[own].tolist(), path.tolist(), ((step - perceived) * dt).tolist())
+    x, y, yaw = (np.interp(s, path, values) for values in (own_x, own_y, np.unwrap(table.yaw[own])))
+    own_size, other_size = ((table.length[at], table.width[at]) for at in (own, other))
+    hits = boxes_overlap(other_x - x, other_y - y, yaw, table.yaw[other], own_size, other_size)
+    met = hits.nonzero()[0]
+    at_contact = speed[met[0]] if len(met) else 0.0
+    return CarefulDriver(agent, contact_step, perceived, avoided=not len(met), speed_at_contact=at_contact)
+
+
+def _straight_on(table: AgentTable, rows: IntArray, later: IntArray, dt: float) -> tuple[FloatArray, FloatArray]:
+    """Where the vehicles in `rows` (k,) are [m] at constant speed and heading, `later` (k,) steps of `dt` [s] later."""
+    way = table.speed[rows] * dt * later
+    return table.x[rows] + way * np.cos(table.yaw[rows]), table.y[rows] + way * np.sin(table.yaw[rows])
+
+
+def speed_lost(time: float) -> float:
+    """Speed [m/s] lost to braking `time` [s] after the risk is perceived, for a driver that does not come to rest.
+
+    0 during the reaction time; then the deceleration grows with BRAKE_JERK up to BRAKE_MAX, and stays there.
+    """
+    braked, build_up = max(time - REACTION_S, 0.0), BRAKE_MAX / BRAKE_JERK
+    return 0.5 * BRAKE_JERK * min(braked, build_up) ** 2 + BRAKE_MAX * max(braked - build_up, 0.0)
+
+
+def _braked(real: list[float], path: list[float], time: list[float]) -> tuple[list[float], list[float]]:
+    """The driver's position [m] along the path of the replaced vehicle and its speed [m/s], at each step.
+
+    Args:
+        real: speeds of the replaced vehicle [m/s].
+        path: positions of the replaced vehicle along its path [m].
+        time: time since the risk was perceived [s], ascending from 0.
+    """
+    s, speed = [0.0], [real[0]]
+    for k in range(1, len(real)):
+        lost = speed_lost(time[k]) - speed_lost(time[k - 1])
+        most = real[k] if time[k] <= REACTION_S else speed[-1]
+        speed.append(max(0.0, min(speed[-1] - lost, most)))
+        way = 0.5 * (speed[-2] + speed[-1]) * (time[k] - time[k - 1])
+        s.append(min(s[-1] + way, path[k]))  # never ahead of the replaced vehicle
+    return s, speed
+
+
+def _risky(table: AgentTable, own: IntArray, other: IntArray, lane_map: LaneMap | None) -> BoolArray:
+    """Whether the driver perceives the other as a risk (k,); `own`, `other` (k,) are rows of `table`, one step each."""
+    pairs = table.take(np.sort([own, other], axis=0).ravel("F"))
+    e, a = 2 * np.arange(len(own)) + [own > other, own < other]
+    risky = times_to_collision(pairs, e) <= TTC_S
+    if lane_map is None:
+        return risky
+    at = lane_map.nearest(pairs.x, pairs.y, pairs.yaw)
+    _, left = to_body(pairs.x[e] - pairs.x[a], pairs.y[e] - pairs.y[a], at.heading[a])
+    towards = np.sign(left) * at.d[a]
+    across = np.abs(left + at.d[a])  # distance from the centre of the other vehicle's lane [m]
+    width = np.array([lane.width for lane in lane_map.lanes])[at.lane[a]]
+    return risky | ((at.lane[e] != at.lane[a]) & (towards > WANDERING) & (across < NEXT_LANE * width))

@@ -1,0 +1,135 @@
+"""Measures of several runs side by side."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from litsim_eval.analysis.metrics import compute_metrics
+from litsim_sim.core.errors import InputError
+from litsim_sim.record.bag import find_mcap
+from litsim_sim.record.run import read_run
+
+SAME_RELATIVE = 1e-12
+"""Relative difference up to which numbers count as equal: rounding of sums in another order."""
+
+OF_AN_EXECUTION = ("run_id", "timing")
+"""Branches of the measures that differ between equal runs."""
+
+_SUFFIX = ".json"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One measure of all runs.
+
+    Attributes:
+        name: path in `metrics.json`, joined by dots.
+        values: its value in each run; None where a run has none; the length of a list.
+        differs: whether any value differs from the first; lists are compared entry by entry.
+    """
+
+    name: str
+    values: tuple[Any, ...]
+    differs: bool
+
+    @property
+    def of_the_run(self) -> bool:
+        """Whether equal runs agree on it: false for the run id and wall times."""
+        return self.name.split(".")[0] not in OF_AN_EXECUTION
+
+    @property
+    def changes(self) -> tuple[float | None, ...]:
+        """Difference of each value from that of the first run; None where either is not a number."""
+        return tuple(_minus(value, self.values[0]) for value in self.values)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs side by side.
+
+    Attributes:
+        names: unique names of the runs.
+        rows: measures in the order of `metrics.json`.
+    """
+
+    names: tuple[str, ...]
+    rows: tuple[Row, ...]
+
+    @property
+    def equal(self) -> bool:
+        """Whether only the run id and wall times differ."""
+        return not any(row.differs for row in self.rows if row.of_the_run)
+
+    def to_json(self) -> dict[str, Any]:
+        """Names of the runs, whether they are equal, and all rows, as values for JSON."""
+        rows = [{"name": row.name, "values": list(row.values), "differs": row.differs} for row in self.rows]
+        return {"runs": list(self.names), "equal": self.equal, "rows": rows}
+
+
+def compare(metrics: dict[str, dict[str, Any]]) -> Comparison:
+    """Compare trees of :func:`litsim_eval.analysis.metrics.compute_metrics`, keyed by name of the run.
+
+    A branch of one run that is null in another has rows for its leaves alone.
+    """
+    columns = [dict(leaves(tree)) for tree in metrics.values()]
+    names = list(dict.fromkeys(name for column in columns for name in column))
+    branches = {name[:dot] for name in names for dot, letter in enumerate(name) if letter == "."}
+    rows = []
+    for name in names:
+        if name in branches:
+            continue
+        found = [column.get(name) for column in columns]
+        shown = tuple(len(value) if isinstance(value, list) else value for value in found)
+        rows.append(Row(name, shown, any(not _same(found[0], value) for value in found[1:])))
+    return Comparison(tuple(metrics), tuple(rows))
+
+
+def load(path: Path) -> dict[str, Any]:
+    """Measures of a run, read from a JSON file or computed from a bag (a `metrics.json` beside it is ignored).
+
+    Raises:
+        InputError: `path` is neither.
+    """
+    if path.suffix != _SUFFIX:
+        return compute_metrics(read_run(find_mcap(path)))
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: not a readable file of measures: {error}") from error
+    if not isinstance(found, dict) or "run_id" not in found:
+        raise InputError(f"{path}: not measures of a run: no field run_id")
+    return found
+
+
+def names_of(paths: list[Path]) -> list[str]:
+    """Short unique names: as many of the last parts of the paths as it takes."""
+    parts = [path.resolve().with_suffix("").parts for path in paths]
+    for count in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(p[-count:]) for p in parts]
+        if len(set(names)) == len(names):
+            return names
+    return [f"{index + 1}: {path.name}" for index, path in enumerate(paths)]
+
+
+def leaves(tree: Any, name: str = "") -> list[tuple[str, Any]]:
+    """The leaves of a tree, each with its path joined by dots; a list is a leaf."""
+    if isinstance(tree, dict):
+        return [leaf for key, below in tree.items() for leaf in leaves(below, f"{name}.{key}" if name else str(key))]
+    return [(name, tree)]
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _same(a: Any, b: Any) -> bool:
+    if _number(a) and _number(b):
+        return bool(abs(a - b) <= SAME_RELATIVE * max(abs(a), abs(b)))
+    return bool(a == b) and type(a) is type(b)
+
+
+def _minus(value: Any, base: Any) -> float | None:
+    return value - base if _number(value) and _number(base) else None

@@ -1,0 +1,66 @@
+"""How the ego drove, compared with the vehicle that it replaces in the recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from litsim_eval.analysis.comfort import comfort
+from litsim_eval.analysis.metrics_tree import DrivenMetrics, EgoMetrics
+from litsim_eval.analysis.progress import distance_of
+from litsim_sim.core.geometry import box_corners
+from litsim_sim.core.scene import AgentTable
+from litsim_sim.core.steps import Steps
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.record.lanes import lane_map_of
+from litsim_sim.record.run import Run
+
+PROGRESS_LEAST_M = 0.1  # lower bound on both distances of the ratio: 1 where neither vehicle moves (nuPlan)
+
+
+def ego_motion(run: Run) -> EgoMetrics:
+    """Measures of the ego after the history; `log` holds those of the recorded vehicle. None: nothing to measure.
+
+    - `off_road`, `over_edge`: shares of steps at which its centre, or a corner of its box, is on no lane;
+    - `hard_brakes`: number of manoeuvres that brake harder than 3 m/s2;
+    - `progress_m`: distance travelled; `progress_ratio` (ego only): the ego's distance up to the end of its log over
+      that of the log.
+    """
+    ego, lane_map = run.info.ego_id, lane_map_of(run)
+    way, log_way = (steps.after(run.info.history_steps - 1) for steps in (run.steps, run.logged))  # from where it ends
+    driven = _motion(run.simulated, way, ego, lane_map, run.info.dt)
+    log = _motion(run.simulated_log, log_way, ego, lane_map, run.info.dt)
+    return {**driven, "progress_ratio": _progress_ratio(way, log_way, ego), "log": log}
+
+
+def _progress_ratio(tables: Sequence[AgentTable], log: Sequence[AgentTable], agent: int) -> float | None:
+    steps = Steps.of(log)
+    rows = steps.track(agent)
+    last = int(steps.step[steps.stacked.number[rows[-1]]]) if len(rows) else -1
+    driven = distance_of(tables, agent, last)
+    logged = distance_of(log, agent)
+    if driven is None or logged is None:
+        return None
+    return max(driven, PROGRESS_LEAST_M) / max(logged, PROGRESS_LEAST_M)
+
+
+def _motion(
+    tables: Sequence[AgentTable], way: Sequence[AgentTable], agent: int, lane_map: LaneMap | None, dt: float
+) -> DrivenMetrics:
+    steps = Steps.of(tables)
+    rows = steps.track(agent)
+    x, y, yaw, length, width = (getattr(steps.stacked, f)[rows] for f in ("x", "y", "yaw", "length", "width"))
+    felt = comfort(tables, agent, dt)
+    off_road = over_edge = None
+    if lane_map is not None and len(x):
+        corners = box_corners(x, y, yaw, length, width)
+        on_lane = lane_map.inside_road(corners[..., 0].ravel(), corners[..., 1].ravel()).reshape(-1, 4)
+        off_road = float(np.mean(~lane_map.inside_road(x, y)))
+        over_edge = float(np.mean(~on_lane.all(axis=1)))
+    return {
+        "off_road": off_road,
+        "over_edge": over_edge,
+        "hard_brakes": None if felt is None else felt.hard_brakes,
+        "progress_m": distance_of(way, agent),
+    }

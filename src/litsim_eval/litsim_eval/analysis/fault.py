@@ -1,0 +1,77 @@
+"""Contacts by fault: which agent is at fault, and whether a careful driver in place of either would have avoided it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from litsim_eval.analysis.careful_driver import CarefulDriver, careful_driver
+from litsim_eval.analysis.collision import Collisions, EgoContact
+from litsim_sim.record.lanes import lane_map_of
+from litsim_sim.record.run import Run
+
+
+@dataclass(frozen=True)
+class ContactVerdict:
+    """One contact of the ego, with the verdicts of the careful driver in place of the ego and of the other agent.
+
+    Attributes:
+        contact: the contact, with nuPlan's attribution.
+        in_log: whether the log contains it too; then no agent of the run is at fault.
+        own: verdict on the driver in place of the ego.
+        other: verdict on the driver in place of the other agent; None if that is a pedestrian or a cyclist.
+    """
+
+    contact: EgoContact
+    in_log: bool
+    own: CarefulDriver
+    other: CarefulDriver | None
+
+
+@dataclass(frozen=True)
+class FaultCounts:
+    """Numbers of pairs of agents with contacts that are not in the log, by fault.
+
+    Attributes:
+        background: a background agent is at fault: it hit the ego or another background agent.
+        ego_avoidable: the ego is at fault, and the careful driver in place of the other agent would have avoided it.
+        ego_unavoidable: the ego is at fault, and that driver would not have avoided it either.
+    """
+
+    background: int
+    ego_avoidable: int
+    ego_unavoidable: int
+
+
+def contact_verdicts(run: Run, hits: Collisions) -> list[ContactVerdict]:
+    """Verdicts on the ego's contacts, in the order of `hits`, the collisions of `run`."""
+    ego = run.info.ego_id
+    return [
+        ContactVerdict(
+            contact,
+            (min(ego, contact.agent), max(ego, contact.agent)) not in hits.excess,
+            _driver(run, ego, contact.agent, contact.step),
+            None if _walks(run, contact) else _driver(run, contact.agent, ego, contact.step),
+        )
+        for contact in hits.ego
+    ]
+
+
+def count_faults(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> FaultCounts:
+    """Count the contacts of `hits` that are not in the log, by fault; `verdicts` are those of :func:`contact_verdicts`.
+
+    A contact between two background agents is always the fault of the background.
+    """
+    among = sum(run.info.ego_id not in pair for pair in hits.excess)
+    new = [each for each in verdicts if not each.in_log]
+    ego = [each for each in new if each.contact.ego_at_fault]
+    avoidable = sum(each.other is not None and each.other.avoided for each in ego)
+    return FaultCounts(among + len(new) - len(ego), avoidable, len(ego) - avoidable)
+
+
+def _driver(run: Run, driver: int, agent: int, step: int) -> CarefulDriver:
+    return careful_driver(run.simulated, driver, agent, step, run.info.dt, lane_map_of(run))
+
+
+def _walks(run: Run, contact: EgoContact) -> bool:
+    table = next(each for each in run.simulated if each.step == contact.step)
+    return bool(table.obstacle[table.row(contact.agent)])

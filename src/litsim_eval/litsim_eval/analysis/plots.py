@@ -1,0 +1,383 @@
+"""The overview picture of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import ScaledTranslation
+
+from litsim_data.pictures.plan_view import (
+    Area,
+    crossed,
+    draw_boxes,
+    draw_lanes,
+    draw_signals,
+    draw_stop_lines,
+    frame,
+    groups_in,
+    line_handle,
+    paths,
+    pieces,
+    tracks,
+)
+from litsim_eval.analysis.collision import collisions
+from litsim_eval.analysis.signals import run_passages
+from litsim_eval.analysis.takeover import LedgerEntry, ledger
+from litsim_sim.core.colours import FAINT, INK, ROAD, colour_of
+from litsim_sim.core.geometry import box_corners, to_body
+from litsim_sim.core.scene import AgentTable, Controller, FloatArray
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.record.lanes import lane_map_of
+from litsim_sim.record.run import Run
+
+SIZE_PX, DPI = (1600, 1120), 100
+AHEAD, BEHIND = 70.0, 70.0  # [m] of road around the ego in the bird's-eye view
+SAME_LANE, BESIDE = 1.8, 5.5  # [m] lateral distance up to which an agent is in the ego's lane, or in an adjacent one
+LEGEND_BELOW_PT = 36.0  # [pt] from the x axis to a legend below it: its tick labels and its name come between
+LATER = 5  # steps after a contact at which it is shown
+GROUPS_MAX = 12  # signal groups that are shown, unless the ego passes more
+ROUTE_MAX = 3000.0  # [m]
+LOG_BESIDE = -1  # kind of line next to those of the controllers: log replay in an adjacent lane
+
+NAMES = {
+    Controller.EGO: "ego",
+    Controller.POLICY: "taken over",
+    Controller.LOG: "log replay",
+    Controller.BASELINE: "baseline",
+}
+COLOURS = {controller: colour_of(controller) for controller in NAMES}
+DASHED = (0, (3, 2))
+PAINT = "#ffffff"
+
+
+def overview(run: Run, path: Path) -> None:
+    """Draw a run as a PNG of 1600 x 1120 px: the scene at a telling moment, the ego's speed and its logged speed, and
+    the number of agents off their logs.
+
+    If the ego crosses an intersection, the scene is a plan view of it with the paths of all agents, above a diagram of
+    its signals; else it is the road around the ego, above a space-time diagram of the traffic there.
+
+    Raises:
+        InputError: the attached net is not a SUMO net.
+        OSError: `path` cannot be written.
+    """
+    figure = Figure(figsize=(SIZE_PX[0] / DPI, SIZE_PX[1] / DPI), dpi=DPI, layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    entries, lane_map = ledger(run), lane_map_of(run)
+    moment = telling_moment(run, entries)
+    figure.suptitle(_title(run, entries), x=0.012, ha="left", fontsize=15, color=INK)
+    crossings = crossed(lane_map, _way(run))
+    if lane_map is not None and len(crossings):
+        speed, off_log = _intersection(figure, run, moment, lane_map, crossings)
+    else:
+        grid = figure.add_gridspec(3, 3, height_ratios=(1.15, 1.0, 1.0))
+        _bird_view(figure.add_subplot(grid[0, :]), run, moment, lane_map)
+        _space_time(figure.add_subplot(grid[1:, :2]), run, moment, lane_map)
+        speed = figure.add_subplot(grid[1, 2])
+        off_log = figure.add_subplot(grid[2, 2], sharex=speed)
+    _speed(speed, run, moment.step)
+    _off_log(off_log, run, moment.step)
+    figure.savefig(path, dpi=DPI)
+
+
+def _way(run: Run) -> FloatArray:
+    """(k, 2) positions of the ego [m]."""
+    rows = [(table, table.row(run.info.ego_id)) for table in run.tables]
+    return np.array([(table.x[row], table.y[row]) for table, row in rows if row >= 0]).reshape(-1, 2)
+
+
+def _intersection(
+    figure: Figure, run: Run, moment: Moment, lane_map: LaneMap, crossings: FloatArray
+) -> tuple[Axes, Axes]:
+    """Draw the intersection and its signals; return axes for the ego's speed and for the agents off their logs."""
+    area = Area.around(np.concatenate([_way(run), crossings]))
+    signals = run.signals
+    passed = [each for each in run_passages(run) or [] if each.agent == run.info.ego_id]
+    names = [each.group for each in passed]
+    known = [] if signals is None else groups_in(signals, area, names)
+    groups = known[: max(GROUPS_MAX, len(set(names)))]
+    rows = (3.0, 0.55 + 0.16 * len(groups)) if groups else (3.0, 0.01)
+    left, right = figure.subfigures(1, 2, width_ratios=(2.0, 1.0))
+    grid = left.add_gridspec(2, 1, height_ratios=rows)
+    _plan(left.add_subplot(grid[0]), run, moment, lane_map, area)
+    if signals is not None and groups:
+        axes = left.add_subplot(grid[1])
+        draw_signals(axes, signals, groups, run.tables[-1].step)
+        for each in passed:
+            row = groups.index(signals.groups.index(each.group))
+            axes.plot(each.step * run.info.dt, row, "D", color=COLOURS[Controller.EGO], mec="white", ms=9, zorder=5)
+        title = f"{len(groups)} of {len(known)} signals" if len(groups) < len(known) else "Signals"
+        title += "; the diamond is the ego at the stop line" if passed else ""
+        axes.set_title(title, loc="left", fontsize=12, color=INK)
+        axes.axvline(moment.step * run.info.dt, color=INK, lw=0.9, ls=":")
+        _plain(axes)
+    below = right.add_gridspec(2, 1)
+    speed = right.add_subplot(below[0])
+    return speed, right.add_subplot(below[1], sharex=speed)
+
+
+def _plan(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap, area: Area) -> None:
+    """Draw the paths of all agents over the intersection, and their boxes at `moment`."""
+    table, _ = _at(run, moment.step)
+    draw_lanes(axes, lane_map)
+    if run.signals is not None:
+        draw_stop_lines(axes, run.signals, table.step)
+    driven = paths(run.steps.after(run.info.history_steps - 1), area)
+    for controller, width in ((Controller.LOG, 0.9), (Controller.BASELINE, 1.6), (Controller.POLICY, 2.2)):
+        axes.add_collection(LineCollection(driven[controller], colors=COLOURS[controller], linewidths=width, zorder=4))
+    axes.add_collection(
+        LineCollection(driven[Controller.EGO], colors=COLOURS[Controller.EGO], linewidths=2.8, zorder=5)
+    )
+    logged = _logged_ego(run)
+    axes.plot(logged[:, 1], logged[:, 2], color=INK, lw=1.1, ls=DASHED, zorder=5)
+    here = table.take(area.holds(np.stack([table.x, table.y], axis=-1)))
+    draw_boxes(axes, here, [COLOURS[Controller(c)] for c in here.controller])
+    for row in np.flatnonzero(here.off_log):
+        axes.annotate(str(here.id[row]), (here.x[row], here.y[row]), (6, 6), textcoords="offset points", zorder=8)
+    frame(axes, area)
+    handles = [line_handle(COLOURS[c], f"path: {NAMES[c]}") for c in COLOURS if driven[c]]
+    handles.append(line_handle(INK, "ego's log", lw=1.1, ls=DASHED))
+    _legend_below(axes, handles)
+    none = "" if run.signals is not None else " (no signals are known)"
+    axes.set_title(f"{table.step * run.info.dt:.1f} s: {moment.why}{none}", loc="left", fontsize=12, color=INK)
+    _plain(axes)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A step worth looking at, and why."""
+
+    step: int
+    why: str
+
+
+def telling_moment(run: Run, entries: list[LedgerEntry]) -> Moment:
+    """The first contact that pure replay would have had, else the first takeover, the first contact, or the middle."""
+    dt = run.info.dt
+    for entry in entries:
+        if entry.replay is not None and entry.replay.step <= entry.detected_step + entry.held_s / dt:
+            other = "the ego" if entry.replay.opponent == run.info.ego_id else f"agent {entry.replay.opponent}"
+            step = min(entry.replay.step + LATER, run.tables[-1].step)
+            return Moment(step, f"the log of agent {entry.agent} has run into {other}; the agent itself is taken over")
+    if entries:
+        entry = entries[0]
+        middle = entry.detected_step + round(0.5 * entry.held_s / dt)
+        return Moment(min(middle, run.tables[-1].step), f"agent {entry.agent} is off its log")
+    hits = collisions(run)
+    for (a, b), step in hits.excess.items():
+        return Moment(step, f"agents {a} and {b} touch")
+    return Moment(run.tables[len(run.tables) // 2].step, "the middle of the run")
+
+
+def _title(run: Run, entries: list[LedgerEntry]) -> str:
+    info, hits = run.info, collisions(run)
+    what = f"{info.scenario}   ego {info.ego_id} by {info.ego}, background by {info.policy}, seed {info.seed}"
+    return f"{what}   takeovers: {len(entries)}, collisions that are not in the log: {len(hits.excess)}"
+
+
+def _at(run: Run, step: int) -> tuple[AgentTable, AgentTable | None]:
+    """The agents at the recorded step nearest to `step`, and those of the log."""
+    index = int(np.argmin([abs(table.step - step) for table in run.tables]))
+    return run.tables[index], run.log[index] if run.log else None
+
+
+def _bird_view(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -> None:
+    """Draw the boxes around the ego in a frame whose x axis points along its lane."""
+    table, logged = _at(run, moment.step)
+    row = table.row(run.info.ego_id)
+    x, y, yaw = (
+        (float(values[row]) if row >= 0 else float(np.median(values))) for values in (table.x, table.y, table.yaw)
+    )
+    if lane_map is not None:
+        yaw = float(lane_map.nearest(np.array([x]), np.array([y]), np.array([yaw])).heading[0])
+
+    def to_view(points: FloatArray) -> FloatArray:
+        ahead, left = to_body(points[..., 0] - x, points[..., 1] - y, np.asarray(yaw))
+        return np.stack([ahead, left], axis=-1)
+
+    low, high = (_draw_road(axes, lane_map, to_view)) if lane_map is not None else (-12.0, 12.0)
+    for takeover in run.takeovers.get(table.step, []):
+        if len(takeover.reference_path):
+            axes.plot(*to_view(takeover.reference_path).T, color=COLOURS[Controller.POLICY], lw=1.2, zorder=2)
+            goal = to_view(np.array(takeover.goal_pose[:2]))
+            axes.plot(*goal, marker="x", color=COLOURS[Controller.POLICY], ms=7, zorder=6)
+    if logged is not None:
+        ghosts = logged.take(np.isin(logged.id, table.id[table.off_log]))
+        _fill(axes, to_view(_boxes(ghosts)), facecolors="none", linestyles=DASHED, linewidths=1.1, zorder=5)
+    boxes = to_view(_boxes(table))
+    colours = [COLOURS[Controller(c)] for c in table.controller]
+    _fill(axes, boxes, facecolors=colours, linewidths=0.7, zorder=4)
+    noses = list(boxes[:, [0, 3]])  # front left, front right
+    axes.add_collection(LineCollection(noses, colors=INK, linewidths=2.2, zorder=4))
+    for i in np.flatnonzero(table.off_log):
+        ahead, left = to_view(np.array([table.x[i], table.y[i]]))
+        if -BEHIND < ahead < AHEAD and low < left < high:  # text beyond the axes would shrink them
+            axes.text(ahead, left, str(table.id[i]), ha="center", va="center", fontsize=8, color="white", zorder=7)
+    axes.set(xlim=(-BEHIND, AHEAD), ylim=(low, high), aspect="equal", xlabel="along the road from the ego [m]")
+    axes.set_ylabel("to the left [m]")
+    axes.set_title(f"{table.step * run.info.dt:.1f} s: {moment.why}", loc="left", fontsize=12, color=INK)
+    shown = [c for c in COLOURS if c in table.controller]
+    handles: list[Any] = [Patch(facecolor=COLOURS[c], edgecolor=INK, label=NAMES[c]) for c in shown]
+    handles.append(Patch(facecolor="none", edgecolor=INK, linestyle=DASHED, label="where the log has it"))
+    _legend_below(axes, handles)
+    _plain(axes)
+
+
+def _legend_below(axes: Axes, handles: list[Any]) -> None:
+    """Draw a legend below the name of the x axis, however low the axes are."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    anchor = axes.transAxes + ScaledTranslation(0.0, -LEGEND_BELOW_PT / 72.0, figure.dpi_scale_trans)
+    place = {"loc": "upper left", "bbox_to_anchor": (0.0, 0.0), "bbox_transform": anchor, "borderaxespad": 0.0}
+    axes.legend(handles=handles, ncols=5, frameon=False, fontsize=10, **place)
+
+
+def _fill(axes: Axes, boxes: FloatArray, **style: Any) -> None:
+    axes.add_collection(PolyCollection(list(boxes), edgecolors=INK, **style))
+
+
+def _draw_road(axes: Axes, lane_map: LaneMap, to_view: Any) -> tuple[float, float]:
+    """Draw the lanes with painted borders; return the lower and upper limit of the view's y axis [m]."""
+    window = shapely.box(-BEHIND, -60.0, AHEAD, 60.0)
+    low, high = -6.0, 6.0
+    for lane in lane_map.lanes:
+        line = shapely.LineString(to_view(lane.centerline))
+        surface = line.buffer(0.5 * lane.width, cap_style="flat").intersection(window)
+        for part in shapely.get_parts(surface):
+            if part.geom_type == "Polygon" and not part.is_empty:
+                ring = np.asarray(part.exterior.coords)
+                axes.fill(*ring.T, facecolor=ROAD, edgecolor="none", zorder=0)
+                low, high = min(low, ring[:, 1].min()), max(high, ring[:, 1].max())
+        for side in (-0.5, 0.5):
+            border = line.offset_curve(side * lane.width)
+            if not border.is_empty and border.geom_type == "LineString":
+                axes.plot(*np.asarray(border.coords).T, color=PAINT, lw=1.3, ls=(0, (6, 5)), zorder=1)
+    return max(low, -40.0) - 1.5, min(high, 40.0) + 1.5
+
+
+def _boxes(table: AgentTable) -> FloatArray:
+    return box_corners(table.x, table.y, table.yaw, table.length, table.width)
+
+
+def _space_time(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -> None:
+    """Draw the paths of the agents in the ego's lane and beside it over time, coloured by controller."""
+    steps, route = run.steps, _route(run, lane_map)
+    table = steps.stacked
+    s, d = _along(route, table.x, table.y)
+    ego = steps.rows_of(np.array([run.info.ego_id]))[:, 0]
+    until = int(np.argmin(ego >= 0)) if (ego < 0).any() else len(ego)  # step from which on the ego is gone
+    aside = np.abs(d - d[ego[table.number]])
+    near = (aside < BESIDE) & (table.number < until)
+    order, follows = tracks(steps)
+    follows[1:] &= near[order][1:] & near[order][:-1]
+    kind = table.controller.astype(np.int64)
+    kind[(kind == Controller.LOG) & (aside > SAME_LANE)] = LOG_BESIDE
+    points = np.stack([steps.step[table.number] * run.info.dt, s], axis=-1)
+    lines = pieces(points[order], follows, kind[order])
+    axes.add_collection(LineCollection(lines.get(LOG_BESIDE, []), colors=FAINT, linewidths=0.8))
+    drawn = ((Controller.LOG, 1.4), (Controller.BASELINE, 1.4), (Controller.POLICY, 2.4), (Controller.EGO, 2.6))
+    for controller, width in drawn:
+        found = lines.get(controller.value, [])
+        axes.add_collection(LineCollection(found, colors=COLOURS[controller], linewidths=width))
+    extent = s[ego[:until]]
+    ego_log = _logged_ego(run)
+    if len(ego_log):
+        axes.plot(ego_log[:, 0], _along(route, ego_log[:, 1], ego_log[:, 2])[0], color=INK, lw=1.1, ls=DASHED)
+    handles = [Line2D([], [], color=COLOURS[c], lw=2.5, label=NAMES[c]) for c in COLOURS if c.value in lines]
+    handles.append(Line2D([], [], color=FAINT, lw=2.5, label="log replay, lane beside"))
+    handles.append(Line2D([], [], color=INK, lw=1.1, ls=DASHED, label="ego's log"))
+    axes.legend(handles=handles, loc="upper left", fontsize=10, framealpha=0.92, edgecolor="none")
+    axes.set(xlim=(0.0, _end(run)), ylim=(min(extent, default=0.0) - AHEAD, max(extent, default=0.0) + AHEAD))
+    axes.set(xlabel="time [s]", ylabel="along the ego's lane [m]")
+    axes.set_title("Traffic in the ego's lane and beside it", loc="left", fontsize=12, color=INK)
+    _mark(axes, run, moment.step)
+    _plain(axes)
+
+
+def _route(run: Run, lane_map: LaneMap | None) -> shapely.LineString:
+    """The line along which positions are measured: from the ego's first pose along its lane, or straight ahead."""
+    table = next((t for t in run.tables if t.row(run.info.ego_id) >= 0), run.tables[0])
+    row = max(0, table.row(run.info.ego_id))
+    x, y, yaw = (values[row : row + 1] for values in (table.x, table.y, table.yaw))
+    if lane_map is not None:
+        at = lane_map.nearest(x, y, yaw)
+        return shapely.LineString(lane_map.path_from(int(at.lane[0]), 0.0, ROUTE_MAX))
+    end = (x[0] + ROUTE_MAX * np.cos(yaw[0]), y[0] + ROUTE_MAX * np.sin(yaw[0]))
+    return shapely.LineString([(x[0], y[0]), end])
+
+
+def _along(route: shapely.LineString, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Positions of points along `route`, and their distances to its left [m]."""
+    points = shapely.points(x, y)
+    s = shapely.line_locate_point(route, points)
+    foot, ahead = shapely.line_interpolate_point(route, s), shapely.line_interpolate_point(route, s + 1.0)
+    (fx, fy), (ax, ay) = shapely.get_coordinates(foot).T, shapely.get_coordinates(ahead).T
+    _, left = to_body(x - fx, y - fy, np.arctan2(ay - fy, ax - fx))
+    return s, left
+
+
+def _logged_ego(run: Run) -> FloatArray:
+    """(k, 4) time [s], x, y [m] and speed [m/s] of the ego in the log."""
+    rows = [(table, table.row(run.info.ego_id)) for table in run.log]
+    found = [(t.step * run.info.dt, t.x[i], t.y[i], t.speed[i]) for t, i in rows if i >= 0]
+    return np.array(found).reshape(-1, 4)
+
+
+def _speed(axes: Axes, run: Run, step: int) -> None:
+    rows = [(table, table.row(run.info.ego_id)) for table in run.tables]
+    driven = np.array([(t.step * run.info.dt, t.speed[i]) for t, i in rows if i >= 0]).reshape(-1, 2)
+    logged = _logged_ego(run)
+    axes.plot(logged[:, 0], logged[:, 3], color=INK, lw=1.1, ls=DASHED, label="log")
+    axes.plot(driven[:, 0], driven[:, 1], color=COLOURS[Controller.EGO], lw=2.0, label=f"ego ({run.info.ego})")
+    axes.set_ylim(bottom=0.0)
+    axes.set(ylabel="speed [m/s]")
+    axes.legend(loc="best", frameon=False, fontsize=10)
+    axes.set_title("Speed of the ego", loc="left", fontsize=12, color=INK)
+    _mark(axes, run, step)
+    _plain(axes)
+
+
+def _off_log(axes: Axes, run: Run, step: int) -> None:
+    times = np.array([table.step for table in run.tables]) * run.info.dt
+    kinds = (Controller.POLICY, Controller.BASELINE)
+    counts = [np.array([int((table.controller == kind).sum()) for table in run.tables]) for kind in kinds]
+    axes.stackplot(times, *counts, colors=[COLOURS[k] for k in kinds], alpha=0.85, step="post")
+    excess = [at * run.info.dt for at in collisions(run).excess.values()]
+    if excess:
+        axes.plot(excess, np.zeros(len(excess)), "v", color=COLOURS[Controller.EGO], ms=8, clip_on=False)
+        handle = Line2D([], [], color=COLOURS[Controller.EGO], marker="v", ls="", label="collision not in the log")
+        axes.legend(handles=[handle], loc="upper left", frameon=False, fontsize=10)
+    axes.set(xlim=(0.0, _end(run)), xlabel="time [s]", ylabel="agents")
+    axes.set_ylim(0.0, max(1.0, 1.15 * float(np.sum(counts, axis=0).max())))
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_title("Background off its log", loc="left", fontsize=12, color=INK)
+    _mark(axes, run, step)
+    _plain(axes)
+
+
+def _end(run: Run) -> float:
+    """Time [s] of the last recorded step, at least that of step 1, so that the time axis is never empty."""
+    return max(run.tables[-1].step, 1) * run.info.dt
+
+
+def _mark(axes: Axes, run: Run, step: int) -> None:
+    """Mark the history, and the moment of the scene."""
+    axes.axvspan(0.0, run.info.history_steps * run.info.dt, color="#f4f5f7", zorder=0)
+    axes.axvline(step * run.info.dt, color=INK, lw=0.9, ls=":")
+
+
+def _plain(axes: Axes) -> None:
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color("#9aa0a8")
+    axes.tick_params(colors=INK, labelsize=10)

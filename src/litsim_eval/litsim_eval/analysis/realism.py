@@ -1,0 +1,220 @@
+"""Realism of the agents under control: the likelihood of their motion under the histograms of the log.
+
+Follows the Waymo Open Sim Agents Challenge (Montali et al. 2023) with the roles swapped: the challenge judges the log
+under many rollouts; here one deterministic run is judged under the log. The weights are the challenge's, renormalised
+over the features that can be judged: that of traffic lights needs signals and a judged agent that passed a stop line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence, Set
+from dataclasses import dataclass
+
+import numpy as np
+
+from litsim_data.surrogates.safety import TTC_HORIZON_S, times_to_collision
+from litsim_eval.analysis.signals import Passage
+from litsim_sim.core.geometry import box_corners
+from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
+from litsim_sim.core.steps import Steps
+from litsim_sim.lane_map.lane_map import LaneMap
+
+
+@dataclass(frozen=True)
+class Feature:
+    """A quantity with the histogram that it is compared by.
+
+    Attributes:
+        weight: share of the score, before renormalisation.
+        low, high: range of the histogram; values outside count in the outermost bins.
+        bins: number of bins.
+    """
+
+    weight: float
+    low: float
+    high: float
+    bins: int
+
+
+FEATURES: dict[str, Feature] = {
+    "linear_speed": Feature(0.05, 0.0, 40.0, 20),  # [m/s]
+    "linear_acceleration": Feature(0.05, -10.0, 10.0, 21),  # [m/s2]
+    "angular_speed": Feature(0.05, -0.6, 0.6, 21),  # [rad/s]
+    "angular_acceleration": Feature(0.05, -3.0, 3.0, 21),  # [rad/s2]
+    "distance_to_nearest": Feature(0.10, -5.0, 40.0, 18),  # [m]
+    "collision": Feature(0.25, 0.0, 1.0, 2),
+    "distance_to_road_edge": Feature(0.05, -5.0, 20.0, 20),  # [m], positive on the road
+    "off_road": Feature(0.25, 0.0, 1.0, 2),
+    "time_to_collision": Feature(0.10, 0.0, TTC_HORIZON_S, 10),  # [s]
+    "traffic_light_violation": Feature(0.05, 0.0, 1.0, 2),  # of each stop line passed, whether it was at red
+}
+SMOOTHING = 0.1  # pseudo-count of a bin, so that no likelihood is 0
+SAMPLE = 5  # every fifth step is judged
+
+
+@dataclass(frozen=True)
+class Realism:
+    """Likelihoods relative to those of the log under its own histograms, each in (0, 1].
+
+    Attributes:
+        score: weighted mean.
+        features: likelihood by feature.
+        steps: number of judged agent-steps.
+    """
+
+    score: float
+    features: dict[str, float]
+    steps: int
+
+
+class Naturalness:
+    """Judges agents of a run under the histograms of all agents in its log."""
+
+    def __init__(
+        self,
+        tables: Sequence[AgentTable],
+        log: Sequence[AgentTable],
+        agents: Iterable[int],
+        lane_map: LaneMap | None,
+        dt: float,
+        passed: Sequence[Passage] = (),
+        passed_in_log: Sequence[Passage] = (),
+    ) -> None:
+        """Prepare to judge `agents` or subsets of them.
+
+        Args:
+            tables, log: the same steps of the run and of the log.
+            agents: ids.
+            lane_map: lanes; without them the two features of the road edge are left out.
+            dt: duration of a step [s].
+            passed, passed_in_log: passages of stop lines by all agents, in the run and in the log.
+        """
+        self._ids, self._judged = _values(Steps.of(tables), frozenset(agents), lane_map, dt)
+        self._logged = dict(Steps.of(log).once(_histograms, lane_map, dt))
+        self._logged["traffic_light_violation"] = _Histogram.of("traffic_light_violation", _at_red(passed_in_log))
+        self._passed = passed
+
+    def of(self, agents: Set[int]) -> Realism | None:
+        """Realism of `agents`, a subset of the agents prepared; None if nothing can be judged."""
+        whose = np.isin(self._ids, sorted(agents))
+        judged = {name: values[whose] if len(values) else values for name, values in self._judged.items()}
+        judged["traffic_light_violation"] = _at_red(each for each in self._passed if each.agent in agents)
+        logged, count = self._logged, len(judged["linear_speed"])
+        if not count or not logged["linear_speed"].count:
+            return None
+        names = [n for n in FEATURES if len(judged[n]) and logged[n].count]
+        found = {name: logged[name].relative_likelihood(judged[name]) for name in names}
+        total = sum(FEATURES[name].weight for name in names)
+        return Realism(sum(FEATURES[n].weight * found[n] for n in names) / total, found, count)
+
+
+def _at_red(passed: Iterable[Passage]) -> FloatArray:
+    """(m,) 1 for each passage at red, 0 for each other."""
+    return np.array([each.at_red for each in passed], np.float64)
+
+
+@dataclass(frozen=True)
+class _Histogram:
+    """Distribution of a feature in the log.
+
+    Attributes:
+        edges: (bins - 1,) inner edges of the bins.
+        log_likelihood: (bins,) log-likelihood of a value in each bin.
+        mean: mean log-likelihood of the logged values.
+        count: number of logged values.
+    """
+
+    edges: FloatArray
+    log_likelihood: FloatArray
+    mean: float
+    count: int
+
+    @classmethod
+    def of(cls, name: str, logged: FloatArray) -> _Histogram:
+        """The histogram of the values `logged` (m,) of the feature `name`."""
+        feature = FEATURES[name]
+        edges = np.linspace(feature.low, feature.high, feature.bins + 1)[1:-1]
+        own = np.digitize(logged, edges)
+        counts = np.bincount(own, minlength=feature.bins) + SMOOTHING
+        log_likelihood = np.log(counts / counts.sum())
+        return cls(edges, log_likelihood, log_likelihood[own].mean() if len(own) else 0.0, len(own))
+
+    def relative_likelihood(self, judged: FloatArray) -> float:
+        """Geometric mean likelihood of `judged` (m,) over that of the logged values, at most 1."""
+        excess = self.log_likelihood[np.digitize(judged, self.edges)].mean() - self.mean
+        return float(min(1.0, np.exp(excess)))
+
+
+def _histograms(log: Steps, lane_map: LaneMap | None, dt: float) -> dict[str, _Histogram]:
+    """The histogram of every feature over all agents of the log."""
+    _, logged = _values(log, None, lane_map, dt)
+    return {name: _Histogram.of(name, values) for name, values in logged.items()}
+
+
+def _values(
+    steps: Steps, agents: frozenset[int] | None, lane_map: LaneMap | None, dt: float
+) -> tuple[IntArray, dict[str, FloatArray]]:
+    """The ids (m,) and features (m,) by name of `agents` (None: all) at every fifth of `steps`."""
+    table, number = steps.stacked, steps.stacked.number
+    looked_at = (number % SAMPLE == 0) & steps.follows[number]
+    if agents is not None:
+        looked_at &= np.isin(steps.ids, sorted(agents))[steps.agent]
+    rows = np.flatnonzero(looked_at)
+    before = steps.rows[number[rows] - 1, steps.agent[rows]]
+    rows, before = rows[before >= 0], before[before >= 0]
+    found = dict.fromkeys(FEATURES, np.empty(0))
+    if not len(rows):
+        return np.empty(0, np.int64), found
+    turn = _turn(table, rows, before, dt)
+    first = steps.rows[number[before] - 1, steps.agent[before]]
+    found["linear_speed"] = table.speed[rows]
+    found["linear_acceleration"] = (table.speed[rows] - table.speed[before]) / dt
+    found["angular_speed"] = turn
+    known = (first >= 0) & steps.follows[number[before]]
+    found["angular_acceleration"] = np.where(known, (turn - _turn(table, before, first, dt)) / dt, 0.0)
+    found["distance_to_nearest"] = _distances_to_nearest(steps, rows)
+    found["collision"] = np.isin(rows, steps.overlaps).astype(np.float64)
+    found["time_to_collision"] = np.minimum(times_to_collision(table, rows), TTC_HORIZON_S)
+    if lane_map is not None:
+        edge = _distance_to_edge(table, rows, lane_map)
+        found["distance_to_road_edge"], found["off_road"] = edge, (edge < 0.0).astype(np.float64)
+    return table.id[rows], found
+
+
+def _turn(table: AgentTable, rows: IntArray, before: IntArray, dt: float) -> FloatArray:
+    """Angular speed (m,) [rad/s] of agents from the rows `before` (m,) to the rows `rows` (m,) a step later."""
+    return np.angle(np.exp(1j * (table.yaw[rows] - table.yaw[before]))) / dt
+
+
+def _distances_to_nearest(steps: Steps, rows: IntArray) -> FloatArray:
+    """:func:`_distance_to_nearest` of the agents in `rows` (m,), ascending, of the stacked table."""
+    number = steps.stacked.number[rows]
+    each, first = np.unique(number, return_index=True)
+    parts = np.split(rows - steps.begin[number], first[1:])
+    return np.concatenate([_distance_to_nearest(steps[k], part) for k, part in zip(each.tolist(), parts, strict=True)])
+
+
+def _distance_to_nearest(table: AgentTable, rows: np.ndarray) -> FloatArray:
+    """Distances (m,) [m] to the nearest agent: between centres, minus half of both lengths; 40 m without others."""
+    if len(table) < 2:
+        return np.full(len(rows), 40.0)
+    distance = np.hypot(table.x[rows, None] - table.x, table.y[rows, None] - table.y)
+    distance[np.arange(len(rows)), rows] = np.inf
+    nearest = np.argmin(distance, axis=1)
+    return distance[np.arange(len(rows)), nearest] - 0.5 * (table.length[rows] + table.length[nearest])
+
+
+def _distance_to_edge(table: AgentTable, rows: np.ndarray, lane_map: LaneMap) -> FloatArray:
+    """Distances (m,) [m] of the outermost corner of each box from the edge of the road; negative off the road.
+
+    A border of the lane nearest to the corner is an edge if no lane adjoins it; else it counts as 20 m away.
+    """
+    corners = box_corners(table.x[rows], table.y[rows], table.yaw[rows], table.length[rows], table.width[rows])
+    x, y = corners[..., 0].ravel(), corners[..., 1].ravel()
+    at = lane_map.nearest(x, y)
+    half = np.array([lane.width for lane in lane_map.lanes])[at.lane] / 2
+    left_open = np.array([lane.left is None for lane in lane_map.lanes])[at.lane]
+    right_open = np.array([lane.right is None for lane in lane_map.lanes])[at.lane]
+    to_left = np.where(left_open, half - at.d, 20.0)
+    to_right = np.where(right_open, half + at.d, 20.0)
+    return np.minimum(to_left, to_right).reshape(len(rows), 4).min(axis=1)

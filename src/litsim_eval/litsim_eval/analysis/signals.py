@@ -1,0 +1,90 @@
+"""Passages of stop lines, and which of them ran a red light."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from litsim_sim.core.scene import AgentTable, Controller
+from litsim_sim.core.signals import STOP_STATES, SignalState
+from litsim_sim.lane_map.signal_links import crossings
+from litsim_sim.record.run import Run
+from litsim_sim.scenario.signals import Signals
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A passage of a stop line by an agent.
+
+    Attributes:
+        agent: its id.
+        step: first step at which it is past the line.
+        connection: connection of the net's lanes by which it crossed the junction.
+        group: signal group of the connection.
+        state: state of the group at that step.
+        controller: controller of the agent at that step.
+    """
+
+    agent: int
+    step: int
+    connection: str
+    group: str
+    state: SignalState
+    controller: Controller
+
+    @property
+    def at_red(self) -> bool:
+        """Whether the signals forbade passing."""
+        return self.state in STOP_STATES
+
+
+def passages(signals: Signals, tables: Sequence[AgentTable]) -> list[Passage]:
+    """Passages of stop lines by vehicles in `tables`, which are consecutive steps; sorted by agent and step.
+
+    Pedestrians and cyclists are left out: they do not keep to lanes.
+    """
+    tables = [table.take(~table.obstacle) if table.obstacle.any() else table for table in tables]
+    if not tables:
+        return []
+    ids = np.unique(np.concatenate([table.id for table in tables]))
+    shape = (len(ids), len(tables))
+    x, y, yaw, length = (np.zeros(shape) for _ in range(4))
+    valid, controller = np.zeros(shape, np.bool_), np.zeros(shape, np.uint8)
+    for column, table in enumerate(tables):
+        rows = np.searchsorted(ids, table.id)
+        for values, name in ((x, "x"), (y, "y"), (yaw, "yaw"), (length, "length"), (controller, "controller")):
+            values[rows, column] = getattr(table, name)
+        valid[rows, column] = True
+    found = crossings(signals.links, x, y, yaw, length.max(axis=1), valid)
+    made = []
+    for agent, column, link in zip(found.agent.tolist(), found.step.tolist(), found.link.tolist(), strict=True):
+        step, group = tables[column].step, int(signals.link_group[link])
+        shown = signals.table(step).state[group] if signals.states.shape[1] else SignalState.UNAVAILABLE
+        made.append(
+            Passage(
+                agent=int(ids[agent]),
+                step=step,
+                connection=signals.links[link].name,
+                group=signals.groups[group],
+                state=SignalState(int(shown)),
+                controller=Controller(int(controller[agent, column])),
+            )
+        )
+    return made
+
+
+def run_passages(run: Run) -> list[Passage] | None:
+    """Passages after the history of a run; None if the scenario has no signals."""
+    return None if run.signals is None else passages(run.signals, _driven(run, run.tables))
+
+
+def log_passages(run: Run) -> list[Passage]:
+    """Passages in the recording at the same steps; empty if the scenario has no signals."""
+    return [] if run.signals is None else passages(run.signals, _driven(run, run.log))
+
+
+def _driven(run: Run, tables: Sequence[AgentTable]) -> list[AgentTable]:
+    """The tables from the last step of the history on: a passage needs the step before it."""
+    return [table for table in tables if table.step >= run.info.history_steps]

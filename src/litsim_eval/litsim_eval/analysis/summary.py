@@ -1,0 +1,120 @@
+"""Summary of several runs: one row of the table that compares policies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from litsim_eval.analysis.displacement import HORIZONS_S
+
+Metrics = Mapping[str, Any]
+Figure = Callable[[Metrics], float | None]
+"""A number of one run from its metrics; None where the run has none."""
+
+SUMS: dict[str, Figure] = {
+    "agents": lambda run: run["agents"],
+    "colliding_agents": lambda run: run["collision"]["agents"],
+    "colliding_runs": lambda run: not run["reactive"],
+    "excess_pairs": lambda run: run["collision"]["excess"],
+    "ego_contacts": lambda run: len(run["collision"]["ego_contacts"]),
+    "background_faults": lambda run: run["collision"].get("by_fault", {}).get("background"),
+    "ego_faults_avoidable": lambda run: run["collision"].get("by_fault", {}).get("ego_avoidable"),
+    "ego_faults_unavoidable": lambda run: run["collision"].get("by_fault", {}).get("ego_unavoidable"),
+    "takeovers": lambda run: run["takeovers"],
+    "releases": lambda run: sum(each["released_step"] is not None for each in run["ledger"]),
+    "releases_missing": lambda run: sum(
+        each["released_step"] is None and each["outcome"] is None for each in run["ledger"]
+    ),
+    "held_s": lambda run: sum(each["held_s"] for each in run["ledger"]),
+    "bound_hits": lambda run: run["detection"]["bound_hits"],
+    "false_alarms": lambda run: run["false_alarms"],
+    "hard_brakes": lambda run: run["comfort"]["controlled"]["hard_brakes"],
+    "hard_brakes_log": lambda run: run["comfort"]["controlled"].get("hard_brakes_log"),
+}
+"""Sums over the measured runs; none is known if one run lacks it, since an older version measured that run."""
+
+MEANS: dict[str, Figure] = {
+    "rate_all": lambda run: run["collision"]["rate_all"],
+    "rate_controlled": lambda run: run["collision"]["rate_controlled"],
+    "takeovers_per_run": lambda run: float(run["takeovers"]),
+    "relevant_ratio": lambda run: run["relevant_ratio"],
+    "off_road": lambda run: run["off_road_controlled"],
+    "progress_m": lambda run: run["progress_m"],
+    "realtime_factor": lambda run: run["timing"]["realtime_factor"],
+}
+"""Means over those of the measured runs that have the number."""
+
+LARGEST: dict[str, Figure] = {
+    "replay_error_max_m": lambda run: run["replay_error_max_m"],
+    "max_position_jump_m": lambda run: run["handback"]["max_position_jump_m"],
+    "max_residual_m": lambda run: run["handback"]["max_residual_m"],
+}
+"""Maxima over those of the measured runs that have the number."""
+
+DISPLACEMENTS = ("ade_controlled_m", "ade_all_m")
+"""Means likewise, by horizon: see :func:`displacement`."""
+
+RATIOS: dict[str, tuple[Figure, Figure]] = {
+    "released_share": (SUMS["releases"], SUMS["takeovers"]),
+    "guarded": (
+        lambda run: run["comfort"]["controlled"]["guarded"]["count"],
+        lambda run: run["comfort"]["controlled"]["guarded"].get("commands"),
+    ),
+}
+"""Sums of the first number over sums of the second: released takeovers; commands of the policy that a guard changed."""
+
+
+def displacement(name: str, horizon: str) -> Figure:
+    """The figure `name` of :data:`DISPLACEMENTS` up to `horizon` [s]."""
+    return lambda run: run[name].get(horizon)
+
+
+def summarise(runs: Iterable[Metrics], failed: int = 0) -> dict[str, Any]:
+    """One row of the table: sums, means and maxima over the measured runs; None where there are no values.
+
+    Args:
+        runs: metrics of the measured runs, valid or not.
+        failed: number of runs without metrics. They count in `runs` and in the denominator of `reactive`, the share of
+            runs known to be free of excess collisions; all other figures are of the `measured` runs alone, and ADE up
+            to a horizon of those that lasted that long: as many as `ade_runs` says.
+    """
+    runs = list(runs)
+    every = len(runs) + failed
+    horizons = [str(horizon) for horizon in HORIZONS_S]
+    return {
+        "runs": every,
+        "failed": failed,
+        "measured": len(runs),
+        "invalid": sum(not run["valid"] for run in runs),
+        "reactive": sum(run["reactive"] for run in runs) / every if every else None,
+        "ade_runs": {horizon: sum(horizon in run["ade_all_m"] for run in runs) for horizon in horizons},
+        **{name: _known_sum(map(figure, runs)) for name, figure in SUMS.items()},
+        **{
+            name: _ratio(_known_sum(map(above, runs)), _known_sum(map(below, runs)))
+            for name, (above, below) in RATIOS.items()
+        },
+        **{name: _mean(map(figure, runs)) for name, figure in MEANS.items()},
+        **{name: max(_known(map(figure, runs)), default=None) for name, figure in LARGEST.items()},
+        **{name: {h: _mean(map(displacement(name, h), runs)) for h in horizons} for name in DISPLACEMENTS},
+    }
+
+
+def _known_sum(values: Iterable[float | None]) -> float | None:
+    """Sum of `values`; None if there are none, or if one is None."""
+    found = list(values)
+    return None if None in found or not found else sum(value for value in found if value is not None)
+
+
+def _ratio(above: float | None, below: float | None) -> float | None:
+    return above / below if above is not None and below else None
+
+
+def _mean(values: Iterable[float | None]) -> float | None:
+    known = _known(values)
+    return float(np.mean(known)) if known else None
+
+
+def _known(values: Iterable[float | None]) -> list[float]:
+    return [value for value in values if value is not None]

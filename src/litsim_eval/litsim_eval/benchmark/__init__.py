@@ -1,0 +1,1 @@
+"""Benchmarks: what a step, a forecast, the start and a campaign cost."""

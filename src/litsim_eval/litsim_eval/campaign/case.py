@@ -1,0 +1,344 @@
+"""Cases: single runs of a suite, and their identities."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from importlib.metadata import entry_points
+from importlib.util import find_spec
+from itertools import product
+from pathlib import Path
+from typing import Any, Literal
+
+from litsim_eval.campaign.suite import CaseEntry, EgoChoice, EgoSetup, Suite
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.parameters import Parameters, by_stage
+from litsim_sim.core.stage_registry import GROUP
+from litsim_sim.core.stages import POLICY_STAGES
+from litsim_sim.scenario.run_info import EXTERNAL, REPLAY, plain_values, versions
+from litsim_sim.scenario.scenario import Scenario
+
+ID_LENGTH = 16
+SCENARIOS_KEPT = 4  # most scenarios in memory while cases are made
+MODEL = "model"  # a parameter that labels of rows name by its value alone
+NOT_OF_THE_RESULT = ("commit",)
+"""Versions that reports show but that do not affect identities: the digest of the sources does."""
+
+Shell = Literal["graph", "process"]
+GRAPH: Shell = "graph"
+PROCESS: Shell = "process"
+Settings = tuple[tuple[str, Any], ...]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run of a campaign.
+
+    Attributes:
+        id: digest of everything that decides its result; equal for equal runs.
+        key: the same without what may differ between two versions of one system: versions of packages, and how the ego
+            of that name is made. Cases of two campaigns are matched by it.
+        name: readable name, unique in a campaign.
+        scenario: a packaged name, or the absolute path of a file.
+        ego_id: id of the vehicle that is the ego.
+        ego: driver of the ego.
+        policy: what moves the background.
+        label: distinguishes its row from others of the same ego and policy; may be empty.
+        seed: seed of all randomness; None for the scenario's.
+        end_after_contact_s: time after the ego's first contact at which the run ends [s]; None for the scenario's.
+        parameters: `stage.name` and value of each parameter set by the row; those of the ego are in `ego`.
+        shell: whether it is run over DDS or in process.
+        tags, events: as the suite gives them.
+    """
+
+    id: str
+    key: str
+    name: str
+    scenario: str
+    ego_id: int
+    ego: EgoSetup
+    policy: str
+    label: str
+    seed: int | None
+    end_after_contact_s: float | None
+    parameters: Settings
+    shell: Shell
+    tags: tuple[str, ...] = ()
+    events: tuple[Mapping[str, Any], ...] = ()
+
+    def __hash__(self) -> int:
+        """By the id alone: setups and events have no hash."""
+        return hash(self.id)
+
+    @property
+    def vehicle(self) -> tuple[str, int]:
+        """The vehicle that is the ego: its scenario and id."""
+        return self.scenario, self.ego_id
+
+    @property
+    def row(self) -> str:
+        """Name of the row of tables that the run is counted in: ego, policy and label."""
+        return ", ".join(part for part in (self.ego.name, self.policy, self.label) if part)
+
+    @property
+    def stage_parameters(self) -> Parameters:
+        """All parameters of the run, the ego's own included, by stage and name."""
+        given = {**self.ego.parameters, **dict(self.parameters)}
+        return by_stage((*name.split(".", 1), value) for name, value in given.items())
+
+    def to_json(self) -> dict[str, Any]:
+        """The case as values for JSON; the inverse of :meth:`from_json`."""
+        return {
+            "id": self.id,
+            "key": self.key,
+            "name": self.name,
+            "scenario": self.scenario,
+            "ego_id": self.ego_id,
+            "ego": self.ego.name,
+            "ego_setup": self.ego.model_dump(mode="json"),
+            "policy": self.policy,
+            "label": self.label,
+            "row": self.row,
+            "seed": self.seed,
+            "end_after_contact_s": self.end_after_contact_s,
+            "parameters": dict(self.parameters),
+            "shell": self.shell,
+            "tags": list(self.tags),
+            "events": [dict(event) for event in self.events],
+        }
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> Case:
+        """The inverse of :meth:`to_json`; raises KeyError or ValueError for other values."""
+        apart = ("ego", "parameters", "end_after_contact_s")  # the last was not always there
+        own = {field: values[field] for field in cls.__dataclass_fields__ if field not in apart}
+        own |= {
+            "end_after_contact_s": values.get("end_after_contact_s"),
+            "tags": tuple(values["tags"]),
+            "events": tuple(values["events"]),
+        }
+        return cls(ego=EgoSetup(**values["ego_setup"]), parameters=tuple(values["parameters"].items()), **own)
+
+
+def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, str] | None = None) -> list[Case]:
+    """Every case of a suite, sorted by row, seed and entry.
+
+    Entries that give the same run are one case, with the tags and events of all.
+
+    Args:
+        suite: with scenarios that :meth:`Scenario.load` finds from here.
+        graph: whether egos of LitSim's own are run over DDS, too; external ones always are.
+        with_versions: versions of the dependencies of a run; default: those of this installation.
+
+    Raises:
+        InputError: a scenario cannot be used, an ego is not in it, or two scenarios have the same name; it names file
+            and line of the entry, where it has them. Or two rows are of the same runs.
+    """
+    _check_scenario_names(suite)
+    found = code_versions() if with_versions is None else with_versions
+    deciding = {name: version for name, version in found.items() if name not in NOT_OF_THE_RESULT}
+    load = lru_cache(maxsize=SCENARIOS_KEPT)(Scenario.load)  # entries of one scenario follow each other
+    roads = [road for entry in suite.cases for road in _roads(entry, load)]
+    seeds: list[int | None] = [*suite.seeds] or [None]
+    cases: dict[str, Case] = {}
+    for row, seed, road in product(_rows(suite), seeds, roads):
+        case = _case(row, seed, suite.end_after_contact_s, road, graph=graph, deciding=deciding)
+        same = cases.get(case.id)
+        if same is not None and same.row != case.row:
+            raise InputError(
+                f"suite {suite.name}: rows {same.row!r} and {case.row!r} ask for the same runs, expected different "
+                f"policies or parameters; those of the suite replace those of a policy or an ego"
+            )
+        cases[case.id] = case if same is None else _merged(same, case)
+    return list(cases.values())
+
+
+def chosen_egos(choice: EgoChoice | Sequence[int], scenario: Scenario) -> tuple[int, ...]:
+    """Ids of the vehicles of `scenario` that are the ego, one run each.
+
+    Raises:
+        InputError: the scenario lists none, or one that was chosen is not present at its start.
+    """
+    if choice == "ego":
+        return (scenario.ego_id,)
+    if choice == "all":
+        return scenario.possible_egos
+    if isinstance(choice, str):
+        listed = scenario.egos if choice == "egos" else scenario.tuning_egos
+        if not listed:
+            raise InputError(f"{scenario.name}: field {choice} of the scenario lists no egos")
+        return listed
+    if absent := sorted(set(choice) - set(scenario.possible_egos)):
+        named = ", ".join(map(str, absent))
+        raise InputError(f"egos: {named} not there at the start of {scenario.name}, expected vehicles that are")
+    return tuple(choice)
+
+
+def code_versions() -> dict[str, str]:
+    """Versions of the dependencies of a run, and as `sources` a digest of all files of the packages with stages."""
+    return {**versions(), "sources": _sources()}
+
+
+@dataclass(frozen=True)
+class _Row:
+    """The common properties of all runs of a row of tables."""
+
+    ego: EgoSetup
+    policy: str
+    parameters: Settings
+    label: str
+
+
+@dataclass(frozen=True)
+class _Road:
+    """An entry of the suite for one of its egos, with seed, end and other content of its scenario."""
+
+    entry: CaseEntry
+    ego_id: int
+    seed: int
+    end: float | None
+    content: Mapping[str, Any]
+
+
+def _rows(suite: Suite) -> Iterator[_Row]:
+    """Ego, policy, parameters and label of every row: each ego with each policy and combination of parameters.
+
+    Parameters of the policy's stages make no rows of a replay, which has none of these stages. Labels tell the
+    parameters that have several values, and those of the ego or the policy that the suite replaces.
+    """
+    for ego, setup in product(suite.egos, suite.setups):
+        own = {**ego.parameters, **setup.parameters}
+        mine = {
+            name: values
+            for name, values in suite.parameters.items()
+            if setup.kind != REPLAY or name.split(".")[0] not in POLICY_STAGES
+        }
+        for values in product(*mine.values()):
+            varied = dict(zip(mine, values, strict=True))
+            told = [
+                str(value) if short == MODEL else f"{short}={value}"
+                for name, value in varied.items()
+                for short in [name.split(".", 1)[1]]
+                if len(mine[name]) > 1 or short == MODEL or own.get(name, value) != value
+            ]
+            label = ", ".join(part for part in (setup.label, *told) if part)
+            yield _Row(ego, setup.kind, tuple({**setup.parameters, **varied}.items()), label)
+
+
+def _roads(entry: CaseEntry, load: Callable[[str], Scenario]) -> list[_Road]:
+    """What happens on the road, once for each vehicle that is the ego.
+
+    Raises:
+        InputError: the scenario cannot be used, or an ego is not in it.
+    """
+    try:
+        return list(_roads_of(entry, load(entry.scenario)))
+    except InputError as error:
+        raise InputError(": ".join(filter(None, (entry.place, str(error))))) from error
+
+
+def _roads_of(entry: CaseEntry, scenario: Scenario) -> Iterator[_Road]:
+    """The same for a scenario that has been read."""
+    of_no_run = {"name", "description", "ego", "egos", "tuning", "seed", "end_after_contact_s"}
+    content = scenario.file.model_dump(mode="json", exclude=of_no_run)
+    files = {field: Path(getattr(scenario.file, field)) for field in ("recording", "net")}
+    content |= {field: [path.name, file_digest(path)] for field, path in files.items()}
+    for ego_id in chosen_egos(entry.chosen, scenario):
+        yield _Road(entry, ego_id, scenario.seed, scenario.file.end_after_contact_s, content)
+
+
+def _case(
+    row: _Row, seed: int | None, end: float | None, road: _Road, *, graph: bool, deciding: Mapping[str, str]
+) -> Case:
+    short, ego = Path(road.entry.scenario).stem, row.ego
+    seed = road.entry.seed if seed is None else seed
+    question = {
+        "scenario": [short, road.content],
+        "ego_id": str(road.ego_id),
+        "ego": ego.name,
+        "policy": row.policy,
+        "parameters": dict(row.parameters),
+        "seed": road.seed if seed is None else seed,
+    }
+    ends = road.end if end is None else end
+    if ends is not None:  # questions of before runs could end so stay the same
+        question["end_after_contact_s"] = ends
+    shell = GRAPH if graph or ego.kind == EXTERNAL else PROCESS
+    given = [*ego.command, *ego.parameters.values(), *dict(row.parameters).values()]
+    setup = {"ego": ego.model_dump(mode="json"), "files": _files(given)}
+    name = "/".join((short, str(road.ego_id), ego.name, row.policy, *([] if seed is None else [str(seed)])))
+    return Case(
+        id=_digest({"question": question, "setup": setup, "shell": shell, "versions": deciding}),
+        key=_digest(question),
+        name=", ".join(part for part in (name, row.label) if part),
+        scenario=road.entry.scenario,
+        ego_id=road.ego_id,
+        ego=ego,
+        policy=row.policy,
+        label=row.label,
+        seed=seed,
+        end_after_contact_s=end,
+        parameters=row.parameters,
+        shell=shell,
+        tags=tuple(road.entry.tags),
+        events=tuple(road.entry.events),
+    )
+
+
+def _check_scenario_names(suite: Suite) -> None:
+    """Check that the scenarios' files have unique names, by which runs are distinguished.
+
+    Raises:
+        InputError: two files have the same name.
+    """
+    by_name: dict[str, set[str]] = {}
+    for entry in suite.cases:
+        by_name.setdefault(Path(entry.scenario).stem, set()).add(entry.scenario)
+    for name, files in by_name.items():
+        if len(files) > 1:
+            raise InputError(f"suite {suite.name}: scenarios {', '.join(sorted(files))} are all called {name}")
+
+
+def _merged(one: Case, other: Case) -> Case:
+    """One case of two for the same run, with the tags and events of both."""
+    events = [*one.events, *(event for event in other.events if event not in one.events)]
+    return replace(one, tags=tuple(dict.fromkeys((*one.tags, *other.tags))), events=tuple(events))
+
+
+@lru_cache(maxsize=1)
+def _sources() -> str:
+    packages = {entry.module.split(".")[0] for entry in entry_points(group=GROUP)} | {__name__.split(".")[0]}
+    total = hashlib.sha256()
+    for package in sorted(packages):
+        spec = find_spec(package)
+        for folder in sorted((spec and spec.submodule_search_locations) or ()):
+            for path in sorted(Path(folder).rglob("*")):
+                if path.is_file() and "__pycache__" not in path.parts:
+                    total.update(f"{package}/{path.relative_to(folder)}\0{file_digest(path)}\n".encode())
+    return total.hexdigest()[:ID_LENGTH]
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of the file at `path`, in hexadecimal digits."""
+    status = path.stat()
+    return _file_digest(path, status.st_size, status.st_mtime_ns)
+
+
+@lru_cache(maxsize=4096)
+def _file_digest(path: Path, size: int, changed_ns: int) -> str:  # noqa: ARG001 - another size or time: another file
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _files(values: Sequence[Any]) -> dict[str, str]:
+    """Digests of those of `values` that are paths of files, such as scripts of a command and weights."""
+    paths = [Path(value) for value in values if isinstance(value, str) and value]
+    return {str(path): file_digest(path.resolve()) for path in paths if path.is_file()}
+
+
+def _digest(values: Mapping[str, Any]) -> str:
+    text = json.dumps(plain_values(values), sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:ID_LENGTH]

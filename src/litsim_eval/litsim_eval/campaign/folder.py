@@ -1,0 +1,204 @@
+"""The folder of a campaign while it runs: writing results, resuming, and refusing other campaigns."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import re
+import shutil
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from litsim_eval.campaign.case import ID_LENGTH, Case
+from litsim_eval.campaign.junit import JUNIT_FILE
+from litsim_eval.campaign.results import (
+    CAMPAIGN_FILE,
+    EXPERIMENT_REPORT_FILE,
+    FORMAT,
+    RESULT_FILE,
+    RESULTS_FILE,
+    RUNS_FOLDER,
+    Campaign,
+    RunResult,
+    now,
+    read_campaign,
+    read_results,
+)
+from litsim_eval.campaign.suite import Suite
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import Unwritable, replacing
+
+LOCK_FILE = ".lock"
+RUN_FOLDER = re.compile(f"[0-9a-f]{{{ID_LENGTH}}}")
+"""Pattern of the names of folders of runs; other files beside them are not the campaign's, and stay."""
+
+
+class CampaignFolder:
+    """The folder of a campaign while it runs; every file in it is written whole or not at all.
+
+    Attributes:
+        path: the folder.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Lock the folder against other campaigns on this machine; the lock ends with the process.
+
+        Raises:
+            InputError: one is running here, or the folder cannot be used.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            lock = (self.path / LOCK_FILE).open("w")
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be used: {error.strerror or error}") from error
+        with lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise InputError(f"{self.path}: another campaign is running here") from error
+            yield
+
+    def begin(
+        self, suite: Suite, cases: Sequence[Case], versions: Mapping[str, str], *, overwrite: bool = False
+    ) -> dict[str, RunResult]:
+        """Begin a campaign, or resume the one in this folder.
+
+        Folders of runs without a result, which a killed campaign leaves behind, are removed; foreign files in the
+        folder stay. Results that were judged by other criteria are judged again, from their measures.
+
+        Args:
+            suite: the resolved suite.
+            cases: cases of the suite; those of a campaign in this folder must all be among them.
+            versions: versions of the dependencies of the runs.
+            overwrite: whether a campaign in this folder is removed.
+
+        Returns:
+            Results of the cases that are finished already, by id of the case.
+
+        Raises:
+            InputError: the folder holds another campaign, or cannot be used.
+        """
+        if overwrite and self._file.exists():
+            self._remove()
+        begun_at = now()
+        if self._file.exists():
+            earlier = read_campaign(self.path)
+            _check_same(earlier, cases, versions)
+            begun_at = earlier.begun_at
+        self._remove_unfinished()
+        described = suite.model_dump(mode="json")
+        _write(
+            self._file,
+            {
+                "format": FORMAT,
+                "name": suite.name,
+                "suite": described,
+                "criteria": described["criteria"],
+                "versions": dict(versions),
+                "cases": [case.to_json() for case in cases],
+                "begun_at": begun_at,
+            },
+        )
+        done = {}
+        for result in read_results(self.path, cases):
+            again = result.judged_again(suite.criteria)
+            done[result.case.id] = again
+            if again.criteria != result.criteria:
+                self.store(again)
+        return done
+
+    def finished(self, cases: Sequence[Case]) -> list[RunResult]:
+        """Results of those of `cases` that are in this folder, as they were judged; changes nothing.
+
+        Raises:
+            InputError: one cannot be read.
+        """
+        return read_results(self.path, cases)
+
+    def run_folder(self, case: Case) -> Path:
+        """Folder of the files of the run of `case`."""
+        return self.path / RUNS_FOLDER / case.id
+
+    def clear(self, case: Case) -> Path:
+        """Create the folder of the run of `case`, or empty it; return it.
+
+        Raises:
+            Unwritable: it cannot be made.
+        """
+        folder = self.run_folder(case)
+        shutil.rmtree(folder, ignore_errors=True)
+        try:
+            folder.mkdir(parents=True)
+        except OSError as error:
+            raise Unwritable(f"{folder}: cannot be made: {error.strerror or error}") from error
+        return folder
+
+    def store(self, result: RunResult) -> None:
+        """Write a result atomically: from then on its case is finished.
+
+        Raises:
+            Unwritable: it cannot be written.
+        """
+        _write(self.run_folder(result.case) / RESULT_FILE, result.to_json())
+
+    def write_results(self, results: Iterable[RunResult], **more: Any) -> Path:
+        """Write the file with all results, in order, and the further fields `more`; return its path.
+
+        Raises:
+            Unwritable: it cannot be written.
+        """
+        path = self.path / RESULTS_FILE
+        _write(path, {"format": FORMAT, **more, "runs": [result.to_json() for result in results]})
+        return path
+
+    @property
+    def _file(self) -> Path:
+        return self.path / CAMPAIGN_FILE
+
+    def _remove(self) -> None:
+        for folder in self._run_folders():
+            shutil.rmtree(folder, ignore_errors=True)
+        for name in (RESULTS_FILE, JUNIT_FILE, EXPERIMENT_REPORT_FILE, CAMPAIGN_FILE):
+            (self.path / name).unlink(missing_ok=True)
+
+    def _remove_unfinished(self) -> None:
+        for folder in self._run_folders():
+            if not (folder / RESULT_FILE).is_file():
+                shutil.rmtree(folder, ignore_errors=True)
+
+    def _run_folders(self) -> list[Path]:
+        """The folders of runs in this folder."""
+        return [each for each in (self.path / RUNS_FOLDER).glob("*") if RUN_FOLDER.fullmatch(each.name)]
+
+
+def _check_same(earlier: Campaign, cases: Sequence[Case], versions: Mapping[str, str]) -> None:
+    """Check that all cases of the campaign in a folder are among those to be run there.
+
+    Raises:
+        InputError: some are not.
+    """
+    ids = {case.id for case in cases}
+    if not (other := [case for case in earlier.cases if case.id not in ids]):
+        return
+    changed = [
+        f"{name} {earlier.versions.get(name)}, now {version}"
+        for name, version in versions.items()
+        if earlier.versions.get(name) != version
+    ]
+    why = f" ({'; '.join(changed)})" if changed else ""
+    raise InputError(
+        f"{earlier.folder}: holds another campaign: {len(other)} of its {len(earlier.cases)} cases are not of this "
+        f"one, such as {other[0].name}{why}; expected another --out, or --overwrite"
+    )
+
+
+def _write(path: Path, values: Mapping[str, Any]) -> None:
+    text = json.dumps(values, indent=1, allow_nan=False) + "\n"
+    with replacing(path) as new:
+        new.write_text(text, encoding="utf-8")

@@ -1,0 +1,75 @@
+"""Policy setups: named policies with the parameters of their stages."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from litsim_sim.core.quantities import OneOf
+from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
+from litsim_sim.scenario.run_info import POLICIES
+from litsim_sim.scenario.scenario import packaged
+
+PACKAGE, SETUPS = "litsim_eval", "setups"  # folder of the packaged ones
+Name = Annotated[str, Field(min_length=1)]
+
+
+class PolicySetup(BaseModel):
+    """A policy with a name of its own, as a row of tables.
+
+    Attributes:
+        name: name in tables.
+        kind: one of :data:`litsim_sim.scenario.run_info.POLICIES`.
+        description: purpose.
+        parameters: values of its stages' parameters by `stage.name`, such as ``{conflict.horizon: 5.0}``.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    name: Name
+    kind: Annotated[str, OneOf(POLICIES)]
+    description: str = ""
+    parameters: dict[str, Any] = {}
+
+    @field_validator("parameters")
+    @classmethod
+    def _check_parameters(cls, values: dict[str, Any]) -> dict[str, Any]:
+        return {stage_and_name(name): value for name, value in values.items()}
+
+    @property
+    def label(self) -> str:
+        """What tells its row from that of the policy as it comes; empty for that one."""
+        return "" if self.name == self.kind else self.name
+
+
+def packaged_setups() -> tuple[str, ...]:
+    """Names of the packaged setups, sorted."""
+    return tuple(sorted(path.stem for path in packaged(SETUPS, PACKAGE).glob("*.yaml")))
+
+
+def setup_of(policy: str | PolicySetup) -> PolicySetup:
+    """The setup that an entry of a suite means: itself, a packaged one by its name, or a policy as it comes."""
+    if isinstance(policy, PolicySetup):
+        return policy
+    return PolicySetup(name=policy, kind=policy) if policy in POLICIES else _packaged(policy)
+
+
+@lru_cache
+def _packaged(name: str) -> PolicySetup:
+    path = packaged(f"{SETUPS}/{name}.yaml", PACKAGE)
+    text = read_text(path)
+    return validate_yaml(parse_yaml(text, str(path), PolicySetup), PolicySetup, str(path), text)
+
+
+def stage_and_name(name: Any) -> str:
+    """Check that `name` has the form of a parameter, such as conflict.horizon, and return it.
+
+    Raises:
+        ValueError: it is not.
+    """
+    stage, _, rest = str(name).partition(".")
+    if not (stage and rest):
+        raise ValueError(f"{name!r}, expected STAGE.NAME, such as conflict.horizon")
+    return str(name)

@@ -1,0 +1,209 @@
+"""Results of a campaign: one for each finished case, read from its folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from litsim_eval.campaign.case import Case
+from litsim_eval.campaign.criteria import Criteria, CriterionResult, Outcome, Verdict
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.yaml_input import validate_yaml
+
+FORMAT = 1
+CAMPAIGN_FILE = "campaign.json"
+RESULT_FILE = "result.json"
+RESULTS_FILE = "results.json"
+RUNS_FOLDER = "runs"
+EXPERIMENT_REPORT_FILE = "experiment.html"
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """One finished case.
+
+    Attributes:
+        case: the case.
+        verdict: verdict on it.
+        reason: why it has not passed, in one line; empty if it has.
+        criteria: results of all criteria; empty if it could not be judged.
+        metrics: the tree of `metrics.json`; None without measures.
+        recording, report, log: folder or files, relative to the run's folder; None if missing.
+        wall_s: wall time of the run [s].
+        finished_at: date and time, ISO 8601, UTC.
+    """
+
+    case: Case
+    verdict: Verdict
+    reason: str
+    criteria: tuple[CriterionResult, ...]
+    metrics: Mapping[str, Any] | None
+    recording: str | None = None
+    report: str | None = None
+    log: str | None = None
+    wall_s: float | None = None
+    finished_at: str = ""
+
+    @classmethod
+    def judged(cls, case: Case, metrics: Mapping[str, Any], criteria: Criteria, **files: Any) -> RunResult:
+        """The result of a run that was measured; `files` are further fields. One that is not valid is an error."""
+        if not metrics["valid"]:
+            return cls.error(case, f"the run is not valid: {metrics['why']}", metrics=metrics, **files)
+        found = tuple(criterion.of_run(metrics) for criterion in criteria.runs)
+        reason = "; ".join(f"{each.name}: {each.reason}" for each in found if not each.passed)
+        verdict = Verdict.FAILED if reason else Verdict.PASSED
+        return cls(case, verdict, reason, found, metrics, **({"finished_at": now()} | files))
+
+    @classmethod
+    def error(cls, case: Case, reason: str, metrics: Mapping[str, Any] | None = None, **files: Any) -> RunResult:
+        """The result of a run that could not be judged, and why; `files` are further fields."""
+        said = " ".join(reason.split())
+        return cls(case, Verdict.ERROR, said, (), metrics, **({"finished_at": now()} | files))
+
+    def judged_again(self, criteria: Criteria) -> RunResult:
+        """The same run judged by other criteria; an error stays one."""
+        if self.verdict == Verdict.ERROR or self.metrics is None:
+            return self
+        files = {name: getattr(self, name) for name in ("recording", "report", "log", "wall_s", "finished_at")}
+        return RunResult.judged(self.case, self.metrics, criteria, **files)
+
+    def to_json(self) -> dict[str, Any]:
+        """The result as values for JSON; the inverse of :meth:`from_json`."""
+        own = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        own |= {"case": self.case.to_json(), "verdict": self.verdict.value}
+        own |= {"criteria": [asdict(each) for each in self.criteria]}
+        return {"format": FORMAT, **own}
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> RunResult:
+        """The inverse of :meth:`to_json`; raises KeyError, TypeError or ValueError for other values."""
+        own = {name: values[name] for name in cls.__dataclass_fields__}
+        own |= {"case": Case.from_json(values["case"]), "verdict": Verdict(values["verdict"])}
+        own |= {"criteria": tuple(CriterionResult(**each) for each in values["criteria"])}
+        return cls(**own)
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """The content of a campaign's folder.
+
+    Attributes:
+        folder: the folder.
+        name: name of the suite.
+        criteria: criteria by which the runs are judged.
+        versions: versions of the dependencies of the runs.
+        cases: cases to be run, in order.
+        results: results of the finished cases, in the same order.
+        begun_at: date and time, ISO 8601, UTC.
+    """
+
+    folder: Path
+    name: str
+    criteria: Criteria
+    versions: Mapping[str, str]
+    cases: tuple[Case, ...]
+    results: tuple[RunResult, ...]
+    begun_at: str
+
+    @property
+    def judged(self) -> tuple[CriterionResult, ...]:
+        """Results of the criteria of the suite for the campaign."""
+        by_id = {result.case.id: result for result in self.results}
+        found = (by_id.get(case.id) for case in self.cases)
+        return self.criteria.of_runs([Outcome(*((r.verdict, r.metrics) if r else (None, None))) for r in found])
+
+    @property
+    def passes(self) -> bool:
+        """Whether it meets every criterion of its suite."""
+        return all(each.passed for each in self.judged)
+
+    @property
+    def rows(self) -> dict[str, list[RunResult]]:
+        """The finished runs of each row of its tables, in the order of the cases; a row may have none yet."""
+        rows: dict[str, list[RunResult]] = {case.row: [] for case in self.cases}
+        for result in self.results:
+            rows[result.case.row].append(result)
+        return rows
+
+    @property
+    def missing(self) -> tuple[Case, ...]:
+        """Cases without a result, in order."""
+        done = {result.case.id for result in self.results}
+        return tuple(case for case in self.cases if case.id not in done)
+
+
+def is_campaign(path: Path) -> bool:
+    """Whether `path` is the folder of a campaign."""
+    return (path / CAMPAIGN_FILE).is_file()
+
+
+def read_campaign(path: Path) -> Campaign:
+    """Read the campaign in the folder `path`, finished or not.
+
+    Raises:
+        InputError: there is none, or one of its files is damaged or of another format.
+    """
+    file = path / CAMPAIGN_FILE
+    values = _read(file)
+    try:
+        cases = tuple(Case.from_json(each) for each in values["cases"])
+        return Campaign(
+            folder=path,
+            name=values["name"],
+            criteria=validate_yaml(values["criteria"], Criteria, f"{file}: criteria", ""),
+            versions=values["versions"],
+            cases=cases,
+            results=tuple(read_results(path, cases)),
+            begun_at=values["begun_at"],
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"{file}: not a campaign: {type(error).__name__}: {error}") from error
+
+
+def read_results(path: Path, cases: Iterable[Case]) -> list[RunResult]:
+    """Results of those of `cases` that are finished, in their order, from the folder `path`.
+
+    Name, tags and events are those of `cases`: they may have been added to the suite since.
+
+    Raises:
+        InputError: one cannot be read.
+    """
+    found = []
+    for case in cases:
+        file = path / RUNS_FOLDER / case.id / RESULT_FILE
+        if not file.is_file():
+            continue
+        try:
+            values = _read(file)
+            found.append(replace(RunResult.from_json(values), case=case))
+        except InputError as error:
+            raise InputError(f"{error}{_again(file)}") from error
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            said = f"{file}: not a result of a run: {type(error).__name__}: {error}"
+            raise InputError(f"{said}{_again(file)}") from error
+    return found
+
+
+def _again(file: Path) -> str:
+    """A hint on the `file` of a result that cannot be used."""
+    return f"; once the folder {file.parent} is removed, evaluate runs this case again"
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error
+    found = values.get("format") if isinstance(values, dict) else None
+    if found != FORMAT:
+        raise InputError(f"{path}: format {found}, expected {FORMAT}")
+    return dict(values)
+
+
+def now() -> str:
+    """Date and time, ISO 8601, UTC."""
+    return datetime.now(UTC).isoformat(timespec="seconds")

@@ -1,0 +1,293 @@
+"""Suites: the scenarios, egos and policies of the runs of a campaign, and the criteria for them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from glob import glob, has_magic
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    field_validator,
+    model_validator,
+)
+
+from litsim_eval.campaign.criteria import Criteria
+from litsim_eval.campaign.policy_setup import PolicySetup, packaged_setups, setup_of, stage_and_name
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.quantities import OneOf
+from litsim_sim.ego_port.answer import AUTO, INTERFACES
+from litsim_sim.io.yaml_input import parse_yaml, place_in, read_text, validate_yaml
+from litsim_sim.scenario.run_info import EGOS, EXTERNAL, POLICIES, REPLAY
+from litsim_sim.scenario.scenario import packaged, packaged_scenarios
+from litsim_sim.scenario.scenario_file import SEEDS
+
+Name = Annotated[str, Field(min_length=1)]
+EgoChoice = Literal["egos", "tuning", "ego", "all"]
+"""Which vehicles of a scenario are the ego, one run each: those that its fields `egos`, `tuning` or `ego` list, or all
+that are there from step 0 through the first simulated step."""
+
+DEFAULT_EGOS: EgoChoice = "egos"
+PACKAGE, SUITES = "litsim_eval", "suites"  # folder of the packaged ones
+
+
+def _known_policy(name: str) -> str:
+    if name not in (known := (*POLICIES, *packaged_setups())):
+        raise ValueError(f"{name!r}, expected one of {', '.join(known)}")
+    return name
+
+
+PolicyName = Annotated[str, AfterValidator(_known_policy)]
+"""A policy as it comes, or a packaged setup."""
+
+
+class CaseEntry(BaseModel):
+    """An entry of a suite: a scenario and the vehicles that are the ego in it, one run each.
+
+    Attributes:
+        scenario: a packaged name, or a YAML file, relative to the suite's file; or a pattern of such files, such as
+            `windows/*_test_*.yaml`, which stands for an entry of each.
+        ego_id: id of the only ego.
+        egos: or several egos, by id or by :data:`EgoChoice`.
+        seed: seed of all randomness in these runs if the suite names no seeds; None for the scenario's.
+        tags: words to filter by.
+        events: what happens, as found in the recording; each with `kind`, its name, and numbers of it.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    scenario: Name
+    ego_id: int | None = None
+    egos: EgoChoice | Annotated[list[int], Field(min_length=1)] | None = None
+    seed: Annotated[int, Field(ge=0, lt=SEEDS)] | None = None
+    tags: list[Name] = []
+    events: list[dict[str, Any]] = []
+    _place: tuple[Path, int] | None = PrivateAttr(None)
+
+    def within(self, suite: Path, number: int) -> CaseEntry:
+        """The same, as entry `number` of the file of a `suite`, which :attr:`place` names."""
+        entry = self.model_copy()
+        entry._place = suite, number  # noqa: SLF001 - of this class
+        return entry
+
+    @property
+    def place(self) -> str:
+        """The place of the entry, by file, line and field; empty if it is not from a file."""
+        return place_in(self._place[0], "cases", self._place[1]) if self._place else ""
+
+    @property
+    def chosen(self) -> EgoChoice | list[int]:
+        """The vehicles that are the ego, as the entry names them; default: the scenario's own list."""
+        return [self.ego_id] if self.ego_id is not None else self.egos or DEFAULT_EGOS
+
+    @model_validator(mode="after")
+    def _check_egos(self) -> CaseEntry:
+        if self.ego_id is not None and self.egos is not None:
+            raise ValueError("ego_id and egos, expected one of them")
+        return self
+
+    @field_validator("events")
+    @classmethod
+    def _check_events(cls, events: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        if any(not isinstance(event.get("kind"), str) for event in events):
+            raise ValueError("an event without kind, expected the name of what happens")
+        return events
+
+
+class EgoSetup(BaseModel):
+    """Driver of the ego.
+
+    Attributes:
+        name: name in tables; default: the kind.
+        kind: one of :data:`litsim_sim.scenario.run_info.EGOS`.
+        parameters: values by `stage.name`, such as ``{ego.kind: brake}``.
+        command: command that starts the stack of an external ego; none if it is started elsewhere.
+        interface: interface of an external ego, one of :data:`litsim_sim.ego_port.answer.INTERFACES`.
+        ready_s: time limit for the first answer of an external ego [s]; None for the launcher's default.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    name: Name
+    kind: Annotated[str, OneOf(EGOS)]
+    parameters: dict[str, Any] = {}
+    command: list[Name] = []
+    interface: Annotated[str, OneOf(INTERFACES)] = AUTO
+    ready_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_by_kind(cls, values: Any) -> Any:
+        if isinstance(values, str):
+            values = {"kind": values}
+        return {"name": values.get("kind"), **values} if isinstance(values, dict) else values
+
+    @field_validator("parameters")
+    @classmethod
+    def _check_parameters(cls, values: dict[str, Any]) -> dict[str, Any]:
+        return {stage_and_name(name): value for name, value in values.items()}
+
+    @model_validator(mode="after")
+    def _check_command(self) -> EgoSetup:
+        if self.kind != EXTERNAL and (self.command or self.interface != AUTO or self.ready_s is not None):
+            raise ValueError(f"ego {self.name}: command, interface and ready_s belong to kind {EXTERNAL} alone")
+        return self
+
+
+def _starts_something(setup: Any) -> Any:
+    if isinstance(setup, dict) and setup.get("command") == []:
+        raise ValueError(
+            "command is empty, expected the words that start the stack; without one, you start it yourself"
+        )
+    return setup
+
+
+class Suite(BaseModel):
+    """The runs of a campaign (every case with every ego, policy, combination of parameters and seed), and its criteria.
+
+    Attributes:
+        name: short name, shown by reports.
+        description: purpose of the suite.
+        include: other suites, packaged names or files relative to this one, whose cases come before its own;
+            :meth:`load` has put them into `cases`.
+        cases: scenarios, and which of their vehicles are the ego.
+        egos: drivers of the ego.
+        policies: of :data:`litsim_sim.scenario.run_info.POLICIES`, names of packaged setups, or setups.
+        seeds: seeds, with a run for each; default: the scenario's seed.
+        end_after_contact_s: time after the first contact of its ego at which a run ends [s]; null for the scenario's.
+        parameters: values to try, by `stage.name`; several values of one make several rows.
+        criteria: criteria for each run, and for the campaign as a whole.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    name: Name
+    description: str = ""
+    include: list[Name] = []
+    cases: list[CaseEntry] = []
+    egos: Annotated[list[Annotated[EgoSetup, BeforeValidator(_starts_something)]], Field(min_length=1)]
+    policies: Annotated[list[PolicyName | PolicySetup], Field(min_length=1)] = [REPLAY, "litsim"]
+    seeds: list[Annotated[int, Field(ge=0, lt=SEEDS)]] = []
+    end_after_contact_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
+    parameters: dict[str, Annotated[list[Any], Field(min_length=1)]] = {}
+    criteria: Annotated[Criteria, Field(default_factory=Criteria.load)]
+
+    @field_validator("parameters", mode="before")
+    @classmethod
+    def _check_parameters(cls, values: Any) -> Any:
+        """A single value is a list of one."""
+        if not isinstance(values, dict):
+            return values
+        return {stage_and_name(name): v if isinstance(v, list) else [v] for name, v in values.items()}
+
+    @model_validator(mode="after")
+    def _check_cases(self) -> Suite:
+        if not (self.cases or self.include):
+            raise ValueError("neither cases nor include, expected something to run")
+        return self
+
+    @model_validator(mode="after")
+    def _check_names(self) -> Suite:
+        for field in ("egos", "policies", "seeds"):
+            own = EgoSetup | PolicySetup
+            names = [each.name if isinstance(each, own) else each for each in getattr(self, field)]
+            if twice := sorted({str(name) for name in names if names.count(name) > 1}):
+                raise ValueError(f"{field}: {', '.join(twice)} more than once, expected different ones")
+        return self
+
+    @property
+    def setups(self) -> list[PolicySetup]:
+        """The policies, each with how its stages are set up."""
+        return [setup_of(policy) for policy in self.policies]
+
+    @classmethod
+    def load(cls, name: str | Path, among: Sequence[Path] = ()) -> Suite:
+        """Read a suite; scenarios, a file of criteria and suites that it includes are found relative to its file.
+
+        Args:
+            name: a packaged name, or a YAML file.
+            among: files that include it.
+
+        Raises:
+            InputError: it cannot be read, a field does not fit, or it includes itself.
+        """
+        path = _suite_file(name)
+        if path.resolve() in among:
+            raise InputError(f"{path}: field include: the suite includes itself")
+        text = read_text(path)
+        values = parse_yaml(text, str(path), cls)
+        if isinstance(values.get("criteria"), str):
+            values["criteria"] = Criteria.load(values["criteria"], path.parent)
+        suite = validate_yaml(values, cls, str(path), text)
+        cases = []
+        for other in suite.include:
+            beside = other if other in packaged_suites() else path.parent / other
+            cases += cls.load(beside, (*among, path.resolve())).cases
+        for number, case in enumerate(suite.cases):
+            entry = case.within(path, number)
+            cases += [entry.model_copy(update={"scenario": file}) for file in _files(case.scenario, path)]
+        return suite.model_copy(update={"include": [], "cases": cases})
+
+
+def place_of(name: str | Path, setting: tuple[str, Any] | None) -> str:
+    """Where a suite, by its name or file, gives a parameter, `stage.name`, this value: by file, line and field.
+
+    The suite alone if it does not, or without a `setting`.
+    """
+    if setting is None:
+        return str(name)
+    suite, (parameter, value) = Suite.load(name), setting
+    given: list[tuple[tuple[str | int, ...], Any]]
+    given = [(("parameters", parameter), each) for each in suite.parameters.get(parameter, [])]
+    for field, entries in (("policies", suite.policies), ("egos", suite.egos)):
+        setups = [(number, each) for number, each in enumerate(entries) if not isinstance(each, str)]
+        given += [((field, number, "parameters", parameter), each.parameters.get(parameter)) for number, each in setups]
+    place = next((place for place, each in given if each == value), None)
+    return place_in(_suite_file(name), *place) if place else str(name)
+
+
+def packaged_suites() -> tuple[str, ...]:
+    """Names of the packaged suites, sorted."""
+    return tuple(sorted(path.stem for path in packaged(SUITES, PACKAGE).glob("*.yaml")))
+
+
+def located(scenario: str, folder: Path) -> str:
+    """A scenario as :meth:`litsim_sim.scenario.scenario.Scenario.load` finds it from anywhere.
+
+    A packaged name stays as it is; the path of a file, relative to `folder`, becomes absolute.
+    """
+    return scenario if scenario in packaged_scenarios() else str((folder / scenario).resolve())
+
+
+def _files(scenario: str, suite: Path) -> list[str]:
+    """The scenarios of an entry of a `suite`, sorted: one, or as many as there are files of the pattern.
+
+    Raises:
+        InputError: it is a pattern, and there is none.
+    """
+    one = located(scenario, suite.parent)
+    if not has_magic(scenario) or Path(one).exists():
+        return [one]
+    found = sorted(glob(scenario, root_dir=suite.parent, recursive=True))  # noqa: PTH207 - takes absolute ones, too
+    if not found:
+        raise InputError(f"{suite}: field cases: scenario {scenario}: no file has such a name")
+    return [located(name, suite.parent) for name in found]
+
+
+def _suite_file(name: str | Path) -> Path:
+    """The file of a suite, packaged or not.
+
+    Raises:
+        InputError: there is no such suite.
+    """
+    if name in packaged_suites():
+        return packaged(f"{SUITES}/{name}.yaml", PACKAGE)
+    if not Path(name).is_file():
+        raise InputError(f"{name}: no such suite, expected a YAML file, or one of {', '.join(packaged_suites())}")
+    return Path(name)

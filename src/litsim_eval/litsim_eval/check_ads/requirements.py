@@ -1,0 +1,291 @@
+"""The clauses of the ego port's contract, each judged independently; a fault is reported by one clause only."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from litsim_eval.check_ads.feasibility import is_clipped
+from litsim_eval.check_ads.trace import FINISHED, Endpoint, Evidence, Heard
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.scene import STEP_S, FloatArray
+from litsim_sim.ego_port.answer import BODY_FRAMES, INPUTS, MAP_FRAME, Answer, Interface, problem
+from litsim_sim.ego_port.tracking import CRAWL, OFFSET_MAX, Reference, Trajectory
+
+ALONG = np.deg2rad(60.0)  # [rad] largest angle between a heading along the road and the lane's
+STRAY = 0.05  # share of a trajectory's headings that may deviate by more
+QUIET_S = 1.0  # [s] without a message, after which a stack counts as idle
+
+
+class Verdict(StrEnum):
+    PASS = "pass"  # noqa: S105 - no password
+    FAIL = "fail"
+    OPEN = "not judged"
+
+
+@dataclass(frozen=True)
+class Clause:
+    """The judgement of a clause: verdict, reason for people, and figures for the JSON result."""
+
+    name: str
+    verdict: Verdict
+    text: str
+    figures: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits that a stack must keep.
+
+    Attributes:
+        latency_ms: largest 95th percentile of the latency [ms].
+        clipped: largest share of answers that ask for more than the vehicle can do.
+    """
+
+    latency_ms: float = 5000.0
+    clipped: float = 0.1
+
+
+def judge(seen: Evidence, limits: Limits) -> list[Clause]:
+    """Judge all clauses, in the order of a run."""
+    return [
+        discovery(seen),
+        qos(seen),
+        answers(seen),
+        latency(seen, limits.latency_ms),
+        frames(seen),
+        values(seen, limits.clipped),
+        ending(seen),
+    ]
+
+
+def discovery(seen: Evidence) -> Clause:
+    """A publisher on a topic of the port is found in time."""
+    name = "discovery"
+    reads = sorted({each.topic for each in seen.endpoints if not each.publishes})
+    if not seen.found:
+        hears = f"; it reads {', '.join(reads)}" if reads else ""
+        topics = ", ".join(INPUTS.values())
+        when = f"within {seen.wait_s:g} s" if seen.left is None else "before the stack left"
+        return Clause(name, Verdict.FAIL, f"no publisher on {topics} {when}{hears}")
+    after = {INPUTS[each]: round(seconds, 2) for each, seconds in seen.found.items()}
+    text = ", ".join(f"{topic} after {seconds:.1f} s" for topic, seconds in after.items())
+    nodes = sorted({each.node for each in seen.endpoints if each.publishes})
+    text += f", by {', '.join(nodes)}" if nodes else ""
+    return Clause(name, Verdict.PASS, text, {"publishers_s": after, "nodes": nodes, "reads": reads})
+
+
+def qos(seen: Evidence) -> Clause:
+    """Types and QoS match on all topics that the stack publishes or reads at the port."""
+    name = "types and QoS"
+    if not seen.endpoints:
+        return Clause(name, Verdict.OPEN, "nothing was found")
+    found = _by_topic(seen.endpoints)
+    wrong = {topic: text for topic, text in found.items() if text}
+    text = "; ".join(f"{topic}: {text}" for topic, text in wrong.items())
+    return Clause(
+        name,
+        Verdict.FAIL if wrong else Verdict.PASS,
+        text or f"{len(found)} topics match: {', '.join(found)}",
+        {topic: text or "matches" for topic, text in found.items()},
+    )
+
+
+def _by_topic(endpoints: Sequence[Endpoint]) -> dict[str, str]:
+    """First mismatch by topic; an empty text if there is none."""
+    found: dict[str, str] = {}
+    for each in sorted(endpoints, key=lambda e: e.topic):
+        found[each.topic] = found.get(each.topic) or each.problem
+    return found
+
+
+def answers(seen: Evidence) -> Clause:
+    """Every step is answered once per publication, under its own stamp."""
+    name = "answers every step"
+    if not seen.reachable:
+        return Clause(name, Verdict.OPEN, "the bridge cannot hear the stack")
+    last = max(seen.asked, default=-1) if seen.left is None else seen.left - 1
+    steps = range(last + 1)
+    if not steps:
+        return Clause(name, Verdict.OPEN, "no step was published")
+    # A run does not go past a step without an answer, so the number of answered steps tells which are missing.
+    heard = {each.answer.step_answered for each in seen.used} & set(steps)
+    missing = list(steps[max(len(heard), seen.counts.get("answered", 0) + seen.counts.get("invalid", 0)) :])
+    repeats = sum(len(times) - 1 for times in seen.asked.values())
+    counts = {kind: seen.counts.get(kind, 0) for kind in ("late", "stale", "future", "surplus", "refused")}
+    faults = []
+    if missing:
+        faults.append(f"{len(missing)} missing, first {missing[0]}")
+    if counts["stale"] > repeats:
+        faults.append(f"{counts['stale']} stale")
+    if counts["future"]:
+        faults.append(f"{counts['future']} from the future")
+    if counts["surplus"] > repeats + len(steps):
+        faults.append(f"{counts['surplus']} surplus, more than one per step")
+    if counts["refused"]:
+        faults.append(f"{counts['refused']} on a second interface")
+    if counts["late"]:
+        faults.append(f"{counts['late']} late")
+    if seen.failure and seen.left is None:
+        faults.append(seen.failure)
+    text = f"{len(steps) - len(missing)} of {len(steps)} steps"
+    text += "" if seen.left is None else ", until the stack left"
+    figures = {"steps": len(steps), "missing": missing, "repeated_by_bridge": repeats} | counts
+    return Clause(
+        name, Verdict.FAIL if faults else Verdict.PASS, "; ".join([text, *faults]), figures | {"run": seen.failure}
+    )
+
+
+def latencies(seen: Evidence) -> tuple[list[int], FloatArray]:
+    """Steps after step 0, and their latencies [ms] from the step's first publication to its first answer."""
+    first: dict[int, int] = {}
+    for each in seen.used:
+        if each.answer.step_answered is not None:
+            first.setdefault(each.step, each.received_ns)
+    steps = sorted(step for step in first.keys() & seen.asked.keys() if step > 0)
+    return steps, np.array([1e-6 * (first[step] - seen.asked[step][0]) for step in steps], np.float64)
+
+
+def latency(seen: Evidence, limit_ms: float) -> Clause:
+    """The 95th percentile of the latency is within the limit."""
+    name = "latency"
+    _, took = latencies(seen)
+    if not seen.reachable or not len(took):
+        return Clause(name, Verdict.OPEN, "nothing to time")
+    low, median, high, most = (float(v) for v in np.percentile(took, [0, 50, 95, 100]))
+    in_time = float(np.mean(took <= 1e3 * STEP_S))
+    text = f"min {low:.1f}, median {median:.1f}, 95 % {high:.1f}, max {most:.1f} ms; {in_time:.0%} within a step"
+    figures = {"min_ms": low, "median_ms": median, "p95_ms": high, "max_ms": most, "within_a_step": in_time}
+    if high > limit_ms:
+        return Clause(name, Verdict.FAIL, f"{text}; expected 95 % within {limit_ms:g} ms", figures)
+    return Clause(name, Verdict.PASS, text, figures)
+
+
+def frames(seen: Evidence) -> Clause:
+    """Frames are those of the contract; trajectories begin at the ego and lead along the road."""
+    name = "frames plausible"
+    if not seen.reachable or not seen.used:
+        return Clause(name, Verdict.OPEN, "no answers")
+    wrong = [each for each in seen.used if not _frame_is_right(each.answer)]
+    good = [each for each in seen.used if _frame_is_right(each.answer) and not problem(each.answer)]
+    away = [(each, offset) for each in good if (offset := _offset(each, seen)) is not None]
+    stray = [(each, share) for each in good if (share := _stray(each.answer, seen)) is not None]
+    faults = []
+    if wrong:
+        faults.append(_first(wrong, f"{len(wrong)} with another frame", problem(wrong[0].answer)))
+    if far := [(each, offset) for each, offset in away if offset > OFFSET_MAX]:
+        words = f"{far[0][1]:.1f} m away, expected at most {OFFSET_MAX:g} m"
+        faults.append(_first([each for each, _ in far], f"{len(far)} do not begin at the ego", words))
+    if lost := [(each, share) for each, share in stray if share > STRAY]:
+        words = f"{lost[0][1]:.0%} of its headings more than 60 degrees off the lane's"
+        faults.append(_first([each for each, _ in lost], f"{len(lost)} deviate from the road's direction", words))
+    used = sorted({each.answer.frame for each in seen.used})
+    text = f"frame {', '.join(repr(frame) for frame in used)}"
+    if away:
+        text += f"; begins at most {max(offset for _, offset in away):.2f} m from the ego"
+    if stray and not lost:
+        text += ", headings along the road"
+    figures = {
+        "frames": used,
+        "wrong": len(wrong),
+        "offset_max_m": max((offset for _, offset in away), default=None),
+        "off_direction": len(lost),
+    }
+    return Clause(name, Verdict.FAIL if faults else Verdict.PASS, "; ".join(faults) or text, figures)
+
+
+def values(seen: Evidence, limit: float) -> Clause:
+    """Values are finite, in order, and within the vehicle's limits."""
+    name = "values finite and feasible"
+    if not seen.reachable or not seen.used:
+        return Clause(name, Verdict.OPEN, "no answers")
+    wrong: list[tuple[Heard, str]] = []
+    clipped, judged = 0, 0
+    for each in seen.used:
+        answer, ego = _in_frame(each.answer), seen.driven(each.step)
+        if fault := problem(answer):
+            wrong.append((each, fault))
+        elif ego is not None and answer.target is not None:
+            judged += 1
+            clipped += is_clipped(answer.target, ego, seen.vehicle)
+            offset = _offset(each, seen)
+            if isinstance(answer.target, Trajectory) and (offset is None or offset <= OFFSET_MAX):
+                fault = Reference(answer.target, ego).problem(ego, seen.vehicle)
+                wrong += [(each, fault)] if fault else []
+    share = clipped / judged if judged else 0.0
+    text = f"{share:.1%} of {judged} answers beyond the vehicle's limits"
+    faults = []
+    if wrong:
+        faults.append(_first([each for each, _ in wrong], f"{len(wrong)} cannot be used", wrong[0][1]))
+    if share > limit:
+        faults.append(f"{text}, expected at most {limit:.1%}")
+    figures = {"invalid": len(wrong), "clipped": clipped, "judged": judged, "clipped_share": share}
+    return Clause(name, Verdict.FAIL if faults else Verdict.PASS, "; ".join(faults) or f"finite; {text}", figures)
+
+
+def ending(seen: Evidence) -> Clause:
+    """The stack stays until the run is over, then falls silent, and does not crash."""
+    name = "end of run"
+    end = seen.ending
+    figures = {"state": seen.state, "left": seen.left, "exit_status": end.exit_status, "last_message_s": end.last_s}
+    if not seen.found and seen.left is None:
+        return Clause(name, Verdict.OPEN, "nothing was found", figures)
+    how = f": {end.obituary}" if end.obituary else ""
+    if seen.left is not None:
+        text = f"the stack left at step {seen.left} of {seen.total_steps}, before the run was over{how}"
+        return Clause(name, Verdict.FAIL, text, figures)
+    after = "after FINISHED" if seen.state == FINISHED else "after the run had ended early"
+    if end.exit_status:
+        return Clause(name, Verdict.FAIL, f"{after}, the stack crashed{how}", figures)
+    if end.last_s is not None and end.last_s > end.watched_s - QUIET_S:
+        text = f"{after}, it still publishes {end.watched_s:.1f} s later"
+        return Clause(name, Verdict.FAIL, text, figures)
+    quiet = "it is silent" if end.last_s is None else f"its last message came {end.last_s:.1f} s later"
+    here = "its publisher is gone" if not end.present else "its publisher is still there, idle"
+    return Clause(name, Verdict.PASS, f"{after}, {quiet}; {here}{how}", figures)
+
+
+def _first(heard: Sequence[Heard], what: str, why: str) -> str:
+    return f"{what}, first at step {heard[0].step}: {why}"
+
+
+def _frame_is_right(answer: Answer) -> bool:
+    allowed: dict[Interface, tuple[str, ...]] = {Interface.TWIST: BODY_FRAMES, Interface.TRAJECTORY: (MAP_FRAME,)}
+    return answer.frame in allowed.get(answer.interface, (answer.frame,))
+
+
+def _in_frame(answer: Answer) -> Answer:
+    """`answer` with the right frame, so that a wrong one, which another clause judges, is not reported again."""
+    return replace(answer, frame=MAP_FRAME if answer.interface == Interface.TRAJECTORY else BODY_FRAMES[0])
+
+
+def _offset(heard: Heard, seen: Evidence) -> float | None:
+    """Distance [m] from the ego to the trajectory of `heard` at the time of the step that it answers.
+
+    None if the answer is not a trajectory, does not cover that time, or does not drive the ego.
+    """
+    target, ego = heard.answer.target, seen.driven(heard.step)
+    if not isinstance(target, Trajectory) or ego is None or problem(_in_frame(heard.answer)):
+        return None
+    if not len(target.time) or target.time[0] > ego.time + 0.5 * STEP_S:
+        return None
+    at = [float(np.interp(ego.time, target.time, values)) for values in (target.x, target.y)]
+    return float(np.hypot(at[0] - ego.x, at[1] - ego.y))
+
+
+def _stray(answer: Answer, seen: Evidence) -> float | None:
+    """Share (0 to 1) of the segments of a trajectory that do not lead along their lane; None where it does not move."""
+    target = answer.target
+    if not isinstance(target, Trajectory) or len(target.time) < 2:
+        return None
+    step = np.diff(target.x), np.diff(target.y)
+    moving = np.hypot(*step) / np.diff(target.time) > CRAWL
+    if not moving.any():
+        return None
+    heading = np.arctan2(step[1], step[0])[moving]
+    lane = seen.lane_map.nearest(target.x[1:][moving], target.y[1:][moving])
+    return float(np.mean(np.abs(wrap_angle(heading - lane.heading)) > ALONG))

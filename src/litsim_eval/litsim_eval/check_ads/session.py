@@ -1,0 +1,236 @@
+"""A run with a stack at the ego port: the bridge and the recorder of every run, the stack, and a bystander."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from litsim_eval.check_ads.bystander import Bystander
+from litsim_eval.check_ads.trace import FAILED, FINISHED, Ending, Evidence, summarised
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.stages import BRIDGE, RECORDER
+from litsim_sim.ego_port.answer import INPUTS
+from litsim_sim.ego_port.port import ego_state
+from litsim_sim.ego_port.tracking import EgoState
+from litsim_sim.launch.child import Child, start_kept
+from litsim_sim.launch.executables import node_executable
+from litsim_sim.launch.middleware import enclave_setting
+from litsim_sim.launch.processes import STACK as ADS
+from litsim_sim.launch.processes import Graph, GraphFailed, held_back
+from litsim_sim.record.run import read_run
+from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
+from litsim_sim.scenario.scenario import Scenario
+
+TICK_S = 0.1  # [s] between two looks at the graph
+LEASE_S = 25.0  # [s] within which DDS notices that a process was killed
+MEETING_S = 60.0  # [s] for the bystander to find the bridge, which starts slowly on a busy machine
+LAZY_S = 5.0  # [s] for a stack that creates its publisher only for its first answer
+GRACE_S = 3.0  # [s] for a process to end after each signal
+STACK = "stack"
+
+
+@dataclass(frozen=True)
+class Check:
+    """Settings of a check.
+
+    Attributes:
+        scenario: of the run.
+        out: folder of its record.
+        domain_id: of the graph.
+        command: starts the stack; empty if the stack is started elsewhere.
+        wait_s: time to wait for a publisher, and then for the answer to step 0 [s].
+        answer_timeout_s: timeout of every later answer [s].
+        end_wait_s: time for which the stack is watched after the run [s].
+    """
+
+    scenario: Scenario
+    out: Path
+    domain_id: int
+    command: Sequence[str] = ()
+    wait_s: float = 30.0
+    answer_timeout_s: float = 5.0
+    end_wait_s: float = 5.0
+
+
+def observe(check: Check) -> Evidence:
+    """Make the run, to its end or as far as the stack allows.
+
+    Raises:
+        InputError: the command cannot be started, or the workspace is not complete.
+    """
+    plan = RunPlan(check.scenario, EXTERNAL, "replay")
+    nodes = {name: node_executable(name, plan.ego) for name in (RECORDER, BRIDGE)}
+    graph = Graph(check.out, check.domain_id, check.answer_timeout_s)
+    file = check.out / "scenario.yaml"
+    file.write_text(check.scenario.to_yaml(), encoding="utf-8")
+    stack: Child | None = None
+    with Bystander(check.domain_id) as bystander:
+        try:
+            graph.start(BRIDGE, nodes[BRIDGE], _bridge(check, plan, file))
+            _meet(graph.children[BRIDGE], bystander)
+            stack = _start(check) if check.command else None
+            _discover(check, bystander, stack)
+            graph.start(RECORDER, nodes[RECORDER], {"output": str(check.out), "overwrite": True})
+            left = _follow(graph.children[BRIDGE], bystander, stack)
+            failure = _failure(graph, left)
+            ending, left = _watch_end(check, bystander, stack, left)
+        finally:
+            graph.stop()
+            if stack is not None:
+                _end(stack)
+        return Evidence(
+            wait_s=check.wait_s,
+            found=bystander.found,
+            endpoints=bystander.endpoints,
+            asked=bystander.asked,
+            heard=tuple(bystander.heard),
+            interface=bystander.interface,
+            counts=bystander.counts,
+            remarks=summarised(filter(_names_an_input, bystander.remarks)),
+            states=_states(check),
+            history_steps=check.scenario.history_steps,
+            lane_map=check.scenario.lane_map,
+            vehicle=check.scenario.vehicle,
+            total_steps=check.scenario.total_steps,
+            state=bystander.state,
+            failure=failure,
+            left=left,
+            ending=ending,
+        )
+
+
+def _names_an_input(remark: str) -> bool:
+    """Whether a remark of the ego port is about a topic of the stack's answers."""
+    return any(topic in remark for topic in INPUTS.values())
+
+
+def _bridge(check: Check, plan: RunPlan, file: Path) -> dict[str, object]:
+    """Parameters of the bridge: invalid answers are counted, and only missing ones end the run."""
+    return {
+        "scenario": str(file),
+        "ego": plan.ego,
+        "policy": plan.policy,
+        "on_missing": "stop",
+        "on_invalid": "hold",
+        "answer_timeout_s": check.answer_timeout_s,
+        "external_timeout_s": check.wait_s,
+        "handshake_timeout_s": check.wait_s + 2.0 * MEETING_S,  # the recorder is started last
+        "progress": "none",
+    }
+
+
+def _meet(bridge: Child, bystander: Bystander) -> None:
+    """Wait until the bystander hears the bridge, which itself waits for the recorder, so that no step is missed.
+
+    Raises:
+        InputError: the bridge has ended, or is not discovered.
+    """
+    until = time.monotonic() + MEETING_S
+    while not bystander.hears_bridge:
+        if not bridge.running:
+            raise InputError(f"the bridge has not started: {bridge.obituary()}")
+        if time.monotonic() > until:
+            raise InputError(f"the bridge was not discovered within {MEETING_S:g} s; is DDS blocked on this machine?")
+        bystander.listen(TICK_S)
+    bystander.listen(3 * TICK_S)  # for the bridge to find the bystander, too
+
+
+def _discover(check: Check, bystander: Bystander, stack: Child | None) -> None:
+    """Wait for a publisher of the stack; the run has not begun yet, so its answers are heard from step 0 on."""
+    bystander.start()
+    until = time.monotonic() + check.wait_s
+    while not bystander.found and time.monotonic() < until and (stack is None or stack.running):
+        bystander.listen(TICK_S)
+    if bystander.found:
+        bystander.listen(3 * TICK_S)  # for the stack to find the bystander, too
+
+
+def _start(check: Check) -> Child:
+    """Start the stack in the domain of the graph."""
+    log = check.out / "log" / f"{STACK}.log"
+    environment = os.environ | {"ROS_DOMAIN_ID": str(check.domain_id)} | enclave_setting(os.environ, ADS, check.command)
+    with log.open("w") as stream, held_back():
+        process = start_kept(check.command, env=environment, stdout=stream, stderr=stream)
+    return Child(STACK, process, log)
+
+
+def _follow(bridge: Child, bystander: Bystander, stack: Child | None) -> int | None:
+    """Listen until the bridge ends, the stack leaves or none is found; return the step at which it left, or None."""
+    hopeless = time.monotonic() + LAZY_S
+    while bridge.running:
+        bystander.listen(TICK_S)
+        if not bystander.found and time.monotonic() > hopeless:
+            break
+        gone = (stack is not None and not stack.running) or (bool(bystander.found) and not bystander.present)
+        if gone and not bystander.over:
+            bystander.listen(5 * TICK_S)  # the stack may have heard of the end of the run before this program
+            if not bystander.over:
+                return max(bystander.asked, default=0)
+    bystander.listen(TICK_S)
+    return None
+
+
+def _failure(graph: Graph, left: int | None) -> str:
+    """Why the run failed; empty if it did not."""
+    if left is not None or graph.children[BRIDGE].running:
+        graph.stop()
+        return "no stack answers" if left is None else "the stack left"
+    try:
+        graph.watch(quiet=True)
+    except GraphFailed as error:
+        return str(error)
+    return ""
+
+
+def _watch_end(check: Check, bystander: Bystander, stack: Child | None, left: int | None) -> tuple[Ending, int | None]:
+    """Watch the stack after the run; return its ending, and the step at which it left the run, if it did.
+
+    A silent stack that was started elsewhere is watched until DDS would have noticed its death.
+    """
+    began_ns, began = time.time_ns(), time.monotonic()
+    silent = bystander.state != FINISHED and left is None and stack is None and bool(bystander.found)
+    watch = max(check.end_wait_s, LEASE_S) if silent else check.end_wait_s
+    while (watched := time.monotonic() - began) < watch:
+        bystander.listen(TICK_S)
+        if not bystander.present and (stack is None or not stack.running):
+            break
+    if silent and not bystander.present and bystander.state in (FAILED, ""):
+        left = max(bystander.asked, default=0)
+    after = [each.received_ns for each in bystander.heard if each.received_ns > began_ns]
+    last_s = 1e-9 * (after[-1] - began_ns) if after else None
+    gone = stack is not None and not stack.running
+    return (
+        Ending(
+            watched_s=watched,
+            last_s=last_s,
+            present=bystander.present,
+            exit_status=stack.process.returncode if stack is not None and gone else None,
+            obituary=stack.obituary().removeprefix("node ") if stack is not None and gone else "",
+        ),
+        left,
+    )
+
+
+def _end(stack: Child) -> None:
+    """End the stack and its child processes."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+        if not stack.running:
+            return
+        stack.signal(number)
+        until = time.monotonic() + GRACE_S
+        while stack.running and time.monotonic() < until:
+            time.sleep(0.02)
+
+
+def _states(check: Check) -> dict[int, EgoState]:
+    """States of the ego by step, from the record; empty if there is none."""
+    try:
+        run = read_run(check.out)
+    except InputError:
+        return {}
+    states = {table.step: ego_state(table, run.info.ego_id) for table in run.tables}
+    return {step: state for step, state in states.items() if state is not None}

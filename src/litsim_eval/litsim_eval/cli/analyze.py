@@ -1,0 +1,35 @@
+"""`analyze BAG`: compute the measures of a recorded run, on the terminal and as files beside the bag."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from litsim_eval.analysis.analyze import FILES, analyze
+from litsim_eval.report.terminal import print_ledger, print_metrics
+from litsim_sim.cli.arguments import Parser
+from litsim_sim.cli.program import RUN_STATUS_HELP, program, run_status
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_eval analyze``."""
+    p = Parser(prog="analyze", description=__doc__, epilog=f"Files: {', '.join(FILES)}. {RUN_STATUS_HELP}")
+    p.add_argument("bag", type=Path, help="folder of a run, or its MCAP file")
+    p.add_argument("--out", type=Path, metavar="FOLDER", help="default: beside the bag")
+    p.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    return p
+
+
+@program
+def main(argv: list[str] | None = None) -> int:
+    """Entry point of ``ros2 run litsim_eval analyze``."""
+    arguments = parser().parse_args(argv)
+    metrics = analyze(arguments.bag, arguments.out)
+    if not arguments.quiet:
+        print_metrics(metrics)
+        print_ledger(metrics)
+    return run_status(metrics, arguments.bag)
+
+
+if __name__ == "__main__":
+    main()

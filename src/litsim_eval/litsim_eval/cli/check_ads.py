@@ -1,0 +1,159 @@
+"""`check_ads`: let a driving system drive the ego for some seconds, and judge it by the ego port's contract."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import tempfile
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from litsim_eval.check_ads.plot import plot_latency
+from litsim_eval.check_ads.requirements import Clause, Limits, Verdict, judge
+from litsim_eval.check_ads.session import Check, observe
+from litsim_sim.cli.arguments import DefaultsFormatter, Parser, number, positive
+from litsim_sim.cli.program import interrupt_on_signals, program
+from litsim_sim.core.errors import EXIT_FAILED, InputError
+from litsim_sim.core.scene import STEP_S
+from litsim_sim.io.files import make_folder, replacing
+from litsim_sim.launch.domain import graph_domain
+from litsim_sim.launch.middleware import check_security
+from litsim_sim.scenario.scenario import Scenario
+
+COLOURS = {Verdict.PASS: "green", Verdict.FAIL: "red", Verdict.OPEN: "yellow"}
+PLOT_FILE = "latency.png"
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_eval check_ads``."""
+    p = Parser(
+        prog="check_ads",
+        description=__doc__,
+        epilog="Exit status: 0, every clause passes; 1, one does not; 2, bad input.",
+        formatter_class=DefaultsFormatter,
+    )
+    p.add_argument("--scenario", default="demo", help="name of a packaged scenario, or a YAML file")
+    p.add_argument(
+        "--seconds", type=number(STEP_S), default=4.0, metavar="S", help="driving time after the history [s]"
+    )
+    p.add_argument(
+        "--wait",
+        type=positive,
+        default=30.0,
+        metavar="S",
+        help="time to wait for a publisher, then for its first answer [s]",
+    )
+    p.add_argument(
+        "--answer-timeout", type=positive, default=5.0, metavar="S", help="timeout of every later answer [s]"
+    )
+    p.add_argument(
+        "--end-wait",
+        type=positive,
+        default=5.0,
+        metavar="S",
+        help="time after the run within which the stack must fall silent [s]",
+    )
+    p.add_argument(
+        "--latency-limit",
+        type=positive,
+        metavar="MS",
+        help="limit that 95 %% of the answers must meet; default: the timeout",
+    )
+    p.add_argument(
+        "--clipped-limit",
+        type=number(0.0, 1.0),
+        default=0.1,
+        metavar="SHARE",
+        help="largest share of answers beyond the vehicle's limits",
+    )
+    p.add_argument("--domain-id", type=int, help="default: ROS_DOMAIN_ID, else 0, or a free domain with COMMAND")
+    p.add_argument("--json", type=Path, metavar="FILE", help="write the result here")
+    p.add_argument("--out", type=Path, metavar="FOLDER", help=f"keep record, logs and {PLOT_FILE} here")
+    p.add_argument(
+        "command",
+        nargs="*",
+        metavar="COMMAND",
+        help="after --: command that starts the stack; without it, start it yourself",
+    )
+    return p
+
+
+def check_ads(arguments: argparse.Namespace, console: Console) -> int:
+    """Check a stack and return the exit status.
+
+    Raises:
+        InputError: an argument or a file cannot be used.
+    """
+    check_security(os.environ)
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    scenario = Scenario.load(arguments.scenario, simulation_s=arguments.seconds)
+    limits = Limits(arguments.latency_limit or 1e3 * arguments.answer_timeout, arguments.clipped_limit)
+    with ExitStack() as stack:
+        domain_id = stack.enter_context(graph_domain(arguments.domain_id, reserve=bool(arguments.command)))
+        out = arguments.out or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="check_ads_")))
+        console.print(f"waiting for a stack in ROS_DOMAIN_ID {domain_id}, for {arguments.wait:g} s", highlight=False)
+        check = Check(
+            scenario=scenario,
+            out=_writable(out),
+            domain_id=domain_id,
+            command=arguments.command,
+            wait_s=arguments.wait,
+            answer_timeout_s=arguments.answer_timeout,
+            end_wait_s=arguments.end_wait,
+        )
+        seen = observe(check)
+        clauses = judge(seen, limits)
+        if arguments.out:
+            plot_latency(seen, out / PLOT_FILE)
+    passed = all(clause.verdict == Verdict.PASS for clause in clauses)
+    console.print(_table(clauses))
+    for remark in seen.remarks:
+        console.print(f"/diagnostics: {remark}", highlight=False, markup=False, soft_wrap=True)
+    if arguments.json:
+        described = {"passed": passed, "scenario": scenario.name, "steps": scenario.total_steps}
+        _write(described | {"clauses": _as_json(clauses), "remarks": list(seen.remarks)}, arguments.json)
+    return 0 if passed else EXIT_FAILED
+
+
+def _table(clauses: list[Clause]) -> Table:
+    table = Table(title="the ego port's contract", expand=True)
+    table.add_column("clause", no_wrap=True)
+    table.add_column("verdict", no_wrap=True)
+    table.add_column("why", ratio=1)
+    for clause in clauses:
+        table.add_row(clause.name, f"[{COLOURS[clause.verdict]}]{clause.verdict}[/]", clause.text.replace("[", r"\["))
+    return table
+
+
+def _as_json(clauses: list[Clause]) -> dict[str, Any]:
+    return {each.name: {"verdict": str(each.verdict), "why": each.text, **each.figures} for each in clauses}
+
+
+def _write(result: dict[str, Any], path: Path) -> None:
+    with replacing(path) as new:
+        new.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+
+
+def _writable(out: Path) -> Path:
+    """Create the folder `out` for the record, or fail before anything is started."""
+    if any(out.glob("*.mcap")):
+        raise InputError(f"{out}: holds a recording already; give another --out")
+    make_folder(out / "log")
+    return out
+
+
+@program
+def main() -> int:
+    """Entry point of ``ros2 run litsim_eval check_ads``."""
+    arguments = parser().parse_args()
+    interrupt_on_signals()  # so that child processes are ended
+    return check_ads(arguments, Console())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,130 @@
+"""`compare A B [C...]`: compare the measures of runs, with differences from the first in yellow; or two campaigns."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from litsim_eval.analysis.compare import Comparison, Row, compare, load, names_of
+from litsim_eval.campaign.comparison import compare_campaigns
+from litsim_eval.campaign.results import is_campaign, read_campaign
+from litsim_eval.report.campaign_comparison import print_campaigns
+from litsim_sim.cli.arguments import Parser
+from litsim_sim.cli.program import program
+from litsim_sim.core.errors import EXIT_FAILED, InputError
+
+NOTHING = "-"
+DIGITS = 5
+WIDTH = 140  # of what is not printed to a terminal
+TEXT_MAX = 17  # enough to tell digests apart; --json has everything
+
+
+STATUS_HELP = "Exit status: 0; of campaigns 1 where a case passed and does not any more; 2, bad input."
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_eval compare``."""
+    p = Parser(prog="compare", description=__doc__, epilog=STATUS_HELP)
+    p.add_argument(
+        "runs",
+        type=Path,
+        nargs="+",
+        metavar="RUN",
+        help="folder, MCAP file or metrics.json of a run; or the folders of two campaigns, the earlier one first",
+    )
+    p.add_argument("--differences", action="store_true", help="for runs: show only what differs")
+    p.add_argument("--all", action="store_true", help="for campaigns: show every measure that differs, and every case")
+    p.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    return p
+
+
+def print_comparison(comparison: Comparison, only_differences: bool = False, console: Console | None = None) -> None:
+    """Print a table; wall times are never marked."""
+    console = console or Console(width=None if sys.stdout.isatty() else WIDTH)
+    two = len(comparison.names) == 2
+    table = Table(box=None, pad_edge=False)
+    table.add_column("", no_wrap=True)
+    for name in comparison.names:
+        table.add_column(name, justify="right", no_wrap=True)
+    if two:
+        table.add_column("change", justify="right", no_wrap=True)
+    for row in comparison.rows:
+        if row.differs or not only_differences:
+            marked = row.differs and row.of_the_run
+            table.add_row(*_cells(row, two), style=None if row.of_the_run else "dim", end_section=False)
+            if marked:
+                table.rows[-1].style = "bold yellow"
+    console.print(table)
+    console.print("equal but for wall times" if comparison.equal else _count(comparison), highlight=False)
+
+
+def _count(comparison: Comparison) -> str:
+    differing = [row for row in comparison.rows if row.differs and row.of_the_run]
+    return f"{len(differing)} measures differ"
+
+
+def _cells(row: Row, with_change: bool) -> list[str]:
+    mark = "* " if row.differs and row.of_the_run else "  "  # also without colours
+    cells = [mark + row.name, *(_text(value) for value in row.values)]
+    if with_change:
+        change = row.changes[1]
+        cells.append(f"{change:+.{DIGITS}g}" if row.differs and change is not None else "")
+    return cells
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return NOTHING
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.{DIGITS}g}"
+    text = str(value)
+    return text if len(text) <= TEXT_MAX else f"{text[: TEXT_MAX - 1]}…"
+
+
+@program
+def main(argv: list[str] | None = None) -> int:
+    """Entry point of ``ros2 run litsim_eval compare``."""
+    p = parser()
+    arguments = p.parse_args(argv)
+    if len(arguments.runs) < 2:
+        p.error("name two runs at least")
+    if any(is_campaign(path) for path in arguments.runs):
+        return _campaigns(arguments)
+    metrics = [load(path) for path in arguments.runs]
+    comparison = compare(dict(zip(names_of(arguments.runs), metrics, strict=True)))
+    if arguments.json:
+        print(json.dumps(comparison.to_json(), indent=2))
+    else:
+        print_comparison(comparison, arguments.differences)
+    return 0
+
+
+def _campaigns(arguments: argparse.Namespace) -> int:
+    """Compare two campaigns; return the exit status.
+
+    Raises:
+        InputError: they are not two, or cannot be compared.
+    """
+    others = [str(path) for path in arguments.runs if not is_campaign(path)]
+    if others:
+        raise InputError(f"{', '.join(others)}: no folder of a campaign, expected two of them, or runs alone")
+    if len(arguments.runs) > 2:
+        raise InputError(f"{len(arguments.runs)} campaigns, expected two")
+    comparison = compare_campaigns(*(read_campaign(path) for path in arguments.runs))
+    if arguments.json:
+        print(json.dumps(comparison.to_json(), indent=2))
+    else:
+        print_campaigns(comparison, everything=arguments.all)
+    return EXIT_FAILED if comparison.newly_failing else 0
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,59 @@
+"""`run`: one run in this process, without ROS, with the same metrics as a recorded run."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from tqdm import tqdm
+
+from litsim_eval.analysis.metrics import compute_metrics, write_metrics
+from litsim_eval.report.terminal import print_metrics
+from litsim_eval.runs.runner import Runner, record
+from litsim_sim.cli.arguments import DefaultsFormatter, Parser
+from litsim_sim.cli.program import RUN_STATUS_HELP, interrupt_on_signals, program, run_status
+from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
+from litsim_sim.scenario.run_info import OWN_EGOS
+from litsim_sim.world.sumo import SumoMirror
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_eval run``."""
+    p = Parser(prog="run", description=__doc__, epilog=RUN_STATUS_HELP, formatter_class=DefaultsFormatter)
+    add_run_arguments(p, OWN_EGOS)
+    p.add_argument("--json", type=Path, help="write the metrics to this file")
+    return p
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Make the run, show its metrics, and return the exit status.
+
+    Raises:
+        InputError: an argument or a file cannot be used.
+    """
+    plan = plan_of(arguments)
+    scenario = plan.scenario
+    runner = Runner(plan, SumoMirror(scenario.net_path, scenario.seed, scenario.signals))
+    with tqdm(total=scenario.total_steps + 1, unit="step", dynamic_ncols=True) as bar:
+        metrics = compute_metrics(record(runner, bar.update))
+    if arguments.json:
+        write_metrics(metrics, arguments.json)
+    print_metrics(metrics)
+    return run_status(metrics, plan.scenario.name)
+
+
+@program
+def main(argv: list[str] | None = None) -> int:
+    """Entry point of ``ros2 run litsim_eval run``."""
+    arguments = parser().parse_args(argv)
+    interrupt_on_signals()
+    try:
+        return run(arguments)
+    except KeyboardInterrupt:
+        print("\ninterrupted: the run is not measured", file=sys.stderr)
+        raise
+
+
+if __name__ == "__main__":
+    main()

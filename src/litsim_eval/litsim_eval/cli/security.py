@@ -1,0 +1,90 @@
+"""`security`: write an SROS2 policy of all publishers and subscribers, for `ros2 security generate_artifacts`.
+
+Every program of LitSim that takes part in runs gets its own enclave, /litsim/NAME. A stack under test gets /litsim/ads,
+in which it may answer on one topic of the ego port, and read the topics published for it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from litsim_sim.cli.arguments import Parser
+from litsim_sim.cli.program import program
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.stages import BRIDGE, CONFLICT, EGO, POLICY, POLICY_STAGES, PREDICTOR, RECORDER
+from litsim_sim.ego_port.answer import Interface
+from litsim_sim.io.files import replacing
+from litsim_sim.launch.executables import EXECUTABLES, POLICY_STAGES_PROGRAM, program_of
+from litsim_sim.launch.processes import STACK
+from litsim_sim.scenario.run_info import OWN_EGOS
+
+DOMAIN = "ROS_DOMAIN_ID"
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_eval security``."""
+    p = Parser(prog="security", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("--out", type=Path, required=True, metavar="POLICY.xml", help="file to write")
+    stack = p.add_argument_group("a stack under test")
+    stack.add_argument(
+        "--ego-interface", choices=[each.value for each in Interface], help="interface on which it may answer"
+    )
+    stack.add_argument("--stack-node", nargs="+", default=[], metavar="NODE", help="full names of its nodes")
+    return p
+
+
+@program
+def main(argv: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run litsim_eval security``."""
+    arguments = parser().parse_args(argv)
+    if bool(arguments.ego_interface) != bool(arguments.stack_node):
+        raise InputError("--ego-interface and --stack-node: expected both for a stack under test, or none")
+    interface = Interface(arguments.ego_interface) if arguments.ego_interface else None
+    text = policy(interface, arguments.stack_node)
+    with replacing(arguments.out) as made:
+        made.write_text(text)
+    domain = os.environ.get(DOMAIN, "0")
+    print(f"{arguments.out} is written; {DOMAIN}={domain} ros2 security generate_artifacts makes keys from it")
+
+
+def policy(interface: Interface | None = None, stack_nodes: Sequence[str] = ()) -> str:
+    """The policy as XML, with an enclave for a stack if `interface` is given, for its nodes `stack_nodes`.
+
+    Raises:
+        InputError: a name of a node is not valid.
+    """
+    from litsim_eval.check_ads.bystander import PROGRAM as CHECK_ADS  # ROS takes a moment to load
+    from litsim_eval.check_ads.bystander import Bystander
+    from litsim_policy.conflict.node import ConflictNode
+    from litsim_policy.driving.node import PolicyNode
+    from litsim_policy.ego.node import EgoNode
+    from litsim_predictor.predictor_node import PredictorNode
+    from litsim_sim.nodes.bridge import BridgeNode
+    from litsim_sim.nodes.live import NAME as LIVE
+    from litsim_sim.nodes.live import LiveNode
+    from litsim_sim.nodes.recorder import RecorderNode
+    from litsim_sim.ros.security import policy_xml, stack_endpoints
+
+    stages: dict[str, Any] = {
+        BRIDGE: BridgeNode,
+        RECORDER: RecorderNode,
+        PREDICTOR: PredictorNode,
+        CONFLICT: ConflictNode,
+        POLICY: PolicyNode,
+    }
+    classes = {EXECUTABLES[stage][1]: node for stage, node in stages.items()}
+    classes |= {program_of(EGO, ego)[1]: EgoNode for ego in OWN_EGOS}
+    classes |= {LIVE: LiveNode, CHECK_ADS: Bystander}
+    nodes = {name: [node.declared] for name, node in classes.items()}
+    nodes[POLICY_STAGES_PROGRAM[1]] = [stages[stage].declared for stage in POLICY_STAGES]
+    if interface is not None:
+        nodes[STACK] = [stack_endpoints(name, interface) for name in stack_nodes]
+    return policy_xml(nodes)
+
+
+if __name__ == "__main__":
+    main()

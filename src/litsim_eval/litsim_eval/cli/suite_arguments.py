@@ -1,0 +1,148 @@
+"""The arguments of `evaluate` that define the runs, and the suite made from them, with or without a suite file."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Any, get_args
+
+from litsim_eval.campaign.criteria import Criteria
+from litsim_eval.campaign.policy_setup import PolicySetup, packaged_setups, setup_of
+from litsim_eval.campaign.suite import CaseEntry, EgoChoice, EgoSetup, Suite, located, packaged_suites
+from litsim_sim.cli.run_arguments import END_AFTER_CONTACT
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.parameters import SET_HELP, not_among, setting
+from litsim_sim.io.yaml_input import validate_yaml
+from litsim_sim.scenario.run_info import EGOS, EXTERNAL, POLICIES
+
+DEFAULTS: dict[str, Any] = {"scenario": ["demo"], "ego": ["idm"]}
+"""Of a campaign without a suite file; all others are those of :class:`Suite`."""
+
+PACKAGED = (*POLICIES, *packaged_setups())
+"""Policies that need no suite, by name."""
+
+
+def add_suite_arguments(p: argparse.ArgumentParser) -> None:
+    """Add the arguments that define the runs, most with several values; :func:`suite_of` reads them."""
+    p.add_argument("--suite", help=f"YAML file, or packaged: {', '.join(packaged_suites())}; options override it")
+    p.add_argument("--scenario", nargs="+", help="names of packaged scenarios, or YAML files (default: demo)")
+    p.add_argument(
+        "--egos",
+        nargs="+",
+        action=_Egos,
+        help="vehicles that are egos: a field of the scenarios (egos, tuning, ego), all, or ids",
+    )
+    p.add_argument(
+        "--ego", nargs="+", help=f"what drives the ego: {', '.join(EGOS)}, or a name of the suite (default: idm)"
+    )
+    p.add_argument(
+        "--policy",
+        nargs="+",
+        help=f"what moves the background: {', '.join(PACKAGED)}, or a name of the suite (default: replay litsim)",
+    )
+    p.add_argument("--predictor", nargs="+", metavar="MODEL", help="forecasting model; a row for each")
+    p.add_argument("--seeds", nargs="+", type=int, help="a run for each seed; default: the scenario's")
+    p.add_argument("--end-after-contact", **END_AFTER_CONTACT)
+    p.add_argument(
+        "--set",
+        type=setting,
+        nargs="+",
+        default=[],
+        metavar="STAGE.NAME=VALUE[,VALUE]",
+        help=f"{SET_HELP}; a row for each of several values",
+    )
+    p.add_argument("--criteria", metavar="FILE", help="criteria that judge the runs (YAML); default: the packaged ones")
+    p.add_argument(
+        "command",
+        nargs="*",
+        metavar="COMMAND",
+        help="after --: command that starts the external ego, once per run; without it, start it yourself",
+    )
+
+
+def suite_of(arguments: argparse.Namespace) -> Suite:
+    """The suite that the arguments describe.
+
+    Raises:
+        InputError: a file cannot be used, or the arguments do not fit together.
+    """
+    base = None if arguments.suite is None else Suite.load(arguments.suite)
+    given: dict[str, Any] = {"cases": _cases(arguments, base), "egos": _setups(arguments, base)}
+    if base is None:
+        names = arguments.scenario or DEFAULTS["scenario"]
+        given["name"] = Path(names[0]).stem if len(names) == 1 else f"{len(names)} scenarios"
+    asked = {
+        "policies": None if arguments.policy is None else _policies(arguments.policy, base),
+        "seeds": arguments.seeds,
+        "end_after_contact_s": arguments.end_after_contact,
+    }
+    given |= {name: value for name, value in asked.items() if value is not None}
+    varied = {"predictor.model": arguments.predictor} if arguments.predictor else {}
+    varied |= {f"{stage}.{name}": values for stage, name, values in arguments.set}
+    given["parameters"] = (base.parameters if base else {}) | varied
+    if arguments.criteria is not None:
+        given["criteria"] = Criteria.load(arguments.criteria)
+    return validate_yaml((base.model_dump() if base else {}) | given, Suite, arguments.suite or "options", "")
+
+
+def _cases(arguments: argparse.Namespace, base: Suite | None) -> list[CaseEntry]:
+    if arguments.scenario or base is None:
+        names = arguments.scenario or DEFAULTS["scenario"]
+        return [CaseEntry(scenario=located(name, Path.cwd()), egos=arguments.egos) for name in names]
+    if arguments.egos is None:
+        return base.cases
+    return [
+        CaseEntry(**(entry.model_dump() | {"ego_id": None, "egos": arguments.egos}))  # the option replaces its ego
+        for entry in base.cases
+    ]
+
+
+def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]:
+    """The ego drivers; the command of the arguments becomes that of the external one."""
+    known = {setup.name: setup for setup in (base.egos if base else [])}
+    names: Sequence[str] = arguments.ego or (tuple(known) if base else DEFAULTS["ego"])
+    _check_names("--ego", names, {*known, *EGOS})
+    setups = [known.get(name) or EgoSetup(name=name, kind=name) for name in names]
+    external = [setup for setup in setups if setup.kind == EXTERNAL]
+    if arguments.command:
+        if len(external) != 1:
+            many = ", ".join(setup.name for setup in external) or "none"
+            raise InputError(f"{shlex.join(arguments.command)}: external egos: {many}; expected one for this command")
+        started = external[0].model_copy(update={"command": list(arguments.command)})
+        return [started if setup is external[0] else setup for setup in setups]
+    if len(elsewhere := [setup.name for setup in external if not setup.command]) > 1:
+        raise InputError(f"{', '.join(elsewhere)}: external egos without a command, expected at most one")
+    return setups
+
+
+def _policies(names: Sequence[str], base: Suite | None) -> list[str | PolicySetup]:
+    """The policies of these names, as the suite has them where it has them."""
+    known = {setup_of(policy).name: policy for policy in (base.policies if base else [])}
+    _check_names("--policy", names, {*known, *PACKAGED})
+    return [known.get(name, name) for name in names]
+
+
+def _check_names(option: str, names: Sequence[str], known: Collection[str]) -> None:
+    """Check that an option was given `known` names only.
+
+    Raises:
+        InputError: it was given others.
+    """
+    if unknown := [name for name in names if name not in known]:
+        raise InputError(f"{option} {not_among(unknown, known)}")
+
+
+class _Egos(argparse.Action):
+    """Parses the vehicles that are egos: a word, or ids separated by commas or spaces."""
+
+    def __call__(self, _: object, namespace: argparse.Namespace, values: Any, __: object = None) -> None:
+        words = [word for word in ",".join(values).split(",") if word]
+        if len(words) == 1 and words[0] in get_args(EgoChoice):
+            chosen: str | list[int] = words[0]
+        elif words and all(word.isascii() and word.isdigit() for word in words):
+            chosen = [int(word) for word in words]
+        else:
+            raise argparse.ArgumentError(self, f"{' '.join(values)}: expected {', '.join(get_args(EgoChoice))}, or ids")
+        setattr(namespace, self.dest, chosen)

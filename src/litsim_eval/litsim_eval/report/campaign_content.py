@@ -1,0 +1,202 @@
+"""Data of each run in the page of a campaign, for its table, its distributions and the panel of one run."""
+
+from __future__ import annotations
+
+import os.path
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from litsim_eval.campaign.results import RUNS_FOLDER, Campaign, RunResult
+from litsim_eval.report.packing import Packer
+from litsim_eval.report.thumbnails import UNIT_RAD
+from litsim_eval.report.wording import leaf
+from litsim_sim.core.scene import STEP_S
+
+DIGITS = 5  # significant digits of numbers on the page
+NAMED: dict[str, tuple[str, int | None]] = {
+    "ade_controlled_m.10": ("controlled: ADE@10 s [m]", 2),
+    "ade_ego_m.10": ("ego: ADE@10 s [m]", 2),
+    "collision.ego_at_fault": ("contacts, ego at fault", 0),
+    "collision.ego_contacts": ("contacts of the ego", 0),
+    "collision.excess": ("pairs not in the log", 0),
+    "comfort.ego.hard_brakes": ("ego: hard brakes", 0),
+    "comfort.ego.within.lateral_acceleration": ("ego: comfort of steering", 3),
+    "comfort.ego.within.longitudinal_acceleration": ("ego: comfort of accelerating", 3),
+    "comfort.ego.within.longitudinal_jerk": ("ego: comfort of jerk", 3),
+    "ego_motion.off_road": ("ego: off road [share]", 3),
+    "ego_motion.progress_ratio": ("ego: progress over its log's", 2),
+    "false_alarms": ("false alarms", 0),
+    "handback.max_position_jump_m": ("largest jump [m]", 3),
+    "progress_m": ("progress [m]", 1),
+    "safety.avoidable_contacts": ("avoidable contacts", 0),
+    "safety.max_drac_mps2": ("ego: largest DRAC [m/s²]", 2),
+    "safety.min_headway_s": ("ego: shortest headway [s]", 2),
+    "safety.min_own_ttc_s": ("ego: shortest own TTC [s]", 2),
+    "safety.min_pet_s": ("ego: shortest PET [s]", 2),
+    "safety.min_ttc_s": ("ego: shortest TTC [s]", 2),
+    "signals.red_ego": ("ego: red lights passed", 0),
+    "takeovers": ("takeovers", 0),
+    "timing.realtime_factor": ("× real time", 1),
+}
+"""Title and digits after the point of measures; others are called by their path."""
+
+MAIN = (
+    *("safety.min_ttc_s", "safety.min_pet_s", "collision.ego_contacts", "ego_motion.progress_ratio", "takeovers"),
+    *("false_alarms", "ade_ego_m.10", "collision.excess"),
+)
+"""Measures that the table shows first, after those of criteria, up to :data:`SHOWN` in all."""
+
+SHOWN = 10
+TOO_FINE = ("timing.stage_ms", "timing.path_ms", "lockstep.missed_by_topic", "lockstep.ego_port")
+"""Branches of the measures that are left out, as their fields differ from run to run."""
+
+
+def pack_campaign(campaign: Campaign, pictures: Mapping[str, Mapping[str, Any]], beside: Path) -> str:
+    """The runs of a campaign as a container of :mod:`litsim_eval.report.packing`.
+
+    Args:
+        campaign: the campaign.
+        pictures: pictures of runs by id, see :func:`litsim_eval.report.thumbnails.thumbnail_of`.
+        beside: folder of the page, to which links are relative.
+    """
+    results = campaign.results
+    rows = list(campaign.rows)
+    criteria = criteria_of(campaign)
+    tags = sorted({tag for result in results for tag in result.case.tags})
+    content = {
+        "dt": STEP_S,
+        "picture_turn": UNIT_RAD,
+        "rows": rows,
+        "criteria": [{"name": name, "field": field, "limit": limit} for name, field, limit in criteria],
+        "tags": tags,
+        "fields": fields_of(campaign),
+        "runs": [
+            {
+                **_case(result),
+                "row": rows.index(result.case.row),
+                "tags": [tags.index(tag) for tag in result.case.tags],
+                "criteria": [
+                    {
+                        "criterion": criteria.index((each.name, each.field, each.limit)),
+                        "value": each.value,
+                        "passed": each.passed,
+                        "reason": each.reason,
+                    }
+                    for each in result.criteria
+                ],
+                **_links(result, campaign.folder, beside),
+                **_happenings(result.metrics),
+                "picture": pictures.get(result.case.id),
+            }
+            for result in results
+        ],
+    }
+    return Packer(content).pack()
+
+
+def criteria_of(campaign: Campaign) -> list[tuple[str, str, str]]:
+    """Name, field and limit of every criterion: those of the campaign, and all others that a result was judged by."""
+    own = [(each.title, each.field, each.limit) for each in campaign.criteria.runs]
+    judged = [(each.name, each.field, each.limit) for result in campaign.results for each in result.criteria]
+    return list(dict.fromkeys((*own, *judged)))
+
+
+def fields_of(campaign: Campaign) -> list[dict[str, Any]]:
+    """Every measure that is a number or a boolean in any run, with its value in each.
+
+    Returns:
+        For each its path, title, digits, the limits that criteria set on it, whether it is shown from the start, and
+        its values in the order of the runs, None where a run has none. Those of criteria come first.
+    """
+    leaves = [dict(_leaves(result.metrics or {})) for result in campaign.results]
+    known = dict.fromkeys(path for each in leaves for path in each)
+    judged = dict.fromkeys(each.field for each in campaign.criteria.runs)
+    shown = [path for path in judged if path in known]
+    more = [path for path in MAIN if path in known and path not in judged]
+    main = [*shown, *more[: max(SHOWN - len(shown), 0)]]
+    limits = {path: _limits(campaign, path) for path in judged}
+    return [
+        {
+            "path": path,
+            "label": NAMED.get(path, (path, None))[0],
+            "digits": NAMED.get(path, (path, None))[1],
+            "limits": limits.get(path, []),
+            "main": path in main,
+            "values": [each.get(path) for each in leaves],
+        }
+        for path in dict.fromkeys((*main, *(path for path in NAMED if path in known), *sorted(known)))
+    ]
+
+
+def _limits(campaign: Campaign, path: str) -> list[float]:
+    own = [each for each in campaign.criteria.runs if each.field == path]
+    return [bound for each in own for bound in (each.min, each.max) if bound is not None]
+
+
+def _leaves(metrics: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, float | bool]]:
+    """Path and value of all numbers and booleans; a list counts by its length, as for criteria."""
+    for name, value in metrics.items():
+        path = f"{above}{name}"
+        if path in TOO_FINE:
+            continue
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{path}.")
+        elif isinstance(value, list):
+            yield path, len(value)
+        elif isinstance(value, float):
+            yield path, float(f"{value:.{DIGITS}g}")
+        elif isinstance(value, int):
+            yield path, value
+
+
+def _case(result: RunResult) -> dict[str, Any]:
+    case = result.case
+    given = {**case.ego.parameters, **dict(case.parameters)}
+    return {
+        "id": case.id,
+        "name": case.name,
+        "same": f"{case.scenario}/{case.ego_id}/{case.seed}",
+        "verdict": result.verdict.value,
+        "reason": result.reason,
+        "scenario": case.scenario,
+        "ego": case.ego.name,
+        "ego_id": case.ego_id,
+        "policy": case.policy,
+        "seed": case.seed,
+        "parameters": [(name, leaf(value)) for name, value in given.items()],
+        "events": [[(str(name), leaf(value)) for name, value in event.items()] for event in case.events],
+        "wall": None if result.wall_s is None else round(result.wall_s, 2),
+    }
+
+
+def _links(result: RunResult, folder: Path, beside: Path) -> dict[str, str | None]:
+    """Addresses of the report and the log of a run relative to `beside`, None if missing; and that of its folder."""
+    own = folder / RUNS_FOLDER / result.case.id
+    found = {
+        name: own / file if file and (own / file).exists() else None
+        for name, file in (("report", result.report), ("log", result.log))
+    }
+    links = {name: None if path is None else address(path, beside) for name, path in found.items()}
+    return {**links, "folder": f"{RUNS_FOLDER}/{result.case.id}"}
+
+
+def address(path: Path, beside: Path) -> str:
+    """Address of a file relative to a page in the folder `beside`."""
+    return quote(Path(os.path.relpath(path.resolve(), beside.resolve())).as_posix())
+
+
+def _happenings(metrics: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Begin and end of each takeover, and steps with contacts that are not in the log, of all `steps`."""
+    if metrics is None:
+        return {"steps": 0, "takeovers": [], "contacts": []}
+    contacts = [each["step"] for each in metrics["collision"]["contacts"] if not each["in_log"]]
+    return {
+        "steps": metrics["steps"],
+        "takeovers": [
+            [each["detected_step"], each["detected_step"] + round(each["held_s"] / STEP_S)]
+            for each in metrics["ledger"]
+        ],
+        "contacts": contacts,
+    }

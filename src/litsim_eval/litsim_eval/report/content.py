@@ -1,0 +1,217 @@
+"""All data of the player, packed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import shapely
+
+from litsim_eval.report.forecasts import Forecasts
+from litsim_eval.report.packing import Packer
+from litsim_eval.report.series import counts, deviations, speeds, times_to_leader
+from litsim_eval.report.tracks import Tracks, ghosts_of, tracks_of
+from litsim_sim.core.colours import Mode
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.scene import FloatArray, Kind
+from litsim_sim.core.signals import SignalState
+from litsim_sim.core.takeover import Takeover
+from litsim_sim.lane_map.net_lanes import Lane
+from litsim_sim.record.lanes import lane_map_of
+from litsim_sim.record.run import Run
+
+METRE, RADIAN, SPEED, SIGMA = 0.01, 0.002, 0.01, 0.05  # resolutions
+SIMPLIFY = 0.05  # [m] tolerance of the outline of the road
+LIGHTS = {
+    SignalState.FLASHING_RED: "red",
+    SignalState.RED: "red",
+    SignalState.RED_AMBER: "red",
+    SignalState.GREEN_PERMISSIVE: "green",
+    SignalState.GREEN: "green",
+    SignalState.AMBER_PERMISSIVE: "amber",
+    SignalState.AMBER: "amber",
+    SignalState.FLASHING_AMBER: "amber",
+}
+SURROUNDINGS = 150.0  # [m] of road beyond where agents drive
+ORIGIN_GRID = 1000.0  # [m]
+IN_MAP = np.zeros(2)
+"""Origin of places in frame map."""
+
+
+def pack_run(run: Run, metrics: dict[str, Any], forecasts: Forecasts, every: int) -> str:
+    """The run as a container of :mod:`litsim_eval.report.packing`; `every` is the distance between forecasts [steps]."""
+    tracks, ghosts = tracks_of(run), ghosts_of(run)
+    origin = origin_of(tracks)
+    packer = Packer(
+        {
+            "run": {
+                "id": run.info.run_id,
+                "ego": run.info.ego_id,
+                "ego_by": run.info.ego,
+                "dt": run.info.dt,
+                "first": tracks.first,
+                "frames": tracks.frames,
+                "history": run.info.history_steps,
+                "origin": origin.tolist(),
+            },
+            "agents": _identities(tracks),
+            "ghosts": ghosts.id.tolist(),
+            "road": road(run, tracks, origin),
+            "signals": signals(run, tracks, origin),
+            **_takeovers(run, tracks, origin),
+            "contacts": metrics["collision"]["contacts"],
+            "series": _series(run, tracks, ghosts),
+            "forecast": {"time": np.round(forecasts.time, 3).tolist(), "every": every},
+        }
+    )
+    packer.add("mode", tracks.mode, differences=1)
+    _add_motion(packer, "", tracks, ("x", "y", "yaw", "speed", "acceleration"), origin)
+    packer.add("ghost_present", ghosts.present, differences=1)
+    _add_motion(packer, "ghost_", ghosts, ("x", "y", "yaw", "speed"), origin)
+    packer.add("forecast_agent", np.searchsorted(tracks.id, forecasts.agent), differences=1)
+    packer.add("forecast_step", forecasts.step, differences=1)
+    for axis, name in enumerate("xy"):
+        packer.add(f"forecast_{name}", forecasts.mean[..., axis] - origin[axis], 5.0 * METRE, differences=2)
+    for axis, name in enumerate(("sigma_x", "sigma_y", "rho")):
+        packer.add(f"forecast_{name}", forecasts.spread[..., axis], SIGMA, differences=1)
+    return packer.pack()
+
+
+def origin_of(tracks: Tracks) -> FloatArray:
+    """Place (2,) in frame map from which the page measures all others: the whole kilometres nearest to the agents [m].
+
+    Browsers draw in single precision, which is half a metre 5000 km from the origin, as UTM's northings are.
+    """
+    seen = tracks.present
+    middle = np.array([np.median(tracks.x[seen]), np.median(tracks.y[seen])]) if seen.any() else IN_MAP
+    return np.asarray(np.round(middle / ORIGIN_GRID) * ORIGIN_GRID)
+
+
+def road(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> dict[str, Any]:
+    """Surfaces and painted lines of the lanes near the agents: flat lists x0, y0, x1, y1, ... from `origin` [m]."""
+    lane_map = lane_map_of(run)
+    seen = tracks.present
+    if lane_map is None or not seen.any():
+        return {"lanes": [], "lines": []}
+    x, y = tracks.x[seen], tracks.y[seen]
+    area = shapely.box(*(v - SURROUNDINGS for v in (x.min(), y.min())), *(v + SURROUNDINGS for v in (x.max(), y.max())))
+    near = [lane for lane in lane_map.lanes if area.intersects(shapely.LineString(lane.centerline))]
+    lanes = [{"width": lane.width, "line": _flat(shapely.LineString(lane.centerline), origin)} for lane in near]
+    return {"lanes": lanes, "lines": [line for lane in near if not lane.is_internal for line in _lines(lane, origin)]}
+
+
+def signals(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> list[dict[str, Any]]:
+    """Stop lines: for each controlled connection its part of the line, from `origin` [m], and its signal by frame.
+
+    The connections of a lane share its line from left to right, as they turn. `shown` lists [frame, light] of every
+    change; lights are those of LIGHTS, or empty if unknown.
+    """
+    if run.signals is None:
+        return []
+    frames = np.arange(tracks.first, tracks.first + tracks.frames)
+    frames = frames[frames < run.signals.states.shape[1]]
+    found = []
+    for link, group in zip(run.signals.links, run.signals.link_group.tolist(), strict=True):
+        lane = sorted(
+            (other for other in run.signals.links if other.from_lane == link.from_lane),
+            key=lambda other: -wrap_angle(np.array(other.exit_heading - other.heading)),
+        )
+        left = np.array([-np.sin(link.heading), np.cos(link.heading)])
+        place = [other.name for other in lane].index(link.name)
+        ends = [link.stop - origin + left * link.width * (0.5 - (place + side) / len(lane)) for side in (0.05, 0.95)]
+        lights = [LIGHTS.get(SignalState(state), "") for state in run.signals.states[group, frames].tolist()]
+        shown = [[k, light] for k, light in enumerate(lights) if k == 0 or light != lights[k - 1]]
+        found.append({"line": np.round(np.concatenate(ends), 2).tolist(), "shown": shown})
+    return found
+
+
+def _lines(lane: Lane, origin: FloatArray) -> list[dict[str, Any]]:
+    """The right border, dashed where a lane of the same edge lies beyond, and the left one where none does."""
+    sides = [(-0.5, lane.right is not None)] + ([(0.5, False)] if lane.left is None else [])
+    found = []
+    for side, dashed in sides:
+        border = shapely.LineString(lane.centerline).offset_curve(side * lane.width)
+        parts = [part for part in shapely.get_parts(border) if part.geom_type == "LineString" and not part.is_empty]
+        found += [{"dashed": dashed, "line": _flat(part, origin)} for part in parts]
+    return found
+
+
+def _flat(line: shapely.LineString, origin: FloatArray) -> list[float]:
+    points: FloatArray = np.asarray(line.simplify(SIMPLIFY).coords)[:, :2] - origin
+    return [float(v) for v in np.round(points, 2).ravel()]
+
+
+def _identities(tracks: Tracks) -> list[dict[str, Any]]:
+    names = {kind.value: kind.name.lower() for kind in Kind}
+    rows = zip(tracks.id.tolist(), tracks.kind.tolist(), tracks.length.tolist(), tracks.width.tolist(), strict=True)
+    return [
+        {"id": agent, "kind": names.get(kind, "unknown"), "length": round(length, 2), "width": round(width, 2)}
+        for agent, kind, length, width in rows
+    ]
+
+
+def _add_motion(packer: Packer, prefix: str, tracks: Tracks, names: tuple[str, ...], origin: FloatArray) -> None:
+    zero = dict(zip("xy", origin.tolist(), strict=True))
+    form = {"x": (METRE, 2), "y": (METRE, 2), "yaw": (RADIAN, 1), "speed": (SPEED, 1), "acceleration": (SPEED, 1)}
+    for name in names:
+        resolution, differences = form[name]
+        packer.add(prefix + name, getattr(tracks, name) - zero.get(name, 0.0), resolution, differences)
+
+
+def _takeovers(run: Run, tracks: Tracks, origin: FloatArray) -> dict[str, Any]:
+    """Agents off their logs by frame, and the reference paths, which the entries name by index."""
+    paths: dict[bytes, int] = {}
+    frames: list[list[dict[str, Any]]] = [[] for _ in range(tracks.frames)]
+    lines: list[list[float]] = []
+    for step, records in run.takeovers.items():
+        if not 0 <= step - tracks.first < tracks.frames:
+            continue
+        for record in records:
+            key = record.reference_path.tobytes()
+            if key not in paths:
+                paths[key] = len(lines)
+                usable = len(record.reference_path) > 1 and np.isfinite(record.reference_path).all()
+                lines.append(_flat(shapely.LineString(record.reference_path), origin) if usable else [])
+            frames[step - tracks.first].append(_takeover(record, paths[key], origin))
+    return {"takeovers": frames, "paths": lines}
+
+
+def _takeover(record: Takeover, path: int, origin: FloatArray) -> dict[str, Any]:
+    pose, goal = (np.array(place) - [*origin, 0.0] for place in (record.conflict_pose, record.goal_pose))
+    return {
+        "agent": record.agent,
+        "opponent": record.opponent,
+        "state": record.state.name.lower(),
+        "reason": record.reason.name.lower(),
+        "detected": record.detected_step,
+        "ttc": _plain(record.time_to_conflict) if record.predicted else None,
+        "probability": _plain(record.overlap_probability) if record.predicted else None,
+        "pose": [_plain(v, 3) for v in pose] if np.isfinite(pose).all() else None,
+        "goal": [_plain(v) for v in goal[:2]] if np.isfinite(goal).all() else None,
+        "path": path,
+        "residual": _plain(record.residual_position) if record.residual_position >= 0 else None,
+    }
+
+
+def _series(run: Run, tracks: Tracks, ghosts: Tracks) -> dict[str, Any]:
+    ego_ttc, others_ttc = times_to_leader(run, tracks.first, tracks.frames)
+    ego = run.info.ego_id
+    far = zip(ghosts.id.tolist(), deviations(tracks, ghosts), strict=True)
+    return {
+        "speed": _values(speeds(tracks, ego)),
+        "speed_log": _values(speeds(ghosts, ego)),
+        "ttc_ego": _values(ego_ttc),
+        "ttc_others": _values(others_ttc),
+        "deviation": {str(agent): _values(values) for agent, values in far if agent != ego},
+        "policy": _values(counts(tracks, Mode.POLICY)),
+        "handback": _values(counts(tracks, Mode.HANDBACK)),
+        "baseline": _values(counts(tracks, Mode.BASELINE)),
+    }
+
+
+def _values(series: FloatArray) -> list[float | None]:
+    return [_plain(v) for v in series.tolist()]
+
+
+def _plain(value: float, digits: int = 2) -> float | None:
+    return round(float(value), digits) if np.isfinite(value) else None

@@ -1,0 +1,115 @@
+"""The takeovers and contacts of `metrics.json` as tables of text; each row belongs to a step and an agent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from litsim_eval.analysis.takeover import Outcome
+from litsim_eval.report.wording import NOTHING, number
+
+
+@dataclass(frozen=True)
+class EventRow:
+    """One event: step and agent (id) that its row links to, and a text for each column."""
+
+    step: int
+    agent: int
+    cells: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class EventTable:
+    """Names of the columns, and the events in the order of `metrics.json`."""
+
+    head: tuple[str, ...]
+    rows: tuple[EventRow, ...]
+
+
+def takeover_table(entries: Sequence[dict[str, Any]], dt: float, ego: int) -> EventTable:
+    """The ledger of `metrics.json`, one row per takeover, linked to the step of the detection.
+
+    Args:
+        entries: `ledger` of the metrics.
+        dt: length of a step [s].
+        ego: id of the ego.
+    """
+    head = "agent|opponent|why|at|predicted overlap|the log alone|off its log|back|left over"
+    return EventTable(tuple(head.split("|")), tuple(_takeover(entry, dt, ego) for entry in entries))
+
+
+def contact_table(metrics: dict[str, Any], dt: float, ego: int) -> EventTable:
+    """The contacts of `metrics`, one row each, linked to its first step.
+
+    Args:
+        metrics: the tree of `metrics.json`; its `collision` and `safety` are read.
+        dt: length of a step [s].
+        ego: id of the ego, whose contacts have a verdict.
+    """
+    verdicts = {(each["agent"], each["step"]): each for each in metrics["collision"]["ego_contacts"]}
+    careful = {(each["agent"], each["step"]): each for each in metrics["safety"]["careful_driver"]}
+    rows = []
+    for each in metrics["collision"]["contacts"]:
+        pair, step = each["pair"], each["step"]
+        agent = pair[1] if pair[0] == ego else pair[0]
+        verdict = verdicts.get((agent, step)) if ego in pair else None
+        cells = (
+            *(_who(pair[0], ego), _who(pair[1], ego), f"{step * dt:.1f} s", "yes" if each["in_log"] else "no"),
+            _verdict(verdict, careful[agent, step]) if verdict else NOTHING,
+            number(verdict["delta_v_mps"], 1, "m/s") if verdict else NOTHING,
+        )
+        rows.append(EventRow(step, agent, cells))
+    return EventTable(("agent", "and", "at", "also in the log", "verdict", "Δv of the ego"), tuple(rows))
+
+
+def _takeover(entry: dict[str, Any], dt: float, ego: int) -> EventRow:
+    detected = entry["detected_step"]
+    certainty, in_time = entry.get("overlap_probability"), entry.get("time_to_conflict_s")
+    predicted = NOTHING if in_time is None else f"in {in_time:.1f} s"
+    predicted += f", p = {certainty:.2f}" if certainty else ""
+    cells = (
+        _who(entry["agent"], ego),
+        _who(entry["opponent"], ego),
+        str(entry["reason"]).replace("_", " "),
+        f"{detected * dt:.1f} s",
+        predicted,
+        _replay(entry, dt, ego),
+        number(entry.get("held_s"), 1, "s"),
+        _back(entry, dt),
+        number(entry.get("residual_m"), 2, "m") if entry.get("released_step") is not None else NOTHING,
+    )
+    return EventRow(detected, entry["agent"], cells)
+
+
+def _back(entry: dict[str, Any], dt: float) -> str:
+    """Text on when the agent was back on its log, or why it was not."""
+    outcome, step = entry.get("outcome"), entry.get("released_step")
+    if outcome == Outcome.LEFT_NET:
+        return "left the net"
+    if outcome == Outcome.OUTLIVED_LOG:
+        return "no log left"
+    at = NOTHING if step is None else f"{step * dt:.1f} s"
+    return f"{at}, its log was over" if outcome == Outcome.LOG_OVER else at
+
+
+def _replay(entry: dict[str, Any], dt: float, ego: int) -> str:
+    """Text on the contact that the agent would have had on its log, if any."""
+    if not entry.get("replay_would_collide"):
+        return "false alarm: no contact" if entry.get("false_alarm") else "no contact"
+    return f"hits {_who(entry['replay_opponent'], ego)} at {entry['replay_step'] * dt:.1f} s"
+
+
+def _verdict(contact: dict[str, Any], careful: dict[str, Any]) -> str:
+    kind = str(contact["verdict"]).replace("_", " ")
+    fault = "ego at fault" if contact["ego_at_fault"] else "ego not at fault"
+    fault = "no fault" if contact["in_log"] else fault
+    found = f"{kind}: {fault}; the careful driver {'avoids it' if careful['avoided'] else 'hits too'}"
+    other = careful.get("other_avoids")
+    if other is None:
+        return found
+    return f"{found}, in the other's place {'avoids it' if other else 'hits too'}"
+
+
+def _who(agent: int, ego: int) -> str:
+    return f"ego {agent}" if agent == ego else str(agent)

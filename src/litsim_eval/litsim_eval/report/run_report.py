@@ -1,0 +1,129 @@
+"""One run as one HTML file that opens anywhere: player, plots, ledger, measures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from litsim_data.pictures.pages import render_page
+from litsim_eval.analysis.metrics import compute_metrics
+from litsim_eval.report.content import pack_run
+from litsim_eval.report.events import contact_table, takeover_table
+from litsim_eval.report.forecasts import read_forecasts
+from litsim_eval.report.wording import NOTHING, lockstep_text, number, percent
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.topic_names import RUN_INFO
+from litsim_sim.io.files import replacing
+from litsim_sim.io.yaml_input import load_yaml
+from litsim_sim.record.bag import FAILURE_FILE
+from litsim_sim.record.run import Run, read_run
+
+REPORT_FILE = "report.html"
+DATA_MAX = 8_000_000  # most characters of packed data; the page must stay below 10 MB
+THINNING = (1, 2, 5, 10)  # steps between forecasts, tried in this order until the data fit
+
+
+def write_report(bag: Path, out: Path | None = None, metrics: dict[str, Any] | None = None) -> Path:
+    """Write the report of a run.
+
+    Args:
+        bag: folder of the run, or its MCAP file.
+        out: the page; default: `report.html` beside the bag.
+        metrics: the measures of the run, if computed already.
+
+    Returns:
+        The path of the page.
+
+    Raises:
+        InputError: `bag` is not a LitSim run, or the page cannot be written.
+    """
+    run = read_run(bag)
+    path = out or run.path.parent / REPORT_FILE
+    html = render(run, compute_metrics(run) if metrics is None else metrics)
+    save(html, path)
+    return path
+
+
+def save(html: str, path: Path) -> None:
+    """Write a page to `path` atomically; raises InputError if that is impossible."""
+    with replacing(path) as new:
+        new.write_text(html, encoding="utf-8")
+
+
+def render(run: Run, metrics: dict[str, Any]) -> str:
+    """The page of a run as HTML."""
+    info = run.info
+    data, every = _packed(run, metrics)
+    thinned = "" if every == 1 else f" Forecasts are shown every {every * info.dt:.1f} s to keep this file small."
+    beside = f" and {FAILURE_FILE}" if run.failure else ""
+    return render_page(
+        "report.html.j2",
+        title=f"{info.scenario}, ego {info.ego_id} by {info.ego}, {info.policy}",
+        subtitle=f"ego {info.ego_id} by {info.ego} · background by {info.policy} · seed {info.seed}",
+        info=info,
+        complete=run.complete,
+        metrics=metrics,
+        takeovers=takeover_table(metrics["ledger"], info.dt, info.ego_id),
+        contacts=contact_table(metrics, info.dt, info.ego_id),
+        measures=_measures(metrics),
+        every_measure={name: value for name, value in metrics.items() if name != "ledger"},
+        what_was_run=_what_was_run(run),
+        scenario_yaml=run.scenario_yaml.strip(),
+        footnote=f"Everything on this page comes from {run.path.name}{beside}.{thinned}",
+        data=data,
+    )
+
+
+def _packed(run: Run, metrics: dict[str, Any]) -> tuple[str, int]:
+    """Packed data, and the number of steps between forecasts."""
+    forecasts = read_forecasts(run)
+    data = ""
+    for every in THINNING:
+        data = pack_run(run, metrics, forecasts.every(every), every)
+        if len(data) <= DATA_MAX:
+            return data, every
+    raise InputError(
+        f"{run.path}: too long for one page: {len(data) / 1e6:.1f} MB of data, at most {DATA_MAX / 1e6:.1f}"
+    )
+
+
+def _measures(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Name and value, as text, of the most important measures."""
+    collision, back, timing = metrics["collision"], metrics["handback"], metrics["timing"]
+    yield "agents", f"{metrics['agents']}, {metrics['controlled_agents']} ever under control"
+    yield "colliding pairs", f"{collision['pairs']} ({collision['excess']} not in the log)"
+    fault = f"ego {collision['ego_at_fault']}, background {collision['background_at_fault']}"
+    yield "contacts of the ego, at fault", fault
+    rates = f"{percent(collision['rate_all'])} of all, {percent(collision['rate_controlled'])} of controlled"
+    yield "collision rate", rates
+    for name, key in (("controlled", "ade_controlled_m"), ("all", "ade_all_m"), ("ego", "ade_ego_m")):
+        values = {horizon: value for horizon, value in metrics[key].items() if value is not None}
+        where = f" m at {'/'.join(values)} s" if values else NOTHING
+        yield f"displacement from the log, {name}", " / ".join(number(v) for v in values.values()) + where
+    yield "progress", f"{number(metrics['progress_m'], 1, 'm')} (log {number(metrics['progress_log_m'], 1, 'm')})"
+    share = percent(metrics["relevant_ratio"])
+    yield "takeovers", f"{metrics['takeovers']} ({share} of agents), {metrics['false_alarms']} false alarms"
+    jump = f"largest jump {back['max_position_jump_m']:.3f} m, {back['max_speed_jump_mps']:.2f} m/s"
+    yield "hand-backs", f"{back['count']}; {jump}" if back["count"] else "0"
+    ego, others = metrics["comfort"]["ego"], metrics["comfort"]["controlled"]
+    yield "hard brakes", f"ego {ego['hard_brakes'] if ego else NOTHING}, under control {others['hard_brakes']}"
+    guarded = others["guarded"]
+    yield "commands changed by guards", f"{guarded['count']} of the policy's agent-steps ({percent(guarded['share'])})"
+    yield "lock-step", lockstep_text(metrics["lockstep"])
+    factor = timing["realtime_factor"]
+    yield "wall time", f"{number(timing['wall_s'], 2, 's')}, {number(factor, 2)} × real time"
+    yield "digest", metrics["digest"][:16]
+
+
+def _what_was_run(run: Run) -> Iterator[tuple[str, str]]:
+    info = run.info
+    steps = (
+        f"{run.tables[-1].step} of {info.total_steps}, {info.dt:g} s each, the first {info.history_steps} are history"
+    )
+    yield from (("run", info.run_id), ("scenario", info.scenario), ("seed", str(info.seed)), ("steps", steps))
+    yield "ended", NOTHING if run.ended is None else run.ended.sentence
+    yield from (("ego", f"agent {info.ego_id}, driven by {info.ego}"), ("background", info.policy), ("mode", info.mode))
+    versions = load_yaml(info.versions, f"{run.path}: topic {RUN_INFO}, field versions") if info.versions else None
+    for name, version in versions.items() if isinstance(versions, dict) else ():
+        yield str(name), str(version)

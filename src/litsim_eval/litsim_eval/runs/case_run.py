@@ -1,0 +1,290 @@
+"""A run of one case of a campaign, in this process or over DDS by the launcher; every outcome gives a result."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from litsim_eval.analysis.metrics import METRICS_FILE, compute_metrics
+from litsim_eval.campaign.case import GRAPH, Case
+from litsim_eval.campaign.criteria import Criteria
+from litsim_eval.campaign.results import RunResult
+from litsim_eval.report.run_report import REPORT_FILE, write_report
+from litsim_eval.report.thumbnails import write_thumbnail
+from litsim_eval.runs.runner import Runner, configured, record
+from litsim_sim.core.errors import InputError
+from litsim_sim.launch.child import check_program, how_it_ended
+from litsim_sim.launch.executables import find_executable
+from litsim_sim.launch.forked import ForkedProcess, keep_ready
+from litsim_sim.launch.nodes import GraphOptions, nodes_of
+from litsim_sim.launch.processes import LOG_FOLDER, STACK
+from litsim_sim.record.failure import write_failure
+from litsim_sim.record.run import Run, read_run
+from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
+from litsim_sim.scenario.scenario import Scenario
+
+RECORDING = "run"  # folder of the record in the run's folder
+READY = f"{__package__}.ready"  # module imported by the process of which launchers are forks
+TICK_S = 0.2  # [s] between two looks at a launcher
+END_S = 30.0  # [s] for a launcher to end its graph
+TIME_LIMIT_S = 1800.0  # [s] default time limit of a run over DDS
+
+
+class RunFailed(Exception):
+    """A run has no metrics; the message gives the reason in one line."""
+
+
+class CaseRefused(InputError):
+    """A case cannot be run; the message names its row.
+
+    Attributes:
+        setting: `stage.name` and value of the first of its parameters that is the reason by itself; None if none is.
+    """
+
+    def __init__(self, case: Case, error: InputError) -> None:
+        super().__init__(f"row {case.row}: {error}")
+        given = () if _is_refused(case, None) else (case.ego.parameters | dict(case.parameters)).items()
+        self.setting = next((setting for setting in given if _is_refused(case, setting)), None)
+
+
+class RunStopped(Exception):
+    """A run was ended with its campaign, and has no outcome."""
+
+
+@dataclass(frozen=True)
+class RunOutcome:
+    """Outcome of a run.
+
+    Attributes:
+        metrics: the content of `metrics.json`, of a valid or invalid run; None if there are none.
+        failure: why there are none, in one line.
+        recording, report, log: folder and files, relative to the run's folder; None if they do not exist.
+        wall_s: wall time of the run [s].
+    """
+
+    metrics: Mapping[str, Any] | None
+    failure: str = ""
+    recording: str | None = None
+    report: str | None = None
+    log: str | None = None
+    wall_s: float | None = None
+
+    def judged(self, case: Case, criteria: Criteria) -> RunResult:
+        """The result of `case`, judged by `criteria`."""
+        files: dict[str, Any] = {
+            "recording": self.recording,
+            "report": self.report,
+            "log": self.log,
+            "wall_s": self.wall_s,
+        }
+        if self.metrics is None:
+            return RunResult.error(case, self.failure, **files)
+        return RunResult.judged(case, self.metrics, criteria, **files)
+
+
+def check_cases(cases: Iterable[Case]) -> None:
+    """Check one case of each row before the first run.
+
+    Raises:
+        CaseRefused: see :func:`check_case`.
+    """
+    for case in {(each.row, each.shell): each for each in cases}.values():
+        try:
+            check_case(case)
+        except InputError as error:
+            raise CaseRefused(case, error) from error
+
+
+def _is_refused(case: Case, setting: tuple[str, Any] | None) -> bool:
+    """Whether `case` is refused with this parameter alone, or none, and all others at their defaults."""
+    ego = case.ego.model_copy(update={"parameters": {}})
+    try:
+        check_case(replace(case, ego=ego, parameters=() if setting is None else (setting,)))
+    except InputError:
+        return True
+    return False
+
+
+def check_case(case: Case) -> None:
+    """Check the parameters of a case, and the program of its stack.
+
+    Raises:
+        InputError: a parameter is unknown to its stage or invalid, or there is no such program.
+    """
+    if case.shell != GRAPH:
+        configured(case.ego.kind, case.policy, case.stage_parameters)
+        return
+    plan = RunPlan(_scenario(case.scenario), case.ego.kind, case.policy, _graph_parameters(case))
+    nodes_of(plan, GraphOptions(case.scenario, Path(RECORDING), ego_interface=case.ego.interface))
+    if case.ego.command:
+        check_program(case.ego.command)
+
+
+def run_in_process(case: Case, folder: Path | None = None) -> dict[str, Any]:
+    """Metrics of a run in this process, without SUMO, which would only mirror it.
+
+    Args:
+        case: to run.
+        folder: for a picture of the run, used by the campaign's page.
+
+    Raises:
+        InputError: the case cannot be run, or `folder` cannot be written.
+    """
+    return measured(record(Runner(plan_of(case))), folder)
+
+
+def plan_of(case: Case) -> RunPlan:
+    """The plan of a case, with its scenario loaded.
+
+    Raises:
+        InputError: the scenario cannot be used.
+    """
+    scenario = _scenario(case.scenario).around(case.ego_id, case.seed, case.end_after_contact_s)
+    return RunPlan(scenario, case.ego.kind, case.policy, case.stage_parameters)
+
+
+def measured(run: Run, folder: Path | None) -> dict[str, Any]:
+    """Metrics of a run; its picture is written to `folder` unless that is None.
+
+    Raises:
+        InputError: metrics cannot be computed, or `folder` cannot be written.
+    """
+    metrics = compute_metrics(run)
+    if folder is not None:
+        write_thumbnail(run, metrics, folder)
+    return metrics
+
+
+def run_over_graph(
+    case: Case, folder: Path, stopped: Callable[[], bool] = lambda: False, time_limit_s: float = TIME_LIMIT_S
+) -> RunOutcome:
+    """Run a case over DDS by the launcher, in a domain reserved for it.
+
+    With a stack that was started elsewhere, the domain is that of the environment, or 0.
+
+    Args:
+        case: to run.
+        folder: of the run; the record gets a folder in it.
+        stopped: polled during the run; True ends the run.
+        time_limit_s: after which a run has failed [s].
+
+    Raises:
+        RunStopped: `stopped` returned True.
+        InputError: there is no launcher.
+    """
+    out = folder / RECORDING
+    environment = {key: value for key, value in os.environ.items() if key != "ROS_DOMAIN_ID" or is_elsewhere(case)}
+    begin = time.monotonic()
+    keep_ready(READY)
+    launcher = ForkedProcess(
+        _launch(case, out), environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, ready=True
+    )
+    said = _Reader(launcher)
+    late = False
+    while launcher.wait(TICK_S) is None:
+        late = time.monotonic() > begin + time_limit_s
+        if late or stopped():
+            _end(launcher)
+            break
+    if stopped():
+        raise RunStopped
+    failure = f"time limit of {time_limit_s:g} s exceeded" if late else said.reason(launcher.returncode)
+    metrics = json.loads((out / METRICS_FILE).read_text()) if (out / METRICS_FILE).is_file() and not late else None
+    log = out / LOG_FOLDER / f"{STACK}.log"
+    recorded = any(out.glob("*.mcap"))
+    if late and recorded:  # the launcher itself only recorded that it was interrupted
+        write_failure(out, failure)
+        with suppress(InputError):
+            write_report(out)
+    if metrics and recorded:
+        _draw(out, metrics, folder)
+    return RunOutcome(
+        metrics=metrics,
+        failure="" if metrics else failure,
+        recording=RECORDING if recorded else None,
+        report=f"{RECORDING}/{REPORT_FILE}" if (out / REPORT_FILE).is_file() else None,
+        log=str(log.relative_to(folder)) if log.is_file() else None,
+        wall_s=time.monotonic() - begin,
+    )
+
+
+def _draw(recording: Path, metrics: dict[str, Any], folder: Path) -> None:
+    """Write the picture of a recorded run to `folder`; a failure of this does not fail the run."""
+    with suppress(InputError):
+        write_thumbnail(read_run(recording), metrics, folder)
+
+
+def is_elsewhere(case: Case) -> bool:
+    """Whether the user starts the stack of a case; its runs are made one at a time, in the stack's domain."""
+    return case.ego.kind == EXTERNAL and not case.ego.command
+
+
+@lru_cache(maxsize=8)
+def _scenario(name: str) -> Scenario:
+    """The scenario called `name`, cached for all its egos and policies."""
+    return Scenario.load(name)
+
+
+def _graph_parameters(case: Case) -> dict[str, dict[str, Any]]:
+    """Parameters of the nodes, including the time for which the bridge waits for an external ego."""
+    parameters = {stage: dict(values) for stage, values in case.stage_parameters.items()}
+    if case.ego.ready_s is not None:
+        parameters.setdefault("bridge", {})["external_timeout_s"] = case.ego.ready_s
+    return parameters
+
+
+def _launch(case: Case, out: Path) -> list[str]:
+    """The launcher's command line."""
+    words = [str(find_executable("litsim_sim", "launch")), "--quiet", "--overwrite", "--out", str(out)]
+    words += ["--scenario", case.scenario, "--ego", case.ego.kind, "--policy", case.policy]
+    words += ["--ego-id", str(case.ego_id), "--ego-interface", case.ego.interface]
+    words += [] if case.seed is None else ["--seed", str(case.seed)]
+    words += [] if case.end_after_contact_s is None else ["--end-after-contact", str(case.end_after_contact_s)]
+    settings = [
+        f"{stage}.{name}={json.dumps(value)}"
+        for stage, values in _graph_parameters(case).items()
+        for name, value in values.items()
+    ]
+    words += ["--set", *settings] if settings else []
+    return [*words, *(["--", *case.ego.command] if case.ego.command else [])]
+
+
+class _Reader(threading.Thread):
+    """Reads the launcher's stderr, which would otherwise block once its pipe is full."""
+
+    def __init__(self, launcher: ForkedProcess) -> None:
+        super().__init__(daemon=True)
+        assert launcher.stderr is not None
+        self._stream, self._said = launcher.stderr, ""
+        self.start()
+
+    def run(self) -> None:
+        """See :class:`threading.Thread`."""
+        with self._stream:
+            self._said = self._stream.read()
+
+    def reason(self, status: int) -> str:
+        """Why the launcher has failed: the last error on stderr, the last line, or its exit `status`."""
+        self.join(TICK_S)
+        lines = [line for line in self._said.splitlines() if line.strip()]
+        errors = [line.removeprefix("error: ") for line in lines if line.startswith("error: ")]
+        return (errors or lines or [f"the launcher {how_it_ended(status)}"])[-1]
+
+
+def _end(launcher: ForkedProcess) -> None:
+    """Interrupt a launcher, so that it ends its graph; kill it after END_S."""
+    with suppress(ProcessLookupError):
+        os.kill(launcher.pid, signal.SIGINT)
+        if launcher.wait(END_S) is None:
+            os.kill(launcher.pid, signal.SIGKILL)
+            launcher.wait()

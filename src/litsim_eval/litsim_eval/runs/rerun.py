@@ -1,0 +1,202 @@
+"""Repetition of a stage or a whole run from its record, and comparison with the record.
+
+Messages are decoded and converted as in the nodes, and answers are converted back to messages, so that the comparison
+covers exactly what subscribers receive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from litsim_eval.runs.message_diff import DiffSummary
+from litsim_eval.runs.recorded_run import Record
+from litsim_eval.runs.runner import Runner
+from litsim_policy.conflict.messages import takeovers_from_message, takeovers_to_message
+from litsim_predictor.messages import forecast_from_message, forecast_to_message
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import AgentTable, EgoCommand
+from litsim_sim.core.stage_registry import configured, registered_name
+from litsim_sim.core.stages import CONFLICT, EGO, POLICY, PREDICTOR
+from litsim_sim.record.digest import RunDigest
+from litsim_sim.ros.messages import (
+    agents_from_message,
+    agents_to_message,
+    controls_from_message,
+    controls_to_message,
+    ego_from_message,
+    ego_to_message,
+)
+from litsim_sim.ros.topics import AGENTS, CONTROLS, EGO_CONTROL, FORECASTS, TAKEOVERS, Topic
+from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
+
+
+def rerun_stage(record: Record, name: str) -> DiffSummary:
+    """Feed a stage its recorded inputs, step by step, and compare its answers with the recorded ones.
+
+    Raises:
+        InputError: the stage `name` does not exist, took no part in the run, is external, or fails.
+    """
+    if name not in STAGES:
+        raise InputError(f"there is no stage {name!r}, expected one of {', '.join(STAGES)}")
+    stage, info = STAGES[name], record.info
+    answers = record.messages[stage.output.name]
+    if not answers:
+        raise InputError(f"{record.path}: no answers of stage {name} (ego {info.ego}, policy {info.policy})")
+    if name == EGO and info.ego == EXTERNAL:
+        raise InputError(f"{record.path}: the ego is external, and its stage cannot be repeated")
+    if name not in record.parameters:
+        record.notes.append(f"the record lacks the parameters of {name}; the defaults are used")
+    core, tally = stage.make(record), DiffSummary()
+    inputs = [record.messages[topic.name] for topic in stage.inputs]
+    for step in sorted(set.intersection(*(set(messages) for messages in inputs))):
+        try:
+            answer = core(*(messages[step] for messages in inputs))
+        except Exception as error:
+            raise InputError(f"stage {name} fails at step {step}: {type(error).__name__}: {error}") from error
+        if step in answers:
+            tally.add(stage.output.name, step, answers[step], answer)
+    if tally.compared < len(answers):
+        record.notes.append(f"{len(answers) - tally.compared} answers lack their inputs in the record")
+    return tally
+
+
+@dataclass
+class Resimulated:
+    """Comparison of a repeated run with its record.
+
+    Attributes:
+        tally: differences of agents, takeovers, controls and ego commands.
+        steps: number of steps in both.
+        recorded, computed: digests over these steps.
+    """
+
+    tally: DiffSummary
+    steps: int
+    recorded: str
+    computed: str
+
+
+def resimulate(record: Record) -> Resimulated:
+    """Repeat the run in this process, as far as the record goes; an external ego answers as recorded.
+
+    Raises:
+        InputError: the record cannot be used.
+    """
+    info, messages, tally = record.info, record.messages, DiffSummary()
+    if info.ego == EXTERNAL:
+        record.notes.append("the ego is external: it answers as recorded")
+    run_id, ego_id = info.run_id, info.ego_id
+    compared = (AGENTS, EGO_CONTROL) if info.policy == "replay" else (AGENTS, TAKEOVERS, CONTROLS, EGO_CONTROL)
+    last = min(max(messages[topic.name], default=-1) for topic in compared)  # a truncated bag may end within a step
+    if last < 0:
+        raise InputError(f"{record.path}: has no complete step, so there is nothing to repeat")
+    digests = RunDigest(), RunDigest()
+    steps = 0
+    for now in _again(record).steps():
+        step = now.table.step
+        if step > last:
+            break
+        steps += 1
+        answers = {
+            AGENTS.name: agents_to_message(now.table, run_id, info.total_steps, ego_id),
+            TAKEOVERS.name: None if now.takeovers is None else takeovers_to_message(now.takeovers, run_id),
+            CONTROLS.name: None if now.controls is None else controls_to_message(now.controls, run_id),
+            EGO_CONTROL.name: ego_to_message(now.ego, run_id),
+        }
+        for topic, answer in answers.items():
+            if answer is not None and step in messages[topic]:
+                tally.add(topic, step, messages[topic][step], answer)
+        digests[1].update(now.table, now.controls, now.ego)
+        _digest(digests[0], messages, step)
+    return Resimulated(tally, steps, digests[0].hexdigest(), digests[1].hexdigest())
+
+
+def _again(record: Record) -> Runner:
+    """A runner of the recorded plan, with the recorded parameters."""
+    info = record.info
+    external = info.ego == EXTERNAL
+    silent = [name for name in STAGES if name in info.stages and name not in record.parameters]
+    if silent:
+        record.notes.append(f"the record lacks the parameters of {', '.join(silent)}; the defaults are used")
+    ego = _RecordedEgo(record.messages[EGO_CONTROL.name]) if external else None
+    parameters = {name: values for name, values in record.parameters.items() if name in STAGES}
+    return Runner(RunPlan(record.scenario, info.ego, info.policy, parameters), ego=ego)
+
+
+class _RecordedEgo:
+    """An ego that answers each step as recorded, or repeats the previous answer if there is none."""
+
+    def __init__(self, commands: dict[int, Any]) -> None:
+        self._commands, self._last = commands, EgoCommand(0)
+
+    def plan(self, table: AgentTable) -> EgoCommand:
+        """See :class:`litsim_policy.ego.registry.Ego`."""
+        if table.step in self._commands:
+            self._last = ego_from_message(self._commands[table.step])
+        return replace(self._last, step=table.step)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Topics of a stage, and its core.
+
+    Attributes:
+        inputs, output: topics.
+        make: makes, for a record, the function from input messages to the answer.
+    """
+
+    inputs: tuple[Topic, ...]
+    output: Topic
+    make: Callable[[Record], Callable[..., Any]]
+
+
+def _core(record: Record, stage: str) -> Any:
+    """The core of a stage, made by the function that its package registers, with the recorded parameters."""
+    made = configured({stage: registered_name(stage, record.info.ego)}, {stage: record.parameters.get(stage, {})})
+    of_run = () if stage == EGO else (record.info.policy,)
+    return made[stage](*of_run, record.scenario)
+
+
+def _predictor(record: Record) -> Callable[..., Any]:
+    core = _core(record, PREDICTOR)
+    return lambda agents: forecast_to_message(core.forecast(agents_from_message(agents)), record.info.run_id)
+
+
+def _conflict(record: Record) -> Callable[..., Any]:
+    core = _core(record, CONFLICT)
+    return lambda agents, forecast: takeovers_to_message(
+        core.update(agents_from_message(agents), forecast_from_message(forecast)), record.info.run_id
+    )
+
+
+def _policy(record: Record) -> Callable[..., Any]:
+    core = _core(record, POLICY)
+    return lambda agents, takeovers: controls_to_message(
+        core.act(agents_from_message(agents), takeovers_from_message(takeovers)), record.info.run_id
+    )
+
+
+def _ego(record: Record) -> Callable[..., Any]:
+    core = _core(record, EGO)
+    return lambda agents: ego_to_message(core.plan(agents_from_message(agents)), record.info.run_id)
+
+
+STAGES = {
+    PREDICTOR: Stage((AGENTS,), FORECASTS, _predictor),
+    CONFLICT: Stage((AGENTS, FORECASTS), TAKEOVERS, _conflict),
+    POLICY: Stage((AGENTS, TAKEOVERS), CONTROLS, _policy),
+    EGO: Stage((AGENTS,), EGO_CONTROL, _ego),
+}
+
+
+def _digest(digest: RunDigest, messages: dict[str, dict[int, Any]], step: int) -> None:
+    """Add the recorded messages of `step` to `digest`."""
+    agents, controls, ego = (messages[topic.name].get(step) for topic in (AGENTS, CONTROLS, EGO_CONTROL))
+    if agents is not None:
+        digest.update(
+            agents_from_message(agents),
+            None if controls is None else controls_from_message(controls),
+            None if ego is None else ego_from_message(ego),
+        )

@@ -1,0 +1,182 @@
+"""The table of a campaign on a terminal of any width: a line per measure, a column per row of runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console, Group, RenderableType
+from rich.measure import Measurement
+from rich.table import Table
+from rich.text import Text
+
+from litsim_eval.analysis.displacement import HORIZONS_S
+from litsim_eval.campaign.row_bounds import Bounds
+
+MEASURES = {
+    "runs": "runs",
+    "passed": "passed",
+    "failed": "not_passed",
+    "errors": "errors",
+    "agents": "agents",
+    "colliding agents": "colliding_agents",
+    "colliding runs": "colliding_runs",
+    "ego contacts": "ego_contacts",
+    "contacts, background's fault": "background_faults",
+    "ego's fault, avoidable": "ego_faults_avoidable",
+    "ego's fault, unavoidable": "ego_faults_unavoidable",
+    "collision %, all": "rate_all",
+    "collision %, controlled": "rate_controlled",
+    "reactive %": "reactive",
+    "takeovers": "takeovers",
+    "takeovers per run": "takeovers_per_run",
+    "of them released": "releases",
+    "of them released, %": "released_share",
+    "not, though their logs continue": "releases_missing",
+    "time under control s": "held_s",
+    "bound of iterations hit": "bound_hits",
+    "false alarms": "false_alarms",
+    "relevant %": "relevant_ratio",
+    "hard brakes under control": "hard_brakes",
+    "of the log meanwhile": "hard_brakes_log",
+    "guarded %, of policy C's steps": "guarded",
+    "off road %, controlled": "off_road",
+    "progress m": "progress_m",
+    "max jump m": "max_position_jump_m",
+    "max residual at release m": "max_residual_m",
+}
+OF_ALL_RUNS = ("runs", "passed", "not_passed", "errors", "reactive")
+"""Measures that also count runs without metrics; `reactive` is over runs of which it is known."""
+
+OF_CONTROL = (
+    "rate_controlled",
+    "takeovers",
+    "takeovers_per_run",
+    "releases",
+    "released_share",
+    "releases_missing",
+    "held_s",
+    "bound_hits",
+    "false_alarms",
+    "relevant_ratio",
+    "hard_brakes",
+    "hard_brakes_log",
+    "guarded",
+    "off_road",
+    "max_position_jump_m",
+    "max_residual_m",
+    "ade_controlled_m",
+)
+"""Measures of agents under control, which are meaningless under replay."""
+
+MARK = "*"
+PERCENT = ("rate_all", "rate_controlled", "reactive", "released_share", "relevant_ratio", "guarded", "off_road")
+DISPLACEMENTS = (("ade_controlled_m", "controlled"), ("ade_all_m", "all"))
+BOUNDS = "bounds"  # key of a row's bounds, beside its measures
+
+
+def print_summary(
+    title: str,
+    summary: Mapping[str, Mapping[str, Any]],
+    console: Console,
+    *,
+    replayed: bool = False,
+    bounds: Mapping[str, Bounds] | None = None,
+) -> None:
+    """Print rows of runs side by side.
+
+    If their names are too wide, they are numbered and listed below; if that is still too wide, the rows are divided
+    over several tables. Figures measured on only some of the runs are marked.
+
+    Args:
+        title: above the table.
+        summary: by name of the row, the result of :func:`litsim_eval.analysis.summary.summarise`, and verdicts.
+        console: to print to.
+        replayed: whether the background is replayed in all rows; measures of agents under control are left out.
+        bounds: of the figures, by row, printed behind them.
+    """
+    rows = list(summary)
+    left_out = OF_CONTROL if replayed else ()
+    summary = {
+        row: {key: v for key, v in each.items() if key not in left_out} | {BOUNDS: (bounds or {}).get(row, {})}
+        for row, each in summary.items()
+    }
+    named = _table({row: row for row in rows}, summary)
+    if _fits(named, console):
+        parts: list[RenderableType] = [named]
+    else:
+        numbers = {row: str(number) for number, row in enumerate(rows, 1)}
+        parts = [*_numbered(numbers, summary, console), *(Text(f"{numbers[row]:>3}  {row}") for row in rows)]
+    lacking = {row: f"{each['measured']} of {each['runs']}" for row, each in summary.items() if each["failed"]}
+    if lacking:
+        parts.append(Text(f"{MARK} over the runs that were measured: " + "; ".join(map(": ".join, lacking.items()))))
+    console.print(Group(Text(title), *parts))
+
+
+def _numbered(numbers: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]], console: Console) -> list[Table]:
+    """Tables with as many rows of runs as fit, but at least one each."""
+    count = len(numbers)
+    while count > 1 and not all(_fits(table, console) for table in _spread(numbers, summary, count)):
+        count -= 1
+    return _spread(numbers, summary, count)
+
+
+def _spread(numbers: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]], most: int) -> list[Table]:
+    """As few tables as possible with at most `most` rows of runs, evenly distributed."""
+    rows, tables = list(numbers), -(-len(numbers) // most)
+    parts = [rows[len(rows) * i // tables : len(rows) * (i + 1) // tables] for i in range(tables)]
+    return [_table({row: numbers[row] for row in part}, summary) for part in parts]
+
+
+def _fits(table: Table, console: Console) -> bool:
+    return Measurement.get(console, console.options.update(max_width=10_000), table).maximum <= console.width
+
+
+def _table(headings: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]]) -> Table:
+    """The table of some rows of runs; `headings` are the names of the columns by row."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column("", no_wrap=True)
+    for heading in headings.values():
+        table.add_column(heading, justify="right", no_wrap=True)
+    mine = [summary[row] for row in headings]
+    for name, key in MEASURES.items():
+        if all(key in row for row in mine):
+            table.add_row(name, *(_cell(key, row[key]) + _mark(key, row) + _between(key, key, row) for row in mine))
+    for horizon in map(str, HORIZONS_S):
+        if any(row["ade_all_m"][horizon] is not None for row in summary.values()):
+            for key, whose in ((key, whose) for key, whose in DISPLACEMENTS if key in mine[0]):
+                cells = (
+                    f"{_cell(key, row[key][horizon])}{_mark(key, row)}{_between(key, f'{key}.{horizon}', row)}"
+                    f"{_reached(key, horizon, row)}"
+                    for row in mine
+                )
+                table.add_row(f"ADE@{horizon} s m, {whose}", *cells)
+    return table
+
+
+def _mark(key: str, row: Mapping[str, Any]) -> str:
+    """The mark of a figure over fewer than all runs: any but OF_ALL_RUNS in a row with failed runs."""
+    return MARK if row["failed"] and key not in OF_ALL_RUNS else ""
+
+
+def _reached(key: str, horizon: str, row: Mapping[str, Any]) -> str:
+    """The number of runs that last to `horizon`, in brackets, as a suffix of their ADE; empty if all of them do."""
+    runs, every = row["ade_runs"][horizon], row["measured"]
+    return f" ({runs} of {every})" if runs < every and row[key][horizon] is not None else ""
+
+
+def _between(key: str, name: str, row: Mapping[str, Any]) -> str:
+    """The bounds `name` of the measure `key`, in brackets, as a suffix of its figure; empty if there are none."""
+    if name not in row[BOUNDS]:
+        return ""
+    low, high = (round(bound) if isinstance(row[key], int) else bound for bound in row[BOUNDS][name])
+    return f" [{_cell(key, low)}, {_cell(key, high)}]"
+
+
+def _cell(key: str, value: float | None) -> str:
+    if value is None:
+        return "-"
+    if key in PERCENT:
+        return f"{100.0 * value:.2f}"
+    return str(value) if isinstance(value, int) else f"{value:.3g}"

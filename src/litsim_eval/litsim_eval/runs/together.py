@@ -1,0 +1,114 @@
+"""Several runs at once: their scenes are stepped together in the same arrays, without influence on each other.
+
+The cost of a step is mostly that of its calls, rather than of its agents, so that several scenes cost little more than
+one. Scenes can be joined if the stages need the same of all their scenarios; egos may differ.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from litsim_eval.runs.runner import StepResult, as_recorded, configured
+from litsim_policy.driving.pipeline import Reaction
+from litsim_policy.ego.together import EgosTogether
+from litsim_sim.core.parameters import Parameters
+from litsim_sim.core.scene import ControlTable
+from litsim_sim.core.stages import BRIDGE, EGO
+from litsim_sim.core.takeover import TakeoverTable
+from litsim_sim.kernels.compiled import load_kernels
+from litsim_sim.record.run import Run as RecordedRun
+from litsim_sim.scenario.joined import JoinedScenario
+from litsim_sim.scenario.run_info import REPLAY, RunPlan
+from litsim_sim.world.world import World, WorldConfig
+
+
+class JoinedRunner:
+    """Runs S plans together in this process, without SUMO.
+
+    Attributes:
+        plans: the plans.
+        summaries: the world's summary of each run that is over, by number of the plan; see :meth:`World.summary`.
+
+    Raises:
+        ValueError: the plans differ in policy or in parameters other than the ego's, or their scenarios in kind
+            (:func:`litsim_sim.scenario.joined.kind`).
+        InputError: as :class:`litsim_eval.runs.runner.Runner`.
+    """
+
+    def __init__(self, plans: Sequence[RunPlan]) -> None:
+        first = plans[0]
+        common = common_parameters(first)
+        if any((plan.policy, common_parameters(plan)) != (first.policy, common) for plan in plans):
+            raise ValueError("runs of different policies or parameters cannot be stepped together")
+        self.plans = tuple(plans)
+        self._joined = JoinedScenario.of([plan.scenario for plan in plans])
+        reacts = first.policy != REPLAY
+        self._world = World(self._joined, WorldConfig(guard_entries=reacts))
+        egos = [configured(plan.ego, plan.policy, plan.parameters)[EGO](plan.scenario) for plan in plans]
+        self._egos = EgosTogether(self._joined, egos)
+        stages = configured(None, first.policy, common)
+        self._reaction = Reaction(stages, first.policy, self._joined) if reacts else None
+        self.summaries: dict[int, dict[str, Any]] = {}
+        load_kernels()
+
+    def steps(self) -> Iterator[dict[int, StepResult]]:
+        """Yield each step of the runs that are not over, with its answers, by number of the plan.
+
+        Wall times of stages are divided equally among the runs.
+        """
+        begin = time.perf_counter()
+        table, joined = self._world.reset(), self._joined
+        while len(self.summaries) < len(self.plans):
+            self._world.catch_up()
+            tables = joined.tables(table)
+            marks = {BRIDGE: time.perf_counter() - begin}
+            takeovers: Sequence[TakeoverTable | None] = [None] * len(tables)
+            controls: Sequence[ControlTable | None] = [None] * len(tables)
+            together = ControlTable.empty(table.step)
+            if self._reaction is not None:
+                taken, together = self._reaction.to(table, marks)
+                takeovers, controls = self._apart(taken, self._reaction), joined.controls(together)
+            begin = time.perf_counter()
+            running = [k for k in range(len(tables)) if k not in self.summaries]
+            commands = self._egos.plan(table, running)
+            marks[EGO] = time.perf_counter() - begin
+            shares = {stage: wall / len(running) for stage, wall in marks.items()}
+            yield {k: StepResult(tables[k], takeovers[k], controls[k], commands[k], shares) for k in running}
+            begin = time.perf_counter()
+            for k in running:
+                if self._world.ends[k] is not None or table.step == self.plans[k].scenario.total_steps:
+                    self.summaries[k] = self._world.summary(k, joined.told(k))
+                    self._world.drop(k)
+            if len(self.summaries) < len(self.plans):
+                table = self._world.step_together(together, commands)
+
+    def _apart(self, takeovers: TakeoverTable, reaction: Reaction) -> list[TakeoverTable]:
+        """The takeovers by scene."""
+        rounds = reaction.manager.iterations.tolist(), reaction.manager.converged.tolist()
+        return [
+            TakeoverTable(takeovers.step, own, iterations, converged)
+            for own, iterations, converged in zip(self._joined.takeovers(takeovers.takeovers), *rounds, strict=True)
+        ]
+
+
+def common_parameters(plan: RunPlan) -> Parameters:
+    """Parameters of the stages that joined runs share: all but the ego."""
+    return {stage: values for stage, values in plan.parameters.items() if stage != EGO}
+
+
+def record_together(plans: Sequence[RunPlan]) -> list[RecordedRun]:
+    """Run `plans` together and return the runs as if read from recordings.
+
+    Raises:
+        ValueError, InputError: as :class:`JoinedRunner`.
+    """
+    begin = time.perf_counter()
+    runner = JoinedRunner(plans)
+    results: list[list[StepResult]] = [[] for _ in plans]
+    for now in runner.steps():
+        for k, result in now.items():
+            results[k].append(result)
+    wall = (time.perf_counter() - begin) / len(plans)
+    return [as_recorded(plan, results[k], runner.summaries[k], wall) for k, plan in enumerate(plans)]

@@ -1,0 +1,142 @@
+"""Processes that run batches of cases, so that a crash of one run, also in native code, ends no other."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
+from multiprocessing.context import ForkContext, SpawnContext
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+from litsim_eval.campaign.case import Case
+from litsim_eval.runs.case_batch import Found, run_batch
+from litsim_eval.runs.case_run import RunFailed, RunOutcome
+from litsim_sim.launch.child import how_it_ended
+from litsim_sim.launch.forked import begin_copy, forget_signals
+from litsim_sim.launch.processes import held_back
+
+_FORK, _SPAWN = multiprocessing.get_context("fork"), multiprocessing.get_context("spawn")
+
+
+@dataclass(frozen=True)
+class Worker:
+    """A process that runs batches of cases, and the pipe to it."""
+
+    process: BaseProcess
+    pipe: Connection
+
+
+class Workers:
+    """One process for each thread that runs cases; a context manager.
+
+    On entry, `count` processes are forked from this one, which must not have started those threads yet: they have all
+    its modules. A process that replaces one that has ended is spawned, since threads run by then.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._mine = threading.local()
+        self._all: list[Worker] = []
+        self._idle: list[Worker] = []
+        self._closed = False
+        self._starting = threading.Lock()
+
+    def __enter__(self) -> Workers:
+        with held_back():
+            self._idle = [self._started(_FORK) for _ in range(self._count)]
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+        for worker in self._all:
+            worker.process.join()  # else files that this process had open, such as locks, would still be open in copies
+
+    def close(self) -> None:
+        """Kill all processes, which also ends stopped ones, and start no further ones."""
+        with self._starting:
+            self._closed = True
+            for worker in self._all:
+                worker.process.kill()
+
+    def run(self, case: Case, folder: Path | None = None) -> RunOutcome:
+        """Run a case in this thread's process; its picture is written to `folder`."""
+        (outcome,) = self.run_batch([case], [folder])
+        return outcome
+
+    def run_batch(self, cases: Sequence[Case], folders: Sequence[Path | None]) -> list[RunOutcome]:
+        """Run cases in this thread's process, together where possible; their pictures are written to their `folders`.
+
+        The wall time is divided equally among the cases. If the process ends, the cases are repeated one by one to find
+        the one that ends it.
+        """
+        begin = time.monotonic()
+        try:
+            found = self._ask(cases, folders)
+        except RunFailed as error:
+            if len(cases) > 1:
+                return [self.run(case, folder) for case, folder in zip(cases, folders, strict=True)]
+            found = [str(error)]
+        share = (time.monotonic() - begin) / len(cases)
+        return [
+            RunOutcome(None, each, wall_s=share) if isinstance(each, str) else RunOutcome(each, wall_s=share)
+            for each in found
+        ]
+
+    def _ask(self, cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Found]:
+        """Metrics of cases from this thread's process, or the reasons for their absence.
+
+        Raises:
+            RunFailed: the process has ended, or the workers are closed.
+        """
+        if not hasattr(self._mine, "worker"):
+            with self._starting:
+                if self._closed:
+                    raise RunFailed("its process was closed before it began")
+                self._mine.worker = self._idle.pop() if self._idle else self._replacement()
+        worker: Worker = self._mine.worker
+        try:
+            worker.pipe.send((cases, folders))
+            found: list[Found] = worker.pipe.recv()
+        except (EOFError, OSError):
+            worker.process.join()
+            status = worker.process.exitcode
+            assert status is not None
+            del self._mine.worker
+            raise RunFailed(f"its process {how_it_ended(status)}") from None
+        return found
+
+    def _replacement(self) -> Worker:
+        """A spawned process. Ctrl-C is blocked for it until it ignores it: it would show a traceback as it loads."""
+        resource_tracker.ensure_running()  # else it is started with the first such process, and unblocks Ctrl-C
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            return self._started(_SPAWN)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+    def _started(self, context: ForkContext | SpawnContext) -> Worker:
+        """A new process."""
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        process.start()
+        theirs.close()  # so that the end of the process closes the pipe
+        self._all.append(Worker(process, ours))
+        return self._all[-1]
+
+
+def _serve(pipe: Connection) -> None:
+    """Main function of a worker's process: run the batches received, and send their results."""
+    forget_signals()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the parent ends this one
+    begin_copy()
+    with suppress(EOFError, ConnectionError):  # the parent is gone
+        while True:
+            cases, folders = pipe.recv()
+            pipe.send(run_batch(cases, folders))

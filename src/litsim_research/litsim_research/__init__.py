@@ -1,0 +1,1 @@
+"""Research: training, the experiments of the paper, learned baselines; alone imports torch."""

@@ -1,0 +1,1 @@
+"""The paper's baselines as policies of the background: IDM, GAIL, RAIL and SimNet."""

@@ -1,0 +1,120 @@
+"""The baselines called `gail` and `rail`: all agents in the region drive by a network that imitates traffic.
+
+The network is applied with numpy; :mod:`litsim_research.imitation` trains it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from litsim_policy.driving.features.traffic_observation import SIZE, TrafficObserver
+from litsim_policy.driving.network_file import layer_arrays, perceptron, read_network
+from litsim_policy.motion.followers import PathFollowers
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.quantities import configuration
+from litsim_sim.core.scene import AgentTable, ControlTable, FloatArray
+from litsim_sim.core.takeover import TakeoverTable
+from litsim_sim.scenario.setting import Setting
+
+IMITATIONS = ("gail", "rail")
+"""Policies of this kind: GAIL, and the same with reward augmentation."""
+
+HIDDEN = (128, 128, 64)
+LAYERS = ("hidden0", "hidden1", "hidden2", "mean")
+BOUNDS = np.array([4.0, 0.15])  # [m/s2], [rad/s] acceleration and yaw rate of action 1
+FORMAT = "litsim traffic policy, 1"
+
+
+@dataclass(frozen=True)
+class ImitationNetwork:
+    """A Gaussian over actions as a function of the observation: three hidden layers, tanh between them.
+
+    Attributes:
+        weights: (inputs, outputs) of each layer.
+        biases: (outputs,) of each layer.
+        deviation: (2,) standard deviations of the actions.
+    """
+
+    weights: tuple[FloatArray, ...]
+    biases: tuple[FloatArray, ...]
+    deviation: FloatArray
+
+    @classmethod
+    def load(cls, path: Path) -> ImitationNetwork:
+        """Read what :func:`litsim_research.imitation.network.save` has written.
+
+        Raises:
+            InputError: the file is missing, damaged, or holds another network than this version drives with.
+        """
+        _, tensors = read_network(path, "a policy that imitates traffic", FORMAT)
+        weights, biases = layer_arrays(path, tensors, LAYERS, (SIZE, *HIDDEN, len(BOUNDS)))
+        spread = tensors.get("log_std", np.empty(0))
+        if spread.shape != BOUNDS.shape or not np.isfinite(spread).all():
+            raise InputError(f"{path}: tensor log_std has shape {spread.shape}, expected {BOUNDS.shape} finite numbers")
+        return cls(weights, biases, np.exp(spread))
+
+    def mean(self, observation: FloatArray) -> FloatArray:
+        """Mean actions (m, 2) for observations (m, SIZE), before clipping to [-1, 1]."""
+        return perceptron(observation, self.weights, self.biases)
+
+
+@configuration
+class ImitationConfig:
+    """Parameters of :class:`ImitationPolicy`.
+
+    Attributes:
+        weights: file of the network, written by ``litsim_research train imitation``; empty for the packaged one of the
+            policy's name.
+        actions: `mean` of the Gaussian, or `drawn` from it, by the scenario's seed, the agent's id and the step.
+    """
+
+    weights: str = ""
+    actions: Literal["mean", "drawn"] = "mean"
+
+    def network(self, name: str) -> ImitationNetwork:
+        """The network from the file `weights`, or the packaged one of the policy called `name`.
+
+        Raises:
+            InputError: it cannot be used.
+        """
+        shipped = resources.files("litsim_research").joinpath(f"weights/{name}.safetensors")
+        return ImitationNetwork.load(Path(self.weights) if self.weights else Path(str(shipped)))
+
+
+class ImitationPolicy:
+    """Drives all agents off their logs by the network alone, without rules or guards."""
+
+    def __init__(self, scenario: Setting, network: ImitationNetwork, config: ImitationConfig) -> None:
+        self._lane_map, self._network = scenario.lane_map, network
+        self._observer = TrafficObserver(scenario.lane_map)
+        self._agents, self._identities = scenario.log.ids, scenario.identities
+        self._draws = config.actions == "drawn"
+
+    def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
+        """See :class:`litsim_policy.driving.registry.Policy`."""
+        listed = takeovers.takeovers
+        if not listed:
+            return ControlTable.empty(table.step)
+        agents = PathFollowers.of_takeovers(self._lane_map, table, listed)
+        action = self._network.mean(self._observer.observe(agents))
+        if self._draws:
+            action = action + self._network.deviation * self._noise(table, agents.rows)
+        return commanded(agents, action)
+
+    def _noise(self, table: AgentTable, rows: np.ndarray) -> FloatArray:
+        """Standard normal numbers (m, 2) for the agents in `rows` (m,): by their seeds, their ids and the step."""
+        known = self._identities[np.searchsorted(self._agents, table.id[rows])].tolist()
+        drawn = [np.random.default_rng([*identity, table.step]).standard_normal(len(BOUNDS)) for identity in known]
+        return np.array(drawn)
+
+
+def commanded(agents: PathFollowers, action: FloatArray) -> ControlTable:
+    """Controls of `agents` from actions (m, 2), clipped to [-1, 1]."""
+    wanted = np.minimum(np.maximum(action, -1.0), 1.0) * BOUNDS
+    acceleration, yaw_rate = np.ascontiguousarray(wanted[:, 0]), np.ascontiguousarray(wanted[:, 1])
+    return ControlTable.of_policy(agents.table, agents.rows, acceleration, yaw_rate)

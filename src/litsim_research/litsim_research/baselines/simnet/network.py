@@ -1,0 +1,197 @@
+"""SimNet's networks in the loop, without torch: the small one by compiled kernels, any other as an ONNX graph.
+
+An agent's outputs depend on its raster alone, to the last bit, and neither on other agents nor on the process.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+
+from litsim_predictor.forecast import Float32Array
+from litsim_predictor.inference.dense_kernels import linear, rectified_product, rectify
+from litsim_research.baselines.simnet.output import FORMAT, OUTPUTS, SMALL_HIDDEN, SMALL_WIDTHS
+from litsim_research.baselines.simnet.raster import CHANNELS, PAPER, SMALL, Rasters, RasterShape
+from litsim_sim.core.errors import InputError
+from litsim_sim.kernels.compiled import OUT_SINGLES2, SINGLES, SINGLES2, SINGLES3, float32, kernel, void
+
+KERNEL = 3  # cells along each side of a convolution's kernel; its stride is two
+ENDS = [
+    ("raster", "tensor(float)", [1, CHANNELS, PAPER.rows, PAPER.columns]),
+    ("future", "tensor(float)", [1, OUTPUTS]),
+]
+"""Names, types and shapes of the input and the output of a graph."""
+
+
+class SimnetNetwork(Protocol):
+    """A network for inference.
+
+    Attributes:
+        shape: of its rasters.
+        source: its file, for errors.
+    """
+
+    shape: RasterShape
+    source: Path
+
+    def __call__(self, rasters: Rasters) -> Float32Array:
+        """Outputs (m, OUTPUTS) for rasters (m, CHANNELS, rows, columns), see :data:`.simnet_output.OUTPUTS`."""
+
+
+class SmallNetwork:
+    """Four convolutions and two linear layers, all but the last rectified.
+
+    Args:
+        arrays: weights, as :func:`litsim_research.policies.simnet_network.save` writes them.
+        source: their file.
+    """
+
+    shape = SMALL
+
+    def __init__(self, arrays: Mapping[str, Float32Array], source: Path) -> None:
+        self.source = source
+        rows, columns = self.shape.rows, self.shape.columns
+        self._convolutions: list[tuple[Float32Array, Float32Array, Float32Array, Float32Array]] = []
+        for number in range(len(SMALL_WIDTHS)):
+            weight, bias = (arrays[f"convolution.{number}.{what}"] for what in ("weight", "bias"))
+            rows, columns = rows // 2, columns // 2
+            # buffers are reused, since allocating memory costs more than the sums
+            patches = np.empty((weight.shape[1], rows * columns), np.float32)
+            self._convolutions.append((weight, bias, patches, np.empty((len(bias), rows, columns), np.float32)))
+        self._dense = [(arrays[f"{layer}.weight"], arrays[f"{layer}.bias"]) for layer in ("hidden", "last")]
+
+    def __call__(self, rasters: Rasters) -> Float32Array:
+        """See :class:`SimnetNetwork`."""
+        codes = np.empty((len(rasters), len(self._dense[0][0])), np.float32)
+        for raster, code in zip(rasters, codes, strict=True):
+            values = raster
+            for weight, bias, patches, out in self._convolutions:
+                convolve(values, weight, bias, patches, out.reshape(len(out), -1))
+                values = out
+            code[:] = values.ravel()
+        (weight, bias), last = self._dense
+        hidden, found = np.empty((len(codes), len(bias)), np.float32), np.empty((len(codes), OUTPUTS), np.float32)
+        linear(codes, weight, bias, hidden)
+        rectify(hidden)
+        linear(hidden, *last, found)
+        return found
+
+
+@kernel(void(SINGLES3, SINGLES2, SINGLES, OUT_SINGLES2, OUT_SINGLES2))
+def convolve(
+    values: Float32Array, weight: Float32Array, bias: Float32Array, patches: Float32Array, out: Float32Array
+) -> None:
+    """A rectified convolution that halves rows and columns, beyond which there are zeros.
+
+    Args:
+        values: (channels, rows, columns), an even number of rows and columns.
+        weight: (n, channels * KERNEL * KERNEL), by channel, then row of the kernel, then column.
+        bias: (n,).
+        patches: (channels * KERNEL * KERNEL, rows / 2 * columns / 2), a buffer.
+        out: (n, rows / 2 * columns / 2), written to.
+    """
+    channels, rows, columns = values.shape
+    half_rows, half_columns = rows // 2, columns // 2
+    for channel in range(channels):
+        for i in range(KERNEL):
+            for j in range(KERNEL):
+                patch = patches[(channel * KERNEL + i) * KERNEL + j]
+                for r in range(half_rows):
+                    # rows and columns are even: a kernel reaches beyond the first ones, and never beyond the last
+                    row, at = 2 * r + i - 1, r * half_columns
+                    first = 1 if j == 0 else 0
+                    if row < 0:
+                        patch[at : at + half_columns] = float32(0.0)
+                        continue
+                    patch[at] = float32(0.0)
+                    for c in range(first, half_columns):
+                        patch[at + c] = values[channel, row, 2 * c + j - 1]
+    rectified_product(weight, patches, bias, out)
+
+
+class GraphNetwork:
+    """A network of any architecture on the paper's raster, one raster at a time by ONNX Runtime on one thread.
+
+    Args:
+        path: of the graph, which holds its weights.
+
+    Raises:
+        InputError: the file is not a graph of a SimNet.
+    """
+
+    shape = PAPER
+
+    def __init__(self, path: Path) -> None:
+        import onnxruntime
+
+        self.source = path
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1  # rounding depends on their number
+        options.log_severity_level = 4  # errors are raised, and need not be printed
+        try:
+            self._session = onnxruntime.InferenceSession(path.read_bytes(), options, providers=["CPUExecutionProvider"])
+        except Exception as error:
+            first = str(error).strip().partition("\n")[0]
+            raise InputError(f"{path}: ONNX Runtime refuses it: {first}; expected an ONNX file") from error
+        kind = self._session.get_modelmeta().custom_metadata_map.get("format")
+        if kind != FORMAT:
+            raise InputError(f"{path}: metadata format is {kind!r}, expected {FORMAT!r}: a file of train_simnet")
+        ends = [
+            (node.name, node.type, node.shape) for node in (*self._session.get_inputs(), *self._session.get_outputs())
+        ]
+        if ends != ENDS:
+            raise InputError(f"{path}: inputs and outputs are {ends}, expected {ENDS}: a file of train_simnet")
+
+    def __call__(self, rasters: Rasters) -> Float32Array:
+        """See :class:`SimnetNetwork`."""
+        found = np.empty((len(rasters), OUTPUTS), np.float32)
+        for row, out in enumerate(found):
+            out[:] = self._session.run(["future"], {"raster": rasters[row : row + 1]})[0][0]
+        return found
+
+
+def load_network(path: Path) -> SimnetNetwork:
+    """Read what ``litsim_research train simnet`` has written.
+
+    Raises:
+        InputError: the file is missing, damaged, or holds another network than this version drives with.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such weights of simnet")
+    if path.suffix == ".onnx":
+        return GraphNetwork(path)
+    try:
+        with safe_open(str(path), framework="numpy") as file:
+            metadata = dict(file.metadata() or {})
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
+    except (SafetensorError, OSError, ValueError, TypeError) as error:
+        raise InputError(f"{path}: not a readable safetensors file: {error}") from error
+    if metadata.get("format") != FORMAT:
+        raise InputError(f"{path}: metadata format is {metadata.get('format')!r}, expected {FORMAT!r}")
+    for name, shape in shapes().items():
+        found = arrays.get(name)
+        if found is None or found.shape != shape or found.dtype != np.float32:
+            said = "none" if found is None else f"{found.dtype} {found.shape}"
+            raise InputError(f"{path}: tensor {name} is {said}, expected float32 {shape}")
+        if not np.isfinite(found).all():
+            raise InputError(f"{path}: tensor {name} holds non-finite numbers, expected finite ones")
+    return SmallNetwork(arrays, path)
+
+
+def shapes() -> dict[str, tuple[int, ...]]:
+    """Shapes of the weights of the small backbone."""
+    found: dict[str, tuple[int, ...]] = {}
+    before = CHANNELS
+    for number, width in enumerate(SMALL_WIDTHS):
+        found[f"convolution.{number}.weight"] = (width, before * KERNEL * KERNEL)
+        found[f"convolution.{number}.bias"] = (width,)
+        before = width
+    halved = 2 ** len(SMALL_WIDTHS)
+    cells = (SMALL.rows // halved) * (SMALL.columns // halved)
+    found["hidden.weight"], found["hidden.bias"] = (before * cells, SMALL_HIDDEN), (SMALL_HIDDEN,)
+    found["last.weight"], found["last.bias"] = (SMALL_HIDDEN, OUTPUTS), (OUTPUTS,)
+    return found

@@ -1,0 +1,62 @@
+"""The baseline called `simnet`: a network predicts an agent's next poses from a raster, and the agent drives there.
+
+SimNet (Bergamini et al. 2021): each agent is rasterised anew at each step, and only the first predicted step is
+executed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from litsim_predictor.inference.raster import raster_of_net
+from litsim_research.baselines.simnet.network import SimnetNetwork
+from litsim_research.baselines.simnet.raster import FRAMES, Motions, Painter
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.history import History
+from litsim_sim.core.scene import STEP_S, AgentTable, ControlTable
+from litsim_sim.core.takeover import TakeoverTable
+from litsim_sim.scenario.setting import Setting
+
+POSE = ("x", "y", "yaw")
+
+
+class SimnetPolicy:
+    """Drives all agents off their logs as the network predicts their motion.
+
+    It knows neither routes nor goals; lanes and distances are kept only as far as the network has learned to, without
+    rules or guards.
+
+    Args:
+        scenario: of the run.
+        network: predicts the motion.
+    """
+
+    def __init__(self, scenario: Setting, network: SimnetNetwork) -> None:
+        net = raster_of_net(scenario.net_path)[1].drawn
+        self._painter = Painter(net, scenario.signals, network.shape)
+        self._network = network
+        self._history = History(FRAMES, POSE)
+
+    def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
+        """See :class:`litsim_policy.driving.registry.Policy`.
+
+        Raises:
+            InputError: the network predicts something that is no finite number.
+        """
+        self._history.push(table)
+        listed = takeovers.takeovers
+        if not listed:
+            return ControlTable.empty(table.step)
+        pose, there = self._history.window(table.id, FRAMES)
+        everybody = Motions(pose, there, np.stack([table.length, table.width], axis=-1), table.scene)
+        rows = table.rows(np.array([t.agent for t in listed], np.int64))
+        future = self._network(self._painter.draw(table.step, everybody, rows)).astype(np.float64)
+        if not np.isfinite(future).all():
+            raise InputError(
+                f"{self._network.source}: not all poses predicted at step {table.step} are finite, expected a trained "
+                "network in which no number overflows"
+            )
+        # The predicted distance, divided by the step, is taken as the speed at its end. If it were taken as the mean
+        # speed, small errors of the network would oscillate from step to step with growing amplitude.
+        acceleration = (future[:, 0] / STEP_S - table.speed[rows]) / STEP_S
+        return ControlTable.of_policy(table, rows, acceleration, future[:, 2] / STEP_S)

@@ -1,0 +1,288 @@
+"""`paper`: run the paper's experiments, each a campaign that can be resumed, and make their tables and figures."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from pathlib import Path
+
+from litsim_eval.analysis.summary import Metrics
+from litsim_eval.campaign.case import code_versions
+from litsim_eval.campaign.results import CAMPAIGN_FILE, Campaign, read_campaign
+from litsim_eval.campaign.suite import Suite
+from litsim_research.paper import tables
+from litsim_research.paper.experiments import (
+    BACKBONES,
+    EGOS,
+    EXPERIMENTS,
+    ORACLES,
+    OURS,
+    PAPER_EGO,
+    PAPER_SETUP,
+    TABLE,
+    Experiment,
+    of_backbones,
+    of_oracles,
+)
+from litsim_research.paper.measures import Key
+from litsim_research.paper.page import fill
+from litsim_research.paper.roads import REAL, SETS
+from litsim_research.paper.running import carried_out, note_what_happened
+from litsim_sim.cli.arguments import DefaultsFormatter, Parser
+from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.yaml_input import read_text
+from litsim_sim.scenario.run_info import OWN_EGOS
+
+DEFAULT_OUT = "bags/paper"
+CASES = "cases"
+FIGURES = "figures"
+ALL = "all"
+CAPTIONS = {
+    "contacts_by_fault": "Contacts that are not in the log, by fault; by ego, all sets together.",
+    "ade_over_time": "ADE up to each horizon, paired over the agents that any method drives; by ego and set.",
+    "takeovers": "Time off the log, and distance from it at release; all egos, all sets.",
+    "realism": "Realism of the agents near the ego's log, by set, with the spread over seeds; ego `bat`.",
+    "case_lane_change": "An ego changes lane, unlike its log, on US-101: replay above, LitSim below.",
+    "case_left_turn": "An unprotected left turn on the generated street: replay above, LitSim below.",
+}
+EPILOG = (
+    "If interrupted, the same command resumes. 'figures' draws the runs of 'table'; 'cases' runs and draws the two "
+    "case studies; 'all' does everything, 'backbones' only with --resnet50. The real window needs LITSIM_DATA; "
+    "without it, it is left out with a note."
+)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_research paper``."""
+    p = Parser(prog="paper", description=__doc__, epilog=EPILOG, formatter_class=DefaultsFormatter)
+    parts = (*EXPERIMENTS, BACKBONES, ORACLES, FIGURES, CASES, ALL)
+    p.add_argument("what", choices=parts, help="experiment to run, or output to make")
+    p.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), help="sets of cases")
+    p.add_argument("--ego", nargs="+", choices=OWN_EGOS, help="what drives the ego, instead of the experiment's own")
+    p.add_argument("--out", type=Path, default=Path(DEFAULT_OUT), help="folder of campaigns, tables and figures")
+    p.add_argument("--processes", type=at_least_one, default=2, help="number of runs at a time")
+    p.add_argument("--quick", action="store_true", help="only a few short runs, as a trial")
+    p.add_argument("--overwrite", action="store_true", help="start afresh if the sources have changed since")
+    p.add_argument("--as-it-is", action="store_true", help="run nothing; make tables and figures from existing runs")
+    p.add_argument("--resnet50", type=Path, metavar="FILE", help="weights of simnet's large backbone, for 'backbones'")
+    p.add_argument("--page", type=Path, help="Markdown file whose marked parts are filled, such as docs/results.md")
+    p.add_argument("--images", type=Path, help="folder of the figures (default: figures in --out)")
+    return p
+
+
+class Work:
+    """Runs the experiments and writes tables and figures, as the arguments ask."""
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self._arguments = arguments
+        self._out: Path = arguments.out
+        self._images: Path = arguments.images or self._out / FIGURES
+        self._sets = _available(arguments.sets)
+        if arguments.page is not None:
+            read_text(arguments.page)  # before anything is run
+
+    def experiment(self, experiment: Experiment) -> None:
+        """Run `experiment`, and write its tables."""
+        campaign = self._campaign(experiment)
+        sets = self._sets if experiment.by_set else (None,)
+        lines = list(_tables(campaign, experiment, self._egos(experiment), sets))
+        self._write(experiment.name, lines)
+
+    def backbones(self) -> None:
+        """Run SimNet with each backbone, and write the tables.
+
+        Raises:
+            InputError: the weights of the large one are not given.
+        """
+        weights: Path | None = self._arguments.resnet50
+        if weights is None:
+            raise InputError(
+                f"--resnet50: missing, expected for {BACKBONES!r} a file from litsim_research train simnet"
+            )
+        self.experiment(of_backbones(weights))
+
+    def oracles(self) -> None:
+        """Run LitSim with one stage at a time replaced by an oracle, and write the tables."""
+        lines: list[str] = []
+        for ego in self._arguments.ego or EGOS[: 1 if self._arguments.quick else None]:
+            happened = (self._out / "happened" / f"{ego}_{code_versions()['sources']}").resolve()
+            experiment = of_oracles(ego, happened)
+            if not self._arguments.as_it_is:
+                note_what_happened(self._suite(experiment, (ego,)), happened, self._arguments.processes)
+            lines += _tables(self._campaign(experiment, (ego,)), experiment, (ego,), self._sets)
+        self._write(ORACLES, lines)
+
+    def figures(self) -> None:
+        """Draw the figures of the table's campaign."""
+        from litsim_research.paper import figures  # matplotlib takes half a second to load
+
+        campaign = self._campaign(TABLE)
+        egos = self._egos(TABLE)
+        together = {ego: tables.methods_of(campaign, ego, None) for ego in egos}
+        by_set = {ego: {name: tables.methods_of(campaign, ego, name) for name in self._sets} for ego in egos}
+        every_ego = _merged(together.values())
+        made = {
+            "contacts_by_fault": figures.contacts_by_fault(together),
+            "ade_over_time": figures.ade_over_time(by_set),
+            "takeovers": figures.takeovers(every_ego, (OURS, PAPER_SETUP)),
+            "realism": figures.realism(by_set[egos[0]]),
+        }
+        for name, canvas in made.items():
+            figures.save(canvas, self._images, name)
+        print(f"figures: {self._images}")
+        self._show()
+
+    def cases(self) -> None:
+        """Run and draw the case studies."""
+        from litsim_research.paper import case_studies, figures
+
+        arguments = self._arguments
+        for name in case_studies.STUDIES:
+            if name == case_studies.LANE_CHANGE and REAL not in self._sets:
+                continue
+            where = f"cases_{name}"
+            if arguments.as_it_is:
+                campaign = read_campaign(self._out / where)
+            else:
+                suite = case_studies.candidates(name, self._out / "roads", quick=arguments.quick)
+                campaign = self._carried_out(suite, where)
+            study = case_studies.chosen(campaign, case_studies.EVENTS.get(name))
+            if study is None:
+                print(f"{name}: no case in which the ego has such a contact under replay and none under {OURS}")
+                for old in self._images.glob(f"case_{name}.*"):  # of earlier runs
+                    old.unlink()
+                continue
+            figures.save(case_studies.drawn(name, study), self._images, f"case_{name}")
+            print(f"{name}: {study.ours.name}")
+        self._show()
+
+    def _show(self) -> None:
+        """Put the existing figures into the page."""
+        page = self._arguments.page
+        if page is None:
+            return
+        there = [name for name in CAPTIONS if (self._images / f"{name}.png").is_file()]
+        folder = os.path.relpath(self._images, page.parent)
+        lines = [
+            line for name in there for line in (f"![{CAPTIONS[name]}]({folder}/{name}.png)", "", CAPTIONS[name], "")
+        ]
+        fill(page, FIGURES, lines)
+
+    def times(self) -> None:
+        """Write the computing time of each campaign in the folder."""
+        lines = ["| campaign | runs | process minutes |", "| --- | ---: | ---: |"]
+        every = 0.0
+        for folder in sorted(path.parent for path in self._out.glob(f"*/{CAMPAIGN_FILE}")):
+            results = read_campaign(folder).results
+            minutes = sum(result.wall_s or 0.0 for result in results) / 60
+            every += minutes
+            lines.append(f"| {folder.name} | {len(results)} | {minutes:.1f} |")
+        lines.append(f"| total | | {every:.1f} |")
+        self._write("times", lines)
+
+    def _campaign(self, experiment: Experiment, egos: tuple[str, ...] | None = None) -> Campaign:
+        if self._arguments.as_it_is:
+            return read_campaign(self._out / experiment.name)
+        return self._carried_out(self._suite(experiment, egos or self._egos(experiment)), experiment.name)
+
+    def _suite(self, experiment: Experiment, egos: tuple[str, ...]) -> Suite:
+        return experiment.suite(self._sets, egos, self._out / "roads", quick=self._arguments.quick)
+
+    def _carried_out(self, suite: Suite, name: str) -> Campaign:
+        arguments = self._arguments
+        return carried_out(suite, self._out / name, arguments.processes, overwrite=arguments.overwrite)
+
+    def _egos(self, experiment: Experiment) -> tuple[str, ...]:
+        given: Sequence[str] | None = self._arguments.ego
+        if given and not experiment.own_egos:
+            return tuple(given)
+        return experiment.egos[:1] if self._arguments.quick else experiment.egos
+
+    def _write(self, name: str, lines: Sequence[str]) -> None:
+        path = self._out / f"{name}.md"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        print("\n".join(lines))
+        if self._arguments.page is not None:
+            fill(self._arguments.page, name, lines)
+
+
+def _available(sets: Sequence[str]) -> tuple[str, ...]:
+    """The `sets` with available data.
+
+    Raises:
+        InputError: there are none.
+    """
+    found = tuple(name for name in sets if name != REAL or os.environ.get("LITSIM_DATA"))
+    if not found:
+        raise InputError("--sets real: LITSIM_DATA is not set, expected a folder of recorded data")
+    if len(found) < len(sets):
+        print("real: left out, since LITSIM_DATA is not set to a folder of recorded data")
+    return found
+
+
+def _tables(
+    campaign: Campaign, experiment: Experiment, egos: Sequence[str], sets: Sequence[str | None]
+) -> Iterable[str]:
+    """Lines of all tables of an experiment: for each ego and set, the paper's columns, others, counts, differences.
+
+    A set of None means all sets together.
+    """
+    for ego in egos:
+        for tag in sets:
+            methods = tables.methods_of(campaign, ego, tag)
+            yield from (f"### {tables.titled(ego, tag)}", "")
+            as_paper = experiment.published if ego == PAPER_EGO else {}
+            yield from (*tables.table(methods, tables.OF_THE_PAPER, as_paper), "")
+            yield from (*tables.table(methods, tables.BESIDE), "")
+            yield from ("Contacts that are not in the log, by fault:", "", *tables.counts(methods), "")
+            if experiment.compared:
+                yield from ("Differences, with 95 % intervals:", "")
+                yield from (*tables.differences(methods, tables.OF_THE_PAPER), "")
+                yield from _won(methods)
+        if experiment.aimed:
+            yield from (f"### {tables.titled(ego, None)}: goals", "")
+            yield from (*tables.goals(tables.methods_of(campaign, ego, None)), "")
+
+
+def _won(methods: dict[str, dict[Key, Metrics | None]]) -> Iterable[str]:
+    """Lines that list the measures in which another method is better than LitSim."""
+    lines = tables.won(methods, (*tables.OF_THE_PAPER, *tables.BESIDE))
+    if lines:
+        yield from (f"Where another method is better than `{OURS}`:", "", *lines, "")
+
+
+def _merged(found: Iterable[dict[str, dict[Key, Metrics | None]]]) -> dict[str, dict[Key, Metrics | None]]:
+    merged: dict[str, dict[Key, Metrics | None]] = {}
+    for methods in found:
+        for name, runs in methods.items():
+            merged.setdefault(name, {}).update(runs)
+    return merged
+
+
+@program
+def main(argv: list[str] | None = None) -> int:
+    """Entry point of ``ros2 run litsim_research paper``."""
+    arguments = parser().parse_args(argv)
+    interrupt_on_signals()
+    work = Work(arguments)
+    parts: dict[str, Callable[[], None]] = {
+        TABLE.name: partial(work.experiment, TABLE),
+        FIGURES: work.figures,
+        CASES: work.cases,
+        **{name: partial(work.experiment, each) for name, each in EXPERIMENTS.items() if each is not TABLE},
+        ORACLES: work.oracles,
+        BACKBONES: work.backbones,
+    }
+    asked = [name for name in parts if name != BACKBONES or arguments.resnet50]
+    for name in asked if arguments.what == ALL else (arguments.what,):
+        parts[name]()
+    work.times()
+    return 0
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,268 @@
+"""`evaluate`: compare predictors on the same scenes: errors, likelihood, calibration, consistency, conflicts.
+
+Vehicles with 3 s of history and 5 s of future are scored, at 5 Hz: the first 3 s of a track are skipped. Without
+--recording or --validation the scenes are those of a scenario, whose egos also leave their log, to see which conflicts
+are announced.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import logging
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.table import Table
+from tqdm import tqdm
+
+from litsim_predictor.inference.contract import SECONDS
+from litsim_research.cli.train_predictor import packaged_configs
+from litsim_sim.cli.arguments import DefaultsFormatter, Parser
+from litsim_sim.cli.program import program
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import replacing
+from litsim_sim.io.yaml_input import read_yaml
+from litsim_sim.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from litsim_research.predictors.data.tracks import Tracks
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_research score``."""
+    p = Parser(prog="evaluate", description=__doc__, formatter_class=DefaultsFormatter)
+    p.add_argument("--models", nargs="+", help="names, or files of weights (default: all packaged models)")
+    source = p.add_mutually_exclusive_group()
+    source.add_argument(
+        "--recording", nargs="+", type=Path, help="recordings in the neutral schema, instead of a scenario"
+    )
+    source.add_argument(
+        "--validation", metavar="CONFIG", help="validation data of this training configuration, instead of a scenario"
+    )
+    p.add_argument("--net", help="SUMO net of the recordings, packaged or a file; default: as they say")
+    p.add_argument("--scenario", default="us101_0750", help="name of a packaged scenario, or a YAML file")
+    p.add_argument(
+        "--split",
+        default="all",
+        choices=["all", "train", "val", "test"],
+        help="part of the vehicles by id, 70/10/20 per file",
+    )
+    p.add_argument(
+        "--egos", default="egos", choices=["egos", "tuning", "none"], help="egos of the scenario that leave their log"
+    )
+    p.add_argument(
+        "--straight",
+        action="store_true",
+        help="leave forecasts of learned models straight; runs bend them along lanes",
+    )
+    p.add_argument("--stride", type=int, default=2, help="frames of 0.1 s from scene to scene")
+    p.add_argument(
+        "--roi",
+        type=float,
+        default=0.0,
+        metavar="M",
+        help="forecast each agent from what is within M metres of it, as around the ego in a run; 0: from everything",
+    )
+    p.add_argument("--batch", type=int, default=512, help="approximate number of agents in a batch")
+    p.add_argument("--seed", type=int, default=0, help="seed of the joint ADE's samples and of the egos' braking")
+    p.add_argument("--device", default="cpu", help="device of torch")
+    p.add_argument("--json", type=Path, metavar="OUT", help="write all measures here")
+    p.add_argument("--csv", action="store_true", help="print comma-separated values, one line for each model")
+    p.add_argument("--plot", type=Path, metavar="OUT.png", help="draw the errors, calibration and conflicts here")
+    p.add_argument(
+        "--learning-curve",
+        type=Path,
+        metavar="OUT.png",
+        help="only draw validation errors from the files of --models, over the share of vehicles that they learned",
+    )
+    return p
+
+
+def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """Measure what the arguments ask for; returns the measures by model.
+
+    Raises:
+        InputError: a model, file, or option cannot be used.
+    """
+    from litsim_research.predictors.data.scenes import scene_batches
+    from litsim_research.predictors.data.tracks import Tracks
+    from litsim_research.predictors.evaluation.conflicts import conflict_counts
+    from litsim_research.predictors.evaluation.evaluation import (
+        COMPARED,
+        load_models,
+        part_of,
+        recording_tracks,
+        score,
+        summary,
+    )
+
+    for name, least in (("stride", 1), ("batch", 1), ("seed", 0)):
+        if getattr(arguments, name) < least:
+            raise InputError(f"--{name} {getattr(arguments, name)}: expected {least} or more")
+    if not 0.0 <= arguments.roi < float("inf"):
+        raise InputError(f"--roi {arguments.roi}: expected 0 or more metres")
+    models = load_models(arguments.models or COMPARED, arguments.device, along_lanes=not arguments.straight)
+    scenario = None
+    if arguments.validation:
+        chosen = _validation_tracks(arguments.validation)
+    elif arguments.recording:
+        chosen = part_of([recording_tracks(path, arguments.net) for path in arguments.recording], arguments.split)
+    else:
+        scenario = Scenario.load(arguments.scenario)
+        tracks = Tracks.from_table(scenario.name, scenario.recording.table, scenario.net_path)
+        chosen = part_of([tracks], arguments.split)
+    scenes = sum(len(tracks.frames[:: arguments.stride]) for tracks in chosen)
+    with tqdm(total=scenes, unit="scene", dynamic_ncols=True, desc="scenes") as bar:
+        batches = scene_batches(chosen, arguments.batch, arguments.stride, roi_m=arguments.roi)
+        scores = score(models, batches, arguments.seed, arguments.device, bar.update)
+        bar.total = bar.n  # scenes without agents to score are skipped
+    conflicts = {}
+    if scenario is not None and arguments.egos != "none":
+        egos = scenario.egos if arguments.egos == "egos" else scenario.tuning_egos
+        with tqdm(total=len(egos), unit="ego", dynamic_ncols=True, desc="conflicts") as bar:
+            conflicts = conflict_counts(models, scenario, egos, arguments.seed, bar.update)
+    result = summary(scores, conflicts)
+    for measures in result.values():
+        measures["protocol"] = {
+            "sources": [tracks.name for tracks in chosen],
+            "split": "val" if arguments.validation else arguments.split,
+            "stride_frames": arguments.stride,
+            "roi_m": arguments.roi or None,
+            "seed": arguments.seed,
+            "along_lanes": not arguments.straight,
+            "egos": arguments.egos if conflicts else None,
+        }
+    return result
+
+
+def _validation_tracks(name: str) -> list[Tracks]:
+    """The validation part of the training configuration of that name, or of that file."""
+    from litsim_research.predictors.training.config import TrainingConfig
+    from litsim_research.predictors.training.data import Locator, load_parts
+
+    file = packaged_configs().get(name, Path(name))
+    return [tracks for tracks, _ in load_parts(read_yaml(file, TrainingConfig), Locator(file.parent))["val"]]
+
+
+def print_table(title: str, result: dict[str, dict[str, Any]]) -> None:
+    """Print a table of the measures on stdout, with the models side by side."""
+    table = Table(title=title, title_justify="left")
+    table.add_column("")
+    for model in result:
+        table.add_column(Path(model).stem, justify="right", overflow="fold")
+    for name, keys in _rows(result):
+        table.add_row(name, *(_cell(_value(measures, keys), keys[0]) for measures in result.values()))
+    Console().print(table)
+    print("ratio: of the RMSE to constant velocity's; precision, recall: of conflicts of egos that leave their log")
+
+
+def print_csv(result: dict[str, dict[str, Any]]) -> None:
+    """Print the measures as CSV on stdout: a line for each model, a column for each number."""
+    flat = [{"model": model} | dict(_flat(measures)) for model, measures in result.items()]
+    writer = csv.DictWriter(sys.stdout, list(flat[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(flat)
+
+
+def _rows(result: dict[str, dict[str, Any]]) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Titles of the table's rows, and the keys of what is in them."""
+    seconds = [str(second) for second in SECONDS]
+    for second in seconds:
+        yield f"RMSE@{second} s m", ("rmse", second)
+    for second in ("1", "3", "5"):
+        yield f"ratio@{second} s", ("ratio_to_constant_velocity", second)
+    yield "NLL nats", ("nll",)
+    yield "NLL@5 s nats", ("nll_at", "5")
+    yield "ADE m", ("ade",)
+    yield "minADE m", ("min_ade",)
+    yield "joint ADE m", ("joint_ade",)
+    yield "in 50 % ellipse %", ("calibration", "50")
+    yield "in 90 % ellipse %", ("calibration", "90")
+    yield "forecasts overlap %", ("overlap_rate",)
+    yield "truth overlaps %", ("overlap_rate_truth",)
+    if all("conflicts" in measures for measures in result.values()):
+        for second in seconds:
+            yield f"precision@{second} s %", ("conflicts", second, "precision")
+        for second in seconds:
+            yield f"recall@{second} s %", ("conflicts", second, "recall")
+
+
+def _value(tree: Any, keys: tuple[str, ...]) -> Any:
+    for key in keys:
+        tree = tree[key]
+    return tree
+
+
+def _flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in tree.items():
+        if key == "protocol":
+            continue
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}_")
+        else:
+            yield prefix + key, value
+
+
+def _cell(value: float | None, measure: str) -> str:
+    if value is None:
+        return "-"
+    if measure in ("calibration", "overlap_rate", "overlap_rate_truth", "conflicts"):
+        return f"{100.0 * value:.1f}"
+    return f"{value:.3f}"
+
+
+@program
+def main() -> None:
+    """Entry point of ``ros2 run litsim_research score``."""
+    logging.basicConfig(format="%(levelname)s: %(message)s")
+    arguments = parser().parse_args()
+    if arguments.learning_curve:
+        _learning_curve(arguments)
+        return
+    result = evaluate(arguments)
+    if arguments.csv:
+        print_csv(result)
+    else:
+        measures = next(iter(result.values()))
+        where = ", ".join(measures["protocol"]["sources"])
+        print_table(f"{where}: {measures['samples']} forecasts in {measures['scenes']} scenes", result)
+    _write(result, arguments)
+
+
+def _write(result: dict[str, dict[str, Any]], arguments: argparse.Namespace) -> None:
+    """Write the files that the arguments ask for."""
+    if arguments.json:
+        with replacing(arguments.json) as new:
+            new.write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    if arguments.plot:
+        from litsim_research.predictors.evaluation.plot import draw
+
+        with replacing(arguments.plot) as new:
+            draw(result, new)
+
+
+def _learning_curve(arguments: argparse.Namespace) -> None:
+    """Draw and print the learning curves of the files of weights that the arguments name."""
+    from litsim_research.predictors.evaluation.learning_curve import MEASURES, draw, learning_curves
+
+    if not arguments.models:
+        raise InputError("--learning-curve: expected --models FILE ..., weights that were trained with --fraction")
+    curves = learning_curves(Path(name) for name in arguments.models)
+    with replacing(arguments.learning_curve) as new:
+        draw(curves, new)
+    table = Table(title="validation, best epoch", title_justify="left")
+    for column in ("configuration", "vehicles trained on %", *MEASURES.values()):
+        table.add_column(column, justify="right")
+    for name, shares in curves.items():
+        for share, measured in shares.items():
+            table.add_row(name, f"{100.0 * share:g}", *(f"{measured[key]:.3f}" for key in MEASURES))
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()

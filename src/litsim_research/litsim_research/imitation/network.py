@@ -1,0 +1,77 @@
+"""The networks of GAIL for training in torch: policy, critic and value, of the same size."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from safetensors.torch import save as to_bytes
+from torch import Tensor, nn
+
+from litsim_policy.driving.features.traffic_observation import SIZE
+from litsim_research.baselines.imitation_policy import BOUNDS, FORMAT, HIDDEN, LAYERS
+from litsim_sim.io.files import replacing
+
+LOG_STD_START = -1.0
+LOG_STD_MIN, LOG_STD_MAX = -3.0, 0.0
+
+
+class TrafficPolicy(nn.Module):
+    """A Gaussian over accelerations and yaw rates, in units of BOUNDS, with a mean that depends on the observation."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        sizes = (SIZE, *HIDDEN, len(BOUNDS))
+        for name, inputs, outputs in zip(LAYERS, sizes, sizes[1:], strict=False):
+            layer = nn.Linear(inputs, outputs)
+            nn.init.orthogonal_(layer.weight, 0.01 if name == LAYERS[-1] else 2**0.5)
+            nn.init.zeros_(layer.bias)
+            self.add_module(name, layer)
+        self.log_std = nn.Parameter(torch.full((len(BOUNDS),), LOG_STD_START))
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Means (m, 2) for observations (m, SIZE)."""
+        values = observation
+        for name in LAYERS[:-1]:
+            values = torch.tanh(self.get_submodule(name)(values))
+        means: Tensor = self.get_submodule(LAYERS[-1])(values)
+        return means
+
+    def said(self, observation: Tensor) -> Tensor:
+        """The same means, as deterministic actions (m, 2)."""
+        means: Tensor = self(observation)
+        return means
+
+    def std(self) -> Tensor:
+        """Standard deviations (2,)."""
+        return torch.exp(torch.clamp(self.log_std, LOG_STD_MIN, LOG_STD_MAX))
+
+    def log_probability(self, observation: Tensor, raw: Tensor) -> Tensor:
+        """Logarithm of the density (m,) of actions `raw` (m, 2) as drawn, before driving clips them to +-1."""
+        # validation of the arguments would take longer than the density
+        return torch.distributions.Normal(self(observation), self.std(), validate_args=False).log_prob(raw).sum(dim=-1)
+
+    def entropy(self) -> Tensor:
+        """Entropy of the Gaussian, a scalar in nats."""
+        return (torch.log(self.std()) + 0.5 * np.log(2.0 * np.pi * np.e)).sum()
+
+
+def perceptron(inputs: int, dropout: float = 0.0) -> nn.Sequential:
+    """A new network from (m, `inputs`) to (m, 1) with ReLU activations, for critic and value."""
+    layers: list[nn.Module] = []
+    for before, after in zip((inputs, *HIDDEN), HIDDEN, strict=False):
+        layers += [nn.Linear(before, after), nn.ReLU(), nn.Dropout(dropout)]
+    return nn.Sequential(*layers, nn.Linear(HIDDEN[-1], 1))
+
+
+def save(policy: TrafficPolicy, path: Path, about: dict[str, str]) -> None:
+    """Write the weights for :meth:`litsim_research.baselines.imitation_policy.ImitationNetwork.load`.
+
+    Raises:
+        Unwritable: the file cannot be written; what was there is kept.
+    """
+    tensors = {name: tensor.detach().contiguous() for name, tensor in policy.state_dict().items()}
+    tensors["log_std"] = torch.log(policy.std()).detach()
+    with replacing(path) as new:
+        new.write_bytes(to_bytes(tensors, {"format": FORMAT, **about}))

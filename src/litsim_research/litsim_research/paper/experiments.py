@@ -1,0 +1,206 @@
+"""The runs that each of the paper's experiments consists of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from litsim_eval.campaign.criteria import Criteria
+from litsim_eval.campaign.policy_setup import PolicySetup, setup_of
+from litsim_eval.campaign.suite import EgoSetup, Suite
+from litsim_research.paper import published
+from litsim_research.paper.roads import Roads, roads, shortened
+from litsim_sim.scenario.run_info import BASELINES, REPLAY
+
+OURS = "litsim"
+PAPER_SETUP = "paper"
+PAPER_EGO = "bat"
+EGOS = (PAPER_EGO, "idm", "perturbed")
+SANITY_S = 10.0
+FEW = 5
+"""Number of cases of each set in an experiment with expensive steps."""
+JUDGED = Criteria.model_validate({"runs": [{"name": "reactive", "field": "reactive", "equals": True}]})
+
+Policy = str | PolicySetup
+
+
+def _row(name: str, kind: str, **parameters: Any) -> PolicySetup:
+    return PolicySetup(name=name, kind=kind, parameters={k.replace("__", "."): v for k, v in parameters.items()})
+
+
+WITHIN_15_M: dict[str, float] = {"predictor__roi_m": 15.0, "conflict__roi_m": 15.0, "conflict__approach_time": 0.0}
+ABLATION: tuple[Policy, ...] = (
+    _row("M0", "yield", predictor__model="kinematic", **WITHIN_15_M),
+    _row("M1", "yield", **WITHIN_15_M),
+    _row("M2", OURS, **WITHIN_15_M),
+    OURS,
+)
+"""The paper's ablation: kinematic instead of joint prediction, rules instead of policy C; M* is LitSim."""
+
+AT_ONCE = {"conflict.handback": "catch_up", "conflict.release_position": 1000.0}
+AT_ONCE |= {"conflict.release_speed": 1000.0, "conflict.release_yaw": 7.0}
+
+
+def oracles(happened: Path) -> tuple[Policy, ...]:
+    """LitSim, and LitSim with one stage at a time replaced by an oracle, from outcomes in the folder `happened`."""
+    forecast = {"predictor.happened": str(happened), "conflict.intent.used": False, "conflict.closing_time": 0.0}
+    conflicts = {"conflict.happened": str(happened)}
+    return (
+        OURS,
+        PolicySetup(name="true future", kind=OURS, parameters=forecast),
+        PolicySetup(name="conflicts by hindsight", kind=OURS, parameters=conflicts),
+        PolicySetup(name="ideal hand-back", kind=OURS, parameters=AT_ONCE),
+    )
+
+
+CHANGES = {
+    "its predictor": ("predictor.model", "predictor.modes.most", "predictor.along_lanes"),
+    "its horizon": ("conflict.horizon",),
+    "mean forecasts": (
+        "conflict.sigma_scale",
+        "conflict.braking_time",
+        "conflict.closing_time",
+        "conflict.intent.used",
+    ),
+    "ROI around the ego": ("conflict.region", "conflict.approach_time"),
+    "no confirmation": ("conflict.confirm_steps", "conflict.held_steps_min", "conflict.clear_steps"),
+    "no passing": ("conflict.passing",),
+    "its hand-back": (
+        "conflict.handback",
+        "conflict.release_position",
+        "conflict.release_speed",
+        "conflict.release_yaw",
+    ),
+    "no guards": (
+        "policy.safety.following",
+        "policy.safety.contact",
+        "policy.safety.road",
+        "policy.crossing_horizon",
+    ),
+}
+"""Parameters in which LitSim differs from the paper, by the name of the row that reverts them."""
+
+
+def changes() -> tuple[Policy, ...]:
+    """LitSim, LitSim with one change at a time reverted to the paper, and with all of them reverted."""
+    given = setup_of(PAPER_SETUP).parameters
+    taken_back = (
+        PolicySetup(name=name, kind=OURS, parameters={each: given[each] for each in names})
+        for name, names in CHANGES.items()
+    )
+    return (OURS, *taken_back, PAPER_SETUP)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """The runs behind one table.
+
+    Attributes:
+        name: name of the command and of the campaign's folder.
+        description: the question that it answers.
+        policies: the rows.
+        egos: drivers of the ego, with a table each.
+        prepare: turns the cases of the roads into its own.
+        own_egos: whether other egos cannot be requested.
+        by_set: whether each set of roads has its own tables; otherwise they cover all sets together.
+        compared: whether differences from LitSim, and measures in which others are better, are reported too.
+        aimed: whether the goals are reported.
+        published: the paper's figures, shown with the runs of its ego.
+    """
+
+    name: str
+    description: str
+    policies: tuple[Policy, ...]
+    egos: tuple[str, ...]
+    prepare: Callable[[Roads, Path], Roads] = lambda found, _: found
+    own_egos: bool = False
+    by_set: bool = True
+    compared: bool = False
+    aimed: bool = False
+    published: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def suite(self, sets: tuple[str, ...], egos: tuple[str, ...], folder: Path, *, quick: bool) -> Suite:
+        """The campaign on the `sets` of roads with `egos`; scenarios generated for it go to `folder`.
+
+        Raises:
+            InputError: see :func:`.roads.roads`.
+        """
+        found = self.prepare(roads(sets, folder, quick=quick), folder)
+        return Suite(
+            name=self.name,
+            description=self.description,
+            cases=[entry for entries in found.values() for entry in entries],
+            egos=[EgoSetup(name=ego, kind=ego) for ego in egos],
+            policies=list(self.policies),
+            criteria=JUDGED,
+        )
+
+
+def _ten_seconds(found: Roads, folder: Path) -> Roads:
+    return {name: shortened(entries, SANITY_S, folder) for name, entries in found.items()}
+
+
+def _few(found: Roads, folder: Path) -> Roads:
+    return _ten_seconds({name: entries[:FEW] for name, entries in found.items()}, folder)
+
+
+TABLE = Experiment(
+    name="table",
+    description="Table II: pure replay, the baselines, ours, and ours as the paper configures it.",
+    policies=(REPLAY, *BASELINES, OURS, PAPER_SETUP),
+    egos=EGOS,
+    compared=True,
+    aimed=True,
+    published=published.TABLE,
+)
+ABLATIONS = Experiment(
+    name="ablation",
+    description="M0, M1, M2 and M* of the ablation study.",
+    policies=ABLATION,
+    egos=EGOS,
+    published=published.ABLATION,
+)
+CHANGED = Experiment(
+    name="changes",
+    description="Ours with one of its changes at a time taken back to what the paper does.",
+    policies=changes(),
+    egos=EGOS[1:],
+    by_set=False,
+    compared=True,
+)
+"""Without the paper's ego, which causes hardly any takeovers, so that changes would have no effect."""
+
+SANITY = Experiment(
+    name="sanity",
+    description="Each baseline by itself: an ego that follows its log, 10 s.",
+    policies=(REPLAY, *BASELINES),
+    egos=("log",),
+    prepare=_ten_seconds,
+    own_egos=True,
+)
+EXPERIMENTS = {each.name: each for each in (TABLE, ABLATIONS, CHANGED, SANITY)}
+
+ORACLES = "oracles"
+
+
+def of_oracles(ego: str, happened: Path) -> Experiment:
+    """LitSim with one stage at a time replaced by an oracle, for one ego, to see the loss in each stage."""
+    return Experiment(f"{ORACLES}_{ego}", "What is lost in each stage.", oracles(happened), (ego,))
+
+
+BACKBONES = "backbones"
+
+
+def of_backbones(weights: Path) -> Experiment:
+    """SimNet with either backbone, over 10 s of a few cases; `weights` is the file of ResNet-50."""
+    large = {"policy.simnet.backbone": "resnet50", "policy.simnet.weights": str(weights.resolve())}
+    return Experiment(
+        name=BACKBONES,
+        description="SimNet with its small backbone and with the paper's.",
+        policies=(REPLAY, "simnet", PolicySetup(name="simnet, ResNet-50", kind="simnet", parameters=large)),
+        egos=("log", "idm"),
+        prepare=_few,
+        by_set=False,
+    )

@@ -1,0 +1,168 @@
+"""The measures of the paper's tables: ratios of sums over the runs of a method.
+
+docs/metrics.md has the formulas. ADE is paired: over the same agents and the same steps for all methods of a table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from litsim_eval.analysis.summary import Metrics
+from litsim_eval.campaign.bootstrap import drawn_units, percentile_bounds, ratios
+from litsim_eval.campaign.case import Case
+from litsim_eval.campaign.results import RunResult
+from litsim_sim.core.scene import FloatArray, IntArray
+
+Key = tuple[str, int, str, int | None]
+"""Identifies a case across policies: scenario, id of the ego, its driver, seed."""
+
+Whose = Literal["driven", "all"]
+"""Agents over which ADE averages: those that any method has driven by then in its run of the case, or all."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """The contribution of one run to a measure.
+
+    Attributes:
+        draw: seed of the run; the spread of a measure is over draws.
+        above, below: addends to numerator and denominator.
+    """
+
+    draw: int
+    above: float
+    below: float
+
+
+Parts = dict[Key, Part]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A measure of a method.
+
+    Attributes:
+        value: over all its runs.
+        spread: standard deviation over draws; None with fewer than two.
+    """
+
+    value: float
+    spread: float | None
+
+
+def key_of(case: Case) -> Key:
+    """The :data:`Key` of `case`."""
+    return case.scenario, case.ego_id, case.ego.name, case.seed
+
+
+def by_key(results: Sequence[RunResult]) -> dict[Key, Metrics | None]:
+    """Metrics of the runs of a method, by case; None for a run without metrics."""
+    return {key_of(result.case): result.metrics for result in results}
+
+
+RUN_MEASURES: dict[str, Callable[[Metrics], float | None]] = {
+    "collision": lambda m: m["collision"]["rate_all"],
+    "collision_beyond": lambda m: m["collision"]["excess_rate_all"],
+    "collision_driven": lambda m: m["collision"]["rate_controlled"],
+    "collision_driven_beyond": lambda m: m["collision"]["excess_rate_controlled"],
+    "progress": lambda m: m["progress_m"],
+    "relevant": lambda m: m["relevant_ratio_roi"],
+    "relevant_ours": lambda m: m["relevant_ratio"],
+    "realism": lambda m: m["realism_near"],
+    "off_road": lambda m: m["off_road_controlled"],
+}
+"""Means over runs, by key."""
+
+SHARES: dict[str, Callable[[Metrics], bool]] = {
+    "reactivity": lambda m: m["collision_free"],
+    "reactivity_beyond": lambda m: m["reactive"],
+}
+"""Shares of all runs, by key; a failed run counts as false."""
+
+COUNTS: dict[str, Callable[[Metrics], int]] = {
+    "fault_background": lambda m: m["collision"]["by_fault"]["background"],
+    "fault_ego_avoidable": lambda m: m["collision"]["by_fault"]["ego_avoidable"],
+    "fault_ego": lambda m: m["collision"]["by_fault"]["ego_unavoidable"],
+    "hard_brakes": lambda m: m["comfort"]["controlled"]["hard_brakes"],
+    "takeovers": lambda m: m["takeovers"],
+}
+"""Sums over runs, by key."""
+
+
+def run_parts(runs: Mapping[Key, Metrics | None], name: str) -> Parts:
+    """The contribution of each run of a method to the measure `name` of :data:`RUN_MEASURES` or :data:`SHARES`."""
+    found: Parts = {}
+    for key, metrics in runs.items():
+        draw = key[3] or 0
+        if name in SHARES:
+            found[key] = Part(draw, float(metrics is not None and SHARES[name](metrics)), 1.0)
+        elif metrics is not None and (value := RUN_MEASURES[name](metrics)) is not None:
+            found[key] = Part(draw, value, 1.0)
+    return found
+
+
+def count(runs: Mapping[Key, Metrics | None], name: str) -> int:
+    """The sum `name` of :data:`COUNTS` over the runs of a method."""
+    return sum(COUNTS[name](metrics) for metrics in runs.values() if metrics is not None)
+
+
+def ade_parts(methods: Mapping[str, Mapping[Key, Metrics | None]], horizon: int, whose: Whose) -> dict[str, Parts]:
+    """Contributions of runs to ADE up to `horizon` [s], by method; only cases that all methods ran for so long."""
+    found: dict[str, Parts] = {name: {} for name in methods}
+    text = str(horizon)
+    for key in dict.fromkeys(key for runs in methods.values() for key in runs):
+        told = {name: runs.get(key) for name, runs in methods.items()}
+        given = {name: m["displacement"] for name, m in told.items() if m is not None}
+        if len(given) < len(methods) or any(d["agent_steps"].get(text) is None for d in given.values()):
+            continue
+        driven = {
+            each["agent"]: each["steps"][text]
+            for displacement in given.values()
+            for each in displacement["agents"]
+            if each["controlled_s"] is not None and each["controlled_s"] <= horizon
+        }
+        for name, displacement in given.items():
+            far = sum(
+                each["ade_m"][text] * each["steps"][text]
+                for each in displacement["agents"]
+                if each["ade_m"][text] is not None and (whose == "all" or each["agent"] in driven)
+            )
+            steps = displacement["agent_steps"][text] if whose == "all" else sum(driven.values())
+            found[name][key] = Part(key[3] or 0, far, float(steps))
+    return found
+
+
+def figure(parts: Parts) -> Figure | None:
+    """The measure over all runs, and its spread; None if there is nothing to measure."""
+    value = _ratio(parts.values())
+    if value is None:
+        return None
+    draws = sorted({part.draw for part in parts.values()})
+    each = [_ratio([part for part in parts.values() if part.draw == draw]) for draw in draws]
+    known = [one for one in each if one is not None]
+    return Figure(value, float(np.std(known, ddof=1)) if len(known) > 1 else None)
+
+
+def interval(ours: Parts, theirs: Parts) -> tuple[float, float] | None:
+    """95 % interval of theirs minus ours, by paired bootstrap over cases; None for fewer than two cases."""
+    keys = [key for key in ours if key in theirs]
+    if len(keys) < 2:
+        return None
+    drawn = drawn_units(len(keys))
+    return percentile_bounds(_drawn(theirs, keys, drawn) - _drawn(ours, keys, drawn))
+
+
+def _drawn(parts: Parts, keys: Sequence[Key], drawn: IntArray) -> FloatArray:
+    above = np.array([parts[key].above for key in keys])[drawn].sum(axis=1)
+    below = np.array([parts[key].below for key in keys])[drawn].sum(axis=1)
+    return ratios(above, below)
+
+
+def _ratio(parts: Any) -> float | None:
+    every = list(parts)
+    below = sum(part.below for part in every)
+    return sum(part.above for part in every) / below if below else None

@@ -1,0 +1,106 @@
+"""Roads of the paper's experiments: a real window, generated motorway and generated street, in five draws each.
+
+The paper averages five runs, each with randomly chosen egos. Here a draw of the real window is a random fifth of its
+usable egos, and a draw of generated traffic has its own traffic seed. The number of the draw seeds everything random in
+its runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from litsim_data.segments import MANIFEST_FILE
+from litsim_data.traffic.seeds import PAPER
+from litsim_data.traffic.segment_set import write_segment_set
+from litsim_eval.campaign.suite import CaseEntry
+from litsim_sim.io.files import replacing
+from litsim_sim.scenario.scenario import Scenario, packaged
+
+REAL, HIGHWAY, URBAN = "real", "highway", "urban"
+SETS = (REAL, HIGHWAY, URBAN)
+WINDOW = "us101_0750"
+NETS = {HIGHWAY: "us101_like", URBAN: "urban_like"}
+DRAWS = len(PAPER)
+SEGMENTS = 3
+"""Most segments of 28 s in a draw of generated traffic, each with one ego."""
+QUICK_S = 6.0
+QUICK = {HIGHWAY: "demo", URBAN: "small/street_train_14"}
+"""Packaged scenarios of a quick trial by set, shortened to :data:`QUICK_S` [s]."""
+
+Roads = dict[str, list[CaseEntry]]
+
+
+def roads(names: Sequence[str], folder: Path, *, quick: bool = False) -> Roads:
+    """Cases of the sets called `names`, tagged with the set's name; scenarios generated for them go to `folder`.
+
+    Raises:
+        InputError: the real window is missing, or `folder` cannot be written.
+    """
+    makers: dict[str, Callable[[], list[CaseEntry]]] = {
+        REAL: lambda: _real(quick),
+        HIGHWAY: lambda: _quick(HIGHWAY, folder) if quick else _generated(HIGHWAY, folder),
+        URBAN: lambda: _quick(URBAN, folder) if quick else _generated(URBAN, folder),
+    }
+    return {name: makers[name]() for name in names}
+
+
+def shortened(entries: Sequence[CaseEntry], seconds: float, folder: Path) -> list[CaseEntry]:
+    """`entries` with scenarios of at most `seconds` after the history, written to `folder`."""
+    found = []
+    for entry in entries:
+        path = folder / f"{Path(entry.scenario).stem}_{seconds:g}s.yaml"
+        if not path.is_file():
+            _write(Scenario.load(entry.scenario, simulation_s=seconds), path)
+        found.append(entry.model_copy(update={"scenario": str(path.resolve())}))
+    return found
+
+
+def _write(scenario: Scenario, path: Path) -> None:
+    with replacing(path) as new:
+        new.write_text(scenario.to_yaml())
+
+
+def _entry(name: str, scenario: str, ego: int, draw: int) -> CaseEntry:
+    return CaseEntry(scenario=scenario, ego_id=ego, seed=draw, tags=[name])
+
+
+def _real(quick: bool) -> list[CaseEntry]:
+    """A case for every vehicle that can be the ego, except those on which parameters were tuned."""
+    window = Scenario.load(WINDOW)
+    usable = np.array([ego for ego in window.possible_egos if ego not in window.tuning_egos])
+    dealt = np.random.default_rng(0).permutation(usable).tolist()
+    entries = [_entry(REAL, WINDOW, ego, k % DRAWS) for k, ego in enumerate(dealt)]
+    return entries[:2] if quick else entries
+
+
+def _generated(name: str, folder: Path) -> list[CaseEntry]:
+    entries = []
+    for draw, seed in enumerate(PAPER):
+        files = generated(name, SEGMENTS, seed, folder / f"{name}_{draw}")
+        entries += [_entry(name, path, Scenario.load(path).ego_id, draw) for path in files]
+    return entries
+
+
+def generated(name: str, count: int, seed: int, folder: Path) -> list[str]:
+    """Scenario files of `count` segments of the set called `name` in `folder`, generated if missing.
+
+    Raises:
+        InputError: `folder` cannot be written.
+    """
+    if not (folder / MANIFEST_FILE).is_file():
+        write_segment_set(NETS[name], count, seed, folder)
+    return [str(path.resolve()) for path in sorted(folder.glob("*.yaml")) if path.name != MANIFEST_FILE]
+
+
+def _quick(name: str, folder: Path) -> list[CaseEntry]:
+    path = folder / f"quick_{name}.yaml"
+    scenario = Scenario.load(_packaged(QUICK[name]), simulation_s=QUICK_S)
+    _write(scenario, path)
+    return [_entry(name, str(path.resolve()), ego, draw) for draw, ego in enumerate(scenario.egos[:2])]
+
+
+def _packaged(name: str) -> str:
+    return str(packaged(f"suites/{name}.yaml", "litsim_eval")) if "/" in name else name

@@ -1,0 +1,176 @@
+"""The state of a training between two iterations, its checkpoints, and the files that it writes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+from pydantic import BaseModel
+
+from litsim_research.policies.config import TrainConfig
+from litsim_research.policies.critic import Critic
+from litsim_research.policies.data import TrainingData
+from litsim_research.policies.data_state import DataState
+from litsim_research.policies.network import GaussianPolicy, multilayer, save
+from litsim_research.policies.plots import PANELS, Lines, plot_curves
+from litsim_research.predictors.checkpoint import checkpoint, save_checkpoint
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import replacing
+
+CHECKPOINT, HISTORY, CURVES, LAST, BEST = (
+    "checkpoint.pt",
+    "history.json",
+    "curves.png",
+    "last.safetensors",
+    "best.safetensors",
+)
+
+
+class AdversarialTraining:
+    """The state of a policy's training against a critic, and its files.
+
+    Subclasses make the networks and optimisers, and save the policy.
+
+    Attributes:
+        config: of the training, with a seed.
+        policy, value, critic: the networks.
+        policy_optimiser, critic_optimiser: of policy and value together, and of the critic.
+        history: measured values by name, one entry per iteration.
+        best: highest validation score so far.
+        more: names of further attributes that a checkpoint contains.
+        panels: of the picture of the learning curves.
+    """
+
+    config: Any
+    policy: torch.nn.Module
+    value: torch.nn.Module
+    critic: torch.nn.Module
+    policy_optimiser: torch.optim.Optimizer
+    critic_optimiser: torch.optim.Optimizer
+    more: ClassVar[tuple[str, ...]] = ()
+    panels: ClassVar[Mapping[str, Lines]] = PANELS
+
+    def __init__(self, data: TrainingData) -> None:
+        self._data = DataState.of(data)
+        self.history: list[dict[str, float]] = []
+        self.best = -np.inf
+
+    @property
+    def iterations(self) -> int:
+        """Number of iterations done."""
+        return len(self.history)
+
+    def save(self, path: Path) -> None:
+        """Write the weights of the policy, with :attr:`about` as metadata."""
+        raise NotImplementedError
+
+    @property
+    def _parts(self) -> dict[str, Any]:
+        names = ("policy", "value", "critic", "policy_optimiser", "critic_optimiser")
+        return {name: getattr(self, name) for name in names}
+
+    def keep(self, out: Path) -> None:
+        """Write a checkpoint to the folder `out`; see :func:`keep_state`."""
+        more = {"history": self.history, "best": float(self.best)} | {name: getattr(self, name) for name in self.more}
+        keep_state(out / CHECKPOINT, self.config, self._data, self._parts, more)
+
+    def write(self, out: Path) -> None:
+        """Write the history, its curves and the weights of the last iteration to the folder `out`.
+
+        Raises:
+            Unwritable: a file cannot be written; what was there is kept.
+        """
+        write_history(self.history, out / HISTORY)
+        self.save(out / LAST)
+        plot_curves(self.history, out / CURVES, self.panels)
+
+    def read(self, path: Path) -> None:
+        """Restore the state from the checkpoint `path`.
+
+        Raises:
+            InputError: there is none, or it is of a run with another configuration or other scenarios.
+        """
+        more = ("history", "best", *self.more)
+        for name, value in read_state(path, self.config, self._data, self._parts, more).items():
+            setattr(self, name, value)
+
+    @property
+    def about(self) -> dict[str, str]:
+        """Metadata of the weights: seed, number of iterations and the whole configuration."""
+        config = self.config.model_dump_json()
+        return {"seed": str(self.config.seed), "iterations": str(self.iterations), "config": config}
+
+
+class Training(AdversarialTraining):
+    """A training of policy C."""
+
+    config: TrainConfig
+    policy: GaussianPolicy
+    critic: Critic
+
+    def __init__(self, config: TrainConfig, data: TrainingData) -> None:
+        super().__init__(data)
+        torch.manual_seed(config.seed)
+        size = config.observation.size
+        self.config = config
+        self.policy, self.value, self.critic = GaussianPolicy(config.observation), multilayer(size, 1), Critic(size)
+        parameters = [*self.policy.parameters(), *self.value.parameters()]
+        self.policy_optimiser = torch.optim.Adam(parameters, config.ppo.learning_rate)
+        self.critic_optimiser = torch.optim.Adam(self.critic.parameters(), config.critic.learning_rate)
+
+    def save(self, path: Path) -> None:
+        """See :meth:`AdversarialTraining.save`."""
+        save(self.policy, path, self.about)
+
+
+def write_history(history: list[dict[str, float]], path: Path) -> None:
+    """Write the measured values of a training, one entry per iteration or validation.
+
+    Raises:
+        Unwritable: the file cannot be written; what was there is kept.
+    """
+    with replacing(path) as new:
+        new.write_text(json.dumps(history, indent=1) + "\n", encoding="utf-8")
+
+
+def keep_state(
+    path: Path, config: BaseModel, data: DataState, parts: Mapping[str, Any], more: Mapping[str, Any]
+) -> None:
+    """Write a checkpoint: the states of `parts` (networks and optimisers), `more`, `config`, and what `data` are.
+
+    Raises:
+        Unwritable: the file cannot be written; the previous checkpoint is kept.
+    """
+    described = {"config": json.dumps(config.model_dump(mode="json")), "data": data.to_json()}
+    save_checkpoint(path, {name: part.state_dict() for name, part in parts.items()} | dict(more) | described)
+
+
+def read_state(
+    path: Path,
+    config: BaseModel,
+    data: DataState,
+    parts: Mapping[str, Any],
+    more: Sequence[str],
+    *,
+    length: str = "iterations",
+    device: str = "cpu",
+) -> dict[str, Any]:
+    """Load the checkpoint `path` to a `device` of torch, restore the states of `parts`, and return its `more`.
+
+    Raises:
+        InputError: see :func:`checkpoint`; or it is of a run with another configuration, of which only the field
+            `length` may differ, or with other scenarios than `data`.
+    """
+    with checkpoint(path, device) as state:
+        then, now = json.loads(state["config"]), config.model_dump(mode="json")
+        changed = [key for key in now if key != length and then.get(key) != now[key]]
+        if changed:
+            raise InputError(f"{path}: fields {', '.join(changed)} of the configuration differ from the checkpoint's")
+        data.refuse_other(state.get("data"), path)
+        for name, part in parts.items():
+            part.load_state_dict(state[name])
+        return {name: state[name] for name in more}

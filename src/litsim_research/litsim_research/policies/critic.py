@@ -1,0 +1,125 @@
+"""The critic: a classifier of recorded drivers against the policy, which rewards the policy for acting like drivers.
+
+It learns from both kinds of recorded drivers: people in NGSIM, and SUMO's models in generated segments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from litsim_policy.driving.action import ACTIONS
+from litsim_research.policies.network import multilayer
+from litsim_research.policies.ppo import BatchSize
+from litsim_sim.core.quantities import NonNegative, Number, Positive, Whole, configuration
+
+
+@configuration
+class CriticConfig:
+    """How the critic learns.
+
+    Attributes:
+        learning_rate: of Adam.
+        gradient_penalty: weight of the penalty on gradients with a norm above 1, between expert and policy. Norms below
+            1 are not penalised, unlike in Gulrajani 2017: that would make the critic steep where both sides are alike,
+            and reward the policy for the situation it is in.
+        updates: steps of the optimiser per iteration.
+        batch: pairs of each side in a step.
+        noise: standard deviation of noise on all inputs, which hides the jitter of recorded accelerations from the
+            critic.
+        reward_limit: the reward is clipped to +- this.
+    """
+
+    learning_rate: Positive[Number] = 3e-4
+    gradient_penalty: NonNegative[Number] = 2.0
+    updates: Positive[Whole] = 20
+    batch: BatchSize = 256
+    noise: NonNegative[Number] = 0.1
+    reward_limit: Positive[Number] = 3.0
+
+
+class Critic(nn.Module):
+    """A network from observation and action to a logit, positive for a pair that it takes for a recorded driver's."""
+
+    def __init__(self, observations: int) -> None:
+        super().__init__()
+        self.body = multilayer(observations + len(ACTIONS), 1)
+
+    def forward(self, pairs: Tensor) -> Tensor:
+        """Logits (m,) of observations and actions side by side (m, observations + 3)."""
+        logits: Tensor = self.body(pairs)[:, 0]
+        return logits
+
+    def reward(self, pairs: Tensor, limit: float) -> Tensor:
+        """Reward (m,): log D - log(1 - D), which is the logit itself, clipped to +-`limit`.
+
+        It has both signs: an always positive reward would favour long episodes, an always negative one short episodes,
+        however the policy drives (Kostrikov 2019).
+        """
+        with torch.no_grad():
+            return torch.clamp(self(pairs), -limit, limit)
+
+
+@dataclass(frozen=True)
+class CriticStep:
+    """Means over the steps of an update.
+
+    Attributes:
+        loss: including the gradient penalty.
+        accuracy: share of pairs that are classified correctly.
+    """
+
+    loss: float
+    accuracy: float
+
+
+def update_critic(
+    critic: Critic,
+    optimiser: torch.optim.Optimizer,
+    expert: Tensor,
+    policy: Tensor,
+    config: CriticConfig,
+    generator: torch.Generator,
+) -> CriticStep:
+    """Take `config.updates` steps of logistic regression with gradient penalty.
+
+    Args:
+        critic: to train.
+        optimiser: of its parameters.
+        expert, policy: pairs (m, observations + 3) of recorded drivers and of the policy.
+        config: of the update.
+        generator: of the draws.
+    """
+    entropy = nn.functional.binary_cross_entropy_with_logits
+    losses, right = 0.0, 0.0
+    for _ in range(config.updates):
+        real, made = (
+            _jittered(side[torch.randint(len(side), (config.batch,), generator=generator)], config.noise, generator)
+            for side in (expert, policy)
+        )
+        real_logits, made_logits = critic(real), critic(made)
+        loss = entropy(real_logits, torch.ones_like(real_logits)) + entropy(made_logits, torch.zeros_like(made_logits))
+        excess = torch.relu(gradient_norm(critic, real, made, generator) - 1.0)
+        loss = loss + config.gradient_penalty * (excess**2).mean()
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        losses += float(loss.detach())
+        right += 0.5 * float((real_logits > 0).float().mean() + (made_logits <= 0).float().mean())
+    return CriticStep(losses / config.updates, right / config.updates)
+
+
+def gradient_norm(critic: Callable[[Tensor], Tensor], real: Tensor, made: Tensor, generator: torch.Generator) -> Tensor:
+    """Norms (m,) of the critic's gradient at random points between pairs of the two sides (m, inputs)."""
+    share = torch.rand((len(real), 1), generator=generator)
+    between = (share * real + (1.0 - share) * made).detach().requires_grad_()
+    (slope,) = torch.autograd.grad(critic(between).sum(), between, create_graph=True)
+    norm: Tensor = slope.norm(dim=1)
+    return norm
+
+
+def _jittered(pairs: Tensor, noise: float, generator: torch.Generator) -> Tensor:
+    return pairs + noise * torch.randn(pairs.shape, generator=generator)

@@ -1,0 +1,179 @@
+"""Scenarios for training and validation: generated segments, and real windows on which no results are reported."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from litsim_data.segments import MANIFEST_FILE, Manifest
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import replacing
+from litsim_sim.scenario.load import load_recording
+from litsim_sim.scenario.scenario import DATA_VARIABLE, Scenario
+
+REPORTED = (316, 543)
+"""First and last frame of the recording REPORTED_IN on which results are reported; excluded from training."""
+REPORTED_IN = "us101_0750"  # named so by readers of all files that hold it
+
+REAL_FILE = "ngsim/us101_0750_frames_0126_1149.parquet"
+REAL_HISTORY_S = 1.1  # [s] the least that predictors need, since the windows are short
+REAL_STAYS = 30  # steps after the history for which an ego must stay
+
+
+class Generated(BaseModel):
+    """Traffic from `data synthesize`.
+
+    Attributes:
+        net: packaged net.
+        segments: number of segments of 28 s; their manifest splits them into training and validation.
+        seed: neither that of scenario demo nor one of segments on which results are reported.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    net: str
+    segments: int = Field(gt=0)
+    seed: int = Field(ge=0)
+
+
+class RealWindow(BaseModel):
+    """A window of US-101 with all its vehicles.
+
+    Attributes:
+        frames: numbers of the first and the last frame; frames are 0.1 s apart.
+        local_y_m: range along the road [m].
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    frames: tuple[int, int]
+    local_y_m: tuple[float, float]
+
+    @model_validator(mode="after")
+    def _is_not_reported(self) -> RealWindow:
+        if self.frames[0] <= REPORTED[1] and self.frames[1] >= REPORTED[0]:
+            raise ValueError(f"frames {self.frames} overlap {REPORTED}, on which results are reported")
+        return self
+
+
+class DataConfig(BaseModel):
+    """Sources of scenarios.
+
+    Attributes:
+        generated, real: see :class:`Generated` and :class:`RealWindow`.
+        real_weight: weight of a real window when a scenario is drawn, since they are few; in validation, weight of the
+            scenarios of `tuning`.
+        scenarios: names or files of further scenarios for training.
+        validation: names or files of further scenarios for validation.
+        tuning: names or files of scenarios for validation around their tuning egos, on which no results are reported.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    generated: tuple[Generated, ...] = ()
+    real: tuple[RealWindow, ...] = ()
+    real_weight: int = Field(1, gt=0)
+    scenarios: tuple[str, ...] = ()
+    validation: tuple[str, ...] = ()
+    tuning: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _is_apart(self) -> DataConfig:
+        of_validation = {os.path.realpath(name) for name in self.validation}
+        if both := [name for name in self.scenarios if os.path.realpath(name) in of_validation]:
+            raise ValueError(f"{', '.join(both)} in both scenarios and validation, expected in one of them")
+        return self
+
+
+@dataclass(frozen=True)
+class TrainingData:
+    """Scenarios for training and for validation, at least one each; none is in both.
+
+    Attributes:
+        train, validation: the scenarios, some of them several times by their weight.
+        real: names of the scenarios in which people drove.
+    """
+
+    train: tuple[Scenario, ...]
+    validation: tuple[Scenario, ...]
+    real: frozenset[str] = frozenset()
+
+
+def prepare(config: DataConfig, folder: Path) -> TrainingData:
+    """Load the scenarios; generated ones are written to `folder` and reused.
+
+    Raises:
+        InputError: there is no scenario for training or for validation, or a recording cannot be used.
+    """
+    train: list[Scenario] = []
+    validation: list[Scenario] = []
+    for generated in config.generated:
+        where = folder / f"{generated.net}_{generated.seed}_{generated.segments}"
+        if not (where / MANIFEST_FILE).is_file():
+            from litsim_data.traffic.segment_set import write_segment_set  # libsumo takes a moment to load
+
+            write_segment_set(generated.net, generated.segments, generated.seed, where)
+        for segment in Manifest.read(where / MANIFEST_FILE).segments:
+            (train if segment.part == "train" else validation).append(Scenario.load(where / f"{segment.name}.yaml"))
+    windows = [_real(window, folder) for window in config.real]
+    train += windows * config.real_weight
+    train += [_unreported(name) for name in config.scenarios]
+    validation += [_unreported(name) for name in config.validation]
+    validation += [_around_tuning_egos(name) for name in config.tuning] * config.real_weight
+    if not train:
+        raise InputError("data: no scenario to train on, expected generated, real or scenarios")
+    if not validation:
+        raise InputError("data: no scenario to validate on, expected validation, tuning, or more generated segments")
+    return TrainingData(tuple(train), tuple(validation), frozenset(window.name for window in windows))
+
+
+def _unreported(name: str) -> Scenario:
+    """The scenario of that name or file, which must not be of the traffic on which results are reported."""
+    scenario = Scenario.load(name)
+    frames = scenario.recording.columns["frame"]
+    if scenario.recording.header.name == REPORTED_IN and frames.min() <= REPORTED[1] and frames.max() >= REPORTED[0]:
+        raise InputError(
+            f"data: scenario {name}: frames {frames.min()} to {frames.max()} of {REPORTED_IN} overlap {REPORTED}, on "
+            f"which results are reported"
+        )
+    return scenario
+
+
+def _around_tuning_egos(name: str) -> Scenario:
+    """The scenario of that name or file, with its tuning egos in place of those on which results are reported."""
+    scenario = Scenario.load(name)
+    if not scenario.tuning_egos:
+        raise InputError(f"data: field tuning: scenario {name} has no tuning egos")
+    egos = list(scenario.tuning_egos)
+    return Scenario.load(name, ego=egos[0], egos=egos, tuning=[])
+
+
+def _real(window: RealWindow, folder: Path) -> Scenario:
+    """A scenario on a real window; its egos are all vehicles that are there from the start and stay long enough."""
+    name = f"us101_{window.frames[0]}_{window.frames[1]}"
+    crop = {"frame": [float(frame) for frame in window.frames], "local_y_m": list(window.local_y_m)}
+    file = {
+        "name": name,
+        "recording": f"${{LITSIM_DATA}}/{REAL_FILE}",
+        "crop": crop,
+        "net": "us101",
+        "history_s": REAL_HISTORY_S,
+    }
+    data = os.environ.get(DATA_VARIABLE, "")
+    if not data:
+        raise InputError(f"data: field real: {DATA_VARIABLE} is not set, expected a folder with {REAL_FILE}")
+    recording = load_recording(Path(data) / REAL_FILE, crop)
+    table = recording.table
+    frames = table.groupby("vehicle_id")["frame"].agg(["min", "max"])
+    needed = int(table["frame"].min()) + round(REAL_HISTORY_S * 10) + REAL_STAYS
+    egos = frames[(frames["min"] == table["frame"].min()) & (frames["max"] >= needed)].index.tolist()
+    if not egos:
+        raise InputError(f"data: field real: no vehicle of frames {window.frames} stays for {REAL_STAYS} steps")
+    path = folder / f"{name}.yaml"
+    with replacing(path) as new:
+        new.write_text(yaml.safe_dump(file | {"ego": egos[0], "egos": egos}, sort_keys=False), encoding="utf-8")
+    return Scenario.load(path)

@@ -1,0 +1,108 @@
+"""What the scenarios of a training consist of, so that a training is not resumed with others."""
+
+from __future__ import annotations
+
+import json
+import logging
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from litsim_research.policies.data import TrainingData
+from litsim_research.predictors.data.sources import digest_of
+from litsim_sim.core.errors import InputError
+from litsim_sim.scenario.scenario import Scenario
+
+FILES = ("recording", "net")
+SHOWN = 60  # most characters of a field's value in an error
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class DataState:
+    """The scenarios of a training, each once, in the order of the configuration, as they are when it begins.
+
+    Attributes:
+        scenarios: the scenarios.
+        described: for each its part, training or validation, its name and fields, and the SHA-256 of its recording and
+            net. Paths are left out, so that files may be moved, and so is the description.
+    """
+
+    scenarios: tuple[Scenario, ...] = ()
+    described: tuple[dict[str, Any], ...] = ()
+
+    @classmethod
+    def of(cls, data: TrainingData) -> DataState:
+        """The state of `data`."""
+        once = {id(each): ("training", each) for each in data.train}
+        once |= {id(each): ("validation", each) for each in data.validation}
+        scenarios = tuple(each for _, each in once.values())
+        return cls(scenarios, tuple(_described(part, each) for part, each in once.values()))
+
+    def to_json(self) -> str:
+        """The description, for a checkpoint."""
+        return json.dumps(self.described)
+
+    def refuse_other(self, then: str | None, where: Path) -> None:
+        """Check that a training, begun with the state `then` of :meth:`to_json`, would go on with the same scenarios.
+
+        If `then` is None, as in checkpoints of earlier versions, a warning says that this is not known.
+
+        Args:
+            then: the state in the checkpoint.
+            where: names the checkpoint in errors.
+
+        Raises:
+            InputError: a file or field of a scenario has changed, or there are other scenarios.
+        """
+        if then is None:
+            _log.warning(
+                "%s: of a version that did not note the scenarios: cannot tell whether they have changed since", where
+            )
+            return
+        before, now = json.loads(then), json.loads(self.to_json())
+        if (expected := _names(before)) != (found := _names(now)):
+            added, missing = (_names_beyond(*pair) for pair in ((found, expected), (expected, found)))
+            raise _other(where, f"set of scenarios: {added} added, {missing} missing")
+        for scenario, old, new in zip(self.scenarios, before, now, strict=True):
+            for name in FILES:
+                if new[name] != old[name]:
+                    raise _other(
+                        where,
+                        f"{name} of scenario {scenario.name}: {getattr(scenario.file, name)} has SHA-256 "
+                        f"{new[name]}, expected {old[name]}",
+                    )
+            fields = old["fields"]
+            for name, value in new["fields"].items():
+                if value != fields.get(name):
+                    raise _other(
+                        where,
+                        f"scenario {scenario.name}: its field {name} is {_shown(value)}, expected "
+                        f"{_shown(fields.get(name))}",
+                    )
+
+
+def _described(part: str, scenario: Scenario) -> dict[str, Any]:
+    fields = scenario.file.model_dump(mode="json", exclude={*FILES, "description"})
+    digests = {name: digest_of(Path(getattr(scenario.file, name))) for name in FILES}
+    return {"part": part, "name": scenario.name, "fields": fields, **digests}
+
+
+def _names(described: Sequence[dict[str, Any]]) -> list[str]:
+    return [f"{each['name']} ({each['part']})" for each in described]
+
+
+def _names_beyond(names: Sequence[str], others: Sequence[str]) -> str:
+    """The `names` that are not among `others`, as text."""
+    return ", ".join(name for name in names if name not in others) or "none"
+
+
+def _other(where: Path, what: str) -> InputError:
+    return InputError(f"{where}: trained on another {what}; restore it, or train into another folder")
+
+
+def _shown(value: Any) -> str:
+    return textwrap.shorten(json.dumps(value), SHOWN, placeholder=" …")

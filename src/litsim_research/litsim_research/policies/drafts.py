@@ -1,0 +1,111 @@
+"""Drafted agents, which training puts under the policy without a conflict, and their tasks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from litsim_policy.driving.task import NOBODY
+from litsim_policy.motion.path_batch import PathBatch
+from litsim_policy.motion.reference_path import ReferencePath
+from litsim_research.policies.draw import Start, drafted_tasks
+from litsim_research.policies.task import TaskConfig, all_nearest, recorded_task
+from litsim_sim.core.scene import AgentTable, FloatArray
+from litsim_sim.scenario.joined import JoinedScenario
+
+
+@dataclass(frozen=True)
+class Draft:
+    """Task of a drafted agent at one step; ids are those of the joined scenario.
+
+    Attributes:
+        agent: id.
+        points: (k, 2) points of its path around its position [m].
+        goal: x and y [m].
+        due_step: see :class:`litsim_policy.driving.task.DrivingTask`.
+        opponent: id of the agent that is nearest now, or NOBODY.
+    """
+
+    agent: int
+    points: FloatArray
+    goal: tuple[float, float]
+    due_step: int
+    opponent: int
+
+
+@dataclass
+class _Drafted:
+    """A drafted agent: scene, id in it, whole path and current task, which is kept up to the step `passed`."""
+
+    scene: int
+    own: int
+    path: ReferencePath
+    goal: tuple[float, float]
+    due_step: int
+    has_opponent: bool
+    passed: int
+
+
+class Drafts:
+    """The drafted agents of E episodes, drawn when the episodes begin.
+
+    Tasks are drawn as for recorded drivers (:func:`.task.recorded_task`). A task is replaced once its goal has been due
+    for longer than that of any drawn task may be; the opponent is always the agent that is nearest now.
+    """
+
+    def __init__(
+        self,
+        joined: JoinedScenario,
+        starts: Sequence[Start],
+        table: AgentTable,
+        count: int,
+        radius: float,
+        config: TaskConfig,
+    ) -> None:
+        self._joined, self._starts, self._config = joined, starts, config
+        # a new goal is as far away as goals can be, which keeps the distances to goals uniformly distributed
+        self._renewed = replace(config, goal_steps=(config.goal_steps[1], config.goal_steps[1]))
+        drafted: list[tuple[int, _Drafted]] = []
+        for k, (start, own) in enumerate(zip(starts, joined.tables(table), strict=True)):
+            for task in drafted_tasks(own, start.scenario, count, radius, config, start.random):
+                goal_x, goal_y = task.goal.tolist()
+                has_opponent = task.opponent != NOBODY
+                passed = self._passed(table.step, task.due_step)
+                one = _Drafted(k, task.agent, task.path, (goal_x, goal_y), task.due_step, has_opponent, passed)
+                drafted.append((joined.agent(k, task.agent), one))
+        self._agents = [agent for agent, _ in drafted]
+        self._drafted = [one for _, one in drafted]
+        self._paths = PathBatch([one.path.points for one in self._drafted])
+
+    def of(self, table: AgentTable) -> list[Draft]:
+        """Current tasks of the drafted agents that are on the road in `table`."""
+        rows = table.rows(np.array(self._agents, np.int64))
+        here = np.flatnonzero(rows >= 0)
+        if not len(here):
+            return []
+        at, s = rows[here], np.zeros(len(rows))
+        s[here] = self._paths.project(here, table.x[at], table.y[at]).s
+        begin, end = (ends[here].tolist() for ends in self._paths.window(s))
+        opponents = all_nearest(table, at).tolist()
+        found = []
+        for k, opponent, i, j in zip(here.tolist(), opponents, begin, end, strict=True):
+            one = self._drafted[k]
+            if table.step > one.passed:
+                self._renew(one, self._joined.table(one.scene, table))
+            minded = opponent if one.has_opponent else NOBODY
+            found.append(Draft(self._agents[k], one.path.points[i:j], one.goal, one.due_step, minded))
+        return found
+
+    def _renew(self, one: _Drafted, table: AgentTable) -> None:
+        """Draw another task for `one`, in `table` of its scene."""
+        start = self._starts[one.scene]
+        task = recorded_task(start.scenario.log, one.path, table, table.row(one.own), self._renewed, start.random)
+        goal_x, goal_y = task.goal.tolist()
+        one.goal, one.due_step, one.has_opponent = (goal_x, goal_y), task.due_step, task.opponent != NOBODY
+        one.passed = self._passed(table.step, task.due_step)
+
+    def _passed(self, step: int, due_step: int) -> int:
+        """Last step at which a task drawn at `step` is kept."""
+        return max(step, due_step - min(self._config.goal_steps[0], 0))

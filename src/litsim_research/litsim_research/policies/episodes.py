@@ -1,0 +1,317 @@
+"""Training episodes: the closed loop of the graph in one process, around deviating egos, several episodes at once.
+
+Dynamics, conflict detection, the life cycle of takeovers and features are those of the graph. Episodes on scenarios of
+one kind are stepped together, without influence on each other: see :mod:`litsim_sim.scenario.joined`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from litsim_policy.conflict.config import ConflictConfig
+from litsim_policy.conflict.takeover import TakeoverConfig, TakeoverManager
+from litsim_policy.driving.action import consistent, normalised
+from litsim_policy.driving.features.observation import ObservationConfig, Observer
+from litsim_policy.driving.policy_c import commanded, merged
+from litsim_policy.driving.registry import make_policy
+from litsim_policy.driving.safety.config import LIMITS_ONLY, SafetyConfig
+from litsim_policy.driving.safety.layer import SafetyLayer
+from litsim_policy.driving.task import NOBODY, DrivingScene, due_step, opponent_of
+from litsim_policy.ego.together import EgosTogether
+from litsim_predictor.models import ModelName, make_predictor
+from litsim_research.policies.drafts import Drafts
+from litsim_research.policies.draw import Start, drawn_ego, with_ego
+from litsim_research.policies.reward import Penalties, PenaltyConfig, passed_on, penalties
+from litsim_research.policies.task import TaskConfig
+from litsim_sim.core.quantities import Length, NonNegative, Positive, Steps, Whole, configuration
+from litsim_sim.core.scene import AgentTable, BoolArray, ControlSource, ControlTable, EgoCommand, FloatArray, IntArray
+from litsim_sim.core.takeover import PathSource, TakeoverState, TakeoverTable
+from litsim_sim.scenario.joined import BITS, JoinedScenario
+from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.world.world import World
+
+
+@configuration
+class EnvironmentConfig:
+    """Length of an episode, and the agents driven in it.
+
+    Attributes:
+        steps_max: steps after the history, fewer where the scenario ends before; the default is the paper's, while
+            segments of 28 s have 250.
+        slots: most agents under the policy at a time; further ones are driven by policy yield.
+        drafted: agents near the ego that are put under the policy at the start, with or without a conflict.
+        draft_radius: distance from the ego within which they are drawn.
+        draft_steps: steps after the history for which they stay under the policy.
+        model: predictor.
+        careful: guards that correct the policy's commands for the training (see :attr:`Outcome.corrected`); they brake
+            early enough for the bounds on jerk, unlike the guards that drive. None for no corrections.
+    """
+
+    steps_max: Positive[Steps] = 300
+    slots: Positive[Whole] = 10
+    drafted: NonNegative[Whole] = 5
+    draft_radius: NonNegative[Length] = 50.0
+    draft_steps: NonNegative[Steps] = 100
+    model: ModelName = "kinematic"
+    careful: SafetyConfig | None = None
+
+
+@dataclass(frozen=True)
+class Course:
+    """Settings that all episodes have in common.
+
+    Attributes:
+        scenarios: each episode draws one of them.
+        config: of episodes.
+        observation: of the driven agents.
+        penalty: weights of the penalties.
+        safety: limits and guards on the policy's actions.
+        task: distribution of the drafted agents' tasks.
+    """
+
+    scenarios: Sequence[Scenario]
+    config: EnvironmentConfig = EnvironmentConfig()
+    observation: ObservationConfig = ObservationConfig()
+    penalty: PenaltyConfig = PenaltyConfig()
+    safety: SafetyConfig = LIMITS_ONLY
+    task: TaskConfig = TaskConfig()
+
+    def scenario(self, random: np.random.Generator) -> Scenario:
+        """Draw one of the scenarios; the first draw of an episode."""
+        return self.scenarios[int(random.integers(len(self.scenarios)))]
+
+    def start(self, random: np.random.Generator) -> Start:
+        """Draw the start of an episode: scenario and ego, and `random` itself for the further draws."""
+        scenario = with_ego(self.scenario(random), random)
+        return Start(scenario, drawn_ego(scenario, random), random)
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Result of a step for the m agents driven in it; arrays (m, ...), ids ascending.
+
+    Attributes:
+        agents: ids.
+        following: (m, size) observations after the step; of an agent that has left the scene, the one before.
+        executed: (m, 3) executed motion, as actions in [-1, 1].
+        corrected: (m, 3) commands of the careful guards, as actions in [-1, 1]; NaN where they would not intervene.
+        penalty: (m,) weighted sum, at most 0.
+        terms: the penalties before weights, of the agents in `present`.
+        present: ids of the agents that are still in the scene.
+        terminated: (m,) whether the agent has collided or left the road.
+        driven_on: (m,) whether the agent is driven in the next step.
+    """
+
+    agents: IntArray
+    following: FloatArray
+    executed: FloatArray
+    corrected: FloatArray
+    penalty: FloatArray
+    terms: Penalties
+    present: IntArray
+    terminated: BoolArray
+    driven_on: BoolArray
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all arrays are equal; NaN equals NaN."""
+        if not isinstance(other, Outcome):
+            return NotImplemented
+        mine, theirs = (list(vars(o).values()) + list(vars(o.terms).values()) for o in (self, other))
+        return all(_same(a, b) for a, b in zip(mine, theirs, strict=True) if not isinstance(a, Penalties))
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+class _Task(NamedTuple):
+    """Task of a driven agent, see :class:`litsim_policy.driving.task.DrivingTask`; drafted unless `taken_over`."""
+
+    agent: int
+    points: FloatArray
+    goal: tuple[float, float]
+    due_step: int
+    opponent: int
+    taken_over: bool
+
+
+class Episodes:
+    """E episodes on scenarios of one :func:`litsim_sim.scenario.joined.kind`, from the first step after the history.
+
+    An episode is over when a driven agent collides or leaves the road, or when its time is up. Ids of agents are those
+    of the joined scenario.
+
+    Attributes:
+        joined: the scenarios.
+        running: (E,) whether the episode is not over.
+        seen: (m, size) observations of the :attr:`driven` agents.
+    """
+
+    def __init__(self, course: Course, starts: Sequence[Start]) -> None:
+        self._course, self._config = course, course.config
+        self.joined = JoinedScenario.of([start.scenario for start in starts])
+        self._egos = EgosTogether(self.joined, [start.ego for start in starts])
+        self._world = World(self.joined)
+        self.safety = SafetyLayer(self.joined.lane_map, course.safety)
+        self._guards = SafetyLayer(self.joined.lane_map)  # for the penalty only
+        careful = self._config.careful
+        self._careful = SafetyLayer(self.joined.lane_map, careful) if careful else None
+        self._observer = Observer(self.joined.lane_map, course.observation)
+        self._predictor = make_predictor(self._config.model, self.joined)
+        self._manager = TakeoverManager(self.joined, ConflictConfig(), TakeoverConfig())
+        self._rule = make_policy("yield", self.joined)
+        history = self.joined.history_steps
+        totals = np.array([scenario.total_steps for scenario in self.joined.scenes])
+        self._end = np.minimum(totals, history + self._config.steps_max)
+        self.running = np.ones(len(starts), np.bool_)
+        table = self._world.reset()
+        while table.step < history:  # everything follows its log, the ego as well
+            self._predictor.observe(table)
+            commands = [EgoCommand(table.step)] * len(starts)
+            table = self._world.step_together(ControlTable.empty(table.step), commands)
+        self._see(table)
+        drafted, radius = self._config.drafted, self._config.draft_radius
+        self._drafts = Drafts(self.joined, starts, table, drafted, radius, course.task)
+        self._choose()
+        self.seen = self._observer.features(self._scene)
+        self._leave_out(self.step_number >= self._end)
+
+    @property
+    def step_number(self) -> int:
+        """The current step, the same in all episodes."""
+        return self._table.step
+
+    @property
+    def driven(self) -> IntArray:
+        """Ids (m,) of the agents that are driven in the next step, ascending."""
+        return self._scene.id
+
+    def step(self, action: FloatArray, intended: FloatArray | None = None) -> Outcome:
+        """Drive the :attr:`driven` agents by `action` (m, 3) in [-1, 1], other agents off their logs by policy yield.
+
+        Corrections refer to `intended` (m, 3), the policy's mean if `action` was drawn; None for `action` itself.
+        """
+        before, tasks, scene = self._table, self._tasks, self._scene
+        driven = scene.id
+        guarded = commanded(scene, action, self._guards).source == ControlSource.GUARDED
+        corrected = np.full((len(driven), 3), np.nan)
+        if self._careful:
+            meant = action if intended is None else intended
+            corrected = correction(scene, commanded(scene, meant, self._careful))
+        controls = merged(commanded(scene, action, self.safety), self._others_controls())
+        commands = self._egos.plan(before, self.running.nonzero()[0].tolist())
+        self._see(self._world.step_together(controls, commands))
+        self._choose()
+        outcome = self._outcome(before, driven, tasks, guarded, corrected)
+        over = self.step_number >= self._end
+        over[driven[outcome.terminated] >> BITS] = True
+        self._leave_out(over)
+        return outcome
+
+    def _see(self, table: AgentTable) -> None:
+        """Make `table` the current step: forecast it and update the takeovers."""
+        self._table = table
+        self._takeovers = self._manager.update(table, self._predictor.forecast(table)).takeovers
+
+    def _choose(self) -> None:
+        """Choose the agents driven at the current step: held and drafted ones, up to `slots` in each episode."""
+        tasks = {
+            t.agent: _Task(t.agent, t.reference_path, t.goal_pose[:2], due_step(t), opponent_of(t), taken_over=True)
+            for t in self._takeovers
+            if t.state == TakeoverState.HELD and t.path_source != PathSource.LANE  # passing agents are driven by rules
+        }
+        if self.step_number < self.joined.history_steps + self._config.draft_steps:
+            for draft in self._drafts.of(self._table):
+                held = draft.agent in tasks
+                opponent = tasks[draft.agent].opponent if held else draft.opponent
+                tasks[draft.agent] = _Task(
+                    draft.agent, draft.points, draft.goal, draft.due_step, opponent, taken_over=held
+                )
+        counts = np.zeros(len(self.running), np.int64)
+        self._tasks = []
+        for agent in sorted(tasks):
+            counts[agent >> BITS] += 1
+            if counts[agent >> BITS] <= self._config.slots:
+                self._tasks.append(tasks[agent])
+        self._scene = self._with_tasks(self._tasks)
+
+    def _others_controls(self) -> ControlTable:
+        """Commands of policy yield at the current step, for the agents that are off their logs and not driven."""
+        driven = {task.agent for task in self._tasks}
+        others = tuple(t for t in self._takeovers if t.agent not in driven)
+        return self._rule.act(self._table, TakeoverTable(self.step_number, others))
+
+    def _outcome(
+        self, before: AgentTable, driven: IntArray, tasks: list[_Task], guarded: BoolArray, corrected: FloatArray
+    ) -> Outcome:
+        """The outcome of the step from `before` to now.
+
+        Args:
+            before: all agents before the step.
+            driven: (m,) ids of the agents that were driven.
+            tasks: of these.
+            guarded: (m,) whether a guard would have changed the command.
+            corrected: (m, 3) as in :class:`Outcome`.
+        """
+        after = self._table
+        rows = after.rows(driven)
+        here = rows >= 0
+        now = {task.agent for task in self._tasks}
+        left = [task for task, is_here in zip(tasks, here.tolist(), strict=True) if is_here and task.agent not in now]
+        seen = self._observer.features(self._with_tasks([*self._tasks, *left]) if left else self._scene)
+        following = self.seen
+        at = {task.agent: k for k, task in enumerate([*self._tasks, *left])}
+        following[here] = seen[[at[agent] for agent in driven[here].tolist()]]
+        self.seen = seen[: len(self._tasks)]
+        executed = np.zeros((len(driven), 3))
+        rows = rows[here]
+        speed = 0.5 * (after.speed[rows] + before.speed[before.rows(driven[here])])
+        executed[here] = normalised(consistent(after.acceleration[rows], after.yaw_rate[rows], speed))
+        terms = penalties(before, after, driven[here], self.joined.lane_map, guarded[here])
+        penalty, terminated = np.zeros(len(driven)), np.zeros(len(driven), np.bool_)
+        penalty[here], terminated[here] = terms.total(self._course.penalty), terms.collision | terms.off_road
+        because = np.array([task.opponent if task.taken_over else NOBODY for task in tasks], np.int64)
+        penalty += self._course.penalty.share * passed_on(penalty, driven, because)
+        scene, collided = driven >> BITS, np.zeros(len(self.running), np.bool_)
+        collided[scene[terminated]] = True
+        still = np.array([agent in now for agent in driven.tolist()], np.bool_)
+        driven_on = here & still & (after.step < self._end[scene]) & ~collided[scene]
+        return Outcome(driven, following, executed, corrected, penalty, terms, driven[here], terminated, driven_on)
+
+    def _leave_out(self, over: BoolArray) -> None:
+        """End the episodes in the mask `over` (E,) and remove their agents."""
+        ending = np.flatnonzero(self.running & over).tolist()
+        if not ending:
+            return
+        self.running &= ~over
+        for scene in ending:
+            self._world.drop(scene)
+        self._table = self._table.take(self.running[self._table.scene])
+        self._takeovers = tuple(t for t in self._takeovers if self.running[t.agent >> BITS])
+        stays = self.running[self.driven >> BITS]
+        self._tasks = [task for task, is_left in zip(self._tasks, stays.tolist(), strict=True) if is_left]
+        self.seen = self.seen[stays]
+        self._scene = self._with_tasks(self._tasks)
+
+    def _with_tasks(self, tasks: Sequence[_Task]) -> DrivingScene:
+        """The current scene of the agents with `tasks`."""
+        return DrivingScene.on_paths(
+            self.joined.lane_map,
+            self._table,
+            [task.points for task in tasks],
+            [task.goal for task in tasks],
+            [(task.agent, task.due_step, task.opponent) for task in tasks],
+        )
+
+
+def correction(scene: DrivingScene, controls: ControlTable) -> FloatArray:
+    """Guards' commands in `controls` for the agents of `scene`, as actions (m, 3) in [-1, 1]; NaN where none acted."""
+    actions = normalised(consistent(controls.acceleration, controls.yaw_rate, scene.agents.speed))
+    return np.where((controls.source == ControlSource.GUARDED)[:, None], actions, np.nan)
+
+
+def _same(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two arrays are equal; NaN equals NaN."""
+    return np.array_equal(a, b, equal_nan=a.dtype.kind == "f")

@@ -1,0 +1,190 @@
+"""Expert pairs: observations and actions of interacting recorded vehicles, for the warm start and the critic.
+
+The drivers are people in NGSIM, and SUMO's driver models in generated segments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from litsim_policy.driving.action import consistent, normalised
+from litsim_policy.driving.features.observation import ObservationConfig, Observer
+from litsim_policy.motion.along_path import Poses
+from litsim_policy.motion.reference_path import ReferencePath, logged_path, pursuit_yaw_rate, window
+from litsim_research.policies.task import TaskConfig, recorded_task
+from litsim_sim.core.geometry import to_body
+from litsim_sim.core.quantities import Angle, Length, NonNegative, Positive, Share, Speed, Steps, configuration
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray
+from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.scenario import Scenario
+
+
+@configuration
+class PairsConfig:
+    """Which pairs are taken from recorded drivers.
+
+    Attributes:
+        every: steps between the pairs of a vehicle.
+        smooth: steps over which motion is averaged, since recorded accelerations jitter from frame to frame.
+        real_share: share of people's pairs in the draws, where there are any; the others are of SUMO's drivers, which
+            give far more pairs.
+        offset, turn: standard deviations by which vehicles are displaced for pairs that lead back to the path; only the
+            warm start learns from those.
+    """
+
+    every: Positive[Steps] = 5
+    smooth: Positive[Steps] = 3
+    real_share: Share = 0.5
+    offset: NonNegative[Length] = 0.4
+    turn: NonNegative[Angle] = 0.03
+
+
+@configuration
+class ExpertConfig(PairsConfig):
+    """Which pairs are taken from recorded drivers that interact with others.
+
+    Attributes:
+        ahead, beside: distances to another vehicle within which the two interact: straight ahead, in any direction.
+        speed_min: least speed of the driver, since a standing vehicle shows nothing about steering.
+        horizon: least number of steps for which the vehicle stays in the recording after the pair.
+    """
+
+    ahead: NonNegative[Length] = 50.0
+    beside: NonNegative[Length] = 12.0
+    speed_min: NonNegative[Speed] = 0.5
+    horizon: Positive[Steps] = 5
+
+
+@dataclass(frozen=True)
+class ExpertPairs:
+    """Observations and the actions taken, n pairs.
+
+    Attributes:
+        observation: (n, size).
+        action: (n, 3) in [-1, 1].
+        displaced: (n, size) observations of the same moments with the vehicle displaced.
+        correction: (n, 3) actions that lead from there back to the path, in [-1, 1].
+        real: (n,) whether the driver was a person.
+    """
+
+    observation: FloatArray
+    action: FloatArray
+    displaced: FloatArray
+    correction: FloatArray
+    real: BoolArray
+
+    def weights(self, real_share: float) -> FloatArray:
+        """Weights (n,) with sum 1; people's pairs have the sum `real_share` where there are both kinds."""
+        return share_weights(self.real, real_share)
+
+
+def expert_pairs(
+    scenarios: Sequence[Scenario],
+    observation: ObservationConfig,
+    config: ExpertConfig,
+    task: TaskConfig,
+    random: np.random.Generator,
+    real: Collection[str] = (),
+) -> ExpertPairs:
+    """Pairs of all vehicles of `scenarios`, including the egos, which do not deviate in a recording.
+
+    Actions come from inverse dynamics: the commands with which the bicycle model would move as recorded. `real` names
+    the scenarios in which people drove.
+    """
+    found = [_of_scenario(each, observation, config, task, random, real=each.name in real) for each in scenarios]
+    joined = [np.concatenate([getattr(f, name) for f in found]) for name in vars(found[0])]
+    return ExpertPairs(*joined)
+
+
+def _of_scenario(
+    scenario: Scenario,
+    observation: ObservationConfig,
+    config: ExpertConfig,
+    task: TaskConfig,
+    random: np.random.Generator,
+    *,
+    real: bool,
+) -> ExpertPairs:
+    log, observer = scenario.log, Observer(scenario.lane_map, observation)
+    paths = {}
+    seen, done, moved, back = [], [], [], []
+    for step in range(0, log.steps - config.horizon, config.every):
+        table = log.table(step)
+        rows = np.searchsorted(log.ids, table.id)
+        stays = log.last_step[rows] - step >= max(config.horizon, config.smooth)
+        chosen = np.flatnonzero(stays & _interacts(table, config))
+        if not len(chosen):
+            continue
+        tasks = []
+        for row in chosen.tolist():
+            agent = int(table.id[row])
+            if agent not in paths:
+                paths[agent] = logged_path(log, scenario.lane_map, agent)
+            path = window(paths[agent], float(table.x[row]), float(table.y[row]))
+            tasks.append(recorded_task(log, path, table, row, task, random))
+        acceleration, yaw_rate = inverse_dynamics(log, rows[chosen], step, config.smooth)
+        speed = table.speed[chosen]
+        seen.append(observer.observe(table, tasks))
+        done.append(normalised(consistent(acceleration, yaw_rate, speed)))
+        poses, steering = displaced(table, chosen, [task.path for task in tasks], config.offset, config.turn, random)
+        moved.append(observer.observe(table, tasks, poses))
+        back.append(normalised(consistent(acceleration, steering, speed)))
+    size = observation.size
+    if not seen:
+        nothing, none = np.empty((0, size)), np.empty((0, 3))
+        return ExpertPairs(nothing, none, nothing, none, np.empty(0, np.bool_))
+    looked, action, elsewhere, correction = (np.concatenate(part) for part in (seen, done, moved, back))
+    return ExpertPairs(looked, action, elsewhere, correction, np.full(len(looked), real))
+
+
+def _interacts(table: AgentTable, config: ExpertConfig) -> np.ndarray:
+    """Mask (n,) of the vehicles of `table` that move and interact with another one; see :class:`ExpertConfig`."""
+    dx, dy = table.x[None] - table.x[:, None], table.y[None] - table.y[:, None]
+    ahead, left = to_body(dx, dy, table.yaw[:, None])
+    leads = (ahead > 0) & (ahead < config.ahead) & (np.abs(left) < 0.5 * (table.width[None] + table.width[:, None]))
+    beside = (np.hypot(dx, dy) < config.beside) & ~np.eye(len(table), dtype=np.bool_)
+    return np.asarray((leads | beside).any(axis=1) & (table.speed >= config.speed_min) & ~table.obstacle)
+
+
+def inverse_dynamics(log: Log, rows: np.ndarray, step: int, smooth: int) -> tuple[FloatArray, FloatArray]:
+    """Mean acceleration [m/s2] and yaw rate [rad/s] (m,) of the log over the `smooth` steps after `step`."""
+    span = smooth * STEP_S
+    turn = log.yaw[rows, step + smooth] - log.yaw[rows, step]
+    turn = np.arctan2(np.sin(turn), np.cos(turn))
+    return (log.speed[rows, step + smooth] - log.speed[rows, step]) / span, turn / span
+
+
+def displaced(
+    table: AgentTable,
+    chosen: np.ndarray,
+    paths: Sequence[ReferencePath],
+    offset: float,
+    turn: float,
+    random: np.random.Generator,
+) -> tuple[Poses, FloatArray]:
+    """Displace the vehicles in the rows `chosen` (m,), which follow `paths` (m), each independently of the others.
+
+    The displacements to the left and of the heading are normal, with standard deviations `offset` [m] and `turn` [rad].
+
+    Returns:
+        x, y [m] and yaw [rad] of the displaced vehicles, (m,) each, and the yaw rates (m,) [rad/s] of pure pursuit of
+        their paths from there.
+    """
+    draws = [(random.normal(0.0, offset), random.normal(0.0, turn)) for _ in paths]
+    left, turned = np.array(draws).reshape(-1, 2).T
+    yaw = table.yaw[chosen]
+    poses = table.x[chosen] - left * np.sin(yaw), table.y[chosen] + left * np.cos(yaw), yaw + turned
+    columns = (values.tolist() for values in (*poses, table.speed[chosen]))
+    steering = [pursuit_yaw_rate(path, *own) for path, *own in zip(paths, *columns, strict=True)]
+    return poses, np.array(steering)
+
+
+def share_weights(real: BoolArray, real_share: float) -> FloatArray:
+    """Weights (n,) with sum 1; those of the mask `real` (n,) have the sum `real_share` where there are both kinds."""
+    people = int(real.sum())
+    if people in {0, len(real)}:
+        return np.full(len(real), 1.0 / max(len(real), 1))
+    return np.where(real, real_share / people, (1.0 - real_share) / (len(real) - people))

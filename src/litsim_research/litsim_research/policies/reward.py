@@ -1,0 +1,185 @@
+"""Penalties of policy C in training: collision, proximity, leaving the road, hard braking, and need of a guard.
+
+Ramps are smooth as in RAIL (Bhattacharyya 2019), since a step in the penalty has no useful gradient. The penalty for
+need of a guard comes at once, that of a collision seconds later.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba.types import Tuple, UniTuple
+
+from litsim_sim.core.pair_geometry import overlap, within, within_scenes
+from litsim_sim.core.quantities import NonNegative, Number, configuration
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray, places
+from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_BOOLS2, OUT_FLOATS, OUT_FLOATS3, kernel
+from litsim_sim.lane_map.lane_map import LaneMap
+
+BRAKE_FROM, BRAKE_FULL = 3.0, 4.5  # [m/s2] braking at which the penalty begins and is full
+EDGE_FROM, EDGE_FULL = 0.5, -0.1  # [m] likewise, from the agent's side to the edge of the road; negative is outside
+PROBES = np.linspace(EDGE_FROM, EDGE_FULL, 7)  # [m] distances from the agent's side at which the road is probed
+NEAR_ALONG, NEAR_ACROSS = 1.5, 0.4  # [m] gaps between boxes, along and across, below which the penalty begins
+
+
+@configuration
+class PenaltyConfig:
+    """Weights of the penalties; in comparison, the critic's reward is at most a few units per step.
+
+    Attributes:
+        collision: once, when it happens; the episode ends there.
+        off_road: once, when the road is left; the episode ends there.
+        edge: per step, with a side 0.1 m beyond the edge.
+        proximity: per step, at contact.
+        hard_brake: per step, from 4.5 m/s2 on.
+        guard: per step, with a command that a guard of the safety layer would have changed.
+        share: share of an agent's penalty that is also given to the agent that caused its takeover, so that braking
+            harder than necessary in front of others does not pay.
+    """
+
+    collision: NonNegative[Number] = 20.0
+    off_road: NonNegative[Number] = 20.0
+    edge: NonNegative[Number] = 2.0
+    proximity: NonNegative[Number] = 1.0
+    hard_brake: NonNegative[Number] = 0.3
+    guard: NonNegative[Number] = 1.0
+    share: NonNegative[Number] = 0.0
+
+
+@dataclass(frozen=True)
+class Penalties:
+    """Penalties of m agents in one step, before weights; arrays (m,).
+
+    Attributes:
+        collision, off_road: whether it happened in this step.
+        edge, proximity, hard_brake: in [0, 1].
+        guard: whether a guard would have changed the command.
+    """
+
+    collision: BoolArray
+    off_road: BoolArray
+    edge: FloatArray
+    proximity: FloatArray
+    hard_brake: FloatArray
+    guard: BoolArray
+
+    def total(self, config: PenaltyConfig) -> FloatArray:
+        """Weighted sum (m,), at most 0; of the terms given per step only the worst counts, as in RAIL."""
+        lasting = np.maximum.reduce(
+            [
+                config.edge * self.edge,
+                config.proximity * self.proximity,
+                config.hard_brake * self.hard_brake,
+                config.guard * self.guard,
+            ]
+        )
+        return -(lasting + config.collision * self.collision + config.off_road * self.off_road)
+
+
+def penalties(
+    before: AgentTable, after: AgentTable, agents: IntArray, lane_map: LaneMap, guarded: BoolArray
+) -> Penalties:
+    """The penalties of `agents` (m,), which are in both tables, for the step between them.
+
+    `guarded` (m,) is the mask of agents whose command a guard would have changed.
+
+    A collision is a new contact with an agent that is not behind, since an agent cannot prevent a rear-end collision
+    with itself.
+    """
+    rows, rows_before = after.rows(agents), before.rows(agents)
+    clearance = edge_clearance(after, rows, lane_map)
+    outside = clearance <= EDGE_FULL
+    if outside.any():
+        outside &= edge_clearance(before, rows_before, lane_map) > EDGE_FULL
+    touching, near = others_near(after, rows)
+    if touching.any():
+        known = before.rows(after.id)
+        was_touching, _ = others_near(before, rows_before)
+        touching &= (known < 0) | ~was_touching[:, known]
+    return Penalties(
+        collision=np.asarray(touching.any(axis=1)),
+        off_road=outside,
+        edge=ramp(clearance, EDGE_FROM, EDGE_FULL),
+        proximity=near,
+        hard_brake=ramp(-after.acceleration[rows], BRAKE_FROM, BRAKE_FULL),
+        guard=guarded,
+    )
+
+
+def passed_on(penalty: FloatArray, agents: IntArray, because: IntArray) -> FloatArray:
+    """Sums (m,) over the penalties of the agents whose takeover each agent caused.
+
+    Args:
+        penalty: (m,) of the agents.
+        agents: (m,) ids, ascending.
+        because: (m,) id of the agent that caused the takeover of each; ids that are not in `agents` are ignored.
+    """
+    found, at = np.zeros(len(agents)), places(agents, because)
+    np.add.at(found, at[at >= 0], penalty[at >= 0])
+    return found
+
+
+def edge_clearance(table: AgentTable, rows: IntArray, lane_map: LaneMap) -> FloatArray:
+    """Distance (m,) [m] from the agents' sides to the edge of the road, rounded to PROBES; negative is outside."""
+    x, y = _probes(table.x, table.y, table.yaw, table.width, rows)
+    inside = np.asarray(lane_map.inside_road(x.ravel(), y.ravel()).reshape(x.shape).all(axis=1))
+    return np.where(inside.any(axis=1), PROBES[np.argmax(inside, axis=1)], EDGE_FULL)
+
+
+def others_near(table: AgentTable, rows: IntArray) -> tuple[BoolArray, FloatArray]:
+    """Contacts (m, n) of the agents in `rows` with all n that are not behind them, and proximity (m,) in [0, 1]."""
+    return _contacts(table.scene, table.x, table.y, table.yaw, table.length, table.width, rows)
+
+
+@kernel(UniTuple(OUT_FLOATS3, 2)(FLOATS, FLOATS, FLOATS, FLOATS, INTS))
+def _probes(
+    x: FloatArray, y: FloatArray, yaw: FloatArray, width: FloatArray, rows: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Points to the left and to the right of m agents at which the road is probed: x and y (m, 2, p) [m]."""
+    shape = (len(rows), 2, len(PROBES))
+    place_x, place_y = np.empty(shape), np.empty(shape)
+    for i in range(len(rows)):
+        own = rows[i]
+        cos, sin = math.cos(yaw[own]), math.sin(yaw[own])
+        for k in range(len(PROBES)):
+            out = 0.5 * width[own] + PROBES[k]
+            place_x[i, 0, k], place_x[i, 1, k] = x[own] - out * sin, x[own] + out * sin
+            place_y[i, 0, k], place_y[i, 1, k] = y[own] + out * cos, y[own] - out * cos
+    return place_x, place_y
+
+
+@kernel(Tuple((OUT_BOOLS2, OUT_FLOATS))(INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS))
+def _contacts(
+    scene: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    length: FloatArray,
+    width: FloatArray,
+    rows: IntArray,
+) -> tuple[BoolArray, FloatArray]:
+    """See :func:`others_near`; the first six arrays (n,) are columns of the table."""
+    touching, near = np.zeros((len(rows), len(x)), np.bool_), np.empty(len(rows))
+    begin, end = within_scenes(scene, rows)
+    for i in range(len(rows)):
+        own, least = rows[i], np.inf
+        cos, sin = math.cos(yaw[own]), math.sin(yaw[own])
+        for j in range(begin[i], end[i]):
+            dx, dy = x[j] - x[own], y[j] - y[own]
+            ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+            half_length, half_width = 0.5 * (length[j] + length[own]), 0.5 * (width[j] + width[own])
+            if j == own or not ahead > -0.5 * half_length:
+                continue
+            # boxes farther apart than this, along or across, cannot touch whatever their headings
+            if abs(ahead) < half_length + half_width and abs(left) < half_length + half_width:
+                touching[i, j] = overlap(dx, dy, yaw[own], yaw[j], length[own], width[own], length[j], width[j])
+            least = min(least, max((abs(ahead) - half_length) / NEAR_ALONG, (abs(left) - half_width) / NEAR_ACROSS))
+        near[i] = within(1.0 - least, 0.0, 1.0)
+    return touching, near
+
+
+def ramp(value: FloatArray, start: float, full: float) -> FloatArray:
+    """0 up to `start`, 1 from `full` on, linear between."""
+    return np.clip((value - start) / (full - start), 0.0, 1.0)

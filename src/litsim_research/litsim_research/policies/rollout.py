@@ -1,0 +1,270 @@
+"""Episodes driven by a policy, for training and validation: the track of each agent, and totals of events."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import count, islice, pairwise
+from typing import Protocol
+
+import numpy as np
+import torch
+from gymnasium.utils import seeding
+
+from litsim_research.policies.config import TrainConfig
+from litsim_research.policies.episodes import Course, Episodes
+from litsim_research.policies.network import GaussianPolicy, Sampler
+from litsim_research.policies.ppo import Track
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import FloatArray, IntArray
+from litsim_sim.scenario.joined import BITS, kind
+
+EMPTY_EPISODES_MAX = 100  # episodes in a row without an agent to drive, after which training gives up
+TOGETHER = 48  # most episodes that are stepped together
+AT_FIRST = 12  # episodes of the first portion, as long as no iteration tells how many are enough
+AT_ONCE = 96  # most episodes in one portion
+MARGIN = 1.25  # on the expected number of episodes: a few more in one portion cost less than a second portion
+COUNTED = ("collision", "off_road", "edge", "proximity", "hard_brake", "guard")  # fields of Penalties that are summed
+VALIDATION_SEED = 10_000_019  # seed of the first episode of every validation
+
+
+@dataclass(frozen=True)
+class Episode:
+    """Result of an episode.
+
+    Attributes:
+        tracks: one for every period in which an agent was driven; may be empty.
+        sums: totals of events and penalties, by name.
+    """
+
+    tracks: list[Track]
+    sums: Mapping[str, float]
+
+
+class Driving(Protocol):
+    """Drives episodes, in this process or in others, with the same results."""
+
+    def episodes(self, policy: GaussianPolicy, seeds: Sequence[int], *, draws: bool) -> Iterator[Episode]:
+        """Yield the episodes of `seeds`, in this order.
+
+        A pool of processes starts at once; driving in this process starts when the first episode is asked for.
+
+        Args:
+            policy: drives every agent in a slot; must not change before the last episode has been yielded.
+            seeds: one per episode, at least one.
+            draws: whether actions are drawn; otherwise they are the policy's means.
+        """
+
+
+class HereDriving:
+    """Drives in this process."""
+
+    def __init__(self, course: Course) -> None:
+        self._course = course
+
+    def episodes(self, policy: GaussianPolicy, seeds: Sequence[int], *, draws: bool) -> Iterator[Episode]:
+        """See :class:`Driving`."""
+        for first in range(0, len(seeds), TOGETHER):
+            yield from drive(self._course, policy, seeds[first : first + TOGETHER], draws=draws)
+
+
+def begin(
+    driving: Driving, policy: GaussianPolicy, config: TrainConfig, history: Sequence[Mapping[str, float]]
+) -> Iterator[Episode]:
+    """Begin to drive an iteration's episodes, until they have `config.transitions` agent-steps; see :func:`collect`.
+
+    Args:
+        driving: drives them.
+        policy: draws the actions; must not change before the last episode has been yielded.
+        config: of the training.
+        history: entries of earlier iterations, from which the number of episodes needed is estimated.
+    """
+    seeds = (_episode_seed(config.seed, len(history), episode) for episode in count())
+
+    def portion(missing: float) -> Iterator[Episode]:
+        return driving.episodes(policy, list(islice(seeds, planned(history, missing))), draws=True)
+
+    return _until_enough(portion(config.transitions), portion, config)
+
+
+def planned(history: Sequence[Mapping[str, float]], missing: float) -> int:
+    """Number of episodes to drive next for `missing` agent-steps, by the mean yield of earlier iterations."""
+    done = sum(entry["episodes"] for entry in history)
+    if not done:
+        return AT_FIRST
+    mean = max(sum(entry["transitions"] for entry in history) / done, 1.0)
+    return min(int(np.ceil(MARGIN * missing / mean)), AT_ONCE)
+
+
+def _until_enough(
+    episodes: Iterator[Episode], further: Callable[[float], Iterator[Episode]], config: TrainConfig
+) -> Iterator[Episode]:
+    """Yield all of `episodes`, then `further` ones as long as agent-steps are missing.
+
+    Raises:
+        InputError: no agent is driven in EMPTY_EPISODES_MAX episodes in a row.
+    """
+    missing, empty = float(config.transitions), 0
+    while True:
+        for episode in episodes:
+            missing -= episode.sums.get("transitions", 0.0)
+            empty = 0 if episode.tracks else empty + 1
+            if empty == EMPTY_EPISODES_MAX:
+                raise InputError(
+                    f"training: no agent is driven in {empty} episodes in a row, expected scenarios with vehicles "
+                    f"within environment.draft_radius ({config.environment.draft_radius} m) of the ego, or in conflict "
+                    "with it"
+                )
+            yield episode
+        if missing <= 0.0:
+            return
+        episodes = further(missing)
+
+
+def collect(episodes: Iterable[Episode]) -> tuple[list[Track], dict[str, float]]:
+    """Return the tracks of all agents in `episodes`, and rates of events and penalties by name (:func:`_rates`)."""
+    tracks: list[Track] = []
+    sums: dict[str, float] = defaultdict(float)
+    number = 0
+    for number, episode in enumerate(episodes, 1):  # noqa: B007 - used after the loop, as their number
+        tracks += episode.tracks
+        _add(sums, episode.sums)
+    return tracks, _rates(sums, number)
+
+
+def drive(course: Course, policy: GaussianPolicy, seeds: Sequence[int], *, draws: bool) -> list[Episode]:
+    """Drive the episodes of `seeds`; actions are drawn from `policy` if `draws`, otherwise its means.
+
+    Episodes on scenarios of one kind are stepped together; each gives the same result as on its own.
+    """
+    found: dict[int, Episode] = {}
+    sampler = Sampler.of(policy)
+    for group in by_kind(course, seeds):
+        starts = [course.start(seeding.np_random(seeds[number])[0]) for number in group]
+        generators = [torch.Generator().manual_seed(seeds[number]) for number in group] if draws else None
+        found |= dict(zip(group, _drive_together(Episodes(course, starts), sampler, generators), strict=True))
+    return [found[number] for number in range(len(seeds))]
+
+
+def by_kind(course: Course, seeds: Sequence[int]) -> list[list[int]]:
+    """Positions in `seeds`, grouped by the kind of the episodes' scenarios: each group can be stepped together."""
+    groups: dict[Hashable, list[int]] = defaultdict(list)
+    for number, seed in enumerate(seeds):
+        groups[kind(course.scenario(seeding.np_random(seed)[0]))].append(number)
+    return list(groups.values())
+
+
+def _drive_together(
+    episodes: Episodes, sampler: Sampler, generators: Sequence[torch.Generator] | None
+) -> list[Episode]:
+    """Drive `episodes` to their ends; actions are drawn by one generator per episode, or are the means for None."""
+    count = len(episodes.running)
+    sums: list[dict[str, float]] = [defaultdict(float) for _ in range(count)]
+    tracks: list[list[Track]] = [[] for _ in range(count)]
+    collided = np.zeros(count, np.bool_)
+    open_tracks: dict[int, list[tuple[np.ndarray, ...]]] = defaultdict(list)
+    while episodes.running.any():
+        before, scene = episodes.seen.copy(), episodes.driven >> BITS
+        mean, raw, density = sampler.sample(before, None if generators is None else _noise(scene, generators))
+        outcome = episodes.step(np.tanh(raw), np.tanh(mean))
+        for k, agent in enumerate(outcome.agents.tolist()):
+            step = (before[k], raw[k], density[k], outcome.executed[k], outcome.penalty[k], outcome.corrected[k])
+            open_tracks[agent].append(step)
+            if not outcome.driven_on[k]:
+                ended = bool(outcome.terminated[k])
+                tracks[scene[k]].append(_track(open_tracks.pop(agent), outcome.following[k], terminated=ended))
+        counted = np.array([getattr(outcome.terms, name) for name in COUNTED], np.float64)
+        there = _scenes(outcome.present >> BITS, count)
+        for number, (begin, end) in enumerate(_scenes(scene, count)):
+            if end > begin:
+                own, present = sums[number], slice(*there[number])
+                own["transitions"] += end - begin
+                own["penalty"] += float(outcome.penalty[begin:end].sum())
+                for name, total in zip(COUNTED, counted[:, present].sum(axis=1).tolist(), strict=True):
+                    own[name] += total
+                collided[number] |= outcome.terms.collision[present].any()
+    for own, has_collided in zip(sums, collided.tolist(), strict=True):
+        own["collided_episodes"] += float(has_collided)
+    return [Episode(of_one, dict(own)) for of_one, own in zip(tracks, sums, strict=True)]
+
+
+def _scenes(scene: IntArray, count: int) -> list[tuple[int, int]]:
+    """First row and end row (exclusive) of each of `count` scenes, where `scene` (m,) is sorted."""
+    return list(pairwise(scene.searchsorted(np.arange(count + 1)).tolist()))
+
+
+def _noise(scene: IntArray, generators: Sequence[torch.Generator]) -> FloatArray:
+    """Standard normal numbers (m, 3), drawn by the generator of each agent's scene; `scene` (m,) is sorted."""
+    counts = np.bincount(scene, minlength=len(generators)).tolist()
+    drawn = [torch.randn((n, 3), generator=generators[k]) for k, n in enumerate(counts) if n]
+    return torch.cat(drawn).double().numpy() if drawn else np.empty((0, 3))
+
+
+def begin_validation(driving: Driving, policy: GaussianPolicy, config: TrainConfig) -> Iterator[Episode]:
+    """Begin to drive a fixed set of episodes by the means of `policy`; see :func:`validate`.
+
+    The policy must not change until the last of them.
+    """
+    seeds = range(VALIDATION_SEED, VALIDATION_SEED + config.validation_episodes)
+    return driving.episodes(policy, seeds, draws=False)
+
+
+def validate(episodes: Iterable[Episode], config: TrainConfig) -> dict[str, float]:
+    """Sum up the `episodes` of a validation.
+
+    Returns:
+        rates by name, and `validation_score`: the mean penalty of an agent-step, at most 0.
+
+    Raises:
+        InputError: no agent is driven in any episode.
+    """
+    sums: dict[str, float] = defaultdict(float)
+    for episode in episodes:
+        _add(sums, episode.sums)
+    if not sums["transitions"]:
+        raise InputError(
+            f"training: no agent is driven in the {config.validation_episodes} episodes of validation, expected "
+            "scenarios with vehicles near the ego or in conflict with it, or a larger validation_episodes"
+        )
+    rates = _rates(sums, config.validation_episodes)
+    wanted = ("penalty", "collisions", "off_road", "hard_brake", "guard", "collided_share")
+    found = {f"validation_{name}": rates[name] for name in wanted}
+    return found | {"validation_score": rates["penalty"]}
+
+
+def _episode_seed(seed: int, iteration: int, episode: int) -> int:
+    return int(np.random.SeedSequence([seed, iteration, episode]).generate_state(1)[0])
+
+
+def _add(sums: dict[str, float], others: Mapping[str, float]) -> None:
+    for name, value in others.items():
+        sums[name] += value
+
+
+def _rates(sums: dict[str, float], episodes: int) -> dict[str, float]:
+    """Rates by name, from the totals `sums` over a number of `episodes`.
+
+    penalty, edge, proximity, hard_brake and guard are means over agent-steps; collisions and off_road are events per
+    1000 agent-steps; collided_share is the share of episodes in which a driven agent collided.
+    """
+    count = max(sums["transitions"], 1.0)
+    return {
+        "transitions": sums["transitions"],
+        "episodes": float(episodes),
+        "penalty": sums["penalty"] / count,
+        "collisions": 1000.0 * sums["collision"] / count,
+        "collided_share": sums["collided_episodes"] / episodes,
+        "off_road": 1000.0 * sums["off_road"] / count,
+        "edge": sums["edge"] / count,
+        "proximity": sums["proximity"] / count,
+        "hard_brake": sums["hard_brake"] / count,
+        "guard": sums["guard"] / count,
+    }
+
+
+def _track(steps: list[tuple[np.ndarray, ...]], following: np.ndarray, *, terminated: bool) -> Track:
+    """The track of one agent, from its steps in :func:`_drive_together` and the observation (size,) after the last."""
+    observation, raw, density, executed, penalty, corrected = (np.array(column) for column in zip(*steps, strict=True))
+    seen = np.concatenate([observation, following[None]])
+    return Track(seen, raw, density, executed, penalty, terminated, corrected)

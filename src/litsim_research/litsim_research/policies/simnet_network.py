@@ -1,0 +1,154 @@
+"""SimNet for training in torch; :mod:`litsim_research.baselines.simnet.network` runs it without torch."""
+
+from __future__ import annotations
+
+import copy
+import warnings
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import torch
+from safetensors.torch import save as to_bytes
+from torch import Tensor, nn
+
+from litsim_research.baselines.simnet.output import FORMAT, OUTPUTS, SMALL_HIDDEN, SMALL_WIDTHS
+from litsim_research.baselines.simnet.raster import CHANNELS, PAPER, SMALL, RasterShape
+from litsim_research.policies.resnet50 import ResNet50
+from litsim_sim.core.scene import FloatArray
+from litsim_sim.io.files import replacing
+
+Backbone = Literal["small", "resnet50"]
+SHAPES: dict[Backbone, RasterShape] = {"small": SMALL, "resnet50": PAPER}
+OPSET = 18
+NEAR_SHARE = 96 * 64 / (PAPER.rows * PAPER.columns)  # of :func:`near_part`
+
+
+class SimNet(nn.Module):
+    """A backbone from a raster to normalised outputs.
+
+    Attributes:
+        middle, spread: (OUTPUTS,) mean and standard deviation of the targets [m], [rad].
+        unit: (OUTPUTS,) unit of the errors in the loss [m], [rad].
+    """
+
+    middle: Tensor
+    spread: Tensor
+    unit: Tensor
+
+    def __init__(self, backbone: Backbone) -> None:
+        super().__init__()
+        self.backbone_name: Backbone = backbone
+        self.backbone: nn.Module = small() if backbone == "small" else ResNet50(CHANNELS, OUTPUTS)
+        self.register_buffer("middle", torch.zeros(OUTPUTS))
+        self.register_buffer("spread", torch.ones(OUTPUTS))
+        self.register_buffer("unit", torch.ones(OUTPUTS))
+
+    def forward(self, rasters: Tensor) -> Tensor:
+        """Normalised outputs (b, OUTPUTS) for rasters (b, CHANNELS, rows, columns)."""
+        values: Tensor = self.backbone(rasters)
+        return values
+
+    def physical(self, rasters: Tensor, *, near: bool = False) -> Tensor:
+        """Outputs in metres and radians; `near` for the near part of the rasters alone, with ResNet-50 only."""
+        said: Tensor = self.backbone(near_part(rasters), NEAR_SHARE) if near else self(rasters)
+        return said.float() * self.spread + self.middle  # from bfloat16 under autocast
+
+    def scale_to(self, futures: FloatArray, units: FloatArray) -> None:
+        """Set mean and spread to those of `futures` (k, OUTPUTS), and the units of errors to `units` (OUTPUTS,)."""
+        self.unit.copy_(torch.from_numpy(units))
+        self.middle.copy_(torch.from_numpy(futures.mean(axis=0)))
+        self.spread.copy_(torch.from_numpy(np.maximum(futures.std(axis=0), 1e-6)))
+
+
+def near_part(rasters: Tensor) -> Tensor:
+    """The cells of the paper's rasters within 12 m behind and 36 m ahead of the agent, and 16 m to each side."""
+    return rasters[..., 32:128, 80:144]
+
+
+def small() -> nn.Sequential:
+    """Four convolutions, each of which halves the raster, and two linear layers; fast without a GPU."""
+    layers: list[nn.Module] = []
+    before = CHANNELS
+    for width in SMALL_WIDTHS:
+        layers += [nn.Conv2d(before, width, 3, stride=2, padding=1), nn.ReLU()]
+        before = width
+    halved = 2 ** len(SMALL_WIDTHS)
+    cells = (SMALL.rows // halved) * (SMALL.columns // halved)
+    layers += [nn.Flatten(), nn.Linear(before * cells, SMALL_HIDDEN), nn.ReLU(), nn.Linear(SMALL_HIDDEN, OUTPUTS)]
+    return nn.Sequential(*layers)
+
+
+def save(network: SimNet, path: Path, about: dict[str, str]) -> None:
+    """Write the network for driving: a safetensors file for the small backbone, otherwise an ONNX graph.
+
+    Args:
+        network: trained.
+        path: of the file, with the suffix from :func:`ending`.
+        about: metadata on the origin of the weights.
+
+    Raises:
+        Unwritable: the file cannot be written; what was there is kept.
+    """
+    network = copy.deepcopy(network).cpu().eval()
+    metadata = {"format": FORMAT, "backbone": network.backbone_name, **about}
+    with replacing(path) as new:
+        if network.backbone_name == "small":
+            new.write_bytes(to_bytes(_small_tensors(network), metadata))
+        else:
+            _export(network, new, metadata)
+
+
+def ending(backbone: Backbone) -> str:
+    """Suffix of the file that :func:`save` writes for this backbone."""
+    return ".safetensors" if backbone == "small" else ".onnx"
+
+
+def _small_tensors(network: SimNet) -> dict[str, Tensor]:
+    """Weights for :class:`litsim_research.baselines.simnet.network.SmallNetwork`, with outputs in metres and radians."""
+    assert isinstance(network.backbone, nn.Sequential)
+    found: dict[str, Tensor] = {}
+    number = 0
+    for layer in network.backbone:
+        if isinstance(layer, nn.Conv2d):
+            found[f"convolution.{number}.weight"] = layer.weight.detach().flatten(1).contiguous()
+            found[f"convolution.{number}.bias"] = layer.bias.detach().clone()  # type: ignore[union-attr]
+            number += 1
+    hidden, last = (layer for layer in network.backbone if isinstance(layer, nn.Linear))
+    found["hidden.weight"], found["hidden.bias"] = hidden.weight.detach().T.contiguous(), hidden.bias.detach().clone()
+    found["last.weight"] = (last.weight.detach() * network.spread[:, None]).T.contiguous()
+    found["last.bias"] = last.bias.detach() * network.spread + network.middle
+    return found
+
+
+class _Physical(nn.Module):
+    """A network with outputs in metres and radians, for export."""
+
+    def __init__(self, network: SimNet) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, raster: Tensor) -> Tensor:
+        return self.network.physical(raster)
+
+
+def _export(network: SimNet, path: Path, about: dict[str, str]) -> None:
+    """Write `network` as an ONNX graph for one raster at a time."""
+    import onnx
+    from onnx import helper
+
+    shape = SHAPES[network.backbone_name]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # deprecation warnings of the exporter
+        torch.onnx.export(
+            _Physical(network),
+            (torch.zeros(1, CHANNELS, shape.rows, shape.columns),),
+            str(path),
+            input_names=("raster",),
+            output_names=("future",),
+            opset_version=OPSET,
+            dynamo=False,  # the exporter that needs no package but onnx
+        )
+    graph = onnx.load(path)
+    helper.set_model_props(graph, about)
+    onnx.save(graph, path)

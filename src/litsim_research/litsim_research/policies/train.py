@@ -1,0 +1,211 @@
+"""`train`: train policy C on recorded drivers, with a critic and PPO (paper, section III-C).
+
+1. Scenarios: generated segments and real windows, on none of which results are reported.
+2. Experts: observations and actions of the recorded drivers in them.
+3. Warm start: behaviour cloning of these drivers, and of the way back to the path from displaced poses.
+4. Iterations: drive episodes; train the critic on recorded and policy actions at recorded moments; reward the policy
+   by the critic, less penalties for collisions and the like; update it by PPO.
+
+Every iteration draws from generators seeded by the run's seed and the iteration's number, so that a resumed run gives
+the same weights. The folder `--out` gets checkpoint.pt, history.json, curves.png, last.safetensors and
+best.safetensors.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from pathlib import Path
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from litsim_research.policies.checkpoint import BEST, CHECKPOINT, CURVES, Training
+from litsim_research.policies.config import TrainConfig
+from litsim_research.policies.critic import update_critic
+from litsim_research.policies.data import TrainingData, prepare
+from litsim_research.policies.divergence import refuse_divergence
+from litsim_research.policies.expert import ExpertPairs, expert_pairs
+from litsim_research.policies.network import GaussianPolicy, driving_network, restore, save
+from litsim_research.policies.ppo import Demonstrations, make_batch, tensor, update_policy
+from litsim_research.policies.rollout import Driving, Episode, begin, begin_validation, collect, validate
+from litsim_research.policies.rollout_pool import rollouts
+from litsim_research.policies.sides import critic_sides, driven_pairs
+from litsim_research.policies.training_program import training_parser, training_program
+from litsim_research.policies.warm_start import clone
+from litsim_sim.cli.program import at_least_one, program
+from litsim_sim.io.yaml_input import read_yaml
+
+
+def run(config: TrainConfig, out: Path, *, resume: bool = False, progress: bool = True, processes: int = 1) -> Training:
+    """Train, from the start or from the checkpoint in `out`; the number of `processes` does not change the weights.
+
+    Raises:
+        InputError: the data or the checkpoint cannot be used, or the training diverges.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    data = prepare(config.data, out / "data")
+    training = Training(config, data)
+    if resume:
+        training.read(out / CHECKPOINT)
+    with rollouts(data, config, processes) as (driving, validation):
+        _train(training, data, driving, validation, out, progress=progress)
+    return training
+
+
+def _train(
+    training: Training, data: TrainingData, driving: Driving, validation: Driving, out: Path, *, progress: bool
+) -> None:
+    """Make the warm start or read the start weights, unless `training` is resumed; then the remaining iterations."""
+    config = training.config
+    random = np.random.default_rng([config.seed, 1])
+    each_once = list({scenario.name: scenario for scenario in data.train}.values())
+    experts = expert_pairs(each_once, config.observation, config.expert, config.task, random, data.real)
+    recorded, shown = demonstrations(experts, config.expert.real_share)
+    if not training.history and config.start:
+        restore(training.policy, Path(config.start))
+    elif not training.history:
+        _warm_start(training.policy, shown, config)
+    with tqdm(total=config.iterations, initial=len(training.history), unit="iteration", disable=not progress) as bar:
+        for iteration in range(len(training.history), config.iterations):
+            started = time.perf_counter()
+            episodes = begin(driving, training.policy, config, training.history)
+            finish = _begin_validation(training, validation, out) if _is_validation_due(training) else None
+            found = _iterate(training, episodes, recorded, shown, iteration)
+            if finish:
+                finish()
+            training.history.append(found | {"seconds": time.perf_counter() - started})
+            training.keep(out)
+            if finish:
+                training.write(out)
+            bar.set_postfix({"penalty": f"{found['penalty']:.3f}", "collisions/1000": f"{found['collisions']:.2f}"})
+            bar.update()
+    if _is_validation_due(training):
+        started = time.perf_counter()
+        _begin_validation(training, validation, out)()
+        training.history[-1]["seconds"] += time.perf_counter() - started
+        training.keep(out)
+        training.write(out)
+
+
+def _is_validation_due(training: Training) -> bool:
+    """Whether the last iteration made is to be validated and has not been."""
+    last = training.iterations - 1
+    due = last % training.config.validate_every == 0 or last == training.config.iterations - 1
+    return last >= 0 and due and "validation_score" not in training.history[-1]
+
+
+def _begin_validation(training: Training, validation: Driving, out: Path) -> Callable[[], None]:
+    """Begin to validate a copy of the present policy; its episodes are queued after those that have begun.
+
+    Processes that have finished those thus do not idle, even while the policy learns from them.
+
+    Returns:
+        a function that waits for the validation, adds its results to the entry of the last iteration, and saves the
+        weights if they are the best so far.
+    """
+    policy, about, entry = deepcopy(training.policy), training.about, training.history[-1]
+    episodes = begin_validation(validation, policy, training.config)
+
+    def finish() -> None:
+        entry.update(validate(episodes, training.config))
+        if entry["validation_score"] > training.best:
+            training.best = entry["validation_score"]
+            save(policy, out / BEST, about)
+
+    return finish
+
+
+def _iterate(
+    training: Training,
+    episodes: Iterator[Episode],
+    recorded: Demonstrations,
+    shown: Demonstrations,
+    iteration: int,
+) -> dict[str, float]:
+    """Make one iteration: drive `episodes`, train the critic on `recorded`, reward, and update the policy.
+
+    The update also keeps the policy near the demonstrations `shown`.
+
+    Returns:
+        entry of the history: rates of :func:`litsim_research.policies.rollout.collect`, means of critic and update.
+
+    Raises:
+        InputError: the critic, the policy or its value network diverges.
+    """
+    config = training.config
+    generator = torch.Generator().manual_seed(config.seed * 1_000_003 + iteration)
+    expert, drawn = critic_sides(training.policy, recorded, config.transitions, generator)  # while the pool drives
+    critic = update_critic(training.critic, training.critic_optimiser, expert, drawn, config.critic, generator)
+    refuse_divergence(training.critic, "critic.learning_rate", config.critic.learning_rate)
+    tracks, counts = collect(episodes)
+    pairs = driven_pairs(tracks)
+    passing = training.critic.reward(pairs, config.critic.reward_limit).double().numpy()
+    scaled = config.critic_reward * (passing - passing.mean()) / max(passing.std(), 1.0)  # never amplified
+    ends = np.cumsum([len(track) for track in tracks])
+    rewards = [part + track.penalty for part, track in zip(np.split(scaled, ends[:-1]), tracks, strict=True)]
+    batch = make_batch(tracks, rewards, training.value, config.ppo)
+    step = update_policy(
+        training.policy,
+        training.value,
+        training.policy_optimiser,
+        batch,
+        config.ppo,
+        generator,
+        shown,
+        value_only=iteration < config.ppo.value_first,
+    )
+    for network in (training.policy, training.value):
+        refuse_divergence(network, "ppo.learning_rate", config.ppo.learning_rate)
+    return counts | {
+        "critic_reward": float(passing.mean()),
+        "critic_accuracy": critic.accuracy,
+        "critic_loss": critic.loss,
+        "value_loss": step.value_loss,
+        "divergence": step.divergence,
+        "clipped": step.clipped,
+        "deviation": float(torch.exp(training.policy.log_std.detach()).mean()),
+    }
+
+
+def demonstrations(experts: ExpertPairs, real_share: float) -> tuple[Demonstrations, Demonstrations]:
+    """Recorded pairs (n), and these together with the corrections of displaced vehicles (2 n).
+
+    People's pairs have the share `real_share` in both.
+    """
+    weight = torch.as_tensor(experts.weights(real_share))
+    recorded = Demonstrations(tensor(experts.observation), tensor(experts.action), weight)
+    both = tensor(np.concatenate([experts.observation, experts.displaced]))
+    return recorded, Demonstrations(
+        both, tensor(np.concatenate([experts.action, experts.correction])), torch.cat([weight, weight])
+    )
+
+
+def _warm_start(policy: GaussianPolicy, shown: Demonstrations, config: TrainConfig) -> None:
+    """Fit the mean actions of `policy` to `shown` by the squared error, in place."""
+    clone(policy, shown, config.warm_start, config.seed, lambda chosen: shown.error(policy, chosen))
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_research train policy``."""
+    p = training_parser("train", __doc__, "config/policy_c.yaml")
+    p.add_argument("--processes", type=at_least_one, default=2, help="processes for the episodes; default %(default)s")
+    return p
+
+
+@program
+def main() -> None:
+    """Entry point of ``ros2 run litsim_research train policy``."""
+    arguments = parser().parse_args()
+    config = read_yaml(arguments.config, TrainConfig)
+    with training_program(arguments):
+        training = run(config, arguments.out, resume=arguments.resume, processes=arguments.processes)
+    driving_network(training.policy)
+    print(f"best validation score {training.best:.4f}: {arguments.out / BEST}; curves: {arguments.out / CURVES}")
+
+
+if __name__ == "__main__":
+    main()

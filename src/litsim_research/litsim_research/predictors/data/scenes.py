@@ -1,0 +1,164 @@
+"""Batches of scenes that are cut from tracks, unchanged or with random variations for training."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from litsim_predictor.inference.contract import HISTORY, HORIZON, AgentInputs
+from litsim_predictor.inference.joint.units import TRAFFIC_CHANNELS
+from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
+from litsim_predictor.inference.ways import NO_WAYS, Ways
+from litsim_research.predictors.data.augmentation import Augmentation, varied_scene
+from litsim_research.predictors.data.batch import SceneBatch, maneuvers_of
+from litsim_research.predictors.data.scene import Scene, cut_scene
+from litsim_research.predictors.data.tracks import Tracks
+from litsim_sim.core.scene import IntArray
+
+
+def scene_batches(
+    sources: Sequence[Tracks],
+    agents_per_batch: int = 512,
+    stride: int = 2,
+    *,
+    complete: bool = True,
+    roi_m: float = 0.0,
+) -> Iterator[SceneBatch]:
+    """Scenes of `sources` in temporal order, without variations.
+
+    Args:
+        sources: tracks from which scenes are cut.
+        agents_per_batch: approximate number of agents in a batch; a batch contains at least one scene.
+        stride: frames between scenes.
+        complete: whether targets need 3 s of history and 5 s of future without gaps, as in the published protocol;
+            otherwise one known step of the future suffices.
+        roi_m: if above 0, every target has a scene of its own, with the agents within this distance [m].
+    """
+    for tracks in sources:
+        moments = [(tracks, int(frame)) for frame in tracks.frames[::stride]]
+        yield from _batches(moments, agents_per_batch, complete=complete, roi_m=roi_m)
+
+
+def training_batches(
+    sources: Sequence[tuple[Tracks, float]],
+    agents_per_batch: int,
+    stride: int,
+    augmentation: Augmentation,
+    random: np.random.Generator,
+) -> Iterator[SceneBatch]:
+    """Scenes of one epoch, shuffled and randomly varied.
+
+    Args:
+        sources: tracks, each with the share of its scenes that an epoch contains; if that is above 1, scenes occur
+            several times. Scenes are cut at frames with a target.
+        agents_per_batch: approximate number of agents in a batch.
+        stride: number of frames with a target from one scene of a source to the next; the first is drawn at random.
+        augmentation: variations of the scenes.
+        random: generator of all draws.
+    """
+    moments = []
+    for tracks, share in sources:
+        frames = tracks.target_frames[int(random.integers(stride)) :: stride]
+        times = np.floor(share + random.random(len(frames))).astype(np.int64)
+        moments += [(tracks, int(frame)) for frame in np.repeat(frames, times)]
+    # Scenes of similar size share a batch, so that there is little padding; the batches are then shuffled.
+    sizes = np.array([len(tracks.rows_at(frame)) for tracks, frame in moments])
+    order = np.argsort(sizes + random.uniform(0.0, 4.0, len(sizes)), kind="stable")
+    batches = list(_grouped([moments[k] for k in order], sizes[order], agents_per_batch))
+    for k in random.permutation(len(batches)):
+        scenes = [varied_scene(tracks, frame, augmentation, random) for tracks, frame in batches[k]]
+        scenes = [scene for scene in scenes if scene.target.any()]
+        if scenes:
+            yield _stack(scenes)
+
+
+def _batches(moments: list[tuple[Tracks, int]], agents: int, *, complete: bool, roi_m: float) -> Iterator[SceneBatch]:
+    scenes: list[Scene] = []
+    for tracks, frame in moments:
+        rows = tracks.rows_at(frame)
+        scene = cut_scene(tracks, rows)
+        if complete:
+            scene = replace(
+                scene, target=scene.target & scene.inputs.observed.all(axis=1) & scene.future_known.all(axis=1)
+            )
+        if not scene.target.any():
+            continue
+        scene = replace(scene, ways=tracks.ways(rows))
+        scenes += _around_each(scene, roi_m) if roi_m else [scene]
+        if sum(len(scene.target) for scene in scenes) >= agents:
+            yield _stack(scenes)
+            scenes = []
+    if scenes:
+        yield _stack(scenes)
+
+
+def _grouped(moments: list[tuple[Tracks, int]], sizes: IntArray, agents: int) -> Iterator[list[tuple[Tracks, int]]]:
+    group: list[tuple[Tracks, int]] = []
+    for moment, size in zip(moments, sizes, strict=True):
+        if group and (len(group) + 1) * size > agents:
+            yield group
+            group = []
+        group.append(moment)
+    if group:
+        yield group
+
+
+def _around_each(scene: Scene, roi_m: float) -> list[Scene]:
+    """A scene for each target of `scene`, reduced to the agents within `roi_m` [m] of it."""
+    alone = np.eye(len(scene.target), dtype=np.bool_)
+    return [replace(scene, target=alone[row]).around(int(row), roi_m) for row in np.flatnonzero(scene.target)]
+
+
+def _stack(scenes: Sequence[Scene]) -> SceneBatch:
+    batch = inputs_batch([scene.inputs for scene in scenes], [scene.ways for scene in scenes])
+    future = np.zeros((*batch.agent.shape, HORIZON, 2), np.float32)
+    known = np.zeros((*batch.agent.shape, HORIZON), np.bool_)
+    target = np.zeros(tuple(batch.agent.shape), np.bool_)
+    for k, scene in enumerate(scenes):
+        n = len(scene.target)
+        future[k, :n], known[k, :n], target[k, :n] = scene.future, scene.future_known, scene.target
+    truth = torch.from_numpy(future)
+    return replace(
+        batch,
+        future=truth,
+        future_known=torch.from_numpy(known),
+        maneuver=maneuvers_of(truth, torch.from_numpy(known), batch.state[..., 2]),
+        target=torch.from_numpy(target),
+    )
+
+
+def inputs_batch(scenes: Sequence[AgentInputs], ways: Sequence[Ways] = ()) -> SceneBatch:
+    """A batch of `scenes`, with the `ways` of each (none if empty), whose futures are unknown as in a run."""
+    size = len(scenes), max(len(scene.state) for scene in scenes)
+    history = np.zeros((*size, *scenes[0].history.shape[1:]), np.float32)
+    observed = np.zeros((*size, HISTORY), np.bool_)
+    state = np.zeros((*size, scenes[0].state.shape[1]), np.float32)
+    traffic = np.zeros((*size, TRAFFIC_CHANNELS), np.float32)
+    raster = np.zeros((*size, CHANNELS, ROWS, COLUMNS), np.uint8)
+    frame = np.zeros((*size, 3), np.float64)
+    agent = np.zeros(size, np.bool_)
+    for k, scene in enumerate(scenes):
+        n = len(scene.state)
+        history[k, :n], observed[k, :n], state[k, :n] = scene.history, scene.observed, scene.state
+        raster[k, :n], agent[k, :n], frame[k, :n] = scene.raster, True, scene.frame
+        traffic[k, :n] = scene.traffic
+        # Only differences matter, and in single precision they are accurate near the origin only.
+        frame[k, :n, :2] -= scene.frame[:1, :2]
+    return SceneBatch(
+        position=torch.from_numpy(frame[..., :2].astype(np.float32)),
+        heading=torch.from_numpy(frame[..., 2].astype(np.float32)),
+        history=torch.from_numpy(history),
+        observed=torch.from_numpy(observed),
+        state=torch.from_numpy(state),
+        traffic=torch.from_numpy(traffic),
+        raster=torch.from_numpy(raster),
+        agent=torch.from_numpy(agent),
+        future=torch.zeros(*size, HORIZON, 2),
+        future_known=torch.zeros(*size, HORIZON, dtype=torch.bool),
+        maneuver=torch.full(size, -1),
+        target=torch.zeros(size, dtype=torch.bool),
+        ways=Ways.of_scenes(ways, size[1]) if ways else NO_WAYS,
+    )

@@ -1,0 +1,151 @@
+"""Recorded traffic from which scenes are cut: vehicles by frame, with the agent frames and maps that models need."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from litsim_data.maps.positions import vehicles_of
+from litsim_predictor.inference.contract import HISTORY, HORIZON, STRIDE
+from litsim_predictor.inference.features import frame_headings, on_lanes
+from litsim_predictor.inference.raster import MapRaster, raster_of_net
+from litsim_predictor.inference.ways import NO_WAYS, LaneWays, Ways
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray, is_obstacle
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Vehicles of one source in R rows, sorted by vehicle and frame; tracks may have gaps.
+
+    Attributes:
+        name: name of the source.
+        vehicle, frame: (R,) ids of vehicles and numbers of frames.
+        motion: (R, 4) box centre x, y [m], yaw [rad], speed [m/s].
+        size: (R, 2) length, width [m].
+        heading: (R,) headings of the agent frames [rad].
+        target: (R,) bool, whether losses and scores may refer to the row; other rows are context only.
+        raster: the map as a raster.
+        lanes: the lanes of the map, for forecasts along bends; None without a map.
+    """
+
+    name: str
+    vehicle: IntArray
+    frame: IntArray
+    motion: FloatArray
+    size: FloatArray
+    heading: FloatArray
+    target: BoolArray
+    raster: MapRaster
+    lanes: LaneWays | None = None
+
+    @classmethod
+    def from_table(cls, name: str, table: pd.DataFrame, net: Path | None, target: BoolArray | None = None) -> Tracks:
+        """Tracks of a `table` with columns vehicle_id, frame, x, y, yaw, speed, length, width (neutral schema).
+
+        All rows are targets if `target` (R,), in the order of `table`, is None. Pedestrians and cyclists, if there is a
+        column kind, are left out as in runs.
+
+        Raises:
+            InputError: `net` is not a readable net, or is too large; or `table` holds no vehicles.
+        """
+        if "kind" in table:
+            target = None if target is None else target[~is_obstacle(table["kind"].to_numpy())]
+            table = vehicles_of(table, name)
+        lane_map, raster = (None, MapRaster(None)) if net is None else raster_of_net(net)
+        order = np.lexsort([table["frame"], table["vehicle_id"]])
+        rows = table.iloc[order]
+        motion = rows[["x", "y", "yaw", "speed"]].to_numpy(np.float64)
+        return cls(
+            name=name,
+            vehicle=rows["vehicle_id"].to_numpy(np.int64),
+            frame=rows["frame"].to_numpy(np.int64),
+            motion=motion,
+            size=rows[["length", "width"]].to_numpy(np.float64),
+            heading=frame_headings(lane_map, motion[:, 0], motion[:, 1], motion[:, 2]),
+            target=np.ones(len(rows), np.bool_) if target is None else target[order],
+            raster=raster,
+            lanes=None if lane_map is None else LaneWays(lane_map),
+        )
+
+    def __len__(self) -> int:
+        return len(self.vehicle)
+
+    def take(self, keep: BoolArray) -> Tracks:
+        """The tracks reduced to the rows in the mask `keep` (R,)."""
+        return Tracks(
+            self.name,
+            self.vehicle[keep],
+            self.frame[keep],
+            self.motion[keep],
+            self.size[keep],
+            self.heading[keep],
+            self.target[keep],
+            self.raster,
+            self.lanes,
+        )
+
+    def learned_of(self, fraction: float, random: np.random.Generator) -> Tracks:
+        """The tracks with a `fraction` of the target vehicles, at least one, as targets; all other rows are context.
+
+        These vehicles have consecutive ids from a `random` one on, as in a shorter recording; after the last comes the
+        first.
+        """
+        ids = np.unique(self.vehicle[self.target])
+        kept = np.roll(ids, -int(random.integers(max(1, len(ids)))))[: max(1, round(fraction * len(ids)))]
+        return replace(self, target=self.target & np.isin(self.vehicle, kept))
+
+    @cached_property
+    def frames(self) -> IntArray:
+        """Numbers of the frames with a vehicle, ascending."""
+        return np.unique(self.frame)
+
+    @cached_property
+    def target_frames(self) -> IntArray:
+        """Numbers of the frames with a target, ascending."""
+        return np.unique(self.frame[self.target])
+
+    @cached_property
+    def _by_frame(self) -> tuple[IntArray, IntArray]:
+        order = np.argsort(self.frame, kind="stable")
+        return order, np.append(np.searchsorted(self.frame[order], self.frames), len(order))
+
+    def rows_at(self, frame: int) -> IntArray:
+        """The rows of the vehicles in `frame`, by ascending id; none in a frame without vehicles."""
+        order, first = self._by_frame
+        at = int(np.searchsorted(self.frames, frame))
+        if at == len(self.frames) or self.frames[at] != frame:
+            return np.empty(0, np.int64)
+        return order[first[at] : first[at + 1]]
+
+    def window(self, rows: IntArray, steps: IntArray) -> tuple[IntArray, BoolArray]:
+        """Rows (n, m) of the vehicles in `rows` (n,) `steps` (m,) frames later, and the mask (n, m) of valid rows."""
+        key = self._key(self.vehicle[rows][:, None], self.frame[rows][:, None] + steps)
+        at = np.minimum(np.searchsorted(self._keys, key), len(self._keys) - 1)
+        return at, self._keys[at] == key
+
+    def history(self, rows: IntArray) -> tuple[IntArray, BoolArray]:
+        """The rows (n, HISTORY) at the steps of a model's history, as :meth:`window` gives them."""
+        return self.window(rows, STRIDE * np.arange(1 - HISTORY, 1))
+
+    def future(self, rows: IntArray) -> tuple[IntArray, BoolArray]:
+        """The rows (n, HORIZON) at the steps of a model's horizon, as :meth:`window` gives them."""
+        return self.window(rows, STRIDE * np.arange(1, HORIZON + 1))
+
+    def ways(self, rows: IntArray) -> Ways:
+        """The ways ahead of those of the vehicles in `rows` whose lanes bend."""
+        if self.lanes is None:
+            return NO_WAYS
+        x, y, yaw, speed = self.motion[rows].T
+        return self.lanes.ahead(*on_lanes(self.lanes.lane_map, x, y, yaw), speed)
+
+    @cached_property
+    def _keys(self) -> IntArray:
+        return self._key(self.vehicle, self.frame)
+
+    def _key(self, vehicle: IntArray, frame: IntArray) -> IntArray:
+        low, span = int(self.frame.min()) - STRIDE * HISTORY, int(np.ptp(self.frame)) + STRIDE * (HISTORY + HORIZON) + 1
+        return vehicle * span + (frame - low)

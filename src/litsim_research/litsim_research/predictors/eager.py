@@ -1,0 +1,30 @@
+"""A model run eagerly by torch, for weights that neither the kernels nor a shipped graph can run."""
+
+from __future__ import annotations
+
+import torch
+
+from litsim_predictor.inference.contract import NO_MODES, AgentFutures, AgentInputs, ModeChoice
+from litsim_research.predictors.data.scenes import inputs_batch
+from litsim_research.predictors.models.model import SceneModel
+from litsim_sim.core.scene import IntArray
+
+
+class EagerNetwork:
+    """Runs `model` on one scene at a time; `source` is the file of its weights, for errors."""
+
+    def __init__(self, model: SceneModel, source: str) -> None:
+        # Rounding depends on the number of threads, which compiled networks fix to one as well.
+        torch.set_num_threads(1)
+        self._model, self.source = model.eval(), source
+
+    def __call__(self, inputs: AgentInputs, asked: IntArray, modes: ModeChoice = NO_MODES) -> AgentFutures:  # noqa: ARG002 - of the protocol
+        """See :class:`litsim_predictor.inference.contract.Network`."""
+        with torch.inference_mode():
+            found = self._model(inputs_batch([inputs]), "best", torch.as_tensor(asked))
+        return AgentFutures(
+            found.maneuver[0].softmax(dim=-1).numpy(),
+            found.mean[0, :, 0].numpy(),
+            found.scale[0, :, 0].numpy(),
+            found.correlation[0, :, 0].numpy(),
+        )

@@ -1,0 +1,149 @@
+"""Comparison of predictors on the same scenes: models by name, recordings by file, results in one table."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import torch
+
+from litsim_data.segments import Part
+from litsim_predictor.inference import SHIPPED
+from litsim_predictor.inference.contract import DT, HISTORY, HORIZON, STRIDE
+from litsim_research.predictors.data.batch import SceneBatch
+from litsim_research.predictors.data.sources import split
+from litsim_research.predictors.data.tracks import Tracks
+from litsim_research.predictors.device import check_device
+from litsim_research.predictors.evaluation.conflicts import ConflictCounts
+from litsim_research.predictors.evaluation.drives import DriveKind
+from litsim_research.predictors.evaluation.scores import ScoreBoard, Scores, by_second
+from litsim_research.predictors.models.along_lanes import AlongLanes
+from litsim_research.predictors.models.baselines import ConstantTurnRate, ConstantVelocity
+from litsim_research.predictors.models.model import SceneModel
+from litsim_research.predictors.models.weights import load_model
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import STEP_S
+from litsim_sim.scenario.recorded_net import net_of
+from litsim_sim.scenario.recording import Recording
+
+REFERENCE = "constant_velocity"
+"""The model that every evaluation includes, and to which errors are related."""
+KINEMATIC: dict[str, type[SceneModel]] = {REFERENCE: ConstantVelocity, "kinematic": ConstantTurnRate}
+COMPARED = (*KINEMATIC, *SHIPPED)
+"""The models that an evaluation compares by default."""
+NEEDED_FRAMES = STRIDE * (HISTORY - 1 + HORIZON) + 1
+
+_log = logging.getLogger(__name__)
+
+
+def load_models(names: Sequence[str], device: str, *, along_lanes: bool = True) -> dict[str, SceneModel]:
+    """Models by name or file of weights, the reference first, ready to predict on `device`.
+
+    Forecasts of learned models follow lanes that bend if `along_lanes`.
+
+    Raises:
+        InputError: there is no model of a name, its weights cannot be used, or there is no such device.
+    """
+    check_device(device)
+    ordered = dict.fromkeys([REFERENCE, *names])
+    for name in ordered:
+        if name not in COMPARED and not Path(name).is_file():
+            known = ", ".join(COMPARED)
+            raise InputError(f"--models {name}: no such model, expected one of {known}, or a file of weights")
+    models = {name: KINEMATIC[name]() if name in KINEMATIC else load_model(name)[0] for name in ordered}
+    if along_lanes:
+        models |= {name: AlongLanes(model) for name, model in models.items() if name not in KINEMATIC}
+    return {name: model.to(device).eval() for name, model in models.items()}
+
+
+def recording_tracks(path: Path, net: str | None) -> Tracks:
+    """The vehicles of a recording in the neutral schema, on the net `net` or, for None, on the one that it names.
+
+    If the net that the recording names is not found, a warning is logged and the map is empty.
+
+    Raises:
+        InputError: the file or `net` cannot be used, or the recording is too short.
+    """
+    recording = Recording.read(path)
+    span = int(np.ptp(recording.table["frame"])) + 1
+    if span < NEEDED_FRAMES:
+        raise InputError(
+            f"{path}: the recording is too short: {span} frames, expected at least {NEEDED_FRAMES} "
+            f"({DT * (HISTORY - 1):g} s of history, the present, {DT * HORIZON:g} s of future at {1 / STEP_S:g} Hz)"
+        )
+    found = None
+    try:
+        found = net_of(recording.header, path, net)
+    except InputError as error:
+        if net:
+            raise
+        _log.warning("%s; forecasting without a map", error)
+    return Tracks.from_table(path.stem, recording.table, found)
+
+
+def part_of(sources: Iterable[Tracks], part: Part | Literal["all"]) -> list[Tracks]:
+    """The vehicles of `part` of each of `sources`, split 70/10/20 by vehicle id, without those of other parts.
+
+    Raises:
+        InputError: there are none.
+    """
+    sources = list(sources)
+    chosen = sources if part == "all" else [tracks for source in sources for tracks in split(source).get(part, [])]
+    if not chosen:
+        raise InputError(f"--split {part}: no vehicle is in that part, expected recordings with 10 vehicles or more")
+    return chosen
+
+
+def score(
+    models: Mapping[str, SceneModel],
+    batches: Iterable[SceneBatch],
+    seed: int,
+    device: str = "cpu",
+    done: Callable[[int], object] = lambda _: None,
+) -> dict[str, Scores]:
+    """Scores of `models` on the same `batches`; see :mod:`.scores`.
+
+    Args:
+        models: models by name, on `device`.
+        batches: batches of scenes.
+        seed: seed of the samples of the joint ADE, the same for every model.
+        device: name of the torch device.
+        done: called with the number of scenes of each batch.
+
+    Raises:
+        InputError: a forecast is not finite, or there is nothing to score.
+    """
+    boards = {name: ScoreBoard(seed) for name in models}
+    with torch.inference_mode():
+        for cpu_batch in batches:
+            batch = cpu_batch.to(device)
+            for name, model in models.items():
+                try:
+                    boards[name].add(batch, model(batch, decode="all"))
+                except InputError as error:
+                    raise InputError(f"model {name}: {error}") from error
+            done(len(batch.agent))
+    return {name: board.scores() for name, board in boards.items()}
+
+
+def summary(
+    scores: Mapping[str, Scores], conflicts: Mapping[str, Mapping[DriveKind, ConflictCounts]]
+) -> dict[str, dict[str, Any]]:
+    """Scores by model, with the ratio of the RMSE to that of :data:`REFERENCE`, and conflicts if they were counted."""
+    result = {}
+    for name, of_model in scores.items():
+        reference = scores[REFERENCE].rmse
+        ratio = np.divide(of_model.rmse, reference, out=np.full(len(reference), np.nan), where=reference > 0.0)
+        result[name] = of_model.to_json()
+        ratios = by_second(ratio)
+        result[name]["ratio_to_constant_velocity"] = {
+            second: value if np.isfinite(value) else None for second, value in ratios.items()
+        }
+        if name in conflicts:
+            by_drive = conflicts[name]
+            result[name]["conflicts"] = sum(by_drive.values(), ConflictCounts.none()).to_json()
+            result[name]["conflicts_by_drive"] = {kind: counts.to_json() for kind, counts in by_drive.items()}
+    return result

@@ -1,0 +1,69 @@
+"""Decoders of the joint predictor, conditioned on the manoeuvre: all steps of the future at once, or one by one."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from litsim_predictor.inference.contract import HORIZON, MANEUVERS
+from litsim_predictor.inference.joint.units import GAUSSIAN_CHANNELS, LENGTH
+from litsim_research.predictors.models.model import future_times
+
+
+class DirectDecoder(nn.Module):
+    """Decodes all steps at once, as deviations from constant velocity."""
+
+    def __init__(self, width: int, hidden: int) -> None:
+        super().__init__()
+        self.maneuver = nn.Embedding(len(MANEUVERS), width)
+        self.layers = nn.Sequential(
+            nn.Linear(width, hidden),
+            nn.ReLU(),
+            nn.Linear(hidden, hidden),
+            nn.ReLU(),
+            nn.Linear(hidden, HORIZON * GAUSSIAN_CHANNELS),
+        )
+
+    def forward(self, context: Tensor, maneuver: Tensor, base: Tensor, truth: Tensor | None) -> tuple[Tensor, Tensor]:
+        """Means (n, HORIZON, 2) [m], and raw scales and correlation (n, HORIZON, 3).
+
+        Args:
+            context: (n, width) codes of agents.
+            maneuver: (n,) int64 manoeuvres.
+            base: (n, HORIZON, 2) positions at constant velocity [m].
+            truth: not used.
+        """
+        del truth
+        raw = self.layers(context + self.maneuver(maneuver)).view(-1, HORIZON, GAUSSIAN_CHANNELS)
+        return base + future_times(raw)[:, None] * raw[..., :2], raw[..., 2:]
+
+
+class RecurrentDecoder(nn.Module):
+    """A bidirectional GRU over the steps of the future, which reads the position before each step.
+
+    With teacher forcing in training, these are the true positions. Otherwise there are two passes, since a
+    bidirectional network cannot be unrolled step by step: the first reads positions at constant velocity, the second
+    the means of the first. Read backward in time, true positions reveal the answer, so that teacher forcing has to fade
+    in the course of training.
+    """
+
+    def __init__(self, width: int, hidden: int) -> None:
+        super().__init__()
+        self.maneuver = nn.Embedding(len(MANEUVERS), width)
+        self.context = nn.Linear(width, hidden)
+        self.gru = nn.GRU(2 + hidden, hidden // 2, batch_first=True, bidirectional=True)
+        self.out = nn.Linear(hidden, GAUSSIAN_CHANNELS)
+
+    def forward(self, context: Tensor, maneuver: Tensor, base: Tensor, truth: Tensor | None) -> tuple[Tensor, Tensor]:
+        """See :meth:`DirectDecoder.forward`; `truth` (n, HORIZON, 2) [m] is for teacher forcing, None for none."""
+        context = self.context(context + self.maneuver(maneuver)).relu()
+        if truth is not None:
+            return self._read(context, truth, base)
+        first, _ = self._read(context, base, base)
+        return self._read(context, first, base)
+
+    def _read(self, context: Tensor, positions: Tensor, base: Tensor) -> tuple[Tensor, Tensor]:
+        before = torch.cat([torch.zeros_like(positions[:, :1]), positions[:, :-1]], dim=1)
+        steps = context[:, None].expand(-1, HORIZON, -1)
+        raw = self.out(self.gru(torch.cat([(before - base) / LENGTH, steps], dim=-1))[0])
+        return base + LENGTH * raw[..., :2], raw[..., 2:]

@@ -1,0 +1,39 @@
+"""Saving and loading of the weights of torch models; see :mod:`litsim_predictor.inference.weights` for the files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import torch
+from safetensors.torch import save
+
+from litsim_predictor.inference.weights import FORMAT, Provenance, read_weights
+from litsim_research.predictors.models.model import SceneModel
+from litsim_research.predictors.models.registry import build
+from litsim_sim.io.files import replacing
+
+
+def save_model(model: SceneModel, provenance: Provenance, path: Path) -> None:
+    """Write the weights of `model` to `path`, whole or not at all.
+
+    Raises:
+        InputError: see :func:`litsim_sim.io.files.replacing`.
+    """
+    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in model.state_dict().items()}
+    metadata = {"format": FORMAT, "provenance": json.dumps(vars(provenance), sort_keys=True)}
+    with replacing(path) as new:
+        new.write_bytes(save(tensors, metadata))
+
+
+def load_model(name: str) -> tuple[SceneModel, Provenance]:
+    """The model of shipped weights or of a file of weights, ready to predict, and the provenance of the weights.
+
+    Raises:
+        InputError: the file is missing, is damaged, or does not contain weights of a known model.
+    """
+    weights = read_weights(name)
+    model = build(weights.provenance.model, weights.provenance.parameters, str(weights.path))
+    weights.check({key: tuple(tensor.shape) for key, tensor in model.state_dict().items()})
+    model.load_state_dict({key: torch.from_numpy(array) for key, array in weights.arrays.items()})
+    return model.eval(), weights.provenance

@@ -1,0 +1,252 @@
+"""Training of any learned predictor from one configuration; it is seeded, and can be resumed after every epoch."""
+
+from __future__ import annotations
+
+import json
+from contextlib import suppress
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from tqdm import tqdm
+
+from litsim_predictor.inference import SHIPPED
+from litsim_predictor.inference.contract import AT_SECONDS, MANEUVERS, SECONDS
+from litsim_predictor.inference.weights import Provenance, weights_path
+from litsim_research.predictors.checkpoint import checkpoint, save_checkpoint
+from litsim_research.predictors.data.batch import SceneBatch
+from litsim_research.predictors.data.scenes import scene_batches, training_batches
+from litsim_research.predictors.data.sources import digest_of, files_of
+from litsim_research.predictors.models.model import SceneModel, negative_log_likelihood
+from litsim_research.predictors.models.registry import build
+from litsim_research.predictors.models.weights import load_model, save_model
+from litsim_research.predictors.training.config import TrainingConfig
+from litsim_research.predictors.training.curves import plot_curves
+from litsim_research.predictors.training.data import Locator, load_parts, targets_of
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import replacing
+
+GRADIENT_LIMIT = 10.0
+VALIDATION_STRIDE = 10  # frames between scenes
+CHECKPOINT, CURVES, HISTORY_FILE, WEIGHTS = "checkpoint.pt", "curves.png", "training.json", "weights.safetensors"
+
+
+class Training:
+    """One training, whose weights, checkpoint, curves and history are written to one folder.
+
+    Args:
+        config: configuration of the training.
+        folder: existing folder to which everything is written.
+        locate: see :class:`Locator`.
+        command: command line that repeats the training, for the provenance.
+        device: name of the torch device.
+    """
+
+    def __init__(self, config: TrainingConfig, folder: Path, locate: Locator, command: str, device: str) -> None:
+        self._config, self._folder, self._command, self._device = config, folder, command, device
+        torch.manual_seed(config.seed)
+        self.model = self._first_model(locate).to(device)
+        self._averaged = (
+            AveragedModel(self.model, multi_avg_fn=get_ema_multi_avg_fn(config.averaging)) if config.averaging else None
+        )
+        self._random = np.random.default_rng(config.seed)
+        self._optimizer = torch.optim.AdamW(
+            self.model.parameters(), config.learning_rate, weight_decay=config.weight_decay
+        )
+        self._parts = load_parts(config, locate)
+        teacher_paths = [weights_path(name) if name in SHIPPED else locate(name) for name in config.teachers]
+        self._teachers = [load_model(str(path))[0].to(device) for path in teacher_paths]
+        names = [name for source in config.data for name in files_of(source)] + [config.start] * bool(config.start)
+        self._files = {name: digest_of(locate(name)) for name in names}
+        self._files |= {name: digest_of(path) for name, path in zip(config.teachers, teacher_paths, strict=True)}
+        self._manifest = {"files": self._files, "rows": targets_of(self._parts)}
+        self.history: list[dict[str, float]] = []
+        self._best: dict[str, float] = {}
+
+    def run(self, *, progress: bool = True) -> None:
+        """Train for the remaining epochs; after Ctrl-C the files of the completed epochs can be used and resumed from.
+
+        Raises:
+            InputError: the training diverges, or no vehicle for validation has a complete history and future.
+        """
+        bar = tqdm(total=self._config.epochs, initial=len(self.history), unit="epoch", disable=not progress)
+        with bar, suppress(KeyboardInterrupt):
+            while len(self.history) < self._config.epochs:
+                figures = self._epoch(len(self.history), progress=progress)
+                if not np.isfinite(figures["val_nll"]):
+                    raise InputError(
+                        f"training configuration: field learning_rate is {self._config.learning_rate:g}, with which "
+                        f"the likelihood is not finite after epoch {len(self.history) + 1}; expected a smaller one"
+                    )
+                self.history.append(figures)
+                if not self._best or figures["val_nll"] <= self._best["val_nll"]:
+                    self._best = figures
+                    save_model(self._result, self._provenance(), self._folder / WEIGHTS)
+                self._save()
+                bar.update()
+                bar.set_postfix({"val m": f"{figures['val_error']:.2f}", "5 s": f"{figures['val_rmse_5']:.2f}"})
+
+    def resume(self) -> None:
+        """Restore the state from the checkpoint in the folder.
+
+        Raises:
+            InputError: there is none, it cannot be used, or it is of another configuration or of other data.
+        """
+        path = self._folder / CHECKPOINT
+        with checkpoint(path, self._device) as state:
+            if json.loads(state["config"]) != self._config.model_dump(mode="json"):
+                raise InputError(f"{path}: checkpoint of another configuration; train into another folder")
+            then = json.loads(state["files"])
+            if changed := [name for name, digest in self._files.items() if then[name] != digest]:
+                raise InputError(f"{path}: trained on another {', '.join(changed)}; train into another folder")
+            self.model.load_state_dict(state["model"])
+            if self._averaged is not None:
+                self._averaged.load_state_dict(state["averaged"])
+            self._optimizer.load_state_dict(state["optimizer"])
+            self._random.bit_generator.state = json.loads(state["random"])
+            torch.set_rng_state(state["torch_random"].cpu())
+            if self._device.startswith("cuda"):
+                torch.cuda.set_rng_state_all([each.cpu() for each in state["gpu_random"]])
+            self.history, self._best = json.loads(state["history"]), json.loads(state["best"])
+
+    def _first_model(self, locate: Locator) -> SceneModel:
+        """The model before the first epoch: with random weights, or with those of the file `start`."""
+        config = self._config
+        if not config.start:
+            return build(config.model, config.parameters, "training configuration")
+        model, made = load_model(str(locate(config.start)))
+        if (made.model, made.parameters) != (config.model, config.parameters):
+            raise InputError(
+                f"{config.start}: weights of model {made.model} {made.parameters}, expected {config.model} "
+                f"{config.parameters} as in the training configuration"
+            )
+        return model
+
+    @property
+    def _result(self) -> SceneModel:
+        """The model that is validated and saved: the trained one, or the one with the EMA of its weights."""
+        return self.model if self._averaged is None else cast(SceneModel, self._averaged.module)
+
+    def _epoch(self, epoch: int, *, progress: bool) -> dict[str, float]:
+        """Train for `epoch`, counted from 0; returns its means over the training part, and those of the validation."""
+        config = self._config
+        rate = self._learning_rate(epoch)
+        for group in self._optimizer.param_groups:
+            group["lr"] = rate
+        self.model.train()
+        self.model.forcing = max(0.0, 1.0 - epoch / config.forcing_epochs) if config.forcing_epochs else 0.0
+        sums, count = np.zeros(3), 0
+        batches = training_batches(
+            self._parts["train"], config.agents_per_batch, config.stride, config.augmentation, self._random
+        )
+        for batch in tqdm(batches, desc=f"epoch {epoch + 1}", unit="batch", leave=False, disable=not progress):
+            *losses, distillation = self._losses(batch.to(self._device))
+            nll, error, maneuver = losses
+            warm = epoch < config.warm_epochs
+            loss = error if warm else nll + config.error_weight * error
+            loss = loss + config.maneuver_weight * maneuver + config.teacher_weight * distillation
+            self._optimizer.zero_grad(set_to_none=True)
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(self.model.parameters(), GRADIENT_LIMIT)
+            self._optimizer.step()
+            if self._averaged is not None:
+                self._averaged.update_parameters(self.model)
+            agents = int(batch.target.sum())
+            sums += agents * np.array([float(part.detach()) for part in losses])
+            count += agents
+        nll_mean, error_mean, maneuver_mean = sums / max(count, 1)
+        figures = {"nll": nll_mean, "rmse": error_mean**0.5, "maneuver": maneuver_mean, "learning_rate": rate}
+        return {"epoch": epoch + 1, "agents": count} | figures | self._validate()
+
+    def _learning_rate(self, epoch: int) -> float:
+        """The learning rate of `epoch`, counted from 0: in steps, or along a cosine; see :class:`TrainingConfig`."""
+        config = self._config
+        if config.decay_every:
+            return config.learning_rate * config.decay ** (epoch // config.decay_every)
+        return config.learning_rate * 0.5 * (1.0 + float(np.cos(np.pi * epoch / config.epochs)))
+
+    def _losses(self, batch: SceneBatch) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Negative log-likelihood, squared error [m2], cross-entropy of manoeuvres, and distillation loss [m2].
+
+        The first two are means over the known future steps of the targets, the third over the targets with a complete
+        future, and the last over all steps of the targets decoded with their most probable manoeuvre.
+        """
+        predicted = torch.rand(batch.maneuver.shape, device=self._device) < self._config.predicted_share
+        prediction = self.model(batch, torch.where(predicted, -1, batch.maneuver))
+        known = (batch.future_known & batch.target[..., None])[:, :, None]
+        nll = negative_log_likelihood(prediction, batch.future)[known].mean()
+        error = ((prediction.mean - batch.future[:, :, None]) ** 2).sum(dim=-1)[known].mean()
+        named = batch.target & (batch.maneuver >= 0)
+        logits, truth = prediction.maneuver[named], batch.maneuver[named]
+        maneuver = torch.nn.functional.cross_entropy(logits, truth, reduction="sum") / max(len(truth), 1)
+        return nll, error, maneuver, self._distillation(batch, prediction.mean[:, :, 0], predicted & batch.target)
+
+    def _distillation(self, batch: SceneBatch, mean: Tensor, compared: Tensor) -> Tensor:
+        """Mean squared distance [m2] of forecasts `mean` (B, N, HORIZON, 2) from the mean of the teachers' forecasts.
+
+        The mask `compared` (B, N) selects the agents; 0 without teachers or without such agents.
+        """
+        if not self._teachers:
+            return mean.new_zeros(())
+        with torch.no_grad():
+            teachers_mean = sum(teacher(batch).mean[:, :, 0] for teacher in self._teachers) / len(self._teachers)
+        squared = ((mean - teachers_mean) ** 2).sum(dim=-1)[compared]
+        return squared.sum() / max(squared.numel(), 1)
+
+    @torch.no_grad()
+    def _validate(self) -> dict[str, float]:
+        """RMSE by second [m], its mean, NLL [nats] and share of correct manoeuvres on the validation part.
+
+        Agents with a complete history and future are scored, with their most probable manoeuvre.
+        """
+        model = self._result.eval()
+        squared, nll, right, count = torch.zeros(len(SECONDS)), 0.0, 0, 0
+        validation = [tracks for tracks, _ in self._parts["val"]]
+        for batch in scene_batches(validation, stride=VALIDATION_STRIDE):
+            moved = batch.to(self._device)
+            prediction = model(moved)
+            error = ((prediction.mean[:, :, 0] - moved.future) ** 2).sum(dim=-1)[moved.target]
+            squared += error[:, AT_SECONDS].sum(dim=0).cpu()
+            nll += float(negative_log_likelihood(prediction, moved.future)[:, :, 0][moved.target].mean(dim=1).sum())
+            right += int((prediction.maneuver.argmax(dim=-1) == moved.maneuver)[moved.target].sum())
+            count += int(moved.target.sum())
+        if not count:
+            raise InputError("training configuration: field data: no vehicle for validation is seen for 8 s")
+        rmse = (squared / count).sqrt().tolist()
+        figures = {f"val_rmse_{second}": value for second, value in zip(SECONDS, rmse, strict=True)}
+        return figures | {"val_error": float(np.mean(rmse)), "val_nll": nll / count, "val_maneuver": right / count}
+
+    def _provenance(self) -> Provenance:
+        config = self._config
+        return Provenance(
+            model=config.model,
+            parameters=config.parameters,
+            command=self._command,
+            training=config.model_dump(mode="json"),
+            manifest=self._manifest,
+            figures=self._best,
+        )
+
+    def _save(self) -> None:
+        """Write the checkpoint, the history and the learning curves."""
+        state = {
+            "config": json.dumps(self._config.model_dump(mode="json")),
+            "files": json.dumps(self._files),
+            "model": self.model.state_dict(),
+            "averaged": {} if self._averaged is None else self._averaged.state_dict(),
+            "optimizer": self._optimizer.state_dict(),
+            "random": json.dumps(self._random.bit_generator.state),
+            "torch_random": torch.get_rng_state(),
+            "gpu_random": torch.cuda.get_rng_state_all() if self._device.startswith("cuda") else [],
+            "history": json.dumps(self.history),
+            "best": json.dumps(self._best),
+        }
+        save_checkpoint(self._folder / CHECKPOINT, state)
+        summary = {"best": self._best, "manifest": self._manifest, "epochs": self.history, "maneuvers": list(MANEUVERS)}
+        with replacing(self._folder / HISTORY_FILE) as new:
+            new.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+        with replacing(self._folder / CURVES) as new:
+            plot_curves(self.history, new)

@@ -1,0 +1,64 @@
+"""Compilation of kernels ahead of time, several at once."""
+
+from __future__ import annotations
+
+import multiprocessing
+import pkgutil
+import re
+import signal
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from graphlib import TopologicalSorter
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+
+from litsim_sim.kernels.compiled import KERNELS, Kernel, announce, run_kernels
+
+MARK = re.compile(r"^@kernel\(", re.MULTILINE)  # occurs in the source of every module with kernels
+
+
+def import_kernels(package: str) -> list[str]:
+    """Import the modules of a package that have kernels; return their names."""
+    found = []
+    for module in pkgutil.walk_packages(import_module(package).__path__, f"{package}."):
+        spec = find_spec(module.name)
+        if spec is not None and spec.origin is not None and MARK.search(Path(spec.origin).read_text("utf-8")):
+            import_module(module.name)
+            found.append(module.name)
+    return found
+
+
+def missing_kernels() -> list[Kernel]:
+    """The kernels of a run whose machine code is not on disk but could be, and all that they call."""
+    missing = [each for each in run_kernels() if each.kept is not None and not each.kept.exists()]
+    for each in missing:  # grows
+        missing += [called for called in each.uses if called not in missing]
+    return missing
+
+
+def compile_kernels(missing: Sequence[Kernel], processes: int) -> Iterator[None]:
+    """Compile the :func:`missing_kernels` and keep their machine code; yield after each.
+
+    Each is compiled in one of so many copies of this process, as soon as what it calls is on disk.
+    """
+    if not missing:
+        return
+    announce()
+    order = TopologicalSorter({each: each.uses for each in missing})
+    order.prepare()
+    fork = multiprocessing.get_context("fork")  # the copies have all kernels
+    with ProcessPoolExecutor(processes, fork, signal.signal, (signal.SIGINT, signal.SIG_DFL)) as pool:
+        running: dict[Future[None], Kernel] = {}
+        while order.is_active():
+            running |= {pool.submit(_compile, KERNELS.index(each)): each for each in order.get_ready()}
+            for job in wait(running, return_when=FIRST_COMPLETED).done:
+                job.result()
+                order.done(running.pop(job))
+                yield
+
+
+def _compile(number: int) -> None:
+    """Compile one of all kernels, and keep its machine code."""
+    each = KERNELS[number]
+    each.loaded if each in run_kernels() else each.compiled

@@ -1,0 +1,315 @@
+"""Compiled kernels: the loops of a step as machine code, by numba.
+
+A kernel is a function of numbers and arrays, decorated with its types::
+
+    @kernel(float64(FLOATS, FLOATS))
+    def dot(a, b): ...
+
+It is compiled for these types only. The machine code is cached on disk: only the first process on a machine compiles
+(``ros2 run litsim_sim compile`` does so ahead of time); all others load the code before the first step of a run.
+
+Kernels compute in the order in which they are written, in one thread, without fused or reassociated operations. Equal
+inputs give equal bits in every process of a machine.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import sys
+from collections.abc import Callable
+from enum import Enum, EnumMeta
+from functools import cache, cached_property, update_wrapper
+from importlib import import_module
+from pathlib import Path
+from types import FunctionType
+from typing import Any, TypeVar, cast
+
+import numpy as np
+
+from litsim_sim.core.garbage import without_collection
+from litsim_sim.core.imports import left_out
+
+with left_out("coverage", "scipy"):  # where they are installed, a fifth of the time of importing numba
+    import numba
+from llvmlite import binding
+from numba import types
+from numba.core.extending import _Intrinsic as Intrinsic
+from numba.extending import typeof_impl
+
+from litsim_sim.kernels import machine_code
+
+NUMBA_ARRAYS, SCIPY_BLAS = "numba.np.arraymath", "scipy.linalg"
+OPTIONS = {
+    "error_model": "numpy",
+    "forceinline": True,  # into calling kernels: a call costs more than most kernels
+}
+F = TypeVar("F", bound=Callable[..., Any])
+
+KERNELS: list[Kernel] = []  # all kernels defined so far
+
+
+def read_array(dtype: types.Type, ndim: int) -> types.Array:
+    """Type of an array that a kernel only reads: also accepts read-only arrays, and strided ones of one dimension."""
+    return types.Array(dtype, ndim, "A" if ndim == 1 else "C", readonly=True)
+
+
+def written_array(dtype: types.Type, ndim: int) -> types.Array:
+    """Type of a C-ordered array that a kernel writes to or returns."""
+    return types.Array(dtype, ndim, "C")
+
+
+boolean, float32, float64, int32, int64, uint8, uint64, void = (
+    types.boolean,
+    types.float32,
+    types.float64,
+    types.int32,
+    types.int64,
+    types.uint8,
+    types.uint64,
+    types.void,
+)
+FLOATS, FLOATS2, FLOATS3 = (read_array(float64, ndim) for ndim in (1, 2, 3))
+SINGLES, SINGLES2, SINGLES3 = (read_array(float32, ndim) for ndim in (1, 2, 3))
+INTS, INTS2 = (read_array(int64, ndim) for ndim in (1, 2))
+BOOLS, BOOLS2 = (read_array(boolean, ndim) for ndim in (1, 2))
+OUT_FLOATS, OUT_FLOATS2, OUT_FLOATS3 = (written_array(float64, ndim) for ndim in (1, 2, 3))
+OUT_SINGLES, OUT_SINGLES2, OUT_SINGLES3 = (written_array(float32, ndim) for ndim in (1, 2, 3))
+OUT_INTS, OUT_INTS2 = (written_array(int64, ndim) for ndim in (1, 2))
+OUT_BYTES = written_array(uint8, 1)
+OUT_BOOLS, OUT_BOOLS2, OUT_BOOLS3 = (written_array(boolean, ndim) for ndim in (1, 2, 3))
+
+
+class Kernel:
+    """A compiled function; its machine code is loaded by :func:`load_kernels`, or when it is first called."""
+
+    def __init__(self, function: FunctionType, signature: Any, *, outer: bool = False) -> None:
+        update_wrapper(self, function)
+        self._function, self._signature, self.outer = function, signature, outer
+        self.stamp, self.uses = _stamp(function), _kernels_of(function)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the machine code; arguments that do not fit the signature raise a TypeError.
+
+        Later calls go directly to numba's dispatcher, since a function in between costs as much as a small kernel.
+        Python looks up `__call__` in the class only, so each kernel gets a class of its own.
+        """
+        loaded = self.loaded
+        self.__class__ = type(type(self).__name__, (type(self),), {"__call__": staticmethod(loaded)})
+        return loaded(*arguments)
+
+    @property
+    def kept(self) -> Path | None:
+        """The file of its machine code, which need not exist yet; None if no cache directory is writable."""
+        directory = cache_directory(self._file)
+        return None if directory is None else directory / self._name
+
+    @cached_property
+    def loaded(self) -> Any:
+        """Numba's dispatcher of the function, for calls; its machine code is loaded from disk, or compiled and kept."""
+        kept = self.kept
+        found = machine_code.load(kept, self._function, self._signature, OPTIONS) if kept else None
+        if found is None:
+            found = self.compiled
+            if kept:
+                machine_code.keep(kept, found, self._signature)
+        return found
+
+    @cached_property
+    def compiled(self) -> Any:
+        """Numba's dispatcher of the function, compiled with all that is needed to compile kernels that call it.
+
+        Raises:
+            TypeError: the function uses something that is defined after it; the cache would not notice its changes.
+        """
+        if _stamp(self._function) != self.stamp:
+            raise TypeError(f"kernel {self._function.__name__} uses what is defined after it")
+        directory = cache_directory(self._file)
+        if directory is None or not any(directory.glob(f"*-{self.stamp}.*.nbi")):
+            announce()
+        _spare_blas()
+        machine_code.box_arrays_quickly()
+        before = numba.config.CACHE_LOCATOR_CLASSES
+        numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.{KernelLocator.__name__}"
+        try:
+            return numba.njit(self._signature, cache=directory is not None, **OPTIONS)(self._function)
+        finally:
+            numba.config.CACHE_LOCATOR_CLASSES = before
+
+    @property
+    def _file(self) -> Path:
+        """The source file of the function."""
+        return Path(self._function.__code__.co_filename)
+
+    @property
+    def _name(self) -> str:
+        """Name of the file of its machine code, unique among all kernels and their versions."""
+        line, python = self._function.__code__.co_firstlineno, sys.implementation.cache_tag
+        return f"{self._file.stem}.{self._function.__name__}-{line}-{self.stamp}.{python}.kernel"
+
+
+@typeof_impl.register(Kernel)  # type: ignore[untyped-decorator]
+def _type_of_called(called: Kernel, _context: object) -> Any:
+    """Numba's type of a kernel that another kernel calls; it has to be compiled for this."""
+    return numba.typeof(called.compiled)
+
+
+def kernel(signature: Any, *, outer: bool = False) -> Callable[[F], F]:
+    """Return a decorator that makes a function a kernel for one signature of numba's types.
+
+    A kernel that other kernels call is loaded before a run only if it is `outer`, that is, called from Python as well.
+
+    Of the globals of its module, the function may use numbers, enumerations, arrays, kernels, intrinsics and types of
+    numba's, `math` and numpy. Arguments that do not fit the signature raise a TypeError. Division by zero gives the
+    same result as in numpy.
+
+    Raises:
+        TypeError: the function uses something else; the cache would not notice its changes.
+    """
+
+    def compiled(function: F) -> F:
+        found = Kernel(cast(FunctionType, function), signature, outer=outer)
+        KERNELS.append(found)
+        return cast(F, found)
+
+    return compiled
+
+
+def load_kernels() -> None:
+    """Load or compile all :func:`run_kernels`.
+
+    To be called before the first step of a run: loading takes as long as several steps.
+    """
+    with without_collection():
+        for each in run_kernels():
+            each.loaded  # noqa: B018 - the property is cached
+
+
+def run_kernels() -> list[Kernel]:
+    """All kernels defined so far, except those that only other kernels call, whose code contains them."""
+    inner = {id(called) for caller in KERNELS for called in caller.uses}
+    return [each for each in KERNELS if each.outer or id(each) not in inner]
+
+
+def cache_directory(source: Path) -> Path | None:
+    """Directory for the machine code of kernels of the file `source`: the first writable one of these, else None.
+
+    `NUMBA_CACHE_DIR`, if set; `__pycache__` beside `source`; and `litsim/kernels` in the user's cache directory, for
+    read-only installations.
+    """
+    user = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
+    named = [Path(numba.config.CACHE_DIR)] if numba.config.CACHE_DIR else []
+    return next(filter(_writable, (*named, source.parent / "__pycache__", user / "litsim" / "kernels")), None)
+
+
+class KernelLocator:
+    """Tells numba where to cache a kernel, and under which name; see numba's `NUMBA_CACHE_LOCATOR_CLASSES`.
+
+    The name depends on everything that the machine code depends on, so that a file is never stale or that of another
+    kernel, however many processes compile at once. Numba's own locators only know the file of a function, not the
+    kernels and constants that it uses from other files.
+    """
+
+    def __init__(self, directory: Path, stamp: str) -> None:
+        self._directory, self._stamp = directory, stamp
+
+    @classmethod
+    def from_function(cls, function: FunctionType, file: str) -> KernelLocator | None:
+        """Return the locator of a function; None if no cache directory is writable."""
+        directory = cache_directory(Path(file))
+        return None if directory is None else cls(directory, _stamp(function))
+
+    def ensure_cache_path(self) -> None:
+        """Make the cache directory."""
+        self._directory.mkdir(parents=True, exist_ok=True)
+
+    def get_cache_path(self) -> str:
+        """Return the cache directory."""
+        return str(self._directory)
+
+    def get_source_stamp(self) -> str:
+        """Return the stamp, which must be equal for machine code to be used."""
+        return self._stamp
+
+    def get_disambiguator(self) -> str:
+        """Return the stamp, which distinguishes files of functions with the same name."""
+        return self._stamp
+
+
+@cache
+def _writable(directory: Path) -> bool:
+    """Whether files can be made in `directory`, which is made if it is missing."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(directory, os.W_OK | os.X_OK)
+
+
+@cache
+def _spare_blas() -> None:
+    """Prevent numba from importing scipy's linear algebra, which takes half as long as loading all kernels.
+
+    Numba looks for it once, when it registers numpy's functions, to compile products of matrices. Kernels must not use
+    these.
+    """
+    if NUMBA_ARRAYS not in sys.modules:  # otherwise numba has already looked for it
+        with left_out(SCIPY_BLAS):
+            import_module(NUMBA_ARRAYS)
+
+
+@cache
+def announce() -> None:
+    """Print once per process, and not in its copies, why it takes a while."""
+    print("litsim: compiling kernels, once for this machine (about a minute)", file=sys.stderr, flush=True)
+
+
+@cache
+def _source_and_machine(file: str) -> bytes:
+    """Hash of a source file and :func:`_machine`."""
+    return hashlib.sha256(Path(file).read_bytes() + _machine()).digest()
+
+
+@cache
+def _machine() -> bytes:
+    """What machine code depends on beside its source: numba's version, options, form of the code, and processor."""
+    processor = f"{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
+    return f"{numba.__version__} {OPTIONS} {machine_code.FORM} {processor}".encode()
+
+
+def _stamp(function: FunctionType) -> str:
+    """Hash of everything that the machine code of `function` depends on, as 16 hexadecimal digits."""
+    code, known = function.__code__, function.__globals__
+    found = hashlib.sha256(_source_and_machine(code.co_filename))
+    for name in code.co_names:
+        if name in known:
+            found.update(f"{name}={_constant(name, known[name])};".encode())
+    return found.hexdigest()[:16]
+
+
+def _kernels_of(function: FunctionType) -> tuple[Kernel, ...]:
+    """The kernels that `function` calls."""
+    found = (function.__globals__.get(name) for name in function.__code__.co_names)
+    return tuple(value for value in found if isinstance(value, Kernel))
+
+
+def _constant(name: str, value: object) -> str:
+    """Text that identifies a global `value`, which is frozen into the machine code of kernels that use it.
+
+    Raises:
+        TypeError: a kernel cannot use such a value.
+    """
+    if isinstance(value, Kernel):
+        return value.stamp
+    if value is math or value is np:
+        return ""
+    if isinstance(value, EnumMeta):
+        return repr(list(value))
+    if isinstance(value, Intrinsic):  # taken to depend on its file only
+        return _source_and_machine(value._defn.__code__.co_filename).hex()  # noqa: SLF001 - numba has no other way to it
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype}{value.shape}{value.tobytes().hex()}"
+    if isinstance(value, bool | int | float | Enum | types.Type):  # types: numpy has attributes of their names
+        return repr(value)
+    raise TypeError(f"a kernel cannot use {name}: no number, enumeration, array, kernel or intrinsic")

@@ -1,0 +1,84 @@
+"""Connections that conflict and have green together: pairs of foes, and those in the signal programs of a net."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import accumulate
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import sumolib
+
+from litsim_sim.core.signals import OF_SUMO, SignalState
+from litsim_sim.lane_map.net_lanes import UNREADABLE, unreadable_net
+from litsim_sim.lane_map.signal_links import SignalLink, read_links
+
+CROSSING = np.sin(np.deg2rad(45.0))  # of the angle between two approaches, above which they cross each other
+
+
+def conflicting_pairs(links: Sequence[SignalLink]) -> list[tuple[int, int]]:
+    """Positions in `links` of the pairs of connections that conflict, see :attr:`.SignalLink.foes`."""
+    place = {link.name: k for k, link in enumerate(links)}
+    both = ((place[foe], k) for k, link in enumerate(links) for foe in link.foes if foe in place)
+    return sorted({(min(pair), max(pair)) for pair in both})
+
+
+def may_give_way(one: SignalLink, other: SignalLink) -> bool:
+    """Whether one of two connections that conflict usually gives way when both have a plain green light.
+
+    That is so where one turns and both come from the same or from opposite directions, as left turns do before oncoming
+    traffic.
+    """
+    return bool((one.turns or other.turns) and abs(np.sin(one.heading - other.heading)) <= CROSSING)
+
+
+def and_more(number: int) -> str:
+    """Words for `number` further pairs, empty for none."""
+    return f" (and {number} more pair{'s' * (number > 1)})" if number else ""
+
+
+def program_conflicts(net: Path) -> tuple[str, ...]:
+    """A sentence for each phase of a signal program in which connections that conflict both have priority green (G).
+
+    Raises:
+        InputError: the file is missing, or is no SUMO net.
+    """
+    links = read_links(net)
+    pairs = [(links[i], links[j]) for i, j in conflicting_pairs(links) if links[i].light == links[j].light]
+    if not pairs:
+        return ()
+    try:
+        # Of internal lanes that it skips, sumolib takes the parameters for those of a program, and fails.
+        read: Any = sumolib.net.readNet(str(net), withPrograms=True, withInternal=True, lxml=False)
+        programs = {light.getID(): light.getPrograms() for light in read.getTrafficLights()}
+    except UNREADABLE as error:
+        raise unreadable_net(net, error) from error
+    return tuple(
+        said
+        for junction, light in dict.fromkeys((one.junction, one.light) for one, _ in pairs)
+        for name, program in programs.get(light, {}).items()
+        for said in _phases(
+            f"junction {junction}: program {name} of light {light}",
+            program.getPhases(),
+            [pair for pair in pairs if (pair[0].junction, pair[0].light) == (junction, light)],
+        )
+    )
+
+
+def _phases(what: str, phases: Sequence[Any], pairs: Sequence[tuple[SignalLink, SignalLink]]) -> list[str]:
+    ends = list(accumulate(phase.duration for phase in phases))
+    found: list[str] = []
+    for number, (phase, end) in enumerate(zip(phases, ends, strict=True)):
+        both = [(a, b) for a, b in pairs if _is_green(phase.state, a) and _is_green(phase.state, b)]
+        if both:
+            one, other = both[0]
+            found.append(
+                f"{what} has G for {one.name} and {other.name}{and_more(len(both) - 1)}, which conflict, in phase "
+                f"{number}, {end - phase.duration:g} to {end:g} s into the cycle; expected g for those that give way"
+            )
+    return found
+
+
+def _is_green(state: str, link: SignalLink) -> bool:
+    return link.index < len(state) and OF_SUMO.get(state[link.index]) == SignalState.GREEN

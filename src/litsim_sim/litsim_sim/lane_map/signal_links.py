@@ -1,0 +1,197 @@
+"""Signal-controlled connections of a SUMO net, and their stop lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.lane_map.net_lanes import UNREADABLE, Lane, read_net, unreadable_net
+
+ARROW = " -> "  # between the lanes of a connection's name
+BESIDE = 0.5  # [m] beyond the lane's edge at which a stop line still counts as crossed
+FACING = np.cos(np.deg2rad(45.0))  # cosine between a vehicle and the lane whose stop line it crosses
+PASSED = 1.0  # [m] beyond the stop line at which it is passed: drivers stop on it, and maps and tracks are that far off
+STRAIGHT = "s"  # SUMO's letter for the direction of a connection that goes straight on
+LEAVES = 300  # steps after the stop line within which a vehicle has passed the junction: one that turns may wait in it
+
+
+@dataclass(frozen=True)
+class SignalLink:
+    """A connection between two lanes that a traffic light controls.
+
+    Attributes:
+        name: ``FROM_LANE -> TO_LANE``, by SUMO's ids; positions among a light's links change when a net is built anew.
+        from_lane, to_lane: ids of the lanes.
+        stop: (2,) middle of the stop line: where `from_lane` ends, frame map [m].
+        heading: heading of `from_lane` there [rad].
+        width: width of `from_lane` [m].
+        exit: (2,) where `to_lane` begins [m].
+        exit_heading: heading of `to_lane` there [rad].
+        via: ids of the lanes inside the junction, in driving direction.
+        light: id of the traffic light; empty where only the record of a run is known.
+        index: position among its links, -1 likewise.
+        junction: id of the junction; empty likewise.
+        turns: whether it leads to the left, to the right or back, by SUMO's direction.
+        foes: names of the controlled connections of the junction that it crosses or merges with, except those from its
+            own edge, which a light does not tell apart.
+    """
+
+    name: str
+    from_lane: str
+    to_lane: str
+    stop: FloatArray
+    heading: float
+    width: float
+    exit: FloatArray
+    exit_heading: float
+    via: tuple[str, ...] = ()
+    light: str = ""
+    index: int = -1
+    junction: str = ""
+    turns: bool = False
+    foes: tuple[str, ...] = ()
+
+
+def read_links(path: Path) -> tuple[SignalLink, ...]:
+    """The controlled connections of a net that cars may use, sorted by name; empty where there are no lights.
+
+    Raises:
+        InputError: the file is missing, or is no SUMO net.
+    """
+    net, every = read_net(path)
+    lanes = {lane.id: lane for lane in every}
+    try:
+        controlled = [
+            connection
+            for edge in net.getEdges(withInternal=False)
+            for lane in edge.getLanes()
+            for connection in lane.getOutgoing()
+            if connection.getTLSID() and lane.getID() in lanes and connection.getToLane().getID() in lanes
+        ]
+        foes = _foes(controlled)
+        found = [_link(connection, lanes, foes[place]) for place, connection in enumerate(controlled)]
+    except UNREADABLE as error:
+        raise unreadable_net(path, error) from error
+    return tuple(sorted(found, key=lambda link: link.name))
+
+
+def _foes(connections: Sequence[Any]) -> list[tuple[str, ...]]:
+    """For each of `connections`, the names of those of other edges that its junction marks as its foes."""
+    at: dict[str, list[int]] = {}
+    for place, connection in enumerate(connections):
+        at.setdefault(connection.getFrom().getToNode().getID(), []).append(place)
+    found: list[tuple[str, ...]] = [()] * len(connections)
+    for places in at.values():
+        junction = connections[places[0]].getFrom().getToNode()
+        index = {place: junction.getLinkIndex(connections[place]) for place in places}
+        name = {place: _name(connections[place]) for place in places}
+        for place in places:
+            found[place] = tuple(
+                name[other]
+                for other in places
+                if connections[other].getFrom() is not connections[place].getFrom()
+                and _are_foes(junction, index[place], index[other])
+            )
+    return found
+
+
+def _are_foes(junction: Any, one: int, other: int) -> bool:
+    """Whether a junction marks two of its links as foes; those of which it says nothing are none."""
+    try:
+        return bool(junction.areFoes(one, other))
+    except (KeyError, IndexError):
+        return False
+
+
+def _name(connection: Any) -> str:
+    return f"{connection.getFromLane().getID()}{ARROW}{connection.getToLane().getID()}"
+
+
+def _link(connection: Any, lanes: dict[str, Lane], foes: tuple[str, ...]) -> SignalLink:
+    begin, end = lanes[connection.getFromLane().getID()], lanes[connection.getToLane().getID()]
+    via: list[str] = []
+    following = connection.getViaLaneID()
+    while following and following in lanes and lanes[following].is_internal and following not in via:
+        via.append(following)  # a way with a waiting place inside the junction has two lanes
+        following = next(iter(lanes[following].successors), "")
+    last, before = begin.centerline[-1], begin.centerline[-2]
+    return SignalLink(
+        name=_name(connection),
+        from_lane=begin.id,
+        to_lane=end.id,
+        via=tuple(via),
+        light=connection.getTLSID(),
+        index=int(connection.getTLLinkIndex()),
+        junction=connection.getFrom().getToNode().getID(),
+        turns=connection.getDirection() != STRAIGHT,
+        foes=foes,
+        stop=last,
+        heading=float(np.arctan2(*(last - before)[::-1])),
+        width=begin.width,
+        exit=end.centerline[0],
+        exit_heading=float(np.arctan2(*(end.centerline[1] - end.centerline[0])[::-1])),
+    )
+
+
+@dataclass(frozen=True)
+class Crossings:
+    """Passages of stop lines; arrays (c,), sorted by agent and step.
+
+    Attributes:
+        agent: row of the agent.
+        step: first step, counted from that of the arrays' first column, at which it is past the line.
+        link: position of the connection among those asked about.
+    """
+
+    agent: IntArray
+    step: IntArray
+    link: IntArray
+
+
+def crossings(
+    links: Sequence[SignalLink], x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, valid: BoolArray
+) -> Crossings:
+    """Passages of the stop lines of `links`.
+
+    A line is passed when the front centre gets `PASSED` beyond it, in the direction of the lane. Recorded vehicles that
+    stand there rock back and forth: one passes the last time that it does so without being back at the line. The
+    connection is determined after the junction; for a vehicle that is not seen there, by the exit that it came nearest
+    to.
+
+    Args:
+        links: connections.
+        x, y, yaw: (n, steps) box centres [m] and headings [rad].
+        length: (n,) of the boxes [m].
+        valid: (n, steps) where an agent is on the road.
+    """
+    half = 0.5 * length[:, None]
+    front_x, front_y = x + half * np.cos(yaw), y + half * np.sin(yaw)
+    both = valid[:, :-1] & valid[:, 1:]
+    by_lane: dict[str, list[int]] = {}
+    for place, link in enumerate(links):
+        by_lane.setdefault(link.from_lane, []).append(place)
+    found: list[tuple[int, int, int]] = []
+    for places in by_lane.values():
+        line = links[places[0]]
+        cos, sin = np.cos(line.heading), np.sin(line.heading)
+        dx, dy = front_x - line.stop[0], front_y - line.stop[1]
+        along, beside = cos * dx + sin * dy - PASSED, cos * dy - sin * dx
+        passed = both & (along[:, :-1] < 0.0) & (along[:, 1:] >= 0.0)
+        passed &= np.abs(beside[:, 1:]) <= 0.5 * line.width + BESIDE
+        passed &= np.cos(yaw[:, 1:] - line.heading) >= FACING
+        for agent, step in zip(*np.nonzero(passed), strict=True):
+            again = np.flatnonzero(passed[agent, step + 1 :])
+            if len(again) and (along[agent, step + 1 : step + 2 + again[0]] > -PASSED).all():
+                continue
+            after = slice(step + 1, step + 2 + LEAVES)
+            there = valid[agent, after]
+            way_x, way_y = front_x[agent, after][there], front_y[agent, after][there]
+            nearest = [float(np.hypot(way_x - links[p].exit[0], way_y - links[p].exit[1]).min()) for p in places]
+            found.append((int(agent), int(step) + 1, places[int(np.argmin(nearest))]))
+    ordered = np.array(sorted(found), np.int64).reshape(-1, 3)
+    return Crossings(ordered[:, 0], ordered[:, 1], ordered[:, 2])

@@ -1,1 +1,0 @@
-"""Recorded traffic in one neutral schema: reading known formats, cropping, and cutting into segments."""

@@ -1,0 +1,373 @@
+"""Cleaned tracks move as vehicles do, agree with themselves, and are nearer to the truth than noisy ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from litsim_data import cli as data
+from litsim_data.cleaning.cleaning import CleaningConfig, clean, front_centres, smoothed
+from litsim_data.cleaning.track_fit import fit_law
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import STEP_S
+from litsim_sim.scenario.load import load_recording
+from litsim_sim.scenario.recording import COLUMNS, Recording, RecordingHeader
+from litsim_sim.scenario.scenario import packaged
+
+LENGTH = 4.5
+
+
+def tracks(front: np.ndarray, vehicle: int = 1, first: int = 0, **columns: object) -> pd.DataFrame:
+    """Tracks to clean of one vehicle with front centres (n, 2)."""
+    usual = {"length": LENGTH, "width": 1.9, "kind": 0, "lane": 2}
+    frame = first + np.arange(len(front))
+    return pd.DataFrame({"vehicle_id": vehicle, "frame": frame, "x": front[:, 0], "y": front[:, 1], **usual, **columns})
+
+
+def straight(frames: int, speed: float, acceleration: float = 0.0, yaw: float = 0.0) -> np.ndarray:
+    t = STEP_S * np.arange(frames)
+    return np.outer(speed * t + 0.5 * acceleration * t**2, [np.cos(yaw), np.sin(yaw)])
+
+
+def lane_change(frames: int = 120, speed: float = 13.0) -> np.ndarray:
+    """A lane to the left within about four seconds, at a speed that varies."""
+    t = STEP_S * np.arange(frames)
+    x = speed * t + 2.0 * np.sin(0.6 * t)
+    return np.column_stack([x, 3.66 / (1.0 + np.exp(-(x - x.mean()) / 8.0))])
+
+
+def noise(frames: int, size: float, seed: int, lasts: float = 0.5) -> np.ndarray:
+    """Positions' errors (n, 2) as tracking from video leaves them: correlated over `lasts` seconds."""
+    rng = np.random.default_rng(seed)
+    keep = np.exp(-STEP_S / lasts)
+    errors = rng.normal(scale=size, size=(frames, 2))
+    for k in range(1, frames):
+        errors[k] = keep * errors[k - 1] + np.sqrt(1.0 - keep**2) * errors[k]
+    return errors
+
+
+def quantised(front: np.ndarray) -> np.ndarray:
+    return np.round(front / 0.03048) * 0.03048  # a tenth of a foot
+
+
+def fronts(table: pd.DataFrame) -> np.ndarray:
+    return front_centres(table)[["x", "y"]].to_numpy()
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+# Exact motion is kept
+
+
+@settings(max_examples=20, deadline=None)
+@given(speed=st.floats(1.0, 35.0), yaw=st.floats(-3.1, 3.1), frames=st.integers(5, 120), length=st.floats(2.0, 18.0))
+def test_constant_velocity_is_kept(speed: float, yaw: float, frames: int, length: float) -> None:
+    raw = tracks(straight(frames, speed, yaw=yaw), length=length)
+    hinted = raw.assign(yaw=yaw)  # a short and slow track alone does not tell its direction otherwise
+    table, report = clean(hinted)
+    np.testing.assert_allclose(fronts(table), raw[["x", "y"]], atol=1e-4)
+    np.testing.assert_allclose(table["speed"], speed, atol=1e-3)
+    np.testing.assert_allclose(table["acceleration"], 0.0, atol=1e-3)
+    np.testing.assert_allclose(table["yaw"], yaw, atol=1e-4)
+    assert report.displacement[2] < 1e-4
+
+
+@settings(max_examples=20, deadline=None)
+@given(acceleration=st.floats(-2.5, 2.5), yaw=st.floats(-3.1, 3.1))
+def test_constant_acceleration_is_kept(acceleration: float, yaw: float) -> None:
+    raw = tracks(straight(60, 16.0, acceleration, yaw))
+    table, _ = clean(raw)
+    np.testing.assert_allclose(fronts(table), raw[["x", "y"]], atol=0.02)
+    np.testing.assert_allclose(table["speed"], 16.0 + acceleration * STEP_S * np.arange(60), atol=0.06)
+    np.testing.assert_allclose(table["acceleration"], acceleration, atol=0.15)  # at the ends; inside:
+    np.testing.assert_allclose(table["acceleration"][15:-15], acceleration, atol=0.01)
+
+
+@pytest.mark.parametrize(("radius", "speed"), [(300.0, 25.0), (80.0, 12.0), (15.0, 6.0), (-15.0, 6.0)])
+def test_circles_are_kept(radius: float, speed: float) -> None:
+    """The front centre on a circle: the rear axle follows on a smaller one and the vehicle points along that."""
+    turn = speed / radius
+    angle = turn * STEP_S * np.arange(100)
+    raw = tracks(radius * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)]))
+    table, report = clean(raw)
+    reach = (0.5 + CleaningConfig().rear_axle) * LENGTH
+    inside = slice(15, -15)
+    assert np.linalg.norm(fronts(table) - raw[["x", "y"]], axis=1)[inside].max() < 0.02
+    np.testing.assert_allclose(table["speed"][inside], speed * np.sqrt(1 - (reach / radius) ** 2), rtol=2e-3)
+    yaw = np.unwrap(table["yaw"])[inside]
+    np.testing.assert_allclose(yaw, angle[inside] - np.arcsin(reach / radius), atol=0.01)
+    np.testing.assert_allclose(np.diff(yaw) / STEP_S, turn, rtol=0.05)
+    assert report.axle_slip < 2e-3
+
+
+def leaving_a_bend(radius: float, speed: float, waits: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Box centres (n, 2) and headings (n,) of a vehicle that has waited within a bend, and drives on along it."""
+    fine, frames = 50, 140
+    t = np.arange(frames * fine) * STEP_S / fine
+    pace = np.clip(2.0 * (t - waits), 0.0, speed) if waits else np.full(len(t), speed)
+    gone = np.concatenate([[0.0], np.cumsum(pace) * STEP_S / fine])
+    yaw = np.concatenate([[0.3], 0.3 + np.cumsum(np.diff(gone) / radius * np.clip((15.0 - gone[:-1]) / 4.0, 0.0, 1.0))])
+    towards = np.column_stack([np.cos(yaw), np.sin(yaw)])
+    axle = np.concatenate([np.zeros((1, 2)), np.cumsum(np.diff(gone)[:, None] * towards[:-1], axis=0)])
+    return (axle + CleaningConfig().rear_axle * LENGTH * towards)[:-1:fine], yaw[:-1:fine]
+
+
+@pytest.mark.parametrize("ahead", [0.5, 0.0, -0.29])
+@pytest.mark.parametrize(("radius", "speed", "waits"), [(12, 6, 0), (8, 4, 0), (6, 3, 0), (-8, 1.5, 0), (8, 6, 5)])
+def test_measured_headings_hold_the_ends_of_tracks_in_bends(
+    radius: float, speed: float, waits: float, ahead: float
+) -> None:
+    centre, yaw = leaving_a_bend(radius, speed, waits)
+    seen = centre + ahead * LENGTH * np.column_stack([np.cos(yaw), np.sin(yaw)])
+    table = smoothed(tracks(seen, yaw=yaw), ahead=ahead, measured=True)
+    apart = np.linalg.norm(table[["x", "y"]] - centre, axis=1)
+    assert apart.max() < 0.14 and max(apart[0], apart[-1]) < 0.08
+    assert np.abs(table["yaw"] - yaw).max() < 0.07 and np.abs(table["yaw"] - yaw)[0] < 0.05
+
+
+def test_headings_of_who_stands_are_not_believed_where_it_moves() -> None:
+    speed = np.concatenate([np.linspace(10, 0, 50), np.zeros(200), np.linspace(0, 10, 50)])
+    gone = np.cumsum(speed) * STEP_S
+    centre = np.outer(gone, [np.cos(1.0), np.sin(1.0)])
+    table = smoothed(tracks(centre, yaw=np.where(speed > 0.2, 1.0, 0.0)), ahead=0.0, measured=True)
+    np.testing.assert_allclose(table["yaw"], 1.0, atol=0.01)
+
+
+# Symmetries
+
+
+def test_time_has_no_direction() -> None:
+    places = np.cumsum(np.maximum(0.0, np.cumsum(np.random.default_rng(3).normal(size=150)))) * 0.1
+    law = fit_law(places, CleaningConfig()).at_frames()
+    back = fit_law(-places[::-1], CleaningConfig()).at_frames()
+    np.testing.assert_allclose(-back[::-1], law, atol=1e-4)
+    raw = lane_change() + noise(120, 0.1, seed=5)
+    forth, reverse = (fronts(clean(tracks(front))[0]) for front in (raw, raw[::-1]))
+    assert np.abs(reverse[::-1, 0] - forth[:, 0]).max() < 0.01
+    assert np.abs(reverse[::-1, 1] - forth[:, 1])[10:-10].max() < 0.05  # a vehicle's front leads whichever way it goes
+
+
+def test_the_order_of_rows_and_vehicles_is_of_no_importance() -> None:
+    lanes = [
+        lane_change(80, speed) + np.array([0, 4.0 * k]) + noise(80, 0.1, k) for k, speed in enumerate((9.0, 12.0, 16.0))
+    ]
+    standing = np.tile([30.0, 12.0], (80, 1)) + noise(80, 0.1, 9)
+    all_tracks = pd.concat([tracks(front, 10 * k) for k, front in enumerate([*lanes, standing])], ignore_index=True)
+    table, report = clean(all_tracks)
+    shuffled, again = clean(all_tracks.sample(frac=1.0, random_state=1))
+    pd.testing.assert_frame_equal(table, shuffled)
+    assert report == again
+    alone, _ = clean(all_tracks[all_tracks["vehicle_id"] == 10])
+    pd.testing.assert_frame_equal(table[table["vehicle_id"] == 10].reset_index(drop=True), alone)
+
+
+def test_a_turned_and_shifted_scene_gives_the_same_motion() -> None:
+    raw = lane_change() + noise(120, 0.15, seed=6)
+    c, s = np.cos(2.5), np.sin(2.5)
+    turned = raw @ np.array([[c, s], [-s, c]]) + [5000.0, -3000.0]
+    table, other = clean(tracks(raw))[0], clean(tracks(turned))[0]
+    np.testing.assert_allclose(other["speed"], table["speed"], atol=1e-4)
+    np.testing.assert_allclose(np.unwrap(other["yaw"]), np.unwrap(table["yaw"]) + 2.5, atol=1e-4)
+
+
+# Standstill and slow traffic
+
+
+def test_a_vehicle_that_stops_neither_creeps_nor_turns() -> None:
+    """Braking at 2 m/s2, eight seconds of standstill, off again."""
+    speed = np.concatenate([np.linspace(10, 0, 51), np.zeros(80), np.linspace(0, 10, 51)])
+    x = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * STEP_S)])
+    raw = np.column_stack([x, np.zeros_like(x)])
+    for seed in range(4):
+        table, report = clean(tracks(quantised(raw + noise(len(x), 0.15, seed))))
+        standing = slice(61, 121)
+        assert (table["speed"][standing] == 0).all() and (table["acceleration"][standing] == 0).all()
+        assert np.ptp(table["x"][standing]) < 1e-9 and np.ptp(table["yaw"][standing]) < 1e-9
+        assert report.flips[1] == 0 and report.reversing == 0
+        assert report.flips[0] > 5  # of raw steps
+        assert np.abs(table["yaw"]).max() < 0.12
+        assert rms(table["speed"] - speed) < 0.35
+
+
+def test_stop_and_go_keeps_its_heading_and_never_reverses() -> None:
+    t = STEP_S * np.arange(600)
+    speed = np.maximum(0.0, 2.0 * np.sin(0.35 * t) + 0.7)
+    x = np.cumsum(speed) * STEP_S
+    table, report = clean(tracks(np.column_stack([x, 0.0 * x]) + noise(600, 0.2, 8)))
+    assert (table["speed"] >= 0).all() and report.reversing == 0
+    assert np.abs(table["yaw"]).max() < 0.15
+    assert rms(table["speed"] - speed) < 0.3
+
+
+def test_who_never_moves_points_as_those_around_or_as_published() -> None:
+    moving = tracks(straight(60, 12.0, yaw=np.pi / 2) + np.array([100.0, 0.0]), 1)
+    oncoming = tracks(straight(60, 12.0, yaw=-np.pi / 2) + np.array([103.0, 60.0]), 2, lane=7)
+    standing = tracks(np.tile([102.5, 30.0], (60, 1)) + noise(60, 0.15, 2), 3)
+    table, _ = clean(pd.concat([moving, oncoming, standing]))
+    mine = table[table["vehicle_id"] == 3]
+    np.testing.assert_allclose(mine["yaw"], np.pi / 2, atol=0.1)  # of the same lane, though another is nearer
+    assert (mine["speed"] == 0).all()
+    table, _ = clean(standing.assign(yaw=2.0))
+    np.testing.assert_allclose(table["yaw"], 2.0, atol=0.1)
+    assert np.isfinite(clean(standing)[0].to_numpy(float)).all()
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3, 4, 6])
+def test_short_tracks(frames: int) -> None:
+    front = straight(frames, 12.0) + noise(frames, 0.05, 1, lasts=5.0)
+    table, report = clean(tracks(front, speed=12.0, acceleration=0.0))
+    Recording.from_table(RecordingHeader("made"), table, "made")
+    np.testing.assert_allclose(table["speed"], 12.0, atol=0.7)
+    np.testing.assert_allclose(table["yaw"], 0.0, atol=0.1)
+    assert report.rows == frames and report.displacement[2] < 0.15
+
+
+# Noise
+
+
+def test_an_outlier_does_not_move_the_track() -> None:
+    raw = straight(80, 12.0)
+    spoiled = raw.copy()
+    spoiled[40] += [4.0, -2.0]
+    spoiled[60:63] += [0.0, 1.5]
+    table, _ = clean(tracks(spoiled))
+    assert np.linalg.norm(fronts(table) - raw, axis=1).max() < 0.15
+    assert np.abs(table["acceleration"]).max() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("size", "lasts", "position", "speed", "acceleration", "yaw"),
+    [(0.1, 0.5, 0.12, 0.12, 0.28, 0.012), (0.2, 0.05, 0.11, 0.13, 0.30, 0.015), (0.3, 0.5, 0.34, 0.28, 0.42, 0.032)],
+)
+def test_cleaned_tracks_are_near_the_truth(
+    size: float, lasts: float, position: float, speed: float, acceleration: float, yaw: float
+) -> None:
+    """The packaged recording, made noisy: root mean square errors [m], [m/s], [m/s2], [rad]."""
+    truth = load_recording(packaged("scenarios/us101_like.parquet")).table
+    truth = truth[truth["vehicle_id"] % 4 == 0].sort_values(["vehicle_id", "frame"], ignore_index=True)
+    raw = front_centres(truth).drop(columns=["yaw", "speed", "acceleration"])
+    for vehicle, rows in raw.groupby("vehicle_id"):
+        raw.loc[rows.index, ["x", "y"]] = quantised(
+            rows[["x", "y"]].to_numpy() + noise(len(rows), size, int(vehicle), lasts)  # type: ignore[call-overload]
+        )
+    table, report = clean(raw)
+    table = table.sort_values(["vehicle_id", "frame"], ignore_index=True)
+    assert rms(np.hypot(table["x"] - truth["x"], table["y"] - truth["y"])) < position
+    assert rms(table["speed"] - truth["speed"]) < speed
+    assert rms(table["acceleration"] - truth["acceleration"]) < acceleration
+    assert rms(table["yaw"] - truth["yaw"]) < yaw
+    assert report.raw.acceleration > 0.5 and report.cleaned.acceleration < 0.005 and report.cleaned.jerk == 0
+    assert report.axle_slip < 3e-3
+
+
+def test_derivatives_agree_with_positions() -> None:
+    """Speed, acceleration and yaw against differences of the table's own positions."""
+    table, _ = clean(tracks(lane_change() + noise(120, 0.2, seed=4)))
+    yaw, speed = np.unwrap(table["yaw"]), table["speed"].to_numpy()
+    lever = CleaningConfig().rear_axle * LENGTH
+    axle = table[["x", "y"]].to_numpy() - lever * np.column_stack([np.cos(yaw), np.sin(yaw)])
+    np.testing.assert_allclose(np.diff(speed) / STEP_S, _means(table["acceleration"].to_numpy()), atol=0.01)
+    steps = np.diff(axle, axis=0)
+    np.testing.assert_allclose(np.linalg.norm(steps, axis=1) / STEP_S, _means(speed), atol=0.01)
+    np.testing.assert_allclose(np.arctan2(steps[:, 1], steps[:, 0]), _means(yaw), atol=1e-3)
+    assert list(table.columns) == list(COLUMNS)
+
+
+def _means(values: np.ndarray) -> np.ndarray:
+    return 0.5 * (values[1:] + values[:-1])
+
+
+# The report
+
+
+def test_the_report_counts_overlaps_before_and_after() -> None:
+    front = straight(40, 12.0)
+    near = front + np.array([0.0, 2.0])
+    near[20:22, 1] = 1.0  # jumps into its neighbour and back
+    _, report = clean(pd.concat([tracks(front, 1), tracks(near, 2)]))
+    assert report.overlaps == ((1, 2), (0, 0)) and report.created == 0
+    assert report.published is None
+    text = report.table()
+    assert "80 rows of 2 vehicles" in text and "pairs of overlapping boxes" in text
+
+
+def test_the_report_tells_published_from_raw_figures() -> None:
+    spiky = np.where(np.arange(50) % 5 == 0, 4.0, 0.0)
+    _, report = clean(tracks(straight(50, 10.0), acceleration=spiky))
+    assert report.published is not None
+    assert report.published.acceleration == pytest.approx(0.2)
+    assert report.published.jerk == pytest.approx(19 / 49)
+    assert (report.raw.acceleration, report.cleaned.acceleration) == (0.0, 0.0)
+
+
+# Input that cannot be used
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t.drop(columns="length"), r"missing columns \['length'\]"),
+        (lambda t: t.assign(colour=1), r"unknown columns \['colour'\]"),
+        (lambda t: t[:0], "no rows"),
+        (lambda t: t.assign(x=np.nan), "vehicle_id 1, frame 0: column x is nan"),
+        (lambda t: t.assign(width=0.0), "expected a positive number"),
+        (lambda t: t.assign(lane="left"), "column lane is left"),
+        (lambda t: t.drop(index=5), "frame 4 is followed by a hole"),
+        (lambda t: pd.concat([t, t[5:6]]), "frame 5 is duplicated"),
+        (lambda t: t.assign(x=t["x"].where(t["frame"] < 5, 500.0)), "frame 4 is followed by a jump"),
+    ],
+)
+def test_tracks_that_cannot_be_used(change: object, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        clean(change(tracks(straight(10, 10.0))))  # type: ignore[operator]
+
+
+def test_configurations_that_cannot_be_used() -> None:
+    with pytest.raises(InputError, match="longitudinal_period_s is -1"):
+        CleaningConfig(longitudinal_period_s=-1)
+
+
+def test_no_heading_is_taken_from_the_last_step_of_one_vehicle_to_the_first_of_the_next() -> None:
+    creeping = [tracks(np.column_stack([x + 0.01 * np.arange(5), np.zeros(5)]), n) for n, x in ((1, 0.0), (2, -50.0))]
+    _, report = clean(pd.concat(creeping))
+    assert report.flips[0] == 0, "both creep straight on"
+
+
+# `data clean`
+
+
+def test_clean_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table, _ = clean(
+        pd.concat([tracks(lane_change() + noise(120, 0.1, 1), 1), tracks(straight(50, 9.0) + np.array([0, 30]), 2)])
+    )
+    source, out = tmp_path / "in.parquet", tmp_path / "out.parquet"
+    Recording.from_table(RecordingHeader("made", net="made.net.xml"), table, "made").write(source)
+    data.main(["clean", str(source), str(out), "--lateral-period", "2.5"])
+    text = capsys.readouterr().out
+    assert "170 rows of 2 vehicles" in text and "heading flips at standstill" in text
+    cleaned = Recording.read(out)
+    assert cleaned.header.net == "made.net.xml"
+    assert cleaned.header.notes["cleaned"]["lateral_period_s"] == 2.5  # type: ignore[index]
+    for arguments in (["clean", str(out), str(source)], ["clean", str(source), str(out), "--huber", "0"]):
+        with pytest.raises(SystemExit):
+            data.main(arguments)
+    assert "was cleaned before" in capsys.readouterr().err
+
+
+@pytest.mark.data
+def test_the_real_window(real_data) -> None:
+    recording = load_recording(real_data(), {"frame": [316, 543], "local_y_m": [180, 415]})
+    table, report = clean(front_centres(recording.table))
+    assert Recording.from_table(recording.header, table, "cleaned").table["vehicle_id"].nunique() == 108
+    assert report.published is not None and report.published.acceleration > 0.08
+    assert report.cleaned.acceleration < 0.001 and report.cleaned.jerk == 0
+    assert report.displacement[0] < 0.1 and report.displacement[1] < 0.3
+    assert report.overlaps == ((0, 0), (0, 0)) and report.flips[1] == 0 and report.reversing == 0
+    assert report.yaw_rate < 0.15 and report.axle_slip < 3e-3

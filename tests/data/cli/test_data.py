@@ -1,0 +1,484 @@
+"""The commands of `data`: fetching (from a server of the test), converting, looking, drawing, exporting."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+import made_ngsim
+from litsim_data import cli as data
+from litsim_data import trajectories as export
+from litsim_data.ngsim import download as fetching
+from litsim_data.ngsim.download import COUNT_PATH, DATASET, EXPORT_PATH, download
+from litsim_data.ngsim.sites import I80, US101
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import Controller
+from litsim_sim.core.signals import SignalState
+from litsim_sim.record.run import Run, RunInfo
+from litsim_sim.scenario.recording import COLUMNS, Recording
+from litsim_sim.scenario.scenario import packaged
+from litsim_sim.scenario.signals import Signals
+from made_ngsim import Traffic, table, write_portal, write_text
+
+EMBEDDED = packaged("scenarios/us101_like.parquet")
+STREET = packaged("suites/small/street_train_14.parquet", "litsim_eval")
+
+
+@pytest.fixture(scope="module")
+def portal_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("portal") / "portal.csv"
+    write_portal(pd.concat([table(Traffic(US101, "0750", 2000)), table(Traffic(I80, "1600", 2000))]), path)
+    return path
+
+
+# Download
+
+
+@dataclass
+class Portal:
+    """What the server of the test sends, and what it was asked."""
+
+    content: bytes
+    rows: str
+    break_after: list[int] = field(default_factory=list)  # bytes of each of the first answers
+    ranges: bool = True
+    version: str = '"1"'
+    asked: list[str] = field(default_factory=list)
+    host: str = ""
+
+
+@pytest.fixture
+def portal(portal_file: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Portal]:
+    for name in ("http_proxy", "HTTP_PROXY", "all_proxy", "ALL_PROXY"):
+        monkeypatch.delenv(name, raising=False)
+    portal = Portal(portal_file.read_bytes(), json.dumps([{"count": "4000"}]))
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            if self.path.startswith(COUNT_PATH.partition("?")[0]):
+                body = portal.rows.encode()
+                self.send_response(200)
+                self.send_header("Content-Length", str(len(body)))
+                self.end_headers()
+                self.wfile.write(body)
+                return
+            assert self.path == EXPORT_PATH
+            asked = self.headers.get("Range", "")
+            portal.asked.append(asked)
+            begin = int(asked.removeprefix("bytes=").removesuffix("-")) if asked and portal.ranges else 0
+            if self.headers.get("If-Range", portal.version) != portal.version:
+                begin = 0
+            if begin >= len(portal.content):
+                self.send_response(416)
+                self.send_header("Content-Range", f"bytes */{len(portal.content)}")
+                self.send_header("Content-Length", "0")
+                self.end_headers()
+                return
+            body = portal.content[begin:]
+            self.send_response(206 if begin else 200)
+            self.send_header("Content-Length", str(len(body)))
+            self.send_header("ETag", portal.version)
+            self.end_headers()
+            stop = portal.break_after.pop(0) if portal.break_after else len(body)
+            self.wfile.write(body[:stop])
+
+        def log_message(self, *_arguments: object) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    portal.host = f"http://127.0.0.1:{server.server_address[1]}"
+    yield portal
+    server.shutdown()
+    server.server_close()
+    thread.join()
+
+
+def test_download_is_whole_and_checked(
+    portal: Portal, tmp_path: Path, capsys: pytest.CaptureFixture[str], portal_file: Path
+) -> None:
+    out = tmp_path / "ngsim.csv"
+    data.main(["download", str(out), "--host", portal.host])
+    assert out.read_bytes() == portal_file.read_bytes()
+    assert "4000 rows (as the portal says)" in capsys.readouterr().out
+    assert [path.name for path in tmp_path.iterdir()] == ["ngsim.csv"]
+    with pytest.raises(InputError, match="exists already"):
+        download(out, host=portal.host)
+
+
+def test_broken_connections_are_continued(portal: Portal, tmp_path: Path) -> None:
+    portal.break_after = [100_000, 150_000]
+    fetched = download(tmp_path / "ngsim.csv", host=portal.host, pause_s=0.0)
+    assert (tmp_path / "ngsim.csv").read_bytes() == portal.content
+    assert portal.asked == ["", "bytes=100000-", "bytes=250000-"]
+    assert (fetched.rows, fetched.expected_rows) == (4000, 4000)
+
+
+def test_a_later_call_continues(portal: Portal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fetching, "RETRIES", 0)
+    portal.break_after = [100_000]
+    with pytest.raises(InputError, match="1 connections broke off, 100000 bytes are kept"):
+        download(tmp_path / "ngsim.csv", host=portal.host, pause_s=0.0)
+    assert not (tmp_path / "ngsim.csv").exists()
+    fetched = download(tmp_path / "ngsim.csv", host=portal.host)
+    assert fetched.resumed_at == 100_000
+    assert (tmp_path / "ngsim.csv").read_bytes() == portal.content
+
+
+@pytest.mark.parametrize("change", [{"ranges": False}, {"version": '"2"'}])
+def test_another_version_or_no_ranges_begin_anew(
+    portal: Portal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, object]
+) -> None:
+    monkeypatch.setattr(fetching, "RETRIES", 0)
+    portal.break_after = [100_000]
+    with pytest.raises(InputError, match="broke off"):
+        download(tmp_path / "ngsim.csv", host=portal.host)
+    for name, value in change.items():
+        setattr(portal, name, value)
+    download(tmp_path / "ngsim.csv", host=portal.host)
+    assert (tmp_path / "ngsim.csv").read_bytes() == portal.content
+
+
+def test_all_bytes_were_there_already(portal: Portal, tmp_path: Path) -> None:
+    (tmp_path / "ngsim.csv.part").write_bytes(portal.content)
+    assert download(tmp_path / "ngsim.csv", host=portal.host).rows == 4000
+    assert portal.asked == [f"bytes={len(portal.content)}-"]
+
+
+def test_rows_that_are_missing_or_no_ngsim_are_refused(portal: Portal, tmp_path: Path) -> None:
+    portal.rows = json.dumps([{"count": "4001"}])
+    with pytest.raises(InputError, match="4000 rows, but the portal says 4001"):
+        download(tmp_path / "ngsim.csv", host=portal.host)
+    assert not (tmp_path / "ngsim.csv").exists()
+    portal.rows = "?"
+    assert download(tmp_path / "ngsim.csv", host=portal.host).expected_rows is None
+    portal.content = b"<html>sorry</html>\n"
+    with pytest.raises(InputError, match="the portal sent no NGSIM file: it begins with b'<html>sorry"):
+        download(tmp_path / "other.csv", host=portal.host)
+
+
+def test_offline_says_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stopped:  # nobody listens on port 9
+        data.main(["download", str(tmp_path / "ngsim.csv"), "--host", "http://127.0.0.1:9"])
+    assert stopped.value.code == 2
+    said = capsys.readouterr().err
+    for expected in (DATASET, "Vehicle Trajectories", "Export and CSV", str(tmp_path / "ngsim.csv"), "data convert"):
+        assert expected in said
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(InputError, match="expected it to begin with https://"):
+        download(tmp_path / "ngsim.csv", host="file:///etc")
+
+
+# Convert and info
+
+
+def test_convert_and_info_of_official_files(
+    portal_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data.main(["info", str(portal_file)])
+    said = capsys.readouterr().out
+    assert "4000 rows" in said and "us101_0750" in said and "i80_1600" in said
+    data.main(["convert", str(portal_file), str(tmp_path / "out")])
+    said = capsys.readouterr().out
+    assert "front centres moved by" in said
+    assert "i80_1600: 2000 rows" in said
+    data.main(["info", str(tmp_path / "out" / "i80_1600.parquet")])
+    assert "i80.net.xml" in capsys.readouterr().out
+    data.main(["convert", str(portal_file), str(tmp_path / "cut"), "--raw", "--crop", "local_y", "100", "200"])
+    capsys.readouterr()
+    assert Recording.read(tmp_path / "cut" / "us101_0750.parquet").table["x"].between(90.0, 200.0).all()
+
+
+def test_convert_with_a_mapping(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = tmp_path / "in.csv"
+    pd.DataFrame({"id": "a", "n": range(20), "x": np.arange(20) * 1.0, "y": 0.0}).to_csv(source, index=False)
+    columns = {"vehicle_id": "id", "frame": "n", "x": "x", "y": "y", "length": 4, "width": 2}
+    mapping = tmp_path / "m.yaml"
+    mapping.write_text(yaml.safe_dump({"name": "made", "columns": columns, "reference": "box_centre"}))
+    data.main(["convert", str(source), str(tmp_path / "out.parquet"), "--mapping", str(mapping)])
+    assert "0 to 19 (1.9 s at 10 Hz), 20 rows" in capsys.readouterr().out
+    assert len(Recording.read(tmp_path / "out.parquet").table) == 20
+    before = source.read_bytes(), mapping.read_bytes()
+    for given, out in ((source, source), (source, mapping)):
+        with pytest.raises(SystemExit) as stopped:
+            data.main(["convert", str(given), str(out), "--mapping", str(mapping)])
+        assert stopped.value.code == 2
+        assert f"{out}: is the input {out} itself, expected another file" in capsys.readouterr().err
+    assert (source.read_bytes(), mapping.read_bytes()) == before
+
+
+def test_one_mapping_for_several_recordings_with_vehicles_of_their_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    columns = {"vehicle_id": "id", "frame": "n", "x": "x", "y": "y", "length": "long", "width": 2}
+    fields = {"name": "made", "columns": columns, "reference": "box_centre"}
+    vehicles = {"vehicles": {"file": "01_meta.csv", "vehicle_id": "id"}}
+    (tmp_path / "m.yaml").write_text(yaml.safe_dump(fields | vehicles))
+    (tmp_path / "plain.yaml").write_text(yaml.safe_dump(fields | {"columns": columns | {"length": 4}}))
+    for number in (1, 2):
+        track = pd.DataFrame({"id": 7, "n": range(20), "x": np.arange(20) * 1.0, "y": 0.0})
+        track.to_csv(tmp_path / f"0{number}_tracks.csv", index=False)
+        (tmp_path / f"0{number}_meta.csv").write_text(f"id,long\n7,{3 + number}\n")
+    command = ["convert", str(tmp_path / "02_tracks.csv"), str(tmp_path / "out.parquet")]
+    second = ["--vehicles", str(tmp_path / "02_meta.csv")]
+    for options, length in (([], 4.0), (second, 5.0)):
+        data.main([*command, "--mapping", str(tmp_path / "m.yaml"), *options])
+        recording = Recording.read(tmp_path / "out.parquet")
+        assert set(recording.table["length"]) == {length}
+        assert str(tmp_path) not in str(recording.header.notes)
+    capsys.readouterr()
+    for options, said in (
+        ([], "--vehicles goes with --mapping"),
+        (["--mapping", str(tmp_path / "plain.yaml")], "field"),
+    ):
+        with pytest.raises(SystemExit) as stopped:
+            data.main([*command, *options, *second])
+        assert stopped.value.code == 2
+        assert said in capsys.readouterr().err
+
+
+def test_frames_of_signals_are_those_of_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """At 25 Hz, frame 50 is second 2."""
+    cars = [
+        pd.DataFrame({"id": number, "n": 25 * number + np.arange(75), "x": -126.6 + 0.4 * np.arange(75), "y": -4.95})
+        for number in range(6)
+    ]
+    pd.concat(cars).to_csv(tmp_path / "in.csv", index=False)
+    columns = {"vehicle_id": "id", "frame": "n", "x": "x", "y": "y", "length": 4, "width": 2}
+    fields = {"name": "made", "columns": columns, "reference": "box_centre", "rate_hz": 25, "signals": "signals.yaml"}
+    (tmp_path / "m.yaml").write_text(yaml.safe_dump(fields | {"net": "urban_like.net.xml"}))
+    states = {"file": "states.csv", "unit": "frame"}
+    (tmp_path / "signals.yaml").write_text(yaml.safe_dump({"groups": {"east": ["WA"]}, "states": states}))
+    (tmp_path / "states.csv").write_text("group,begin,state\neast,0,green\neast,50,red\neast,75,green\n")
+    command = ["convert", str(tmp_path / "in.csv"), str(tmp_path / "out.parquet")]
+    data.main([*command, "--mapping", str(tmp_path / "m.yaml")])
+    carried = Recording.read(tmp_path / "out.parquet").header.signals["changes"]
+    assert carried == [[0.0, "east", "green"], [2.0, "east", "red"], [3.0, "east", "green"]]
+    assert "east: 6 vehicles pass, 1 at red" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["convert", str(EMBEDDED), "out.parquet", "--raw"], "are for official NGSIM files"),
+        (["convert", str(EMBEDDED), "out.parquet", "--mapping", "absent.yaml"], "cannot be read"),
+        (["clean", "cut.txt", "cut.txt"], "cut.txt: is the input cut.txt itself"),
+        (["convert", str(EMBEDDED), "."], "is a folder, expected a file name"),
+        (["convert", str(EMBEDDED), "o.parquet", "--mapping", "m.yaml", "--raw"], "--mapping goes with neither"),
+        (["convert", "cut.txt", "more.txt", "out"], "more.txt: several files IN go with --mapping or --draft"),
+        (
+            ["convert", "in.csv", "m.yaml", "--draft", "--vehicles", "meta.csv", "--clip", "3"],
+            "without --vehicles, --clip",
+        ),
+        (["convert", "in.csv", "m.yaml", "--draft", "--mapping", "m2.yaml", "--raw"], "goes without --mapping, --raw"),
+        (["convert", "in.csv", "m.yaml", "--draft", "--crop", "x", "0", "1"], "--draft goes without --crop"),
+        (
+            ["convert", "in.csv", "m.yaml", "--draft", "--vehicles", "v.csv"],
+            "--draft goes without --vehicles: it reads IN alone; fields vehicles, clip and rows of the",
+        ),
+        (["convert", "cut.txt", "out"], "line 2: the file ends within this line"),
+        (["info", "cut.txt"], "line 2: the file ends within this line"),
+        (["plot", str(EMBEDDED), "out.gif"], "expected a name that ends with .png or .html"),
+        (["plot", str(EMBEDDED), "out.png", "--net", "absent.net.xml"], "absent.net.xml"),
+        (["plot", str(EMBEDDED), "/dev/null/out.png"], "cannot be written"),
+        (["plot", str(EMBEDDED), "out.png", "--at", "1"], "moments are drawn of an intersection"),
+        (["plot", str(STREET), "out.png", "--at", "nan"], "argument --at: 'nan', expected a number of at least 0"),
+        (["plot", str(STREET), "out.png", "--at", "99"], "moment 99: expected 0 to 20 s"),
+        (["plot", str(STREET), "out.png", "--signals", "absent.yaml"], "absent.yaml"),
+        (["export", "absent", "out.csv"], "absent"),
+    ],
+)
+def test_errors_take_one_line_and_status_2(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_text(table(Traffic(US101, "0750", 2)), tmp_path / "cut.txt")
+    text = (tmp_path / "cut.txt").read_text()
+    (tmp_path / "cut.txt").write_text(text[: len(text) - 60])
+    with pytest.raises(SystemExit) as stopped:
+        data.main(arguments)
+    assert stopped.value.code == 2
+    assert message in capsys.readouterr().err.strip().splitlines()[-1]
+    assert [path.name for path in tmp_path.iterdir()] == ["cut.txt"]
+
+
+def test_every_command_says_what_it_does(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        data.main(["--help"])
+    assert stopped.value.code == 0
+    said = capsys.readouterr().out
+    assert all(name in said for name in ("convert", "download", "export", "info", "list", "plot"))
+
+
+# Plot and export
+
+
+def test_plot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    crop = ["--crop", "frame", "0", "60"]
+    data.main(["plot", str(EMBEDDED), str(tmp_path / "out.png"), *crop])
+    assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG")
+    data.main(["plot", str(EMBEDDED), str(tmp_path / "out.html"), *crop, "--net", "us101_like"])
+    page = (tmp_path / "out.html").read_text()
+    assert page.count("data:image/png;base64,") == 2
+    assert not re.search(r'(src|href)="(?!data:)', page)  # needs no other file
+    assert "us101_like" in page
+
+
+def test_plot_finds_the_net_that_the_header_names(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from litsim_data.pictures import recording_plots
+
+    lanes: list[int] = []
+    drawn = recording_plots.draw
+    monkeypatch.setattr(recording_plots, "draw", lambda *given: (lanes.append(bool(given[3])), drawn(*given)))
+    part = Recording.read(EMBEDDED)
+    part = Recording.of_table(part.header, part.table[part.table["frame"] < 20])
+    for net in ("own.net.xml", "own", "us101_like.net.xml", "absent.net.xml"):
+        Recording.of_table(replace(part.header, net=net), part.table).write(tmp_path / "part.parquet")
+        shutil.copy(packaged("nets/us101_like.net.xml"), tmp_path / "own.net.xml")
+        data.main(["plot", str(tmp_path / "part.parquet"), str(tmp_path / "out.png")])
+    assert lanes == [True, True, True, False]
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1 and "drawn without lanes" in said[0] and "absent.net.xml" in said[0]
+
+
+def test_plot_of_an_intersection_shows_its_signals_at_each_moment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from litsim_data.pictures import recording_plots
+
+    drawn: list[tuple[tuple[str, ...], int]] = []
+    boxes: list[int] = []
+    lines, agents = recording_plots.draw_stop_lines, recording_plots.draw_boxes
+    monkeypatch.setattr(
+        recording_plots, "draw_stop_lines", lambda a, s, k: (drawn.append((s.groups, k)), lines(a, s, k))
+    )
+    monkeypatch.setattr(recording_plots, "draw_boxes", lambda a, t, c: (boxes.append(len(t.id)), agents(a, t, c)))
+    data.main(["plot", str(STREET), str(tmp_path / "out.html"), "--at", "2", "9.5"])
+    assert (tmp_path / "out.html").read_text().count("data:image/png;base64,") == 1
+    assert [step for _, step in drawn] == [0, 20, 95], "of the first frame with the tracks, and of each moment"
+    assert "A0" in drawn[0][0]
+    frames = Recording.read(STREET).table["frame"]
+    assert boxes == [int((frames == frames.min() + step).sum()) for step in (20, 95)]
+
+
+def test_plot_shows_the_signals_that_are_named_instead_of_the_recordings_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from litsim_data.pictures import recording_plots
+    from litsim_sim.lane_map.signal_links import read_links
+
+    given: list[Signals] = []
+    monkeypatch.setattr(recording_plots, "draw", lambda *drawn: given.append(drawn[4]))
+    link = read_links(packaged("nets/urban_like.net.xml"))[0].name
+    (tmp_path / "mine.yaml").write_text(f"groups: {{mine: ['{link}']}}\nchanges: [[0.0, mine, green]]\n")
+    options = [str(tmp_path / "out.png"), "--signals", str(tmp_path / "mine.yaml")]
+    data.main(["plot", str(STREET), *options])
+    (signals,) = given
+    assert signals.groups == ("mine",) and signals.link_names == (link,)
+    assert set(signals.states.ravel().tolist()) == {int(SignalState.GREEN)}
+
+    part = Recording.read(STREET)
+    Recording.of_table(replace(part.header, net="", signals={}), part.table).write(tmp_path / "netless.parquet")
+    with pytest.raises(SystemExit) as stopped:
+        data.main(["plot", str(tmp_path / "netless.parquet"), *options])
+    assert stopped.value.code == 2
+    assert "signals need a net: name it with --net" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("lanes", "said"), [(12, []), (14, ["the 12 busiest of 14 lanes"])])
+def test_plot_says_which_lanes_it_leaves_out(
+    tmp_path: Path, track: type, monkeypatch: pytest.MonkeyPatch, lanes: int, said: list[str]
+) -> None:
+    from matplotlib.axes import Axes
+
+    from litsim_data.pictures.recording_plots import draw
+    from litsim_sim.scenario.recording import RecordingHeader
+
+    titles: list[str] = []
+    monkeypatch.setattr(Axes, "set_title", lambda _, title, **__: titles.append(title))
+    rows = pd.concat([track(id=k, x=0.0, last=10 + k).rows().assign(lane=k) for k in range(1, lanes + 1)])
+    recording = Recording.from_table(RecordingHeader("many"), rows, "many")
+    for name in ("many.png", "many.html"):
+        draw(recording, tmp_path / name, "")
+        assert [title for title in titles if "busiest" in title] == said
+        assert sum(title.startswith("lane ") for title in titles) == 12
+        titles.clear()
+
+
+def test_plot_of_one_vehicle_without_lane(tmp_path: Path, track: type) -> None:
+    from litsim_data.pictures.recording_plots import draw
+    from litsim_sim.scenario.recording import RecordingHeader
+
+    for yaw in (0.0, 3.0):
+        recording = Recording.from_table(RecordingHeader("one"), track(id=1, x=0.0, yaw=yaw).rows(), "one")
+        draw(recording, tmp_path / "one.png", "")
+
+
+def a_run(agent_table: object, **fields: object) -> Run:
+    make = agent_table
+    tables = [
+        make(step, {"id": 3, "x": 1.0 + step, "controller": Controller.EGO}, {"id": 9, "y": -5.0})  # type: ignore[operator]
+        for step in range(4)
+    ]
+    info = RunInfo("r", "s", "", "idm", "litsim", 3, 0, 3, 1, 0.1, "lockstep", (), (), "", "")
+    return Run(Path("r.mcap"), info, tables, scenario_yaml="start_frame: 316\n", **fields)  # type: ignore[arg-type]
+
+
+def test_export_of_a_run(tmp_path: Path, agent_table: object) -> None:
+    rows = export.trajectories(a_run(agent_table))
+    assert list(rows.columns) == [*COLUMNS, "step", "yaw_rate", "controller"]
+    assert rows["frame"].tolist() == [316, 316, 317, 317, 318, 318, 319, 319]
+    assert rows["controller"].tolist()[:2] == ["ego", "log"]
+    assert set(rows["lane"]) == {-1}
+    for name in ("out.csv", "out.parquet"):
+        export.write(rows, tmp_path / name)
+    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "out.csv"), rows, check_dtype=False)
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "out.parquet"), rows, check_dtype=False)
+    with pytest.raises(InputError, match=r"expected a name that ends with \.csv or \.parquet"):
+        export.write(rows, tmp_path / "out.xlsx")
+
+
+def test_exported_lanes_count_from_the_left(agent_table: object) -> None:
+    net = packaged("nets/us101_like.net.xml").read_bytes()
+    rows = export.trajectories(a_run(agent_table, net_xml=net))
+    assert rows.loc[rows["vehicle_id"] == 9, "lane"].tolist() == [2] * 4  # y = -5 m: second from the left
+
+
+def test_exported_lanes_count_from_the_left_beside_a_footpath(agent_table: object) -> None:
+    """SUMO numbers footpaths, too, which are no lanes of cars: the leftmost lane was 0, which stands for none."""
+    lane = (
+        '<lane id="a_{0}" index="{0}" {1}="pedestrian" speed="13.9" length="300.0" width="3.5" shape="0,{2} 300,{2}"/>'
+    )
+    lanes = "".join(lane.format(*each) for each in ((0, "allow", -8.5), (1, "disallow", -5.0), (2, "disallow", -1.5)))
+    ends = "".join(f'<junction id="{name}" type="dead_end" x="0" y="0" incLanes="" intLanes=""/>' for name in "xy")
+    net = f'<net version="1.20"><edge id="a" from="x" to="y" priority="1">{lanes}</edge>{ends}</net>'
+    rows = export.trajectories(a_run(agent_table, net_xml=net.encode()))
+    assert rows["lane"].tolist() == [1, 2] * 4
+
+
+# The maker of big files
+
+
+def test_made_files_have_everything(tmp_path: Path) -> None:
+    made_ngsim.main([str(tmp_path / "made.csv"), "--rows", "3000"])
+    lines = (tmp_path / "made.csv").read_text().splitlines()
+    assert 2900 <= len(lines) <= 3100
+    assert all(site in "".join(lines) for site in ("us-101", "i-80", "lankershim", "peachtree"))

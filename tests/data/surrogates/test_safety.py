@@ -1,0 +1,176 @@
+"""Surrogate safety measures on scenes with answers known in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from litsim_data.surrogates.safety import SIGHT_M, following, safety_series, shortest_own_ttc, times_to_collision
+from litsim_sim.core.geometry import box_corners, to_body
+
+Make = Callable[..., Any]
+
+
+def time_to_collision(table: Any, row: int) -> float:
+    (ttc,) = times_to_collision(table, np.array([row]))
+    return float(ttc)
+
+
+def behind(table: Make, gap: float, speed: float, leader_speed: float, **leader: Any) -> Any:
+    """Agent 1 behind agent 2, `gap` metres from bumper to bumper; both are 4 m long."""
+    return table(
+        0,
+        {"id": 1, "x": 0.0, "y": 0.0, "speed": speed},
+        {"id": 2, "x": gap + 4.0, "y": 0.0} | {"speed": leader_speed} | leader,
+    )
+
+
+def test_ttc_is_gap_over_closing_speed(table: Make) -> None:
+    assert time_to_collision(behind(table, 9.75, 15.0, 10.0), 0) == pytest.approx(2.0, abs=0.051)
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        {"gap": 10.0, "speed": 10.0, "leader_speed": 10.0},  # not closing in
+        {"gap": 10.0, "speed": 10.0, "leader_speed": 12.0},  # opening
+        {"gap": 40.0, "speed": 20.0, "leader_speed": 10.0},  # in 4 s, beyond the horizon
+        {"gap": 10.0, "speed": 20.0, "leader_speed": 5.0, "y": 3.5},  # in the next lane
+    ],
+)
+def test_no_ttc(table: Make, scene: dict[str, Any]) -> None:
+    assert time_to_collision(behind(table, **scene), 0) == float("inf")
+
+
+def test_ttc_in_contact_is_zero_and_being_run_into_is_not_ones_own(table: Make) -> None:
+    assert time_to_collision(behind(table, -1.0, 10.0, 10.0), 0) == 0.0
+    assert time_to_collision(behind(table, 5.0, 15.0, 10.0), 1) == float("inf")
+
+
+def test_ttc_of_a_crossing(table: Make) -> None:
+    crossing = table(0, {"id": 1, "x": -20.0, "y": 0.0}, {"id": 2, "x": 0.0, "y": -20.0, "yaw": 1.5707963})
+    # fronts reach the other's flank 3 m before the crossing point: 20 - 2 - 1 = 17 m at 10 m/s
+    assert time_to_collision(crossing, 0) == pytest.approx(1.75, abs=0.06)
+
+
+def test_own_ttc_leaves_out_who_was_touched_from_then_on(table: Make) -> None:
+    """Agent 2 comes from behind, touches agent 1 at step 1, and overlaps its front at step 2; agent 3 stands ahead."""
+    scenes = [
+        table(
+            step,
+            {"id": 1, "x": 0.0, "y": 0.0},
+            {"id": 2, "x": x, "y": 0.0},
+            {"id": 3, "x": 4.0 + gap, "y": 0.0, "speed": 0.0},
+        )
+        for step, (x, gap) in enumerate(((-5.0, 28.5), (-3.0, 24.5), (2.0, 19.5)))
+    ]
+    assert shortest_own_ttc(scenes, 1, {2: 1}) == pytest.approx(2.0, abs=0.06)
+    assert shortest_own_ttc(scenes, 1, {2: 2}) == 0.0, "until then it counts"
+    assert shortest_own_ttc(scenes[:1], 1, {}) == pytest.approx(2.9, abs=0.06)
+    assert shortest_own_ttc(scenes, 4, {}) == float("inf")
+
+
+def test_headway_and_drac(table: Make) -> None:
+    found = following(behind(table, 20.0, 10.0, 5.0), np.array([0, 1]))
+    assert found.leader.tolist() == [1, -1]
+    assert found.gap.tolist() == [pytest.approx(20.0), np.inf]
+    assert found.closing.tolist() == [5.0, 0.0]
+    assert found.headway.tolist() == [pytest.approx(2.0), np.inf]
+    assert found.drac.tolist() == [pytest.approx(25.0 / 40.0), 0.0]
+    assert found.time_to_leader.tolist() == [pytest.approx(4.0), np.inf]
+
+
+def test_leader_in_contact(table: Make) -> None:
+    found = following(behind(table, -1.0, 10.0, 5.0), np.array([0]))
+    assert (found.gap[0], found.headway[0], found.drac[0], found.time_to_leader[0]) == (0.0, 0.0, np.inf, 0.0)
+    found = following(behind(table, -1.0, 5.0, 5.0), np.array([0]))
+    assert (found.gap[0], found.drac[0], found.time_to_leader[0]) == (0.0, 0.0, np.inf)
+
+
+def test_nearest_of_two_leaders_counts_and_neighbours_do_not(table: Make) -> None:
+    scene = table(
+        0,
+        {"id": 1, "x": 0.0, "y": 0.0},
+        {"id": 2, "x": 54.0, "y": 0.0},
+        {"id": 3, "x": 24.0, "y": 0.0},
+        {"id": 4, "x": 9.0, "y": 3.5},
+    )
+    found = following(scene, np.arange(4))
+    assert found.leader.tolist() == [2, -1, 1, -1]
+    assert found.headway[0] == pytest.approx(2.0)
+
+
+def test_the_gap_ends_where_the_leader_reaches_into_the_strip(table: Make) -> None:
+    """The tail of a vehicle that turns away lies beside the strip: only its front is in the way."""
+    turning = table(
+        0,
+        {"id": 1, "x": 0.0, "y": 0.0},
+        {"id": 2, "x": 20.0, "y": 3.0, "yaw": -np.pi / 4, "length": 8.0, "width": 2.0, "speed": 0.0},
+    )
+    found = following(turning, np.array([0]))
+    nose = np.array([20.0, 3.0]) + (4.0 * np.array([1.0, -1.0]) - np.array([1.0, 1.0])) / np.sqrt(2.0)  # its right side
+    assert found.gap[0] == pytest.approx(nose[0] + nose[1] - 1.0 - 2.0)  # that side goes up at 45 degrees to the strip
+
+
+def test_who_turns_away_beside_leads_nobody_though_its_tail_swings_in_behind(table: Make) -> None:
+    own = {"id": 1, "x": 0.0, "y": 0.0, "speed": 5.0}
+    truck = {"id": 2, "x": 1.0, "y": 3.5, "yaw": 0.2, "length": 18.0, "width": 2.5, "speed": 4.0}
+    alone = following(table(0, own, truck), np.array([0]))
+    assert (alone.leader[0], alone.gap[0], alone.headway[0], alone.drac[0]) == (-1, np.inf, np.inf, 0.0)
+    ahead = following(table(0, own, truck, {"id": 3, "x": 24.0, "y": 0.0}), np.array([0]))
+    assert (ahead.leader[0], ahead.gap[0]) == (2, pytest.approx(20.0))
+    touched = following(table(0, own, truck | {"y": 2.5}), np.array([0]))
+    assert (touched.leader[0], touched.gap[0]) == (1, 0.0), "it reaches into the strip beside the own box, too"
+
+
+def test_gaps_are_those_of_polygons(table: Make) -> None:
+    """Random boxes against the intersection of polygons with the strip."""
+    random = np.random.default_rng(11)
+    low, high = (-60.0, -12.0, -3.2, 0.4, 0.3), (90.0, 12.0, 3.2, 14.0, 3.0)
+    columns = ("x", "y", "yaw", "length", "width")
+    found = 0
+    for _ in range(20):
+        rows = random.uniform(low, high, (12, 5)).tolist()
+        scene = table(0, *({"id": i} | dict(zip(columns, row, strict=True)) for i, row in enumerate(rows)))
+        corners = box_corners(scene.x, scene.y, scene.yaw, scene.length, scene.width)
+        measured = following(scene, np.arange(12))
+        for k in range(12):
+            ahead, left = to_body(corners[..., 0] - scene.x[k], corners[..., 1] - scene.y[k], scene.yaw[k])
+            strip = shapely.box(-200.0, -scene.width[k] / 2, 200.0, scene.width[k] / 2)
+            places = [shapely.Polygon(box).intersection(strip) for box in np.stack([ahead, left], axis=-1)]
+            centre, _ = to_body(scene.x - scene.x[k], scene.y - scene.y[k], scene.yaw[k])
+            back = -scene.length[k] / 2
+            leads = [place.area > 0.0 and place.bounds[2] > back and centre[i] > 0.0 for i, place in enumerate(places)]
+            gaps = [place.bounds[0] + back if leads[i] and i != k else np.inf for i, place in enumerate(places)]
+            gap = min(gaps) if min(gaps) < SIGHT_M else np.inf
+            assert measured.gap[k] == pytest.approx(max(gap, 0.0), abs=1e-9)
+            assert measured.leader[k] == (int(np.argmin(gaps)) if np.isfinite(gap) else -1)
+            found += np.isfinite(gap)
+    assert found > 50
+
+
+def test_all_at_once_is_one_by_one(table: Make) -> None:
+    random = np.random.default_rng(7)
+    columns = ("x", "y", "yaw", "speed")
+    values = random.uniform((-40.0, -10.0, -3.0, 0.0), (40.0, 10.0, 3.0, 20.0), (30, 4))
+    scene = table(0, *({"id": i} | dict(zip(columns, row, strict=True)) for i, row in enumerate(values.tolist())))
+    together, apart = times_to_collision(scene, np.arange(30)), [time_to_collision(scene, row) for row in range(30)]
+    assert together.tolist() == apart
+    assert 0 < np.isfinite(together).sum() < 30
+    assert following(scene, np.arange(30)).headway.tolist() == [
+        following(scene, np.array([row])).headway[0] for row in range(30)
+    ]
+
+
+def test_series_covers_the_steps_on_the_road(table: Make) -> None:
+    tables = [
+        table(k, *([{"id": 1, "x": 1.0 * k, "y": 0.0}] if k >= 2 else []), {"id": 2, "x": 50.0, "y": 0.0, "speed": 0.0})
+        for k in range(5)
+    ]
+    series = safety_series(tables, 1)
+    assert series.step.tolist() == [2, 3, 4]
+    assert (series.headway[1:] < series.headway[:-1]).all()

@@ -1,0 +1,165 @@
+"""Files of recordings whose text or columns somebody has spoilt: a sound recording, or one line that names the file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from litsim_data.ngsim.sites import US101
+from litsim_sim.core.errors import InputError
+from litsim_sim.scenario.load import load_recording
+from litsim_sim.scenario.recording import COLUMNS, Recording, RecordingHeader
+from made_ngsim import Traffic, table, write_portal, write_text
+
+WORDS = (
+    "nan",
+    "inf",
+    "-1e308",
+    "1e999",
+    "",
+    '"',
+    '"1,0',
+    ",",
+    "  ",
+    "0x1F",
+    "fast",
+    "\0",
+    "\xff",
+    "9" * 40,
+    "-0",
+    "\n",
+)
+LINE_WAYS = ["word", "word", "word", "cut", "twice", "left out", "joined", "turned", "anything"]
+TABLE_WAYS = ["value", "value", "null", "type", "renamed", "left out", "twice", "rows", "none"]
+NUMBERS = [float("nan"), float("inf"), -1e300, 1e300, 0.0, -1.0, 0.5]
+
+
+def made_text(folder: Path, *, portal: bool) -> str:
+    path = folder / "made.txt"
+    (write_portal if portal else write_text)(table(Traffic(US101, "0750", rows=60)), path)
+    return path.read_text()
+
+
+@pytest.fixture(scope="module")
+def texts(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    folder = tmp_path_factory.mktemp("texts")
+    return [made_text(folder, portal=portal) for portal in (False, True)]
+
+
+@st.composite
+def spoilt_text(draw: st.DrawFn, text: str) -> bytes:
+    """`text` with a word in place of another, or lines left out, twice, cut, put together, or in another order."""
+    lines = text.splitlines()
+    for _ in range(draw(st.integers(1, 3))):
+        at = draw(st.integers(0, len(lines) - 1))
+        way = draw(st.sampled_from(LINE_WAYS))
+        separator = "," if "," in lines[at] else "  "
+        if way == "word":
+            words = lines[at].split(separator)
+            words[draw(st.integers(0, len(words) - 1))] = draw(st.sampled_from(WORDS) | st.text(max_size=5))
+            lines[at] = separator.join(words)
+        elif way == "cut":
+            lines[at] = lines[at][: draw(st.integers(0, len(lines[at])))]
+        elif way == "twice":
+            lines.insert(at, lines[at])
+        elif way == "left out" and len(lines) > 1:
+            del lines[at]
+        elif way == "joined" and at + 1 < len(lines):
+            lines[at : at + 2] = [lines[at] + lines[at + 1]]
+        elif way == "turned":
+            lines.reverse()
+        elif way == "anything":
+            lines[at] = draw(st.text(max_size=200))
+    return ("\n".join(lines) + "\n").encode("latin-1", errors="replace")
+
+
+def loaded(path: Path) -> Recording | None:
+    """The recording of a file, sound; None where it is refused."""
+    try:
+        recording = load_recording(path)
+    except InputError as error:
+        said = str(error)
+    else:
+        numbers = recording.table.select_dtypes("number").to_numpy(np.float64)
+        assert len(numbers) and np.isfinite(numbers).all()
+        assert not recording.table.duplicated(["vehicle_id", "frame"]).any()
+        return recording
+    assert said.startswith(str(path)) and "\n" not in said
+    return None
+
+
+@pytest.mark.parametrize("which", [0, 1], ids=["text", "portal"])
+@settings(max_examples=150)
+@given(data=st.data())
+def test_spoilt_ngsim_files_are_refused_or_sound(
+    texts: list[str], tmp_path_factory: pytest.TempPathFactory, which: int, data: Any
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "spoilt.txt"
+    path.write_bytes(data.draw(spoilt_text(texts[which])))
+    loaded(path)
+
+
+@pytest.mark.parametrize("which", [0, 1], ids=["text", "portal"])
+def test_the_files_are_sound_before(texts: list[str], tmp_path: Path, which: int) -> None:
+    path = tmp_path / "whole.txt"
+    path.write_text(texts[which])
+    recording = loaded(path)
+    assert recording is not None and len(recording.table) > 40
+
+
+@st.composite
+def spoilt_table(draw: st.DrawFn, whole: pa.Table) -> pa.Table:
+    """`whole` with a column of another type, of other values, renamed, twice or left out, or with other rows."""
+    at = draw(st.integers(0, whole.num_columns - 1))
+    name, column = whole.column_names[at], whole.column(at).to_pylist()
+    way = draw(st.sampled_from(TABLE_WAYS))
+    spoilt = whole.slice(0, 0)
+    if way in ("value", "null"):
+        column[draw(st.integers(0, len(column) - 1))] = None if way == "null" else draw(st.sampled_from(NUMBERS))
+        spoilt = whole.set_column(at, name, pa.array(column))
+    elif way == "type":
+        kinds: dict[str, Any] = {
+            "text": pa.array([str(value) for value in column]),
+            "bytes": pa.array([b"\xff"] * len(column)),
+            "list": pa.array([[value] for value in column]),
+            "time": pa.array([0] * len(column), pa.timestamp("ns")),
+            "small": pa.array([value % 100 for value in column]).cast(pa.int8(), safe=False),
+            "bool": pa.array([bool(value) for value in column]),
+            "nothing": pa.nulls(len(column)),
+        }
+        spoilt = whole.set_column(at, name, kinds[draw(st.sampled_from(sorted(kinds)))])
+    elif way == "renamed":
+        spoilt = whole.rename_columns([draw(st.text(max_size=5)) if c == name else c for c in whole.column_names])
+    elif way == "left out":
+        spoilt = whole.drop_columns([name])
+    elif way == "twice":
+        spoilt = whole.append_column(name, whole.column(at))
+    elif way == "rows":
+        rows = draw(st.lists(st.integers(0, whole.num_rows - 1), max_size=30))
+        spoilt = whole.take(pa.array(rows, pa.int64()))
+    return spoilt
+
+
+def recording_of(rows: int) -> Recording:
+    step = np.arange(rows)
+    same = {"yaw": 0.0, "speed": 10.0, "acceleration": 0.0, "length": 4.5, "width": 2.0, "kind": 0, "lane": -1}
+    cars = [pd.DataFrame({"vehicle_id": car, "frame": step, "x": step * 1.0, "y": 4.0 * car, **same}) for car in (1, 2)]
+    return Recording.from_table(RecordingHeader("made"), pd.concat(cars, ignore_index=True)[list(COLUMNS)], "made")
+
+
+@settings(max_examples=200)
+@given(data=st.data())
+def test_spoilt_parquet_is_refused_or_sound(tmp_path_factory: pytest.TempPathFactory, data: Any) -> None:
+    path = tmp_path_factory.getbasetemp() / "spoilt.parquet"
+    recording_of(10).write(path)
+    whole = pq.read_table(path)
+    pq.write_table(data.draw(spoilt_table(whole)).replace_schema_metadata(whole.schema.metadata), path)
+    loaded(path)

@@ -1,0 +1,79 @@
+"""The way of a step through the graph, from marks that are made up: which part is how long, and that they add up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import pytest
+
+from litsim_eval.analysis.step_path import step_path
+from litsim_eval.analysis.timing import timing
+
+if TYPE_CHECKING:
+    from litsim_sim.core.scene import AgentTable
+    from litsim_sim.record.run import Run
+
+BRIDGE = {"begin": 10.0, "shown": 10.001, "free": 10.004, "answered": 10.020, "complete": 10.021}
+MARKS = {
+    "bridge": {1: BRIDGE, 2: {name: time + 0.023 for name, time in BRIDGE.items()}},
+    "predictor": {1: {"begin": 10.002, "answered": 10.008}},
+    "conflict": {1: {"begin": 10.009, "answered": 10.012}},
+    "policy": {1: {"begin": 10.0125, "answered": 10.0185}},
+    "ego": {1: {"begin": 10.002, "answered": 10.003}},
+}
+PARTS = {
+    "bridge publishes": 0.001,
+    "hop to predictor": 0.001,
+    "predictor": 0.006,
+    "hop to conflict": 0.001,
+    "conflict": 0.003,
+    "hop to policy": 0.0005,
+    "policy": 0.006,
+    "wait for ego": 0.0,
+    "hop to bridge": 0.0015,
+    "recorder": 0.001,
+    "world": 0.002,
+}
+
+
+def test_a_step_is_cut_at_its_marks_in_order() -> None:
+    path = step_path(1, MARKS)
+    assert list(path)[: len(PARTS)] == list(PARTS)
+    assert {name: path[name] for name in PARTS} == pytest.approx(PARTS, abs=1e-9)
+    assert path["(bridge: standard types and SUMO)"] == pytest.approx(0.003)
+
+
+def test_the_parts_add_up_to_the_whole_step() -> None:
+    path = step_path(1, MARKS)
+    assert sum(path[name] for name in PARTS) == pytest.approx(path["whole step"], abs=1e-9)
+
+
+def test_an_ego_that_is_later_than_the_policy_is_waited_for() -> None:
+    path = step_path(1, MARKS | {"ego": {1: {"begin": 10.002, "answered": 10.0195}}})
+    assert path["wait for ego"] == pytest.approx(0.001)
+    assert path["hop to bridge"] == pytest.approx(0.0005)
+    assert step_path(1, {k: v for k, v in MARKS.items() if k != "ego"})["wait for ego"] == 0.0, "an external one"
+
+
+@pytest.mark.parametrize("stage", ["bridge", "policy"])
+def test_a_step_that_was_not_marked_by_all_has_no_path(stage: str) -> None:
+    alone = {"bridge": MARKS["bridge"]} if stage == "policy" else {k: v for k, v in MARKS.items() if k != stage}
+    assert step_path(1, alone) == {}
+    assert step_path(2, MARKS) == {}, "nobody knows how long the world took"
+
+
+def test_a_run_tells_the_spread_of_every_part(make_run: Callable[..., Run], table: Callable[..., AgentTable]) -> None:
+    marks = {stage: dict(each) for stage, each in MARKS.items()}
+    for stage in MARKS:
+        marks[stage][2] = {name: time + 0.023 for name, time in MARKS[stage][1].items()}
+    marks["bridge"][3] = {"begin": 10.048}  # the world took 2 ms longer than the time before
+    path = timing(make_run([table(step) for step in range(4)], marks=marks)).path
+    assert (path["world"].min, path["world"].median, path["world"].max) == pytest.approx((2.0, 3.0, 4.0))
+    assert path["predictor"].min == pytest.approx(path["predictor"].max) == pytest.approx(6.0)
+
+
+@pytest.mark.parametrize("stage", ["predictor", "conflict", "policy"])
+def test_a_step_that_one_stage_has_not_marked_has_no_path_though_others_have(stage: str) -> None:
+    marks = MARKS | {stage: {2: MARKS[stage][1]}}
+    assert step_path(1, marks) == {}

@@ -1,0 +1,151 @@
+"""The folder of a campaign: how a campaign is gone on with, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from campaigns import CRITERIA, EGO, VERSIONS, cases, metrics, suite
+from litsim_eval.campaign.case import Case
+from litsim_eval.campaign.criteria import Criteria
+from litsim_eval.campaign.folder import CampaignFolder
+from litsim_eval.campaign.results import (
+    CAMPAIGN_FILE,
+    RunResult,
+    Verdict,
+    read_campaign,
+)
+from litsim_sim.core.errors import InputError
+
+
+@pytest.fixture
+def case() -> Case:
+    return cases(policies=["litsim"])[0]
+
+
+def test_a_finished_case_is_not_left_to_do_and_an_unfinished_one_leaves_nothing(tmp_path: Path) -> None:
+    first, second = made = cases()
+    folder = CampaignFolder(tmp_path)
+    assert folder.begin(suite(), made, VERSIONS) == {}
+    folder.clear(first)
+    folder.store(RunResult.judged(first, metrics(), CRITERIA))
+    (folder.clear(second) / "half.mcap").write_text("killed here")
+
+    done = CampaignFolder(tmp_path).begin(suite(), made, VERSIONS)
+
+    assert list(done) == [first.id] and done[first.id].verdict == Verdict.PASSED
+    assert not folder.run_folder(second).exists()
+    campaign = read_campaign(tmp_path)
+    assert campaign.cases == tuple(made) and campaign.missing == (second,)
+    assert campaign.results == (done[first.id],)
+    assert campaign.criteria == CRITERIA and campaign.versions == VERSIONS
+
+
+def test_going_on_keeps_when_it_began(tmp_path: Path) -> None:
+    CampaignFolder(tmp_path).begin(suite(), cases(), VERSIONS)
+    file = tmp_path / CAMPAIGN_FILE
+    values = json.loads(file.read_text()) | {"begun_at": "2020-01-01T00:00:00+00:00"}
+    file.write_text(json.dumps(values))
+    CampaignFolder(tmp_path).begin(suite(), cases(), VERSIONS)
+    assert read_campaign(tmp_path).begun_at == values["begun_at"]
+
+
+def test_more_cases_may_be_asked_for_and_other_ones_may_not(tmp_path: Path) -> None:
+    few, many, other = cases(), cases(seeds=[0, 1]), cases(egos=["log"])
+    CampaignFolder(tmp_path).begin(suite(), few, VERSIONS)
+    CampaignFolder(tmp_path).begin(suite(), many, VERSIONS)
+    said = rf"another campaign: 4 of its 4 cases .* such as demo/{EGO}/idm/replay/0; .*--ove"
+    with pytest.raises(InputError, match=said):
+        CampaignFolder(tmp_path).begin(suite(), other, VERSIONS)
+    assert len(read_campaign(tmp_path).cases) == 4
+
+
+def test_another_version_is_refused_and_named(tmp_path: Path) -> None:
+    from litsim_eval.campaign.case import cases_of
+
+    CampaignFolder(tmp_path).begin(suite(), cases(), VERSIONS)
+    later = VERSIONS | {"sources": "c"}
+    with pytest.raises(InputError, match=r"\(sources b, now c\)"):
+        CampaignFolder(tmp_path).begin(suite(), cases_of(suite(), with_versions=later), later)
+
+
+def test_overwriting_begins_anew(tmp_path: Path) -> None:
+    first, _ = made = cases()
+    folder = CampaignFolder(tmp_path)
+    folder.begin(suite(), made, VERSIONS)
+    folder.store(RunResult.judged(first, metrics(), CRITERIA))
+    folder.write_results([])
+    assert folder.begin(suite(egos=["log"]), cases(egos=["log"]), VERSIONS, overwrite=True) == {}
+    assert not list(tmp_path.glob("**/result*.json"))
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_what_others_have_in_the_folder_stays(tmp_path: Path, *, overwrite: bool) -> None:
+    made = cases()
+    theirs = tmp_path / "runs" / "exp1" / "weights.pt"
+    theirs.parent.mkdir(parents=True)
+    theirs.write_text("of a training")
+    if overwrite:
+        CampaignFolder(tmp_path).begin(suite(), made, VERSIONS)
+    CampaignFolder(tmp_path).begin(suite(), made, VERSIONS, overwrite=overwrite)
+    assert theirs.read_text() == "of a training"
+
+
+def test_overwriting_leaves_no_verdicts_of_before(tmp_path: Path) -> None:
+    CampaignFolder(tmp_path).begin(suite(), cases(), VERSIONS)
+    for name in ("junit.xml", "experiment.html", "results.json"):
+        (tmp_path / name).write_text("passed")
+    CampaignFolder(tmp_path).begin(suite(), cases(), VERSIONS, overwrite=True)
+    assert not [each for each in tmp_path.iterdir() if each.is_file() and each.read_text() == "passed"]
+
+
+def test_a_run_whose_folder_cannot_be_made_is_told(tmp_path: Path, case: Case) -> None:
+    folder = CampaignFolder(tmp_path)
+    folder.run_folder(case).parent.mkdir()
+    folder.run_folder(case).write_text("a file")
+    with pytest.raises(InputError, match=rf"runs/{case.id}: cannot be made: File exists"):
+        folder.clear(case)
+
+
+def test_other_criteria_judge_what_was_measured_again(tmp_path: Path) -> None:
+    first, second = made = cases()
+    folder = CampaignFolder(tmp_path)
+    folder.begin(suite(), made, VERSIONS)
+    folder.store(RunResult.judged(first, metrics(at_fault=1), CRITERIA, report="report.html"))
+    folder.store(RunResult.error(second, "no answer"))
+    milder = Criteria(runs=[{"field": "collision.ego_at_fault", "max": 1}])
+
+    done = folder.begin(suite(criteria=milder), made, VERSIONS)
+
+    assert done[first.id].verdict == Verdict.PASSED and done[first.id].report == "report.html"
+    assert done[second.id].verdict == Verdict.ERROR
+    assert read_campaign(tmp_path).results[0].verdict == Verdict.PASSED
+
+
+def test_a_suite_told_more_since_tells_it_of_old_results(tmp_path: Path) -> None:
+    made = cases()
+    folder = CampaignFolder(tmp_path)
+    folder.begin(suite(), made, VERSIONS)
+    folder.store(RunResult.judged(made[0], metrics(), CRITERIA))
+    tagged = cases(cases=[{"scenario": "demo", "egos": "ego", "tags": ["hard"]}])
+    assert folder.begin(suite(), tagged, VERSIONS)[made[0].id].case.tags == ("hard",)
+
+
+def test_all_results_in_one_file(tmp_path: Path, case: Case) -> None:
+    folder = CampaignFolder(tmp_path)
+    result = RunResult.judged(case, metrics(), CRITERIA)
+    path = folder.write_results([result], rows={"idm, litsim": {"runs": 1}})
+    values = json.loads(path.read_text())
+    assert values["rows"] == {"idm, litsim": {"runs": 1}}
+    assert [RunResult.from_json(each) for each in values["runs"]] == [result]
+
+
+def test_two_at_a_time_are_refused(tmp_path: Path) -> None:
+    first, second = CampaignFolder(tmp_path), CampaignFolder(tmp_path)
+    said = "another campaign is running here"
+    with first.alone(), pytest.raises(InputError, match=said), second.alone():
+        pass
+    with second.alone():
+        assert tmp_path.is_dir()

@@ -1,0 +1,112 @@
+"""`compare` of two campaigns: what it prints, its exit status, what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from campaigns import CRITERIA, EGO, VERSIONS, cases, metrics, suite
+from litsim_eval.campaign.folder import CampaignFolder
+from litsim_eval.campaign.results import RunResult
+from litsim_eval.cli.compare import main
+from litsim_sim.scenario.scenario import Scenario
+
+VEHICLES = Scenario.load("demo").possible_egos
+
+
+def by_vehicle(count: int) -> dict[str, Any]:
+    """A suite of `count` vehicles, with one run each."""
+    return {"policies": ["litsim"], "cases": [{"scenario": "demo", "egos": list(VEHICLES[:count])}]}
+
+
+def campaign(folder: Path, at_fault: list[int], suited: dict[str, Any] | None = None, **values: float) -> str:
+    """A run for each of `at_fault`: by default of one vehicle, by seeds from 0."""
+    asked = suited or {"policies": ["litsim"], "seeds": list(range(len(at_fault)))}
+    lies = CampaignFolder(folder)
+    made = cases(**asked)
+    lies.begin(suite(**asked), made, VERSIONS)
+    for seed, (case, hits) in enumerate(zip(made, at_fault, strict=True)):
+        measured = metrics(at_fault=hits, **{name: value + seed for name, value in values.items()})
+        lies.store(RunResult.judged(case, measured, CRITERIA, report="report.html"))
+    return str(folder)
+
+
+def test_a_newly_failing_case_is_status_1_with_both_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before, after = campaign(tmp_path / "a", [0, 1, 0]), campaign(tmp_path / "b", [0, 0, 1])
+    with pytest.raises(SystemExit) as ended:
+        main([before, after])
+    assert ended.value.code == 1
+    out = capsys.readouterr().out
+    assert f"1 of 3 newly failing\n  demo/{EGO}/idm/litsim/2\n    was passed\n" in out
+    assert "    is failed\n      no contact at fault: collision.ego_at_fault is 1, expected at most 0\n" in out
+    assert f"1 of 3 newly passing\n  demo/{EGO}/idm/litsim/1\n" in out
+    for folder in (before, after):
+        assert sum(line.strip().startswith(f"{folder}/runs/") for line in out.splitlines()) == 2
+        assert f"{folder}/runs/" in out and "report.html" in out
+
+
+def test_better_or_equal_is_status_0(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before, after = campaign(tmp_path / "a", [0, 1]), campaign(tmp_path / "b", [0, 0])
+    main([before, after])
+    assert "0 of 2 newly failing" in capsys.readouterr().out
+    main([after, after])
+    assert "0 of 2 newly passing" in capsys.readouterr().out
+
+
+def test_clear_changes_are_shown_and_the_others_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = campaign(tmp_path / "a", [0, 0, 0], by_vehicle(3), progress_m=10.0)
+    after = campaign(tmp_path / "b", [0, 0, 0], by_vehicle(3), progress_m=12.0)
+    main([before, after])
+    out = capsys.readouterr().out
+    row = next(line for line in out.splitlines() if "progress_m" in line)
+    assert row.split() == ["*", "progress_m", "3", "11", "13", "+2", "2", "..", "2"]
+    assert "of fewer than 20 vehicles it is too narrow" in out
+    assert max(map(len, out[out.index("mean over") :].splitlines())) <= 100
+
+
+def test_names_of_measures_stay_whole_at_100_columns(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    name = "comfort.ego.within.longitudinal_acceleration"
+    folders = []
+    for at, value in (("a", -1.23456e-5), ("b", 1.23456e-5)):
+        folder = CampaignFolder(tmp_path / at)
+        asked = by_vehicle(2)
+        folder.begin(suite(**asked), cases(**asked), VERSIONS)
+        for number, case in enumerate(cases(**asked)):
+            within = {"longitudinal_acceleration": value * (1 + number)}
+            measured = metrics(comfort={"ego": {"within": within}})
+            folder.store(RunResult.judged(case, measured, CRITERIA))
+        folders.append(str(folder.path))
+    main(folders)
+    lines = capsys.readouterr().out.splitlines()
+    row = next(line for line in lines if name in line)
+    assert "-1.9e-05 1.9e-05 +3.7e-05" in row and len(row) <= 100
+
+
+def test_json_has_everything(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before, after = campaign(tmp_path / "a", [0]), campaign(tmp_path / "b", [0])
+    main([before, after, "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert found["common"] == 1 and found["newly_failing"] == []
+    assert [each["name"] for each in found["measures"]] == ["passed", "valid", "collision.ego_at_fault"]
+
+
+@pytest.mark.parametrize(("others", "said"), [(["none"], "none: no folder of a campaign"), (["a", "a"], "3 campaigns")])
+def test_what_is_no_pair_of_campaigns_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], others: list[str], said: str
+) -> None:
+    before = campaign(tmp_path / "a", [0])
+    with pytest.raises(SystemExit) as ended:
+        main([before, *(str(tmp_path / other) for other in others)])
+    assert ended.value.code == 2
+    assert said in capsys.readouterr().err
+
+
+def test_enough_vehicles_are_not_called_few(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, repeated = campaign(tmp_path / "a", [0] * 20, by_vehicle(20)), campaign(tmp_path / "b", [0] * 20)
+    main([folder, folder])
+    assert "too narrow" not in capsys.readouterr().out
+    main([repeated, repeated])
+    assert "too narrow" in capsys.readouterr().out, "20 seeds of one vehicle are few"

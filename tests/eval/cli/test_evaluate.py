@@ -1,0 +1,372 @@
+"""`evaluate`: what is wrong is said before the first run, every run has a verdict, and what was interrupted goes on."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from campaigns import EGO, scenario_file, told
+from litsim_eval.campaign.results import read_campaign
+from litsim_eval.cli import evaluate, run
+from litsim_sim.scenario.scenario import packaged
+
+PATIENCE_S = 120.0  # for what takes seconds
+FAULT = {"runs": [{"name": "no fault", "field": "collision.ego_at_fault", "max": 0}]}
+
+
+@pytest.fixture
+def scenario(make_scenario, track, tmp_path: Path) -> Path:
+    path = tmp_path / "short.yaml"
+    path.write_text(make_scenario(track(1, x=100.0, last=20), track(2, x=60.0, last=20)).to_yaml())
+    return path
+
+
+@pytest.fixture
+def criteria(tmp_path: Path) -> Path:
+    path = tmp_path / "criteria.yaml"
+    path.write_text(yaml.safe_dump(FAULT))
+    return path
+
+
+def called(*words: object) -> int:
+    """Exit status of `evaluate` with these words, in this process."""
+    try:
+        evaluate.main([str(word) for word in words])
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return 0
+
+
+def results(out: Path) -> dict[str, Any]:
+    return json.loads((out / "results.json").read_text())
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ["--policy", "replay", "--set", "conflct.horizon=2"],
+            "row idm, replay: no stage of this run: conflct; expected ego",
+        ),
+        (
+            ["--policy", "yield", "--set", "conflict.horizon=2,-1"],
+            "conflict: parameter horizon is -1, expected a number of at least 0.1 and at most 60 [s]",
+        ),
+        (["--set", "conflict.handback=jump"], "conflict: parameter handback is 'jump'"),
+        (["--egos", "2,99999"], "99999"),
+        (["--egos", "tuning"], "tuning"),
+        (["--processes", "0"], "'0', expected a whole number of at least 1"),
+        (["--ego", "external", "--", "no_such_stack"], "no_such_stack: no such program"),
+        (["--policy", "litsm"], "--policy litsm (near: litsim"),
+        (["--scenario", "nowhere"], "nowhere"),
+    ],
+)
+def test_what_is_wrong_is_said_before_the_first_run(
+    monkeypatch, capsys, tmp_path, scenario, words: list[str], said: str
+) -> None:
+    monkeypatch.setattr(evaluate, "LocalRuns", lambda *_: pytest.fail("runs have begun"))
+    given = words if words[0] == "--scenario" else ["--scenario", scenario, *words]
+    assert called("--out", tmp_path / "out", *given) == 2
+    error = capsys.readouterr().err
+    assert said in error and "Traceback" not in error
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("", "line 2, field cases.0: egos: 99999 not there at the start of "),
+        (
+            "parameters: {conflict.horizon: [2, -1]}",
+            "line 5, field parameters.conflict.horizon: row idm, litsim, horizon=-1: conflict: parameter horizon is",
+        ),
+        (
+            "policies: [replay, {name: a, kind: litsim,\nparameters: {conflict.horizn: 1}}]",
+            "line 5, field policies.1.parameters.conflict.horizn: row idm, litsim, a: conflict: unknown parameter",
+        ),
+        (
+            "policies: [replay]\nparameters:\n  predictor.model: cv\n  ego.kind: brake",
+            "line 7, field parameters.ego.kind: row idm, replay: ego: unknown parameter kind",
+        ),
+        (
+            "egos:\n- {name: own, kind: external, command: [no_such_stack], parameters: {bridge.patience: 1}}",
+            "row own, litsim: bridge: unknown parameter patience",
+        ),
+    ],
+)
+def test_what_is_wrong_in_a_suite_is_told_with_its_file(capsys, tmp_path, scenario, more: str, said: str) -> None:
+    suite = tmp_path / "suite.yaml"
+    entry = f"{{scenario: {scenario}, ego_id: {1 if more else 99999}}}"
+    usual = [line for line in ("egos: [idm]", "policies: [litsim]") if line.split(":")[0] not in more]
+    suite.write_text("\n".join(["name: some", f"cases: [{entry}]", *usual, more, ""]))
+    assert called("--suite", suite, "--out", tmp_path / "out") == 2
+    assert capsys.readouterr().err.startswith(f"error: {suite}: {said}")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("limit", "said"),
+    [
+        ("passed, min: 5", "at least 5"),
+        ("errors, equals: 5", "5"),
+        ("failed, one_of: [6, 5]", "one of 6, 5"),
+        ("passed, min: 4", None),
+        ("failed, max: 9", None),
+        ("passed_share, min: 0.5", None),
+    ],
+)
+def test_a_count_of_more_runs_than_there_are_is_refused(capsys, tmp_path, scenario, limit: str, said: str) -> None:
+    """Two policies drive with two egos."""
+    run = "{field: collision.excess, max: 0}"
+    kept = f"{{runs: [{run}], suite: [{{field: errors, max: 0}}, {{name: mine, field: {limit}}}]}}"
+    suite, criteria = tmp_path / "suite.yaml", tmp_path / "criteria.yaml"
+    text = f"name: some\ncases: [{{scenario: {scenario}, ego_id: 1}}]\negos: [idm, log]\npolicies: [yield, replay]\n"
+    suite.write_text(text + f"criteria: {kept}\n")
+    criteria.write_text(kept)
+    wanted = f"{limit.partition(',')[0]} is at most 4, the number of runs, expected {said}\n"
+    given = {f"{suite}: field criteria.suite.1": [], f"{criteria}: field suite.1": ["--criteria", criteria]}
+    for where, words in given.items():
+        status = called("--suite", suite, "--out", tmp_path / "out", "--dry-run", *words)
+        assert status == (2 if said else 0)
+        assert capsys.readouterr().err == (f"error: {where}: {wanted}" if said else "")
+
+
+@pytest.mark.parametrize("policy", ["replay", "yield"])
+def test_the_table_tells_of_takeovers_where_there_can_be_any(capsys, tmp_path, scenario, policy: str) -> None:
+    called("--scenario", scenario, "--policy", policy, "--egos", "1", "--out", tmp_path / "out")
+    assert ("takeovers per run" in capsys.readouterr().out) == (policy == "yield")
+
+
+def test_intervals_stand_behind_the_figures_on_demand(capsys, tmp_path) -> None:
+    words = ["--policy", "replay", "--egos", "7", "20", "24", "--out", tmp_path / "out"]
+    called(*words, "--intervals")
+    found = re.search(r"colliding agents +(\d+) \[(\d+), (\d+)\]", capsys.readouterr().out)
+    assert found is not None and int(found[2]) < int(found[1]) < int(found[3])
+    called(*words)
+    assert re.search(r"colliding agents +\d+ *\n", capsys.readouterr().out)
+
+
+def test_policies_and_egos_can_be_chosen_by_their_names_in_the_suite(tmp_path, scenario) -> None:
+    suite = tmp_path / "suite.yaml"
+    policies = ["replay", "yield", {"name": "short", "kind": "yield", "parameters": {"conflict.horizon": 1.5}}]
+    egos = ["idm", {"name": "brake", "kind": "perturbed", "parameters": {"ego.kind": "brake"}}]
+    cases = [{"scenario": str(scenario), "egos": [1]}]
+    suite.write_text(yaml.safe_dump({"name": "some", "cases": cases, "egos": egos, "policies": policies}))
+    called("--suite", suite, "--policy", "short", "replay", "--ego", "brake", "--out", tmp_path / "out")
+    found = [each["case"] for each in results(tmp_path / "out")["runs"]]
+    assert sorted(each["row"] for each in found) == ["brake, replay", "brake, yield, short"]
+    assert [each["parameters"] for each in found if each["policy"] == "yield"] == [{"conflict.horizon": 1.5}]
+
+
+def test_two_files_of_one_name_would_be_one_run_and_are_refused(capsys, tmp_path, scenario) -> None:
+    other = tmp_path / "elsewhere" / scenario.name
+    other.parent.mkdir()
+    shutil.copy(scenario, other)
+    assert called("--scenario", scenario, other, "--out", tmp_path / "out") == 2
+    assert "are all called short" in capsys.readouterr().err
+
+
+def test_all_are_those_that_can_be_the_ego(tmp_path, scenario) -> None:
+    words = ["--scenario", scenario, "--policy", "replay", "--egos", "all", "--out", tmp_path / "out"]
+    called(*words, "--ego", "perturbed", "--set", "ego.kind=brake", "ego.time=[0.0, 0.0]")
+    assert [each["case"]["ego_id"] for each in results(tmp_path / "out")["runs"]] == [1, 2]
+
+
+def test_several_egos_and_values_are_rows_of_the_table(capsys, tmp_path, criteria) -> None:
+    """In this scene those behind the ego are under control for less time if their logs may be shifted."""
+    waves = {"recording": str(packaged("scenarios/us101_like.parquet")), "ego": 7, "egos": [7]}
+    words = ["--policy", "replay", "yield", "--set", "conflict.handback=catch_up,time_shift", "--egos", "ego"]
+    words += ["--scenario", scenario_file(tmp_path, "waves", **waves)]
+    called("--ego", "idm", "log", *words, "--out", tmp_path / "out", "--criteria", criteria)
+    found = results(tmp_path / "out")["rows"]
+    rows = ["replay", "yield, handback=catch_up", "yield, handback=time_shift"]
+    assert list(found) == [f"{ego}, {row}" for ego in ("idm", "log") for row in rows]
+    assert found["idm, yield, handback=time_shift"]["held_s"] < found["idm, yield, handback=catch_up"]["held_s"]
+    printed = capsys.readouterr().out
+    assert "time under control s" in printed and "  6  log, yield, handback=time_shift\n" in printed
+
+
+def test_seeds_are_runs_of_their_own(tmp_path) -> None:
+    words = ["--ego", "perturbed", "--policy", "replay", "--egos", "3", "--seeds", "1", "2", "--out", tmp_path / "out"]
+    called(*words)
+    one, two = results(tmp_path / "out")["runs"]
+    assert [each["case"]["seed"] for each in (one, two)] == [1, 2]
+    assert one["metrics"]["digest"] != two["metrics"]["digest"]
+
+
+@pytest.mark.parametrize(("limit", "status"), [(0, 1), (100, 0)])
+def test_the_exit_status_is_the_verdict_by_the_criteria(tmp_path, capsys, limit: int, status: int) -> None:
+    criteria = tmp_path / "criteria.yaml"
+    some = {"name": "few", "field": "collision.excess", "max": limit}
+    criteria.write_text(yaml.safe_dump({"runs": [some]}))
+    words = ["--policy", "replay", "--egos", "ego", "--criteria", criteria, "--out", tmp_path / "out"]
+    assert called(*words) == status
+    said = capsys.readouterr()
+    assert (f"demo/{EGO}/idm/replay: failed: few: collision.excess is " in said.err) == bool(status)
+    assert f"{1 - status} passed, {status} failed, 0 errors" in said.out
+    found = results(tmp_path / "out")
+    assert found["verdict"] == ("failed" if status else "passed")
+    assert found["rows"]["idm, replay"]["colliding_runs"] == 1
+    page = tmp_path / "out/experiment.html"
+    assert f"report: {page}\n" in said.out
+    assert ('<span class="badge bad">not passed</span>' in page.read_text()) == bool(status)
+
+
+def test_a_run_that_fails_is_marked_in_the_table_listed_and_run_again_on_demand(
+    monkeypatch, capsys, tmp_path, scenario, criteria
+) -> None:
+    net, other = tmp_path / "lost.net.xml", tmp_path / "lost.yaml"
+    fields = yaml.safe_load(scenario.read_text())
+    shutil.copy(fields["net"], net)
+    other.write_text(yaml.safe_dump(fields | {"net": str(net)}))
+    words = ["--scenario", scenario, other, "--egos", "1", "--policy", "replay", "--out", tmp_path / "out"]
+    words += ["--criteria", criteria]
+    kept = tmp_path / "kept"
+    local_runs = evaluate.LocalRuns
+
+    def without_net(*given: Any) -> Any:
+        net.rename(kept)  # gone after all was checked, before the run
+        return local_runs(*given)
+
+    monkeypatch.setattr(evaluate, "LocalRuns", without_net)
+    assert called(*words) == 1
+    monkeypatch.undo()
+    said = capsys.readouterr()
+    cells = {line.rsplit(maxsplit=1)[0].strip(): line.split()[-1] for line in said.out.splitlines() if line.split()}
+    assert (cells["runs"], cells["passed"], cells["errors"]) == ("2", "1", "1")
+    assert cells["agents"].endswith("*") and not cells["reactive %"].endswith("*")
+    assert "error: lost/1/idm/replay: error: " in said.err and "lost.net.xml" in said.err
+    found = {each["case"]["name"]: each["verdict"] for each in results(tmp_path / "out")["runs"]}
+    assert found == {"short/1/idm/replay": "passed", "lost/1/idm/replay": "error"}
+
+    kept.rename(net)
+    assert called(*words) == 1, "it is known how that run has come out"
+    assert called(*words, "--dry-run", "--retry-errors") == 0
+    assert "to run  lost/1/idm/replay\n" in capsys.readouterr().out
+    assert called(*words, "--retry-errors") == 0
+    assert results(tmp_path / "out")["verdict"] == "passed"
+
+
+def test_a_dry_run_says_what_would_be_run_and_touches_nothing(capsys, tmp_path, scenario, criteria) -> None:
+    words = ["--scenario", scenario, "--egos", "1", "--policy", "replay", "--out", tmp_path / "out"]
+    words += ["--criteria", criteria]
+    assert called(*words, "--dry-run") == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "to run  short/1/idm/replay",
+        "0 passed, 0 failed, 0 errors; 1 of 1 to be run",
+    ]
+    assert not (tmp_path / "out").exists()
+    called(*words)
+    capsys.readouterr()
+    words[3] = "1,2"
+    assert called(*words, "--dry-run") == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "passed  short/1/idm/replay",
+        "to run  short/2/idm/replay",
+        "1 passed, 0 failed, 0 errors; 1 of 2 to be run",
+    ]
+
+
+def test_runs_that_are_done_are_not_run_again(monkeypatch, tmp_path, scenario) -> None:
+    words = ["--scenario", scenario, "--egos", "1", "--policy", "replay", "--out", tmp_path / "out"]
+    called(*words)
+    (done,) = read_campaign(tmp_path / "out").results
+    called(*words[:3], "1,2", *words[4:])
+    assert [result.case.ego_id for result in read_campaign(tmp_path / "out").results] == [1, 2]
+    assert read_campaign(tmp_path / "out").results[0] == done
+
+
+def test_another_campaign_in_the_folder_is_kept_unless_it_may_go(capsys, tmp_path, scenario) -> None:
+    words = ["--scenario", scenario, "--policy", "replay", "--out", tmp_path / "out"]
+    called(*words, "--egos", "1")
+    assert called(*words, "--egos", "2") == 2
+    assert "holds another campaign" in capsys.readouterr().err
+    called(*words, "--egos", "2", "--overwrite")
+    assert [each["case"]["ego_id"] for each in results(tmp_path / "out")["runs"]] == [2]
+
+
+DEMO = ("--egos", "3,7,24", "--ego", "idm", "perturbed", "--policy", "replay", "--processes", "2")
+
+
+@pytest.fixture(scope="module")
+def short_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first seconds of the demo: six of its runs take a while, which is enough to end them midway."""
+    return Path(scenario_file(tmp_path_factory.mktemp("short_demo"), "demo", simulation_s=6.0))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory, short_demo: Path) -> tuple[int, list[Any]]:
+    """Exit status and results of the campaign that nothing ends."""
+    out = tmp_path_factory.mktemp("whole")
+    process = start(short_demo, out)
+    process.communicate(timeout=2 * PATIENCE_S)
+    return process.returncode, told(out)
+
+
+def start(scenario: Path, out: Path) -> subprocess.Popen[str]:
+    words = [sys.executable, "-m", "litsim_eval.cli.evaluate", "--scenario", str(scenario), *DEMO, "--out", str(out)]
+    return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+
+
+def wait_for_a_result(out: Path) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while not list(out.glob("runs/*/result.json")):
+        assert time.monotonic() < end, f"waited {PATIENCE_S:g} s for a result"
+        time.sleep(0.01)
+
+
+def children(of: int) -> list[int]:
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, parent = stat.read_text().rpartition(")")[2].split()[:2]
+        except OSError:
+            continue
+        if int(parent) == of and state != "Z":
+            found.append(int(stat.parent.name))
+    return found
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_what_was_ended_midway_goes_on_to_the_result_of_one_that_was_not(
+    tmp_path, short_demo: Path, whole: tuple[int, list[Any]], number: signal.Signals
+) -> None:
+    ended = start(short_demo, tmp_path / "ended")
+    wait_for_a_result(tmp_path / "ended")
+    workers = children(ended.pid)
+    os.kill(ended.pid, number)
+    said = ended.communicate(timeout=PATIENCE_S)[1]
+    assert ended.returncode == (-number if number == signal.SIGKILL else 130)
+    assert "Traceback" not in said
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "ended").glob("runs/*/result.json")}
+    if number == signal.SIGINT:
+        assert "the same command resumes it" in said
+        assert len(results(tmp_path / "ended")["runs"]) == len(before)
+    end = time.monotonic() + PATIENCE_S
+    while any(Path(f"/proc/{worker}").exists() for worker in workers):
+        assert time.monotonic() < end, "processes are left behind"
+        time.sleep(0.05)
+    went_on = start(short_demo, tmp_path / "ended")
+    went_on.communicate(timeout=2 * PATIENCE_S)
+    assert (went_on.returncode, told(tmp_path / "ended")) == whole
+    assert len(whole[1]) == 6 and len(before) < 6
+    assert all(path.stat().st_mtime_ns == when for path, when in before.items()), "no run twice"
+
+
+@pytest.mark.parametrize("policy", ["replay", "yield"])
+def test_every_policy_can_be_run(monkeypatch, tmp_path, scenario, policy: str) -> None:
+    out = tmp_path / "metrics.json"
+    words = ["--scenario", str(scenario), "--policy", policy, "--predictor", "kinematic", "--json", str(out)]
+    monkeypatch.setattr(sys, "argv", ["run", *words])
+    run.main()
+    assert json.loads(out.read_text())["policy"] == policy

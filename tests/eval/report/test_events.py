@@ -1,0 +1,67 @@
+"""Takeovers and contacts as rows that lead to a step and an agent."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from litsim_eval.report.events import contact_table, takeover_table
+
+ENTRY = {"agent": 2, "opponent": 1, "reason": "log_collision", "detected_step": 20, "time_to_conflict_s": 2.5}
+
+
+def test_a_takeover() -> None:
+    more = {
+        "overlap_probability": 0.4,
+        "replay_would_collide": True,
+        "replay_opponent": 1,
+        "replay_step": 33,
+        "held_s": 2.0,
+        "released_step": 45,
+        "residual_m": 0.5,
+    }
+    table = takeover_table([ENTRY | more], 0.1, ego=1)
+    (row,) = table.rows
+    assert (row.step, row.agent) == (20, 2)
+    assert dict(zip(table.head, row.cells, strict=True)) == {
+        "agent": "2",
+        "opponent": "ego 1",
+        "why": "log collision",
+        "at": "2.0 s",
+        "predicted overlap": "in 2.5 s, p = 0.40",
+        "the log alone": "hits ego 1 at 3.3 s",
+        "off its log": "2.0 s",
+        "back": "4.5 s",
+        "left over": "0.50 m",
+    }
+
+
+def test_a_takeover_that_never_ends_and_was_for_nothing() -> None:
+    table = takeover_table([ENTRY | {"false_alarm": True, "residual_m": 0.5}], 0.1, ego=1)
+    cells = dict(zip(table.head, table.rows[0].cells, strict=True))
+    assert cells["the log alone"] == "false alarm: no contact"
+    assert cells["predicted overlap"] == "in 2.5 s"
+    assert cells["back"] == cells["left over"] == cells["off its log"] == "–"
+
+
+def test_a_takeover_that_no_forecast_predicted() -> None:
+    more = {"reason": "region", "time_to_conflict_s": None, "overlap_probability": None}
+    table = takeover_table([ENTRY | more], 0.1, ego=1)
+    assert dict(zip(table.head, table.rows[0].cells, strict=True))["predicted overlap"] == "–"
+
+
+def test_contacts() -> None:
+    verdict = {"agent": 5, "step": 31, "in_log": False, "verdict": "active_front", "ego_at_fault": True}
+    verdict |= {"delta_v_mps": 3.21}
+    found = [{"pair": [1, 5], "step": 31, "in_log": False}, {"pair": [7, 8], "step": 12, "in_log": True}]
+    metrics: dict[str, Any] = {
+        "collision": {"contacts": found, "ego_contacts": [verdict]},
+        "safety": {"careful_driver": [{"agent": 5, "step": 31, "avoided": True, "other_avoids": False}]},
+    }
+    ego, others = contact_table(metrics, 0.1, ego=1).rows
+    assert (ego.step, ego.agent) == (31, 5)
+    said = "active front: ego at fault; the careful driver avoids it, in the other's place hits too"
+    assert ego.cells == ("ego 1", "5", "3.1 s", "no", said, "3.2 m/s")
+    assert (others.step, others.agent) == (12, 7)
+    assert others.cells == ("7", "8", "1.2 s", "yes", "–", "–")
+    verdict["in_log"] = True
+    assert "active front: no fault; the" in contact_table(metrics, 0.1, ego=1).rows[0].cells[4]

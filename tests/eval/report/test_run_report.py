@@ -1,0 +1,230 @@
+"""The page of a run without a browser: structure, size, and what it must never hold."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from litsim_data.pictures.pages import asset
+from litsim_eval.analysis.metrics import compute_metrics
+from litsim_eval.report import run_report
+from litsim_eval.report.content import pack_run, signals
+from litsim_eval.report.forecasts import Forecasts
+from litsim_eval.report.run_report import render, save
+from litsim_eval.report.tracks import tracks_of
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import ControlSource, ControlTable
+from litsim_sim.core.signals import SignalState
+from litsim_sim.lane_map.signal_links import read_links
+from litsim_sim.record.run import Run
+from litsim_sim.scenario.scenario import packaged
+from litsim_sim.scenario.signals import Signals
+from packed import unpack
+
+Make = Callable[..., Any]
+VOID = {"meta", "link", "input", "br"}
+
+
+def made_forecasts(steps: int, agents: int, points: int = 13) -> Forecasts:
+    """Forecasts of agents that drive straight on, with noise that a learned predictor would have."""
+    random = np.random.default_rng(0)
+    agent, step = (v.ravel() for v in np.meshgrid(np.arange(1, agents + 1), np.arange(steps), indexing="ij"))
+    time = np.linspace(0.2, 5.0, points)
+    ahead = np.stack(np.broadcast_arrays(8.0 * time, 0.0), axis=-1) + np.stack([0.8 * step, agent], axis=1)[:, None]
+    spread = np.stack([0.2 + 1.3 * time, 0.1 + 0.25 * time, 0.0 * time], axis=-1)
+    noise = random.normal(0.0, 0.1, (len(agent), points, 3))
+    return Forecasts(agent, step, time, ahead + noise[..., :2].cumsum(axis=1), spread + np.abs(noise))
+
+
+@pytest.fixture
+def html(small_run: Run, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.setattr(run_report, "read_forecasts", lambda run: made_forecasts(61, 10))
+    return render(small_run, compute_metrics(small_run))
+
+
+class Structure(HTMLParser):
+    """Whether tags close in order; ids, and what is loaded from elsewhere."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.loads: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in VOID and not (self.open and self.open[-1] == "svg" and tag == "path"):
+            self.open.append(tag)
+        self.ids += [value or "" for name, value in attrs if name == "id"]
+        self.loads += [
+            value or "" for name, value in attrs if name in ("src", "href") and not (value or "").startswith("#")
+        ]
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Closes itself."""
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open and self.open.pop() == tag
+
+
+def test_structure(html: str) -> None:
+    page = Structure()
+    page.feed(html)
+    assert not page.open
+    assert len(page.ids) == len(set(page.ids))
+    assert {"view", "plots", "ledger", "scrub", "data"} <= set(page.ids)
+    assert page.loads == ["data:,"]  # the empty icon
+    before_data = html[: html.index('<script id="data"')]
+    assert not re.search(r"\$[a-z_]+", before_data)  # every field is filled
+
+
+def test_text_of_the_run_is_escaped(html: str) -> None:
+    assert "made <&>" not in html
+    assert "made &lt;&amp;&gt;" in html
+
+
+def test_the_ledger_is_readable_without_a_script(html: str) -> None:
+    (row,) = re.findall(r'<tr data-step="20" data-agent="2">.*?</tr>', html)
+    for text in ("ego 1", "conflict", "2.0 s", "in 2.5 s, p = 0.40"):
+        assert text in row
+
+
+def test_contacts_of_the_ego_are_judged(html: str) -> None:
+    (row,) = re.findall(r'<tr data-step="\d+" data-agent="2">.*?</tr>', html[html.index("contacts-title") :])
+    verdict = "rear: ego not at fault; the careful driver hits too, in the other&#39;s place avoids it"
+    for text in ("ego 1", "no", verdict, "m/s"):
+        assert f"{text}<" in row or f" {text}<" in row
+
+
+def test_data_of_the_page(html: str) -> None:
+    match = re.search(r'<script id="data" type="text/plain">([^<]*)</script>', html)
+    assert match
+    content, arrays = unpack(match[1])
+    assert content["run"]["ego"] == 1
+    assert arrays["x"].shape == arrays["mode"].shape == (150, 61)
+    assert arrays["forecast_x"].shape == (610, 13)
+    assert [len(each) for each in content["takeovers"]] == [int(20 <= k <= 45) for k in range(61)]
+    assert content["road"]["lanes"] and content["road"]["lines"]
+    assert sum(bool(path) for path in content["paths"]) == 1  # the same path at every step is kept once
+
+
+def test_guarded_commands_show(small_run: Run, without: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_report, "read_forecasts", lambda run: made_forecasts(61, 10))
+    sources = [ControlSource.POLICY] * 3 + [ControlSource.GUARDED]
+    start = small_run.info.history_steps
+    answers = {
+        start + k: ControlTable(start + k, np.array([2]), *np.zeros((3, 1)), np.array([source], np.uint8))
+        for k, source in enumerate(sources)
+    }
+    guarded = without(controls=answers)
+    assert "1 of the policy&#39;s agent-steps (25.0 %)" in render(guarded, compute_metrics(guarded))
+
+
+def test_a_run_that_is_not_valid_is_not_praised(small_run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_report, "read_forecasts", lambda run: made_forecasts(61, 10))
+    praise, metrics = '<span class="badge good">reactive</span>', compute_metrics(small_run) | {"reactive": True}
+    assert praise in render(small_run, metrics | {"valid": True})
+    assert praise not in render(small_run, metrics | {"valid": False})
+
+
+def test_size_of_a_long_dense_run(small_run: Run, without: Make) -> None:
+    steady = [replace(small_run.tables[k % 61], step=k) for k in range(281)]
+    long_run, metrics = without(tables=steady, log=steady), compute_metrics(small_run)
+    assert len(pack_run(long_run, metrics, made_forecasts(281, 20), 1)) < 1.0e6  # agents near the ego
+    assert len(pack_run(long_run, metrics, made_forecasts(281, 150), 1)) < run_report.DATA_MAX < 9.0e6  # everybody
+
+
+def test_forecasts_are_thinned_to_fit(small_run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_report, "read_forecasts", lambda run: made_forecasts(61, 100))
+    monkeypatch.setattr(run_report, "DATA_MAX", 200_000)
+    html = render(small_run, compute_metrics(small_run))
+    assert "Forecasts are shown every" in html
+    monkeypatch.setattr(run_report, "DATA_MAX", 10_000)
+    with pytest.raises(InputError, match="too long for one page"):
+        render(small_run, compute_metrics(small_run))
+
+
+@pytest.mark.parametrize("lacking", ["net", "log", "takeovers", "some steps"])
+def test_less_is_shown_of_a_run_that_lacks_something(lacking: str, small_run: Run, without: Make) -> None:
+    changes: dict[str, dict[str, Any]] = {
+        "net": {"net_xml": b""},
+        "log": {"log": []},
+        "takeovers": {"takeovers": {}},
+        "some steps": {
+            "tables": small_run.tables[:7] + small_run.tables[9:],
+            "log": small_run.log[:7] + small_run.log[9:],
+        },
+    }
+    run = without(**changes[lacking])
+    metrics = compute_metrics(run)
+    content, arrays = unpack(pack_run(run, metrics, made_forecasts(0, 0), 1))
+    assert arrays["x"].shape == (150, 61)
+    assert bool(content["road"]["lanes"]) == (lacking != "net")
+    assert content["ghosts"] == ([] if lacking == "log" else [1, 2])
+
+
+def test_a_page_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+    (tmp_path / "nowhere").write_text("a file, no folder")
+    with pytest.raises(InputError, match="cannot be written"):
+        save("", tmp_path / "nowhere/report.html")
+
+
+def test_contrast() -> None:
+    light, dark = themes("report.css")
+    for colours in (light, light | dark):
+        pairs = [("ink", "page"), ("ink", "card"), ("ink", "button"), ("muted", "page"), ("muted", "card")]
+        pairs += [
+            ("accent", "card"),
+            ("accent", "button"),
+            ("good", "good-back"),
+            ("bad", "bad-back"),
+            ("ink", "ground"),
+        ]
+        assert {pair: ratio for pair in pairs if (ratio := contrast(*(colours[name] for name in pair))) < 4.5} == {}
+
+
+def test_contrast_of_verdicts() -> None:
+    light, dark = themes("campaign.css")
+    for colours in (light, light | dark):
+        pairs = [("error", "error-back"), *(("bar-ink", f"bar-{verdict}") for verdict in ("passed", "failed", "error"))]
+        assert {pair: ratio for pair in pairs if (ratio := contrast(*(colours[name] for name in pair))) < 4.5} == {}
+
+
+def themes(style: str) -> list[dict[str, str]]:
+    """Colours by name, of the light scheme and of the dark one."""
+    schemes = re.findall(r":root \{(.*?)\}", asset(style), re.DOTALL)
+    assert len(schemes) == 2
+    return [dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", scheme)) for scheme in schemes]
+
+
+def contrast(a: str, b: str) -> float:
+    """Contrast ratio of WCAG 2 between two colours."""
+
+    def luminance(colour: str) -> float:
+        channels = np.array([int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)])
+        linear = np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
+        return float(linear @ [0.2126, 0.7152, 0.0722])
+
+    low, high = sorted((luminance(a), luminance(b)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_stop_lines_show_what_their_signals_do(small_run: Run) -> None:
+    links = tuple(link for link in read_links(packaged("nets/urban_like.net.xml")) if link.from_lane == "WA_0")
+    states = np.full((2, 61), int(SignalState.GREEN), np.uint8)
+    states[0, 20:40], states[0, 40:], states[1, :] = SignalState.AMBER, SignalState.RED, SignalState.UNAVAILABLE
+    run = replace(small_run, signals=Signals(("straight", "right"), links, np.array([1, 0]), states))
+    assert [link.name for link in links] == ["WA_0 -> AAS_0", "WA_0 -> AB_0"]
+    right, straight = signals(run, tracks_of(run))
+    assert straight["shown"] == [[0, "green"], [20, "amber"], [40, "red"]]
+    assert right["shown"] == [[0, ""]]
+    # eastwards, so that the left half of the lane's end is the one above
+    assert (straight["line"][0], right["line"][0]) == (-114.6, -114.6)
+    assert straight["line"][1] > straight["line"][3] > -8.25 > right["line"][1] > right["line"][3]
+    assert signals(small_run, tracks_of(small_run)) == []

@@ -1,0 +1,123 @@
+"""Campaigns on a Ray cluster: one of this machine, with a worker that is lost midway."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import campaigns
+from campaigns import told
+from litsim_eval.campaign.case import code_versions
+from litsim_eval.campaign.folder import CampaignFolder
+from litsim_eval.runs import ray_runs
+from litsim_eval.runs.case_run import RunOutcome, run_in_process
+from litsim_eval.runs.ray_runs import RayRuns, run_task
+from litsim_sim.core.errors import InputError
+
+PATIENCE_S = 300.0  # a cluster takes its time to begin on a busy machine
+WORDS = ("--egos", "3,7,24", "--ego", "idm", "--policy", "litsim", "yield", "--processes", "2")
+
+
+def runs(folder: Path) -> RayRuns:
+    return RayRuns(CampaignFolder(folder), campaigns.CRITERIA, "local", 2)
+
+
+def case(**suite: Any) -> Any:
+    (made,) = campaigns.cases(policies=["replay"], **suite)
+    return made
+
+
+def test_it_is_said_where_ray_is_not_installed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(InputError, match=r"Ray is not installed: .venv/bin/pip install -r requirements/ray.txt"):
+        runs(tmp_path).check([case()])
+
+
+def test_a_stack_that_runs_already_is_met_by_no_node(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(ray_runs, "_ray", lambda: None)
+    runs(tmp_path).check([case(egos=[{"kind": "external", "command": ["my_stack"]}])])
+    with pytest.raises(InputError, match="ego external has no command"):
+        runs(tmp_path).check([case(egos=["external"])])
+
+
+def test_a_task_is_a_run_and_says_why_it_is_none(tmp_path: Path) -> None:
+    made, sources = case(), code_versions()["sources"]
+    found = run_task(made.to_json(), str(tmp_path), sources, 60.0, ".")
+    assert found.metrics is not None and found.metrics["digest"] == run_in_process(made)["digest"]
+    for changes, failure in (({"ego_id": 99999}, "99999"), ({"scenario": "nowhere"}, "nowhere")):
+        lost = run_task(made.to_json() | changes, str(tmp_path), sources, 60.0, ".")
+        assert lost.metrics is None and failure in lost.failure
+
+
+def test_a_node_with_other_packages_runs_nothing(tmp_path: Path) -> None:
+    found = run_task(case().to_json(), str(tmp_path), "0123456789abcdef", 60.0, ".")
+    assert found.metrics is None and "this node has other LitSim packages" in found.failure
+
+
+def test_files_on_another_nodes_disk_are_not_named(tmp_path: Path) -> None:
+    made = case()
+    (tmp_path / "runs" / made.id / "run").mkdir(parents=True)
+    found = runs(tmp_path)._present(made, RunOutcome(None, "lost", "run", "run/report.html", None))
+    assert (found.recording, found.report, found.log) == ("run", None, None)
+
+
+def start(scenario: str, out: Path, *words: str) -> subprocess.Popen[str]:
+    given = ("--scenario", scenario, *WORDS, *words, "--out", str(out))
+    command = [sys.executable, "-m", "litsim_eval.cli.evaluate", *given]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+
+
+def tree(of: int) -> dict[int, str]:
+    """Command lines of the processes that `of` has started, and they."""
+    parents, lines = {}, {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            parents[int(folder.name)] = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+            lines[int(folder.name)] = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+        except OSError:
+            continue
+    found, more = {of}, True
+    while more:
+        more = {process for process, parent in parents.items() if parent in found} - found
+        found |= more
+    return {process: lines[process] for process in found - {of} if process in lines}
+
+
+def kill_a_worker(of: int) -> str:
+    """Kill a worker amid a run; returns the name of the run."""
+    end = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end:
+        for process, line in tree(of).items():
+            if line.startswith("ray::demo/"):
+                os.kill(process, signal.SIGKILL)
+                return line
+        time.sleep(0.02)
+    raise AssertionError(f"waited {PATIENCE_S:g} s for a run")
+
+
+def test_runs_of_a_worker_that_is_lost_are_done_again_and_none_twice(tmp_path: Path) -> None:
+    pytest.importorskip("ray", reason="Ray is not installed (requirements/ray.txt)")
+    demo = campaigns.scenario_file(tmp_path, "demo", simulation_s=6.0)
+    on_ray = start(demo, tmp_path / "ray", "--ray", "local")
+    try:
+        assert kill_a_worker(on_ray.pid)
+        said = on_ray.communicate(timeout=PATIENCE_S)[1]
+    finally:
+        on_ray.kill()
+    here = start(demo, tmp_path / "here")
+    here.communicate(timeout=PATIENCE_S)
+    assert on_ray.returncode == here.returncode, said
+    assert told(tmp_path / "ray") == told(tmp_path / "here") and len(told(tmp_path / "ray")) == 6
+
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.glob("ray/runs/*/result.json")}
+    again = start(demo, tmp_path / "ray")
+    again.communicate(timeout=PATIENCE_S)
+    assert again.returncode == here.returncode
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.glob("ray/runs/*/result.json")} == before

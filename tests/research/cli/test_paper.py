@@ -1,0 +1,149 @@
+"""`paper --quick`: every experiment from runs to tables, figures and page; what is there already is not run again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from litsim_eval.campaign.results import read_campaign
+from litsim_research.baselines.simnet.output import FORMAT, OUTPUTS
+from litsim_research.baselines.simnet.raster import CHANNELS, PAPER
+from litsim_research.cli.paper import CAPTIONS, main
+from litsim_research.paper import running
+from litsim_research.paper.case_studies import AFTER_S, BEFORE_S, EVENTS, LEFT_TURN, Study, chosen, drawn
+from litsim_research.paper.experiments import CHANGES
+from litsim_research.paper.page import marks
+from litsim_sim.scenario.run_info import BASELINES
+
+PARTS = ("table", "ablation", "changes", "oracles", "sanity", "backbones", "figures", "times")
+EMPTY = "Not made yet."
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The table on the motorway, its figures, and a page of both that had nothing made on it."""
+    folder = tmp_path_factory.mktemp("paper")
+    lines = [line for part in PARTS for begin, end in [marks(part)] for line in (begin, EMPTY, end)]
+    (folder / "results.md").write_text("\n".join([*lines, ""]))
+    main(["table", *options(folder)])
+    return folder
+
+
+def options(folder: Path) -> list[str]:
+    return ["--quick", "--sets", "highway", "--out", str(folder / "out"), "--page", str(folder / "results.md")]
+
+
+def test_the_table_has_every_method_and_the_papers_figures(out: Path) -> None:
+    text = (out / "results.md").read_text()
+    assert text.count(EMPTY) == len(PARTS) - 2, "the table and the times are there"
+    made = (out / "out/table.md").read_text()
+    assert made.strip() in text
+    for name in ("replay", *BASELINES, "litsim", "paper"):
+        assert f"| `{name}` | 2 |" in made, name
+    assert "| *SimNet: paper, other data* |" in made
+    assert "| table | " in (out / "out/times.md").read_text()
+    campaign = read_campaign(out / "out/table")
+    assert not campaign.missing and all(result.metrics is not None for result in campaign.results)
+
+
+def test_figures_are_of_what_has_been_run(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def nothing_left(_: object, cases: list[object]) -> list[object]:
+        assert not cases, "the table has run them"
+        yield from ()
+
+    monkeypatch.setattr(running.LocalRuns, "run", nothing_left)
+    main(["figures", *options(out)])
+    names = ("contacts_by_fault", "ade_over_time", "takeovers", "realism")
+    assert set(names) <= set(CAPTIONS)
+    for name in names:
+        assert (out / f"out/figures/{name}.svg").read_text().startswith("<?xml")
+        assert (out / f"out/figures/{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert f"](out/figures/{name}.png)" in (out / "results.md").read_text()
+    before = (out / "out/figures/realism.svg").read_bytes()
+    main(["figures", "--as-it-is", *options(out)])
+    assert (out / "out/figures/realism.svg").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("what", "egos", "rows"),
+    [
+        ("ablation", ["--ego", "idm"], ("M0", "M1", "M2")),
+        ("oracles", ["--ego", "idm"], ("litsim", "true future", "conflicts by hindsight", "ideal hand-back")),
+        ("sanity", [], ("replay", *BASELINES)),
+        ("changes", [], ("litsim", *CHANGES, "paper")),
+    ],
+)
+def test_the_other_experiments(out: Path, what: str, egos: list[str], rows: tuple[str, ...]) -> None:
+    main([what, *options(out), *egos])
+    made = (out / f"out/{what}.md").read_text()
+    assert "off road %, driven" in made
+    for name in rows:
+        assert f"| `{name}` | 2 |" in made
+
+
+def test_oracles_are_run_with_each_ego_that_is_asked_for(out: Path) -> None:
+    main(["oracles", *options(out), "--ego", "idm", "perturbed"])
+    made = (out / "out/oracles.md").read_text()
+    for ego in ("idm", "perturbed"):
+        assert f"### Ego `{ego}`; generated motorway" in made
+        assert {result.case.ego.name for result in read_campaign(out / f"out/oracles_{ego}").results} == {ego}
+
+
+def test_the_backbones_of_simnet(out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as status:
+        main(["backbones", *options(out)])
+    assert status.value.code == 2 and "--resnet50: missing, expected" in capsys.readouterr().err
+    onnx = pytest.importorskip("onnx")
+    helper, weights = onnx.helper, tmp_path / "best.onnx"
+    said = onnx.numpy_helper.from_array(np.zeros((1, OUTPUTS), np.float32))  # that everybody stops where he is
+    nodes = [helper.make_node("Constant", [], ["future"], value=said)]
+    shapes = {"raster": [1, CHANNELS, PAPER.rows, PAPER.columns], "future": [1, OUTPUTS]}
+    given, found = (
+        helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, shape) for name, shape in shapes.items()
+    )
+    graph = helper.make_graph(nodes, "stops", [given], [found])
+    model = helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 18)])
+    helper.set_model_props(model, {"format": FORMAT})
+    onnx.save(model, weights)
+    main(["backbones", *options(out), "--resnet50", str(weights)])
+    made = (out / "out/backbones.md").read_text()
+    assert made.startswith("### Ego `log`; all sets together")
+    for name in ("replay", "simnet", "simnet, ResNet-50"):
+        assert f"| `{name}` | 2 |" in made
+
+
+def test_the_case_study_of_the_street(out: Path) -> None:
+    """It has a picture where there is such a case, and none of other runs where there is not; any case can be drawn."""
+    picture = out / "out/figures/case_left_turn.png"
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    picture.touch()
+    main(["cases", *options(out)])
+    campaign = read_campaign(out / "out/cases_left_turn")
+    study = chosen(campaign, EVENTS[LEFT_TURN])
+    assert picture.is_file() == (study is not None)
+    replayed, ours = (next(r for r in campaign.results if r.case.policy == policy) for policy in ("replay", "litsim"))
+    drawing = drawn(LEFT_TURN, study or Study(replayed.case, ours.case, contact=60))
+    assert len(drawing.axes) == 2 * len([*BEFORE_S, AFTER_S])
+
+
+def test_without_recorded_data_the_real_window_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("LITSIM_DATA", raising=False)
+    with pytest.raises(SystemExit) as status:
+        main(["table", "--quick", "--sets", "real", "--out", str(tmp_path)])
+    assert status.value.code == 2
+    assert "LITSIM_DATA is not set" in capsys.readouterr().err
+
+
+def test_a_page_that_is_not_there_is_said_before_anything_is_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as status:
+        main(
+            ["table", "--quick", "--sets", "highway", "--out", str(tmp_path / "out"), "--page", str(tmp_path / "no.md")]
+        )
+    assert status.value.code == 2
+    assert "no.md" in capsys.readouterr().err and not (tmp_path / "out").exists()

@@ -1,0 +1,39 @@
+"""Learning curves: every entry where it was measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
+
+from litsim_research.policies.plots import PANELS, SIMNET_PANELS, plot_curves
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """Figures that have been drawn."""
+    found: list[Figure] = []
+    monkeypatch.setattr(plt, "close", found.append)
+    return found
+
+
+def test_validations_are_drawn_where_they_were_made(tmp_path: Path, drawn: list[Figure]) -> None:
+    usual = {name: 0.5 for lines in PANELS.values() for name in lines if not name.startswith("validation")}
+    history = [usual, usual | {"validation_penalty": 0.25}, usual]
+    plot_curves(history, tmp_path / "curves.png")
+    assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
+    (figure,) = drawn
+    assert [axis.get_title() for axis in figure.axes] == list(PANELS)
+    lines = {line.get_label(): line.get_xydata().tolist() for line in figure.axes[0].lines}
+    assert lines == {"training": [[0, 0.5], [1, 0.5], [2, 0.5]], "validation": [[1, 0.25]]}
+
+
+def test_curves_along_what_was_learned(tmp_path: Path, drawn: list[Figure]) -> None:
+    names = [name for lines in SIMNET_PANELS.values() for name in lines]
+    history = [{"batches": 500.0 * k} | dict.fromkeys(names, 10.0**-k) for k in (1, 2)]
+    plot_curves(history, tmp_path / "curves.png", SIMNET_PANELS, along="batches", log=True)
+    (figure,) = drawn
+    assert figure.axes[-1].get_xlabel() == "batches" and figure.axes[0].get_yscale() == "log"
+    assert figure.axes[1].lines[0].get_xydata().tolist() == [[500, 0.1], [1000, 0.01]]

@@ -1,0 +1,199 @@
+"""PPO and the critic: advantages by definition, updates that go the right way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from litsim_policy.driving.features.observation import ObservationConfig
+from litsim_research.policies.critic import Critic, CriticConfig, gradient_norm, update_critic
+from litsim_research.policies.network import GaussianPolicy, multilayer, pedal_bounds
+from litsim_research.policies.ppo import (
+    Batch,
+    Demonstrations,
+    PpoConfig,
+    Track,
+    advantages,
+    correction_error,
+    make_batch,
+    update_policy,
+)
+from litsim_research.policies.sides import driven_pairs
+
+CONFIG = PpoConfig(discount=0.9, smoothing=0.8)
+SEEN = ObservationConfig(slots=2)
+
+
+def by_definition(reward: np.ndarray, value: np.ndarray, *, terminated: bool) -> list[float]:
+    """The sum over all later surprises, written out."""
+    following = np.append(value[1:-1], 0.0 if terminated else value[-1])
+    surprise = reward + CONFIG.discount * following - value[:-1]
+    factor = CONFIG.discount * CONFIG.smoothing
+    return [float((surprise[t:] * factor ** np.arange(len(reward) - t)).sum()) for t in range(len(reward))]
+
+
+@pytest.mark.parametrize("terminated", [True, False])
+def test_advantages(*, terminated: bool) -> None:
+    random = np.random.default_rng(0)
+    reward, value = random.normal(size=6), random.normal(size=7)
+    found, target = advantages(reward, value, CONFIG, terminated=terminated)
+    assert found == pytest.approx(by_definition(reward, value, terminated=terminated))
+    assert target == pytest.approx(found + value[:-1])
+
+
+def test_a_time_limit_is_no_end() -> None:
+    """A driver who is always worth 10 and gets 1 a step (discount 0.9) has no advantage when the time is up."""
+    reward, value = np.ones(5), np.full(6, 10.0)
+    assert advantages(reward, value, CONFIG, terminated=False)[0] == pytest.approx(np.zeros(5))
+    assert (advantages(reward, value, CONFIG, terminated=True)[0] < 0.0).all()
+
+
+def reach(observation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest acceleration, as actions (m,) each, that the bounds on jerk let through."""
+    low, high = pedal_bounds(observation)
+    return np.tanh(low), np.tanh(high)
+
+
+def tracks(policy: GaussianPolicy, seed: int = 0, count: int = 8, steps: int = 32) -> list[Track]:
+    """Driven by `policy` through observations that do not depend on what it does."""
+    generator = torch.Generator().manual_seed(seed)
+    random = np.random.default_rng(seed)
+    made = []
+    for _ in range(count):
+        observation = random.uniform(-1.0, 1.0, (steps + 1, SEEN.size))
+        raw, density = policy.sample(torch.as_tensor(observation[:-1], dtype=torch.float32), generator)
+        executed = torch.tanh(raw).double().numpy()
+        executed[:, 0] = np.clip(executed[:, 0], *reach(observation[:-1]))
+        made.append(Track(observation, raw.numpy(), density.numpy(), executed, np.zeros(steps), terminated=False))
+    return made
+
+
+def test_the_policy_goes_where_the_reward_is() -> None:
+    torch.manual_seed(0)
+    policy, value = GaussianPolicy(SEEN), multilayer(SEEN.size, 1)
+    optimiser = torch.optim.Adam([*policy.parameters(), *value.parameters()], 3e-3)
+    config = PpoConfig(batch=64, epochs=4, divergence_limit=0.05, discount=0.5)
+    generator = torch.Generator().manual_seed(1)
+    start = None
+    for seed in range(20):
+        driven = tracks(policy, seed)
+        nearest = [np.clip(0.5, *reach(track.observation[:-1])) for track in driven]
+        rewards = [-((track.executed[:, 0] - best) ** 2) for track, best in zip(driven, nearest, strict=True)]
+        start = start if start is not None else np.mean(rewards)
+        step = update_policy(policy, value, optimiser, make_batch(driven, rewards, value, config), config, generator)
+        assert np.isfinite([step.policy_loss, step.value_loss, step.divergence]).all()
+    assert np.mean(rewards) > 0.5 * start  # rewards are negative
+    assert np.mean([np.tanh(track.raw[:, 0]).mean() for track in driven]) > 0.3
+
+
+def test_passes_end_when_the_policy_has_moved() -> None:
+    torch.manual_seed(0)
+    policy, value = GaussianPolicy(SEEN), multilayer(SEEN.size, 1)
+    driven = tracks(policy)
+    batch = make_batch(driven, [track.executed[:, 0] for track in driven], value, CONFIG)
+    before = policy.mean.weight.detach().clone()
+
+    def moved(config: PpoConfig) -> float:
+        with torch.no_grad():
+            policy.mean.weight.copy_(before)
+        optimiser = torch.optim.SGD([*policy.parameters(), *value.parameters()], 0.3)
+        update_policy(policy, value, optimiser, batch, config, torch.Generator().manual_seed(0))
+        return float((policy.mean.weight.detach() - before).norm())
+
+    assert moved(PpoConfig(epochs=10, divergence_limit=-1.0)) < 0.7 * moved(PpoConfig(epochs=10, divergence_limit=9.0))
+
+
+def test_the_value_can_learn_alone_and_drivers_can_hold_the_policy_back() -> None:
+    torch.manual_seed(0)
+    policy, value = GaussianPolicy(SEEN), multilayer(SEEN.size, 1)
+    driven = tracks(policy)
+    batch = make_batch(driven, [track.executed[:, 0] for track in driven], value, CONFIG)
+    optimiser = torch.optim.Adam([*policy.parameters(), *value.parameters()], 3e-3)
+    before = [part.detach().clone() for part in policy.parameters()], value[0].weight.detach().clone()
+    generator = torch.Generator().manual_seed(0)
+    update_policy(policy, value, optimiser, batch, CONFIG, generator, value_only=True)
+    assert all(torch.equal(a, b) for a, b in zip(policy.parameters(), before[0], strict=True))
+    assert not torch.equal(value[0].weight, before[1])
+
+    action = torch.tensor([[-0.6, 0.1, 0.1], [-0.4, -0.1, -0.1]]).repeat(64, 1)
+    shown = Demonstrations(batch.observation[:128], action)
+    config = PpoConfig(batch=64, epochs=60, divergence_limit=1e9, imitation_weight=100.0)
+    update_policy(policy, value, optimiser, batch, config, generator, shown)
+    assert float(torch.tanh(policy(batch.observation[:128])).detach()[:, 0].mean()) == pytest.approx(-0.5, abs=0.1)
+
+
+def test_the_policy_goes_where_it_is_corrected() -> None:
+    torch.manual_seed(0)
+    policy, value = GaussianPolicy(SEEN), multilayer(SEEN.size, 1)
+    driven = tracks(policy)
+    told = [np.full((len(track), 3), np.nan) for track in driven]
+    for track, to in zip(driven, told, strict=True):
+        to[track.observation[:-1, 0] > 0.0] = [-0.5, 0.0, 0.0]
+    driven = [replace(track, corrected=to) for track, to in zip(driven, told, strict=True)]
+    batch = make_batch(driven, [np.zeros(len(track)) for track in driven], value, CONFIG)
+    optimiser = torch.optim.Adam([*policy.parameters(), *value.parameters()], 3e-3)
+    there = batch.observation[:, 0] > 0.0
+    before = policy.said(batch.observation).detach()[:, 0]
+    config = PpoConfig(batch=64, epochs=60, divergence_limit=1e9, correction_weight=10.0, value_weight=0.0)
+    update_policy(policy, value, optimiser, batch, config, torch.Generator().manual_seed(0))
+    after = policy.said(batch.observation).detach()[:, 0]
+    assert float(after[there].mean()) == pytest.approx(-0.5, abs=0.15)
+    assert abs(float(before[there].mean())) < 0.1
+    update_policy(policy, value, optimiser, batch, config, torch.Generator().manual_seed(0), value_only=True)
+    assert torch.equal(policy.said(batch.observation).detach()[:, 0], after)
+
+
+def test_what_nobody_corrects_is_no_error() -> None:
+    torch.manual_seed(0)
+    policy = GaussianPolicy(SEEN)
+    observation = torch.rand((4, SEEN.size))
+    said = policy.said(observation).detach()
+    assert float(correction_error(policy, observation, torch.full((4, 3), float("nan"))).detach()) == 0.0
+    half = torch.where(torch.arange(4)[:, None] < 2, said - torch.tensor([0.3, 0.2, 0.2]), float("nan"))
+    error = correction_error(policy, observation, half)
+    assert float(error.detach()) == pytest.approx(0.5, abs=1e-5)
+    error.backward()
+    assert all(torch.isfinite(part.grad).all() for part in policy.parameters() if part.grad is not None)
+
+
+def test_a_batch_is_normalised() -> None:
+    policy, value = GaussianPolicy(SEEN), multilayer(SEEN.size, 1)
+    driven = tracks(policy)
+    batch = make_batch(driven, [7.0 + track.executed[:, 0] for track in driven], value, CONFIG)
+    assert isinstance(batch, Batch) and len(batch.raw) == 8 * 32 == len(driven_pairs(driven))
+    assert float(batch.advantage.mean()) == pytest.approx(0.0, abs=1e-5)
+    assert float(batch.advantage.std()) == pytest.approx(1.0, abs=0.01)
+
+
+# The critic
+
+
+def test_the_critic_tells_sides_apart() -> None:
+    torch.manual_seed(0)
+    critic = Critic(5)
+    generator = torch.Generator().manual_seed(0)
+    expert = torch.randn((500, 8), generator=generator) + 1.0
+    made = torch.randn((500, 8), generator=generator) - 1.0
+    optimiser = torch.optim.Adam(critic.parameters(), 1e-3)
+    config = CriticConfig(updates=60, batch=64)
+    first = update_critic(critic, optimiser, expert, made, CriticConfig(updates=1, batch=64), generator)
+    for _ in range(3):
+        step = update_critic(critic, optimiser, expert, made, config, generator)
+    assert step.loss < first.loss and step.accuracy > 0.9
+    human, machine = critic.reward(expert, 3.0), critic.reward(made, 3.0)
+    assert float(human.mean()) > 0.0 > float(machine.mean())
+    assert float(torch.abs(human).max()) <= 3.0
+
+
+def test_the_norm_is_that_of_the_gradient() -> None:
+    """Of a linear critic the gradient is the weight everywhere."""
+    critic = Critic(2)
+    linear = torch.nn.Linear(5, 1)
+    with torch.no_grad():
+        linear.weight.copy_(torch.tensor([[3.0, 0.0, 4.0, 0.0, 0.0]]))
+    critic.body = torch.nn.Sequential(linear)
+    found = gradient_norm(critic, torch.randn(10, 5), torch.randn(10, 5), torch.Generator().manual_seed(0))
+    assert found.detach().numpy() == pytest.approx(5.0, rel=1e-5)

@@ -1,0 +1,92 @@
+"""Nothing is reported on what was trained on: read from the manifests of the weights themselves."""
+
+from __future__ import annotations
+
+import json
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from safetensors import safe_open
+
+import litsim_policy
+import litsim_sim
+from litsim_data.traffic.seeds import CALIBRATION, DEMO, PAPER, REPORTED, TRAINING
+from litsim_predictor.inference import SHIPPED
+from litsim_predictor.inference.weights import read_weights
+from litsim_sim.scenario.load import load_recording
+from litsim_sim.scenario.scenario import packaged
+
+POLICIES = sorted((Path(litsim_policy.__file__).parent / "weights").glob("*.safetensors"))
+REAL = yaml.safe_load((Path(litsim_sim.__file__).parent / "scenarios/us101_0750.yaml").read_text())
+
+
+def trained_on(weights: Path) -> dict[str, Any]:
+    """The `data` of the configuration that policy weights were trained with."""
+    with safe_open(str(weights), framework="numpy") as file:
+        return dict(json.loads(file.metadata()["config"])["data"])
+
+
+def test_seeds_have_one_use() -> None:
+    assert len(TRAINING | CALIBRATION | REPORTED) == len(TRAINING) + len(CALIBRATION) + len(REPORTED)
+    assert len(REPORTED) == len(PAPER) + 3, "one each for docs/experiments.md, the demo and the paper's left turn"
+    assert POLICIES and SHIPPED
+
+
+@pytest.mark.parametrize("weights", POLICIES, ids=lambda path: path.stem)
+def test_policies_were_trained_on_generated_segments_of_seeds_for_training(weights: Path) -> None:
+    data = trained_on(weights)
+    seeds = {each["seed"] for each in data["generated"]}
+    assert seeds <= TRAINING and not seeds & (CALIBRATION | REPORTED)
+    assert "demo" not in data["scenarios"]
+
+
+@pytest.mark.parametrize("weights", POLICIES, ids=lambda path: path.stem)
+def test_policies_were_trained_on_windows_beside_the_reported_one(weights: Path) -> None:
+    first, last = REAL["crop"]["frame"]
+    for window in trained_on(weights)["real"]:
+        begin, end = window["frames"]
+        assert end < first or begin > last, f"{window} lies in the window of {REAL['name']}"
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_predictors_left_the_reported_window_out(name: str) -> None:
+    """Sources that could hold it say which frames they have kept for tests; the others are of another road."""
+    provenance = read_weights(name).provenance
+    kept = [source["test_frames"] for source in provenance.training["data"] if source["kind"].startswith("us101")]
+    assert kept and all(frames == REAL["crop"]["frame"] for frames in kept)
+    assert provenance.manifest["rows"]["test"]["us101_windows"] > 0
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_predictors_saw_no_generated_segments_that_are_reported(name: str) -> None:
+    sources = {each for part in provenance_rows(name).values() for each in part}
+    assert not {source for source in sources for seed in REPORTED | CALIBRATION if f"_{seed}_" in source}
+
+
+def provenance_rows(name: str) -> dict[str, dict[str, int]]:
+    """Rows by part and source that a predictor was made with."""
+    return dict(read_weights(name).provenance.manifest["rows"])
+
+
+def seed_of(file: str) -> int:
+    """Seed of a packaged generated recording, as it says itself."""
+    return int(load_recording(packaged(f"scenarios/{file}")).header.notes["seed"])
+
+
+def test_the_demo_is_of_a_seed_for_reports_alone() -> None:
+    assert seed_of("demo.parquet") == DEMO
+    assert DEMO in REPORTED
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_predictors_did_not_see_the_demo(name: str) -> None:
+    """Of generated traffic they saw the other packaged recording, of another seed."""
+    provenance = read_weights(name).provenance
+    made = [file for source in provenance.training["data"] if source["kind"] == "recording" for file in source["files"]]
+    assert made == ["us101_like.parquet"]
+    assert seed_of("us101_like.parquet") not in REPORTED | CALIBRATION
+    demo = sha256(packaged("scenarios/demo.parquet").read_bytes()).hexdigest()
+    assert demo not in provenance.manifest["files"].values()

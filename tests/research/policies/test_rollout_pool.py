@@ -1,0 +1,108 @@
+"""Episodes in several processes: the same as in one, in the same order."""
+
+from __future__ import annotations
+
+import multiprocessing
+
+import numpy as np
+import pytest
+import torch
+
+from litsim_research.policies.config import TrainConfig
+from litsim_research.policies.data import TrainingData
+from litsim_research.policies.environment import EnvironmentConfig
+from litsim_research.policies.network import GaussianPolicy
+from litsim_research.policies.rollout import TOGETHER, Driving, Episode, begin, begin_validation, collect, validate
+from litsim_research.policies.rollout_pool import rollouts, shared_out
+
+SMALL = EnvironmentConfig(steps_max=20, slots=4, drafted=3)
+
+
+@pytest.fixture(scope="module")
+def config() -> TrainConfig:
+    return TrainConfig(data={}, transitions=150, validation_episodes=3, environment=SMALL)
+
+
+@pytest.fixture(scope="module")
+def data(make_scenario, track, lane_centres) -> TrainingData:
+    def scenario(speed: float):
+        return make_scenario(
+            *(
+                track(1 + 3 * lane + k, x=60.0 + 20.0 * k, y=lane_centres[lane + 1], speed=speed + lane, last=45)
+                for lane in range(3)
+                for k in range(3)
+            )
+        )
+
+    return TrainingData((scenario(9.0),), (scenario(7.0),))
+
+
+def policies(config: TrainConfig) -> list[GaussianPolicy]:
+    """Two that drive differently: the processes are to notice that the weights change."""
+    torch.manual_seed(0)
+    return [GaussianPolicy(config.observation) for _ in range(2)]
+
+
+def assert_same(one: Episode, other: Episode) -> None:
+    assert one.sums == other.sums and len(one.tracks) == len(other.tracks)
+    for a, b in zip(one.tracks, other.tracks, strict=True):
+        assert vars(a).keys() == vars(b).keys()
+        for name in vars(a):
+            mine, theirs = getattr(a, name), getattr(b, name)
+            assert np.array_equal(mine, theirs, equal_nan=name == "corrected"), name
+
+
+def test_what_several_processes_drive_is_what_one_drives(data, config) -> None:
+    def drawn(driving: Driving, policy: GaussianPolicy) -> list[Episode]:
+        return list(driving.episodes(policy, range(7, 12), draws=True))
+
+    with rollouts(data, config, 1) as here, rollouts(data, config, 2) as pool:
+        for policy in policies(config):
+            alone, together = (drawn(driving, policy) for driving, _ in (here, pool))
+            for one, other in zip(alone, together, strict=True):
+                assert one.tracks
+                assert_same(one, other)
+            (tracks, rates), (same_tracks, same_rates) = (
+                collect(begin(driving, policy, config, [{"transitions": 90.0, "episodes": 1.0}]))
+                for driving, _ in (here, pool)
+            )
+            assert rates == same_rates and len(tracks) == len(same_tracks)
+            alone, together = (validate(begin_validation(v, policy, config), config) for _, v in (here, pool))
+            assert alone == together
+        first, second = (drawn(here[0], policy)[0] for policy in policies(config))
+        assert not np.array_equal(first.tracks[0].raw, second.tracks[0].raw)
+
+
+def test_every_process_gets_something_and_groups_stay_whole_where_they_can() -> None:
+    assert shared_out([[0, 3], [1, 2, 4, 5, 6]], 2) == [[1, 2, 4, 5, 6], [0, 3]]
+    assert shared_out([[1], [0, 2, 3, 4, 5]], 3) == [[3, 4, 5], [0, 2], [1]]
+    assert shared_out([[0], [1]], 4) == [[0], [1]], "there are no more"
+    assert shared_out([range(5), range(5, 13)], 2) == [range(5, 13), range(5)], "cut, all would take longer"
+
+
+def test_a_group_that_would_keep_one_process_busy_for_long_is_cut() -> None:
+    assert shared_out([range(11), range(11, 13)], 2) == [range(3, 11), range(3), range(11, 13)]
+    assert shared_out([range(12)], 2) == [range(6), range(6, 12)]
+
+
+def test_no_more_than_can_be_stepped_together_is_a_share() -> None:
+    assert shared_out([range(TOGETHER + 1)], 1) == [range(24, 49), range(24)], "so many are not stepped together"
+
+
+def test_processes_begin_before_they_are_asked_for_an_episode(data, config, monkeypatch) -> None:
+    """So that the critic learns while they drive; this process begins when it is asked."""
+    begun: list[list[int]] = []
+    with rollouts(data, config, 2) as (driving, _):
+        submit = driving._pool.submit
+        monkeypatch.setattr(driving._pool, "submit", lambda *given: begun.append(given[-2]) or submit(*given))
+        episodes = driving.episodes(policies(config)[0], [1, 2, 3], draws=False)
+        assert sorted(seed for seeds in begun for seed in seeds) == [1, 2, 3]
+        assert len(list(episodes)) == 3
+
+
+def test_a_pool_that_is_not_needed_ends_without_a_word(data, config, capfd) -> None:
+    with rollouts(data, config, 2):
+        pass  # as a training that is resumed when it is complete: its processes have not begun yet
+    for process in multiprocessing.active_children():
+        process.join()
+    assert capfd.readouterr().err == ""

@@ -1,0 +1,247 @@
+"""Training: it runs, it goes on where it stopped, it says what is wrong with its configuration."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from litsim_policy.driving.policy_c import PolicyNetwork
+from litsim_research.policies import checkpoint, train
+from litsim_research.policies.config import TrainConfig
+from litsim_research.policies.data import REPORTED, DataConfig, Generated, RealWindow, prepare
+from litsim_research.policies.expert import expert_pairs
+from litsim_research.policies.network import GaussianPolicy, restore, save
+from litsim_research.policies.ppo import tensor
+from litsim_research.policies.warm_start import WarmStart
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.yaml_input import read_yaml
+from litsim_sim.scenario.recording import Recording
+
+CONFIG = Path(__file__).parents[3] / "src" / "litsim_policy" / "config"
+
+
+@pytest.fixture(scope="module")
+def file(training_data, tmp_path_factory) -> Path:
+    """A configuration that takes a second."""
+    folder = tmp_path_factory.mktemp("train")
+    values = {
+        "iterations": 2,
+        "transitions": 40,
+        "validate_every": 1,
+        "validation_episodes": 1,
+        "data": training_data,
+        "environment": {"steps_max": 20, "slots": 4, "drafted": 3},
+        "warm_start": {"epochs": 2},
+        "critic": {"updates": 2, "batch": 32},
+        "ppo": {"epochs": 2, "batch": 32},
+    }
+    (folder / "config.yaml").write_text(yaml.safe_dump(values))
+    return folder / "config.yaml"
+
+
+def with_iterations(file: Path, count: int) -> TrainConfig:
+    return read_yaml(file, TrainConfig).model_copy(update={"iterations": count})
+
+
+def weights(training: checkpoint.Training) -> list[torch.Tensor]:
+    return [value for part in (training.policy, training.critic, training.value) for value in part.parameters()]
+
+
+def test_a_run_that_is_resumed_ends_where_a_whole_one_does(file: Path, tmp_path: Path) -> None:
+    whole = train.run(with_iterations(file, 3), tmp_path / "whole", progress=False)
+    train.run(with_iterations(file, 1), tmp_path / "parts", progress=False)
+    resumed = train.run(with_iterations(file, 3), tmp_path / "parts", resume=True, progress=False)
+    assert all(torch.equal(a, b) for a, b in zip(weights(whole), weights(resumed), strict=True))
+    drop = lambda entries: [{k: v for k, v in e.items() if k != "seconds"} for e in entries]  # noqa: E731
+    history = json.loads((tmp_path / "parts" / checkpoint.HISTORY).read_text())
+    assert drop(history) == drop(whole.history) and len(history) == 3
+    assert (tmp_path / "parts" / checkpoint.CURVES).read_bytes().startswith(b"\x89PNG")
+    for name in (checkpoint.LAST, checkpoint.BEST):
+        PolicyNetwork.load(tmp_path / "parts" / name)
+
+
+def test_what_a_checkpoint_must_be(file: Path, tmp_path: Path) -> None:
+    config = with_iterations(file, 1)
+    with pytest.raises(InputError, match="no checkpoint"):
+        train.run(config, tmp_path, resume=True, progress=False)
+    train.run(config, tmp_path, progress=False)
+    with pytest.raises(InputError, match="fields seed of the configuration differ"):
+        train.run(config.model_copy(update={"seed": 5}), tmp_path, resume=True, progress=False)
+    (tmp_path / checkpoint.CHECKPOINT).write_bytes(b"nothing")
+    with pytest.raises(InputError, match="not a readable checkpoint"):
+        train.run(config, tmp_path, resume=True, progress=False)
+
+
+def test_a_training_is_not_resumed_on_other_data(file: Path, tmp_path: Path) -> None:
+    config = with_iterations(file, 1)
+    scenario = yaml.safe_load(Path(config.data.scenarios[0]).read_text())
+    (tmp_path / "scenario.yaml").write_text(yaml.safe_dump(scenario))
+    data = config.data.model_copy(update={"scenarios": (str(tmp_path / "scenario.yaml"),)})
+    config = config.model_copy(update={"data": data})
+    train.run(config, tmp_path, progress=False)
+    (tmp_path / "scenario.yaml").write_text(yaml.safe_dump(scenario | {"seed": 3}))
+    with pytest.raises(InputError, match="trained on another scenario made: its field seed is 3, expected 0"):
+        train.run(config, tmp_path, resume=True, progress=False)
+
+
+def test_drivers_are_imitated(file: Path) -> None:
+    """After the warm start the policy does in the recordings what the drivers did, better than nothing would."""
+    config = read_yaml(file, TrainConfig)
+    data = prepare(config.data, file.parent / "data")
+    random = np.random.default_rng(0)
+    experts = expert_pairs(data.train, config.observation, config.expert, config.task, random)
+    torch.manual_seed(0)
+    policy = GaussianPolicy(config.observation)
+
+    def error() -> float:
+        with torch.no_grad():
+            said = torch.tanh(policy(tensor(experts.displaced))).numpy()
+        return float(np.abs(said - experts.correction)[:, 1:].mean())
+
+    before = error()
+    longer = config.model_copy(update={"warm_start": WarmStart(epochs=40)})
+    train._warm_start(policy, train.demonstrations(experts, 0.5)[1], longer)
+    assert error() < 0.5 * before
+
+
+@pytest.mark.parametrize("part", ["warm_start", "ppo"])
+def test_a_training_that_diverges_ends(file: Path, tmp_path: Path, part: str) -> None:
+    """It used to go on, and to leave weights that are not finite."""
+    values = yaml.safe_load(file.read_text())
+    values[part]["learning_rate"] = 1e30
+    (tmp_path / "fast.yaml").write_text(yaml.safe_dump(values))
+    with pytest.raises(InputError, match=rf"field {part}.learning_rate is 1e\+30, .*expected a smaller one"):
+        train.run(read_yaml(tmp_path / "fast.yaml", TrainConfig), tmp_path / "out", progress=False)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("iterations: 0\ndata: {}\n", "field iterations: .*greater than 0"),
+        ("data: {}\nlearning_rat: 1\n", "field learning_rat"),
+        ("data: {}\nseed: 100000000000000\n", "field seed: .*less than 4294967296"),
+        ("data: {}\nppo: {epochs: 0}\n", "field ppo.epochs: .*greater than 0"),
+        ("data: {}\ncritic_reward: .inf\n", "field critic_reward: .*finite"),
+        ("data: {}\nppo: {batch: 1000000000000}\n", "field ppo.batch: .*less than or equal to 1000000"),
+        ("data: {}\ncritic: {updates: 0}\n", "field critic.updates: .*greater than 0"),
+        ("iterations: [\n", "malformed YAML"),
+        ("data: {generated: [{net: us101_like, segments: 0, seed: 1}]}\n", "field data.generated.0.segments"),
+        ("data: {real: [{frames: [500, 700], local_y_m: [0, 100]}]}\n", "on which results are reported"),
+    ],
+)
+def test_configurations_that_are_wrong(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "wrong.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=said) as error:
+        read_yaml(path, TrainConfig)
+    assert str(path) in str(error.value)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_yaml(tmp_path / "missing.yaml", TrainConfig)
+
+
+def test_nothing_to_train_on(tmp_path: Path, monkeypatch, capsys) -> None:
+    path = tmp_path / "empty.yaml"
+    path.write_text("data: {}\n")
+    monkeypatch.setattr(sys, "argv", ["train", "--config", str(path), "--out", str(tmp_path / "out")])
+    with pytest.raises(SystemExit) as exit_:
+        train.main()
+    assert exit_.value.code == 2 and "no scenario to train on" in capsys.readouterr().err
+
+
+def test_training_scenarios_never_stand_in_for_missing_ones_to_validate_on(file: Path, tmp_path: Path) -> None:
+    data = read_yaml(file, TrainConfig).data
+    with pytest.raises(InputError, match="no scenario to validate on"):
+        prepare(data.model_copy(update={"validation": ()}), tmp_path)
+    with pytest.raises(InputError, match="no scenario to validate on"):
+        prepare(DataConfig(generated=(Generated(net="us101_like", segments=1, seed=4000),)), tmp_path)
+    with pytest.raises(ValueError, match="in both scenarios and validation"):
+        DataConfig(scenarios=("demo",), validation=("demo",))
+    with pytest.raises(ValueError, match=r"a/../b.yaml in both scenarios and validation"):
+        DataConfig(scenarios=("a/../b.yaml",), validation=("./b.yaml",))
+    apart = prepare(data, tmp_path)
+    assert len(apart.train) == len(apart.validation) == 1 and not set(apart.train) & set(apart.validation)
+
+
+def test_tuning_egos_validate_in_place_of_those_that_are_reported(
+    make_scenario, track, lane_centres, tmp_path: Path
+) -> None:
+    tracks = [track(k, x=60.0 + 20.0 * k, y=lane_centres[1], last=45) for k in range(1, 6)]
+    given = yaml.safe_load(make_scenario(*tracks).to_yaml()) | {"ego": 1, "egos": [1, 2], "tuning": [4, 5]}
+    (tmp_path / "reported.yaml").write_text(yaml.safe_dump(given))
+    (tmp_path / "other.yaml").write_text(yaml.safe_dump(given | {"name": "other", "tuning": []}))
+    files = {"scenarios": (str(tmp_path / "other.yaml"),), "tuning": (str(tmp_path / "reported.yaml"),)}
+    (validating,) = prepare(DataConfig(**files), tmp_path).validation
+    assert validating.egos == (4, 5) and validating.ego_id == 4
+    with pytest.raises(InputError, match=r"tuning: scenario .*other\.yaml has no tuning egos"):
+        prepare(DataConfig(scenarios=files["scenarios"], tuning=files["scenarios"]), tmp_path)
+
+
+@pytest.mark.parametrize(("first", "fits"), [(543, False), (544, True)])
+def test_scenarios_of_what_is_reported_on_are_refused(
+    make_scenario, track, lane_centres, tmp_path: Path, first: int, *, fits: bool
+) -> None:
+    given = yaml.safe_load(make_scenario(track(1, x=60.0, y=lane_centres[1], last=45)).to_yaml())
+    made = Recording.read(Path(given["recording"]))
+    table = made.table.assign(frame=made.table["frame"] + first)
+    Recording.from_table(replace(made.header, name="us101_0750"), table, "made").write(tmp_path / "us101.parquet")
+    path = tmp_path / "us101.yaml"
+    path.write_text(yaml.safe_dump(given | {"recording": str(tmp_path / "us101.parquet"), "start_frame": first}))
+    data = DataConfig(scenarios=(str(path),), validation=("demo",))
+    if fits:
+        assert len(prepare(data, tmp_path).train) == 1
+    else:
+        with pytest.raises(InputError, match=r"us101.yaml: frames 543 to .* of us101_0750 overlap \(316, 543\)"):
+            prepare(data, tmp_path)
+
+
+@pytest.mark.parametrize(("frames", "fits"), [((748, 828), True), ((126, 315), True), ((126, 316), False)])
+def test_what_is_reported_on_is_never_learned_from(frames: tuple[int, int], *, fits: bool) -> None:
+    assert REPORTED == (316, 543)
+    if fits:
+        assert RealWindow(frames=frames, local_y_m=(0.0, 100.0)).frames == frames
+    else:
+        with pytest.raises(ValueError, match="results are reported"):
+            RealWindow(frames=frames, local_y_m=(0.0, 100.0))
+
+
+def test_packaged_configurations_differ_in_what_the_paper_says_only() -> None:
+    usual, paper = (read_yaml(CONFIG / name, TrainConfig) for name in ("policy_c.yaml", "policy_c_paper.yaml"))
+    assert (paper.ppo.learning_rate, paper.ppo.batch) == (0.03, 32)
+    same = {"ppo": usual.ppo, "iterations": usual.iterations}
+    assert paper.model_copy(update=same) == usual
+
+
+def test_the_configuration_that_corrects_has_the_data_of_the_usual_one() -> None:
+    usual, corrected = (read_yaml(CONFIG / name, TrainConfig) for name in ("policy_c.yaml", "policy_c_corrected.yaml"))
+    assert corrected.data.model_copy(update={"real_weight": usual.data.real_weight}) == usual.data
+    assert corrected.ppo.correction_weight > 0.0 and corrected.environment.careful
+    assert PolicyNetwork.load(CONFIG.parents[2] / corrected.start).observation == corrected.observation
+
+
+def test_the_long_training_learns_from_what_the_usual_one_does_and_is_a_hundred_times_as_long() -> None:
+    usual, long = (read_yaml(CONFIG / name, TrainConfig) for name in ("policy_c.yaml", "policy_c_long.yaml"))
+    same = {"real_weight": usual.data.real_weight, "tuning": usual.data.tuning}
+    assert long.data.model_copy(update=same) == usual.data and long.data.tuning == ("us101_0750",)
+    assert long.iterations * long.transitions >= 100 * usual.iterations * usual.transitions
+    restore(GaussianPolicy(long.observation), CONFIG.parents[2] / long.start)
+
+
+def test_a_training_begins_with_the_weights_that_it_is_given(file: Path, tmp_path: Path) -> None:
+    config = with_iterations(file, 1)
+    torch.manual_seed(3)
+    given = GaussianPolicy(config.observation)
+    save(given, tmp_path / "given.safetensors")
+    begun = config.model_copy(update={"start": str(tmp_path / "given.safetensors")})  # PPO leaves the policy at first
+    found = train.run(begun, tmp_path / "out", progress=False).policy
+    assert all(torch.equal(a, b) for a, b in zip(found.parameters(), given.parameters(), strict=True))
+    seen = config.observation.__class__(slots=3)
+    save(GaussianPolicy(seen), tmp_path / "other.safetensors")
+    with pytest.raises(InputError, match=r"other\.safetensors: was trained to see .*slots=3.*, expected .*slots=8"):
+        restore(given, tmp_path / "other.safetensors")

@@ -1,0 +1,203 @@
+"""The frame of the programs that train: no training is lost, and what cannot be written is said in one line."""
+
+from __future__ import annotations
+
+import json
+import logging
+import resource
+import shutil
+from argparse import Namespace
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+import yaml
+from pydantic import BaseModel
+
+from litsim_policy.driving.features.observation import ObservationConfig
+from litsim_research.imitation import network as imitation_network
+from litsim_research.policies import network, simnet_network
+from litsim_research.policies.checkpoint import CHECKPOINT, keep_state, read_state, write_history
+from litsim_research.policies.data import DataConfig, prepare
+from litsim_research.policies.data_state import DataState
+from litsim_research.policies.plots import plot_curves
+from litsim_research.policies.training_program import training_program
+from litsim_sim.core.errors import InputError
+from litsim_sim.scenario.recording import Recording
+
+
+class Config(BaseModel):
+    """What a training is set to; nothing here."""
+
+
+def arguments(out: Path, *, resume: bool = False) -> Namespace:
+    return Namespace(out=out, resume=resume, threads=torch.get_num_threads())
+
+
+def test_a_training_that_is_there_already_is_not_begun_anew(tmp_path: Path) -> None:
+    (tmp_path / CHECKPOINT).touch()
+    with (
+        pytest.raises(InputError, match="holds a training already; --resume continues it"),
+        training_program(arguments(tmp_path)),
+    ):
+        pytest.fail("begun")
+    with training_program(arguments(tmp_path, resume=True)):
+        pass
+
+
+def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with (
+        pytest.raises(InputError, match=r"file/out: cannot be written"),
+        training_program(arguments(tmp_path / "file/out")),
+    ):
+        pytest.fail("begun")
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_an_interrupted_training_names_resume_only_where_there_is_something_to_resume(
+    kept: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted() -> None:
+        if kept:
+            (tmp_path / "out" / CHECKPOINT).touch()
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), training_program(arguments(tmp_path / "out")):
+        interrupted()
+    said = capsys.readouterr().err
+    assert said == ("\ninterrupted; to continue: the same command with --resume\n" if kept else "")
+
+
+@pytest.mark.parametrize("content", [{"model": {}}, {"config": "{}", "part": {}, "done": 1}, 7])
+def test_a_checkpoint_of_another_program_or_version_is_refused(tmp_path: Path, content: object) -> None:
+    torch.save(content, tmp_path / CHECKPOINT)
+    with pytest.raises(InputError, match=r"checkpoint\.pt: a checkpoint of another program or version: \w+Error: "):
+        read_state(tmp_path / CHECKPOINT, Config(), DataState(), {"part": torch.nn.Linear(3, 3)}, ["done"])
+    part = torch.nn.Linear(3, 3)
+    keep_state(tmp_path / CHECKPOINT, Config(), DataState(), {"part": part}, {})
+    with pytest.raises(InputError, match="another program or version: KeyError: 'done'"):
+        read_state(tmp_path / CHECKPOINT, Config(), DataState(), {"part": part}, ["done"])
+
+
+# Scenarios that have changed since the training began
+
+
+class Trained:
+    """A checkpoint of a training on two scenarios, whose files are in `folder`, and may be changed."""
+
+    def __init__(self, folder: Path, scenario: Any) -> None:
+        self.folder, self._checkpoint = folder, folder / CHECKPOINT
+        (folder / "data").mkdir()
+        given = yaml.safe_load(scenario.to_yaml())
+        for name in ("road", "other"):
+            shutil.copy(given["recording"], folder / "data" / f"{name}.parquet")
+            shutil.copy(given["net"], folder / "data" / f"{name}.net.xml")
+            files = {"name": name, "recording": f"{name}.parquet", "net": f"{name}.net.xml"}
+            self.write(given | files)
+        keep_state(self._checkpoint, Config(), self.data(), {}, {})
+
+    def write(self, scenario: dict[str, Any], **changes: Any) -> None:
+        (self.folder / "data" / f"{scenario['name']}.yaml").write_text(yaml.safe_dump(scenario | changes))
+
+    def read(self) -> dict[str, Any]:
+        return yaml.safe_load((self.folder / "data" / "road.yaml").read_text())
+
+    def data(self, **more: tuple[str, ...]) -> DataState:
+        given = {"scenarios": ("road",), "validation": ("other",)} | more
+        files = {part: tuple(str(self.folder / f"data/{name}.yaml") for name in names) for part, names in given.items()}
+        return DataState.of(prepare(DataConfig(**files, real_weight=2), self.folder))
+
+    def resume(self, **more: tuple[str, ...]) -> None:
+        read_state(self._checkpoint, Config(), self.data(**more), {}, [])
+
+
+@pytest.fixture
+def trained(make_scenario: Any, track: Any, lane_centres: Any, tmp_path: Path) -> Trained:
+    return Trained(tmp_path, make_scenario(*(track(k, x=60.0 + 20.0 * k, y=lane_centres[1], last=45) for k in (1, 2))))
+
+
+def test_a_recording_that_has_changed_is_named(trained: Trained) -> None:
+    path = trained.folder / "data/other.parquet"
+    recording = Recording.read(path)
+    table = recording.table.assign(speed=recording.table["speed"] + 0.01)
+    Recording.from_table(recording.header, table, "made").write(path)
+    with pytest.raises(
+        InputError,
+        match=r"checkpoint\.pt: trained on another recording of scenario other: \S+/data/other\.parquet has SHA-256 "
+        r"[0-9a-f]{64}, expected [0-9a-f]{64}; restore it, or train into another folder",
+    ):
+        trained.resume()
+
+
+def test_a_net_that_has_changed_is_named(trained: Trained) -> None:
+    with (trained.folder / "data/road.net.xml").open("a") as net:
+        net.write("<!-- another -->\n")
+    with pytest.raises(InputError, match=r"another net of scenario road: \S+/data/road\.net\.xml has SHA-256"):
+        trained.resume()
+
+
+def test_a_field_of_a_scenario_that_has_changed_is_named(trained: Trained) -> None:
+    trained.write(trained.read(), ego=2)
+    with pytest.raises(InputError, match=r"trained on another scenario road: its field ego is 2, expected 1; restore"):
+        trained.resume()
+
+
+def test_scenarios_that_are_others_are_named(trained: Trained) -> None:
+    trained.write(trained.read() | {"name": "third"})
+    with pytest.raises(InputError, match=r"another set of scenarios: third \(training\) added, none missing; restore"):
+        trained.resume(scenarios=("road", "third"))
+    with pytest.raises(InputError, match=r"scenarios: third \(training\) added, road \(training\) missing; restore"):
+        trained.resume(scenarios=("third",))
+
+
+def test_scenarios_that_have_moved_or_are_described_otherwise_are_the_same(trained: Trained, tmp_path: Path) -> None:
+    trained.write(trained.read(), description="Two vehicles.")
+    (tmp_path / "moved").mkdir()
+    shutil.move(tmp_path / "data", tmp_path / "moved")
+    trained.folder = tmp_path / "moved"
+    trained.resume()
+
+
+def test_a_checkpoint_of_an_earlier_version_is_resumed_with_a_warning(
+    trained: Trained, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = trained.folder / CHECKPOINT
+    trained.resume()
+    assert not caplog.records
+    torch.save({"config": json.dumps({})}, path)
+    with caplog.at_level(logging.WARNING):
+        trained.resume()
+    assert caplog.messages == [
+        f"{path}: of a version that did not note the scenarios: cannot tell whether they have changed since"
+    ]
+
+
+ENTRIES = [{"validation_score": 0.5}] * 50
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda path: keep_state(path, Config(), DataState(), {"part": torch.nn.Linear(30, 30)}, {}),
+        lambda path: write_history(ENTRIES, path),
+        lambda path: plot_curves(ENTRIES, path.with_suffix(".png")),
+        lambda path: network.save(network.GaussianPolicy(ObservationConfig()), path),
+        lambda path: imitation_network.save(imitation_network.TrafficPolicy(), path, {}),
+        lambda path: simnet_network.save(simnet_network.SimNet("small"), path, {}),
+    ],
+    ids=["checkpoint", "history", "curves", "policy C", "imitation", "simnet"],
+)
+def test_what_cannot_be_written_whole_leaves_what_was_there(write: Callable[[Path], None], tmp_path: Path) -> None:
+    for name in ("made.file", "made.png"):
+        (tmp_path / name).write_text("before")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (500, before[1]))
+    try:
+        with pytest.raises(InputError, match=r"made\.(file|png): cannot be written: File too large"):
+            write(tmp_path / "made.file")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"made.file": "before", "made.png": "before"}

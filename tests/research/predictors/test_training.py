@@ -1,0 +1,399 @@
+"""Training: equal seeds give equal weights, an interrupted one goes on where it stopped, bad input is named."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from torch.optim.swa_utils import AveragedModel
+
+from litsim_research.cli import score as evaluate
+from litsim_research.cli import train_predictor as train
+from litsim_research.predictors.data.scenes import scene_batches
+from litsim_research.predictors.evaluation.evaluation import recording_tracks
+from litsim_research.predictors.models.registry import build
+from litsim_research.predictors.models.weights import Provenance, load_model, save_model
+from litsim_research.predictors.training import data as training_data
+from litsim_research.predictors.training.config import TrainingConfig
+from litsim_research.predictors.training.data import Locator, load_parts
+from litsim_research.predictors.training.training import (
+    CHECKPOINT,
+    CURVES,
+    HISTORY_FILE,
+    VALIDATION_STRIDE,
+    WEIGHTS,
+    Training,
+)
+from litsim_sim.core.errors import EXIT_INTERRUPTED, InputError
+from litsim_sim.core.scene import Kind
+from litsim_sim.io.yaml_input import read_yaml
+from litsim_sim.scenario.recording import Recording, RecordingHeader
+from litsim_sim.scenario.scenario import packaged
+
+Straight = Callable[..., pd.DataFrame]
+SMALL = """
+model: joint
+parameters: {map_width: 8, map_channels: 4, history_width: 8, state_width: 8, heads: 4, layers: 1, hidden: 16}
+data:
+- {kind: recording, files: [made.parquet]}
+epochs: 2
+warm_epochs: 1
+stride: 10
+"""
+
+
+@pytest.fixture
+def config(tmp_path: Path, straight: Straight) -> Path:
+    """A training configuration beside a recording of ten vehicles on the net us101_like."""
+    rng = np.random.default_rng(0)
+    vehicles = [(k, 20.0 * k, -3.66 * (k % 5 + 0.5), float(rng.uniform(8, 14))) for k in range(10)]
+    table = straight(*vehicles, frames=110).assign(acceleration=0.0, kind=int(Kind.CAR), lane=1)
+    Recording.from_table(RecordingHeader("made", net="us101_like.net.xml"), table, "made").write(
+        tmp_path / "made.parquet"
+    )
+    (tmp_path / "small.yaml").write_text(SMALL)
+    return tmp_path / "small.yaml"
+
+
+def run(config: Path, out: Path, *options: str) -> None:
+    train.main(["--config", str(config), "--out", str(out), "--threads", "1", "--device", "cpu", *options])
+
+
+def same(first: Path, second: Path) -> bool:
+    one, other = (load_model(str(folder / WEIGHTS))[0].state_dict() for folder in (first, second))
+    return all(torch.equal(one[name], other[name]) for name in one)
+
+
+def test_a_training_leaves_weights_curves_and_history(config: Path, tmp_path: Path) -> None:
+    run(config, tmp_path / "a")
+    model, made = load_model(str(tmp_path / "a" / WEIGHTS))
+    assert not model.training
+    assert made.command.startswith("ros2 run litsim_research train predictor --config small.yaml")
+    assert made.manifest["rows"]["train"]["made"] == 7 * 110
+    assert list(made.manifest["files"]) == ["made.parquet"] and len(made.manifest["files"]["made.parquet"]) == 64
+    assert made.figures["val_rmse_5"] > made.figures["val_rmse_1"] > 0
+    history = json.loads((tmp_path / "a" / HISTORY_FILE).read_text())
+    assert [entry["epoch"] for entry in history["epochs"]] == [1, 2]
+    assert (tmp_path / "a" / CURVES).read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_net_of_a_recording_may_lie_beside_it(config: Path, tmp_path: Path) -> None:
+    table = Recording.read(tmp_path / "made.parquet").table
+    Recording.from_table(RecordingHeader("made", net="street"), table, "made").write(tmp_path / "made.parquet")
+    with pytest.raises(InputError, match=r"made.parquet: no net .*street: expected a file there"):
+        load_parts(read_yaml(config, TrainingConfig), Locator(tmp_path))
+    (tmp_path / "street.net.xml").write_bytes(packaged("nets/us101_like.net.xml").read_bytes())
+    tracks, _ = load_parts(read_yaml(config, TrainingConfig), Locator(tmp_path))["train"][0]
+    assert tracks.lanes is not None
+    assert recording_tracks(tmp_path / "made.parquet", None).lanes is not None
+
+
+def test_what_validates_a_training_is_what_evaluate_measures(config: Path, tmp_path: Path) -> None:
+    run(config, tmp_path / "a")
+    file = str(tmp_path / "a" / WEIGHTS)
+    words = ["--validation", str(config), "--stride", str(VALIDATION_STRIDE), "--models", file]
+    measured = evaluate.evaluate(evaluate.parser().parse_args(words))[file]
+    recorded = load_model(file)[1].figures
+    assert measured["rmse"] == pytest.approx({s: recorded[f"val_rmse_{s}"] for s in measured["rmse"]}, rel=1e-4)
+    assert measured["protocol"]["split"] == "val"
+
+
+@pytest.mark.parametrize("options", ["", "averaging: 0.5\n"])
+def test_equal_seeds_give_equal_weights_and_resuming_changes_nothing(
+    config: Path, tmp_path: Path, options: str
+) -> None:
+    config.write_text(SMALL + options)
+    for name in ("a", "b"):
+        run(config, tmp_path / name)
+    run(config, tmp_path / "other", "--seed", "1")
+    assert same(tmp_path / "a", tmp_path / "b")
+    assert not same(tmp_path / "a", tmp_path / "other")
+    # Interrupted after the first epoch: the rest is the same as in one go.
+    whole = torch.load(tmp_path / "a" / CHECKPOINT, weights_only=True)
+    cut = tmp_path / "cut"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("litsim_research.predictors.training.training.Training._learning_rate", interrupt_at(1))
+        with pytest.raises(SystemExit) as stopped:
+            run(config, cut)
+        assert stopped.value.code == EXIT_INTERRUPTED
+    assert len(json.loads((cut / HISTORY_FILE).read_text())["epochs"]) == 1
+    run(config, cut, "--resume")
+    resumed = torch.load(cut / CHECKPOINT, weights_only=True)
+    assert all(torch.equal(whole["model"][name], resumed["model"][name]) for name in whole["model"])
+    assert same(tmp_path / "a", cut)
+
+
+def test_averaged_weights_lag_behind_those_that_are_trained(config: Path, tmp_path: Path) -> None:
+    """What is saved is the average, by its share, of all weights that there were after a step."""
+    share, steps = 0.8, []
+    update = AveragedModel.update_parameters
+
+    def seen(averaged: AveragedModel, model: torch.nn.Module) -> None:
+        steps.append({name: value.clone() for name, value in model.state_dict().items()})
+        update(averaged, model)
+
+    config.write_text(SMALL + f"agents_per_batch: 20\naveraging: {share}\n")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(AveragedModel, "update_parameters", seen)
+        run(config, tmp_path / "a", "--epochs", "1")
+    assert len(steps) > 2
+    saved = load_model(str(tmp_path / "a" / WEIGHTS))[0].state_dict()
+    for name, value in saved.items():
+        average = steps[0][name]
+        for step in steps[1:]:
+            average = share * average + (1.0 - share) * step[name]
+        torch.testing.assert_close(value, average)
+    assert not all(torch.equal(saved[name], steps[-1][name]) for name in saved)
+
+
+def test_a_fraction_of_the_vehicles_makes_epochs_of_as_many_steps(config: Path, tmp_path: Path) -> None:
+    config.write_text(SMALL + "agents_per_batch: 20\n")
+    steps: list[int] = []
+    step = torch.optim.AdamW.step
+
+    def counted(optimiser: torch.optim.AdamW) -> None:
+        steps[-1] += 1
+        step(optimiser)
+
+    for name, options in (("all", ()), ("few", ("--fraction", "0.3"))):
+        steps.append(0)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(torch.optim.AdamW, "step", counted)
+            run(config, tmp_path / name, *options)
+    assert steps[0] == steps[1] > 2
+    made = load_model(str(tmp_path / "few" / WEIGHTS))[1]
+    assert made.manifest["rows"]["train"]["made"] == 2 * 110
+    assert made.training["fraction"] == 0.3 and "--fraction 0.3" in made.command
+
+
+def test_of_a_source_that_nobody_is_learned_of_no_fraction_is_taken(
+    config: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = training_data.load
+
+    def seen_only(*given: Any) -> Any:
+        parts = real(*given)
+        (tracks,) = parts["train"]
+        return parts | {"train": [tracks, replace(tracks, target=np.zeros(len(tracks), np.bool_))]}
+
+    monkeypatch.setattr(training_data, "load", seen_only)
+    some = read_yaml(config, TrainingConfig).model_copy(update={"fraction": 0.3})
+    learned, seen = load_parts(some, Locator(config.parent))["train"]
+    assert learned[0].target.sum() == 2 * 110
+    assert not seen[0].target.any() and seen[1] == some.data[0].share
+
+
+def test_a_training_begins_with_other_weights_of_the_same_model(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(config, tmp_path / "first")
+    begun = load_model(str(tmp_path / "first" / WEIGHTS))[0].state_dict()
+    # Steps so small that they leave the weights where they begin.
+    further = SMALL + "start: first/weights.safetensors\nlearning_rate: 1.0e-12\n"
+    config.write_text(further)
+    run(config, tmp_path / "second", "--epochs", "1")
+    model, made = load_model(str(tmp_path / "second" / WEIGHTS))
+    for name, value in model.state_dict().items():
+        torch.testing.assert_close(value, begun[name], atol=1e-9, rtol=0.0)
+    assert set(made.manifest["files"]) == {"made.parquet", "first/weights.safetensors"}
+    config.write_text(further.replace("hidden: 16", "hidden: 8"))
+    with pytest.raises(SystemExit):
+        run(config, tmp_path / "third")
+    assert "first/weights.safetensors: weights of model joint" in capsys.readouterr().err
+
+
+def test_a_training_with_teachers_learns_from_the_mean_of_their_forecasts(config: Path, tmp_path: Path) -> None:
+    """The further loss is the squared distance from it; with nothing to compare it is zero, and it moves the model."""
+    for seed in ("1", "2"):
+        run(config, tmp_path / f"teacher{seed}", "--seed", seed, "--epochs", "1")
+    names = [f"teacher{seed}/weights.safetensors" for seed in (1, 2)]
+    config.write_text(f"{SMALL}teachers: {names}\nteacher_weight: 10\n".replace("'", ""))
+    settings, locate = read_yaml(config, TrainingConfig), Locator(tmp_path)
+    training = Training(settings, tmp_path, locate, "", "cpu")
+    batch = next(scene_batches([tracks for tracks, _ in load_parts(settings, locate)["val"]]))
+    with torch.no_grad():
+        one, other = (load_model(str(tmp_path / name))[0](batch).mean[:, :, 0] for name in names)
+        wanted = (one + other) / 2
+        assert (one - other)[batch.target].abs().max() > 0.01
+        assert training._distillation(batch, wanted, batch.target) == pytest.approx(0.0, abs=1e-9)
+        beside = wanted + torch.tensor([3.0, 4.0])
+        assert training._distillation(batch, beside, batch.target) == pytest.approx(25.0, abs=1e-3)
+        assert training._distillation(batch, beside, torch.zeros_like(batch.target)) == 0.0
+    run(config, tmp_path / "taught")
+    assert set(names) < set(load_model(str(tmp_path / "taught" / WEIGHTS))[1].manifest["files"])
+    config.write_text(SMALL)
+    run(config, tmp_path / "alone")
+    assert not same(tmp_path / "taught", tmp_path / "alone")
+
+
+def interrupt_at(epoch: int) -> Callable[..., float]:
+    """A learning rate that is interrupted, as by Ctrl-C, when it is asked for at `epoch`."""
+    rate = Training._learning_rate
+
+    def interrupted(self: Training, now: int) -> float:
+        if now == epoch:
+            raise KeyboardInterrupt
+        return rate(self, now)
+
+    return interrupted
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("model: joint\nepochs: 0\n", "small.yaml: line 2, field epochs"),
+        ("model: joint\nlearning: 1\n", "small.yaml: line 2, field learning"),
+        ("model: [\n", "small.yaml: malformed YAML"),
+        ("model: rnn\n", "field model is 'rnn', expected one of joint, cs_lstm, bat"),
+        ("model: joint\nparameters: {width: 8}\n", "training configuration: field parameters: width is unknown"),
+        ("model: joint\nparameters: {neighbours: -1}\n", "neighbours is -1, expected a whole number of at least 0"),
+        ("model: joint\nparameters: {heads: 7}\n", "heads is 7, expected a divisor of 160"),
+        ("model: joint\nparameters: {relative: false, heads: 5}\n", "heads is 5, expected a divisor of 32"),
+        ("model: joint\nparameters: {relative: false, traffic: true}\n", "traffic is True, expected False"),
+        ("model: joint\nparameters: {history_width: 33, heads: 1}\n", "history_width is 33, expected an even number"),
+        ("model: bat\nparameters: {heads: 5}\n", "embedding is 32, expected an even multiple of heads, 5"),
+        ("model: cs_lstm\nparameters: {encoder: 0}\n", "encoder is 0, expected a whole number of more than 0"),
+        ("model: joint\nparameters: {history: dense}\n", "history is 'dense', expected one of direct, recurrent"),
+        ("model: joint\nparameters: {decoder: gru}\n", "decoder is 'gru', expected one of direct, recurrent"),
+        ("model: joint\nparameters: {hidden: 1025}\n", "hidden is 1025, expected a whole number of more than 0 and at"),
+        ("model: joint\nparameters: {layers: 1000000}\n", "layers is 1000000, expected a whole number of more than"),
+        (f"model: joint\nparameters: {{neighbours: {10**30}}}\n", "a whole number of at least 0 and at most 1"),
+        ("model: joint\nparameters: {reach: 1.0e+300}\n", "reach is 1e+300, expected a number of more than 0"),
+        ("model: bat\nparameters: {embedding: 1000000}\n", "embedding is 1000000, expected a whole number"),
+        (f"model: joint\nepochs: {10**400}\n", "small.yaml: line 2, field epochs"),
+        ("model: joint\nseed: -1\n", "small.yaml: line 2, field seed"),
+        (f"model: joint\nseed: {2**64}\n", "small.yaml: line 2, field seed"),
+        ("model: joint\nstride: 36001\n", "small.yaml: line 2, field stride"),
+        (SMALL.replace("[made.parquet]}", "[made.parquet], share: 1.0e+12}"), "small.yaml: line 5, field data.0"),
+        ("model: joint\nlearning_rate: 1.0e+300\n", "small.yaml: line 2, field learning_rate"),
+        ("model: joint\nlearning_rate: .inf\n", "small.yaml: line 2, field learning_rate"),
+        ("model: joint\naugmentation: {mirror: 7.0}\n", "field augmentation.mirror"),
+        ("model: joint\naugmentation: {crop_m: [80, 20]}\n", "crop_m is [80.0, 20.0], expected the least value first"),
+        (SMALL + "learning_rate: 1.0e+30\n", "field learning_rate is 1e+30, with which the likelihood is not finite"),
+        (SMALL.replace("made.parquet", "gone.parquet"), "gone.parquet: no such file"),
+    ],
+)
+def test_bad_configurations_are_named(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, named: str
+) -> None:
+    config.write_text(text)
+    with pytest.raises(SystemExit) as stopped:
+        run(config, tmp_path / "out")
+    assert stopped.value.code == 2
+    assert named in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "named"),
+    [
+        ("--epochs", "0", "error: command line: field epochs"),
+        ("--fraction", "0", "error: command line: field fraction"),
+        ("--device", "abacus", "error: --device abacus"),
+        ("--threads", "-1", "argument --threads: '-1', expected a whole number of at least 1"),
+    ],
+)
+def test_wrong_options_are_named(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str, named: str
+) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        run(config, tmp_path / "out", option, value)
+    assert stopped.value.code == 2
+    assert named in capsys.readouterr().err
+
+
+def test_a_training_is_not_overwritten_and_another_one_not_resumed(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(config, tmp_path / "out", "--epochs", "1")
+    for options, named in (((), "--resume continues it"), (("--resume", "--seed", "5"), "another configuration")):
+        with pytest.raises(SystemExit):
+            run(config, tmp_path / "out", *options)
+        assert named in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("content", [b"garbage", b"PK\x03\x04"])
+def test_a_damaged_checkpoint_is_named(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes
+) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / CHECKPOINT).write_bytes(content)
+    with pytest.raises(SystemExit):
+        run(config, tmp_path / "out", "--resume")
+    assert f"{CHECKPOINT}: not a readable checkpoint: " in capsys.readouterr().err
+
+
+def test_a_training_is_not_resumed_on_other_data(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(config, tmp_path / "out", "--epochs", "1")
+    table = Recording.read(tmp_path / "made.parquet").table
+    Recording.from_table(RecordingHeader("made"), table[table["vehicle_id"] != 3], "made").write(
+        tmp_path / "made.parquet"
+    )
+    with pytest.raises(SystemExit):
+        run(config, tmp_path / "out", "--epochs", "1", "--resume")
+    assert f"{CHECKPOINT}: trained on another made.parquet; train" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", sorted(train.packaged_configs()))
+def test_packaged_configurations_are_whole(name: str) -> None:
+    config = read_yaml(train.packaged_configs()[name], TrainingConfig)
+    build(config.model, config.parameters, name)
+
+
+PARAMETERS = {"map_width": 8, "map_channels": 4, "history_width": 8, "state_width": 8, "heads": 4, "hidden": 16}
+
+
+class TestWeights:
+    def provenance(self, **changes: object) -> Provenance:
+        values = {"model": "joint", "parameters": PARAMETERS, "command": "", "training": {}, "manifest": {}}
+        return Provenance(**{**values, "figures": {}, **changes})  # type: ignore[arg-type]
+
+    def test_come_back_as_they_were(self, tmp_path: Path) -> None:
+        model = build("joint", PARAMETERS, "test")
+        save_model(model, self.provenance(), tmp_path / "w.safetensors")
+        again, made = load_model(str(tmp_path / "w.safetensors"))
+        assert made == self.provenance()
+        assert all(
+            torch.equal(a, b) for a, b in zip(model.state_dict().values(), again.state_dict().values(), strict=True)
+        )
+
+    @pytest.mark.parametrize(
+        ("damage", "named"),
+        [
+            (lambda data: data[: len(data) // 2], "damaged weights"),
+            (lambda data: b"\x00" * 100, "damaged weights"),
+            (lambda data: data.replace(b"litsim_predictor/1", b"litsim_predictor/7"), "metadata format"),
+        ],
+    )
+    def test_damaged_files_are_named(self, tmp_path: Path, damage: Callable[[bytes], bytes], named: str) -> None:
+        path = tmp_path / "w.safetensors"
+        save_model(build("joint", PARAMETERS, "test"), self.provenance(), path)
+        path.write_bytes(damage(path.read_bytes()))
+        with pytest.raises(InputError, match=rf"w\.safetensors: {named}"):
+            load_model(str(path))
+
+    def test_weights_of_another_shape_or_not_finite_are_named(self, tmp_path: Path) -> None:
+        path = tmp_path / "w.safetensors"
+        model = build("joint", PARAMETERS, "test")
+        save_model(model, self.provenance(parameters={**PARAMETERS, "hidden": 32}), path)
+        with pytest.raises(InputError, match="have shape"):
+            load_model(str(path))
+        save_model(model, self.provenance(parameters={**PARAMETERS, "layers": 1}), path)
+        with pytest.raises(InputError, match="of no layer"):
+            load_model(str(path))
+        torch.nn.init.constant_(next(model.parameters()), float("nan"))
+        save_model(model, self.provenance(), path)
+        with pytest.raises(InputError, match="not finite"):
+            load_model(str(path))
+
+    def test_missing_ones_are_named(self) -> None:
+        with pytest.raises(InputError, match="no such weights; shipped are default, paper"):
+            load_model("gone.safetensors")

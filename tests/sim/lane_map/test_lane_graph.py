@@ -1,0 +1,46 @@
+"""Lanes that follow each other."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from litsim_sim.lane_map.lane_graph import directly_linked, straightest_successors
+from litsim_sim.lane_map.net_lanes import Lane
+
+
+def lane(name: str, line: list[tuple[float, float]], *successors: str) -> Lane:
+    centerline = np.array(line, np.float64)
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(centerline, axis=0).T))])
+    return Lane(name, name, 0, 3.0, 10.0, centerline, s, float(s[-1]), successors, None, None, is_internal=False)
+
+
+FORK = [
+    lane("a", [(-10, -10), (0, 0), (10, 0)], "left", "on", "right"),
+    lane("left", [(10, 0), (20, 5)]),
+    lane("on", [(10, 0), (20, 1), (20, 9)]),
+    lane("right", [(10, 0), (20, -5)]),
+]
+
+
+def test_the_straightest_goes_on_from_the_end_of_a_lane() -> None:
+    assert straightest_successors(FORK) == [2, None, None, None]
+
+
+def test_of_equally_straight_ones_the_first_by_id() -> None:
+    ends = [lane("c", [(10, 0), (20, 2)]), lane("b", [(10, 0), (20, -2.0001)])]
+    assert straightest_successors([lane("a", [(0, 0), (10, 0)], "c", "b"), *ends])[0] == 2
+
+
+def test_a_turn_across_the_jump_of_angles_is_small() -> None:
+    ends = [lane("back", [(0, 0), (10, 0)]), lane("on", [(0, 0), (-10, -0.5)])]
+    assert straightest_successors([lane("a", [(10, 0.5), (0, 0)], "back", "on"), *ends])[0] == 2
+
+
+def test_links_hold_both_ways_and_for_the_lane_itself() -> None:
+    linked = directly_linked(FORK)
+    assert linked.tolist() == [
+        [True, True, True, True],
+        [True, True, False, False],
+        [True, False, True, False],
+        [True, False, False, True],
+    ]

@@ -1,0 +1,329 @@
+"""Lane queries: geometry by hand, and properties on the packaged nets."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import LineString, points
+
+from litsim_data.maps.fitting import LAYOUTS, fit_lanes, fit_plan
+from litsim_data.maps.highway import HighwayPlan, Ramp, plain_xml, us101_like_plan, write_net
+from litsim_data.maps.netconvert import find_netconvert
+from litsim_sim.core.errors import InputError
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.lane_map.net_lanes import Lane
+from litsim_sim.scenario.scenario import packaged, packaged_nets
+
+# The others have other layouts: i80 in test_maps_motorway.py, urban_like with its traffic.
+NETS = {name: LaneMap.from_net(packaged(f"nets/{name}.net.xml")) for name in ("us101", "us101_like")}
+LIKE = NETS["us101_like"]
+
+
+def lane(
+    name: str, line: list[tuple[float, float]], successors: tuple[str, ...] = (), *, internal: bool = False
+) -> Lane:
+    centerline = np.array(line)
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(centerline, axis=0).T))])
+    return Lane(name, name, 0, 3.0, 10.0, centerline, s, float(s[-1]), successors, None, None, internal)
+
+
+def one(value: float) -> np.ndarray:
+    return np.array([value])
+
+
+# Packaged nets
+
+
+def test_layout_of_the_packaged_nets() -> None:
+    assert set(packaged_nets()) >= {*NETS, "i80"}
+    for lane_map in NETS.values():
+        assert len(lane_map.lanes) == 5 + 6 + 5 + 2
+        assert not any(lane.is_internal for lane in lane_map.lanes)
+        by_id = {lane.id: lane for lane in lane_map.lanes}
+        assert by_id["upstream_0"].successors == ("weave_1",)
+        assert by_id["on_ramp_0"].successors == ("weave_0",)
+        assert by_id["weave_0"].successors == ("off_ramp_0",)
+        assert by_id["downstream_4"].successors == ()
+        assert (by_id["weave_0"].right, by_id["weave_0"].left) == (None, "weave_1")
+        assert (by_id["weave_5"].right, by_id["weave_5"].left) == ("weave_4", None)
+        assert [lane_map.row(lane.id) for lane in lane_map.lanes] == list(range(18))
+
+
+@pytest.mark.parametrize("name", NETS)
+def test_lanes_of_the_packaged_nets_follow_each_other_without_gaps_or_kinks(name: str) -> None:
+    lane_map = NETS[name]
+    for lane in lane_map.lanes:
+        for successor in lane.successors:
+            after = lane_map.lanes[lane_map.row(successor)]
+            assert np.hypot(*(after.centerline[0] - lane.centerline[-1])) < 0.03
+            directions = [
+                np.arctan2(*np.diff(line, axis=0)[::-1].T) for line in (lane.centerline[-2:], after.centerline[:2])
+            ]
+            assert abs(float(directions[1][0] - directions[0][0])) < 0.01
+
+
+def test_dimensions_of_us101_like() -> None:
+    by_id = {lane.id: lane for lane in LIKE.lanes}
+    assert by_id["upstream_2"].width == pytest.approx(3.66)
+    assert by_id["upstream_2"].speed_limit == pytest.approx(29.0)
+    assert [by_id[n].length for n in ("upstream_0", "weave_0", "downstream_0")] == pytest.approx(
+        [176, 213, 251], abs=0.02
+    )
+    assert LIKE.bounds[0] == pytest.approx(0.0)
+    assert LIKE.bounds[2] == pytest.approx(640.0)
+
+
+# Projection
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.data(), name=st.sampled_from(sorted(NETS)))
+def test_projection_finds_the_lane_that_a_pose_was_taken_from(data: st.DataObject, name: str) -> None:
+    lane_map = NETS[name]
+    main = [row for row, lane in enumerate(lane_map.lanes) if "ramp" not in lane.edge_id]
+    row = data.draw(st.sampled_from(main))
+    lane = lane_map.lanes[row]
+    s = np.array(data.draw(st.lists(st.floats(1.0, lane.length - 1.0), min_size=1, max_size=9)))
+    d = np.array(data.draw(st.lists(st.floats(-0.45, 0.45), min_size=len(s), max_size=len(s)))) * lane.width
+    x, y, heading = lane_map.pose_at(row, s)
+    at = lane_map.nearest(x - d * np.sin(heading), y + d * np.cos(heading), heading)
+    assert (at.lane == row).all()
+    np.testing.assert_allclose(at.s, s, atol=0.05)
+    np.testing.assert_allclose(at.d, d, atol=0.01)
+    np.testing.assert_allclose(at.heading, heading, atol=0.02)
+
+
+@pytest.mark.parametrize("name", sorted(NETS))
+def test_headings_around_are_those_of_the_lane_before_and_beyond_even_where_it_ends(name: str) -> None:
+    lane_map, random = NETS[name], np.random.default_rng(3)
+    rows = random.integers(len(lane_map.lanes), size=60)
+    s = random.uniform(-10.0, 10.0 + np.array([lane_map.lanes[row].length for row in rows]))
+    found = lane_map.headings_around(rows, s, 20.0)
+    assert found.shape == (60, 2)
+    for column, by in enumerate((-20.0, 20.0)):
+        assert (found[:, column] == lane_map.pose_at(rows, s + by)[2]).all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), name=st.sampled_from(sorted(NETS)))
+def test_nearest_is_the_nearest_on_and_far_off_the_net(seed: int, name: str) -> None:
+    lane_map, rng = NETS[name], np.random.default_rng(seed)
+    x0, y0, x1, y1 = lane_map.bounds
+    x, y = rng.uniform(x0 - 100, x1 + 100, 50), rng.uniform(y0 - 100, y1 + 100, 50)
+    distances = np.array([LineString(lane.centerline).distance(points(x, y)) for lane in lane_map.lanes])
+    at = lane_map.nearest(x, y)
+    np.testing.assert_allclose(distances[at.lane, np.arange(50)], distances.min(axis=0), atol=1e-9)
+    half = np.array([lane.width / 2 for lane in lane_map.lanes])[:, None]
+    clear = (np.abs(distances - half) > 0.01).all(axis=0)  # not on an edge
+    np.testing.assert_array_equal(lane_map.inside_road(x, y)[clear], (distances < half).any(axis=0)[clear])
+
+
+def test_left_is_positive() -> None:
+    at = LIKE.nearest(np.array([50.0, 50.0]), np.array([-8.15, -10.15]))
+    assert [LIKE.lanes[i].id for i in at.lane] == ["upstream_2", "upstream_2"]
+    np.testing.assert_allclose(at.d, [1.0, -1.0], atol=1e-6)
+
+
+def test_lanes_that_lead_elsewhere_are_handicapped() -> None:
+    two_way = LaneMap([lane("east", [(0, 0), (100, 0)]), lane("west", [(100, 3), (0, 3)])])
+    east, west = two_way.row("east"), two_way.row("west")
+    x, y = one(50.0), one(2.0)  # nearer to "west"
+    assert two_way.nearest(x, y).lane[0] == west
+    assert two_way.nearest(x, y, one(0.0)).lane[0] == east
+    assert two_way.nearest(x, y, one(np.pi)).lane[0] == west
+    assert two_way.nearest(x, y, one(0.0)).d[0] == pytest.approx(2.0)
+
+
+def test_lanes_inside_junctions_are_handicapped() -> None:
+    crossing = LaneMap(
+        [
+            lane("a", [(0, 0), (10, 0)], (":j_0",)),
+            lane(":j_0", [(10, 0.3), (30, 0.3)], ("b",), internal=True),
+            lane("b", [(30, 0), (60, 0)]),
+        ]
+    )
+    assert crossing.lanes[crossing.nearest(one(10.2), one(0.3)).lane[0]].id == "a"
+    assert crossing.lanes[crossing.nearest(one(20.0), one(0.3)).lane[0]].id == ":j_0"
+
+
+def test_many_are_projected_as_arrays() -> None:
+    """As many functions are called for 250 poses as for one: whatever goes through them is compiled."""
+
+    def calls(poses: int) -> int:
+        rng = np.random.default_rng(0)
+        given = rng.uniform(0, 640, poses), rng.uniform(-20, 0, poses), rng.normal(0, 0.1, poses)
+        LIKE.nearest(*given)  # what is done once is done
+        count = 0
+
+        def note(_: object, event: str, __: object) -> None:
+            nonlocal count
+            count += event in ("call", "c_call")
+
+        before = sys.getprofile()
+        sys.setprofile(note)
+        try:
+            LIKE.nearest(*given)
+        finally:
+            sys.setprofile(before)
+        return count
+
+    assert 0 < calls(250) == calls(1)
+
+
+# Paths
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.data(), name=st.sampled_from(sorted(NETS)), length=st.floats(0.5, 1500.0))
+def test_paths_have_their_length_and_no_kinks(data: st.DataObject, name: str, length: float) -> None:
+    lane_map = NETS[name]
+    row = data.draw(st.integers(0, len(lane_map.lanes) - 1))
+    s = data.draw(st.floats(0.0, lane_map.lanes[row].length))
+    path = lane_map.path_from(row, s, length)
+    steps = np.diff(path, axis=0)
+    sizes = np.hypot(*steps.T)
+    assert sizes.sum() == pytest.approx(length, abs=0.1)
+    assert (sizes > 0).all()
+    np.testing.assert_allclose(path[0], np.array(lane_map.pose_at(row, s)[:2]), atol=1e-9)
+    turns = np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
+    assert np.abs(turns[np.minimum(sizes[1:], sizes[:-1]) > 0.5]).max(initial=0.0) < 0.12
+
+
+@settings(deadline=None)
+@given(st.data(), st.sampled_from([*NETS, "urban_like"]))
+def test_ways_lead_along_paths(data: st.DataObject, name: str) -> None:
+    lane_map = NETS.get(name) or LaneMap.from_net(packaged(f"nets/{name}.net.xml"))
+    lane = data.draw(st.integers(0, len(lane_map.lanes) - 1))
+    s = data.draw(st.floats(0.0, lane_map.lanes[lane].length))
+    way = lane_map.ways(np.array([lane]), one(s), 60, 2.0)[0]
+    path = LineString(lane_map.path_from(lane, s, 118.0))
+    assert np.hypot(*(way[:, :2] - [path.interpolate(2.0 * k).coords[0] for k in range(60)]).T).max() < 0.01
+    steps = np.diff(way[:, :2], axis=0)
+    straight = np.abs(np.diff(way[:, 2])) < 1e-9
+    assert np.cos(np.arctan2(steps[straight, 1], steps[straight, 0]) - way[:-1, 2][straight]) == pytest.approx(
+        np.ones(straight.sum()), abs=1e-3
+    )
+
+
+def test_path_leaves_the_net_straight_on() -> None:
+    path = LIKE.path_from(LIKE.row("downstream_4"), 200.0, 500.0)
+    np.testing.assert_allclose(path, [[589.0, -1.83], [640.0, -1.83], [1089.0, -1.83]], atol=0.01)
+
+
+def test_path_takes_the_straightest_successor() -> None:
+    fork = LaneMap(
+        [
+            lane("a", [(0, 0), (10, 0)], ("left", "on", "right")),
+            lane("left", [(10, 0), (20, 5)]),
+            lane("on", [(10, 0), (20, 1)]),
+            lane("right", [(10, 0), (20, -5)]),
+        ]
+    )
+    path = fork.path_from(fork.row("a"), 5.0, 5.0 + np.hypot(10, 1))
+    np.testing.assert_allclose(path, [[5, 0], [10, 0], [20, 1]], atol=1e-9)
+
+
+def test_path_follows_the_edges_of_a_route_through_a_junction() -> None:
+    fork = LaneMap(
+        [
+            lane("a", [(0, 0), (10, 0)], (":on", ":left")),
+            lane(":on", [(10, 0), (20, 0)], ("on",), internal=True),
+            lane(":left", [(10, 0), (20, 5)], ("left",), internal=True),
+            lane("on", [(20, 0), (30, 0)]),
+            lane("left", [(20, 5), (30, 10)]),
+        ]
+    )
+    start = fork.row("a"), 5.0, 5.0 + np.hypot(10, 5)
+    edges = {name: fork.lanes[fork.row(name)].edge_id for name in ("a", ":on", "on", "left")}
+    np.testing.assert_allclose(fork.path_from(*start)[-1], [16.18 + 5, 0], atol=0.01)
+    turned = fork.path_from(*start, {edges["a"], edges[":on"], edges["left"]})
+    np.testing.assert_allclose(turned[-1], [20, 5], atol=0.01)
+    np.testing.assert_allclose(fork.path_from(*start, {"elsewhere"}), fork.path_from(*start))
+
+
+def test_path_goes_through_junctions() -> None:
+    crossing = LaneMap(
+        [
+            lane("a", [(0, 0), (10, 0)], (":j_0",)),
+            lane(":j_0", [(10, 0), (14, 1)], ("b",), internal=True),
+            lane("b", [(14, 1), (30, 1)]),
+        ]
+    )
+    path = crossing.path_from(crossing.row("a"), 10.0, np.hypot(4, 1) + 6.0)
+    np.testing.assert_allclose(path, [[10, 0], [14, 1], [20, 1]], atol=1e-9)
+
+
+# Boxes
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "yaw", "length", "width", "expected"),
+    [
+        (50.0, -9.15, 0.0, 5.0, 2.0, True),  # in the middle of upstream_2
+        (50.0, -8.4, 0.0, 5.0, 2.0, True),  # at its left edge
+        (50.0, -8.2, 0.0, 5.0, 2.0, False),  # over it
+        (50.0, -9.15, 0.5, 5.0, 2.0, False),  # turned out of it
+        (176.0, -9.15, 0.0, 17.0, 2.5, True),  # across the joint of two lanes that follow each other
+        (100.0, 5.0, 0.0, 5.0, 2.0, False),  # off the road
+    ],
+)
+def test_boxes_inside_a_lane(x: float, y: float, yaw: float, length: float, width: float, expected: bool) -> None:
+    assert LIKE.inside_lane(one(x), one(y), one(yaw), one(length), one(width)).tolist() == [expected]
+
+
+def test_points_on_the_road() -> None:
+    x, y = np.array([50.0, 50.0, 50.0, 300.0, 300.0]), np.array([-0.01, 0.01, -18.4, -18.4, -22.1])
+    assert LIKE.inside_road(x, y).tolist() == [True, False, False, True, False]
+    assert LIKE.inside_road(np.array([1e6]), np.array([np.nan])).tolist() == [False]
+
+
+def test_no_points() -> None:
+    none = np.empty(0)
+    assert len(LIKE.nearest(none, none, none).lane) == 0
+    assert LIKE.inside_road(none, none).tolist() == []
+    assert LIKE.inside_lane(none, none, none, none, none).tolist() == []
+
+
+# Building nets
+
+
+def test_plan_with_gores_out_of_order() -> None:
+    plan = us101_like_plan()
+    assert set(plain_xml(plan)) == {"road.nod.xml", "road.edg.xml", "road.con.xml"}
+    with pytest.raises(InputError, match="gores must lie along the road in order"):
+        plain_xml(HighwayPlan(plan.left_edge, Ramp(400.0), Ramp(389.0)))
+
+
+def test_the_packaged_net_is_what_the_code_builds(tmp_path: Path) -> None:
+    try:
+        find_netconvert()
+    except InputError as error:
+        pytest.skip(str(error))
+    write_net(us101_like_plan(), tmp_path / "a.net.xml")
+    assert (tmp_path / "a.net.xml").read_text() == packaged("nets/us101_like.net.xml").read_text()
+
+
+def test_fit_finds_the_lanes_under_noise_lane_changers_and_wrong_labels() -> None:
+    rng = np.random.default_rng(0)
+    n = 6000
+    x, number = rng.uniform(0.0, 500.0, n), rng.integers(1, 6, n).astype(np.float64)
+    truth = 4.0 - 2e-4 * (x - 250.0) ** 2  # a bend of radius 2500 m
+    y = truth - 3.5 * (number - 1) * np.sqrt(1 + (4e-4 * (x - 250)) ** 2) + rng.normal(0.0, 0.3, n)
+    wrong = rng.random(n) < 0.05
+    number[wrong] = rng.integers(1, 6, int(wrong.sum()))
+    grid, centre, offsets = fit_lanes(x, y, number)
+    np.testing.assert_allclose(offsets, 3.5 * np.arange(5), atol=0.05)
+    np.testing.assert_allclose(centre, 4.0 - 2e-4 * (grid - 250.0) ** 2, atol=0.12)
+
+
+def test_fit_refuses_too_few_rows() -> None:
+    import pandas as pd
+
+    table = pd.DataFrame({"x": np.arange(50.0), "y": 0.0, "lane": 1})
+    with pytest.raises(InputError, match="cannot fit lanes 1 to 5"):
+        fit_plan(table, LAYOUTS["us101"])
