@@ -15,7 +15,7 @@ ARGS ?=
 JOBS ?= $(shell expr 2 + $$(nproc))
 
 BIN := .venv/bin
-SOURCES := src/litsim_sim:src/litsim_predictor:src/litsim_policy:src/litsim_data:src/litsim_eval:src/litsim_research
+SOURCES := $(shell printf '%s:' src/litsim_*)
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -31,7 +31,7 @@ build: setup ## setup, then the ROS 2 workspace, into build/ and install/
 	@tools/build.sh
 
 demo: build ## the embedded scenario, closed loop: the ego brakes, drives on; leaves bags/demo
-	./litsim litsim_sim launch --scenario demo --ego perturbed --set ego.kind=brake ego.deceleration=3 ego.duration=3 "ego.time=[8.0, 8.0]" \
+	./litsim launch --scenario demo --ego perturbed --set ego.kind=brake ego.deceleration=3 ego.duration=3 "ego.time=[8.0, 8.0]" \
 	  --policy litsim --out bags/demo --overwrite
 
 test: setup-all build ## every test, in JOBS processes; prints the slowest
@@ -59,9 +59,9 @@ format: setup-all ## put the sources into the format that lint asks for
 	$(BIN)/ruff format
 
 bench: build ## what a step costs on this machine, by stage, beside highway-env
-	./litsim litsim_eval bench forecasts
+	./litsim bench forecasts
 	@benchmarks/highway_env/setup.sh || echo "bench: without highway-env"
-	./litsim litsim_eval bench $(if $(wildcard benchmarks/highway_env/.venv/.ready),--highway-env benchmarks/highway_env) $(ARGS)
+	./litsim bench $(if $(wildcard benchmarks/highway_env/.venv/.ready),--highway-env benchmarks/highway_env) $(ARGS)
 
 soak: build ## 100 short runs of the graph, resumed where they were left; docs/soak.md
 	./litsim exec python tests/soak/soak.py $(ARGS)

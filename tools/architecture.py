@@ -1,6 +1,6 @@
 """Draws the imports between folders into ARCHITECTURE.md, from the code alone.
 
-    PYTHONPATH=src/litsim_sim:src/litsim_predictor:src/litsim_policy:src/litsim_data:src/litsim_eval:src/litsim_research python tools/architecture.py [--check | --largest]
+    PYTHONPATH=$(printf '%s:' src/litsim_*) python tools/architecture.py [--check | --largest]
 
 Without an option, the part of ARCHITECTURE.md between the marks is written anew; --check says whether that would change
 it; --largest prints the largest classes and folders. `make architecture` and `make lint` call the first two.
@@ -20,7 +20,14 @@ import networkx as nx
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "ARCHITECTURE.md"
-PACKAGES = ("litsim_policy", "litsim_predictor", "litsim_sim")  # upper ones first
+PACKAGES = (
+    "litsim_research",
+    "litsim_eval",
+    "litsim_data",
+    "litsim_policy",
+    "litsim_predictor",
+    "litsim_sim",
+)  # upper first
 BEGIN, END = "<!-- begin: tools/architecture.py -->", "<!-- end: tools/architecture.py -->"
 LARGEST = 12  # classes and folders that --largest prints
 

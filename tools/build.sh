@@ -40,7 +40,7 @@ kernels_key() {
 }
 
 compile_kernels() {
-  PYTHONPATH=src/litsim_sim:src/litsim_predictor:src/litsim_policy:src/litsim_data:src/litsim_eval:src/litsim_research .venv/bin/python -m litsim_sim.cli.compile
+  PYTHONPATH=$(printf '%s:' src/litsim_*) .venv/bin/python -m litsim_sim.cli.compile
 }
 
 # Bytecode of the workspace's modules, what is not up to date. Python writes it by itself when it imports a module, but not

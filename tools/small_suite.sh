@@ -6,7 +6,7 @@ cd "$(dirname "$0")/.."
 out=${1:-src/litsim_eval/litsim_eval/suites}
 made=$(mktemp -d)
 trap 'rm -rf "$made"' EXIT
-data() { ./litsim litsim_data data "$@"; }
+data() { ./litsim data "$@"; }
 cut() { data segments "$made/$1.parquet" --out "$made/$1" --simulation 17 --stride "$2" --split 1 0 0; }
 data synthesize --net us101_like --seconds 54.1 --seed 1 --out "$made/motorway.parquet"
 data synthesize --net urban_like --seconds 300 --seed 5 --out "$made/street.parquet"

@@ -31,5 +31,15 @@ setup(
         "console_scripts": [
             "data = litsim_data.cli:main",
         ],
+        # See litsim_sim.core.plugins for the groups.
+        "litsim.recordings": [
+            "ngsim = litsim_data.ngsim.plugin:Official",
+            "us101_windows = litsim_data.ngsim.plugin:Windows",
+        ],
+        "litsim.maps": [
+            "commonroad = litsim_data.maps.map_format:CommonRoad",
+            "lanelet2 = litsim_data.maps.map_format:Lanelet2",
+            "opendrive = litsim_data.maps.map_format:OpenDrive",
+        ],
     },
 )

@@ -39,5 +39,7 @@ setup(
             "check_ads = litsim_eval.cli.check_ads:main",
             "security = litsim_eval.cli.security:main",
         ],
+        # See litsim_sim.core.plugins for the groups.
+        "litsim.recorded": ["analyze = litsim_eval.recorded:analyze_recorded"],
     },
 )

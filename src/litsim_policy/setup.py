@@ -14,7 +14,7 @@ SHARED = ("config", "launch")
 setup(
     name=NAME,
     version="0.1.0",
-    description="Conflict detection, takeover and policies, ego drivers and experiments of LitSim-ROS.",
+    description="Conflict detection, takeovers, policies of the background and ego drivers of LitSim-ROS.",
     license="Apache-2.0",
     maintainer="LitSim-ROS maintainers",
     maintainer_email="maintainers@litsim.invalid",
@@ -32,18 +32,22 @@ setup(
             "conflict = litsim_policy.conflict.node:main",
             "policy = litsim_policy.driving.node:main",
             "policy_stages = litsim_policy.driving.stages_node:main",
-            "ego_log = litsim_policy.ego.node:run_log",
-            "ego_idm = litsim_policy.ego.node:run_idm",
-            "ego_bat = litsim_policy.ego.node:run_bat",
-            "ego_perturbed = litsim_policy.ego.node:run_perturbed",
+            "ego = litsim_policy.ego.node:main",
         ],
-        "litsim.stages": [  # functions that read the parameters of each stage, see litsim_sim.core.stage_registry
+        # See litsim_sim.core.plugins for the groups.
+        "litsim.stages": [
             "conflict = litsim_policy.conflict.registry:conflict_stage",
             "policy = litsim_policy.driving.registry:policy_stage",
-            "ego_bat = litsim_policy.ego.registry:bat_stage",
-            "ego_idm = litsim_policy.ego.registry:idm_stage",
-            "ego_log = litsim_policy.ego.registry:log_stage",
-            "ego_perturbed = litsim_policy.ego.registry:perturbed_stage",
+        ],
+        "litsim.policies": [
+            "litsim = litsim_policy.driving.policy_c:PolicyC",
+            "yield = litsim_policy.driving.yield_policy:YieldPolicy",
+        ],
+        "litsim.egos": [
+            "bat = litsim_policy.ego.bat:BatEgo",
+            "idm = litsim_policy.ego.idm:IdmEgo",
+            "log = litsim_policy.ego.log:LogEgo",
+            "perturbed = litsim_policy.ego.perturbed:PerturbedEgo",
         ],
     },
 )

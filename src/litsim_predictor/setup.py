@@ -31,7 +31,14 @@ setup(
         "console_scripts": [
             "predictor = litsim_predictor.predictor_node:main",
         ],
-        # what reads the parameters of the stage, see litsim_sim.core.stage_registry
+        # See litsim_sim.core.plugins for the groups.
         "litsim.stages": ["predictor = litsim_predictor.models:predictor_stage"],
+        "litsim.predictors": [
+            "bat = litsim_predictor.models:Bat",
+            "cs_lstm = litsim_predictor.models:CsLstm",
+            "default = litsim_predictor.models:Default",
+            "kinematic = litsim_predictor.models:Kinematic",
+            "paper = litsim_predictor.models:Paper",
+        ],
     },
 )

@@ -35,5 +35,14 @@ setup(
             "paper = litsim_research.cli.paper:main",
             "calibrate = litsim_research.cli.calibrate:main",
         ],
+        # See litsim_sim.core.plugins for the groups.
+        "litsim.policies": [
+            "gail = litsim_research.baselines.imitation_policy:Gail",
+            "idm = litsim_research.baselines.idm_policy:IdmPolicy",
+            "rail = litsim_research.baselines.imitation_policy:Rail",
+            "simnet = litsim_research.baselines.simnet.plugin:Simnet",
+        ],
+        "litsim.predictors": ["oracle = litsim_research.oracle:Oracle"],
+        "litsim.networks": ["torch = litsim_research.predictors.eager:load"],
     },
 )

@@ -14,7 +14,7 @@ SHARED = ("config", "launch")
 setup(
     name=NAME,
     version="0.1.0",
-    description="Scenes, recordings, the SUMO world, bridge, recorder, launcher and analysis of LitSim-ROS.",
+    description="Scenarios, the SUMO world, bridge, recorder and launcher of LitSim-ROS.",
     license="Apache-2.0",
     maintainer="LitSim-ROS maintainers",
     maintainer_email="maintainers@litsim.invalid",
@@ -36,7 +36,8 @@ setup(
             "live = litsim_sim.cli.live:main",
             "compile = litsim_sim.cli.compile:main",
         ],
-        "litsim.stages": [  # what reads the parameters of each, see litsim_sim.core.stage_registry
+        # See litsim_sim.core.plugins for the groups.
+        "litsim.stages": [
             "bridge = litsim_sim.nodes.bridge_options:bridge_stage",
             "recorder = litsim_sim.nodes.recorder_options:recorder_stage",
         ],

@@ -114,8 +114,8 @@ def test_choices_of_the_command_line(graph: Any) -> None:
             "conflict: parameter horizon is -1, expected a number of at least 0.1 and at most 60 [s]",
         ),
         (
-            ("litsim_policy", "ego_perturbed"),
-            ("-p", "time:=[2, 1]"),
+            ("litsim_policy", "ego"),
+            ("-p", "driver:=perturbed", "-p", "time:=[2, 1]"),
             "ego: parameter time is (2.0, 1.0), expected the earliest before the latest",
         ),
         (("litsim_sim", "live"), ("-p", "rate:=3.0"), "live: unknown parameter rate; expected none"),
@@ -130,7 +130,8 @@ def test_choices_of_the_command_line(graph: Any) -> None:
             ("-p", "answer_timeout_s:=-1.0"),
             "answer_timeout_s is -1.0, expected a number of m",
         ),
-        (("litsim_policy", "ego_idm"), ("--fast",), "ego_idm: unknown argument"),
+        (("litsim_policy", "ego"), ("--fast",), "ego: unknown argument"),
+        (("litsim_policy", "ego"), ("-p", "driver:=ghost"), "egos: no installed package has ghost; expected bat, idm"),
     ],
 )
 def test_parameters(graph: Any, program: tuple[str, str], arguments: tuple[str, ...], expected: str) -> None:
@@ -147,7 +148,7 @@ def start_graph(graph: Any, *without: str, odd: str = "", **bridge: Any) -> tupl
         "predictor": ("litsim_predictor", "predictor"),
         "conflict": ("litsim_policy", "conflict"),
         "policy": ("litsim_policy", "policy"),
-        "ego": ("litsim_policy", "ego_idm"),
+        "ego": ("litsim_policy", "ego"),
     }
     stages = {name: graph.start_node(*program) for name, program in programs.items() if name not in without}
     if odd:

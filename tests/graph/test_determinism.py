@@ -80,7 +80,7 @@ def test_parameters_are_the_same_over_dds_in_process_and_in_re_runs(graph: Any) 
 
 def test_stages_serve_one_run_after_the_other(graph: Any, recorded: Any) -> None:
     expected = metrics_of(recorded("idm", "litsim"))["digest"]
-    programs = ("litsim_predictor predictor", "litsim_policy conflict", "litsim_policy policy", "litsim_policy ego_idm")
+    programs = ("litsim_predictor predictor", "litsim_policy conflict", "litsim_policy policy", "litsim_policy ego")
     stages = [graph.start_node(*program.split()) for program in programs]
     scenario = graph.scenario()
     for name in ("one", "two"):

@@ -29,7 +29,7 @@ PROGRAMS = {
     "predictor": ("litsim_predictor", "predictor"),
     "conflict": ("litsim_policy", "conflict"),
     "policy": ("litsim_policy", "policy"),
-    "ego": ("litsim_policy", "ego_idm"),
+    "ego": ("litsim_policy", "ego"),
 }
 HOPS = {
     "bridge": "/litsim/agents",
@@ -86,7 +86,7 @@ def assert_whole_steps(bag: Path) -> int:
     return len(steps) - 1
 
 
-@pytest.mark.parametrize("name", ["bridge", "predictor", "policy", "policy_stages", "ego_idm"])
+@pytest.mark.parametrize("name", ["bridge", "predictor", "policy", "policy_stages", "ego"])
 def test_a_node_that_is_killed_is_named(graph: Any, name: str) -> None:
     """Of the conflict stage and the recorder, see test_launcher.py and test_recording.py."""
     bag = graph.folder / "run"

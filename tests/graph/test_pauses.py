@@ -76,7 +76,7 @@ def stop_own_ego(graph: Any, timeout: float) -> tuple[Any, Any, Any]:
     """
     go = graph.folder / "go"
     recorder = graph.start_script("slow_recorder.py", go, "--ros-args", "-p", f"output:={graph.folder / 'run'}")
-    ego = graph.start_node("litsim_policy", "ego_idm")
+    ego = graph.start_node("litsim_policy", "ego")
     given = {"scenario": graph.scenario(simulation_s=8.0), "policy": "replay", "progress": "none"}
     bridge = graph.start_node("litsim_sim", "bridge", **given, answer_timeout_s=timeout)
     assert any("waiting for /litsim/recorded of the recorder" in line for line in bridge.stderr)

@@ -144,7 +144,7 @@ def test_killed_recorder_is_named_and_leaves_whole_chunks(graph: Any) -> None:
 
 def test_a_gap_fails_the_run(graph: Any) -> None:
     recorder = graph.start_script("deaf_recorder.py", "--ros-args", "-p", f"output:={graph.folder / 'run'}")
-    graph.start_node("litsim_policy", "ego_idm")
+    graph.start_node("litsim_policy", "ego")
     arguments = {"scenario": graph.scenario(), "policy": "replay", "progress": "none"}
     bridge = graph.finish(graph.start_node("litsim_sim", "bridge", **arguments))
     done = graph.finish(recorder)
@@ -160,7 +160,7 @@ def test_a_gap_fails_the_run(graph: Any) -> None:
 def test_full_disk_ends_the_run_with_the_name_of_the_file(graph: Any) -> None:
     recorder = graph.start_node("litsim_sim", "recorder", output=graph.folder / "run")
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (40_000, 40_000))  # not enough for the run
-    graph.start_node("litsim_policy", "ego_idm")
+    graph.start_node("litsim_policy", "ego")
     arguments = {"scenario": graph.scenario(), "policy": "replay", "progress": "none"}
     bridge = graph.finish(graph.start_node("litsim_sim", "bridge", **arguments))
     error = f"{graph.folder}/run/run_0.mcap: cannot write the recording: File too large"

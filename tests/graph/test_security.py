@@ -59,7 +59,7 @@ def test_nodes_may_do_what_they_do_and_nothing_else(graph: Any) -> None:
         ("litsim_predictor", "predictor"),
         ("litsim_policy", "conflict"),
         ("litsim_policy", "policy"),
-        ("litsim_policy", "ego_log"),
+        ("litsim_policy", "ego"),
     ):
         graph.start_node(package, executable)
     graph.start_node("litsim_sim", "live", "--foxglove", "--port", "0")
@@ -100,7 +100,7 @@ def test_each_node_of_a_run_is_in_an_enclave_of_its_own(graph: Any) -> None:
     secured["ROS_SECURITY_STRATEGY"] = "Enforce"
     done = graph.launch(*words, **secured)
     assert done.returncode == 1
-    enclaves = {"bridge": "bridge", "recorder": "recorder", "ego": "ego_log"}
+    enclaves = {"bridge": "bridge", "recorder": "recorder", "ego": "ego"}
     said = logs(bag)
     assert said
     for name, text in said.items():

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import re
 from dataclasses import fields, is_dataclass
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
+from litsim_sim.core import plugins
 from litsim_sim.core.parameters import Config, ParameterOverrides
 from litsim_sim.core.quantities import field_type, unit
-from litsim_sim.core.stage_registry import GROUP
+from litsim_sim.core.stage_registry import stage_reader
+from litsim_sim.scenario.run_info import driver_names
 
 SOURCES = Path(__file__).parents[2] / "src"
 FILES = {
@@ -26,12 +27,12 @@ FILES = {
     "ego_idm": "litsim_policy/config/ego_idm.yaml",
     "ego_perturbed": "litsim_policy/config/ego_perturbed.yaml",
 }
-"""File of each stage that has parameters, by the name under which it is registered."""
+"""File of each stage that has parameters; of the ego's, by its driver."""
 TRAININGS = (
-    *SOURCES.glob("litsim_policy/config/policy_c*.yaml"),
-    *SOURCES.glob("litsim_policy/config/simnet*.yaml"),
-    *SOURCES.glob("litsim_policy/config/?ail.yaml"),
-    *SOURCES.glob("litsim_predictor/*/configs/*.yaml"),
+    *SOURCES.glob("litsim_research/config/policy_c*.yaml"),
+    *SOURCES.glob("litsim_research/config/simnet*.yaml"),
+    *SOURCES.glob("litsim_research/config/?ail.yaml"),
+    *SOURCES.glob("litsim_research/*/configs/*.yaml"),
 )
 
 
@@ -51,9 +52,9 @@ class Units(ParameterOverrides):
 
 def read_by(name: str, values: dict[str, Any]) -> Units:
     """What the stage registered as `name` makes of `values`."""
-    (entry,) = entry_points(group=GROUP, name=name)
+    stage, _, ego = name.partition("_")
     read = Units(name, values)
-    entry.load()(read)
+    stage_reader(stage, ego)(read)
     read.check()
     return read
 
@@ -74,7 +75,7 @@ def flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def test_every_stage_with_parameters_has_a_file() -> None:
-    names = [entry.name for entry in entry_points(group=GROUP)]
+    names = [*plugins.names(plugins.STAGES), *(f"ego_{name}" for name in driver_names())]
     assert {name for name in names if read_by(name, {}).values} == set(FILES)
 
 

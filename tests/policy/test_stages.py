@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
 from typing import Any
 
 import pytest
 
+from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.stage_registry import GROUP, configured, registered_name
+from litsim_sim.core.stage_registry import configured
 from litsim_sim.core.stages import POLICY_STAGES
-from litsim_sim.scenario.run_info import EGOS, EXTERNAL
+from litsim_sim.scenario.run_info import driver_names
 
-STAGES = {
-    "bridge": "bridge",
-    "recorder": "recorder",
-    **{stage: stage for stage in POLICY_STAGES},
-    "ego": "ego_perturbed",
-}
+STAGES = ("bridge", "recorder", *POLICY_STAGES, "ego")
+EGO = "perturbed"
 
 
 def test_every_stage_of_every_run_is_registered() -> None:
-    egos = {registered_name("ego", ego) for ego in EGOS if ego != EXTERNAL}
-    assert {entry.name for entry in entry_points(group=GROUP)} == {"bridge", "recorder", *POLICY_STAGES, *egos}
-    for ego in egos:
-        assert set(configured(STAGES | {"ego": ego}, {})) == set(STAGES)
+    assert set(plugins.names(plugins.STAGES)) == {"bridge", "recorder", *POLICY_STAGES}
+    for ego in driver_names():
+        assert set(configured(STAGES, {}, ego)) == set(STAGES)
 
 
 def test_parameters_of_every_stage_are_taken() -> None:
@@ -36,7 +31,7 @@ def test_parameters_of_every_stage_are_taken() -> None:
         "policy": {"safety.horizon": 2, "idm.headway": 1, "handback.speed_gain": 1},
         "ego": {"time": (0, 1)},
     }
-    bridge = configured(STAGES, given)["bridge"]
+    bridge = configured(STAGES, given, EGO)["bridge"]
     assert bridge.answer_timeout_s == 2.0 and bridge.vehicle.delay_s == 0.2
 
 
@@ -83,7 +78,7 @@ def test_parameters_of_every_stage_are_taken() -> None:
             [1.0],
             r"sigma_along is \[1.0\], expected a list of a number of at least 0 ",
         ),
-        ("predictor", "model", "oracle", "predictor: parameter model is 'oracle', expected one of kinematic, "),
+        ("predictor", "model", "seer", "predictor: parameter model is 'seer', expected one of bat, cs_lstm, default, "),
         ("ego", "time", (3, 1), r"ego: parameter time is \(3.0, 1.0\), expected the earliest before the latest"),
         ("bridge", "mode", "fast", "bridge: parameter mode is 'fast', expected one of lockstep, realtime"),
         (
@@ -98,9 +93,11 @@ def test_parameters_of_every_stage_are_taken() -> None:
 )
 def test_what_cannot_be_is_said(stage: str, name: str, value: Any, said: str) -> None:
     with pytest.raises(InputError, match=said):
-        configured(STAGES, {stage: {name: value}})
+        configured(STAGES, {stage: {name: value}}, EGO)
 
 
 def test_a_stage_that_no_package_has() -> None:
-    with pytest.raises(InputError, match="no installed package has a stage ego_ghost"):
-        configured({"ego": registered_name("ego", "ghost")}, {})
+    with pytest.raises(InputError, match="no installed package has a stage ghost"):
+        configured(("ghost",), {})
+    with pytest.raises(InputError, match="egos: no installed package has ghost; expected bat, idm, log, perturbed"):
+        configured(("ego",), {}, "ghost")

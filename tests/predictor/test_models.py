@@ -13,7 +13,7 @@ from safetensors.numpy import save_file
 from litsim_predictor import models
 from litsim_predictor.inference.compiled import CompiledNetwork
 from litsim_predictor.inference.weights import FORMAT, Weights, read_weights
-from litsim_predictor.models import MODELS, PredictorConfig, known_model, network
+from litsim_predictor.models import PredictorConfig, known_model, model_names, network
 from litsim_sim.core.errors import InputError
 from made_agents import scene
 
@@ -26,8 +26,8 @@ def written(weights: Weights, path: Path) -> str:
 
 
 def test_names_and_files_are_known() -> None:
-    assert PredictorConfig().model in MODELS
-    for name in (*MODELS, "mine.onnx", "folder/mine.safetensors"):
+    assert PredictorConfig().model in model_names()
+    for name in (*model_names(), "mine.onnx", "folder/mine.safetensors"):
         assert known_model(name) == name
     with pytest.raises(ValueError, match=r"expected one of kinematic, .*, or a file \*\.safetensors or \*\.onnx"):
         known_model("mine.pt")

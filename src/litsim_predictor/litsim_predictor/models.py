@@ -1,43 +1,98 @@
-"""Predictors by name."""
+"""Predictors by name, and the predictor stage."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator
 
 from litsim_predictor.forecast import NoPredictor, Predictor
-from litsim_predictor.inference import SHIPPED
-from litsim_predictor.inference.contract import NO_MODES, ModeChoice, Network
+from litsim_predictor.inference.contract import ModeChoice, Network
+from litsim_predictor.inference.predictor import LearnedPredictor
+from litsim_predictor.inference.raster import raster_of_net
 from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
+from litsim_predictor.plugin import PredictorPlugin, Scope
 from litsim_predictor.selection import Wanted
-from litsim_research.oracle import OraclePredictor
+from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import ParameterReader
+from litsim_sim.core.parameters import ParameterOverrides, ParameterReader
 from litsim_sim.core.quantities import Flag, Length, NonNegative, configuration
-from litsim_sim.scenario.happened import Happened
-from litsim_sim.scenario.run_info import BASELINES
+from litsim_sim.core.stages import PREDICTOR
+from litsim_sim.scenario.run_info import drives_by_region
 from litsim_sim.scenario.setting import Setting
 
-MODELS = ("kinematic", *SHIPPED)
 DEFAULT_MODEL = "default"
 """What forecasts unless told otherwise."""
 FILES = (".safetensors", ".onnx")
 """Endings of files of weights, and of graphs."""
 
 
+class Kinematic(KinematicPredictor, PredictorPlugin):
+    """The predictor called `kinematic`."""
+
+    defaults, prefix = KinematicConfig(), "kinematic."
+    batched = True
+
+    def __init__(self, scenario: Setting, scope: Scope, config: KinematicConfig) -> None:
+        super().__init__(scenario.ego_ids, scope.roi_m, config, scope.wanted)
+
+
+class Learned(LearnedPredictor, PredictorPlugin):
+    """A predictor whose network is packaged or in a file.
+
+    Attributes:
+        model: its name, or its file of weights or of a graph.
+    """
+
+    batched = True
+    model: ClassVar[str]
+
+    def __init__(self, scenario: Setting, scope: Scope) -> None:
+        net = raster_of_net(scenario.net_path)
+        given = (scenario.ego_ids, scope.roi_m, *net, scope.wanted, scope.modes)
+        super().__init__(network(self.model), *given, along_lanes=scope.along_lanes)
+
+
+class Default(Learned):
+    """The predictor called `default`: the joint network that forecasts best."""
+
+    model = DEFAULT_MODEL
+
+
+class Paper(Learned):
+    """The predictor called `paper`, of the paper's section III-A."""
+
+    model = "paper"
+
+
+class CsLstm(Learned):
+    """The predictor called `cs_lstm`: convolutional social pooling (Deo and Trivedi 2018)."""
+
+    model = "cs_lstm"
+
+
+class Bat(Learned):
+    """The predictor called `bat` (Liao et al. 2024), which also drives the ego of that name."""
+
+    model = "bat"
+
+
+def model_names() -> tuple[str, ...]:
+    """Names of the installed predictors."""
+    return plugins.names(plugins.PREDICTORS)
+
+
 def known_model(name: str) -> str:
-    """Check that `name` is one of :data:`MODELS`, or that of a file of weights or of a graph; returns it.
+    """Check that `name` is one of :func:`model_names`, or that of a file of weights or of a graph; returns it.
 
     Raises:
         ValueError: it is neither.
     """
-    if name not in MODELS and not name.endswith(FILES):
-        raise ValueError(f"expected one of {', '.join(MODELS)}, or a file *{' or *'.join(FILES)}")
+    if name not in model_names() and not name.endswith(FILES):
+        raise ValueError(f"expected one of {', '.join(model_names())}, or a file *{' or *'.join(FILES)}")
     return name
 
 
@@ -47,44 +102,36 @@ ModelName = Annotated[str, AfterValidator(known_model)]
 
 @configuration
 class PredictorConfig:
-    """Parameters of the predictor stage.
+    """Parameters of the predictor stage that all predictors share.
 
     Attributes:
-        model: see :func:`make_predictor`.
+        model: one of :func:`model_names`, or a file of weights or of a graph.
         roi_m: radius around agents off their log within which agents are looked at; 0 is the scenario's.
-        happened: folder of what happened in earlier runs, which is forecast instead of what a model expects
-            (:class:`litsim_sim.scenario.happened.Happened`): an oracle, for experiments; empty is none.
         forecast_all: whether all agents of interest are forecast, and not only those whose forecast is read.
         modes: which manoeuvres of an agent are forecast beside the most probable one, by models run by kernels.
         along_lanes: whether learned models forecast along lanes that bend; see
             :mod:`litsim_predictor.inference.ways`.
-        kinematic: of the model of that name.
     """
 
     model: ModelName = DEFAULT_MODEL
     roi_m: NonNegative[Length] = 0.0
-    happened: str = ""
-    forecast_all: bool = False
+    forecast_all: Flag = False
     modes: ModeChoice = ModeChoice()
     along_lanes: Flag = True
-    kinematic: KinematicConfig = KinematicConfig()
 
 
 def predictor_stage(read: ParameterReader) -> Callable[[str, Setting], Predictor]:
-    """Read the parameters; the result builds the predictor for a policy once the run is known."""
+    """Read the parameters of all installed predictors; the result builds that of a run for its policy and scenario."""
     config = read(PredictorConfig())
+    factories = {name: plugins.load(plugins.PREDICTORS, name).read(read) for name in model_names()}
     wanted = Wanted.ALL if config.forecast_all else Wanted.READ
 
     def build(policy: str, scenario: Setting) -> Predictor:
-        if policy in BASELINES and not config.forecast_all:
+        if not config.forecast_all and drives_by_region(policy):
             return NoPredictor()
-        if config.happened:
-            known = Happened.read(Path(config.happened), scenario)
-            roi_m = config.roi_m or scenario.roi_m
-            return OraclePredictor(known, scenario.log.ids, scenario.ego_ids, roi_m, wanted)
-        return make_predictor(
-            config.model, scenario, config.kinematic, wanted, config.roi_m, config.modes, along_lanes=config.along_lanes
-        )
+        scope = Scope(config.roi_m or scenario.roi_m, wanted, config.modes, config.along_lanes)
+        predictor: Predictor = (factories.get(config.model) or _of_file(config.model))(scenario, scope)
+        return predictor
 
     return build
 
@@ -92,40 +139,35 @@ def predictor_stage(read: ParameterReader) -> Callable[[str, Setting], Predictor
 def make_predictor(
     model: str,
     scenario: Setting,
-    kinematic: KinematicConfig | None = None,
     wanted: Wanted = Wanted.READ,
     roi_m: float = 0.0,
     modes: ModeChoice | None = None,
-    *,
-    along_lanes: bool = True,
+    parameters: Mapping[str, Any] | None = None,
 ) -> Predictor:
     """The predictor called `model`, for a run of `scenario`.
 
     Args:
-        model: one of :data:`MODELS`, or the path of a file of weights or of a graph.
+        model: one of :func:`model_names`, or the path of a file of weights or of a graph.
         scenario: of the run.
-        kinematic: parameters of that model.
         wanted: the agents that it forecasts.
         roi_m: in place of the scenario's, where it is not 0 [m].
         modes: which of their manoeuvres matter; by default only the most probable one.
-        along_lanes: whether a learned model forecasts along lanes that bend.
+        parameters: of the predictor, by name within the stage.
 
     Raises:
-        InputError: there is none of that name, or its weights cannot be used.
+        InputError: there is none of that name, a parameter is unknown, or its weights cannot be used.
     """
-    roi_m = roi_m or scenario.roi_m
-    if model == "kinematic":
-        return KinematicPredictor(scenario.ego_ids, roi_m, kinematic, wanted)
     try:
         known_model(model)
     except ValueError as error:
         raise InputError(f"predictor: parameter model is {model!r}, {error}") from error
-    from litsim_predictor.inference.predictor import LearnedPredictor
-    from litsim_predictor.inference.raster import raster_of_net
-
-    net = raster_of_net(scenario.net_path)
-    choice = modes or NO_MODES
-    return LearnedPredictor(network(model), scenario.ego_ids, roi_m, *net, wanted, choice, along_lanes=along_lanes)
+    scope = Scope(roi_m or scenario.roi_m, wanted, *(() if modes is None else (modes,)))
+    read = ParameterOverrides(PREDICTOR, parameters or {})
+    installed = model in model_names()
+    make = plugins.load(plugins.PREDICTORS, model).read(read) if installed else _of_file(model)
+    read.check()
+    predictor: Predictor = make(scenario, scope)
+    return predictor
 
 
 def network(model: str) -> Network:
@@ -146,15 +188,18 @@ def _network(model: str, modified: int) -> Network:
     del modified
     from litsim_predictor.inference.networks import compiled
 
-    found = compiled(model)
-    if found is not None:
-        return found
-    if not find_spec("torch"):
+    ready = compiled(model)
+    if ready is not None:
+        return ready
+    if not plugins.installed(plugins.NETWORKS):
         raise InputError(
-            f"{model}: weights of a model that comes without a graph need torch, which is not installed here; "
-            "litsim_research export makes a graph of them where it is"
+            f"{model}: weights of a model that comes without a graph need a package that runs them, such as LitSim's "
+            "own for training; its `export` makes a graph of them"
         )
-    from litsim_research.predictors.eager import EagerNetwork
-    from litsim_research.predictors.models.weights import load_model
+    eager: Network = plugins.load(plugins.NETWORKS, plugins.names(plugins.NETWORKS)[0])(model)
+    return eager
 
-    return EagerNetwork(load_model(model)[0], model)
+
+def _of_file(file: str) -> type[Learned]:
+    """The class of the predictor in a file."""
+    return type("OfFile", (Learned,), {"model": file})

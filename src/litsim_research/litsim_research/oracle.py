@@ -2,16 +2,33 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from litsim_predictor.forecast import Forecast
+from litsim_predictor.plugin import PredictorPlugin, Scope
 from litsim_predictor.selection import Egos, Wanted, selected
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.quantities import configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, places
 from litsim_sim.scenario.happened import Happened
+from litsim_sim.scenario.setting import Setting
 
 STEPS = 50
 """Steps of a forecast, 0.1 s each; beyond the known future, agents go on at their last velocity."""
 SIGMA_M = 0.01
+
+
+@configuration
+class OracleConfig:
+    """Where the earlier runs are.
+
+    Attributes:
+        happened: folder of what happened in them (:class:`litsim_sim.scenario.happened.Happened`).
+    """
+
+    happened: str = ""
 
 
 class OraclePredictor:
@@ -62,3 +79,21 @@ class OraclePredictor:
             poses[k] = pose[row, now + ahead] + beyond[:, None] * velocity + offset
             valid[k] = True
         return poses, valid
+
+
+class Oracle(OraclePredictor, PredictorPlugin):
+    """The predictor called `oracle`."""
+
+    defaults, prefix = OracleConfig(), "oracle."
+    batched = True
+
+    def __init__(self, scenario: Setting, scope: Scope, config: OracleConfig) -> None:
+        """See :class:`litsim_predictor.plugin.PredictorPlugin`.
+
+        Raises:
+            InputError: the folder does not hold what happened in a run of `scenario`.
+        """
+        if not config.happened:
+            raise InputError("predictor: parameter oracle.happened is empty, expected the folder of earlier runs")
+        known = Happened.read(Path(config.happened), scenario)
+        super().__init__(known, scenario.log.ids, scenario.ego_ids, scope.roi_m, scope.wanted)

@@ -27,14 +27,14 @@ from litsim_sim.ego_port.answer import AUTO, INTERFACES
 from litsim_sim.launch.domain import hold_for_this_process
 from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphOptions, nodes_of
 from litsim_sim.launch.output import check_output
-from litsim_sim.scenario.run_info import EGOS, POLICIES, RunPlan
+from litsim_sim.scenario.run_info import RunPlan, ego_names, policy_names
 
 NONE = ""  # of an argument that leaves it to the scenario, or to the node
 
 ARGUMENTS = (
     ("scenario", "demo", "name of a packaged scenario, or a YAML file", None),
-    ("ego", "idm", "what drives the ego; external: your own stack, over topics", EGOS),
-    ("policy", "litsim", "what moves the background", POLICIES),
+    ("ego", "idm", "what drives the ego; external: your own stack, over topics", ego_names()),
+    ("policy", "litsim", "what moves the background", policy_names()),
     ("predictor", NONE, "packaged model, or weights", None),
     ("ego_id", NONE, "vehicle of the recording that is the ego; default: the scenario's", None),
     ("seed", NONE, "seed of everything random; default: the scenario's", None),

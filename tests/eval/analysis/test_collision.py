@@ -13,8 +13,8 @@ import pytest
 import litsim_sim
 from litsim_eval.analysis.collision import Verdict, collisions, judge
 from litsim_eval.analysis.contacts import contacts
+from litsim_eval.analysis.lanes import in_lane_of
 from litsim_sim.core.scene import Controller
-from litsim_sim.record.lanes import in_lane_of
 
 NET = Path(litsim_sim.__file__).parent / "nets/us101_like.net.xml"  # lanes of 3.66 m, the leftmost at y = -1.83
 Make = Callable[..., Any]

@@ -10,7 +10,6 @@ import pytest
 from litsim_eval.cli.security import main
 from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES, RECORDER
 from litsim_sim.launch.executables import program_of
-from litsim_sim.scenario.run_info import OWN_EGOS
 
 
 def enclaves(path: Path) -> dict[str, list[str]]:
@@ -21,10 +20,9 @@ def enclaves(path: Path) -> dict[str, list[str]]:
 
 def test_every_program_that_takes_part_in_runs_has_an_enclave(tmp_path: Path) -> None:
     main(["--out", str(tmp_path / "policy.xml")])
-    stages = {name: program_of(name, "none")[1] for name in (BRIDGE, RECORDER, *POLICY_STAGES)}
+    stages = {name: program_of(name)[1] for name in (BRIDGE, RECORDER, *POLICY_STAGES, EGO)}
     expected = {f"/litsim/{program}": [stage] for stage, program in stages.items()}
     expected |= {"/litsim/policy_stages": list(POLICY_STAGES)}
-    expected |= {f"/litsim/{program_of(EGO, ego)[1]}": [EGO] for ego in OWN_EGOS}
     expected |= {"/litsim/live": ["live"], "/litsim/check_ads": ["litsim_check_ads"]}
     assert enclaves(tmp_path / "policy.xml") == expected
 

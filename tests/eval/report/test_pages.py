@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from campaigns import page_of
-from litsim_data.pictures.pages import asset, render_page
 from litsim_data.pictures.recording_plots import draw
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.report import run_report
 from litsim_eval.report.forecasts import Forecasts
+from litsim_eval.report.pages import asset, render_page
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.recording import Recording, RecordingHeader
 from packed import unpack

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_data.pictures.pages import asset
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.report import run_report
 from litsim_eval.report.content import pack_run, signals
 from litsim_eval.report.forecasts import Forecasts
+from litsim_eval.report.pages import asset
 from litsim_eval.report.run_report import render, save
 from litsim_eval.report.tracks import tracks_of
 from litsim_sim.core.errors import InputError

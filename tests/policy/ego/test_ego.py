@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from litsim_policy.ego.idm import CAREFUL, IdmEgo
+from litsim_policy.ego.log import LogEgo
 from litsim_policy.ego.perturbed import PerturbedConfig, PerturbedEgo
-from litsim_policy.ego.registry import CAREFUL, IdmEgo, LogEgo, make_ego
+from litsim_policy.ego.registry import make_ego
 from litsim_policy.motion.car_following import IdmConfig
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterOverrides
@@ -104,7 +106,7 @@ def test_the_idm_ego_drives_past_one_that_stands_in_the_next_lane(make_scenario,
 
 def test_the_parameters_of_the_idm_ego_count(make_scenario, track) -> None:
     scenario = make_scenario(track(1, x=100.0), track(2, x=120.0))
-    near, far = (make_ego("idm", scenario, IdmConfig(headway=headway)) for headway in (0.5, 3.0))
+    near, far = (IdmEgo(scenario, IdmConfig(headway=headway)) for headway in (0.5, 3.0))
     table = scenario.log.table(5)
     assert near.plan(table).acceleration > 0.0 > far.plan(table).acceleration
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from litsim_policy.ego.following import FollowingEgo
-from litsim_policy.ego.perturbed import PerturbedConfig
+from litsim_policy.ego.idm import IdmEgo
+from litsim_policy.ego.log import LogEgo
+from litsim_policy.ego.perturbed import PerturbedConfig, PerturbedEgo
 from litsim_policy.ego.registry import make_ego
 from litsim_policy.ego.together import EgosTogether
 from litsim_policy.motion.car_following import IdmConfig
@@ -21,14 +23,14 @@ def test_egos_that_follow_with_models_of_their_own_answer_as_alone(make_scenario
 
     def egos():
         brisk = IdmConfig(desired_speed=14.0, headway=0.9, acceleration=2.0)
-        makes = [
-            ("idm", {}),
-            ("idm", {"idm": brisk}),
-            ("perturbed", {"perturbed": perturbed}),
-            ("log", {}),
-            ("idm", {}),
+        first, second, third, fourth, fifth = scenes
+        return [
+            IdmEgo(first),
+            IdmEgo(second, brisk),
+            PerturbedEgo(third, perturbed),
+            LogEgo(fourth),
+            IdmEgo(fifth),
         ]
-        return [make_ego(name, scene, **given) for scene, (name, given) in zip(scenes, makes, strict=True)]
 
     joined, alone, modes = JoinedScenario.of(scenes), egos(), []
     assert [isinstance(ego, FollowingEgo) for ego in alone] == [True, True, True, False, True]

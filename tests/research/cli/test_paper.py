@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from litsim_eval.campaign.results import read_campaign
+from litsim_research.baselines import BASELINES
 from litsim_research.baselines.simnet.output import FORMAT, OUTPUTS
 from litsim_research.baselines.simnet.raster import CHANNELS, PAPER
 from litsim_research.cli.paper import CAPTIONS, main
@@ -15,7 +16,6 @@ from litsim_research.paper import running
 from litsim_research.paper.case_studies import AFTER_S, BEFORE_S, EVENTS, LEFT_TURN, Study, chosen, drawn
 from litsim_research.paper.experiments import CHANGES
 from litsim_research.paper.page import marks
-from litsim_sim.scenario.run_info import BASELINES
 
 PARTS = ("table", "ablation", "changes", "oracles", "sanity", "backbones", "figures", "times")
 EMPTY = "Not made yet."

@@ -9,10 +9,10 @@ import pytest
 from litsim_eval.campaign.policy_setup import PolicySetup, packaged_setups, setup_of
 from litsim_eval.campaign.suite import CaseEntry
 from litsim_eval.runs.runner import configured
+from litsim_research.baselines import BASELINES
 from litsim_research.paper.experiments import ABLATION, ABLATIONS, CHANGED, EGOS, SANITY, TABLE, oracles
 from litsim_research.paper.roads import roads, shortened
 from litsim_sim.core.parameters import by_stage
-from litsim_sim.scenario.run_info import BASELINES
 from litsim_sim.scenario.scenario import Scenario
 
 EXPERIMENTS = (TABLE, ABLATIONS, CHANGED, SANITY)

@@ -23,9 +23,10 @@ def test_the_bridge_comes_last_and_the_recorder_first() -> None:
     assert list(nodes("external", "replay")) == ["recorder", "bridge"]
 
 
-def test_who_drives_the_ego_is_a_program_of_its_own() -> None:
+def test_who_drives_the_ego_is_a_parameter_of_its_node() -> None:
     found = nodes("perturbed")
-    assert (found["ego"].package, found["ego"].executable) == ("litsim_policy", "ego_perturbed")
+    assert (found["ego"].package, found["ego"].executable) == ("litsim_policy", "ego")
+    assert found["ego"].parameters["driver"] == "perturbed"
     assert (found["bridge"].package, found["bridge"].executable) == ("litsim_sim", "bridge")
 
 

@@ -43,13 +43,13 @@ def test_a_second_signal_of_an_impatient_user_interrupts_at_once(clock: list[flo
 
 @pytest.mark.parametrize("word", ["-h", "--help"])
 def test_help_of_a_node(word: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(sys, "argv", ["/somewhere/ego_idm", word])
+    monkeypatch.setattr(sys, "argv", ["/somewhere/predictor", word])
     with pytest.raises(SystemExit) as stopped:
         process._init()
     assert stopped.value.code == 0
     said = capsys.readouterr().out
-    assert said.startswith("usage: ego_idm [--ros-args -p NAME:=VALUE")
-    assert "config/ego_idm.yaml" in said
+    assert said.startswith("usage: predictor [--ros-args -p NAME:=VALUE")
+    assert "config/predictor.yaml" in said
 
 
 def test_a_path_that_the_system_refuses_is_one_line(

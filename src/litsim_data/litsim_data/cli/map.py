@@ -10,6 +10,8 @@ from typing import Any
 
 import pandas as pd
 
+from litsim_data.maps.map_format import MapFormat
+from litsim_sim.core import plugins
 from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.scenario import DATA_VARIABLE, Scenario, packaged, packaged_nets
@@ -26,9 +28,10 @@ def add(subparsers: Any) -> None:
     command = subparsers.add_parser("map", help="build a net with netconvert, or check one", description=__doc__)
     what = command.add_mutually_exclusive_group()
     what.add_argument("--which", choices=PACKAGED, help="build a packaged net again")
-    what.add_argument("--commonroad", type=Path, metavar="F.xml", help="import a CommonRoad lanelet map")
-    what.add_argument("--lanelet2", type=Path, metavar="F.osm", help="import a Lanelet2 map (pip install lanelet2)")
-    what.add_argument("--opendrive", type=Path, metavar="F.xodr", help="import an OpenDRIVE map through netconvert")
+    for name, known in _formats().items():
+        what.add_argument(
+            f"--{name}", type=Path, metavar=known.file, dest=_chosen(name), help=f"import {known.content}"
+        )
     what.add_argument("--check", type=Path, metavar="NET.net.xml", help="check this net instead of building one")
     command.add_argument("--recording", type=Path, metavar="R", help="recording to fit lanes to, or to check against")
     command.add_argument("--site", choices=SITES, help="site of the recording; default: as the recording says")
@@ -70,22 +73,25 @@ def build(arguments: argparse.Namespace) -> list[str]:
     Raises:
         InputError: as :func:`run`.
     """
-    from litsim_data.maps import commonroad, lanelet2_osm
-    from litsim_data.maps.netconvert import import_opendrive
-
     out = arguments.out
-    if arguments.commonroad is not None:
-        return commonroad.import_commonroad(arguments.commonroad, out)
-    if arguments.lanelet2 is not None:
-        if arguments.origin is None:
-            raise InputError("data map: --lanelet2 needs --origin LAT LON, the point that becomes (0, 0)")
-        return lanelet2_osm.import_lanelet2(arguments.lanelet2, (arguments.origin[0], arguments.origin[1]), out)
-    if arguments.opendrive is not None:
-        return import_opendrive(arguments.opendrive, out)
+    for name, known in _formats().items():
+        if (path := getattr(arguments, _chosen(name))) is not None:
+            origin = None if arguments.origin is None else (arguments.origin[0], arguments.origin[1])
+            return known().write_net(path, origin, out)
     if arguments.which is not None:
         build_map(arguments.which, out, arguments.recording)
         return []
     return fit(arguments.recording, arguments.site, out)
+
+
+def _formats() -> dict[str, type[MapFormat]]:
+    """The installed formats of maps, by name."""
+    return {name: plugins.load(plugins.MAPS, name) for name in plugins.names(plugins.MAPS)}
+
+
+def _chosen(name: str) -> str:
+    """Where the arguments hold the map in the format `name`."""
+    return f"map_{name}"
 
 
 def fit(recording: Path | None, site: str | None, out: Path) -> list[str]:

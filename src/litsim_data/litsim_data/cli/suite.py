@@ -18,7 +18,7 @@ from litsim_data.mining.selection import Chosen, Found, choose
 from litsim_data.mining.suite_file import pack, scenario_names, suite_fields, write_suite
 from litsim_sim.cli.program import at_least_one
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
-from litsim_sim.scenario.run_info import EGOS, EXTERNAL
+from litsim_sim.scenario.run_info import driver_names
 from litsim_sim.scenario.scenario import Scenario
 
 CRITICAL = 0.5  # severity at which a measure meets its criticality target
@@ -50,7 +50,7 @@ def add(subparsers: Any) -> None:
         "--spread", type=at_least_one, metavar="N", help="choose N events of each kind, spread evenly over severity"
     )
     command.add_argument("--name", help="name of the suite; default: the name of the file")
-    drivers = [ego for ego in EGOS if ego != EXTERNAL]
+    drivers = list(driver_names())
     command.add_argument(
         "--egos", nargs="+", choices=drivers, default=["idm"], help="what drives the egos; default idm"
     )
@@ -87,8 +87,8 @@ def run(arguments: argparse.Namespace) -> int | None:
         if arguments.pack:
             chosen = pack(chosen, arguments.out.with_suffix(""))
         fields = {"name": arguments.name or arguments.out.stem, "egos": arguments.egos}
-        suite = write_suite(arguments.out, suite_fields(chosen, arguments.out.parent, **fields))
-        print(f"{arguments.out}: {len(suite.cases)} cases")
+        write_suite(arguments.out, suite_fields(chosen, arguments.out.parent, **fields))
+        print(f"{arguments.out}: {len(chosen)} cases")
     return None
 
 

@@ -13,10 +13,8 @@ import yaml
 
 from litsim_data.mining.selection import Chosen
 from litsim_data.segments import MANIFEST_FILE, Manifest
-from litsim_eval.campaign.suite import Suite
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
-from litsim_sim.io.yaml_input import validate_yaml
 from litsim_sim.scenario.scenario import Scenario, packaged, packaged_nets, packaged_scenarios
 
 
@@ -54,8 +52,8 @@ def suite_fields(chosen: Sequence[Chosen], folder: Path, **fields: Any) -> dict[
     return fields | {"cases": cases}
 
 
-def write_suite(path: Path, values: dict[str, Any]) -> Suite:
-    """Write a suite file with the fields `values`, and return the suite.
+def write_suite(path: Path, values: dict[str, Any]) -> None:
+    """Write a suite file with the fields `values`.
 
     Raises:
         InputError: it has no cases, or cannot be written.
@@ -63,10 +61,8 @@ def write_suite(path: Path, values: dict[str, Any]) -> Suite:
     if not values["cases"]:
         raise InputError("no scenario holds any of the events that were asked for: there is nothing to write")
     text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=10**6)
-    suite = validate_yaml(values, Suite, str(path), text)
     with replacing(path) as new:
         new.write_text(text, encoding="utf-8")
-    return suite
 
 
 def pack(chosen: Sequence[Chosen], folder: Path) -> list[Chosen]:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import shapely
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -18,7 +20,6 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize, to_hex
 from matplotlib.figure import Figure, FigureBase
 
-from litsim_data.pictures.pages import render_page
 from litsim_data.pictures.plan_view import NEAR, Area, draw_boxes, draw_lanes, draw_signals, draw_stop_lines, groups_in
 from litsim_data.pictures.plan_view import frame as show_area
 from litsim_sim.core.colours import INK
@@ -80,11 +81,14 @@ def draw(
         pictures = {"Plan": intersection(recording, crossing, signals, moments)}
     else:
         pictures = {"Space and time, by lane": space_time(recording), "Tracks": track_map(recording, lane_map)}
-    page = render_page(
-        "recording.html.j2",
-        name=recording.header.name,
-        text=text,
-        pictures=[(title, base64.b64encode(_bytes(figure)).decode()) for title, figure in pictures.items()],
+    page = (
+        _environment()
+        .get_template("recording.html.j2")
+        .render(
+            name=recording.header.name,
+            text=text,
+            pictures=[(title, base64.b64encode(_bytes(figure)).decode()) for title, figure in pictures.items()],
+        )
     )
     with replacing(path) as new:
         new.write_text(page, encoding="utf-8")
@@ -216,6 +220,12 @@ def _overview(
     _tracks(lower.add_subplot(), recording.table, lane_map)
     figure.suptitle(title, x=0.012, ha="left", fontsize=11, color=INK)
     return figure
+
+
+@cache
+def _environment() -> Environment:
+    """The templates of this folder: every value is escaped."""
+    return Environment(loader=PackageLoader("litsim_data.pictures"), autoescape=True, undefined=StrictUndefined)
 
 
 def _bytes(figure: Figure) -> bytes:

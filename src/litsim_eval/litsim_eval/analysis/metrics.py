@@ -17,6 +17,7 @@ from litsim_eval.analysis.displacement import Displacements, displacements
 from litsim_eval.analysis.ego import ego_motion
 from litsim_eval.analysis.fault import ContactVerdict, contact_verdicts, count_faults
 from litsim_eval.analysis.guard import guarded
+from litsim_eval.analysis.lanes import in_lane_of, off_road_controlled
 from litsim_eval.analysis.lockstep import Lockstep, lockstep
 from litsim_eval.analysis.metrics_tree import (
     CollisionMetrics,
@@ -42,7 +43,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ARRAY_FIELDS, Controller, Kind
 from litsim_sim.io.files import replacing
 from litsim_sim.record.digest import RunDigest
-from litsim_sim.record.lanes import in_lane_of, lane_map_of, off_road_controlled
+from litsim_sim.record.lanes import lane_map_of
 from litsim_sim.record.run import LOST_ATTACHMENTS, Run
 
 METRICS_FILE = "metrics.json"

@@ -6,7 +6,6 @@ import statistics
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 
 import numpy as np
 import pandas as pd
@@ -16,6 +15,7 @@ from litsim_predictor.inference.predictor import LearnedPredictor
 from litsim_predictor.inference.raster import raster_of_net
 from litsim_predictor.models import make_predictor
 from litsim_predictor.selection import Wanted
+from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, Kind
 from litsim_sim.scenario.log import Log
@@ -72,12 +72,7 @@ def time_models(
 
 
 def _eager(model: str, scenario: Scenario) -> Predictor:
-    if not find_spec("torch"):
-        raise InputError(f"model {model} (torch): torch is not installed here")
-    from litsim_research.predictors.eager import EagerNetwork
-    from litsim_research.predictors.models.weights import load_model
-
-    network = EagerNetwork(load_model(model)[0], model)
+    network = plugins.load(plugins.NETWORKS, "torch")(model)
     return LearnedPredictor(network, scenario.ego_id, scenario.roi_m, *raster_of_net(scenario.net_path))
 
 

@@ -7,16 +7,15 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from importlib.metadata import entry_points
 from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
 from litsim_eval.campaign.suite import CaseEntry, EgoChoice, EgoSetup, Suite
+from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import Parameters, by_stage
-from litsim_sim.core.stage_registry import GROUP
 from litsim_sim.core.stages import POLICY_STAGES
 from litsim_sim.scenario.run_info import EXTERNAL, REPLAY, plain_values, versions
 from litsim_sim.scenario.scenario import Scenario
@@ -310,7 +309,9 @@ def _merged(one: Case, other: Case) -> Case:
 
 @lru_cache(maxsize=1)
 def _sources() -> str:
-    packages = {entry.module.split(".")[0] for entry in entry_points(group=GROUP)} | {__name__.split(".")[0]}
+    groups = (plugins.STAGES, plugins.POLICIES, plugins.EGOS, plugins.PREDICTORS, plugins.METRICS)
+    packages = {entry.module.split(".")[0] for group in groups for entry in plugins.installed(group).values()}
+    packages.add(__name__.split(".")[0])
     total = hashlib.sha256()
     for package in sorted(packages):
         spec = find_spec(package)

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from litsim_sim.core.quantities import OneOf
 from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
-from litsim_sim.scenario.run_info import POLICIES
+from litsim_sim.scenario.run_info import policy_names
 from litsim_sim.scenario.scenario import packaged
 
 PACKAGE, SETUPS = "litsim_eval", "setups"  # folder of the packaged ones
@@ -21,7 +21,7 @@ class PolicySetup(BaseModel):
 
     Attributes:
         name: name in tables.
-        kind: one of :data:`litsim_sim.scenario.run_info.POLICIES`.
+        kind: one of :func:`litsim_sim.scenario.run_info.policy_names`.
         description: purpose.
         parameters: values of its stages' parameters by `stage.name`, such as ``{conflict.horizon: 5.0}``.
     """
@@ -29,7 +29,7 @@ class PolicySetup(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     name: Name
-    kind: Annotated[str, OneOf(POLICIES)]
+    kind: Annotated[str, OneOf(policy_names)]
     description: str = ""
     parameters: dict[str, Any] = {}
 
@@ -53,7 +53,7 @@ def setup_of(policy: str | PolicySetup) -> PolicySetup:
     """The setup that an entry of a suite means: itself, a packaged one by its name, or a policy as it comes."""
     if isinstance(policy, PolicySetup):
         return policy
-    return PolicySetup(name=policy, kind=policy) if policy in POLICIES else _packaged(policy)
+    return PolicySetup(name=policy, kind=policy) if policy in policy_names() else _packaged(policy)
 
 
 @lru_cache

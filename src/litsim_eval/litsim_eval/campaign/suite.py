@@ -24,7 +24,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import OneOf
 from litsim_sim.ego_port.answer import AUTO, INTERFACES
 from litsim_sim.io.yaml_input import parse_yaml, place_in, read_text, validate_yaml
-from litsim_sim.scenario.run_info import EGOS, EXTERNAL, POLICIES, REPLAY
+from litsim_sim.scenario.run_info import EXTERNAL, REPLAY, ego_names, policy_names
 from litsim_sim.scenario.scenario import packaged, packaged_scenarios
 from litsim_sim.scenario.scenario_file import SEEDS
 
@@ -38,7 +38,7 @@ PACKAGE, SUITES = "litsim_eval", "suites"  # folder of the packaged ones
 
 
 def _known_policy(name: str) -> str:
-    if name not in (known := (*POLICIES, *packaged_setups())):
+    if name not in (known := (*policy_names(), *packaged_setups())):
         raise ValueError(f"{name!r}, expected one of {', '.join(known)}")
     return name
 
@@ -105,7 +105,7 @@ class EgoSetup(BaseModel):
 
     Attributes:
         name: name in tables; default: the kind.
-        kind: one of :data:`litsim_sim.scenario.run_info.EGOS`.
+        kind: one of :func:`litsim_sim.scenario.run_info.ego_names`.
         parameters: values by `stage.name`, such as ``{ego.kind: brake}``.
         command: command that starts the stack of an external ego; none if it is started elsewhere.
         interface: interface of an external ego, one of :data:`litsim_sim.ego_port.answer.INTERFACES`.
@@ -115,7 +115,7 @@ class EgoSetup(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     name: Name
-    kind: Annotated[str, OneOf(EGOS)]
+    kind: Annotated[str, OneOf(ego_names)]
     parameters: dict[str, Any] = {}
     command: list[Name] = []
     interface: Annotated[str, OneOf(INTERFACES)] = AUTO
@@ -158,7 +158,7 @@ class Suite(BaseModel):
             :meth:`load` has put them into `cases`.
         cases: scenarios, and which of their vehicles are the ego.
         egos: drivers of the ego.
-        policies: of :data:`litsim_sim.scenario.run_info.POLICIES`, names of packaged setups, or setups.
+        policies: of :func:`litsim_sim.scenario.run_info.policy_names`, names of packaged setups, or setups.
         seeds: seeds, with a run for each; default: the scenario's seed.
         end_after_contact_s: time after the first contact of its ego at which a run ends [s]; null for the scenario's.
         parameters: values to try, by `stage.name`; several values of one make several rows.

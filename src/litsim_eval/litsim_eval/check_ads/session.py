@@ -17,7 +17,7 @@ from litsim_sim.ego_port.answer import INPUTS
 from litsim_sim.ego_port.port import ego_state
 from litsim_sim.ego_port.tracking import EgoState
 from litsim_sim.launch.child import Child, start_kept
-from litsim_sim.launch.executables import node_executable
+from litsim_sim.launch.executables import find_executable, program_of
 from litsim_sim.launch.middleware import enclave_setting
 from litsim_sim.launch.processes import STACK as ADS
 from litsim_sim.launch.processes import Graph, GraphFailed, held_back
@@ -63,7 +63,7 @@ def observe(check: Check) -> Evidence:
         InputError: the command cannot be started, or the workspace is not complete.
     """
     plan = RunPlan(check.scenario, EXTERNAL, "replay")
-    nodes = {name: node_executable(name, plan.ego) for name in (RECORDER, BRIDGE)}
+    nodes = {name: find_executable(*program_of(name)) for name in (RECORDER, BRIDGE)}
     graph = Graph(check.out, check.domain_id, check.answer_timeout_s)
     file = check.out / "scenario.yaml"
     file.write_text(check.scenario.to_yaml(), encoding="utf-8")

@@ -10,7 +10,7 @@ from rich.table import Table
 from tqdm import tqdm
 
 from litsim_eval.benchmark.forecasts import time_models
-from litsim_predictor.models import MODELS
+from litsim_predictor.models import model_names
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import program
 
@@ -29,7 +29,7 @@ def parser() -> argparse.ArgumentParser:
 def main() -> None:
     """Entry point of ``ros2 run litsim_eval bench forecasts``."""
     arguments = parser().parse_args()
-    models = arguments.models or MODELS
+    models = arguments.models or model_names()
     cells: dict[str, list[str]] = {}
     with tqdm(total=len(arguments.agents), unit="number of agents", dynamic_ncols=True) as bar:
         for agents in arguments.agents:

@@ -14,14 +14,14 @@ from litsim_eval.runs.runner import Runner, record
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import RUN_STATUS_HELP, interrupt_on_signals, program, run_status
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
-from litsim_sim.scenario.run_info import OWN_EGOS
+from litsim_sim.scenario.run_info import driver_names
 from litsim_sim.world.sumo import SumoMirror
 
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_eval run``."""
     p = Parser(prog="run", description=__doc__, epilog=RUN_STATUS_HELP, formatter_class=DefaultsFormatter)
-    add_run_arguments(p, OWN_EGOS)
+    add_run_arguments(p, driver_names())
     p.add_argument("--json", type=Path, help="write the metrics to this file")
     return p
 

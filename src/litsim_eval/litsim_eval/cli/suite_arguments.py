@@ -15,13 +15,10 @@ from litsim_sim.cli.run_arguments import END_AFTER_CONTACT
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import SET_HELP, not_among, setting
 from litsim_sim.io.yaml_input import validate_yaml
-from litsim_sim.scenario.run_info import EGOS, EXTERNAL, POLICIES
+from litsim_sim.scenario.run_info import EXTERNAL, ego_names, policy_names
 
 DEFAULTS: dict[str, Any] = {"scenario": ["demo"], "ego": ["idm"]}
 """Of a campaign without a suite file; all others are those of :class:`Suite`."""
-
-PACKAGED = (*POLICIES, *packaged_setups())
-"""Policies that need no suite, by name."""
 
 
 def add_suite_arguments(p: argparse.ArgumentParser) -> None:
@@ -35,12 +32,12 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
         help="vehicles that are egos: a field of the scenarios (egos, tuning, ego), all, or ids",
     )
     p.add_argument(
-        "--ego", nargs="+", help=f"what drives the ego: {', '.join(EGOS)}, or a name of the suite (default: idm)"
+        "--ego", nargs="+", help=f"what drives the ego: {', '.join(ego_names())}, or a name of the suite (default: idm)"
     )
     p.add_argument(
         "--policy",
         nargs="+",
-        help=f"what moves the background: {', '.join(PACKAGED)}, or a name of the suite (default: replay litsim)",
+        help=f"what moves the background: {', '.join(_usual_policies())}, or one of the suite (default: replay litsim)",
     )
     p.add_argument("--predictor", nargs="+", metavar="MODEL", help="forecasting model; a row for each")
     p.add_argument("--seeds", nargs="+", type=int, help="a run for each seed; default: the scenario's")
@@ -103,7 +100,7 @@ def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]
     """The ego drivers; the command of the arguments becomes that of the external one."""
     known = {setup.name: setup for setup in (base.egos if base else [])}
     names: Sequence[str] = arguments.ego or (tuple(known) if base else DEFAULTS["ego"])
-    _check_names("--ego", names, {*known, *EGOS})
+    _check_names("--ego", names, {*known, *ego_names()})
     setups = [known.get(name) or EgoSetup(name=name, kind=name) for name in names]
     external = [setup for setup in setups if setup.kind == EXTERNAL]
     if arguments.command:
@@ -117,10 +114,15 @@ def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]
     return setups
 
 
+def _usual_policies() -> tuple[str, ...]:
+    """Names of policies that need no suite."""
+    return (*policy_names(), *packaged_setups())
+
+
 def _policies(names: Sequence[str], base: Suite | None) -> list[str | PolicySetup]:
     """The policies of these names, as the suite has them where it has them."""
     known = {setup_of(policy).name: policy for policy in (base.policies if base else [])}
-    _check_names("--policy", names, {*known, *PACKAGED})
+    _check_names("--policy", names, {*known, *_usual_policies()})
     return [known.get(name, name) for name in names]
 
 

@@ -39,7 +39,7 @@ IN_MAP = np.zeros(2)
 
 
 def pack_run(run: Run, metrics: dict[str, Any], forecasts: Forecasts, every: int) -> str:
-    """The run as a container of :mod:`litsim_eval.report.packing`; `every` is the distance between forecasts [steps]."""
+    """The run as a container of :mod:`litsim_eval.report.packing`; `every` is the steps between forecasts."""
     tracks, ghosts = tracks_of(run), ghosts_of(run)
     origin = origin_of(tracks)
     packer = Packer(

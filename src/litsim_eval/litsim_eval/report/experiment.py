@@ -12,11 +12,11 @@ from typing import Any
 
 from tqdm import tqdm
 
-from litsim_data.pictures.pages import render_page
 from litsim_eval.campaign.criteria import CriterionResult, Verdict
 from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RUNS_FOLDER, Campaign, RunResult
 from litsim_eval.campaign.row_summary import row_summary
 from litsim_eval.report.campaign_content import criteria_of, pack_campaign
+from litsim_eval.report.pages import render_page
 from litsim_eval.report.run_report import save
 from litsim_eval.report.thumbnails import read_thumbnail, write_thumbnail
 from litsim_eval.report.wording import NOTHING, leaf, number, percent

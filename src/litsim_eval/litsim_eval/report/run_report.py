@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from litsim_data.pictures.pages import render_page
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.report.content import pack_run
 from litsim_eval.report.events import contact_table, takeover_table
 from litsim_eval.report.forecasts import read_forecasts
+from litsim_eval.report.pages import render_page
 from litsim_eval.report.wording import NOTHING, lockstep_text, number, percent
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.topic_names import RUN_INFO

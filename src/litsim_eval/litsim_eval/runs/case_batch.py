@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from litsim_eval.campaign.case import GRAPH, Case
 from litsim_eval.runs.case_run import measured, plan_of, run_in_process
-from litsim_eval.runs.together import common_parameters, record_together
+from litsim_eval.runs.together import batched, common_parameters, record_together
 from litsim_sim.core.errors import reason
 from litsim_sim.scenario.joined import kind
 from litsim_sim.scenario.run_info import REPLAY, RunPlan
@@ -69,6 +69,8 @@ def _joinable(plans: dict[int, RunPlan]) -> Iterator[tuple[int, ...]]:
     """Groups of two or more of the keys of `plans` that can be stepped together."""
     groups: dict[Hashable, list[int]] = {}
     for k, plan in plans.items():
+        if not batched(plan.policy, plan.parameters):
+            continue
         alike = kind(plan.scenario), plan.policy, str(common_parameters(plan))
         groups.setdefault(alike, []).append(k)
     for group in groups.values():

@@ -17,7 +17,7 @@ from litsim_policy.conflict.messages import takeovers_from_message, takeovers_to
 from litsim_predictor.messages import forecast_from_message, forecast_to_message
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, EgoCommand
-from litsim_sim.core.stage_registry import configured, registered_name
+from litsim_sim.core.stage_registry import configured
 from litsim_sim.core.stages import CONFLICT, EGO, POLICY, PREDICTOR
 from litsim_sim.record.digest import RunDigest
 from litsim_sim.ros.messages import (
@@ -154,7 +154,7 @@ class Stage:
 
 def _core(record: Record, stage: str) -> Any:
     """The core of a stage, made by the function that its package registers, with the recorded parameters."""
-    made = configured({stage: registered_name(stage, record.info.ego)}, {stage: record.parameters.get(stage, {})})
+    made = configured((stage,), {stage: record.parameters.get(stage, {})}, record.info.ego)
     of_run = () if stage == EGO else (record.info.policy,)
     return made[stage](*of_run, record.scenario)
 

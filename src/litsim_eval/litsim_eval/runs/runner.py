@@ -13,13 +13,12 @@ import yaml
 from litsim_policy.driving.pipeline import Reaction
 from litsim_policy.ego.registry import Ego
 from litsim_sim.core import stage_registry
-from litsim_sim.core.garbage import spared_from_collection
 from litsim_sim.core.parameters import Parameters
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
-from litsim_sim.core.stage_registry import registered_name
 from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES, StageState
 from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.kernels.compiled import load_kernels
+from litsim_sim.kernels.garbage import spared_from_collection
 from litsim_sim.record.run import Detection, RunInfo, Status
 from litsim_sim.record.run import Run as RecordedRun
 from litsim_sim.scenario.run_info import REPLAY, RunPlan
@@ -52,8 +51,8 @@ def configured(ego: str | None, policy: str, parameters: Parameters) -> dict[str
             or the ego is unknown.
     """
     taking_part = () if policy == REPLAY else POLICY_STAGES
-    stages = {stage: stage for stage in taking_part} | ({} if ego is None else {EGO: registered_name(EGO, ego)})
-    return stage_registry.configured(stages, parameters)
+    stages = (*taking_part, *(() if ego is None else (EGO,)))
+    return stage_registry.configured(stages, parameters, ego or "")
 
 
 class Runner:

@@ -12,10 +12,13 @@ from typing import Any
 
 from litsim_eval.runs.runner import StepResult, as_recorded, configured
 from litsim_policy.driving.pipeline import Reaction
+from litsim_policy.driving.policy import policy_class
 from litsim_policy.ego.together import EgosTogether
+from litsim_predictor.models import DEFAULT_MODEL, model_names
+from litsim_sim.core import plugins
 from litsim_sim.core.parameters import Parameters
 from litsim_sim.core.scene import ControlTable
-from litsim_sim.core.stages import BRIDGE, EGO
+from litsim_sim.core.stages import BRIDGE, EGO, PREDICTOR
 from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.kernels.compiled import load_kernels
 from litsim_sim.record.run import Run as RecordedRun
@@ -91,6 +94,15 @@ class JoinedRunner:
             TakeoverTable(takeovers.step, own, iterations, converged)
             for own, iterations, converged in zip(self._joined.takeovers(takeovers.takeovers), *rounds, strict=True)
         ]
+
+
+def batched(policy: str, parameters: Parameters) -> bool:
+    """Whether the policy and the predictor of a run can drive and forecast the agents of several scenes at once."""
+    if policy == REPLAY:
+        return True
+    model = str(parameters.get(PREDICTOR, {}).get("model", DEFAULT_MODEL))
+    predictor = plugins.load(plugins.PREDICTORS, model).batched if model in model_names() else True  # a file's is ours
+    return bool(policy_class(policy).batched and predictor)
 
 
 def common_parameters(plan: RunPlan) -> Parameters:

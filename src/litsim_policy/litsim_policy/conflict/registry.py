@@ -12,7 +12,7 @@ from litsim_predictor.forecast import Forecast
 from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.scene import AgentTable, BoolArray, IntArray
 from litsim_sim.core.takeover import TakeoverTable
-from litsim_sim.scenario.run_info import BASELINES
+from litsim_sim.scenario.run_info import drives_by_region
 from litsim_sim.scenario.setting import Setting
 
 
@@ -37,7 +37,7 @@ def conflict_stage(read: ParameterReader) -> Callable[[str, Setting], TakeoverSt
     def build(policy: str, scenario: Setting) -> TakeoverStage:
         return (
             RegionManager(scenario, conflict.roi_m)
-            if policy in BASELINES
+            if drives_by_region(policy)
             else TakeoverManager(scenario, conflict, takeover)
         )
 

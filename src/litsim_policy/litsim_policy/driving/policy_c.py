@@ -6,7 +6,7 @@ needs no torch. :mod:`litsim_research.policies.network` is the same network for 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -16,12 +16,16 @@ import numpy as np
 
 from litsim_policy.driving.action import ACTIONS, executed_yaw_rate, physical
 from litsim_policy.driving.features.observation import ObservationConfig, Observer
+from litsim_policy.driving.handback import HandbackConfig
 from litsim_policy.driving.network_file import layer_arrays, perceptron, read_network
+from litsim_policy.driving.policy import Policy
+from litsim_policy.driving.reaction import read_reaction
 from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.layer import SafetyLayer
 from litsim_policy.driving.task import DrivingScene, DrivingTask
-from litsim_policy.driving.yield_policy import YieldPolicy
+from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.quantities import configuration
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, FloatArray
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverState, TakeoverTable
@@ -143,7 +147,7 @@ def guarded(scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray,
     return ControlTable.without_slip(agents.table, agents.rows, safe.acceleration, safe.yaw_rate, source)
 
 
-class PolicyC:
+class PolicyC(Policy):
     """The policy called `litsim`: the network drives agents that are held, rules drive those that return or pass.
 
     The network was trained to drive along logs; passing agents are driven by the rules of policy `yield`, behind the
@@ -151,6 +155,20 @@ class PolicyC:
     standing or crossing agents, and no signals: an agent stays in its lane if the side is taken, keeps its distance to
     the agent ahead and to red lights, waits for crossing agents, and makes room for merging ones.
     """
+
+    batched = True
+
+    @classmethod
+    def read(cls, read: ParameterReader) -> Callable[[Setting], Policy]:
+        """See :class:`litsim_sim.core.plugins.Configured`."""
+        rules, handback = read(YieldConfig()), read(HandbackConfig(), "handback.")
+        config, reaction = read(PolicyCConfig()), read_reaction(read)
+
+        def make(scenario: Setting) -> Policy:
+            policy = cls(scenario, config.network(), YieldPolicy(scenario, rules, handback), config.safety)
+            return reaction(policy, scenario)
+
+        return make
 
     def __init__(
         self, scenario: Setting, network: PolicyNetwork, rules: YieldPolicy, safety: SafetyConfig | None = None

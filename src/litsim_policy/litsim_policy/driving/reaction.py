@@ -11,11 +11,13 @@ ones (Green 2000); their log-normal distribution is an assumption.
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from collections.abc import Callable
 
 import numpy as np
 
+from litsim_policy.driving.policy import Policy
 from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.quantities import Acceleration, Duration, Jerk, NonNegative, Number, Positive, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, ControlSource, ControlTable, FloatArray, IntArray
 from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState, TakeoverTable
@@ -43,23 +45,16 @@ class ReactionConfig:
     braking_jerk: NonNegative[Jerk] = 0.0
 
 
-class Drives(Protocol):
-    """A policy, as :class:`litsim_policy.driving.registry.Policy`."""
-
-    def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
-        """Controls of the agents off their logs."""
-
-
-class HumanReaction:
+class HumanReaction(Policy):
     """The commands of `policy`, delayed and limited as for human drivers."""
 
-    def __init__(self, policy: Drives, scenario: Setting, config: ReactionConfig) -> None:
+    def __init__(self, policy: Policy, scenario: Setting, config: ReactionConfig) -> None:
         self.policy, self._config, self._log = policy, config, scenario.log
         self._steps = reaction_steps(config, scenario.identities)
         self._at_once = not self._steps.any()
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
-        """See :class:`Drives`."""
+        """See :class:`litsim_policy.driving.policy.Policy`."""
         wanted = self.policy.act(table, takeovers)
         if not len(wanted.id):
             return wanted
@@ -101,6 +96,14 @@ class HumanReaction:
             return None
         faster = (log.speed[row, now + 1] - log.speed[row, now]) / STEP_S
         return float(faster), float(wrap_angle(log.yaw[row, now + 1] - log.yaw[row, now])) / STEP_S
+
+
+def read_reaction(read: ParameterReader) -> Callable[[Policy, Setting], Policy]:
+    """Read the parameters ``reaction.*``; the result limits a policy to human reactions, if they do."""
+    config = read(ReactionConfig(), "reaction.")
+    if config == ReactionConfig():
+        return lambda policy, _: policy
+    return lambda policy, scenario: HumanReaction(policy, scenario, config)
 
 
 def reaction_steps(config: ReactionConfig, identities: IntArray) -> IntArray:

@@ -1,76 +1,36 @@
-"""Policies by name."""
+"""Policies by name, and the policy stage."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol
+from collections.abc import Callable, Mapping
+from typing import Any
 
-from litsim_policy.driving.handback import HandbackConfig
-from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
-from litsim_policy.driving.reaction import HumanReaction, ReactionConfig
-from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
-from litsim_research.baselines.idm_policy import IdmPolicy, IdmPolicyConfig
-from litsim_research.baselines.imitation_policy import IMITATIONS, ImitationConfig, ImitationPolicy
-from litsim_research.baselines.simnet.config import SimnetConfig
-from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import ParameterReader
-from litsim_sim.core.scene import AgentTable, ControlTable
-from litsim_sim.core.takeover import TakeoverTable
-from litsim_sim.scenario.run_info import POLICIES, REPLAY
+from litsim_policy.driving.policy import Policy, policy_class
+from litsim_sim.core import plugins
+from litsim_sim.core.parameters import ParameterOverrides, ParameterReader
+from litsim_sim.core.stages import POLICY
 from litsim_sim.scenario.setting import Setting
 
-DRIVING = tuple(name for name in POLICIES if name != REPLAY)
 
-
-class Policy(Protocol):
-    """Drives the agents off their logs."""
-
-    def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
-        """Controls of the agents off their logs; called once per step, in order."""
-
-
-def make_policy(
-    name: str,
-    scenario: Setting,
-    config: YieldConfig | None = None,
-    handback: HandbackConfig | None = None,
-    policy_c: PolicyCConfig | None = None,
-    idm: IdmPolicyConfig | None = None,
-    simnet: SimnetConfig | None = None,
-    reaction: ReactionConfig | None = None,
-    *,
-    imitation: ImitationConfig | None = None,
-) -> Policy:
-    """The policy called `name`, for a run of `scenario`: `litsim` is policy C, `yield` the rules, others are baselines.
-
-    `reaction` limits `litsim` and `yield` to human reactions, and does not apply to baselines; None for no limits.
+def make_policy(name: str, scenario: Setting, parameters: Mapping[str, Any] | None = None) -> Policy:
+    """The installed policy `name` for a run of `scenario`, with `parameters` of the policy stage by name.
 
     Raises:
-        InputError: the name is unknown, or the weights cannot be used.
+        InputError: the name or a parameter is unknown, or the policy cannot be made.
     """
-    if name not in DRIVING:
-        raise InputError(f"policy: {name!r} is unknown, expected one of {', '.join(DRIVING)}")
-    if name == "idm":
-        return IdmPolicy(scenario, idm or IdmPolicyConfig())
-    if name == "simnet":
-        from litsim_research.baselines.simnet.network import load_network
-        from litsim_research.baselines.simnet.policy import SimnetPolicy
-
-        return SimnetPolicy(scenario, load_network((simnet or SimnetConfig()).file()))
-    if name in IMITATIONS:
-        imitation = imitation or ImitationConfig()
-        return ImitationPolicy(scenario, imitation.network(name), imitation)
-    rules = YieldPolicy(scenario, config or YieldConfig(), handback or HandbackConfig())
-    policy_c = policy_c or PolicyCConfig()
-    policy = rules if name == "yield" else PolicyC(scenario, policy_c.network(), rules, policy_c.safety)
-    return policy if reaction is None else HumanReaction(policy, scenario, reaction)
+    read = ParameterOverrides(POLICY, parameters or {})
+    policy: Policy = policy_class(name).read(read)(scenario)
+    read.check()
+    return policy
 
 
 def policy_stage(read: ParameterReader) -> Callable[[str, Setting], Policy]:
-    """Read the parameters of the policy stage; the result makes a policy from its name and a scenario."""
-    rules, handback, policy_c = read(YieldConfig()), read(HandbackConfig(), "handback."), read(PolicyCConfig())
-    idm, simnet = read(IdmPolicyConfig(), "baseline."), read(SimnetConfig(), "simnet.")
-    reaction, imitation = read(ReactionConfig(), "reaction."), read(ImitationConfig(), "imitation.")
-    return lambda name, scenario: make_policy(
-        name, scenario, rules, handback, policy_c, idm, simnet, reaction, imitation=imitation
-    )
+    """Read the parameters of all installed policies; the result makes a policy from its name and a scenario."""
+    factories = {name: policy_class(name).read(read) for name in plugins.names(plugins.POLICIES)}
+
+    def build(name: str, scenario: Setting) -> Policy:
+        policy_class(name)  # says which there are, if it is none of them
+        policy: Policy = factories[name](scenario)
+        return policy
+
+    return build

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import field
 
 import numpy as np
@@ -10,6 +10,8 @@ import numpy as np
 from litsim_policy.driving.courtesy import crossing_awaited, distance_kept, room_made, side_taken
 from litsim_policy.driving.giving_way import give_way
 from litsim_policy.driving.handback import HandbackConfig, catch_up
+from litsim_policy.driving.policy import Policy
+from litsim_policy.driving.reaction import read_reaction
 from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.following import braking_needed
 from litsim_policy.driving.task import opponent_of
@@ -17,6 +19,7 @@ from litsim_policy.motion.car_following import IdmConfig, idm_acceleration
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.stop_lines import StopLines, idm_at_signals
+from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Speed, configuration
 from litsim_sim.core.scene import (
     STEP_S,
@@ -73,8 +76,16 @@ class YieldConfig:
     crossing_margin: NonNegative[Length] = 0.5
 
 
-class YieldPolicy:
+class YieldPolicy(Policy):
     """The policy called `yield`."""
+
+    batched = True
+
+    @classmethod
+    def read(cls, read: ParameterReader) -> Callable[[Setting], Policy]:
+        """See :class:`litsim_sim.core.plugins.Configured`."""
+        rules, handback, reaction = read(YieldConfig()), read(HandbackConfig(), "handback."), read_reaction(read)
+        return lambda scenario: reaction(cls(scenario, rules, handback), scenario)
 
     def __init__(self, scenario: Setting, config: YieldConfig, handback: HandbackConfig) -> None:
         self._log: Log = scenario.log

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from litsim_policy.ego.ego import Ego
 from litsim_policy.motion.car_following import IdmConfig
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.reference_path import ReferencePath, onto_lane, pursuit_yaw_rate
@@ -41,8 +42,10 @@ class BatConfig:
     edge_margin: NonNegative[Length] = 0.2
 
 
-class BatEgo:
+class BatEgo(Ego):
     """Tracks its own forecast, but stops at red; without a forecast it follows its lane at constant speed."""
+
+    defaults, waits_for_processor = BatConfig(), False
 
     def __init__(self, scenario: Scenario, config: BatConfig | None = None) -> None:
         self._scenario, self._config = scenario, config or BatConfig()
@@ -51,7 +54,7 @@ class BatEgo:
         self._stop_lines = StopLines(scenario.signals)
 
     def plan(self, table: AgentTable) -> EgoCommand:
-        """See :class:`litsim_policy.ego.registry.Ego`."""
+        """See :class:`litsim_policy.ego.ego.Ego`."""
         forecast = self._predictor.forecast(table)
         row = table.row(self._scenario.ego_id)
         if row < 0 or table.step < self._scenario.history_steps:

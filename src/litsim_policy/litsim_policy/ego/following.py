@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from litsim_policy.ego.ego import Ego
 from litsim_policy.motion.along_path import along_paths
 from litsim_policy.motion.car_following import IdmConfig, idm_acceleration
 from litsim_policy.motion.path_batch import PathBatch
@@ -36,15 +37,15 @@ class Following:
     stops: bool = False
 
 
-class FollowingEgo(ABC):
-    """An ego that is on its log, or drives along a path; see :class:`litsim_policy.ego.registry.Ego`."""
+class FollowingEgo(Ego):
+    """An ego that is on its log, or drives along a path; see :class:`litsim_policy.ego.ego.Ego`."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
         self._stop_lines = StopLines(scenario.signals)
 
     def plan(self, table: AgentTable) -> EgoCommand:
-        """See :class:`litsim_policy.ego.registry.Ego`."""
+        """See :class:`litsim_policy.ego.ego.Ego`."""
         row = table.row(self._scenario.ego_id)
         found = self.following(table, row)
         if isinstance(found, EgoCommand):

@@ -15,6 +15,8 @@ CAREFUL = IdmConfig(desired_speed=10.0, headway=1.5, standstill_gap=1.0, acceler
 class IdmEgo(FollowingEgo):
     """Drives along the centre line of its lane at the end of the history, and stops at red."""
 
+    defaults = CAREFUL
+
     def __init__(self, scenario: Scenario, config: IdmConfig = CAREFUL) -> None:
         super().__init__(scenario)
         self._config = config

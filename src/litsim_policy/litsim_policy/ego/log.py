@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from litsim_policy.ego.ego import Ego
 from litsim_sim.core.scene import AgentTable, EgoCommand, EgoMode
+from litsim_sim.scenario.scenario import Scenario
 
 
-class LogEgo:
+class LogEgo(Ego):
     """Asks the bridge to follow the log."""
 
+    def __init__(self, scenario: Scenario) -> None:
+        """It needs nothing of `scenario`: the bridge knows the log."""
+
     def plan(self, table: AgentTable) -> EgoCommand:
-        """See :class:`litsim_policy.ego.registry.Ego`."""
+        """See :class:`litsim_policy.ego.ego.Ego`."""
         return EgoCommand(table.step, mode=EgoMode.FOLLOW_LOG)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 from litsim_msgs.msg import RunInfo
 
-from litsim_policy.ego.registry import Ego, ego_stage
+from litsim_policy.ego.ego import Ego
+from litsim_sim.core import plugins
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.stage_registry import stage_reader
+from litsim_sim.core.stages import EGO
+from litsim_sim.launch.nodes import DRIVER
 from litsim_sim.ros.company import Company
 from litsim_sim.ros.messages import ego_to_message, received_agents
 from litsim_sim.ros.parameters import read_parameters
@@ -17,22 +22,31 @@ from litsim_sim.ros.stage import StageNode, run_stages
 from litsim_sim.ros.topics import AGENTS, EGO_CONTROL
 from litsim_sim.scenario.scenario import Scenario
 
+USUAL = "idm"  # the driver, if no other is named
+
 
 class EgoNode(StageNode):
-    """Drives the ego by the driver called `name` in :mod:`.registry`."""
+    """Drives the ego by the installed driver that its parameter ``driver`` names."""
 
-    stage = "ego"
+    stage = EGO
     inputs = ((AGENTS, received_agents),)
     outputs = ((EGO_CONTROL, ego_to_message),)
 
-    def __init__(self, name: str, company: Company | None = None) -> None:
+    def __init__(self, company: Company | None = None) -> None:
         super().__init__(company)
-        self._make = read_parameters(self, partial(ego_stage, name))
+        self.driver = USUAL
+        if self.has_parameter(DRIVER):
+            self.driver = self.get_parameter(DRIVER).value
+            self.undeclare_parameter(DRIVER)  # not one of the driver's own, which a rerun reads from the record
+        self._make = read_parameters(self, stage_reader(EGO, self.driver))
         self._ego: Ego
 
     def configure(self, info: RunInfo, scenario: Scenario) -> None:
         """See :meth:`StageNode.configure`."""
-        del info
+        if info.ego != self.driver:
+            raise InputError(
+                f"the run's ego is {info.ego}, but this node drives as {self.driver}: set driver:={info.ego}"
+            )
         self._ego = self._make(scenario)
 
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
@@ -40,27 +54,13 @@ class EgoNode(StageNode):
         return [self._ego.plan(inputs[AGENTS.name])]
 
 
-def run_bat() -> None:
-    """Entry point of ``ros2 run litsim_policy ego_bat``."""
-    run_stages(partial(EgoNode, "bat"))
+def main() -> None:
+    """Entry point of ``ros2 run litsim_policy ego``."""
+    given = (word.partition(":=")[2].strip("\"'") for word in sys.argv if word.startswith(f"{DRIVER}:="))
+    if plugins.load(plugins.EGOS, next(given, USUAL)).waits_for_processor:
+        interrupt_nobody()  # before ROS starts threads, which inherit it
+    run_stages(EgoNode)
 
 
-def run_idm() -> None:
-    """Entry point of ``ros2 run litsim_policy ego_idm``."""
-    _run_beside_the_policy("idm")
-
-
-def run_log() -> None:
-    """Entry point of ``ros2 run litsim_policy ego_log``."""
-    _run_beside_the_policy("log")
-
-
-def run_perturbed() -> None:
-    """Entry point of ``ros2 run litsim_policy ego_perturbed``."""
-    _run_beside_the_policy("perturbed")
-
-
-def _run_beside_the_policy(name: str) -> None:
-    """Run an ego that answers sooner than the policy, whose stages it therefore need not interrupt."""
-    interrupt_nobody()
-    run_stages(partial(EgoNode, name))
+if __name__ == "__main__":
+    main()

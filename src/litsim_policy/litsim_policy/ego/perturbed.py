@@ -74,6 +74,8 @@ class PerturbedEgo(FollowingEgo):
         kind: of the perturbation: brake, lane_change or keep_speed.
     """
 
+    defaults = PerturbedConfig()
+
     def __init__(self, scenario: Scenario, config: PerturbedConfig | None = None) -> None:
         super().__init__(scenario)
         self._config = config or PerturbedConfig()

@@ -1,59 +1,23 @@
-"""The ego drivers of LitSim by name, and their parameters."""
+"""The drivers of the ego by name."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
-from typing import Protocol
+from typing import Any
 
-from litsim_policy.ego.bat import BatConfig, BatEgo
-from litsim_policy.ego.idm import CAREFUL, IdmEgo
-from litsim_policy.ego.log import LogEgo
-from litsim_policy.ego.perturbed import PerturbedConfig, PerturbedEgo
-from litsim_policy.motion.car_following import IdmConfig
-from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import ParameterReader
-from litsim_sim.core.scene import AgentTable, EgoCommand
+from litsim_policy.ego.ego import Ego
+from litsim_sim.core import plugins
+from litsim_sim.core.parameters import ParameterOverrides
+from litsim_sim.core.stages import EGO
 from litsim_sim.scenario.scenario import Scenario
 
 
-class Ego(Protocol):
-    """A driver of the ego."""
-
-    def plan(self, table: AgentTable) -> EgoCommand:
-        """The command for the step of `table`; called once per step, in order."""
-
-
-def make_ego(
-    name: str,
-    scenario: Scenario,
-    idm: IdmConfig = CAREFUL,
-    perturbed: PerturbedConfig | None = None,
-    bat: BatConfig | None = None,
-) -> Ego:
-    """The ego called `name`, for a run of `scenario`; `idm`, `perturbed` and `bat` are parameters of those egos.
+def make_ego(name: str, scenario: Scenario, **parameters: Any) -> Ego:
+    """The installed ego `name` for a run of `scenario`, with `parameters` of the ego's stage by name.
 
     Raises:
-        InputError: the name is unknown.
+        InputError: the name or a parameter is unknown, or the ego cannot be made.
     """
-    if name == "log":
-        return LogEgo()
-    if name == "idm":
-        return IdmEgo(scenario, idm)
-    if name == "perturbed":
-        return PerturbedEgo(scenario, perturbed)
-    if name == "bat":
-        return BatEgo(scenario, bat)
-    raise InputError(f"ego: {name!r} is unknown, expected bat, idm, log or perturbed")
-
-
-def ego_stage(name: str, read: ParameterReader) -> Callable[[Scenario], Ego]:
-    """Read the parameters of the ego called `name`; the result makes the ego for a scenario."""
-    idm = read(CAREFUL) if name == "idm" else CAREFUL
-    perturbed = read(PerturbedConfig()) if name == "perturbed" else None
-    bat = read(BatConfig()) if name == "bat" else None
-    return lambda scenario: make_ego(name, scenario, idm, perturbed, bat)
-
-
-bat_stage, idm_stage = partial(ego_stage, "bat"), partial(ego_stage, "idm")
-log_stage, perturbed_stage = partial(ego_stage, "log"), partial(ego_stage, "perturbed")
+    read = ParameterOverrides(EGO, parameters)
+    ego: Ego = plugins.load(plugins.EGOS, name).read(read)(scenario)
+    read.check()
+    return ego

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from litsim_data.traffic.drivers import calibrated
+from litsim_policy.driving.policy import Policy
 from litsim_policy.motion.car_following import IdmConfig, idm
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.stop_lines import StopLines
@@ -33,11 +34,14 @@ class IdmPolicyConfig:
     braking_max: Positive[Acceleration] = 8.0
 
 
-class IdmPolicy:
+class IdmPolicy(Policy):
     """Drives agents off their logs along their reference paths, behind others on them; stops at red.
 
     It neither changes lanes nor gives way to agents beside the path, and uses no forecasts.
     """
+
+    defaults, prefix = IdmPolicyConfig(), "baseline."
+    by_region = batched = True
 
     def __init__(self, scenario: Setting, config: IdmPolicyConfig) -> None:
         self._lane_map = scenario.lane_map
@@ -48,7 +52,7 @@ class IdmPolicy:
         self._stop_lines = StopLines(scenario.signals)
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
-        """See :class:`litsim_policy.driving.registry.Policy`."""
+        """See :class:`litsim_policy.driving.policy.Policy`."""
         listed = takeovers.takeovers
         if not listed:
             return ControlTable.empty(table.step)

@@ -8,21 +8,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from litsim_policy.driving.features.traffic_observation import SIZE, TrafficObserver
 from litsim_policy.driving.network_file import layer_arrays, perceptron, read_network
+from litsim_policy.driving.policy import Policy
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import configuration
 from litsim_sim.core.scene import AgentTable, ControlTable, FloatArray
 from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.scenario.setting import Setting
-
-IMITATIONS = ("gail", "rail")
-"""Policies of this kind: GAIL, and the same with reward augmentation."""
 
 HIDDEN = (128, 128, 64)
 LAYERS = ("hidden0", "hidden1", "hidden2", "mean")
@@ -86,17 +84,25 @@ class ImitationConfig:
         return ImitationNetwork.load(Path(self.weights) if self.weights else Path(str(shipped)))
 
 
-class ImitationPolicy:
-    """Drives all agents off their logs by the network alone, without rules or guards."""
+class ImitationPolicy(Policy):
+    """Drives all agents off their logs by the network alone, without rules or guards.
 
-    def __init__(self, scenario: Setting, network: ImitationNetwork, config: ImitationConfig) -> None:
-        self._lane_map, self._network = scenario.lane_map, network
+    Attributes:
+        name: of the policy, whose packaged network drives unless the configuration names another.
+    """
+
+    defaults, prefix = ImitationConfig(), "imitation."
+    by_region = batched = True
+    name: ClassVar[str]
+
+    def __init__(self, scenario: Setting, config: ImitationConfig, network: ImitationNetwork | None = None) -> None:
+        self._lane_map, self._network = scenario.lane_map, network or config.network(self.name)
         self._observer = TrafficObserver(scenario.lane_map)
         self._agents, self._identities = scenario.log.ids, scenario.identities
         self._draws = config.actions == "drawn"
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
-        """See :class:`litsim_policy.driving.registry.Policy`."""
+        """See :class:`litsim_policy.driving.policy.Policy`."""
         listed = takeovers.takeovers
         if not listed:
             return ControlTable.empty(table.step)
@@ -111,6 +117,18 @@ class ImitationPolicy:
         known = self._identities[np.searchsorted(self._agents, table.id[rows])].tolist()
         drawn = [np.random.default_rng([*identity, table.step]).standard_normal(len(BOUNDS)) for identity in known]
         return np.array(drawn)
+
+
+class Gail(ImitationPolicy):
+    """The policy called `gail`."""
+
+    name = "gail"
+
+
+class Rail(ImitationPolicy):
+    """The policy called `rail`: GAIL with reward augmentation."""
+
+    name = "rail"
 
 
 def commanded(agents: PathFollowers, action: FloatArray) -> ControlTable:

@@ -29,7 +29,7 @@ from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.io.files import replacing
-from litsim_sim.scenario.run_info import OWN_EGOS, POLICIES
+from litsim_sim.scenario.run_info import driver_names, policy_names
 from litsim_sim.scenario.scenario import Scenario
 
 PRECISION = 0.9  # for which the threshold with the best recall is printed
@@ -64,8 +64,8 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--cost", nargs="*", type=float, default=[], help="also run the scenarios with these thresholds")
     egos = ["idm", "perturbed"]
-    p.add_argument("--ego", nargs="+", choices=OWN_EGOS, default=egos, help="with --cost: what drives the ego")
-    p.add_argument("--policy", choices=POLICIES, default="litsim", help="with --cost: what moves the background")
+    p.add_argument("--ego", nargs="+", choices=driver_names(), default=egos, help="with --cost: what drives the ego")
+    p.add_argument("--policy", choices=policy_names(), default="litsim", help="with --cost: what moves the background")
     p.add_argument("--out", type=Path, metavar="FILE.png", help="write a picture of the curves to this file")
     return p
 

@@ -34,7 +34,7 @@ from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import read_text
-from litsim_sim.scenario.run_info import OWN_EGOS
+from litsim_sim.scenario.run_info import driver_names
 
 DEFAULT_OUT = "bags/paper"
 CASES = "cases"
@@ -61,7 +61,9 @@ def parser() -> argparse.ArgumentParser:
     parts = (*EXPERIMENTS, BACKBONES, ORACLES, FIGURES, CASES, ALL)
     p.add_argument("what", choices=parts, help="experiment to run, or output to make")
     p.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), help="sets of cases")
-    p.add_argument("--ego", nargs="+", choices=OWN_EGOS, help="what drives the ego, instead of the experiment's own")
+    p.add_argument(
+        "--ego", nargs="+", choices=driver_names(), help="what drives the ego, instead of the experiment's own"
+    )
     p.add_argument("--out", type=Path, default=Path(DEFAULT_OUT), help="folder of campaigns, tables and figures")
     p.add_argument("--processes", type=at_least_one, default=2, help="number of runs at a time")
     p.add_argument("--quick", action="store_true", help="only a few short runs, as a trial")

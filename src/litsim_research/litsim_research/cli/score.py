@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_research score``."""
-    p = Parser(prog="evaluate", description=__doc__, formatter_class=DefaultsFormatter)
+    p = Parser(prog="score", description=__doc__, formatter_class=DefaultsFormatter)
     p.add_argument("--models", nargs="+", help="names, or files of weights (default: all packaged models)")
     source = p.add_mutually_exclusive_group()
     source.add_argument(

@@ -17,7 +17,7 @@ DATA_HELP = "Recordings are searched in the current folder, beside the configura
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_research train predictor``."""
-    p = Parser(prog="train", description=__doc__, epilog=DATA_HELP)
+    p = Parser(prog="train predictor", description=__doc__, epilog=DATA_HELP)
     names = ", ".join(sorted(packaged_configs()))
     p.add_argument("--config", default="default", help=f"{names}, or a YAML file (default: default)")
     p.add_argument(

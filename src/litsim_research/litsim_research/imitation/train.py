@@ -179,13 +179,13 @@ def _warm_start(policy: TrafficPolicy, shown: Demonstrations, config: ImitationT
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_research train imitation``."""
-    return training_parser("train_imitation", __doc__, "config/gail.yaml")
+    return training_parser("train imitation", __doc__, "config/gail.yaml")
 
 
 @program
-def main() -> None:
+def main(argv: list[str] | None = None) -> None:
     """Entry point of ``ros2 run litsim_research train imitation``."""
-    arguments = parser().parse_args()
+    arguments = parser().parse_args(argv)
     config = read_yaml(arguments.config, ImitationTraining)
     with training_program(arguments):
         training = run(config, arguments.out, resume=arguments.resume)

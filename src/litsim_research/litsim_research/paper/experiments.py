@@ -10,9 +10,10 @@ from typing import Any
 from litsim_eval.campaign.criteria import Criteria
 from litsim_eval.campaign.policy_setup import PolicySetup, setup_of
 from litsim_eval.campaign.suite import EgoSetup, Suite
+from litsim_research.baselines import BASELINES
 from litsim_research.paper import published
 from litsim_research.paper.roads import Roads, roads, shortened
-from litsim_sim.scenario.run_info import BASELINES, REPLAY
+from litsim_sim.scenario.run_info import REPLAY
 
 OURS = "litsim"
 PAPER_SETUP = "paper"
@@ -45,7 +46,12 @@ AT_ONCE |= {"conflict.release_speed": 1000.0, "conflict.release_yaw": 7.0}
 
 def oracles(happened: Path) -> tuple[Policy, ...]:
     """LitSim, and LitSim with one stage at a time replaced by an oracle, from outcomes in the folder `happened`."""
-    forecast = {"predictor.happened": str(happened), "conflict.intent.used": False, "conflict.closing_time": 0.0}
+    forecast = {
+        "predictor.model": "oracle",
+        "predictor.oracle.happened": str(happened),
+        "conflict.intent.used": False,
+        "conflict.closing_time": 0.0,
+    }
     conflicts = {"conflict.happened": str(happened)}
     return (
         OURS,

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from litsim_eval.analysis.displacement import HORIZONS_S
 from litsim_eval.analysis.summary import Metrics
 from litsim_eval.campaign.results import Campaign, RunResult
+from litsim_research.baselines import BASELINES
 from litsim_research.paper.experiments import OURS, PAPER_EGO
 from litsim_research.paper.measures import (
     Key,
@@ -21,7 +22,7 @@ from litsim_research.paper.measures import (
     run_parts,
 )
 from litsim_research.paper.published import OTHER_DATA
-from litsim_sim.scenario.run_info import BASELINES, REPLAY
+from litsim_sim.scenario.run_info import REPLAY
 
 NOTHING = "-"
 CLEAR = "\\*"

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from litsim_policy.driving.task import DrivingTask
-from litsim_policy.ego.perturbed import PerturbedConfig
-from litsim_policy.ego.registry import Ego, make_ego
+from litsim_policy.ego.ego import Ego
+from litsim_policy.ego.idm import IdmEgo
+from litsim_policy.ego.perturbed import PerturbedConfig, PerturbedEgo
 from litsim_policy.motion.car_following import IdmConfig
 from litsim_policy.motion.reference_path import logged_path
 from litsim_research.policies.task import TaskConfig, recorded_task
@@ -42,14 +43,14 @@ def drawn_ego(scenario: Scenario, random: np.random.Generator) -> Ego:
             standstill_gap=float(random.uniform(1.0, 3.0)),
             acceleration=float(random.uniform(0.8, 2.0)),
         )
-        return make_ego("idm", scenario, idm)
+        return IdmEgo(scenario, idm)
     perturbed = PerturbedConfig(
         time=(0.0, 8.0),
         deceleration=float(random.uniform(1.5, 6.0)),
         duration=float(random.uniform(0.5, 4.0)),
         lane_change_time=float(random.uniform(2.0, 5.0)),
     )
-    return make_ego("perturbed", scenario, perturbed=perturbed)
+    return PerturbedEgo(scenario, perturbed)
 
 
 def drafted_tasks(

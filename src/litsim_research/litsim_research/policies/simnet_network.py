@@ -105,7 +105,7 @@ def ending(backbone: Backbone) -> str:
 
 
 def _small_tensors(network: SimNet) -> dict[str, Tensor]:
-    """Weights for :class:`litsim_research.baselines.simnet.network.SmallNetwork`, with outputs in metres and radians."""
+    """Weights for :class:`litsim_research.baselines.simnet.network.SmallNetwork`, outputs in metres and radians."""
     assert isinstance(network.backbone, nn.Sequential)
     found: dict[str, Tensor] = {}
     number = 0

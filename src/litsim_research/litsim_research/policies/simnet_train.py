@@ -236,15 +236,15 @@ def _counted(scenarios: tuple[Scenario, ...]) -> tuple[list[Scenario], list[floa
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_research train simnet``."""
-    p = training_parser("train_simnet", __doc__, "config/simnet.yaml")
+    p = training_parser("train simnet", __doc__, "config/simnet.yaml")
     p.add_argument("--device", default="cpu", help="device of torch, such as cpu, cuda or cuda:1; default %(default)s")
     return p
 
 
 @program
-def main() -> None:
+def main(argv: list[str] | None = None) -> None:
     """Entry point of ``ros2 run litsim_research train simnet``."""
-    arguments: Any = parser().parse_args()
+    arguments: Any = parser().parse_args(argv)
     check_device(arguments.device)
     config = read_yaml(arguments.config, SimnetConfig)
     with training_program(arguments):

@@ -191,15 +191,15 @@ def _warm_start(policy: GaussianPolicy, shown: Demonstrations, config: TrainConf
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_research train policy``."""
-    p = training_parser("train", __doc__, "config/policy_c.yaml")
+    p = training_parser("train policy", __doc__, "config/policy_c.yaml")
     p.add_argument("--processes", type=at_least_one, default=2, help="processes for the episodes; default %(default)s")
     return p
 
 
 @program
-def main() -> None:
+def main(argv: list[str] | None = None) -> None:
     """Entry point of ``ros2 run litsim_research train policy``."""
-    arguments = parser().parse_args()
+    arguments = parser().parse_args(argv)
     config = read_yaml(arguments.config, TrainConfig)
     with training_program(arguments):
         training = run(config, arguments.out, resume=arguments.resume, processes=arguments.processes)

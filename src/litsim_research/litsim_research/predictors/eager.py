@@ -7,7 +7,17 @@ import torch
 from litsim_predictor.inference.contract import NO_MODES, AgentFutures, AgentInputs, ModeChoice
 from litsim_research.predictors.data.scenes import inputs_batch
 from litsim_research.predictors.models.model import SceneModel
+from litsim_research.predictors.models.weights import load_model
 from litsim_sim.core.scene import IntArray
+
+
+def load(model: str) -> EagerNetwork:
+    """The network of shipped weights or of a file of weights; the plug-in of ``litsim.networks``.
+
+    Raises:
+        InputError: its file cannot be used.
+    """
+    return EagerNetwork(load_model(model)[0], model)
 
 
 class EagerNetwork:

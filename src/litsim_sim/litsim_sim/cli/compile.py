@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import os
+import pkgutil
 import time
-from importlib.util import find_spec
 
 from tqdm import tqdm
 
@@ -14,8 +14,7 @@ from litsim_sim.cli.program import at_least_one, program
 from litsim_sim.kernels.ahead_of_time import compile_kernels, import_kernels, missing_kernels
 from litsim_sim.kernels.compiled import load_kernels
 
-PACKAGES = ("litsim_sim", "litsim_predictor", "litsim_policy")
-"""All that can hold kernels; this package is below the others and imports nothing of them by itself."""
+PREFIX = "litsim_"
 PROCESSES_MAX = 8  # by default: the longest chain of kernels is a fifth of the work, and each process takes memory
 
 
@@ -31,11 +30,16 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
+def _packages() -> list[str]:
+    """Names of the importable packages of LitSim, which can hold kernels."""
+    return sorted(module.name for module in pkgutil.iter_modules() if module.name.startswith(PREFIX))
+
+
 @program
 def main() -> None:
     """Entry point of ``ros2 run litsim_sim compile``."""
     processes, begin = parser().parse_args().processes, time.perf_counter()
-    found = [module for package in PACKAGES if find_spec(package) for module in import_kernels(package)]
+    found = [module for package in _packages() for module in import_kernels(package)]
     missing = missing_kernels()
     with tqdm(total=len(missing), unit="kernel", disable=None) as bar:  # on a terminal
         for _ in compile_kernels(missing, processes):

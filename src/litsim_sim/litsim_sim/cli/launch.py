@@ -10,13 +10,14 @@ from contextlib import suppress
 from pathlib import Path
 
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser, positive
-from litsim_sim.cli.program import interrupt_on_signals, program, run_status
+from litsim_sim.cli.program import interrupt_on_signals, program
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
+from litsim_sim.core import plugins
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
-from litsim_sim.core.garbage import without_collection
 from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES, Interface
 from litsim_sim.io.files import Unwritable
+from litsim_sim.kernels.garbage import without_collection
 from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.executables import find_executable
 from litsim_sim.launch.libraries import loading_sumo, meanwhile
@@ -27,7 +28,7 @@ from litsim_sim.launch.processes import Graph, GraphFailed, without_interrupts
 from litsim_sim.nodes.shared import prepare_nodes
 from litsim_sim.record.bag import make_room
 from litsim_sim.record.failure import write_failure
-from litsim_sim.scenario.run_info import EGOS, EXTERNAL, RunPlan, commit
+from litsim_sim.scenario.run_info import EXTERNAL, RunPlan, commit, ego_names
 
 FIRST = {BRIDGE: 0, RECORDER: 1}
 """Order of start: the bridge takes longest to get ready, and late stages wait for its next greeting."""
@@ -51,7 +52,6 @@ def launch(arguments: argparse.Namespace) -> int:
             nodes = nodes_of(plan, options)
             nodes = nodes if arguments.apart else in_company(nodes)
             paths = {node.name: find_executable(node.package, node.executable) for node in nodes}
-            _check_no_campaign(options.out)
             check_output(options.out, options.overwrite)
             prepare_nodes()
     with held_output(options.out):
@@ -66,9 +66,9 @@ def launch(arguments: argparse.Namespace) -> int:
                 with suppress(Unwritable):  # as on a disk that is full, of which the run may have failed
                     write_failure(options.out, str(error))
                 if arguments.analyze:
-                    _show(options.out)
+                    _recorded(options.out, quiet=True, failed=True)
                 return EXIT_FAILED
-        status = _measure(options.out, arguments.quiet) if arguments.analyze else 0
+        status = _recorded(options.out, quiet=arguments.quiet) if arguments.analyze else 0
     if not status:
         say(arguments, f"recorded in {options.out}")
     return status
@@ -94,41 +94,13 @@ def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], arguments
         without_interrupts(graph.stop)
 
 
-def _show(out: Path) -> None:
-    """Write the report of the partial recording that a failed run left in `out`, if it can be read."""
-    from litsim_eval.report.run_report import write_report  # as below
+def _recorded(out: Path, *, quiet: bool, failed: bool = False) -> int:
+    """Let the plug-ins of ``litsim.recorded`` work on the recording in `out`; return the highest exit status of theirs.
 
-    with suppress(InputError):
-        write_report(out)
-
-
-def _measure(out: Path, quiet: bool) -> int:
-    """Write measures and report of the recording in `out`; return the exit status."""
-    from litsim_eval.analysis.analyze import measure  # imported here, so that the nodes start without waiting for it
-    from litsim_eval.report.run_report import REPORT_FILE, render, save
-    from litsim_eval.report.terminal import print_metrics
-    from litsim_sim.record.run import read_run
-
-    run = read_run(out)
-    metrics = measure(run, out)
-    save(render(run, metrics), out / REPORT_FILE)
-    if not quiet:
-        print_metrics(metrics)
-    return run_status(metrics, out)
-
-
-def _check_no_campaign(out: Path) -> None:
-    """Check that a run is not recorded into the folder of a campaign.
-
-    Raises:
-        InputError: `out` is the folder of a campaign.
+    They are imported after the run, so that the nodes start without waiting for them.
     """
-    if not out.is_dir():
-        return
-    from litsim_eval.campaign.results import is_campaign  # as above
-
-    if is_campaign(out):
-        raise InputError(f"{out}: the folder of a campaign, expected one of a run; give another --out")
+    functions = [plugins.load(plugins.RECORDED, name) for name in plugins.names(plugins.RECORDED)]
+    return max((function(out, quiet=quiet, failed=failed) for function in functions), default=0)
 
 
 def _options(arguments: argparse.Namespace, plan: RunPlan) -> GraphOptions:
@@ -154,7 +126,7 @@ def _announce(arguments: argparse.Namespace, plan: RunPlan, domain_id: int) -> N
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_sim launch``."""
     p = Parser(prog="launch", description=__doc__, epilog=STATUS_HELP, formatter_class=DefaultsFormatter)
-    add_run_arguments(p, EGOS)
+    add_run_arguments(p, ego_names())
     p.add_argument("--out", help="folder of the record; default: bags/SCENARIO")
     p.add_argument("--overwrite", action="store_true", help="replace an existing record")
     p.add_argument(

@@ -8,14 +8,14 @@ else is converted.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import NoneType
 from typing import Annotated, Any, Literal, TypeVar, dataclass_transform, get_args, get_origin
 
 import pydantic.dataclasses
 from pydantic import ConfigDict, Field, Strict
 from pydantic.fields import FieldInfo
-from pydantic_core.core_schema import CoreSchema, literal_schema
+from pydantic_core.core_schema import CoreSchema, no_info_after_validator_function, str_schema
 
 from litsim_sim.core.scene import STEP_S
 
@@ -31,13 +31,23 @@ class Unit:
 
 @dataclasses.dataclass(frozen=True)
 class OneOf:
-    """Annotation of a text type with its possible values, for values that are not written as a ``Literal``."""
+    """Annotation of a text type with its possible values, or a function that gives them, as of installed plug-ins."""
 
-    values: tuple[str, ...]
+    values: tuple[str, ...] | Callable[[], tuple[str, ...]]
+
+    @property
+    def allowed(self) -> tuple[str, ...]:
+        """The possible values now."""
+        return self.values() if callable(self.values) else self.values
 
     def __get_pydantic_core_schema__(self, source: Any, handler: pydantic.GetCoreSchemaHandler) -> CoreSchema:
         """Pydantic's schema of the type: exactly one of the values."""
-        return literal_schema([str(value) for value in self.values])
+        return no_info_after_validator_function(self._check, str_schema(strict=True))
+
+    def _check(self, value: str) -> str:
+        if value not in self.allowed:
+            raise ValueError(f"expected one of {', '.join(self.allowed)}")
+        return value
 
 
 Flag = Annotated[bool, Strict()]
@@ -114,7 +124,7 @@ def expected(annotation: Any) -> str:
     notes = tuple(_flat(notes))
     for note in notes:
         if isinstance(note, OneOf):
-            return f"one of {', '.join(note.values)}"
+            return f"one of {', '.join(note.allowed)}"
     bounds = [
         f"{said} {getattr(note, name):g}" for name, said in _BOUNDS.items() for note in notes if hasattr(note, name)
     ]

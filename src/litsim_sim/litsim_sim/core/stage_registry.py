@@ -1,54 +1,54 @@
-"""Registry of the stages of installed packages, and the check of their parameters before a run.
+"""The stages of installed packages, and the check of their parameters before a run.
 
-A package registers each of its stages as an entry point of :data:`GROUP`: a function that reads the stage's
+A package registers each of its stages as an entry point of ``litsim.stages``: a function that reads the stage's
 configurations with a :class:`~litsim_sim.core.parameters.ParameterReader`, and returns a factory of the stage for a
-scenario. The launcher, which may not import the packages above it, thus checks parameters with the same functions as
-the nodes and the in-process runner.
+scenario. The ego's stage is that of its driver, a plug-in of ``litsim.egos``. The launcher, which imports no package
+above its own, thus checks parameters with the same functions as the nodes and the in-process runner.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from collections.abc import Callable, Iterable
 from typing import Any
 
+from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import ParameterOverrides, Parameters, not_among
+from litsim_sim.core.parameters import ParameterOverrides, ParameterReader, Parameters, not_among
 from litsim_sim.core.stages import EGO
 
-GROUP = "litsim.stages"
+
+def stage_reader(stage: str, ego: str = "") -> Callable[[ParameterReader], Any]:
+    """The registered function of `stage`; of the ego's stage, that of the driver called `ego`.
+
+    Raises:
+        InputError: no installed package has it.
+    """
+    if stage == EGO:
+        read: Callable[[ParameterReader], Any] = plugins.load(plugins.EGOS, ego).read
+        return read
+    if stage not in plugins.installed(plugins.STAGES):
+        raise InputError(f"no installed package has a stage {stage}; build the workspace (make build)")
+    registered: Callable[[ParameterReader], Any] = plugins.load(plugins.STAGES, stage)
+    return registered
 
 
-def registered_name(stage: str, ego: str) -> str:
-    """Name under which a stage is registered, and name of its executable; that of the ego depends on its driver."""
-    return f"ego_{ego}" if stage == EGO else stage
-
-
-def configured(stages: Mapping[str, str], parameters: Parameters) -> dict[str, Any]:
+def configured(stages: Iterable[str], parameters: Parameters, ego: str = "") -> dict[str, Any]:
     """Read the parameters of the stages of a run; return the result of each stage's registered function, by stage.
 
     Args:
-        stages: names under which the stages of the run are registered, by stage.
+        stages: the stages of the run.
         parameters: given parameters; others have their defaults.
+        ego: name of the ego's driver, if the ego is among the stages.
 
     Raises:
         InputError: a stage takes no part in the run or is not installed; or a parameter is unknown or does not fit.
     """
-    if absent := sorted(set(parameters) - set(stages)):
-        raise InputError(f"no stage of this run: {not_among(absent, stages)}")
-    made = {}
-    for stage, name in stages.items():
-        found = _registered().get(name)
-        if found is None:
-            raise InputError(f"no installed package has a stage {name}; build the workspace (make build)")
+    taking_part = tuple(stages)
+    if absent := sorted(set(parameters) - set(taking_part)):
+        raise InputError(f"no stage of this run: {not_among(absent, taking_part)}")
+    factories = {}
+    for stage in taking_part:
         read = ParameterOverrides(stage, parameters.get(stage, {}))
-        made[stage] = found.load()(read)
+        factories[stage] = stage_reader(stage, ego)(read)
         read.check()
-    return made
-
-
-@cache
-def _registered() -> dict[str, EntryPoint]:
-    """The stages of the installed packages, by name; cached, as it reads the metadata of all packages."""
-    return {each.name: each for each in reversed(tuple(entry_points(group=GROUP)))}  # of duplicates, the first
+    return factories

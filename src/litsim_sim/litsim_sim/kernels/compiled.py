@@ -28,8 +28,8 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from litsim_sim.core.garbage import without_collection
-from litsim_sim.core.imports import left_out
+from litsim_sim.kernels.garbage import without_collection
+from litsim_sim.kernels.imports import left_out
 
 with left_out("coverage", "scipy"):  # where they are installed, a fifth of the time of importing numba
     import numba

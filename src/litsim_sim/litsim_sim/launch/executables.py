@@ -6,20 +6,12 @@ from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
+from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.stage_registry import registered_name
-from litsim_sim.core.stages import BRIDGE, CONFLICT, EGO, POLICY, PREDICTOR, RECORDER
+from litsim_sim.core.stages import EGO, POLICY
 
-EXECUTABLES = {
-    RECORDER: ("litsim_sim", "recorder"),
-    PREDICTOR: ("litsim_predictor", "predictor"),
-    CONFLICT: ("litsim_policy", "conflict"),
-    POLICY: ("litsim_policy", "policy"),
-    BRIDGE: ("litsim_sim", "bridge"),
-}
-"""Package and executable of every node but the ego."""
-POLICY_STAGES_PROGRAM = ("litsim_policy", "policy_stages")
-"""Package and executable of the stages of the policy in one process."""
+POLICY_STAGES_PROGRAM = "policy_stages"
+"""Executable of the stages of the policy in one process, in the package of the policy's stage."""
 
 
 def find_executable(package: str, executable: str) -> Path:
@@ -37,15 +29,21 @@ def find_executable(package: str, executable: str) -> Path:
     return path
 
 
-def program_of(node: str, ego: str) -> tuple[str, str]:
-    """Package and executable of a node of the graph by the name of its stage; of the stage `ego`, by its driver."""
-    return ("litsim_policy", registered_name(node, ego)) if node == EGO else EXECUTABLES[node]
+def program_of(stage: str) -> tuple[str, str]:
+    """Package and executable of the node of a stage: of the package that registers the stage, with the stage's name.
 
-
-def node_executable(node: str, ego: str) -> Path:
-    """The file of :func:`program_of`.
+    The ego's node is that of the policy's package, whichever plug-in drives.
 
     Raises:
-        InputError: there is none.
+        InputError: no installed package has the stage.
     """
-    return find_executable(*program_of(node, ego))
+    return plugins.package_of(plugins.STAGES, POLICY if stage == EGO else stage), stage
+
+
+def policy_stages_program() -> tuple[str, str]:
+    """Package and executable of the stages of the policy in one process.
+
+    Raises:
+        InputError: no installed package has the policy's stage.
+    """
+    return plugins.package_of(plugins.STAGES, POLICY), POLICY_STAGES_PROGRAM

@@ -9,15 +9,18 @@ from pathlib import Path
 from typing import Any
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.stage_registry import configured, registered_name
-from litsim_sim.core.stages import BRIDGE, POLICY_STAGES, RECORDER
+from litsim_sim.core.stage_registry import configured
+from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES, RECORDER
 from litsim_sim.ego_port.answer import AUTO
-from litsim_sim.launch.executables import POLICY_STAGES_PROGRAM, program_of
+from litsim_sim.launch.executables import policy_stages_program, program_of
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 
 MODES = ("lockstep", "realtime")
 STOP_OR_HOLD = ("stop", "hold")
+DRIVER = "driver"
+"""Parameter of the ego's node: name of the plug-in that drives."""
 DECIDED = {
+    EGO: (DRIVER,),
     BRIDGE: ("scenario", "ego", "policy", "ego_id", "seed", "end_after_contact_s", "progress", "stage_parameters"),
     RECORDER: ("output", "overwrite"),
 }
@@ -84,8 +87,10 @@ def nodes_of(plan: RunPlan, how: GraphOptions) -> list[GraphNode]:
     names = (*reversed(plan.stages), BRIDGE)
     own = {RECORDER: {"output": str(how.out), "overwrite": how.overwrite}, BRIDGE: _bridge(plan, how)}
     parameters = {name: own.get(name, {}) | dict(plan.parameters.get(name, {})) for name in (*own, *plan.parameters)}
-    configured({name: registered_name(name, plan.ego) for name in names}, parameters)
-    return [GraphNode(name, *program_of(name, plan.ego), parameters.get(name, {})) for name in names]
+    configured(names, parameters, plan.ego)
+    if EGO in names:
+        parameters[EGO] = {DRIVER: plan.ego} | parameters.get(EGO, {})
+    return [GraphNode(name, *program_of(name), parameters.get(name, {})) for name in names]
 
 
 def in_company(nodes: Sequence[GraphNode]) -> list[GraphNode]:
@@ -96,7 +101,8 @@ def in_company(nodes: Sequence[GraphNode]) -> list[GraphNode]:
     parameters = {
         f"{stage}:{name}": value for stage in POLICY_STAGES for name, value in together[stage].parameters.items()
     }
-    one = GraphNode(POLICY_STAGES_PROGRAM[1], *POLICY_STAGES_PROGRAM, parameters, POLICY_STAGES)
+    program = policy_stages_program()
+    one = GraphNode(program[1], *program, parameters, POLICY_STAGES)
     first = min(nodes.index(node) for node in together.values())
     return [one if k == first else node for k, node in enumerate(nodes) if k == first or node.name not in together]
 

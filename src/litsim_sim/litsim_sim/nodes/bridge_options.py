@@ -13,7 +13,7 @@ from litsim_sim.core.quantities import Duration, Number, OneOf, Positive, Unit, 
 from litsim_sim.core.vehicle import VEHICLE_FIELDS, VehicleModel
 from litsim_sim.core.yaml_loader import load_yaml
 from litsim_sim.ego_port.answer import INTERFACES
-from litsim_sim.scenario.run_info import EGOS, POLICIES, RunPlan, new_execution
+from litsim_sim.scenario.run_info import RunPlan, ego_names, new_execution, policy_names
 from litsim_sim.scenario.scenario import Scenario
 
 OF_THE_SCENARIO = -1
@@ -54,8 +54,8 @@ class BridgeOptions:
     """
 
     scenario: str = "demo"
-    ego: Annotated[str, OneOf(EGOS)] = "idm"
-    policy: Annotated[str, OneOf(POLICIES)] = "litsim"
+    ego: Annotated[str, OneOf(ego_names)] = "idm"
+    policy: Annotated[str, OneOf(policy_names)] = "litsim"
     ego_id: Annotated[Whole, Field(ge=OF_THE_SCENARIO)] = OF_THE_SCENARIO
     seed: Annotated[Whole, Field(ge=OF_THE_SCENARIO)] = OF_THE_SCENARIO
     end_after_contact_s: Annotated[Duration, Field(ge=OF_THE_SCENARIO)] = float(OF_THE_SCENARIO)

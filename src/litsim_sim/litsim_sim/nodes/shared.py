@@ -9,8 +9,8 @@ from rclpy.type_description_service import GetTypeDescription
 from rclpy.type_support import check_for_type_support
 
 import litsim_sim.ros.stage  # noqa: F401 - rclpy, messages, scenarios: what takes longest to import
-from litsim_sim.core.imports import left_out
 from litsim_sim.kernels.compiled import load_kernels
+from litsim_sim.kernels.imports import left_out
 from litsim_sim.launch.forked import keep_imports
 from litsim_sim.ros.topics import RECORDED_TOPICS
 

@@ -2,26 +2,54 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from pathlib import Path
+from typing import ClassVar
 
-from litsim_data.ngsim import windows as ngsim_windows
+from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.parquet_input import is_parquet, read_schema
 from litsim_sim.scenario.cropping import Crop, within
 from litsim_sim.scenario.recording import COLUMNS, HEADER_KEY, Recording
 
-__all__ = ["Crop", "load_recording"]
+__all__ = ["Crop", "RecordingFormat", "load_recording"]
 
 OTHER_TABLES = "any other table needs a mapping: data convert --mapping (one is drafted by data convert --draft)"
+
+
+class RecordingFormat(ABC):
+    """A format of recorded traffic: a plug-in of ``litsim.recordings``, made without arguments.
+
+    Attributes:
+        content: what a file of this format holds, for errors, such as "the US-101 windows file".
+    """
+
+    content: ClassVar[str]
+
+    @abstractmethod
+    def recognizes(self, path: Path) -> bool:
+        """Whether the file at `path`, which exists, is of this format; judged by its content."""
+
+    @abstractmethod
+    def load(self, path: Path, crop: Crop | None) -> Recording:
+        """Read the recording at `path`.
+
+        Args:
+            path: file of this format.
+            crop: the [low, high] to keep, both inclusive, by column of the file; None for all.
+
+        Raises:
+            InputError: the content, or the crop, cannot be used.
+        """
 
 
 def load_recording(path: Path, crop: Crop | None = None) -> Recording:
     """Read a recording, whatever its format.
 
     Args:
-        path: neutral-schema Parquet, the US-101 windows Parquet, or an official NGSIM file of one site and period.
+        path: neutral-schema Parquet, or a file of an installed :class:`RecordingFormat`.
         crop: the [low, high] to keep, both inclusive, by column OF THE FILE; for official NGSIM files by the names and
-            in the units of :func:`litsim_data.ngsim.official.read`.
+            in the units of their reader.
 
     Raises:
         InputError: the file is missing or of an unknown format; `crop` names an unknown column, is malformed or keeps
@@ -29,32 +57,33 @@ def load_recording(path: Path, crop: Crop | None = None) -> Recording:
     """
     if not path.is_file():
         raise InputError(f"{path}: no such recording")
-    if path.suffix != ".parquet" and not _looks_like_parquet(path):
-        from litsim_data.ngsim import formats as ngsim_format
-        from litsim_data.ngsim import official as ngsim  # loads scipy, which ready recordings do not need
-
-        if ngsim_format.detect(path) is not None:
-            return ngsim.load(path, crop)
-        raise InputError(
-            f"{path}: format not recognised: neither Parquet nor an official NGSIM file (text of 18 or 24 columns, or "
-            f"CSV with its header); {OTHER_TABLES}"
-        )
-    schema = read_schema(path)
-    columns = list(schema.names)
-    if ngsim_windows.is_windows(columns):
-        return ngsim_windows.load(path, crop)
-    if HEADER_KEY in (schema.metadata or {}):
-        recording = Recording.read(path)
-        if not crop:
-            return recording
-        kept = within(recording.columns, len(recording.columns["frame"]), crop, str(path))
-        left = {name: values[kept] for name, values in recording.columns.items()}
-        limits = ", ".join(f"{column} within [{float(low):g}, {float(high):g}]" for column, (low, high) in crop.items())
-        return Recording.from_columns(recording.header, left, f"{path}, cropped to {limits}")
+    schema = read_schema(path) if path.suffix == ".parquet" or _looks_like_parquet(path) else None
+    if schema is not None and HEADER_KEY in (schema.metadata or {}):
+        return _neutral(path, crop)
+    formats: list[RecordingFormat] = [
+        plugins.load(plugins.RECORDINGS, each)() for each in plugins.names(plugins.RECORDINGS)
+    ]
+    for each in formats:
+        if each.recognizes(path):
+            return each.load(path, crop)
+    is_, others = "is no Parquet", "; ".join(each.content for each in formats)
+    if schema is not None:
+        is_ = f"columns are {list(schema.names)}"
     raise InputError(
-        f"{path}: format not recognised: columns are {columns}; expected {list(COLUMNS)} with a LitSim header, or the "
-        f"US-101 windows file (columns {list(ngsim_windows.MARKERS)} among others); {OTHER_TABLES}"
+        f"{path}: format not recognised: {is_}; expected Parquet of {list(COLUMNS)} with a LitSim header"
+        f"{f', or {others}' if others else ''}; {OTHER_TABLES}"
     )
+
+
+def _neutral(path: Path, crop: Crop | None) -> Recording:
+    """The recording in the neutral schema at `path`."""
+    recording = Recording.read(path)
+    if not crop:
+        return recording
+    kept = within(recording.columns, len(recording.columns["frame"]), crop, str(path))
+    left = {name: values[kept] for name, values in recording.columns.items()}
+    limits = ", ".join(f"{column} within [{float(low):g}, {float(high):g}]" for column, (low, high) in crop.items())
+    return Recording.from_columns(recording.header, left, f"{path}, cropped to {limits}")
 
 
 def _looks_like_parquet(path: Path) -> bool:

@@ -14,25 +14,16 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from litsim_sim.core import plugins
 from litsim_sim.core.parameters import Parameters, by_stage
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.stages import EGO, POLICY_STAGES, RECORDER
 from litsim_sim.scenario.scenario import Scenario
 
-EXTERNAL = "external"  # any stack that answers on the ego port
-OWN_EGOS = ("bat", "idm", "log", "perturbed")
-"""Egos implemented as a stage of LitSim, over DDS or in process."""
-
-EGOS = (*OWN_EGOS, EXTERNAL)
-"""Drivers of the ego; `external` is any stack that answers on the ego port."""
-
-REPLAY = "replay"  # pure log replay, without stages of the policy
-BASELINES = ("idm", "gail", "rail", "simnet")
-"""Policies that take over, for good, every agent that comes near the ego, and need no forecasts."""
-
-POLICIES = ("litsim", "yield", *BASELINES, REPLAY)
-"""Policies of the background: `replay` is policy L alone; `litsim` takes over with the best policy available."""
-
+EXTERNAL = "external"
+"""The ego that is any stack that answers on the ego port."""
+REPLAY = "replay"
+"""The policy that is pure log replay, without stages of the policy."""
 VERSIONED = ("litsim_sim", "numpy", "libsumo", "onnxruntime", "torch", "mcap")
 
 
@@ -42,8 +33,8 @@ class RunPlan:
 
     Attributes:
         scenario: scenario with the ego and the seed of this run.
-        ego: one of :data:`EGOS`.
-        policy: one of :data:`POLICIES`.
+        ego: one of :func:`ego_names`.
+        policy: one of :func:`policy_names`.
         parameters: parameters of the stages that are set explicitly, by stage and name.
         execution: unique name of this execution, see :func:`new_execution`; empty in process, where messages of other
             executions cannot arrive.
@@ -140,6 +131,30 @@ class RunPlan:
             "dt": STEP_S,
             "stages": self.stages,
         }
+
+
+def driver_names() -> tuple[str, ...]:
+    """Names of the installed drivers of the ego, each a stage over DDS or in process."""
+    return plugins.names(plugins.EGOS)
+
+
+def ego_names() -> tuple[str, ...]:
+    """What can drive the ego: :func:`driver_names`, and a stack of the user."""
+    return (*driver_names(), EXTERNAL)
+
+
+def policy_names() -> tuple[str, ...]:
+    """What can move the background: the installed policies, and pure replay."""
+    return (*plugins.names(plugins.POLICIES), REPLAY)
+
+
+def drives_by_region(policy: str) -> bool:
+    """Whether the policy takes over, for good and without forecasts, every agent that comes near the ego.
+
+    Raises:
+        InputError: there is no such policy, or it cannot be imported.
+    """
+    return policy != REPLAY and bool(plugins.load(plugins.POLICIES, policy).by_region)
 
 
 def new_execution() -> str:

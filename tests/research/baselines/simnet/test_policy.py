@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from litsim_policy.driving.registry import make_policy
-from litsim_research.baselines.simnet.config import SimnetConfig
 from litsim_research.baselines.simnet.output import OUTPUTS
 from litsim_research.baselines.simnet.policy import SimnetPolicy
 from litsim_research.baselines.simnet.raster import CHANNELS, FRAMES, OTHERS, OWN, SMALL
@@ -110,4 +109,4 @@ def test_it_drives_on_an_empty_road(make_scenario: Any, track: Any, drive: Any) 
 )
 def test_weights_that_do_not_fit(scenario: Any, config: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):
-        make_policy("simnet", scenario, simnet=SimnetConfig(**config))
+        make_policy("simnet", scenario, {f"simnet.{name}": value for name, value in config.items()})

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from litsim_sim.core.imports import left_out
+from litsim_sim.kernels.imports import left_out
 
 PREPARED = """
 import sys

@@ -6,7 +6,7 @@ import gc
 
 import pytest
 
-from litsim_sim.core.garbage import spared_from_collection, without_collection
+from litsim_sim.kernels.garbage import spared_from_collection, without_collection
 
 
 def test_nothing_is_collected_meanwhile_and_all_is_as_before_however_it_ends() -> None:

@@ -1,0 +1,45 @@
+"""What every policy of the background is: a plug-in of ``litsim.policies``."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+from litsim_sim.core import plugins
+from litsim_sim.core.plugins import Configured
+from litsim_sim.core.scene import AgentTable, ControlTable
+from litsim_sim.core.takeover import TakeoverTable
+
+
+class Policy(Configured, ABC):
+    """Drives the agents that are off their logs.
+
+    It is made for a run as ``cls(scenario)``, or as ``cls(scenario, configuration)`` if it has parameters, with the
+    :class:`~litsim_sim.scenario.setting.Setting` of the run. :meth:`act` is called once per step, in order.
+
+    Attributes:
+        by_region: whether it drives every agent that comes near the ego, for good, and without forecasts, as the
+            baselines of the paper do. Otherwise it drives those with a predicted conflict, until that is past.
+        batched: whether it also drives the agents of several scenes at once, which must not react to each other (see
+            `AgentTable.scene`), so that campaigns step several runs together.
+    """
+
+    by_region: ClassVar[bool] = False
+    batched: ClassVar[bool] = False
+
+    @abstractmethod
+    def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
+        """Controls for the agents of `takeovers` at the step of `table`.
+
+        An agent without controls keeps its speed and its yaw rate is 0.
+        """
+
+
+def policy_class(name: str) -> type[Policy]:
+    """The class of the installed policy `name`.
+
+    Raises:
+        InputError: there is none, or it cannot be imported.
+    """
+    policy: type[Policy] = plugins.load(plugins.POLICIES, name)
+    return policy

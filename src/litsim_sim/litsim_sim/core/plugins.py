@@ -1,0 +1,125 @@
+"""Plug-ins: what installed packages add to LitSim, by entry points of their distributions.
+
+A package names a class or a function in an entry point of one of the groups below, and every program of LitSim knows it
+by the name of the entry point. LitSim's own stages, policies, egos, predictors, metrics and formats are registered in
+the same way. `docs/extending.md` has an example of each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from importlib.metadata import EntryPoint, distributions
+from typing import Any, ClassVar
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.parameters import ParameterReader, not_among
+
+STAGES = "litsim.stages"
+"""Functions that read the parameters of a stage; see :mod:`litsim_sim.core.stage_registry`."""
+POLICIES = "litsim.policies"
+"""Policies of the background: classes as `litsim_policy.driving.policy.Policy`."""
+EGOS = "litsim.egos"
+"""Drivers of the ego: classes as `litsim_policy.ego.ego.Ego`."""
+PREDICTORS = "litsim.predictors"
+"""Predictors: classes as `litsim_predictor.plugin.PredictorPlugin`."""
+NETWORKS = "litsim.networks"
+"""A function that runs files of weights that have neither kernels nor a graph, of their path."""
+METRICS = "litsim.metrics"
+"""Measures of a run: objects as `litsim_eval.analysis.metric.Metric`."""
+RECORDINGS = "litsim.recordings"
+"""Formats of recordings: objects as :class:`litsim_sim.scenario.load.RecordingFormat`."""
+MAPS = "litsim.maps"
+"""Formats of maps: objects as `litsim_data.maps.map_format.MapFormat`."""
+RECORDED = "litsim.recorded"
+"""Functions that the launcher calls with the folder of a run once it is recorded, such as its analysis."""
+
+PREFIX = "litsim."
+
+
+class Configured:
+    """Base class of plug-ins that are made for a run, with parameters of the stage that they take part in.
+
+    Attributes:
+        defaults: the configuration (:func:`litsim_sim.core.quantities.configuration`) with its default values; None for
+            a plug-in without parameters.
+        prefix: beginning of the names of its parameters within the stage, such as ``mine.`` for ``policy.mine.gap``.
+    """
+
+    defaults: ClassVar[Any] = None
+    prefix: ClassVar[str] = ""
+
+    @classmethod
+    def read(cls, read: ParameterReader) -> Callable[..., Any]:
+        """Read the parameters; the result makes the plug-in from what its base class says, then its configuration."""
+        if cls.defaults is None:
+            return cls
+        config = read(cls.defaults, cls.prefix)
+        return lambda *given: cls(*given, config)
+
+
+def installed(group: str) -> Mapping[str, EntryPoint]:
+    """The entry points of `group`, by name in alphabetical order.
+
+    Raises:
+        InputError: two packages have one of the same name.
+    """
+    by_name: dict[str, EntryPoint] = {}
+    for entry in _entry_points().get(group, ()):
+        other = by_name.setdefault(entry.name, entry)
+        if other is not entry:
+            raise InputError(
+                f"two plug-ins of {group} are called {entry.name}: {_described(other)} and {_described(entry)}; "
+                "uninstall one of them"
+            )
+    return dict(sorted(by_name.items()))
+
+
+def names(group: str) -> tuple[str, ...]:
+    """Names of the plug-ins of `group`, in alphabetical order."""
+    return tuple(installed(group))
+
+
+def load(group: str, name: str) -> Any:
+    """What the entry point `name` of `group` names.
+
+    Raises:
+        InputError: there is none of that name, or it cannot be imported.
+    """
+    entry = installed(group).get(name)
+    if entry is None:
+        kind = group.removeprefix(PREFIX)
+        raise InputError(f"{kind}: no installed package has {not_among([name], installed(group))}")
+    try:
+        return entry.load()
+    except (ImportError, AttributeError) as error:
+        raise InputError(f"{group}: {_described(entry)} cannot be imported: {error}") from error
+
+
+def package_of(group: str, name: str) -> str:
+    """Name of the package that has the plug-in `name` of `group`, as ROS knows it.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    entry = installed(group).get(name)
+    if entry is None or entry.dist is None:
+        raise InputError(f"no installed package has {group} {name}; build the workspace (make build)")
+    return entry.dist.name.replace("-", "_")
+
+
+@cache
+def _entry_points() -> dict[str, list[EntryPoint]]:
+    """All entry points of LitSim's groups; cached, as it reads the metadata of all installed packages."""
+    points: dict[str, list[EntryPoint]] = {}
+    for distribution in {
+        each.name: each for each in reversed(tuple(distributions()))
+    }.values():  # the first on the path
+        for entry in distribution.entry_points:
+            if entry.group.startswith(PREFIX):
+                points.setdefault(entry.group, []).append(entry)
+    return points
+
+
+def _described(entry: EntryPoint) -> str:
+    return f"{entry.value} of {entry.dist.name if entry.dist else 'an unknown package'}"
