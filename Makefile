@@ -1,7 +1,7 @@
 # The commands that people type. `make` alone lists them.
 .DEFAULT_GOAL := help
 SHELL := /bin/bash
-.PHONY: help setup setup-all build demo test lint lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture architecture format bench lock audit sbom soak clean distclean
+.PHONY: help setup setup-all build demo test lint lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture lint-figures architecture format bench lock audit sbom soak clean distclean
 
 # Choices, also taken from the environment; see tools/bootstrap.sh --help.
 PYTHON ?=
@@ -37,7 +37,7 @@ demo: build ## the embedded scenario, closed loop: the ego brakes, drives on; le
 test: setup-all build ## every test, in JOBS processes; prints the slowest
 	./litsim exec python -m pytest -n $(JOBS) --dist worksteal --durations=20 $(ARGS)
 
-lint: lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture ## ruff, mypy, codespell, import-linter
+lint: lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture lint-figures ## ruff, mypy, codespell, import-linter
 lint-rules: setup-all
 	$(BIN)/ruff check
 lint-format: setup-all
@@ -50,6 +50,8 @@ lint-imports: setup-all
 	PYTHONPATH=$(SOURCES) $(BIN)/lint-imports
 lint-architecture: setup-all
 	PYTHONPATH=$(SOURCES) $(BIN)/python tools/architecture.py --check
+lint-figures: setup-all
+	$(BIN)/python tools/figures.py --check
 
 architecture: setup-all ## draw the imports between folders into ARCHITECTURE.md
 	PYTHONPATH=$(SOURCES) $(BIN)/python tools/architecture.py
@@ -63,7 +65,7 @@ bench: build ## what a step costs on this machine, by stage, beside highway-env
 	@benchmarks/highway_env/setup.sh || echo "bench: without highway-env"
 	./litsim bench $(if $(wildcard benchmarks/highway_env/.venv/.ready),--highway-env benchmarks/highway_env) $(ARGS)
 
-soak: build ## 100 short runs of the graph, resumed where they were left; docs/soak.md
+soak: build ## 100 short runs of the graph, resumed where they were left; docs/performance.md
 	./litsim exec python tests/soak/soak.py $(ARGS)
 
 lock: ## versions and hashes of all packages, from constraints.txt, into requirements/locked/

@@ -211,7 +211,7 @@ def wall_clock(environment: dict[str, str]) -> float:
 
 @pytest.mark.parametrize(("agents", "seconds"), [(1000, 3.5), (20, 60.0)])
 def test_a_thousand_agents_and_a_minute_are_nothing_special(graph: Any, agents: int, seconds: float) -> None:
-    """For ten minutes, and the memory that they take, see docs/soak.md."""
+    """For ten minutes, and the memory that they take, see docs/performance.md."""
     scenario, bag = write_scenario(graph.folder, agents, seconds), graph.folder / "run"
     done = graph.launch("--scenario", scenario, "--ego", "idm", "--policy", "litsim", "--out", bag, "--no-analyze")
     assert done.returncode == 0, done.stderr

@@ -31,9 +31,9 @@ from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.benchmark.memory import children, resident_mb
 from litsim_eval.benchmark.steps import write_scenario
 from litsim_eval.runs.runner import Runner, record
+from litsim_research.paper.page import fill
 from litsim_sim.core.errors import EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED, InputError, print_error
 from litsim_sim.core.parameters import by_stage
-from litsim_sim.io.files import replacing
 from litsim_sim.launch.executables import find_executable
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import RunPlan, versions
@@ -45,6 +45,7 @@ LOOKS_MIN = 200  # before which most of a run is its start, and its growth says 
 LIMIT_S = 3600.0  # [s] after which a run is ended
 LAUNCHER = "launch"
 ATTEMPTS = 3  # at a run that others spoil
+COMMAND = "make soak"  # between whose marks the page is filled
 ANNOUNCED = re.compile(r"in ROS_DOMAIN_ID (\d+)")
 COLUMNS = (
     "case",
@@ -307,14 +308,10 @@ def page(results: Sequence[Result], title: str) -> str:
     spoilt = [each for each in results if each.spoilt]
     results = [each for each in results if not each.spoilt]
     failed = [each for each in results if each.wrong]
+    right = len(results) - len(failed)
     again = f", and {len(spoilt)} more disturbed by other nodes" if spoilt else ""
     lines = [
-        f"## {title}",
-        "",
-        f"{len(results)} runs, {len(results) - len(failed)} of them correct{again}: exit status 0, the known digest,",
-        f"no process, shared memory, domain or open file left. {seconds:.0f} s on {cores} cores.",
-        "Memory is the maximum of a launcher and of a node; growth from run to run is the slope of a fitted line,",
-        "growth within a run that of the process that grew most from its second quarter to its last.",
+        f"**{title}**: {len(results)} runs, {right} of them correct{again}. {seconds:.0f} s on {cores} cores.",
         "",
         f"| {' | '.join(COLUMNS)} |",
         "|---|---:|---|---:|---:|---:|---:|---:|---:|",
@@ -349,7 +346,7 @@ def main() -> int:
     p.add_argument("--runs", type=int, default=100)
     p.add_argument("--long", action="store_true", help="instead: 1000 agents, and ten minutes; twice 1 run")
     p.add_argument("--folder", type=Path, default=Path("bags/soak"), help="where results are kept as they come")
-    p.add_argument("--page", type=Path, default=Path("docs/soak.md"))
+    p.add_argument("--page", type=Path, default=Path("docs/performance.md"), help="filled between its marks")
     arguments = p.parse_args()
     folder = arguments.folder.absolute()  # nets are named from where their scenarios lie
     try:
@@ -367,17 +364,15 @@ def main() -> int:
 
 def write_page(folder: Path, path: Path) -> None:
     """Write what has been done so far, if anything."""
-    found = {"Many": results_in(folder / "runs.jsonl"), "Large": results_in(folder / "long.jsonl")}
+    found = {"Many runs": results_in(folder / "runs.jsonl"), "Large runs": results_in(folder / "long.jsonl")}
     if not any(found.values()):
         return
-    text = "# Soak\n\nThis page shows whether runs stay reliable, over many runs and over long ones. `make soak` runs\n"
-    text += "the graph 100 times, `make soak ARGS=--long` with a thousand agents and for ten simulated minutes.\n"
+    lines: list[str] = []
     for title, results in found.items():
         if results:
             commits = ", ".join(dict.fromkeys(each.commit for each in results))
-            text += f"\n{page(results, title)}\nCommit {commits}.\n"
-    with replacing(path) as made:
-        made.write_text(text)
+            lines += [*page(results, title).splitlines(), "", f"Commit {commits}.", ""]
+    fill(path, COMMAND, lines[:-1])
 
 
 if __name__ == "__main__":

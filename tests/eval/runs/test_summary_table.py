@@ -24,7 +24,7 @@ def row(**values: Any) -> dict[str, Any]:
 
 
 def rows(count: int) -> dict[str, dict[str, Any]]:
-    """Rows with the names that six of them have in `docs/experiments.md`."""
+    """Rows with the names that six of them have in `docs/results.md`."""
     egos, policies = ("perturbed", "external"), ("replay", "yield, kinematic", "litsim, default, handback=time_shift")
     names = [f"{ego}, {policy}" for ego in egos for policy in policies]
     return {names[i % 6] + (f", horizon={i}" if i > 5 else ""): row(runs=10 + i) for i in range(count)}

@@ -11,13 +11,14 @@ from litsim_eval.campaign.results import read_campaign
 from litsim_research.baselines import BASELINES
 from litsim_research.baselines.simnet.output import FORMAT, OUTPUTS
 from litsim_research.baselines.simnet.raster import CHANNELS, PAPER
-from litsim_research.cli.paper import CAPTIONS, main
+from litsim_research.cli.paper import CAPTIONS, FIGURES, SHOWN, main
 from litsim_research.paper import running
 from litsim_research.paper.case_studies import AFTER_S, BEFORE_S, EVENTS, LEFT_TURN, Study, chosen, drawn
 from litsim_research.paper.experiments import CHANGES
-from litsim_research.paper.page import marks
+from litsim_research.paper.page import END, begin
+from litsim_research.paper.tables import GoalRow, Row, goals_table, read_csv, summary
 
-PARTS = ("table", "ablation", "changes", "oracles", "sanity", "backbones", "figures", "times")
+PARTS = (*SHOWN, FIGURES)
 EMPTY = "Not made yet."
 
 
@@ -25,7 +26,7 @@ EMPTY = "Not made yet."
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The table on the motorway, its figures, and a page of both that had nothing made on it."""
     folder = tmp_path_factory.mktemp("paper")
-    lines = [line for part in PARTS for begin, end in [marks(part)] for line in (begin, EMPTY, end)]
+    lines = [line for part in PARTS for line in (begin(f"paper {part}"), EMPTY, END)]
     (folder / "results.md").write_text("\n".join([*lines, ""]))
     main(["table", *options(folder)])
     return folder
@@ -35,15 +36,25 @@ def options(folder: Path) -> list[str]:
     return ["--quick", "--sets", "highway", "--out", str(folder / "out"), "--page", str(folder / "results.md")]
 
 
+def methods_in(file: Path) -> dict[str, set[str]]:
+    """Numbers of runs by method in a CSV file, apart from the paper's own figures."""
+    runs: dict[str, set[str]] = {}
+    for row in read_csv(file, Row):
+        if row.runs:
+            runs.setdefault(row.method, set()).add(row.runs)
+    return runs
+
+
 def test_the_table_has_every_method_and_the_papers_figures(out: Path) -> None:
     text = (out / "results.md").read_text()
-    assert text.count(EMPTY) == len(PARTS) - 2, "the table and the times are there"
-    made = (out / "out/table.md").read_text()
-    assert made.strip() in text
-    for name in ("replay", *BASELINES, "litsim", "paper"):
-        assert f"| `{name}` | 2 |" in made, name
-    assert "| *SimNet: paper, other data* |" in made
-    assert "| table | " in (out / "out/times.md").read_text()
+    assert text.count(EMPTY) == len(PARTS) - 2, "the table and the goals are there"
+    records = read_csv(out / "results/table.csv", Row)
+    assert (out / "results/table.csv").read_bytes() == (out / "out/table.csv").read_bytes()
+    assert methods_in(out / "results/table.csv") == {name: {"2"} for name in ("replay", *BASELINES, "litsim", "paper")}
+    assert "| SimNet: paper, other data |" in text
+    assert "\n".join(summary(records)) in text, "the page says what the file says"
+    assert "\n".join(goals_table(read_csv(out / "results/goals.csv", GoalRow))) in text
+    assert "\ntable," in (out / "results/times.csv").read_text()
     campaign = read_campaign(out / "out/table")
     assert not campaign.missing and all(result.metrics is not None for result in campaign.results)
 
@@ -69,7 +80,7 @@ def test_figures_are_of_what_has_been_run(out: Path, monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize(
     ("what", "egos", "rows"),
     [
-        ("ablation", ["--ego", "idm"], ("M0", "M1", "M2")),
+        ("ablation", ["--ego", "idm"], ("M0", "M1", "M2", "litsim")),
         ("oracles", ["--ego", "idm"], ("litsim", "true future", "conflicts by hindsight", "ideal hand-back")),
         ("sanity", [], ("replay", *BASELINES)),
         ("changes", [], ("litsim", *CHANGES, "paper")),
@@ -77,17 +88,14 @@ def test_figures_are_of_what_has_been_run(out: Path, monkeypatch: pytest.MonkeyP
 )
 def test_the_other_experiments(out: Path, what: str, egos: list[str], rows: tuple[str, ...]) -> None:
     main([what, *options(out), *egos])
-    made = (out / f"out/{what}.md").read_text()
-    assert "off road %, driven" in made
-    for name in rows:
-        assert f"| `{name}` | 2 |" in made
+    assert methods_in(out / f"results/{what}.csv") == {name: {"2"} for name in rows}
 
 
 def test_oracles_are_run_with_each_ego_that_is_asked_for(out: Path) -> None:
     main(["oracles", *options(out), "--ego", "idm", "perturbed"])
-    made = (out / "out/oracles.md").read_text()
+    records = read_csv(out / "results/oracles.csv", Row)
+    assert {(row.ego, row.set) for row in records} == {("idm", "highway"), ("perturbed", "highway")}
     for ego in ("idm", "perturbed"):
-        assert f"### Ego `{ego}`; generated motorway" in made
         assert {result.case.ego.name for result in read_campaign(out / f"out/oracles_{ego}").results} == {ego}
 
 
@@ -108,10 +116,9 @@ def test_the_backbones_of_simnet(out: Path, tmp_path: Path, capsys: pytest.Captu
     helper.set_model_props(model, {"format": FORMAT})
     onnx.save(model, weights)
     main(["backbones", *options(out), "--resnet50", str(weights)])
-    made = (out / "out/backbones.md").read_text()
-    assert made.startswith("### Ego `log`; all sets together")
-    for name in ("replay", "simnet", "simnet, ResNet-50"):
-        assert f"| `{name}` | 2 |" in made
+    assert methods_in(out / "results/backbones.csv") == {
+        name: {"2"} for name in ("replay", "simnet", "simnet, ResNet-50")
+    }
 
 
 def test_the_case_study_of_the_street(out: Path) -> None:

@@ -1,16 +1,28 @@
-"""Tables in Markdown: what is bold, what is marked, what the paper's own rows say, and who wins."""
+"""Rows of the tables, the short tables made from them, and the agreement of docs/results.md with its CSV files."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from litsim_research.cli.paper import GOALS, SHOWN
+from litsim_research.paper.page import END, begin
 from litsim_research.paper.published import TABLE
-from litsim_research.paper.tables import Measure, counts, differences, goals, table, won
+from litsim_research.paper.tables import (
+    GoalRow,
+    Row,
+    goals,
+    goals_table,
+    published_rows,
+    read_csv,
+    rows,
+    summary,
+    write_csv,
+)
 
-COLLISION = Measure("collision", "collision %", min, 100.0)
-PROGRESS = Measure("progress", "progress, m", None, digits=1)
+PAGE = Path(__file__).parents[3] / "docs/results.md"
 
 
 def key(k: int) -> Any:
@@ -22,8 +34,21 @@ def method(rate: float, progress: float, slope: float = 0.0) -> dict[Any, Any]:
     by_fault = {"background": 1, "ego_avoidable": 0, "ego_unavoidable": 2}
     return {
         key(k): {
-            "collision": {"rate_all": rate + slope * k, "by_fault": by_fault},
+            "collision": {
+                "rate_all": rate + slope * k,
+                "excess_rate_all": 0.0,
+                "rate_controlled": None,
+                "excess_rate_controlled": None,
+                "by_fault": by_fault,
+            },
+            "collision_free": True,
+            "reactive": True,
             "progress_m": progress,
+            "relevant_ratio_roi": 0.1,
+            "relevant_ratio": 0.1,
+            "realism_near": 0.5,
+            "off_road_controlled": None,
+            "displacement": {"agent_steps": {}, "agents": []},
             "takeovers": 3,
             "comfort": {"controlled": {"hard_brakes": 4}},
         }
@@ -36,40 +61,51 @@ def methods() -> dict[str, Any]:
     return {"replay": method(0.0, 90.0), "idm": method(0.01, 95.0), "litsim": method(0.02, 80.0, 0.001)}
 
 
+def one(records: list[Row], name: str, measure: str) -> Row:
+    (row,) = (row for row in records if (row.method, row.measure) == (name, measure))
+    return row
+
+
 def cells(lines: list[str], name: str) -> list[str]:
-    (line,) = (line for line in lines if line.startswith((f"| `{name}` ", f"| *{name}:")))
+    (line,) = (line for line in lines if f"| {name} |" in line)
     return [cell.strip() for cell in line.strip("|").split("|")]
 
 
-def test_the_best_is_bold_and_what_clearly_differs_is_marked(methods: dict[str, Any]) -> None:
-    lines = table(methods, [COLLISION, PROGRESS], TABLE)
-    assert cells(lines, "replay")[2:] == ["0.00 ± 0.00", "90.0 ± 0.0"], "replay is no rival"
-    assert cells(lines, "idm")[1:] == ["10", "**1.00** ± 0.00\\*", "95.0 ± 0.0\\*"]
-    assert cells(lines, "litsim")[2:] == ["2.45 ± 0.07", "80.0 ± 0.0"]
-    assert cells(lines, "IDM")[2:] == ["8.68", "192.2"], "the paper's, where it has the measure"
+def test_rows_have_values_spreads_and_differences_from_litsim(methods: dict[str, Any]) -> None:
+    records = rows(methods, "bat", "real")
+    assert one(records, "idm", "collision")[:7] == ("bat", "real", "idm", "collision", "%", "1.00", "0.00")
+    assert one(records, "litsim", "collision")[5:] == ("2.45", "0.07", "", "", "", "", "10", "0")
+    compared = one(records, "idm", "collision")
+    assert compared.difference == "-1.45" and compared.clear == "yes"
+    assert float(compared.lower) < -1.45 < float(compared.upper) < 0.0
+    assert one(records, "replay", "collision").difference == "", "replay is no rival"
+    assert one(records, "idm", "realism").clear == ""
+    assert not [row for row in records if row.measure == "off_road"], "nothing measured, no row"
+    assert one(records, "idm", "fault_ego").value == "20"
 
 
-def test_runs_that_failed_are_told(methods: dict[str, Any]) -> None:
-    methods["idm"][key(3)] = None
-    assert cells(table(methods, [COLLISION]), "idm")[1] == "10, 1 failed"
-
-
-def test_differences_have_their_bounds(methods: dict[str, Any]) -> None:
-    (found,) = cells(differences(methods, [COLLISION]), "idm")[1:]
-    middle, _, bounds = found.partition(" ")
-    low, high = (float(bound) for bound in bounds.strip("[]").split(","))
-    assert middle == "-1.45" and low < -1.45 < high < 0.0
+def test_differences_are_of_the_cases_that_both_have(methods: dict[str, Any]) -> None:
     methods["idm"][key(9)] = None
-    assert cells(differences(methods, [COLLISION]), "idm")[1].startswith("-1.40 ["), "of the cases that both have"
+    row = one(rows(methods, "bat", "real"), "idm", "collision")
+    assert (row.difference, row.runs, row.failed) == ("-1.40", "10", "1")
 
 
-def test_counts_of_contacts_by_fault(methods: dict[str, Any]) -> None:
-    assert cells(counts(methods), "idm")[1:] == ["10", "0", "20", "30", "40"]
+def test_the_short_table_has_sets_side_by_side_and_sums_of_counts(methods: dict[str, Any]) -> None:
+    methods["idm"][key(3)] = None
+    records = [*rows(methods, "bat", "real"), *rows(methods, "bat", "urban"), *published_rows("bat", TABLE)]
+    lines = summary(records)
+    assert lines[0] == "Where a cell has several values: real window, street."
+    of_idm = cells(lines, "`idm`")
+    assert of_idm[2] == "20, 2 failed"
+    assert of_idm[4] == "1.00\\*, 1.00\\*" and of_idm[3] == "-, -"
+    assert of_idm[-3:] == ["18", "54", "72"], "those that failed count nothing"
+    assert cells(lines, "IDM: paper, other data")[3:6] == ["2.56", "8.68", "46.2"]
 
 
-def test_what_another_wins_is_said(methods: dict[str, Any]) -> None:
-    assert won(methods, [COLLISION, PROGRESS]) == ["- collision %, 2.45 with `litsim`: `idm` 1.00\\*."]
-    assert won({"idm": method(0.05, 1.0), "litsim": method(0.02, 1.0)}, [COLLISION]) == []
+def test_files_give_back_what_was_written(methods: dict[str, Any], tmp_path: Path) -> None:
+    records = rows(methods, "bat", "real")
+    write_csv(tmp_path / "new/table.csv", records)
+    assert read_csv(tmp_path / "new/table.csv", Row) == records
 
 
 @pytest.mark.parametrize(("ours", "reactive", "met"), [(0.02, 1.0, "yes"), (0.021, 0.96, "no")])
@@ -92,9 +128,20 @@ def test_goals_are_held_against_the_better_of_the_baselines(ours: float, reactiv
         "simnet": judged(0.04, free=False, relevant=0.18),
         "litsim": judged(ours, free=reactive == 1.0, relevant=ours),
     }
-    lines = {line.strip("| ").split(" | ")[0]: line.strip("| ").split(" | ") for line in goals(methods)[2:]}
-    assert lines["collision rate at most half of the best"][1:] == [f"{100 * ours:.2f}", "4.00", met]
-    assert lines["reactivity at least 97 %"][3] == met
-    assert lines["relevant ratio at most a sixth of the best"][2:] == ["12.00", met]
-    assert lines["realism highest"][3] == "no"
-    assert lines["ADE at 25 s lowest"][3] == "not measured"
+    records = goals(methods, "bat")
+    by_goal = {row.goal: row[2:] for row in records}
+    assert by_goal["collision rate at most half of the best"] == (f"{100 * ours:.2f}", "4.00", met)
+    assert by_goal["reactivity at least 97 %"][2] == met
+    assert by_goal["relevant ratio at most a sixth of the best"][1:] == ("12.00", met)
+    assert by_goal["realism highest"][2] == "no"
+    assert by_goal["ADE at 25 s lowest"][2] == "not measured"
+    assert f"| realism highest | {0.5 + ours:.3f}, 0.680: no |" in goals_table(records)
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_the_page_of_the_documentation_agrees_with_its_files(name: str) -> None:
+    file = PAGE.with_suffix("") / f"{name}.csv"
+    lines = goals_table(read_csv(file, GoalRow)) if name == GOALS else summary(read_csv(file, Row))
+    mark = begin(f"paper {name}").removesuffix(" -->")
+    (shown,) = (part.split(END)[0] for part in PAGE.read_text().split(mark)[1:])
+    assert shown.partition(" -->\n")[2] == "".join(f"{line}\n" for line in lines)

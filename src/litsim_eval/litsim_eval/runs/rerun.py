@@ -14,6 +14,7 @@ from litsim_eval.runs.message_diff import DiffSummary
 from litsim_eval.runs.recorded_run import Record
 from litsim_eval.runs.runner import Runner
 from litsim_policy.conflict.messages import takeovers_from_message, takeovers_to_message
+from litsim_policy.ego.ego import Ego
 from litsim_predictor.messages import forecast_from_message, forecast_to_message
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, EgoCommand
@@ -125,14 +126,14 @@ def _again(record: Record) -> Runner:
     return Runner(RunPlan(record.scenario, info.ego, info.policy, parameters), ego=ego)
 
 
-class _RecordedEgo:
+class _RecordedEgo(Ego):
     """An ego that answers each step as recorded, or repeats the previous answer if there is none."""
 
     def __init__(self, commands: dict[int, Any]) -> None:
         self._commands, self._last = commands, EgoCommand(0)
 
     def plan(self, table: AgentTable) -> EgoCommand:
-        """See :class:`litsim_policy.ego.registry.Ego`."""
+        """See :class:`litsim_policy.ego.ego.Ego`."""
         if table.step in self._commands:
             self._last = ego_from_message(self._commands[table.step])
         return replace(self._last, step=table.step)

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from litsim_policy.driving.pipeline import Reaction
-from litsim_policy.ego.registry import Ego
+from litsim_policy.ego.ego import Ego
 from litsim_sim.core import stage_registry
 from litsim_sim.core.parameters import Parameters
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand

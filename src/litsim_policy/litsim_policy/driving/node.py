@@ -8,7 +8,8 @@ from typing import Any
 from litsim_msgs.msg import RunInfo
 
 from litsim_policy.conflict.messages import received_takeovers
-from litsim_policy.driving.registry import Policy, policy_stage
+from litsim_policy.driving.policy import Policy
+from litsim_policy.driving.registry import policy_stage
 from litsim_sim.ros.company import Company
 from litsim_sim.ros.messages import controls_to_message, received_agents
 from litsim_sim.ros.parameters import read_parameters

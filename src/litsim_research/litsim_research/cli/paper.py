@@ -14,6 +14,7 @@ from litsim_eval.campaign.results import CAMPAIGN_FILE, Campaign, read_campaign
 from litsim_eval.campaign.suite import Suite
 from litsim_research.paper import tables
 from litsim_research.paper.experiments import (
+    ABLATIONS,
     BACKBONES,
     EGOS,
     EXPERIMENTS,
@@ -40,6 +41,9 @@ DEFAULT_OUT = "bags/paper"
 CASES = "cases"
 FIGURES = "figures"
 ALL = "all"
+GOALS = "goals"
+SHOWN = (GOALS, TABLE.name, ABLATIONS.name)
+"""Tables that a page shows in short; all of them are CSV files beside it."""
 CAPTIONS = {
     "contacts_by_fault": "Contacts that are not in the log, by fault; by ego, all sets together.",
     "ade_over_time": "ADE up to each horizon, paired over the agents that any method drives; by ego and set.",
@@ -70,7 +74,11 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--overwrite", action="store_true", help="start afresh if the sources have changed since")
     p.add_argument("--as-it-is", action="store_true", help="run nothing; make tables and figures from existing runs")
     p.add_argument("--resnet50", type=Path, metavar="FILE", help="weights of simnet's large backbone, for 'backbones'")
-    p.add_argument("--page", type=Path, help="Markdown file whose marked parts are filled, such as docs/results.md")
+    p.add_argument(
+        "--page",
+        type=Path,
+        help="Markdown file whose marked parts are filled, such as docs/results.md; CSV files go beside it",
+    )
     p.add_argument("--images", type=Path, help="folder of the figures (default: figures in --out)")
     return p
 
@@ -89,9 +97,12 @@ class Work:
     def experiment(self, experiment: Experiment) -> None:
         """Run `experiment`, and write its tables."""
         campaign = self._campaign(experiment)
-        sets = self._sets if experiment.by_set else (None,)
-        lines = list(_tables(campaign, experiment, self._egos(experiment), sets))
-        self._write(experiment.name, lines)
+        egos = self._egos(experiment)
+        records = _rows(campaign, experiment, egos, self._sets if experiment.by_set else (None,))
+        self._write(experiment.name, records, tables.summary(records))
+        if experiment.aimed:
+            reached = [row for ego in egos for row in tables.goals(tables.methods_of(campaign, ego, None), ego)]
+            self._write(GOALS, reached, tables.goals_table(reached))
 
     def backbones(self) -> None:
         """Run SimNet with each backbone, and write the tables.
@@ -108,14 +119,14 @@ class Work:
 
     def oracles(self) -> None:
         """Run LitSim with one stage at a time replaced by an oracle, and write the tables."""
-        lines: list[str] = []
+        records: list[tables.Row] = []
         for ego in self._arguments.ego or EGOS[: 1 if self._arguments.quick else None]:
             happened = (self._out / "happened" / f"{ego}_{code_versions()['sources']}").resolve()
             experiment = of_oracles(ego, happened)
             if not self._arguments.as_it_is:
                 note_what_happened(self._suite(experiment, (ego,)), happened, self._arguments.processes)
-            lines += _tables(self._campaign(experiment, (ego,)), experiment, (ego,), self._sets)
-        self._write(ORACLES, lines)
+            records += _rows(self._campaign(experiment, (ego,)), experiment, (ego,), self._sets)
+        self._write(ORACLES, records, tables.summary(records))
 
     def figures(self) -> None:
         """Draw the figures of the table's campaign."""
@@ -169,21 +180,22 @@ class Work:
         there = [name for name in CAPTIONS if (self._images / f"{name}.png").is_file()]
         folder = os.path.relpath(self._images, page.parent)
         lines = [
-            line for name in there for line in (f"![{CAPTIONS[name]}]({folder}/{name}.png)", "", CAPTIONS[name], "")
+            line
+            for name in there
+            for line in (f"![{name.replace('_', ' ')}]({folder}/{name}.png)", "", CAPTIONS[name], "")
         ]
-        fill(page, FIGURES, lines)
+        fill(page, f"paper {FIGURES}", lines)
 
     def times(self) -> None:
         """Write the computing time of each campaign in the folder."""
-        lines = ["| campaign | runs | process minutes |", "| --- | ---: | ---: |"]
-        every = 0.0
+        lines = ["campaign,runs,process_minutes"]
         for folder in sorted(path.parent for path in self._out.glob(f"*/{CAMPAIGN_FILE}")):
             results = read_campaign(folder).results
             minutes = sum(result.wall_s or 0.0 for result in results) / 60
-            every += minutes
-            lines.append(f"| {folder.name} | {len(results)} | {minutes:.1f} |")
-        lines.append(f"| total | | {every:.1f} |")
-        self._write("times", lines)
+            lines.append(f"{folder.name},{len(results)},{minutes:.1f}")
+        for folder in self._folders():
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / "times.csv").write_text("\n".join([*lines, ""]), encoding="utf-8")
 
     def _campaign(self, experiment: Experiment, egos: tuple[str, ...] | None = None) -> Campaign:
         if self._arguments.as_it_is:
@@ -203,13 +215,18 @@ class Work:
             return tuple(given)
         return experiment.egos[:1] if self._arguments.quick else experiment.egos
 
-    def _write(self, name: str, lines: Sequence[str]) -> None:
-        path = self._out / f"{name}.md"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    def _folders(self) -> tuple[Path, ...]:
+        """Where CSV files go: to `--out`, and into the folder beside the page that is named like it."""
+        page: Path | None = self._arguments.page
+        return (self._out,) if page is None else (self._out, page.with_suffix(""))
+
+    def _write(self, name: str, records: Sequence[tables.Row] | Sequence[tables.GoalRow], lines: Sequence[str]) -> None:
+        """Write `records` to NAME.csv, and `lines` to standard output and, if the page shows them, into the page."""
+        for folder in self._folders():
+            tables.write_csv(folder / f"{name}.csv", records)
         print("\n".join(lines))
-        if self._arguments.page is not None:
-            fill(self._arguments.page, name, lines)
+        if self._arguments.page is not None and name in SHOWN:
+            fill(self._arguments.page, f"paper {name}", lines)
 
 
 def _available(sets: Sequence[str]) -> tuple[str, ...]:
@@ -226,35 +243,17 @@ def _available(sets: Sequence[str]) -> tuple[str, ...]:
     return found
 
 
-def _tables(
+def _rows(
     campaign: Campaign, experiment: Experiment, egos: Sequence[str], sets: Sequence[str | None]
-) -> Iterable[str]:
-    """Lines of all tables of an experiment: for each ego and set, the paper's columns, others, counts, differences.
-
-    A set of None means all sets together.
-    """
+) -> list[tables.Row]:
+    """The rows of an experiment's table: for each ego and set, all methods; a set of None means all sets together."""
+    records: list[tables.Row] = []
     for ego in egos:
         for tag in sets:
-            methods = tables.methods_of(campaign, ego, tag)
-            yield from (f"### {tables.titled(ego, tag)}", "")
-            as_paper = experiment.published if ego == PAPER_EGO else {}
-            yield from (*tables.table(methods, tables.OF_THE_PAPER, as_paper), "")
-            yield from (*tables.table(methods, tables.BESIDE), "")
-            yield from ("Contacts that are not in the log, by fault:", "", *tables.counts(methods), "")
-            if experiment.compared:
-                yield from ("Differences, with 95 % intervals:", "")
-                yield from (*tables.differences(methods, tables.OF_THE_PAPER), "")
-                yield from _won(methods)
-        if experiment.aimed:
-            yield from (f"### {tables.titled(ego, None)}: goals", "")
-            yield from (*tables.goals(tables.methods_of(campaign, ego, None)), "")
-
-
-def _won(methods: dict[str, dict[Key, Metrics | None]]) -> Iterable[str]:
-    """Lines that list the measures in which another method is better than LitSim."""
-    lines = tables.won(methods, (*tables.OF_THE_PAPER, *tables.BESIDE))
-    if lines:
-        yield from (f"Where another method is better than `{OURS}`:", "", *lines, "")
+            records += tables.rows(tables.methods_of(campaign, ego, tag), ego, tag)
+        if ego == PAPER_EGO:
+            records += tables.published_rows(ego, experiment.published)
+    return records
 
 
 def _merged(found: Iterable[dict[str, dict[Key, Metrics | None]]]) -> dict[str, dict[Key, Metrics | None]]:

@@ -111,7 +111,6 @@ class Experiment:
         prepare: turns the cases of the roads into its own.
         own_egos: whether other egos cannot be requested.
         by_set: whether each set of roads has its own tables; otherwise they cover all sets together.
-        compared: whether differences from LitSim, and measures in which others are better, are reported too.
         aimed: whether the goals are reported.
         published: the paper's figures, shown with the runs of its ego.
     """
@@ -123,7 +122,6 @@ class Experiment:
     prepare: Callable[[Roads, Path], Roads] = lambda found, _: found
     own_egos: bool = False
     by_set: bool = True
-    compared: bool = False
     aimed: bool = False
     published: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
@@ -157,7 +155,6 @@ TABLE = Experiment(
     description="Table II: pure replay, the baselines, ours, and ours as the paper configures it.",
     policies=(REPLAY, *BASELINES, OURS, PAPER_SETUP),
     egos=EGOS,
-    compared=True,
     aimed=True,
     published=published.TABLE,
 )
@@ -174,7 +171,6 @@ CHANGED = Experiment(
     policies=changes(),
     egos=EGOS[1:],
     by_set=False,
-    compared=True,
 )
 """Without the paper's ego, which causes hardly any takeovers, so that changes would have no effect."""
 

@@ -10,23 +10,24 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
 from litsim_sim.io.yaml_input import read_text
 
-
-def marks(name: str) -> tuple[str, str]:
-    """The lines that enclose the generated part `name`."""
-    return f"<!-- begin: paper {name} -->", f"<!-- end: paper {name} -->"
+END = "<!-- end: figures -->"
 
 
-def fill(path: Path, name: str, lines: Sequence[str]) -> None:
-    """Put `lines` between the marks of `name` in the file `path`.
+def begin(command: str) -> str:
+    """The line that begins the part that `command` writes, without the inputs and the digest of tools/figures.py."""
+    return f"<!-- begin: figures {command} -->"
+
+
+def fill(path: Path, command: str, lines: Sequence[str]) -> None:
+    """Put `lines` between the marks of `command` in the file `path`; the mark that begins the part stays as it is.
 
     Raises:
         InputError: the file cannot be read or written, or lacks the marks.
     """
-    begin, end = marks(name)
     text = read_text(path)
-    pattern = re.compile(f"{re.escape(begin)}\n.*?{re.escape(end)}", re.DOTALL)
-    if not pattern.search(text):
-        raise InputError(f"{path}: expected lines {begin} and {end} around the results")
-    made = "\n".join([begin, *lines, end])
+    marked = re.compile(rf"(<!-- begin: figures {re.escape(command)}(?:;[^>]*)? -->\n).*?{re.escape(END)}", re.DOTALL)
+    if not marked.search(text):
+        raise InputError(f"{path}: expected lines {begin(command)} and {END} around the results")
+    content = "".join(f"{line}\n" for line in lines)
     with replacing(path) as new:
-        new.write_text(pattern.sub(lambda _: made, text, count=1), encoding="utf-8")
+        new.write_text(marked.sub(lambda match: f"{match[1]}{content}{END}", text, count=1), encoding="utf-8")

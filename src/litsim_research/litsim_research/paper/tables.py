@@ -1,16 +1,20 @@
-"""The paper's tables in Markdown, made from campaigns: a row per method, and rows of the paper's own figures."""
+"""The paper's tables: rows for CSV files, and short Markdown tables that are made from these rows alone."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import csv
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, TypeVar
 
 from litsim_eval.analysis.displacement import HORIZONS_S
 from litsim_eval.analysis.summary import Metrics
 from litsim_eval.campaign.results import Campaign, RunResult
 from litsim_research.baselines import BASELINES
-from litsim_research.paper.experiments import OURS, PAPER_EGO
+from litsim_research.paper.experiments import OURS
 from litsim_research.paper.measures import (
+    COUNTS,
     Key,
     Parts,
     Whose,
@@ -22,13 +26,71 @@ from litsim_research.paper.measures import (
     run_parts,
 )
 from litsim_research.paper.published import OTHER_DATA
+from litsim_research.paper.roads import HIGHWAY, REAL, URBAN
+from litsim_sim.io.files import replacing
 from litsim_sim.scenario.run_info import REPLAY
 
 NOTHING = "-"
 CLEAR = "\\*"
 """Marks a clear difference from LitSim: its interval excludes zero."""
 
+ALL_SETS = "all"
+PUBLISHED = "paper"
+"""Sets of rows that are of all sets together, and of the paper's own figures on other data."""
+
+SET_NAMES = {REAL: "real window", HIGHWAY: "motorway", URBAN: "street"}
+
 Methods = Mapping[str, Mapping[Key, Metrics | None]]
+
+
+class Row(NamedTuple):
+    """One measure of one method, as the texts of the cells of a CSV file.
+
+    Attributes:
+        ego: driver of the ego.
+        set: set of roads, :data:`ALL_SETS` or :data:`PUBLISHED`.
+        method: row of the paper's table.
+        measure: key of a :class:`Measure`, or of :data:`.measures.COUNTS`.
+        unit: `m`, `%`, or empty.
+        value: over all runs.
+        sd: standard deviation over draws; empty with fewer than two draws, and for counts.
+        difference, lower, upper: the method minus LitSim over the cases that both have, with the bounds of its 95 %
+            interval; empty for LitSim, replay, and where there is no interval.
+        clear: `yes` where that interval excludes zero, otherwise empty.
+        runs, failed: number of runs, and of those without metrics.
+    """
+
+    ego: str
+    set: str
+    method: str
+    measure: str
+    unit: str
+    value: str
+    sd: str = ""
+    difference: str = ""
+    lower: str = ""
+    upper: str = ""
+    clear: str = ""
+    runs: str = ""
+    failed: str = ""
+
+
+class GoalRow(NamedTuple):
+    """What became of a goal with one ego, over all sets together.
+
+    Attributes:
+        ego: driver of the ego.
+        goal: its text.
+        litsim: LitSim's value.
+        best: the best value of the baselines.
+        met: `yes`, `no` or `not measured`.
+    """
+
+    ego: str
+    goal: str
+    litsim: str
+    best: str
+    met: str
 
 
 @dataclass(frozen=True)
@@ -48,6 +110,11 @@ class Measure:
     better: Callable[[Sequence[float]], float] | None
     scale: float = 1.0
     digits: int = 2
+
+    @property
+    def unit(self) -> str:
+        """`m`, `%`, or empty."""
+        return "%" if self.scale == 100.0 else "m" if self.heading.endswith(", m") else ""
 
     def text(self, value: float) -> str:
         """`value` as the text of a cell."""
@@ -102,14 +169,14 @@ GOALS = (
 )
 """Goals for LitSim against the best of the baselines, on the same cases."""
 
-COUNTED = {
-    "fault_background": "background's fault",
-    "fault_ego_avoidable": "ego's fault, avoidable by the other",
-    "fault_ego": "ego's fault, unavoidable",
-    "takeovers": "takeovers",
-    "hard_brakes": "hard brakes",
-}
-"""Headings of counts, by key in :mod:`.measures`."""
+MEASURES = (*OF_THE_PAPER, *BESIDE)
+SUMMARY = tuple(measure for measure in MEASURES if measure.key in ("ade_15", "collision", "reactivity", "relevant"))
+SUMMED = {"fault_background": "contacts, background's fault", "takeovers": "takeovers", "hard_brakes": "hard brakes"}
+"""Columns of :func:`summary`: measures by set of roads, and counts summed over the sets."""
+
+
+R = TypeVar("R", Row, GoalRow)
+T = TypeVar("T")
 
 
 def methods_of(campaign: Campaign, ego: str, tag: str | None) -> dict[str, dict[Key, Metrics | None]]:
@@ -137,132 +204,140 @@ def parts_of(methods: Methods, measures: Sequence[Measure]) -> dict[str, dict[st
     return found
 
 
-def table(
-    methods: Methods, measures: Sequence[Measure], published: Mapping[str, Mapping[str, float]] | None = None
-) -> list[str]:
-    """Lines of a table of values with spreads over draws: best in bold, clear differences from LitSim marked."""
-    parts = parts_of(methods, measures)
-    shown = [measure for measure in measures if any(figure(each) for each in parts[measure.key].values())]
-    lines = [_line(["", "runs", *(measure.heading for measure in shown)]), _line(["---", *["---:"] * (len(shown) + 1)])]
-    best = {measure.key: _best(measure, parts[measure.key]) for measure in shown}
+def rows(methods: Methods, ego: str, tag: str | None) -> list[Row]:
+    """Rows of all measures and counts of `methods` with `ego` on the set `tag` (None: all sets)."""
+    parts = parts_of(methods, MEASURES)
+    where = tag or ALL_SETS
+    records: list[Row] = []
     for name, runs in methods.items():
-        cells = [_cell(measure, parts[measure.key], name, best[measure.key]) for measure in shown]
-        lines.append(_line([f"`{name}`", _runs(runs), *cells]))
-    for name, values in (published or {}).items():
-        cells = [measure.text(values[measure.key]) if measure.key in values else "" for measure in shown]
-        lines.append(_line([f"*{name}: {OTHER_DATA}*", "", *cells]))
-    return lines
-
-
-def differences(methods: Methods, measures: Sequence[Measure]) -> list[str]:
-    """Lines of a table of each other method minus LitSim, with confidence intervals; none without LitSim."""
-    parts = parts_of(methods, measures)
-    if OURS not in methods:
-        return []
-    shown = [measure for measure in measures if figure(parts[measure.key][OURS])]
-    lines = [
-        _line([f"minus `{OURS}`", *(measure.heading for measure in shown)]),
-        _line(["---", *["---:"] * len(shown)]),
-    ]
-    for name in methods:
-        if name in (OURS, REPLAY):
-            continue
-        cells = [_difference(measure, parts[measure.key][OURS], parts[measure.key][name]) for measure in shown]
-        lines.append(_line([f"`{name}`", *cells]))
-    return lines
-
-
-def counts(methods: Methods) -> list[str]:
-    """Lines of a table of takeovers, hard brakes, and contacts not in the log by fault."""
-    lines = [_line(["", *COUNTED.values()]), _line(["---", *["---:"] * len(COUNTED)])]
-    for name, runs in methods.items():
-        lines.append(_line([f"`{name}`", *(str(count(runs, key)) for key in COUNTED)]))
-    return lines
-
-
-def won(methods: Methods, measures: Sequence[Measure]) -> list[str]:
-    """A line for each measure in which another method beats LitSim; replay, which does not react, is left out."""
-    parts = parts_of(methods, measures)
-    found = []
-    for measure in measures:
-        ours = parts[measure.key].get(OURS, {})
-        mine = figure(ours)
-        if mine is None or measure.better is None:
-            continue
-        others = []
-        for name in methods:
-            theirs = figure(parts[measure.key][name])
-            if name in (OURS, REPLAY) or theirs is None or theirs.value == mine.value:
+        numbers = {"runs": str(len(runs)), "failed": str(sum(metrics is None for metrics in runs.values()))}
+        for measure in MEASURES:
+            of_method = figure(parts[measure.key][name])
+            if of_method is None:
                 continue
-            if measure.better([theirs.value, mine.value]) == theirs.value:
-                clear = CLEAR if _clear(ours, parts[measure.key][name]) else ""
-                others.append(f"`{name}` {measure.text(theirs.value)}{clear}")
-        if others:
-            found.append(f"- {measure.heading}, {measure.text(mine.value)} with `{OURS}`: {', '.join(others)}.")
-    return found
+            row = Row(ego, where, name, measure.key, measure.unit, measure.text(of_method.value), **numbers)
+            if of_method.spread is not None:
+                row = row._replace(sd=measure.text(of_method.spread))
+            if OURS in methods and name not in (OURS, REPLAY):
+                row = row._replace(**_compared(measure, parts[measure.key][OURS], parts[measure.key][name]))
+            records.append(row)
+        records += [Row(ego, where, name, key, "", str(count(runs, key)), **numbers) for key in COUNTS]
+    return records
 
 
-def goals(methods: Methods) -> list[str]:
-    """Lines of a table of goals: LitSim beside the best of the baselines, and whether each goal is met."""
+def published_rows(ego: str, values: Mapping[str, Mapping[str, float]]) -> list[Row]:
+    """Rows of the paper's own figures, by method and by the key of the measure."""
+    return [
+        Row(ego, PUBLISHED, name, measure.key, measure.unit, measure.text(of_method[measure.key]))
+        for name, of_method in values.items()
+        for measure in MEASURES
+        if measure.key in of_method
+    ]
+
+
+def goals(methods: Methods, ego: str) -> list[GoalRow]:
+    """LitSim beside the best of the baselines, and whether each goal is met; nothing without LitSim or baselines."""
     rivals = [name for name in BASELINES if name in methods]
     if OURS not in methods or not rivals:
         return []
-    lines = [_line(["goal", f"`{OURS}`", "best of the baselines", "met"]), _line(["---", "---:", "---:", "---"])]
     parts = parts_of({name: methods[name] for name in (OURS, *rivals)}, [goal.measure for goal in GOALS])
+    records: list[GoalRow] = []
     for goal in GOALS:
         mine = figure(parts[goal.measure.key][OURS])
-        theirs = [found.value for name in rivals if (found := figure(parts[goal.measure.key][name]))]
+        theirs = [value.value for name in rivals if (value := figure(parts[goal.measure.key][name]))]
         if mine is None or not theirs or goal.measure.better is None:
-            lines.append(_line([goal.text, NOTHING, NOTHING, "not measured"]))
+            records.append(GoalRow(ego, goal.text, NOTHING, NOTHING, "not measured"))
             continue
         best = goal.measure.better(theirs)
         met = "yes" if goal.met(mine.value, best) else "no"
-        lines.append(_line([goal.text, goal.measure.text(mine.value), goal.measure.text(best), met]))
-    return lines
+        records.append(GoalRow(ego, goal.text, goal.measure.text(mine.value), goal.measure.text(best), met))
+    return records
 
 
-def titled(ego: str, tag: str | None) -> str:
-    """Heading of the tables of an ego and a set."""
-    where = {"real": "real window us101_0750", "highway": "generated motorway", "urban": "generated street"}
-    as_paper = ", as in the paper" if ego == PAPER_EGO else ""
-    return f"Ego `{ego}`{as_paper}; {where.get(tag or '', 'all sets together')}"
+def write_csv(path: Path, records: Sequence[Row] | Sequence[GoalRow]) -> None:
+    """Write `records` to the file `path`, with a line of headings."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as new, new.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(records[0]._fields)
+        writer.writerows(records)
+
+
+def read_csv(path: Path, kind: type[R]) -> list[R]:
+    """Records that :func:`write_csv` wrote."""
+    with path.open(encoding="utf-8", newline="") as stream:
+        return [kind(**record) for record in csv.DictReader(stream)]
+
+
+def summary(records: Sequence[Row]) -> list[str]:
+    """Lines of a short table: a line for each ego and method, with the sets of roads side by side in a cell.
+
+    Clear differences from LitSim are marked; counts are summed over the sets.
+    """
+    sets = [name for name in _different(row.set for row in records) if name != PUBLISHED]
+    headings = ["ego", "method", "runs", *(measure.heading for measure in SUMMARY), *SUMMED.values()]
+    lines = [_line(headings), _line(["---", "---", *["---:"] * (len(headings) - 2)])]
+    for ego, method, published in _different((row.ego, row.method, row.set == PUBLISHED) for row in records):
+        of_method = {
+            (row.set, row.measure): row
+            for row in records
+            if (row.ego, row.method, row.set == PUBLISHED) == (ego, method, published)
+        }
+        if published:
+            values = [_cell(of_method.get((PUBLISHED, measure.key)), "") for measure in SUMMARY]
+            label = f"{method}: {OTHER_DATA}".replace("*", "\\*")
+            lines.append(_line([f"`{ego}`", label, "", *values, *[""] * len(SUMMED)]))
+            continue
+        values = [", ".join(_cell(of_method.get((tag, measure.key))) for tag in sets) for measure in SUMMARY]
+        sums = [str(sum(int(of_method[tag, key].value) for tag in sets)) for key in SUMMED]
+        lines.append(
+            _line([f"`{ego}`", f"`{method}`", _runs([of_method[tag, "takeovers"] for tag in sets]), *values, *sums])
+        )
+    names = [SET_NAMES[tag] for tag in sets if tag in SET_NAMES]
+    return [f"Where a cell has several values: {', '.join(names)}.", "", *lines] if len(names) > 1 else lines
+
+
+def goals_table(records: Sequence[GoalRow]) -> list[str]:
+    """Lines of a table of goals, with a column for each ego."""
+    egos = _different(row.ego for row in records)
+    by_cell = {(row.goal, row.ego): f"{row.litsim}, {row.best}: {row.met}" for row in records}
+    return [
+        f"Cells: `{OURS}`, the best of the baselines, and whether the goal is met.",
+        "",
+        _line(["goal", *(f"ego `{ego}`" for ego in egos)]),
+        _line(["---", *["---"] * len(egos)]),
+        *(_line([goal, *(by_cell[goal, ego] for ego in egos)]) for goal in _different(row.goal for row in records)),
+    ]
+
+
+def _different(values: Iterable[T]) -> list[T]:
+    return list(dict.fromkeys(values))
+
+
+def _cell(row: Row | None, missing: str = NOTHING) -> str:
+    return missing if row is None else f"{row.value}{CLEAR if row.clear else ''}"
+
+
+def _runs(by_set: Sequence[Row]) -> str:
+    runs, failed = sum(int(row.runs) for row in by_set), sum(int(row.failed) for row in by_set)
+    return f"{runs}, {failed} failed" if failed else str(runs)
 
 
 def _line(cells: Sequence[str]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def _runs(runs: Mapping[Key, Metrics | None]) -> str:
-    failed = sum(metrics is None for metrics in runs.values())
-    return f"{len(runs)}, {failed} failed" if failed else str(len(runs))
-
-
-def _best(measure: Measure, parts: Mapping[str, Parts]) -> str | None:
-    """Text of the best value of a column, without replay; None if there is none."""
-    values = [found.value for name, each in parts.items() if name != REPLAY and (found := figure(each))]
-    return measure.text(measure.better(values)) if measure.better and values else None
-
-
-def _cell(measure: Measure, parts: Mapping[str, Parts], name: str, best: str | None) -> str:
-    found = figure(parts[name])
-    if found is None:
-        return NOTHING
-    text = measure.text(found.value)
-    text = f"**{text}**" if text == best and name != REPLAY else text
-    spread = "" if found.spread is None else f" ± {measure.text(found.spread)}"
-    clear = OURS in parts and name not in (OURS, REPLAY) and _clear(parts[OURS], parts[name])
-    return f"{text}{spread}{CLEAR if clear else ''}"
-
-
-def _clear(ours: Parts, theirs: Parts) -> bool:
+def _compared(measure: Measure, ours: Parts, theirs: Parts) -> dict[str, str]:
+    """The cells of :class:`Row` that compare a method with LitSim, over the cases that both have."""
     bounds = interval(ours, theirs)
-    return bounds is not None and (bounds[0] > 0.0 or bounds[1] < 0.0)
-
-
-def _difference(measure: Measure, ours: Parts, theirs: Parts) -> str:
     both = ({key: parts[key] for key in ours if key in theirs} for parts in (ours, theirs))  # those of the bounds
-    bounds, mine, other = interval(ours, theirs), *map(figure, both)
+    mine, other = map(figure, both)
     if bounds is None or mine is None or other is None:
-        return NOTHING
-    low, high = (measure.text(bound) for bound in bounds)
-    return f"{measure.text(other.value - mine.value)} [{low}, {high}]"
+        return {}
+    lower, upper = bounds
+    return {
+        "difference": measure.text(other.value - mine.value),
+        "lower": measure.text(lower),
+        "upper": measure.text(upper),
+        "clear": "yes" if lower > 0.0 or upper < 0.0 else "",
+    }

@@ -55,7 +55,8 @@ class Configured:
         if cls.defaults is None:
             return cls
         config = read(cls.defaults, cls.prefix)
-        return lambda *given: cls(*given, config)
+        make: Callable[..., Any] = cls
+        return lambda *given: make(*given, config)
 
 
 def installed(group: str) -> Mapping[str, EntryPoint]:
