@@ -19,6 +19,7 @@ from litsim_eval.analysis.fault import ContactVerdict, contact_verdicts, count_f
 from litsim_eval.analysis.guard import guarded
 from litsim_eval.analysis.lanes import in_lane_of, off_road_controlled
 from litsim_eval.analysis.lockstep import Lockstep, lockstep
+from litsim_eval.analysis.metric import measure_added
 from litsim_eval.analysis.metrics_tree import (
     CollisionMetrics,
     ComfortMetrics,
@@ -113,6 +114,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
             "never_entered": run.summary.get("never_entered"),
             "sumo_deviation_m": run.summary.get("sumo_deviation_m"),
         },
+        "added": measure_added(run),
         "valid": not problems,
         "why": "; ".join(problems),
     }

@@ -17,7 +17,9 @@ from typing import Annotated, Any, TypedDict, Union, get_args, get_origin, get_t
 from litsim_data.surrogates.safety import TTC_CRITICAL_S
 from litsim_eval.analysis.comfort import BOUNDS
 from litsim_eval.analysis.displacement import HORIZONS_S
+from litsim_eval.analysis.metric import ADDED
 from litsim_eval.analysis.realism import FEATURES
+from litsim_sim.core import plugins
 from litsim_sim.core.scene import Kind
 from litsim_sim.ego_port.port import COUNTS
 
@@ -270,6 +272,7 @@ class Metrics(TypedDict):
     lockstep: LockstepMetrics
     timing: TimingMetrics
     world: WorldMetrics
+    added: dict[str, float | None]
     valid: bool
     why: str
 
@@ -303,8 +306,9 @@ class MetricField:
 
 @cache
 def metric_fields() -> tuple[MetricField, ...]:
-    """Every field that a run may have, in the order of `metrics.json`."""
-    return tuple(_fields(Metrics, ""))
+    """Every field that a run may have, in the order of `metrics.json`; of added measures, those that are installed."""
+    own = tuple(field for field in _fields(Metrics, "") if not field.name.startswith(f"{ADDED}."))
+    return (*own, *(MetricField(f"{ADDED}.{name}", frozenset({float})) for name in plugins.names(plugins.METRICS)))
 
 
 def find_field(name: str) -> MetricField:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from litsim_eval.analysis.displacement import HORIZONS_S
+from litsim_eval.analysis.metric import ADDED, added_metrics
 
 Metrics = Mapping[str, Any]
 Figure = Callable[[Metrics], float | None]
@@ -71,6 +72,11 @@ def displacement(name: str, horizon: str) -> Figure:
     return lambda run: run[name].get(horizon)
 
 
+def added(name: str) -> Figure:
+    """The figure of an added measure, see :mod:`litsim_eval.analysis.metric`."""
+    return lambda run: run.get(ADDED, {}).get(name)
+
+
 def summarise(runs: Iterable[Metrics], failed: int = 0) -> dict[str, Any]:
     """One row of the table: sums, means and maxima over the measured runs; None where there are no values.
 
@@ -98,6 +104,7 @@ def summarise(runs: Iterable[Metrics], failed: int = 0) -> dict[str, Any]:
         **{name: _mean(map(figure, runs)) for name, figure in MEANS.items()},
         **{name: max(_known(map(figure, runs)), default=None) for name, figure in LARGEST.items()},
         **{name: {h: _mean(map(displacement(name, h), runs)) for h in horizons} for name in DISPLACEMENTS},
+        ADDED: {name: _mean(map(added(name), runs)) for name in added_metrics()},
     }
 
 

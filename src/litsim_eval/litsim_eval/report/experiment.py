@@ -12,6 +12,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from litsim_eval.analysis.metric import ADDED, Better, added_metrics
 from litsim_eval.campaign.criteria import CriterionResult, Verdict
 from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RUNS_FOLDER, Campaign, RunResult
 from litsim_eval.campaign.row_summary import row_summary
@@ -133,7 +134,7 @@ def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Pat
         names=list(by_row),
         criteria=_criteria(campaign, by_row),
         tags=_tags(by_row),
-        summary=_side_by_side(summary, SUMMARY),
+        summary=_side_by_side(summary, (*SUMMARY, *_added())),
         displacement=_side_by_side(summary, _displacement(summary)),
         unmeasured=any(row["failed"] for row in summary.values()),
         about=[("begun", campaign.begun_at), *((name, str(version)) for name, version in campaign.versions.items())],
@@ -240,6 +241,19 @@ def _tags(by_row: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
 def _cell(count: int, total: int, **fields: str) -> dict[str, Any]:
     """How many of all, and the filters that show them."""
     return {"count": count, "total": total, "filter": _filter(**fields)}
+
+
+def _added() -> Iterator[Column]:
+    """Means of the measures that other packages add."""
+    better: dict[Better, Callable[[Iterable[float]], float]] = {Better.LOWER: min, Better.HIGHER: max}
+    for name, metric in added_metrics().items():
+        find: Callable[[dict[str, Any]], Any] = partial(_added_mean, name=name)
+        yield Column(f"{name} [{metric.unit}]" if metric.unit else name, find, better=better.get(metric.better))
+
+
+def _added_mean(row: dict[str, Any], name: str) -> float | None:
+    value: float | None = row[ADDED][name]
+    return value
 
 
 def _displacement(summary: dict[str, dict[str, Any]]) -> Iterator[Column]:

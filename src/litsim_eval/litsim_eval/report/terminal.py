@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from litsim_eval.analysis.metric import ADDED, added_metrics
 from litsim_eval.report.wording import lockstep_text
 from litsim_sim.core.run_end import RunEnd
 from litsim_sim.core.scene import STEP_S
@@ -118,6 +119,8 @@ def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     jumps += f", {back['max_yaw_jump_rad']:.3f} rad"
     yield "hand-backs", f"{back['count']}, mean residual {_number(back['residual_m'], 'm')}; largest jump {jumps}"
     yield from _driving_rows(metrics)
+    for name, value in metrics.get(ADDED, {}).items():
+        yield name, _number(value, added_metrics()[name].unit).rstrip() if name in added_metrics() else _plain(value)
     yield "lock-step", lockstep_text(metrics["lockstep"])
     factor = timing["realtime_factor"]
     yield "wall time", f"{_number(timing['wall_s'], 's')}, {NOTHING if factor is None else f'{factor:.2f}'} x real time"

@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from litsim_eval.analysis.displacement import HORIZONS_S
+from litsim_eval.analysis.metric import ADDED, title_of
 from litsim_eval.campaign.row_bounds import Bounds
 
 MEASURES = {
@@ -152,6 +153,8 @@ def _table(headings: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]]
                     for row in mine
                 )
                 table.add_row(f"ADE@{horizon} s m, {whose}", *cells)
+    for name in mine[0].get(ADDED, {}):
+        table.add_row(title_of(name), *(_cell(name, row[ADDED][name]) + _mark(name, row) for row in mine))
     return table
 
 

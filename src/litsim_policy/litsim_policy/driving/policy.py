@@ -29,10 +29,7 @@ class Policy(Configured, ABC):
 
     @abstractmethod
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
-        """Controls for the agents of `takeovers` at the step of `table`.
-
-        An agent without controls keeps its speed and its yaw rate is 0.
-        """
+        """Controls for the agents of `takeovers` at the step of `table`; agents without controls follow their logs."""
 
 
 def policy_class(name: str) -> type[Policy]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from litsim_policy.ego.following import Following, FollowingEgo, commands
 from litsim_policy.ego.ego import Ego
+from litsim_policy.ego.following import Following, FollowingEgo, commands
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
 from litsim_policy.motion.stop_lines import StopLines

@@ -1,0 +1,1 @@
+"""A policy, a measure and a format of recordings for LitSim."""
