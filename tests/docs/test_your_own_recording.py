@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,17 +13,11 @@ import pytest
 
 from litsim_data.maps.netconvert import find_netconvert
 from litsim_sim.core.errors import InputError
-from litsim_sim.launch.executables import find_executable
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "your-own-recording.md"
 BLOCK = re.compile(r"^```(bash|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 STATUS = re.compile(r"\s+# status (\d)$")
-LITSIM = """#!/bin/bash
-# ./litsim PACKAGE EXECUTABLE ... or ./litsim exec COMMAND ..., of the workspace whose environment this is
-if [ "$1" = exec ]; then exec "${{@:2}}"; fi
-exec {python} {here} "$@"
-"""
 
 
 @dataclass
@@ -65,9 +58,7 @@ def checkout(tmp_path: Path) -> Path:
     except InputError as error:
         pytest.skip(str(error))
     (tmp_path / "tests").symlink_to(ROOT / "tests")
-    litsim = tmp_path / "litsim"
-    litsim.write_text(LITSIM.format(python=sys.executable, here=Path(__file__).resolve()))
-    litsim.chmod(0o755)
+    (tmp_path / "litsim").symlink_to(ROOT / "litsim")
     return tmp_path
 
 
@@ -106,7 +97,3 @@ def test_the_made_intersection_is_the_same_each_time() -> None:
     once = made_intersection.Street(5).run()
     again = made_intersection.Street(5).run()
     assert [driver.rows for driver in once] == [driver.rows for driver in again]
-
-
-if __name__ == "__main__":  # as ./litsim: an executable of a package, wherever it was built
-    os.execv(find_executable(*sys.argv[1:3]), sys.argv[2:])
