@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from litsim_sim.core.quickly_made import quickly_made
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray, places
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray, index_of
 
 Float32Array = npt.NDArray[np.float32]
 DT_MIN_S = 1e-3
@@ -104,7 +104,7 @@ class Forecast:
 
     def rows(self, agents: IntArray) -> IntArray:
         """Row of each of `agents` (m,), -1 where there is no valid forecast."""
-        rows = places(self.id, agents)
+        rows = index_of(self.id, agents)
         if not self.valid.all():
             rows[~self.valid[rows]] = -1
         return rows

@@ -259,7 +259,7 @@ def test_machine_code_is_made_anew_when_the_fields_of_a_named_tuple_change(tmp_p
         "@kernel(float64(tuple_type(Pair)))\ndef called(pair):\n    return pair.first\n"
     )
     code = (
-        "from made.called import Pair, first as f; print(f(Pair(1.0, 2.0)), sum(f.loaded.stats.cache_misses.values()))"
+        "from made.called import Pair, called as f; print(f(Pair(1.0, 2.0)), sum(f.loaded.stats.cache_misses.values()))"
     )
     (folder / "factor.py").write_text(pair.format("first", "second"))
     assert result(start(folder, code))[0] == [1.0, 1.0]

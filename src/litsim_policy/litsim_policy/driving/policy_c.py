@@ -21,6 +21,7 @@ from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.layer import SafetyLayer
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.driving.yield_policy import YieldPolicy
+from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import configuration
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, FloatArray
@@ -147,9 +148,9 @@ class PolicyC:
     """The policy called `litsim`: the network drives agents that are held, rules drive those that return or pass.
 
     The network was trained to drive along logs; passing agents are driven by the rules of policy `yield`, behind the
-    same safety layer. The network is also subject to the rules of :mod:`.courtesy`, since its training contained few
-    standing or crossing agents, and no signals: an agent stays in its lane if the side is taken, keeps its distance to
-    the agent ahead and to red lights, waits for crossing agents, and makes room for merging ones.
+    same safety layer. The network is also subject to :mod:`.yielding_rules`, since its training contained few standing
+    or crossing agents, and no signals: an agent stays in its lane if the side is taken, keeps its distance to the agent
+    ahead and to red lights, waits for crossing agents, and makes room for merging ones.
     """
 
     def __init__(
@@ -161,48 +162,56 @@ class PolicyC:
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
         """Controls of every agent that is held or handed back."""
         held = [t for t in takeovers.takeovers if t.state == TakeoverState.HELD]
-        others = tuple(t for t in takeovers.takeovers if t.state != TakeoverState.HELD)
         passing = [t for t in held if t.path_source == PathSource.LANE]
         keeping = [t for t in held if t.path_source != PathSource.LANE]
-        driven = self._keep(DrivingScene.of_takeovers(self._lane_map, table, keeping))
-        returning = self._rules.act(table, TakeoverTable(takeovers.step, others))
-        controls = merged(driven, returning)
-        return merged(controls, self._pass(table, passing)) if passing else controls
+        returning = [t for t in takeovers.takeovers if t.state != TakeoverState.HELD]
+        return merged(self._keep(table, keeping), self._by_rules(table, returning), self._pass(table, passing))
 
-    def _keep(self, scene: DrivingScene) -> ControlTable:
-        """Controls of agents that the network drives."""
-        agents = scene.agents
+    def _keep(self, table: AgentTable, keeping: Sequence[Takeover]) -> ControlTable:
+        """Controls of agents that keep to their paths: those of the network, limited by the rules."""
+        scene = DrivingScene.of_takeovers(self._lane_map, table, keeping)
         if not len(scene):
-            return ControlTable.empty(agents.table.step)
+            return ControlTable.empty(table.step)
         acceleration, yaw_rate = self.driver.asked(scene)
-        acceleration = self._rules.hold_to_rules(agents, acceleration, self.driver.safety.config)
+        acceleration = self._rules.hold_to_rules(scene.agents, acceleration, self.driver.safety.config)
+        yaw_rate = self._stay_in_lane(scene.agents, yaw_rate)
+        return guarded(scene, acceleration, yaw_rate, self.driver.safety)
+
+    def _stay_in_lane(self, agents: PathFollowers, yaw_rate: FloatArray) -> FloatArray:
+        """Yaw rates (m,) [rad/s] as requested, or along the lane where they lead to a side that is taken."""
         to_path, asked = agents.path_yaw_rate - agents.lane_yaw_rate, yaw_rate - agents.lane_yaw_rate
         waits = self._rules.side_taken(agents, or_will_be=True) & (to_path * asked > 0.0)
-        yaw_rate = np.where(waits, agents.lane_yaw_rate, yaw_rate)
-        return guarded(scene, acceleration, yaw_rate, self.driver.safety)
+        return np.where(waits, agents.lane_yaw_rate, yaw_rate)
+
+    def _by_rules(self, table: AgentTable, takeovers: Sequence[Takeover]) -> ControlTable:
+        """Controls of agents that policy `yield` drives."""
+        return self._rules.act(table, TakeoverTable(table.step, tuple(takeovers)))
 
     def _pass(self, table: AgentTable, passing: Sequence[Takeover]) -> ControlTable:
         """Controls of passing agents, which brake no harder than is comfortable unless the safety layer demands it.
 
         Plain car following would brake hard for the leader in the lane that they are leaving.
         """
-        asked = self._rules.act(table, TakeoverTable(table.step, tuple(passing)))
+        asked = self._by_rules(table, passing)
+        if not passing:
+            return asked
         scene = DrivingScene.of_takeovers(self._lane_map, table, passing)
         braking = np.maximum(asked.acceleration, -self._rules.comfortable_braking)
         return guarded(scene, braking, asked.yaw_rate, self.driver.safety)
 
 
-def merged(first: ControlTable, second: ControlTable) -> ControlTable:
-    """Controls of both, ids ascending; no agent is in both."""
-    if not len(first.id) or not len(second.id):
-        return first if len(first.id) else second
-    order = np.concatenate([first.id, second.id]).argsort(kind="stable")
+def merged(*tables: ControlTable) -> ControlTable:
+    """Controls of several tables of a step, ids ascending; no agent is in two of them."""
+    listed = [table for table in tables if len(table.id)]
+    if len(listed) <= 1:
+        return listed[0] if listed else tables[0]
+    order = np.concatenate([table.id for table in listed]).argsort(kind="stable")
 
-    def both(field: str) -> np.ndarray:
-        return np.asarray(np.concatenate([getattr(first, field), getattr(second, field)])[order])
+    def column(field: str) -> np.ndarray:
+        return np.asarray(np.concatenate([getattr(table, field) for table in listed])[order])
 
     fields = ("id", "acceleration", "lateral_acceleration", "yaw_rate", "source")
-    return ControlTable(first.step, **{field: both(field) for field in fields})
+    return ControlTable(tables[0].step, **{field: column(field) for field in fields})
 
 
 def _observation(metadata: dict[str, str], path: Path) -> ObservationConfig:

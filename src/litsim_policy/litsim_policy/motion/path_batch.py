@@ -64,6 +64,11 @@ class PathBatch:
         return Projection(*path_kernels.project(self.segments, self.circles, self.count, path, x, y))
 
     @cached_property
+    def arrays(self) -> path_kernels.PathArrays:
+        """The paths as kernels take them."""
+        return path_kernels.PathArrays(self.segments, self.circles, self.count)
+
+    @cached_property
     def each(self) -> IntArray:
         """Indices (m,) of all paths."""
         return np.arange(len(self))

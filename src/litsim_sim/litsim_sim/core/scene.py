@@ -7,13 +7,13 @@ from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import cached_property
 from operator import attrgetter
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from litsim_sim.core.quickly_made import quickly_made
-from litsim_sim.kernels.compiled import INTS, OUT_INTS, kernel
+from litsim_sim.kernels.compiled import INTS, OUT_INTS, Bytes, Floats, Ints, kernel, tuple_of, tuple_type
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -62,16 +62,35 @@ _LOG, _POLICY, _EGO, _BASELINE = (int(controller) for controller in Controller) 
 
 
 @kernel(OUT_INTS(INTS, INTS))
-def places(ids: IntArray, agents: IntArray) -> IntArray:
+def index_of(ids: IntArray, agents: IntArray) -> IntArray:
     """Indices (m,) of `agents` (m,) in the ascending `ids` (n,); -1 for those that are not there."""
-    found, at = np.full(len(agents), -1, np.int64), 0
+    index, at = np.full(len(agents), -1, np.int64), 0
     for k in range(len(agents)):
         if at == len(ids) or ids[at] != agents[k]:  # the agent is not the next of the ids
             at = np.searchsorted(ids, agents[k])
         if at < len(ids) and ids[at] == agents[k]:
-            found[k] = at
+            index[k] = at
             at += 1
-    return found
+    return index
+
+
+class AgentArrays(NamedTuple):
+    """The columns (n,) of an :class:`AgentTable` that kernels read, and the scene of each agent."""
+
+    id: Ints
+    scene: Ints
+    controller: Bytes
+    x: Floats
+    y: Floats
+    yaw: Floats
+    speed: Floats
+    acceleration: Floats
+    yaw_rate: Floats
+    length: Floats
+    width: Floats
+
+
+AGENTS = tuple_type(AgentArrays)
 
 
 @quickly_made
@@ -115,7 +134,7 @@ class AgentTable:
 
     def rows(self, agents: IntArray) -> IntArray:
         """Row of each of `agents` (m,) in this table (m,); -1 for those that are not on the road."""
-        return places(self.id, agents)
+        return index_of(self.id, agents)
 
     def mask(self, agents: IntArray) -> BoolArray:
         """(n,) which of the agents of this table are among `agents` (m,)."""
@@ -157,6 +176,11 @@ class AgentTable:
     def scene(self) -> IntArray:
         """(n,) number of the scene of each agent; agents of different scenes do not interact. Here there is one."""
         return np.zeros(len(self), np.int64)
+
+    @cached_property
+    def arrays(self) -> AgentArrays:
+        """The table as kernels take it."""
+        return tuple_of(AgentArrays, self)
 
     @classmethod
     def merged(cls, step: int, tables: Sequence[AgentTable]) -> Self:

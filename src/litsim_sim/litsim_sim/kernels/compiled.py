@@ -33,6 +33,7 @@ from collections.abc import Callable
 from enum import Enum, EnumMeta
 from functools import cache, cached_property, update_wrapper
 from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 from types import FunctionType
 from typing import Annotated, Any, TypeVar, cast, get_args, get_type_hints
@@ -59,6 +60,7 @@ OPTIONS = {
     "forceinline": True,  # into calling kernels: a call costs more than most kernels
 }
 F = TypeVar("F", bound=Callable[..., Any])
+T = TypeVar("T", bound=tuple[Any, ...])
 
 KERNELS: list[Kernel] = []  # all kernels defined so far
 
@@ -127,6 +129,11 @@ def tuple_type(named: type[tuple[Any, ...]]) -> types.BaseNamedTuple:
         return None if None in fits else declared
 
     return declared
+
+
+def tuple_of(named: type[T], source: object) -> T:
+    """Return a named tuple of the attributes of `source` that have the names of its fields."""
+    return cast(T, cast(Any, named)._make(attrgetter(*cast(Any, named)._fields)(source)))
 
 
 def _field_type(hint: Any) -> types.Type:

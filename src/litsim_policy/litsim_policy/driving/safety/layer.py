@@ -79,22 +79,8 @@ class SafetyLayer:
             acceleration, yaw_rate: (m,) requested [m/s2], [rad/s].
         """
         config, agents = self.config, scene.agents
-        table, rows = agents.table, agents.rows
         changed = np.zeros((len(scene), len(GUARDS)), np.bool_)
-        safe, changed[:, 0] = limited(
-            acceleration,
-            yaw_rate,
-            table.acceleration[rows],
-            table.yaw_rate[rows],
-            agents.speed,
-            config.deceleration_max,
-            config.acceleration_max,
-            config.jerk_max,
-            config.braking_jerk_max,
-            config.yaw_rate_max,
-            config.lateral_acceleration_max,
-            config.yaw_acceleration_max,
-        )
+        safe, changed[:, 0] = limited(acceleration, yaw_rate, agents.table.arrays, agents.rows, config.values)
         cap = np.full(len(scene), config.acceleration_max)
         if config.following:
             cap = following_cap(config, agents)
@@ -140,10 +126,7 @@ class SafetyLayer:
             agents.table.yaw_rate[rows[at]],
             agents.path_yaw_rate[at],
             agents.lane_yaw_rate[at],
-            config.yaw_acceleration_max * STEP_S,
-            config.lateral_acceleration_max,
-            config.acceleration_max,
-            config.braking_max,
+            config.values,
         )
         touch, stays = self._look_ahead(agents.table, rows[at], choices)
         if not config.contact:
