@@ -8,7 +8,6 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray, index_of
 
 Float32Array = npt.NDArray[np.float32]
@@ -16,8 +15,7 @@ DT_MIN_S = 1e-3
 """Least time between two steps of a forecast [s]."""
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class Modes:
     """Less probable alternatives of agents: q further futures over T steps, frame map.
 
@@ -51,8 +49,7 @@ class Modes:
         return len(self.row)
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class Forecast:
     """Joint forecast of n agents over T future steps, frame map.
 

@@ -11,7 +11,6 @@ from litsim_policy.motion.along_path import Poses
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
-from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, IntArray
 from litsim_sim.core.takeover import PathSource, Takeover
 from litsim_sim.lane_map.lane_map import LaneMap
@@ -45,8 +44,7 @@ class DrivingTask:
         return cls(takeover.agent, path, goal, due_step(takeover), opponent_of(takeover))
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class DrivingScene:
     """The m agents with a task among all agents of a step.
 

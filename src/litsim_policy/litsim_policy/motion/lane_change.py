@@ -16,7 +16,6 @@ from litsim_policy.motion.along_path import VIEW, AlongPath
 from litsim_policy.motion.car_following import IDM, IdmValues, idm
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, Share, configuration
-from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import AGENTS, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
     BOOLS,
@@ -75,8 +74,7 @@ class LaneChangeConfig:
         return LaneChangeValues(self.politeness, self.braking_safe, self.gap_min, model)
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class LaneChanges:
     """Consequences of k lane changes; arrays (k,).
 

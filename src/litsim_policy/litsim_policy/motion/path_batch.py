@@ -10,14 +10,12 @@ import numpy as np
 
 from litsim_policy.motion import path_kernels
 from litsim_policy.motion.path_kernels import UNIT_X, UNIT_Y
-from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import FloatArray, IntArray
 
 PATH_BEHIND, PATH_AHEAD = 5.0, 150.0  # [m] of an agent's path, behind and ahead of it, that a policy is given
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class Projection:
     """Projections of k positions onto paths; arrays (k,).
 

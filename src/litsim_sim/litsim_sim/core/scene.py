@@ -12,7 +12,6 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.kernels.compiled import INTS, OUT_INTS, Bytes, Floats, Ints, kernel, tuple_of, tuple_type
 
 FloatArray = npt.NDArray[np.float64]
@@ -93,10 +92,11 @@ class AgentArrays(NamedTuple):
 AGENTS = tuple_type(AgentArrays)
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class AgentTable:
     """All agents at one step; every array has shape (n,) and `id` ascends.
+
+    Tables are not changed once they are made. They are no frozen dataclass, which takes six times as long to make.
 
     Attributes:
         step: integer step of 0.1 s since the start of the scenario.
@@ -205,8 +205,7 @@ DTYPES: dict[str, type[np.generic]] = dict.fromkeys(ARRAY_FIELDS, np.float64) | 
 }
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class ControlTable:
     """The policy's answer to one step; agents that are not listed follow their logs. Arrays (m,), ids ascending.
 
@@ -268,8 +267,7 @@ class EgoMode(IntEnum):
     FOLLOW_LOG = 1
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class EgoCommand:
     """The ego's answer to one step: an acceleration [m/s2] and a yaw rate [rad/s], or that it follows its log."""
 

@@ -20,7 +20,6 @@ from litsim_policy.driving.safety.following import following_cap, stopping_cap
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.stop_lines import StopLines
-from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.signals import LinkSignals
@@ -28,8 +27,7 @@ from litsim_sim.scenario.signals import LinkSignals
 GUARDS = ("limits", "following", "contact", "road")
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class SafeCommands:
     """Commands after the layer; arrays (m,).
 
