@@ -63,16 +63,16 @@ class PolicyNetwork:
         return cls(*layer_arrays(path, tensors, LAYERS, sizes), observation)
 
     def mean(self, observation: FloatArray) -> FloatArray:
-        """Mean actions (m, 3) in [-1, 1] for observations (m, size)."""
+        """Returns mean actions (m, 3) in [-1, 1] for observations (m, size)."""
         return np.tanh(self.before_tanh(observation))
 
     def before_tanh(self, observation: FloatArray) -> FloatArray:
-        """The same (m, 3) before the last tanh; a row's values do not depend on the others."""
+        """Returns the same (m, 3) before the last tanh; a row's values do not depend on the others."""
         return perceptron(observation, self.weights, self.biases)
 
 
 def shipped_weights() -> Path:
-    """The packaged weights."""
+    """Returns the packaged weights."""
     return Path(str(resources.files("litsim_policy").joinpath("weights/policy_c.safetensors")))
 
 
@@ -89,7 +89,7 @@ class PolicyCConfig:
     safety: SafetyConfig = SafetyConfig()
 
     def network(self) -> PolicyNetwork:
-        """The network from the file `weights`, or the packaged one.
+        """Returns the network from the file `weights`, or the packaged one.
 
         Raises:
             InputError: it cannot be used.
@@ -112,11 +112,11 @@ class Driver:
         self._network, self._lane_map = network, lane_map
 
     def drive(self, table: AgentTable, tasks: list[DrivingTask]) -> ControlTable:
-        """Controls of the agents with `tasks`, ids ascending."""
+        """Returns controls of the agents with `tasks`, ids ascending."""
         return self.drive_scene(DrivingScene.of(self._lane_map, table, tasks))
 
     def drive_scene(self, scene: DrivingScene) -> ControlTable:
-        """Controls of the agents of `scene`, ids ascending."""
+        """Returns controls of the agents of `scene`, ids ascending."""
         if not len(scene):
             return ControlTable.empty(scene.agents.table.step)
         return guarded(scene, *self.asked(scene), self.safety)
@@ -127,7 +127,7 @@ class Driver:
 
 
 def commanded(scene: DrivingScene, action: FloatArray, safety: SafetyLayer) -> ControlTable:
-    """Controls of the m agents of `scene` from actions (m, 3) in [-1, 1], in training and driving."""
+    """Returns controls of the m agents of `scene` from actions (m, 3) in [-1, 1], in training and driving."""
     return guarded(scene, *executed(scene, action), safety)
 
 
@@ -138,7 +138,7 @@ def executed(scene: DrivingScene, action: FloatArray) -> tuple[FloatArray, Float
 
 
 def guarded(scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray, safety: SafetyLayer) -> ControlTable:
-    """Controls of the m agents of `scene` from requested accelerations [m/s2] and yaw rates [rad/s] (m,)."""
+    """Returns controls of the m agents of `scene` from requested accelerations [m/s2] and yaw rates [rad/s] (m,)."""
     agents, safe = scene.agents, safety.guard(scene, acceleration, yaw_rate)
     source = np.where(safe.guarded, GUARDED, POLICY).astype(np.uint8)
     return ControlTable.without_slip(agents.table, agents.rows, safe.acceleration, safe.yaw_rate, source)
@@ -160,7 +160,7 @@ class PolicyC:
         self._rules, self._lane_map = rules, scenario.lane_map
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
-        """Controls of every agent that is held or handed back."""
+        """Returns controls of every agent that is held or handed back."""
         held = [t for t in takeovers.takeovers if t.state == TakeoverState.HELD]
         passing = [t for t in held if t.path_source == PathSource.LANE]
         keeping = [t for t in held if t.path_source != PathSource.LANE]
@@ -168,7 +168,7 @@ class PolicyC:
         return merged(self._keep(table, keeping), self._by_rules(table, returning), self._pass(table, passing))
 
     def _keep(self, table: AgentTable, keeping: Sequence[Takeover]) -> ControlTable:
-        """Controls of agents that keep to their paths: those of the network, limited by the rules."""
+        """Returns controls of agents that keep to their paths: those of the network, limited by the rules."""
         scene = DrivingScene.of_takeovers(self._lane_map, table, keeping)
         if not len(scene):
             return ControlTable.empty(table.step)
@@ -178,13 +178,13 @@ class PolicyC:
         return guarded(scene, acceleration, yaw_rate, self.driver.safety)
 
     def _stay_in_lane(self, agents: PathFollowers, yaw_rate: FloatArray) -> FloatArray:
-        """Yaw rates (m,) [rad/s] as requested, or along the lane where they lead to a side that is taken."""
+        """Returns yaw rates (m,) [rad/s] as requested, or along the lane where they lead to a side that is taken."""
         to_path, asked = agents.path_yaw_rate - agents.lane_yaw_rate, yaw_rate - agents.lane_yaw_rate
         waits = self._rules.side_taken(agents, or_will_be=True) & (to_path * asked > 0.0)
         return np.where(waits, agents.lane_yaw_rate, yaw_rate)
 
     def _by_rules(self, table: AgentTable, takeovers: Sequence[Takeover]) -> ControlTable:
-        """Controls of agents that policy `yield` drives."""
+        """Returns controls of agents that policy `yield` drives."""
         return self._rules.act(table, TakeoverTable(table.step, tuple(takeovers)))
 
     def _pass(self, table: AgentTable, passing: Sequence[Takeover]) -> ControlTable:
@@ -201,7 +201,7 @@ class PolicyC:
 
 
 def merged(*tables: ControlTable) -> ControlTable:
-    """Controls of several tables of a step, ids ascending; no agent is in two of them."""
+    """Returns controls of several tables of a step, ids ascending; no agent is in two of them."""
     listed = [table for table in tables if len(table.id)]
     if len(listed) <= 1:
         return listed[0] if listed else tables[0]
@@ -215,7 +215,7 @@ def merged(*tables: ControlTable) -> ControlTable:
 
 
 def _observation(metadata: dict[str, str], path: Path) -> ObservationConfig:
-    """The observation in a file's metadata."""
+    """Returns the observation in a file's metadata."""
     arrange, slots, sight = (metadata.get(f"observation.{field}", "") for field in ("arrange", "slots", "sight"))
     ahead = metadata.get("observation.ahead", "False")  # missing in older files
     try:

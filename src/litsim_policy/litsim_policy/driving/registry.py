@@ -26,7 +26,7 @@ class Policy(Protocol):
     """Drives the agents off their logs."""
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
-        """Controls of the agents off their logs; called once per step, in order."""
+        """Returns controls of the agents off their logs; called once per step, in order."""
 
 
 def make_policy(

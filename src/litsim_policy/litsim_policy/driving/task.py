@@ -38,7 +38,7 @@ class DrivingTask:
 
     @classmethod
     def of(cls, takeover: Takeover) -> DrivingTask:
-        """Return the task of an agent that was taken over."""
+        """Returns the task of an agent that was taken over."""
         path = ReferencePath.of(takeover.reference_path)
         goal = np.array(takeover.goal_pose[:2])
         return cls(takeover.agent, path, goal, due_step(takeover), opponent_of(takeover))
@@ -67,7 +67,7 @@ class DrivingScene:
     def of(
         cls, lane_map: LaneMap, table: AgentTable, tasks: Sequence[DrivingTask], poses: Poses | None = None
     ) -> DrivingScene:
-        """Return the scene of `tasks`, whose agents are all in `table`; `poses` as in :class:`PathFollowers`."""
+        """Returns the scene of `tasks`, whose agents are all in `table`; `poses` as in :class:`PathFollowers`."""
         return cls.on_paths(
             lane_map,
             table,
@@ -79,7 +79,7 @@ class DrivingScene:
 
     @classmethod
     def of_takeovers(cls, lane_map: LaneMap, table: AgentTable, takeovers: Sequence[Takeover]) -> DrivingScene:
-        """Return the scene of agents that were taken over, all of which are in `table`."""
+        """Returns the scene of agents that were taken over, all of which are in `table`."""
         return cls.on_paths(
             lane_map,
             table,
@@ -98,7 +98,7 @@ class DrivingScene:
         numbers: Sequence[tuple[int, int, int]],
         poses: Poses | None = None,
     ) -> DrivingScene:
-        """Return the scene of m agents on paths.
+        """Returns the scene of m agents on paths.
 
         Args:
             lane_map: the road.
@@ -114,7 +114,7 @@ class DrivingScene:
 
 
 def due_step(takeover: Takeover) -> int:
-    """Step at which the agent of `takeover`, had it followed its log, was expected at the conflict."""
+    """Returns the step at which the agent of `takeover`, had it followed its log, was expected at the conflict."""
     return takeover.detected_step + round(takeover.time_to_conflict / STEP_S)
 
 

@@ -112,7 +112,7 @@ class YieldPolicy:
         return self._config.idm.deceleration
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
-        """Controls of all agents that are held, handed back, or released to a lagged log."""
+        """Returns controls of all agents that are held, handed back, or released to a lagged log."""
         listed = [t for t in takeovers.takeovers if t.state != TakeoverState.RELEASED or t.time_shift > 0.0]
         if not listed:
             return ControlTable.empty(table.step)
@@ -136,7 +136,7 @@ class YieldPolicy:
         return idm_at_signals(self._config.idm, agents.speed, wanted, acceleration, self._stop_lines.of(agents))
 
     def _hand_back(self, agents: PathFollowers, takeovers: Sequence[Takeover]) -> FloatArray:
-        """Accelerations (m,) [m/s2] that close the distance to the log behind agents on the path.
+        """Returns accelerations (m,) [m/s2] that close the distance to the log behind agents on the path.
 
         Agents that overlap in the log itself are ignored, so that the overlap can be reached.
         """
@@ -156,13 +156,13 @@ class YieldPolicy:
     def _overlapped_in_log(self, agents: PathFollowers, log_rows: IntArray, now: IntArray) -> BoolArray:
         """Mask (m, w) of near agents ahead that overlap in the log as well, about steps `now` (m,) of the logs."""
         view, table = agents.view, agents.table
-        found, of_ego = np.zeros(view.gap.shape, np.bool_), table.of_ego
+        overlapped, of_ego = np.zeros(view.gap.shape, np.bool_), table.of_ego
         for k, column, row in view.pairs(agents.leaders.leads & (view.gap < CLOSE_UP)):
             if of_ego[row]:
                 continue
             a, b = int(log_rows[k]), int(self._log.ids.searchsorted(table.id[row]))
-            found[k, column] = self._overlaps.meets(a, b, now[k], table.x[row], table.y[row])
-        return found
+            overlapped[k, column] = self._overlaps.meets(a, b, now[k], table.x[row], table.y[row])
+        return overlapped
 
     def _steer(self, agents: PathFollowers) -> FloatArray:
         """Yaw rates (m,) [rad/s] along the paths, or along the lanes if the side to which a path leads is taken."""
@@ -199,5 +199,5 @@ class YieldPolicy:
         return np.maximum(logged + self._config.speed_reserve, self._config.speed_min)
 
     def _log_rows(self, agents: PathFollowers) -> IntArray:
-        """Rows (m,) of the agents in the log."""
+        """Returns rows (m,) of the agents in the log."""
         return self._log.ids.searchsorted(agents.table.id[agents.rows])

@@ -21,7 +21,7 @@ class Ego(Protocol):
     """A driver of the ego."""
 
     def plan(self, table: AgentTable) -> EgoCommand:
-        """The command for the step of `table`; called once per step, in order."""
+        """Returns the command for the step of `table`; called once per step, in order."""
 
 
 def make_ego(

@@ -39,7 +39,7 @@ class PathFollowers:
 
     @classmethod
     def of_takeovers(cls, lane_map: LaneMap, table: AgentTable, takeovers: Sequence[Takeover]) -> PathFollowers:
-        """The agents of `takeovers`, all of which must be in `table`, on their reference paths."""
+        """Returns the agents of `takeovers`, all of which must be in `table`, on their reference paths."""
         rows = table.rows(np.array([t.agent for t in takeovers], np.int64))
         return cls(lane_map, table, rows, PathBatch([t.reference_path for t in takeovers]))
 
@@ -93,6 +93,6 @@ class PathFollowers:
         return 2.0 * self.speed / self.reach * np.sin(self.lane.heading - self.yaw)
 
     def to_goal(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Distance along the paths from the followers to the positions `x`, `y`, one for each [m]."""
+        """Returns the distance along the paths from the followers to the positions `x`, `y`, one for each [m]."""
         x, y = np.ascontiguousarray(x), np.ascontiguousarray(y)
         return self.paths.project(np.arange(len(self)), x, y).s - self.s

@@ -66,11 +66,11 @@ class SafetyLayer:
     def apply(
         self, table: AgentTable, tasks: Sequence[DrivingTask], acceleration: FloatArray, yaw_rate: FloatArray
     ) -> SafeCommands:
-        """The safe commands of the agents with `tasks` (m); see :meth:`guard`."""
+        """Returns the safe commands of the agents with `tasks` (m); see :meth:`guard`."""
         return self.guard(DrivingScene.of(self.lane_map, table, tasks), acceleration, yaw_rate)
 
     def guard(self, scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray) -> SafeCommands:
-        """The commands of the m agents of `scene`, with the least changes needed.
+        """Returns the commands of the m agents of `scene`, with the least changes needed.
 
         Args:
             scene: the agents, their paths, and all other agents.
@@ -98,7 +98,7 @@ class SafetyLayer:
     def _guarded(
         self, agents: PathFollowers, commands: FloatArray, cap: FloatArray
     ) -> tuple[FloatArray, BoolArray, BoolArray]:
-        """The least changes to `commands` (m, 2) with which agents touch no other and stay on the road.
+        """Returns the least changes to `commands` (m, 2) with which agents touch no other and stay on the road.
 
         If no choice does, the one that touches latest, and of these the one that brakes hardest.
 
@@ -138,7 +138,7 @@ class SafetyLayer:
         return chosen, moved & touches, moved & leaves
 
     def _look_ahead(self, table: AgentTable, rows: IntArray, commands: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Outcome of commands (m, c, 2) of the agents in `rows` (m,).
+        """Returns the outcome of commands (m, c, 2) of the agents in `rows` (m,).
 
         Returns:
             time of the first touch (m, c) [s], infinite where there is none, and whether the agent stays on the road
