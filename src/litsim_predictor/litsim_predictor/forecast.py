@@ -8,16 +8,14 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from litsim_sim.core.quickly_made import quickly_made
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray, places
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray, index_of
 
 Float32Array = npt.NDArray[np.float32]
 DT_MIN_S = 1e-3
 """Least time between two steps of a forecast [s]."""
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class Modes:
     """Less probable alternatives of agents: q further futures over T steps, frame map.
 
@@ -51,8 +49,7 @@ class Modes:
         return len(self.row)
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class Forecast:
     """Joint forecast of n agents over T future steps, frame map.
 
@@ -104,7 +101,7 @@ class Forecast:
 
     def rows(self, agents: IntArray) -> IntArray:
         """Row of each of `agents` (m,), -1 where there is no valid forecast."""
-        rows = places(self.id, agents)
+        rows = index_of(self.id, agents)
         if not self.valid.all():
             rows[~self.valid[rows]] = -1
         return rows

@@ -7,7 +7,7 @@ from enum import StrEnum
 import numpy as np
 
 from litsim_sim.core.nearby import around
-from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import AGENTS, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_BOOLS, kernel
 
 Egos = int | IntArray
@@ -59,45 +59,40 @@ def agents_read(table: AgentTable, off_log: BoolArray) -> BoolArray:
     if not len(agents) or not len(others):
         return off_log
     cos, sin = np.cos(table.yaw), np.sin(table.yaw)
-    boxes = table.length, table.width
-    return off_log | _meeting(table.scene, table.x, table.y, cos, sin, table.speed, *boxes, agents, others)
+    return off_log | _meeting(table.arrays, cos, sin, agents, others)
 
 
-@kernel(OUT_BOOLS(INTS, *[FLOATS] * 7, INTS, INTS))
-def _meeting(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    scene: IntArray,
-    x: FloatArray,
-    y: FloatArray,
-    cos: FloatArray,
-    sin: FloatArray,
-    speed: FloatArray,
-    length: FloatArray,
-    width: FloatArray,
-    agents: IntArray,
-    others: IntArray,
-) -> BoolArray:
+@kernel(OUT_BOOLS(AGENTS, FLOATS, FLOATS, INTS, INTS))
+def _meeting(table: AgentArrays, cos: FloatArray, sin: FloatArray, agents: IntArray, others: IntArray) -> BoolArray:
     """Mask (n,) of those in the rows `agents` that come close to one in the rows `others`; see :func:`agents_read`.
 
-    Arrays (n,) are of the table, `cos` and `sin` of the headings.
+    `cos` and `sin` (n,) are those of the headings.
     """
-    found = np.zeros(len(x), np.bool_)
+    scene, x, y, speed, length, width = table.scene, table.x, table.y, table.speed, table.length, table.width
+    meets = np.zeros(len(x), np.bool_)
     for i in agents:
         for j in others:
             if scene[j] != scene[i]:
                 continue
             dx, dy = x[j] - x[i], y[j] - y[i]
-            faster_x, faster_y = speed[j] * cos[j] - speed[i] * cos[i], speed[j] * sin[j] - speed[i] * sin[i]
+            faster_x, faster_y = (
+                speed[j] * cos[j] - speed[i] * cos[i],
+                speed[j] * sin[j] - speed[i] * sin[i],
+            )
             # Along and across the heading of the agent, each is within reach for one span of time; do both, and the
             # time that is looked at, have one in common?
             place = (cos[i] * dx + sin[i] * dy, cos[i] * dy - sin[i] * dx)
             velocity = (cos[i] * faster_x + sin[i] * faster_y, cos[i] * faster_y - sin[i] * faster_x)
-            reach = (MEETING_AHEAD + 0.5 * (length[i] + length[j]), MEETING_ASIDE + 0.5 * (width[i] + width[j]))
+            reach = (
+                MEETING_AHEAD + 0.5 * (length[i] + length[j]),
+                MEETING_ASIDE + 0.5 * (width[i] + width[j]),
+            )
             begin, end = 0.0, MEETING_S
             for k in range(2):
                 moves = STILL if abs(velocity[k]) < STILL else velocity[k]
                 first, last = (-reach[k] - place[k]) / moves, (reach[k] - place[k]) / moves
                 begin, end = max(begin, min(first, last)), min(end, max(first, last))
             if begin <= end:
-                found[i] = True
+                meets[i] = True
                 break
-    return found
+    return meets

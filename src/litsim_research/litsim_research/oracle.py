@@ -11,7 +11,7 @@ from litsim_predictor.plugin import PredictorPlugin, Scope
 from litsim_predictor.selection import Egos, Wanted, selected
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import configuration
-from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, places
+from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, index_of
 from litsim_sim.scenario.happened import Happened
 from litsim_sim.scenario.setting import Setting
 
@@ -65,7 +65,7 @@ class OraclePredictor:
         """(n, T, 3) poses from the next step on, and (n,) whether an agent's are known."""
         there, pose = self._happened.there, self._happened.pose
         poses, valid = np.zeros((len(agents), STEPS, 3)), np.zeros(len(agents), np.bool_)
-        for k, row in enumerate(places(self._ids, agents.id).tolist()):
+        for k, row in enumerate(index_of(self._ids, agents.id).tolist()):
             now = agents.step
             if row < 0 or now >= there.shape[1] or not there[row, now]:
                 continue

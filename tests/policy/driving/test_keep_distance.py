@@ -7,13 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from litsim_policy.driving.courtesy import FOLLOWING_TIME, distance_kept
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.handback import HandbackConfig
 from litsim_policy.driving.policy_c import PolicyC
 from litsim_policy.driving.safety.config import LIMITS_ONLY
 from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
-from litsim_policy.motion.car_following import safe_speed
+from litsim_policy.driving.yielding_rules import FOLLOWING_TIME, keep_distance
+from litsim_policy.motion.car_following import Leaders, safe_speed
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.takeover import TakeoverTable
 from takeovers import takeover
@@ -26,22 +26,10 @@ STANDS, COMFORTABLE, COURTESY = CONFIG.idm.standstill_gap, CONFIG.idm.decelerati
 
 def kept(wanted: float, speed: float, gap: float, lead: float, braking: float = 0.0, *, leads: bool = True) -> float:
     """What an agent does behind one other, `gap` ahead at speed `lead`."""
-    return float(
-        distance_kept(
-            np.array([wanted]),
-            np.array([speed]),
-            np.array([LENGTH]),
-            np.array([[gap]]),
-            np.array([[lead]]),
-            np.array([[leads]]),
-            np.zeros(1, np.int64),
-            np.array([-braking]),
-            STANDS,
-            COMFORTABLE,
-            COURTESY,
-            *SAFE,
-        )[0]
-    )
+    first, acceleration = np.zeros(1, np.int64), np.array([-braking])
+    leader = Leaders(np.array([[gap]]), np.array([[lead]]), np.array([[leads]]), first, acceleration)
+    own = np.array([wanted]), np.array([speed]), np.array([LENGTH])
+    return float(keep_distance(*own, leader, CONFIG.values, LIMITS_ONLY.values)[0])
 
 
 @pytest.mark.parametrize("wanted", [2.0, 0.0, -1.5, -2.9])
@@ -108,20 +96,9 @@ def test_who_stands_with_somebody_across_its_front_stays_there(gap: float) -> No
 
 def test_of_several_leaders_the_most_demanding_one_counts() -> None:
     gaps, leads = np.array([[30.0, 6.0, 3.0]]), np.array([[True, True, False]])
-    found = distance_kept(
-        np.array([0.0]),
-        np.array([12.0]),
-        np.array([LENGTH]),
-        gaps,
-        np.array([[9.0, 5.0, 0.0]]),
-        leads,
-        np.zeros(1, np.int64),
-        np.zeros(3),
-        STANDS,
-        COMFORTABLE,
-        COURTESY,
-        *SAFE,
-    )
+    leaders = Leaders(gaps, np.array([[9.0, 5.0, 0.0]]), leads, np.zeros(1, np.int64), np.zeros(3))
+    own = np.array([0.0]), np.array([12.0]), np.array([LENGTH])
+    found = keep_distance(*own, leaders, CONFIG.values, LIMITS_ONLY.values)
     assert found[0] == kept(0.0, 12.0, 6.0, 5.0) < -COMFORTABLE
 
 

@@ -7,12 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from litsim_policy.driving.courtesy import room_made
+from agent_arrays import agent_arrays
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.handback import HandbackConfig
 from litsim_policy.driving.policy_c import PolicyC
 from litsim_policy.driving.safety.config import LIMITS_ONLY
 from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
+from litsim_policy.driving.yielding_rules import make_room
 from litsim_sim.core.takeover import TakeoverTable
 from takeovers import takeover
 
@@ -36,19 +37,9 @@ def room(
     yaw = lane + np.array([own_turn, np.arctan2(-np.sign(left) * over, 15.0 + faster)])
     cos, sin = np.cos(lane), np.sin(lane)
     x, y = np.array([0.0, ahead * cos - left * sin]), np.array([0.0, ahead * sin + left * cos])
-    both = np.ones(2)
-    acceleration = np.array([0.0, -braking])
-    made = room_made(
-        np.array([wanted]),
-        np.zeros(2, np.int64),
-        *(x, y, yaw, speed, acceleration, LENGTH * both, WIDTH * both),
-        np.zeros(1, np.int64),
-        np.array([lane]),
-        CONFIG.side_gap,
-        CONFIG.room_horizon,
-        CONFIG.courtesy_deceleration,
-    )
-    return float(made[0])
+    motion = {"x": x, "y": y, "yaw": yaw, "speed": speed, "acceleration": [0.0, -braking]}
+    agents = agent_arrays(2, **motion, length=LENGTH, width=WIDTH)
+    return float(make_room(np.array([wanted]), agents, np.zeros(1, np.int64), np.array([lane]), CONFIG.values)[0])
 
 
 @pytest.mark.parametrize("left", [LANE, -LANE])

@@ -7,12 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from litsim_policy.driving.courtesy import PEDALS, crossing_awaited
+from agent_arrays import agent_arrays
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.handback import HandbackConfig
 from litsim_policy.driving.policy_c import PolicyC
 from litsim_policy.driving.safety.config import LIMITS_ONLY
 from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
+from litsim_policy.driving.yielding_rules import PEDALS, wait_for_crossing
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_sim.core.scene import Controller
 from litsim_sim.core.takeover import TakeoverTable
@@ -40,30 +41,21 @@ def waits(
 ) -> float:
     """What an agent at (0, 0) does, heading along x at speed `own`, with another one at (x, y)."""
     paths = PathBatch([path])
-    columns = (
-        [0.0, x],
-        [0.0, y],
-        [0.0, yaw],
-        [own, speed],
-        [0.0, acceleration],
-        [0.0, turn],
-        [LENGTH] * 2,
-        [WIDTH] * 2,
+    agents = agent_arrays(
+        2,
+        x=[0.0, x],
+        y=[0.0, y],
+        yaw=[0.0, yaw],
+        speed=[own, speed],
+        acceleration=[0.0, acceleration],
+        yaw_rate=[0.0, turn],
+        length=LENGTH,
+        width=WIDTH,
+        controller=[Controller.POLICY, Controller.POLICY if off_log else Controller.LOG],
     )
-    made = crossing_awaited(
-        np.array([wanted]),
-        paths.segments,
-        paths.count,
-        paths.project(np.zeros(1, np.int64), np.zeros(1), np.zeros(1)).s,
-        np.zeros(2, np.int64),
-        *(np.array(column) for column in columns),
-        np.array([True, off_log]),
-        np.zeros(1, np.int64),
-        CONFIG.crossing_margin,
-        horizon,
-        COURTESY,
-    )
-    return float(made[0])
+    own_s = paths.project(np.zeros(1, np.int64), np.zeros(1), np.zeros(1)).s
+    rules = CONFIG.values._replace(crossing_horizon=horizon)
+    return float(wait_for_crossing(np.array([wanted]), paths.arrays, own_s, agents, np.zeros(1, np.int64), rules)[0])
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from litsim_policy.driving.courtesy import side_taken
-from litsim_policy.driving.giving_way import give_way
+from agent_arrays import agent_arrays
 from litsim_policy.driving.yield_policy import YieldConfig
+from litsim_policy.driving.yielding_rules import give_way, side_is_taken
+from litsim_policy.motion.along_path import AlongPath
 from litsim_policy.motion.car_following import idm_acceleration
 from litsim_sim.core.geometry import to_body
 
@@ -27,9 +28,13 @@ def test_who_is_in_the_way_is_followed_and_others_are_given_way_to(random) -> No
     x, y, yaw = random.normal(0.0, [[5.0], [3.0], [1.0]], (3, OTHERS))
     x[5], y[5] = x[6], y[6]  # neither is ahead of the other
     speed, wanted = random.uniform(0.0, 15.0, (2, AGENTS))
+    everybody = np.zeros(OTHERS)
+    everybody[rows] = speed
     opponent = random.choice(ids, AGENTS)
-    places = (np.zeros(AGENTS, np.int64), ids, x, y, yaw, rows, speed, wanted, opponent)
-    found = give_way(gap, along, ahead, in_path, aside, *places, CONFIG.courtesy_deceleration, *CONFIG.idm.of_model)
+    own = np.zeros(AGENTS)
+    view = AlongPath(own[:, None] * gap, gap, gap, along, ahead, aside, in_path, np.zeros(AGENTS, np.int64), own, own)
+    agents = agent_arrays(OTHERS, id=ids, x=x, y=y, yaw=yaw, speed=everybody)
+    found = give_way(view, agents, rows, wanted, opponent, CONFIG.values)
     leads = ahead & in_path & (gap > 0)
     follow = idm_acceleration(CONFIG.idm, speed, wanted, gap, along, leads)
     apart = (x - x[rows, None]) * (np.cos(yaw) + np.cos(yaw[rows, None]))
@@ -51,10 +56,10 @@ def test_the_side_is_taken_by_whoever_is_or_soon_will_be_alongside(random) -> No
     heading = random.normal(0.0, 0.3, AGENTS)
     target = np.column_stack([x[rows], y[rows]]) + random.normal(0.0, [5.0, 1.0], (AGENTS, 2))
     target[0] = x[rows[0]], y[rows[0]]
-    bounds = (CONFIG.side_gap, CONFIG.side_horizon, CONFIG.side_margin, CONFIG.side_drift)
     scene = np.sort(random.integers(0, 2, OTHERS))
     yaw = random.normal(0.0, 0.1, OTHERS)
-    found = side_taken(scene, x, y, yaw, speed, length, width, rows, heading, target, *bounds, 1.2)
+    agents = agent_arrays(OTHERS, scene=scene, x=x, y=y, yaw=yaw, speed=speed, length=length, width=width)
+    found = side_is_taken(agents, rows, heading, target, CONFIG.values, 1.2)
     off_x, off_y = target[:, 0] - x[rows], target[:, 1] - y[rows]
     move = (-np.sin(heading) * off_x + np.cos(heading) * off_y)[:, None]
     ahead, left = to_body(x - x[rows, None], y - y[rows, None], heading[:, None])

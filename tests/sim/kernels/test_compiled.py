@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 from types import FrameType
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -18,11 +19,14 @@ from litsim_sim.kernels.compiled import (
     FLOATS,
     KERNELS,
     OUT_FLOATS,
+    Bools2,
+    Floats,
     Kernel,
     cache_directory,
     float64,
     int64,
     kernel,
+    tuple_type,
     void,
 )
 
@@ -49,6 +53,32 @@ def doubled_and_halved(values):
     return 2.0 * values, 0.5 * values
 
 
+class Share(NamedTuple):
+    factor: float
+    offset: float
+
+
+@kernel(float64(float64, tuple_type(Share)))
+def shared(value, share):
+    return share.factor * value + share.offset
+
+
+class Scaled(NamedTuple):
+    values: Floats
+    used: Bools2
+    share: Share
+
+
+@kernel(float64(tuple_type(Scaled)))
+def total_of_used(scaled):
+    doubled = Share(2.0 * scaled.share.factor, scaled.share.offset)
+    found = 0.0
+    for k in range(len(scaled.values)):
+        if scaled.used[0, k]:
+            found += shared(scaled.values[k], doubled)
+    return found
+
+
 def test_a_kernel_takes_arrays_of_its_types_writable_or_not() -> None:
     values, sums = np.arange(4.0), np.zeros(4)
     values.flags.writeable = False
@@ -63,6 +93,19 @@ def test_a_kernel_takes_arrays_of_its_types_writable_or_not() -> None:
     for wrong in (values, np.zeros((4, 2))[:, 0]):  # not writable, not contiguous
         with pytest.raises(TypeError):
             running_total(np.ones(4), wrong)
+
+
+def test_a_kernel_takes_named_tuples_whose_fields_fit_their_annotations() -> None:
+    values, used = np.arange(8.0).reshape(4, 2)[:, 1], np.array([[True, False, True, True]])
+    assert total_of_used(Scaled(values, used, Share(3.0, 1.0))) == 6.0 * (1.0 + 5.0 + 7.0) + 3.0
+    values = np.ones(4)
+    values.flags.writeable = False
+    assert total_of_used(Scaled(values, used, Share(1, 0))) == 6.0
+    for wrong in (Scaled(values.astype(np.float32), used, Share(1.0, 0.0)), Scaled(values, used[0], Share(1.0, 0.0))):
+        with pytest.raises(TypeError):
+            total_of_used(wrong)
+    with pytest.raises(TypeError):
+        total_of_used((values, used, (1.0, 0.0)))
 
 
 def test_a_kernel_that_returns_arrays_calls_nothing_of_python() -> None:
@@ -206,6 +249,24 @@ def test_machine_code_of_other_types_is_not_loaded(tmp_path: Path) -> None:
     (folder / "factor.py").write_text("from litsim_sim.kernels.compiled import float32 as NUMBER\nFACTOR = 2.0\n")
     assert result(start(folder, code))[0] == [float(np.float32(0.2)), 1.0]
     assert result(start(folder, code))[0] == [float(np.float32(0.2)), 0.0]
+
+
+def test_machine_code_is_made_anew_when_the_fields_of_a_named_tuple_change(tmp_path: Path) -> None:
+    folder = package(tmp_path)
+    pair = "from typing import NamedTuple\nclass Pair(NamedTuple):\n    {}: float\n    {}: float\n"
+    (folder / "called.py").write_text(
+        "from litsim_sim.kernels.compiled import float64, kernel, tuple_type\nfrom made.factor import Pair\n"
+        "@kernel(float64(tuple_type(Pair)))\ndef called(pair):\n    return pair.first\n"
+    )
+    code = (
+        "from made.called import Pair, called as f; print(f(Pair(1.0, 2.0)), sum(f.loaded.stats.cache_misses.values()))"
+    )
+    (folder / "factor.py").write_text(pair.format("first", "second"))
+    assert result(start(folder, code))[0] == [1.0, 1.0]
+    assert result(start(folder, code))[0] == [1.0, 0.0]
+    (folder / "factor.py").write_text(pair.format("second", "first"))
+    assert result(start(folder, code))[0] == [2.0, 1.0]
+    assert result(start(folder, code))[0] == [2.0, 0.0]
 
 
 def test_processes_may_compile_at_once(tmp_path: Path) -> None:

@@ -19,12 +19,12 @@ def physical(action: FloatArray) -> FloatArray:
 
 
 def normalised(command: FloatArray) -> FloatArray:
-    """The inverse of :func:`physical`, clipped to [-1, 1]."""
+    """Returns the inverse of :func:`physical`, clipped to [-1, 1]."""
     return np.clip(np.where(command < 0.0, -command / LOW, command / HIGH), -1.0, 1.0)
 
 
 def executed_yaw_rate(command: FloatArray, speed: FloatArray) -> FloatArray:
-    """Yaw rate (m,) [rad/s] of a vehicle that is given commands (m, 3) at speeds (m,) [m/s].
+    """Returns yaw rate (m,) [rad/s] of a vehicle that is given commands (m, 3) at speeds (m,) [m/s].
 
     A vehicle that does not slip has a lateral acceleration of its speed times its yaw rate, so the two lateral actions
     are redundant. The executed motion is the nearest to both (weighted least squares): at low speed the yaw rate
@@ -35,5 +35,5 @@ def executed_yaw_rate(command: FloatArray, speed: FloatArray) -> FloatArray:
 
 
 def consistent(acceleration: FloatArray, yaw_rate: FloatArray, speed: FloatArray) -> FloatArray:
-    """Commands (m, 3) of vehicles that move with `acceleration` [m/s2] and `yaw_rate` [rad/s], without slip."""
+    """Returns commands (m, 3) of vehicles that move with `acceleration` [m/s2] and `yaw_rate` [rad/s], without slip."""
     return np.column_stack([acceleration, speed * yaw_rate, yaw_rate])

@@ -40,7 +40,7 @@ def catch_up(
     log_speed: float | FloatArray,
     log_acceleration: float | FloatArray,
 ) -> FloatArray:
-    """Accelerations (...) [m/s2] with which agents catch up with their logs.
+    """Returns accelerations (...) [m/s2] with which agents catch up with their logs.
 
     Args:
         config: bounds and gains.

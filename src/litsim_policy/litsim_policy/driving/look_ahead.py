@@ -13,7 +13,7 @@ import numpy as np
 from numba.types import UniTuple
 
 from litsim_sim.core.pair_geometry import overlap, within_scenes
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import AGENTS, STEP_S, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
     FLOATS,
     FLOATS3,
@@ -50,8 +50,7 @@ def rolled_out(table: AgentTable, rows: IntArray, commands: FloatArray, settle: 
     Returns:
         (3, m, c, T) x, y [m] and yaw [rad].
     """
-    turned = _turned(settle, instants)
-    return _rolled_out(table.x, table.y, table.yaw, table.speed, rows, commands, settle, turned)
+    return _rolled_out(table.arrays, rows, commands, settle, _turned(settle, instants))
 
 
 @cache
@@ -75,8 +74,7 @@ def first_touch(table: AgentTable, rows: IntArray, poses: FloatArray, instants: 
     Returns:
         (m, c) times [s], infinite where none is touched.
     """
-    columns = (table.scene, table.x, table.y, table.yaw, table.speed, table.acceleration, table.length, table.width)
-    return _first_touch(*columns, rows, poses, instants, margin)
+    return _first_touch(table.arrays, rows, poses, instants, margin)
 
 
 def stay_on_road(lane_map: LaneMap, table: AgentTable, rows: IntArray, poses: FloatArray, instant: int) -> BoolArray:
@@ -89,61 +87,43 @@ def stay_on_road(lane_map: LaneMap, table: AgentTable, rows: IntArray, poses: Fl
         poses: (3, m, c, T) as in :func:`first_touch`.
         instant: position of the instant among the T.
     """
-    x, y = _sides(table.x, table.y, table.yaw, table.width, rows, poses, instant)
+    x, y = _sides(table.arrays, rows, poses, instant)
     inside: BoolArray = lane_map.inside_road(x.ravel(), y.ravel()).reshape(x.shape)
     both = inside[..., 0] & inside[..., 1]
     return both[:, :-1] | ~both[:, -1:]
 
 
-@kernel(written_array(float64, 4)(FLOATS, FLOATS, FLOATS, FLOATS, INTS, FLOATS3, float64, FLOATS))
+@kernel(written_array(float64, 4)(AGENTS, INTS, FLOATS3, float64, FLOATS))
 def _rolled_out(
-    x: FloatArray,
-    y: FloatArray,
-    yaw: FloatArray,
-    speed: FloatArray,
-    rows: IntArray,
-    commands: FloatArray,
-    settle: float,
-    turned: FloatArray,
+    agents: AgentArrays, rows: IntArray, commands: FloatArray, settle: float, turned: FloatArray
 ) -> FloatArray:
     """See :func:`rolled_out`; `turned` (T,) is the share of a turn that is completed at each instant."""
-    agents, count, instants = len(rows), commands.shape[1], len(turned)
-    poses = np.empty((3, agents, count, instants))
-    for i in range(agents):
+    count, instants = commands.shape[1], len(turned)
+    poses = np.empty((3, len(rows), count, instants))
+    for i in range(len(rows)):
         own = rows[i]
         for c in range(count):
             along_x, along_y = 0.0, 0.0
             for k in range(instants):
-                now = max(speed[own] + commands[i, c, 0] * (STEP_S * (k + 1)), 0.0)
-                heading = yaw[own] + commands[i, c, 1] * settle * turned[k]
+                now = max(agents.speed[own] + commands[i, c, 0] * (STEP_S * (k + 1)), 0.0)
+                heading = agents.yaw[own] + commands[i, c, 1] * settle * turned[k]
                 along_x += now * math.cos(heading)
                 along_y += now * math.sin(heading)
-                poses[0, i, c, k] = x[own] + STEP_S * along_x
-                poses[1, i, c, k] = y[own] + STEP_S * along_y
+                poses[0, i, c, k] = agents.x[own] + STEP_S * along_x
+                poses[1, i, c, k] = agents.y[own] + STEP_S * along_y
                 poses[2, i, c, k] = heading
     return poses
 
 
-@kernel(OUT_FLOATS2(INTS, *[FLOATS] * 7, INTS, POSES, int64, float64))
-def _first_touch(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    scene: IntArray,
-    x: FloatArray,
-    y: FloatArray,
-    yaw: FloatArray,
-    speed: FloatArray,
-    acceleration: FloatArray,
-    length: FloatArray,
-    width: FloatArray,
-    rows: IntArray,
-    poses: FloatArray,
-    instants: int,
-    margin: float,
-) -> FloatArray:
-    """See :func:`first_touch`; the first eight arrays (n,) are columns of the table."""
-    agents, commands = poses.shape[1:3]
-    found, (begin, end) = np.full((agents, commands), np.inf), within_scenes(scene, rows)
+@kernel(OUT_FLOATS2(AGENTS, INTS, POSES, int64, float64))
+def _first_touch(agents: AgentArrays, rows: IntArray, poses: FloatArray, instants: int, margin: float) -> FloatArray:
+    """See :func:`first_touch`."""
+    x, y, yaw, speed = agents.x, agents.y, agents.yaw, agents.speed
+    length, width = agents.length, agents.width
+    commands = poses.shape[2]
+    touch, (begin, end) = np.full((len(rows), commands), np.inf), within_scenes(agents.scene, rows)
     horizon = STEP_S * instants
-    for i in range(agents):
+    for i in range(len(rows)):
         own = rows[i]
         cos, sin = math.cos(yaw[own]), math.sin(yaw[own])
         for j in range(begin[i], end[i]):
@@ -159,7 +139,7 @@ def _first_touch(  # noqa: PLR0917 - a kernel takes arrays and numbers
             if follows or overlap(dx, dy, yaw[own], yaw[j], length[own], width[own], long, wide):
                 continue
             radius = 0.5 * (math.hypot(long, wide) + math.hypot(length[own], width[own])) + ROUNDING
-            braking = min(acceleration[j], 0.0)
+            braking = min(agents.acceleration[j], 0.0)
             stops = -speed[j] / min(braking, -1e-3) if braking < 0.0 else np.inf
             other_cos, other_sin = math.cos(yaw[j]), math.sin(yaw[j])
             for k in range(instants):
@@ -168,40 +148,32 @@ def _first_touch(  # noqa: PLR0917 - a kernel takes arrays and numbers
                 gone = speed[j] * time + 0.5 * braking * time**2
                 other_x, other_y = x[j] + gone * other_cos, y[j] + gone * other_sin
                 for c in range(commands):
-                    if at >= found[i, c]:
+                    if at >= touch[i, c]:
                         continue
                     dx, dy = other_x - poses[0, i, c, k], other_y - poses[1, i, c, k]
                     if dx * dx + dy * dy < radius**2 and overlap(
                         dx, dy, poses[2, i, c, k], yaw[j], length[own], width[own], long, wide
                     ):
-                        found[i, c] = at
-    return found
+                        touch[i, c] = at
+    return touch
 
 
-@kernel(UniTuple(OUT_FLOATS3, 2)(FLOATS, FLOATS, FLOATS, FLOATS, INTS, POSES, int64))
-def _sides(
-    x: FloatArray,
-    y: FloatArray,
-    yaw: FloatArray,
-    width: FloatArray,
-    rows: IntArray,
-    poses: FloatArray,
-    instant: int,
-) -> tuple[FloatArray, FloatArray]:
+@kernel(UniTuple(OUT_FLOATS3, 2)(AGENTS, INTS, POSES, int64))
+def _sides(agents: AgentArrays, rows: IntArray, poses: FloatArray, instant: int) -> tuple[FloatArray, FloatArray]:
     """Centres of the left and the right side of agents at an instant of `poses` (3, m, c, T), and, last, at present.
 
     Returns:
         x and y (m, c + 1, 2) [m].
     """
-    agents, commands = poses.shape[1:3]
-    side_x, side_y = np.empty((agents, commands + 1, 2)), np.empty((agents, commands + 1, 2))
-    for i in range(agents):
+    commands = poses.shape[2]
+    side_x, side_y = np.empty((len(rows), commands + 1, 2)), np.empty((len(rows), commands + 1, 2))
+    for i in range(len(rows)):
         own = rows[i]
         for c in range(commands + 1):
-            at_x, at_y, heading = x[own], y[own], yaw[own]
+            at_x, at_y, heading = agents.x[own], agents.y[own], agents.yaw[own]
             if c < commands:
                 at_x, at_y, heading = poses[0, i, c, instant], poses[1, i, c, instant], poses[2, i, c, instant]
-            off_x, off_y = 0.5 * width[own] * math.sin(heading), 0.5 * width[own] * math.cos(heading)
+            off_x, off_y = 0.5 * agents.width[own] * math.sin(heading), 0.5 * agents.width[own] * math.cos(heading)
             side_x[i, c, 0], side_x[i, c, 1] = at_x - off_x, at_x + off_x
             side_y[i, c, 0], side_y[i, c, 1] = at_y + off_y, at_y - off_y
     return side_x, side_y

@@ -24,6 +24,7 @@ from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.layer import SafetyLayer
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
+from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.quantities import configuration
@@ -66,16 +67,16 @@ class PolicyNetwork:
         return cls(*layer_arrays(path, tensors, LAYERS, sizes), observation)
 
     def mean(self, observation: FloatArray) -> FloatArray:
-        """Mean actions (m, 3) in [-1, 1] for observations (m, size)."""
+        """Returns mean actions (m, 3) in [-1, 1] for observations (m, size)."""
         return np.tanh(self.before_tanh(observation))
 
     def before_tanh(self, observation: FloatArray) -> FloatArray:
-        """The same (m, 3) before the last tanh; a row's values do not depend on the others."""
+        """Returns the same (m, 3) before the last tanh; a row's values do not depend on the others."""
         return perceptron(observation, self.weights, self.biases)
 
 
 def shipped_weights() -> Path:
-    """The packaged weights."""
+    """Returns the packaged weights."""
     return Path(str(resources.files("litsim_policy").joinpath("weights/policy_c.safetensors")))
 
 
@@ -92,7 +93,7 @@ class PolicyCConfig:
     safety: SafetyConfig = SafetyConfig()
 
     def network(self) -> PolicyNetwork:
-        """The network from the file `weights`, or the packaged one.
+        """Returns the network from the file `weights`, or the packaged one.
 
         Raises:
             InputError: it cannot be used.
@@ -115,11 +116,11 @@ class Driver:
         self._network, self._lane_map = network, lane_map
 
     def drive(self, table: AgentTable, tasks: list[DrivingTask]) -> ControlTable:
-        """Controls of the agents with `tasks`, ids ascending."""
+        """Returns controls of the agents with `tasks`, ids ascending."""
         return self.drive_scene(DrivingScene.of(self._lane_map, table, tasks))
 
     def drive_scene(self, scene: DrivingScene) -> ControlTable:
-        """Controls of the agents of `scene`, ids ascending."""
+        """Returns controls of the agents of `scene`, ids ascending."""
         if not len(scene):
             return ControlTable.empty(scene.agents.table.step)
         return guarded(scene, *self.asked(scene), self.safety)
@@ -130,7 +131,7 @@ class Driver:
 
 
 def commanded(scene: DrivingScene, action: FloatArray, safety: SafetyLayer) -> ControlTable:
-    """Controls of the m agents of `scene` from actions (m, 3) in [-1, 1], in training and driving."""
+    """Returns controls of the m agents of `scene` from actions (m, 3) in [-1, 1], in training and driving."""
     return guarded(scene, *executed(scene, action), safety)
 
 
@@ -141,7 +142,7 @@ def executed(scene: DrivingScene, action: FloatArray) -> tuple[FloatArray, Float
 
 
 def guarded(scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray, safety: SafetyLayer) -> ControlTable:
-    """Controls of the m agents of `scene` from requested accelerations [m/s2] and yaw rates [rad/s] (m,)."""
+    """Returns controls of the m agents of `scene` from requested accelerations [m/s2] and yaw rates [rad/s] (m,)."""
     agents, safe = scene.agents, safety.guard(scene, acceleration, yaw_rate)
     source = np.where(safe.guarded, GUARDED, POLICY).astype(np.uint8)
     return ControlTable.without_slip(agents.table, agents.rows, safe.acceleration, safe.yaw_rate, source)
@@ -151,9 +152,9 @@ class PolicyC(Policy):
     """The policy called `litsim`: the network drives agents that are held, rules drive those that return or pass.
 
     The network was trained to drive along logs; passing agents are driven by the rules of policy `yield`, behind the
-    same safety layer. The network is also subject to the rules of :mod:`.courtesy`, since its training contained few
-    standing or crossing agents, and no signals: an agent stays in its lane if the side is taken, keeps its distance to
-    the agent ahead and to red lights, waits for crossing agents, and makes room for merging ones.
+    same safety layer. The network is also subject to :mod:`.yielding_rules`, since its training contained few standing
+    or crossing agents, and no signals: an agent stays in its lane if the side is taken, keeps its distance to the agent
+    ahead and to red lights, waits for crossing agents, and makes room for merging ones.
     """
 
     batched = True
@@ -177,54 +178,62 @@ class PolicyC(Policy):
         self._rules, self._lane_map = rules, scenario.lane_map
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
-        """Controls of every agent that is held or handed back."""
+        """Returns controls of every agent that is held or handed back."""
         held = [t for t in takeovers.takeovers if t.state == TakeoverState.HELD]
-        others = tuple(t for t in takeovers.takeovers if t.state != TakeoverState.HELD)
         passing = [t for t in held if t.path_source == PathSource.LANE]
         keeping = [t for t in held if t.path_source != PathSource.LANE]
-        driven = self._keep(DrivingScene.of_takeovers(self._lane_map, table, keeping))
-        returning = self._rules.act(table, TakeoverTable(takeovers.step, others))
-        controls = merged(driven, returning)
-        return merged(controls, self._pass(table, passing)) if passing else controls
+        returning = [t for t in takeovers.takeovers if t.state != TakeoverState.HELD]
+        return merged(self._keep(table, keeping), self._by_rules(table, returning), self._pass(table, passing))
 
-    def _keep(self, scene: DrivingScene) -> ControlTable:
-        """Controls of agents that the network drives."""
-        agents = scene.agents
+    def _keep(self, table: AgentTable, keeping: Sequence[Takeover]) -> ControlTable:
+        """Returns controls of agents that keep to their paths: those of the network, limited by the rules."""
+        scene = DrivingScene.of_takeovers(self._lane_map, table, keeping)
         if not len(scene):
-            return ControlTable.empty(agents.table.step)
+            return ControlTable.empty(table.step)
         acceleration, yaw_rate = self.driver.asked(scene)
-        acceleration = self._rules.hold_to_rules(agents, acceleration, self.driver.safety.config)
+        acceleration = self._rules.hold_to_rules(scene.agents, acceleration, self.driver.safety.config)
+        yaw_rate = self._stay_in_lane(scene.agents, yaw_rate)
+        return guarded(scene, acceleration, yaw_rate, self.driver.safety)
+
+    def _stay_in_lane(self, agents: PathFollowers, yaw_rate: FloatArray) -> FloatArray:
+        """Returns yaw rates (m,) [rad/s] as requested, or along the lane where they lead to a side that is taken."""
         to_path, asked = agents.path_yaw_rate - agents.lane_yaw_rate, yaw_rate - agents.lane_yaw_rate
         waits = self._rules.side_taken(agents, or_will_be=True) & (to_path * asked > 0.0)
-        yaw_rate = np.where(waits, agents.lane_yaw_rate, yaw_rate)
-        return guarded(scene, acceleration, yaw_rate, self.driver.safety)
+        return np.where(waits, agents.lane_yaw_rate, yaw_rate)
+
+    def _by_rules(self, table: AgentTable, takeovers: Sequence[Takeover]) -> ControlTable:
+        """Returns controls of agents that policy `yield` drives."""
+        return self._rules.act(table, TakeoverTable(table.step, tuple(takeovers)))
 
     def _pass(self, table: AgentTable, passing: Sequence[Takeover]) -> ControlTable:
         """Controls of passing agents, which brake no harder than is comfortable unless the safety layer demands it.
 
         Plain car following would brake hard for the leader in the lane that they are leaving.
         """
-        asked = self._rules.act(table, TakeoverTable(table.step, tuple(passing)))
+        asked = self._by_rules(table, passing)
+        if not passing:
+            return asked
         scene = DrivingScene.of_takeovers(self._lane_map, table, passing)
         braking = np.maximum(asked.acceleration, -self._rules.comfortable_braking)
         return guarded(scene, braking, asked.yaw_rate, self.driver.safety)
 
 
-def merged(first: ControlTable, second: ControlTable) -> ControlTable:
-    """Controls of both, ids ascending; no agent is in both."""
-    if not len(first.id) or not len(second.id):
-        return first if len(first.id) else second
-    order = np.concatenate([first.id, second.id]).argsort(kind="stable")
+def merged(*tables: ControlTable) -> ControlTable:
+    """Returns controls of several tables of a step, ids ascending; no agent is in two of them."""
+    listed = [table for table in tables if len(table.id)]
+    if len(listed) <= 1:
+        return listed[0] if listed else tables[0]
+    order = np.concatenate([table.id for table in listed]).argsort(kind="stable")
 
-    def both(field: str) -> np.ndarray:
-        return np.asarray(np.concatenate([getattr(first, field), getattr(second, field)])[order])
+    def column(field: str) -> np.ndarray:
+        return np.asarray(np.concatenate([getattr(table, field) for table in listed])[order])
 
     fields = ("id", "acceleration", "lateral_acceleration", "yaw_rate", "source")
-    return ControlTable(first.step, **{field: both(field) for field in fields})
+    return ControlTable(tables[0].step, **{field: column(field) for field in fields})
 
 
 def _observation(metadata: dict[str, str], path: Path) -> ObservationConfig:
-    """The observation in a file's metadata."""
+    """Returns the observation in a file's metadata."""
     arrange, slots, sight = (metadata.get(f"observation.{field}", "") for field in ("arrange", "slots", "sight"))
     ahead = metadata.get("observation.ahead", "False")  # missing in older files
     try:

@@ -75,14 +75,14 @@ class HumanReaction(Policy):
         return ControlTable.without_slip(table, rows, acceleration, yaw_rate, source)
 
     def _hardest(self, before: FloatArray) -> FloatArray:
-        """Lowest accelerations (m,) [m/s2] that are possible now, after those of the step `before` (m,)."""
+        """Returns lowest accelerations (m,) [m/s2] that are possible now, after those of the step `before` (m,)."""
         config = self._config
         if not config.braking_jerk:
             return np.full(len(before), -config.braking_max)
         return np.maximum(-config.braking_max, np.minimum(before, 0.0) - config.braking_jerk * STEP_S)
 
     def _unaware(self, takeover: Takeover, step: int) -> bool:
-        """Whether the driver has not reacted yet."""
+        """Returns whether the driver has not reacted yet."""
         if takeover.reason != TakeoverReason.CONFLICT or takeover.state != TakeoverState.HELD:
             return False
         row = int(self._log.ids.searchsorted(takeover.agent))
@@ -107,7 +107,7 @@ def read_reaction(read: ParameterReader) -> Callable[[Policy, Setting], Policy]:
 
 
 def reaction_steps(config: ReactionConfig, identities: IntArray) -> IntArray:
-    """Steps (N,) until the agents react, drawn by seed and id (N, 2), independently of other agents."""
+    """Returns steps (N,) until the agents react, drawn by seed and id (N, 2), independently of other agents."""
     if not config.spread or not config.time:
         return np.full(len(identities), round(config.time / STEP_S))
     drawn = [np.random.default_rng([*identity, DRAW]).standard_normal() for identity in identities.tolist()]

@@ -11,7 +11,6 @@ from litsim_policy.motion.along_path import Poses
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
-from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, IntArray
 from litsim_sim.core.takeover import PathSource, Takeover
 from litsim_sim.lane_map.lane_map import LaneMap
@@ -39,14 +38,13 @@ class DrivingTask:
 
     @classmethod
     def of(cls, takeover: Takeover) -> DrivingTask:
-        """Return the task of an agent that was taken over."""
+        """Returns the task of an agent that was taken over."""
         path = ReferencePath.of(takeover.reference_path)
         goal = np.array(takeover.goal_pose[:2])
         return cls(takeover.agent, path, goal, due_step(takeover), opponent_of(takeover))
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class DrivingScene:
     """The m agents with a task among all agents of a step.
 
@@ -69,7 +67,7 @@ class DrivingScene:
     def of(
         cls, lane_map: LaneMap, table: AgentTable, tasks: Sequence[DrivingTask], poses: Poses | None = None
     ) -> DrivingScene:
-        """Return the scene of `tasks`, whose agents are all in `table`; `poses` as in :class:`PathFollowers`."""
+        """Returns the scene of `tasks`, whose agents are all in `table`; `poses` as in :class:`PathFollowers`."""
         return cls.on_paths(
             lane_map,
             table,
@@ -81,7 +79,7 @@ class DrivingScene:
 
     @classmethod
     def of_takeovers(cls, lane_map: LaneMap, table: AgentTable, takeovers: Sequence[Takeover]) -> DrivingScene:
-        """Return the scene of agents that were taken over, all of which are in `table`."""
+        """Returns the scene of agents that were taken over, all of which are in `table`."""
         return cls.on_paths(
             lane_map,
             table,
@@ -100,7 +98,7 @@ class DrivingScene:
         numbers: Sequence[tuple[int, int, int]],
         poses: Poses | None = None,
     ) -> DrivingScene:
-        """Return the scene of m agents on paths.
+        """Returns the scene of m agents on paths.
 
         Args:
             lane_map: the road.
@@ -116,7 +114,7 @@ class DrivingScene:
 
 
 def due_step(takeover: Takeover) -> int:
-    """Step at which the agent of `takeover`, had it followed its log, was expected at the conflict."""
+    """Returns the step at which the agent of `takeover`, had it followed its log, was expected at the conflict."""
     return takeover.detected_step + round(takeover.time_to_conflict / STEP_S)
 
 

@@ -4,17 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import field
+from functools import cached_property
 
 import numpy as np
 
-from litsim_policy.driving.courtesy import crossing_awaited, distance_kept, room_made, side_taken
-from litsim_policy.driving.giving_way import give_way
 from litsim_policy.driving.handback import HandbackConfig, catch_up
 from litsim_policy.driving.policy import Policy
 from litsim_policy.driving.reaction import read_reaction
 from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.following import braking_needed
 from litsim_policy.driving.task import opponent_of
+from litsim_policy.driving.yielding_rules import (
+    RuleValues,
+    give_way,
+    keep_distance,
+    make_room,
+    side_is_taken,
+    wait_for_crossing,
+)
 from litsim_policy.motion.car_following import IdmConfig, idm_acceleration
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
@@ -75,6 +82,21 @@ class YieldConfig:
     crossing_horizon: NonNegative[Duration] = 3.0
     crossing_margin: NonNegative[Length] = 0.5
 
+    @cached_property
+    def values(self) -> RuleValues:
+        """The values that the rules take."""
+        return RuleValues(
+            self.idm.values,
+            self.courtesy_deceleration,
+            self.side_gap,
+            self.side_horizon,
+            self.side_margin,
+            self.side_drift,
+            self.room_horizon,
+            self.crossing_horizon,
+            self.crossing_margin,
+        )
+
 
 class YieldPolicy(Policy):
     """The policy called `yield`."""
@@ -101,7 +123,7 @@ class YieldPolicy(Policy):
         return self._config.idm.deceleration
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
-        """Controls of all agents that are held, handed back, or released to a lagged log."""
+        """Returns controls of all agents that are held, handed back, or released to a lagged log."""
         listed = [t for t in takeovers.takeovers if t.state != TakeoverState.RELEASED or t.time_shift > 0.0]
         if not listed:
             return ControlTable.empty(table.step)
@@ -118,34 +140,14 @@ class YieldPolicy(Policy):
         return ControlTable.without_slip(table, rows, acceleration, yaw_rate, source)
 
     def _hold(self, agents: PathFollowers, takeovers: Sequence[Takeover]) -> FloatArray:
-        """Accelerations (m,) [m/s2] with which agents follow others on their paths, stop at red, and give way.
-
-        They give way to their opponents and to those alongside that are ahead.
-        """
-        view, table = agents.view, agents.table
-        wanted = self._wanted_speed(agents)
-        acceleration = give_way(
-            view.gap,
-            view.speed,
-            view.ahead,
-            view.in_path,
-            view.aside,
-            view.first,
-            table.id,
-            table.x,
-            table.y,
-            table.yaw,
-            agents.rows,
-            agents.speed,
-            wanted,
-            np.array([opponent_of(t) for t in takeovers]),
-            self._config.courtesy_deceleration,
-            *self._config.idm.of_model,
-        )
+        """Accelerations (m,) [m/s2] with which agents follow others on their paths, stop at red, and give way."""
+        wanted, opponent = self._wanted_speed(agents), np.array([opponent_of(t) for t in takeovers])
+        rules = self._config.values
+        acceleration = give_way(agents.view, agents.table.arrays, agents.rows, wanted, opponent, rules)
         return idm_at_signals(self._config.idm, agents.speed, wanted, acceleration, self._stop_lines.of(agents))
 
     def _hand_back(self, agents: PathFollowers, takeovers: Sequence[Takeover]) -> FloatArray:
-        """Accelerations (m,) [m/s2] that close the distance to the log behind agents on the path.
+        """Returns accelerations (m,) [m/s2] that close the distance to the log behind agents on the path.
 
         Agents that overlap in the log itself are ignored, so that the overlap can be reached.
         """
@@ -156,7 +158,7 @@ class YieldPolicy(Policy):
         behind = agents.to_goal(log.x[at], log.y[at])
         wanted = catch_up(self._handback, behind, agents.speed, log_speed, log.acceleration[at])
         free = log_speed + 2.0 * self._handback.speed_excess
-        leads = view.ahead & view.in_path & ~self._overlapped_in_log(agents, at[0], at[1])
+        leads = agents.leaders.leads & ~self._overlapped_in_log(agents, at[0], at[1])
         follow = idm_acceleration(self._config.idm, agents.speed, free, view.gap, view.speed, leads)
         follow = np.maximum(follow, -np.maximum(self.comfortable_braking, braking_needed(agents, leads)))
         line = self._stop_lines.of(agents)
@@ -165,13 +167,13 @@ class YieldPolicy(Policy):
     def _overlapped_in_log(self, agents: PathFollowers, log_rows: IntArray, now: IntArray) -> BoolArray:
         """Mask (m, w) of near agents ahead that overlap in the log as well, about steps `now` (m,) of the logs."""
         view, table = agents.view, agents.table
-        found, of_ego = np.zeros(view.gap.shape, np.bool_), table.of_ego
-        for k, column, row in view.pairs(view.ahead & view.in_path & (view.gap < CLOSE_UP)):
+        overlapped, of_ego = np.zeros(view.gap.shape, np.bool_), table.of_ego
+        for k, column, row in view.pairs(agents.leaders.leads & (view.gap < CLOSE_UP)):
             if of_ego[row]:
                 continue
             a, b = int(log_rows[k]), int(self._log.ids.searchsorted(table.id[row]))
-            found[k, column] = self._overlaps.meets(a, b, now[k], table.x[row], table.y[row])
-        return found
+            overlapped[k, column] = self._overlaps.meets(a, b, now[k], table.x[row], table.y[row])
+        return overlapped
 
     def _steer(self, agents: PathFollowers) -> FloatArray:
         """Yaw rates (m,) [rad/s] along the paths, or along the lanes if the side to which a path leads is taken."""
@@ -179,88 +181,24 @@ class YieldPolicy(Policy):
 
     def side_taken(self, agents: PathFollowers, *, or_will_be: bool = False) -> BoolArray:
         """Mask (m,) of agents with paths to a side that is taken; with `or_will_be`, also by merging agents."""
-        table, config = agents.table, self._config
-        return side_taken(
-            table.scene,
-            table.x,
-            table.y,
-            table.yaw,
-            table.speed,
-            table.length,
-            table.width,
-            agents.rows,
-            agents.lane.heading,
-            agents.target,
-            config.side_gap,
-            config.side_horizon,
-            config.side_margin,
-            config.side_drift,
-            config.side_horizon if or_will_be else 0.0,
-        )
+        rules, lane_heading = self._config.values, agents.lane.heading
+        coming_over = rules.side_horizon if or_will_be else 0.0
+        return side_is_taken(agents.table.arrays, agents.rows, lane_heading, agents.target, rules, coming_over)
 
     def hold_to_rules(self, agents: PathFollowers, wanted: FloatArray, safe: SafetyConfig) -> FloatArray:
-        """Limit accelerations `wanted` (m,) [m/s2] by the rules of :mod:`.courtesy` and red lights.
+        """Limit accelerations `wanted` (m,) [m/s2] by the rules of :mod:`.yielding_rules` and red lights.
 
         Agents keep their distance to leaders, with the parameters `safe`, wait for crossing agents, make room for
         merging ones, and stop at red.
         """
-        view, table, config = agents.view, agents.table, self._config
-        kept = distance_kept(
-            wanted,
-            agents.speed,
-            table.length[agents.rows],
-            view.gap,
-            view.speed,
-            view.ahead & view.in_path,
-            view.first,
-            table.acceleration,
-            config.idm.standstill_gap,
-            config.idm.deceleration,
-            config.courtesy_deceleration,
-            safe.own_braking,
-            safe.leader_braking,
-            safe.relax,
-        )
-        kept = crossing_awaited(
-            kept,
-            agents.paths.segments,
-            agents.paths.count,
-            agents.s,
-            table.scene,
-            table.x,
-            table.y,
-            table.yaw,
-            table.speed,
-            table.acceleration,
-            table.yaw_rate,
-            table.length,
-            table.width,
-            table.off_log,
-            agents.rows,
-            config.crossing_margin,
-            config.crossing_horizon,
-            config.courtesy_deceleration,
-        )
-        kept = room_made(
-            kept,
-            table.scene,
-            table.x,
-            table.y,
-            table.yaw,
-            table.speed,
-            table.acceleration,
-            table.length,
-            table.width,
-            agents.rows,
-            agents.lane.heading,
-            config.side_gap,
-            config.room_horizon,
-            config.courtesy_deceleration,
-        )
+        rules, table, rows = self._config.values, agents.table, agents.rows
+        kept = keep_distance(wanted, agents.speed, table.length[rows], agents.leaders, rules, safe.values)
+        kept = wait_for_crossing(kept, agents.paths.arrays, agents.s, table.arrays, rows, rules)
+        kept = make_room(kept, table.arrays, rows, agents.lane.heading, rules)
         line = self._stop_lines.of(agents)
         if np.isinf(line).all():
             return kept
-        return idm_at_signals(config.idm, agents.speed, self._wanted_speed(agents), kept, line)
+        return idm_at_signals(self._config.idm, agents.speed, self._wanted_speed(agents), kept, line)
 
     def _wanted_speed(self, agents: PathFollowers) -> FloatArray:
         """Desired speeds (m,) [m/s]: the log's at the agent's position or now, if greater, plus `speed_reserve`."""
@@ -272,5 +210,5 @@ class YieldPolicy(Policy):
         return np.maximum(logged + self._config.speed_reserve, self._config.speed_min)
 
     def _log_rows(self, agents: PathFollowers) -> IntArray:
-        """Rows (m,) of the agents in the log."""
+        """Returns rows (m,) of the agents in the log."""
         return self._log.ids.searchsorted(agents.table.id[agents.rows])

@@ -104,7 +104,7 @@ def onward(points: FloatArray, yaw: float) -> FloatArray:
 
 
 def travelled(points: FloatArray) -> FloatArray:
-    """Arc lengths (k,) [m] along `points` (k + 1, 2) from the first to each of the others."""
+    """Returns the arc lengths (k,) [m] along `points` (k + 1, 2) from the first to each of the others."""
     return np.cumsum(np.hypot(*np.diff(points, axis=0).T))
 
 
@@ -117,7 +117,7 @@ def fitted_acceleration(way: FloatArray, dt: float, speed: float, preview: float
 
 
 def lanes_ahead(lane_map: LaneMap, start: int) -> frozenset[int]:
-    """Rows of the lanes that are reachable from the lane in row `start` over neighbours and successors."""
+    """Returns rows of the lanes that are reachable from the lane in row `start` over neighbours and successors."""
     found, new = {start}, [start]
     while new:
         lane = lane_map.lanes[new.pop()]

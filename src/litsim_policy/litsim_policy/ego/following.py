@@ -65,7 +65,7 @@ class FollowingEgo(Ego):
 def commands(
     paths: PathBatch, table: AgentTable, rows: IntArray, drivers: Sequence[Following], stop_lines: StopLines
 ) -> list[EgoCommand]:
-    """Commands of m egos that drive along paths, independent of each other.
+    """Returns commands of m egos that drive along paths, independent of each other.
 
     Args:
         paths: m paths, those of `drivers`.
@@ -93,7 +93,7 @@ def _behind(
     minding: list[int],
     stop_lines: StopLines,
 ) -> FloatArray:
-    """Accelerations [m/s2] behind leaders and at red lights, of the egos at positions `minding`."""
+    """Returns accelerations [m/s2] behind leaders and at red lights, of the egos at positions `minding`."""
     own, path = rows[minding], np.array(minding)
     view = along_paths(paths, table, own, path=path)
     gap, along, leads = view.gap, view.speed, view.ahead & view.in_path

@@ -114,7 +114,7 @@ class PerturbedEgo(FollowingEgo):
         return True
 
     def _next_lane(self, table: AgentTable, row: int) -> Lane | None:
-        """The adjacent lane on the side drawn first, else on the other side, if no agent is alongside there."""
+        """Returns the adjacent lane on the side drawn first, else on the other side, if no agent is alongside there."""
         lanes = self._scenario.lane_map
         here = lanes.lanes[int(lanes.nearest(table.x[[row]], table.y[[row]], table.yaw[[row]]).lane[0])]
         for name in (here.left, here.right) if self._left_first else (here.right, here.left):
@@ -125,7 +125,7 @@ class PerturbedEgo(FollowingEgo):
         return None
 
     def _taken(self, table: AgentTable, row: int, left: float) -> bool:
-        """Whether an agent is alongside the position `left` [m] to the left of the ego."""
+        """Returns whether an agent is alongside the position `left` [m] to the left of the ego."""
         ahead, beside = to_body(table.x - table.x[row], table.y - table.y[row], table.yaw[row])
         reach = 0.5 * (table.length + table.length[row]) + self._config.lane_gap
         taken = (np.abs(ahead) < reach) & (np.abs(beside - left) < 0.5 * (table.width + table.width[row]))
@@ -147,7 +147,7 @@ class PerturbedEgo(FollowingEgo):
         return Following(path, wanted, FOLLOWING, 2.0 * speed + 10.0)
 
     def _logged_speed(self, table: AgentTable, row: int) -> float:
-        """Speed [m/s] of the log at its position nearest to the ego."""
+        """Returns the speed [m/s] of the log at its position nearest to the ego."""
         log = self._scenario.log
         valid = np.flatnonzero(log.valid[self._row])
         distance = np.hypot(log.x[self._row, valid] - table.x[row], log.y[self._row, valid] - table.y[row])

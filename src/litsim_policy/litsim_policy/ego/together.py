@@ -24,7 +24,7 @@ class EgosTogether:
         self._paths = PathBatch([])
 
     def plan(self, table: AgentTable, scenes: Iterable[int]) -> list[EgoCommand]:
-        """Commands of all egos for the step of `table`; empty ones for scenes that are not in `scenes`."""
+        """Returns commands of all egos for the step of `table`; empty ones for scenes that are not in `scenes`."""
         answers = [EgoCommand(table.step)] * len(self._egos)
         rows = table.rows(self._joined.ego_ids)
         driving: dict[int, Following] = {}
@@ -47,7 +47,7 @@ class EgosTogether:
         return answers
 
     def _along(self, followed: list[ReferencePath]) -> PathBatch:
-        """The batch of the paths `followed`, rebuilt only when they change."""
+        """Returns the batch of the paths `followed`, rebuilt only when they change."""
         if [*map(id, followed)] != [*map(id, self._followed)]:
             self._followed, self._paths = followed, PathBatch([path.points for path in followed])
         return self._paths

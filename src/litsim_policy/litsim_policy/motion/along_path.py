@@ -4,30 +4,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numba.types import Tuple
 
 from litsim_policy.motion.path_batch import PathBatch
-from litsim_policy.motion.path_kernels import UNIT_X, UNIT_Y, S, nearest
+from litsim_policy.motion.path_kernels import PATHS, UNIT_X, UNIT_Y, PathArrays, S, nearest
 from litsim_policy.motion.reference_path import ReferencePath
 from litsim_sim.core.pair_geometry import within, within_scenes
-from litsim_sim.core.quickly_made import quickly_made
-from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import AGENTS, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
     FLOATS,
-    FLOATS3,
     INTS,
-    INTS2,
     OUT_BOOLS3,
     OUT_FLOATS2,
     OUT_FLOATS3,
     OUT_INTS,
     OUT_INTS2,
+    Bools2,
+    Floats,
+    Floats2,
+    Ints,
+    Ints2,
     float64,
     int64,
     kernel,
+    tuple_type,
 )
 
 SIGHT = 120.0  # [m] distance beyond which agents are ignored
@@ -38,9 +41,15 @@ Poses = tuple[FloatArray, FloatArray, FloatArray]
 """x, y [m] and yaw [rad] of m agents; arrays (m,)."""
 
 
-@quickly_made
-@dataclass(frozen=True)
-class AlongPath:
+class PoseArrays(NamedTuple):
+    """:data:`Poses` as kernels take them."""
+
+    x: Floats
+    y: Floats
+    yaw: Floats
+
+
+class AlongPath(NamedTuple):
     """The agents of a scene relative to a vehicle on its path, or relative to m vehicles, each in its own scene.
 
     Arrays are (w,) or (m, w) unless stated otherwise: column c is the agent in row `first` + c of the table, and w is
@@ -59,30 +68,48 @@ class AlongPath:
         own_s, own_d: one number or (m,): `s` and `d` of the vehicle itself [m].
     """
 
-    s: FloatArray
-    d: FloatArray
-    gap: FloatArray
-    speed: FloatArray
-    ahead: BoolArray
-    aside: FloatArray
-    in_path: BoolArray
-    first: IntArray
-    own_s: FloatArray
-    own_d: FloatArray
+    s: Floats2
+    d: Floats2
+    gap: Floats2
+    speed: Floats2
+    ahead: Bools2
+    aside: Floats2
+    in_path: Bools2
+    first: Ints
+    own_s: Floats
+    own_d: Floats
 
     def pairs(self, which: BoolArray) -> Iterator[tuple[int, int, int]]:
         """Position of the vehicle, column, and row of the agent in the table, for each True in `which` (m, w)."""
         vehicle, column = which.nonzero()
         return zip(vehicle.tolist(), column.tolist(), (self.first[vehicle] + column).tolist(), strict=True)
 
-    def __getitem__(self, which: int | slice) -> AlongPath:
-        """The view of one, or some, of the m vehicles."""
-        return AlongPath(*(getattr(self, field.name)[which] for field in fields(self)))
+    def of(self, vehicle: int) -> AlongPath:
+        """The view of one of the m vehicles."""
+        return AlongPath(*(values[vehicle] for values in self))
+
+
+class ProjectedPairs(NamedTuple):
+    """k pairs of a vehicle and an agent within its sight, ordered by the vehicle.
+
+    Attributes:
+        pair: (2, k) position of the vehicle among m, and row of the agent.
+        s, d: (k,) arc length and offset of the agent on the vehicle's path [m].
+        turn: (k,) heading of the agent relative to the path [rad].
+    """
+
+    pair: Ints2
+    s: Floats
+    d: Floats
+    turn: Floats
+
+
+POSES, VIEW, PAIRS = tuple_type(PoseArrays), tuple_type(AlongPath), tuple_type(ProjectedPairs)
 
 
 def along_path(path: ReferencePath, agents: AgentTable, row: int, margin: float = MARGIN) -> AlongPath:
     """Agents relative to the one in `row`, which follows `path`; see :func:`along_paths`. Arrays (w,)."""
-    return along_paths(path.batch, agents, np.array([row]), margin)[0]
+    return along_paths(path.batch, agents, np.array([row]), margin).of(0)
 
 
 def along_paths(
@@ -108,58 +135,29 @@ def along_paths(
     Returns:
         arrays (m, w).
     """
-    own = poses or (agents.x[rows], agents.y[rows], agents.yaw[rows])
+    own = PoseArrays(*(poses or (agents.x[rows], agents.y[rows], agents.yaw[rows])))
     reach = np.minimum(sight, SIGHT) if isinstance(sight, np.ndarray) else np.full(len(rows), min(sight, SIGHT))
-    first, most, pair, (s, d, turn, unit_x, unit_y) = _projected(
-        agents.scene,
-        agents.x,
-        agents.y,
-        agents.yaw,
-        rows,
-        *own,
-        reach,
-        paths.each if path is None else path,
-        paths.segments,
-        paths.circles,
-        paths.count,
-    )
-    turn -= np.arctan2(unit_y, unit_x)
-    box = agents.length, agents.width
-    (ahead, in_path), where, (own_s, own_d) = _along(pair, s, d, turn, agents.speed, *box, rows, first, most, margin)
+    path = paths.each if path is None else path
+    first, most, pair, (s, d, turn, unit_x, unit_y) = _projected(agents.arrays, rows, own, reach, path, paths.arrays)
+    pairs = ProjectedPairs(pair, s, d, turn - np.arctan2(unit_y, unit_x))
+    (ahead, in_path), where, (own_s, own_d) = _along(pairs, agents.arrays, rows, first, most, margin)
     s, d, gap, speed, aside = where
     return AlongPath(s, d, gap, speed, ahead, aside, in_path, first, own_s, own_d)
 
 
-@kernel(
-    Tuple((OUT_INTS, int64, OUT_INTS2, OUT_FLOATS2))(
-        INTS, FLOATS, FLOATS, FLOATS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, INTS, FLOATS3, FLOATS3, INTS
-    )
-)
-def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    scene: IntArray,
-    x: FloatArray,
-    y: FloatArray,
-    yaw: FloatArray,
-    rows: IntArray,
-    own_x: FloatArray,
-    own_y: FloatArray,
-    own_yaw: FloatArray,
-    sight: FloatArray,
-    path: IntArray,
-    segments: FloatArray,
-    circles: FloatArray,
-    count: IntArray,
+@kernel(Tuple((OUT_INTS, int64, OUT_INTS2, OUT_FLOATS2))(AGENTS, INTS, POSES, FLOATS, INTS, PATHS))
+def _projected(
+    agents: AgentArrays, rows: IntArray, own: PoseArrays, sight: FloatArray, path: IntArray, paths: PathArrays
 ) -> tuple[IntArray, int, IntArray, FloatArray]:
     """Pairs of vehicles and agents within sight of each other, and the agents' positions along the vehicles' paths.
 
     Args:
-        scene: (n,) scene of each agent; only agents of one scene form pairs.
-        x, y, yaw: (n,) of all agents [m], [rad].
+        agents: all agents; only agents of one scene form pairs.
         rows: (m,) of the vehicles.
-        own_x, own_y, own_yaw: (m,) of the vehicles [m], [rad].
+        own: (m,) their poses.
         sight: (m,) their range of sight [m].
-        path: (m,) positions of their paths.
-        segments, circles, count: of paths, see :mod:`litsim_policy.motion.path_kernels`.
+        path: (m,) positions of their paths in `paths`.
+        paths: see :mod:`litsim_policy.motion.path_kernels`.
 
     Returns:
         the first row (m,) of each vehicle's scene, and the number of agents in the largest of these;
@@ -167,18 +165,19 @@ def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
         (5, k) arc length and offset of the agent on the path [m], its heading [rad], and x and y of the path's
         direction there.
     """
-    begin, end = within_scenes(scene, rows)
+    begin, end = within_scenes(agents.scene, rows)
     most, pairs = 0, 0
     for i in range(len(rows)):
         most, pairs = max(most, end[i] - begin[i]), pairs + end[i] - begin[i]
     pair, found = np.empty((2, pairs), np.int64), np.empty((5, pairs))
-    before = np.full((len(count), most), -1, np.int64)  # the pair for which an agent was projected onto a path already
+    # the pair for which an agent was projected onto a path already
+    before = np.full((len(paths.counts), most), -1, np.int64)
     k = 0
     for i in range(len(rows)):
         p = path[i]
-        vertices, chunks, last, on_path = segments[p], circles[p], count[p] - 2, before[p]
+        vertices, chunks, last, on_path = paths.segments[p], paths.circles[p], paths.counts[p] - 2, before[p]
         for j in range(begin[i], end[i]):
-            dx, dy = x[j] - own_x[i], y[j] - own_y[i]
+            dx, dy = agents.x[j] - own.x[i], agents.y[j] - own.y[i]
             if not dx * dx + dy * dy < sight[i] * sight[i]:
                 continue
             pair[0, k], pair[1, k] = i, j
@@ -188,9 +187,9 @@ def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
                     found[field, k] = found[field, known]
                 k += 1
                 continue
-            place_x, place_y, heading = x[j], y[j], yaw[j]
+            place_x, place_y, heading = agents.x[j], agents.y[j], agents.yaw[j]
             if j == rows[i]:
-                place_x, place_y, heading = own_x[i], own_y[i], own_yaw[i]
+                place_x, place_y, heading = own.x[i], own.y[i], own.yaw[i]
             else:
                 on_path[j - begin[i]] = k
             segment, s, d = nearest(vertices, chunks, last + 2, place_x, place_y)
@@ -203,32 +202,22 @@ def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
     return begin, most, pair[:, :k].copy(), found[:, :k].copy()
 
 
-@kernel(Tuple((OUT_BOOLS3, OUT_FLOATS3, OUT_FLOATS2))(INTS2, *[FLOATS] * 6, INTS, INTS, int64, float64))
-def _along(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    pair: IntArray,
-    s: FloatArray,
-    d: FloatArray,
-    turn: FloatArray,
-    speed: FloatArray,
-    length: FloatArray,
-    width: FloatArray,
-    rows: IntArray,
-    first: IntArray,
-    most: int,
-    margin: float,
+@kernel(Tuple((OUT_BOOLS3, OUT_FLOATS3, OUT_FLOATS2))(PAIRS, AGENTS, INTS, INTS, int64, float64))
+def _along(
+    pairs: ProjectedPairs, agents: AgentArrays, rows: IntArray, first: IntArray, most: int, margin: float
 ) -> tuple[BoolArray, FloatArray, FloatArray]:
     """Return the fields of :class:`AlongPath`.
 
     These are ahead and in_path (2, m, w); s, d, gap, speed and aside (5, m, w); own_s and own_d (2, m).
 
     Args:
-        pair, s, d: k pairs from :func:`_projected`.
-        turn: (k,) heading of the agents relative to the paths [rad].
-        speed, length, width: (n,) of all agents [m/s], [m].
+        pairs: from :func:`_projected`.
+        agents: all agents.
         rows: (m,) of the vehicles.
         first, most: first rows (m,) of their scenes, and the number w of agents of the largest of these.
         margin: as in :func:`along_paths`.
     """
+    pair, s, d, turn = pairs
     shape = (len(rows), most)
     seen, where = np.zeros((2, *shape), np.bool_), np.empty((5, *shape))
     where[0], where[1], where[2], where[3], where[4] = -np.inf, np.inf, -np.inf, 0.0, np.inf
@@ -241,15 +230,15 @@ def _along(  # noqa: PLR0917 - a kernel takes arrays and numbers
     for k in range(len(s)):
         i, j = pair[0, k], pair[1, k]
         cos, sin = math.cos(turn[k]), abs(math.sin(turn[k]))
-        half_along = 0.5 * (length[j] * abs(cos) + width[j] * sin)
-        half_across = 0.5 * (length[j] * sin + width[j] * abs(cos))
+        half_along = 0.5 * (agents.length[j] * abs(cos) + agents.width[j] * sin)
+        half_across = 0.5 * (agents.length[j] * sin + agents.width[j] * abs(cos))
         # the swept strip begins at the vehicle, so that it is offset from the path over the first metres
         offset = own_d[i] * within(1.0 - (s[k] - own_s[i]) / MERGE, 0.0, 1.0)
-        passing, half_width = abs(d[k] - offset), 0.5 * width[rows[i]]
+        passing, half_width = abs(d[k] - offset), 0.5 * agents.width[rows[i]]
         c = j - first[i]
         where[0, i, c], where[1, i, c] = s[k], d[k]
-        where[2, i, c] = s[k] - half_along - own_s[i] - 0.5 * length[rows[i]]
-        where[3, i, c], where[4, i, c] = speed[j] * cos, passing - (half_across + half_width)
+        where[2, i, c] = s[k] - half_along - own_s[i] - 0.5 * agents.length[rows[i]]
+        where[3, i, c], where[4, i, c] = agents.speed[j] * cos, passing - (half_across + half_width)
         seen[0, i, c] = j != rows[i] and s[k] > own_s[i]
         seen[1, i, c] = passing < half_across + (half_width + margin)
     return seen, where, own

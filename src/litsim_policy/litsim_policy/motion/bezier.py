@@ -26,7 +26,7 @@ def between(start: FloatArray, end: FloatArray) -> FloatArray:
 
 
 def points(control: FloatArray, spacing: float) -> FloatArray:
-    """Points (m, 2) of the cubic with control points `control` (4, 2), at most about `spacing` [m] apart.
+    """Returns points (m, 2) of the cubic with control points `control` (4, 2), at most about `spacing` [m] apart.
 
     The first and the last point are exactly the first and the last control point.
     """

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,14 +18,50 @@ from litsim_sim.kernels.compiled import (
     FLOATS,
     FLOATS2,
     OUT_FLOATS,
+    Bools2,
+    Floats,
+    Floats2,
+    Ints,
     float64,
     kernel,
+    tuple_of,
+    tuple_type,
 )
 
 DESIRED_MIN = 0.1  # [m/s] lower bound on desired speeds
 GAP_MIN = 0.1  # [m] lower bound on gaps, since the model has a pole at zero
 LEADER_BRAKES = 1.0  # [m/s2] a leader that brakes harder is assumed to brake until it stands
 BRAKING_MIN = 0.1  # [m/s2] lower bound on the braking of such a leader
+
+
+class IdmValues(NamedTuple):
+    """The values of :class:`IdmConfig` besides the desired speed."""
+
+    headway: float
+    standstill_gap: float
+    acceleration: float
+    deceleration: float
+    braking_max: float
+
+
+class Leaders(NamedTuple):
+    """The leaders of m vehicles among w others.
+
+    Attributes:
+        gap, speed: (m, w) to the others and of the others along the vehicles' paths [m], [m/s].
+        leads: (m, w) whether one of them leads.
+        first: (m,) row of the first of the others among n agents.
+        acceleration: (n,) of all agents [m/s2].
+    """
+
+    gap: Floats2
+    speed: Floats2
+    leads: Bools2
+    first: Ints
+    acceleration: Floats
+
+
+IDM, LEADERS = tuple_type(IdmValues), tuple_type(Leaders)
 
 
 @configuration
@@ -46,10 +84,10 @@ class IdmConfig:
     deceleration: Positive[Acceleration] = 2.5
     braking_max: Positive[Acceleration] = 8.0
 
-    @property
-    def of_model(self) -> tuple[float, float, float, float, float]:
-        """Parameters of the model besides the desired speed: T, s0, a_max, b and braking_max."""
-        return self.headway, self.standstill_gap, self.acceleration, self.deceleration, self.braking_max
+    @cached_property
+    def values(self) -> IdmValues:
+        """The parameters besides the desired speed, as kernels take them."""
+        return tuple_of(IdmValues, self)
 
 
 def idm_acceleration(
@@ -78,23 +116,19 @@ def idm_acceleration(
         np.ascontiguousarray(gap).reshape(pairs),
         np.ascontiguousarray(leader_speed, np.float64).reshape(pairs),
         np.ones(pairs, np.bool_) if leads is None else leads.reshape(pairs),
-        np.array([model.of_model for model in models]),
+        np.array([model.values for model in models]),
     )
     return found.reshape(shape)
 
 
-@kernel(float64(float64, float64, FLOATS, FLOATS, BOOLS, *[float64] * 5))
-def idm(  # noqa: PLR0917 - a kernel takes arrays and numbers
+@kernel(float64(float64, float64, FLOATS, FLOATS, BOOLS, IDM))
+def idm(
     speed: float,
     desired_speed: float,
     gap: FloatArray,
     leader_speed: FloatArray,
     leads: BoolArray,
-    headway: float,
-    standstill_gap: float,
-    acceleration: float,
-    deceleration: float,
-    braking_max: float,
+    model: IdmValues,
 ) -> float:
     """Acceleration [m/s2] of one vehicle behind the most demanding of its leaders; see :func:`idm_acceleration`.
 
@@ -102,16 +136,16 @@ def idm(  # noqa: PLR0917 - a kernel takes arrays and numbers
         speed, desired_speed: of the vehicle [m/s].
         gap, leader_speed: (n,) to and of all agents [m], [m/s].
         leads: (n,) whether an agent is a leader.
-        headway, standstill_gap, acceleration, deceleration, braking_max: see :attr:`IdmConfig.of_model`.
+        model: the parameters.
     """
-    free = acceleration * (1.0 - math.pow(speed / max(desired_speed, DESIRED_MIN), 4.0))
+    free = model.acceleration * (1.0 - math.pow(speed / max(desired_speed, DESIRED_MIN), 4.0))
     interaction = 0.0
     for j in range(len(gap)):
         if leads[j]:
-            closing = speed * (speed - leader_speed[j]) / (2.0 * math.sqrt(acceleration * deceleration))
-            wanted = standstill_gap + max(0.0, speed * headway + closing)
-            interaction = max(interaction, acceleration * (wanted / max(gap[j], GAP_MIN)) ** 2)
-    return within(free - interaction, -braking_max, acceleration)
+            closing = speed * (speed - leader_speed[j]) / (2.0 * math.sqrt(model.acceleration * model.deceleration))
+            wanted = model.standstill_gap + max(0.0, speed * model.headway + closing)
+            interaction = max(interaction, model.acceleration * (wanted / max(gap[j], GAP_MIN)) ** 2)
+    return within(free - interaction, -model.braking_max, model.acceleration)
 
 
 @kernel(float64(*[float64] * 4))
@@ -161,12 +195,11 @@ def _idm_accelerations(
 ) -> FloatArray:
     """Accelerations (m,) of m vehicles by :func:`idm`; arrays (m,) and (m, n).
 
-    `models` are the parameters :attr:`IdmConfig.of_model` of each vehicle (m, 5) or of all (1, 5).
+    `models` are the parameters :class:`IdmValues` of each vehicle (m, 5) or of all (1, 5).
     """
     found = np.empty(len(speed))
     for i in range(len(speed)):
         own = models[i if len(models) > 1 else 0]
-        found[i] = idm(
-            speed[i], desired_speed[i], gap[i], leader_speed[i], leads[i], own[0], own[1], own[2], own[3], own[4]
-        )
+        model = IdmValues(own[0], own[1], own[2], own[3], own[4])
+        found[i] = idm(speed[i], desired_speed[i], gap[i], leader_speed[i], leads[i], model)
     return found

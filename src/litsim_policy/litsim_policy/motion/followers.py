@@ -7,7 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from litsim_policy.motion.along_path import AlongPath, Poses, along_paths
+from litsim_policy.motion.along_path import AlongPath, PoseArrays, Poses, along_paths
+from litsim_policy.motion.car_following import Leaders
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import pursuit_reach, towards
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
@@ -22,21 +23,23 @@ class PathFollowers:
         table: all agents.
         rows: of the followers in `table`.
         paths: m paths.
-        x, y, yaw, speed: of the followers [m], [rad], [m/s]. If `poses` are given, they replace the follower's own pose
-            in its view, while the other agents are at their poses in `table`.
+        own: poses of the followers. If `poses` are given, they replace the follower's own pose in its view, while the
+            other agents are at their poses in `table`.
+        x, y, yaw, speed: of the followers [m], [rad], [m/s].
     """
 
     def __init__(
         self, lane_map: LaneMap, table: AgentTable, rows: IntArray, paths: PathBatch, poses: Poses | None = None
     ) -> None:
         self.table, self.rows, self.paths = table, rows, paths
-        self.x, self.y, self.yaw = poses or (table.x[rows], table.y[rows], table.yaw[rows])
+        self.own = PoseArrays(*(poses or (table.x[rows], table.y[rows], table.yaw[rows])))
+        self.x, self.y, self.yaw = self.own
         self.speed = table.speed[rows]
         self._lane_map = lane_map
 
     @classmethod
     def of_takeovers(cls, lane_map: LaneMap, table: AgentTable, takeovers: Sequence[Takeover]) -> PathFollowers:
-        """The agents of `takeovers`, all of which must be in `table`, on their reference paths."""
+        """Returns the agents of `takeovers`, all of which must be in `table`, on their reference paths."""
         rows = table.rows(np.array([t.agent for t in takeovers], np.int64))
         return cls(lane_map, table, rows, PathBatch([t.reference_path for t in takeovers]))
 
@@ -46,7 +49,13 @@ class PathFollowers:
     @cached_property
     def view(self) -> AlongPath:
         """All agents of the scenes relative to the followers, (m, w)."""
-        return along_paths(self.paths, self.table, self.rows, poses=(self.x, self.y, self.yaw))
+        return along_paths(self.paths, self.table, self.rows, poses=self.own)
+
+    @cached_property
+    def leaders(self) -> Leaders:
+        """The agents ahead on the followers' paths."""
+        view = self.view
+        return Leaders(view.gap, view.speed, view.ahead & view.in_path, view.first, self.table.acceleration)
 
     @property
     def s(self) -> FloatArray:
@@ -84,6 +93,6 @@ class PathFollowers:
         return 2.0 * self.speed / self.reach * np.sin(self.lane.heading - self.yaw)
 
     def to_goal(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Distance along the paths from the followers to the positions `x`, `y`, one for each [m]."""
+        """Returns the distance along the paths from the followers to the positions `x`, `y`, one for each [m]."""
         x, y = np.ascontiguousarray(x), np.ascontiguousarray(y)
         return self.paths.project(np.arange(len(self)), x, y).s - self.s

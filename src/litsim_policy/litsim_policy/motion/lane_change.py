@@ -6,33 +6,43 @@ Accelerations are those of the Intelligent Driver Model, now and as if the chang
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numba.types import Tuple
 
-from litsim_policy.motion.along_path import AlongPath
-from litsim_policy.motion.car_following import idm
+from litsim_policy.motion.along_path import VIEW, AlongPath
+from litsim_policy.motion.car_following import IDM, IdmValues, idm
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, Share, configuration
-from litsim_sim.core.quickly_made import quickly_made
-from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import AGENTS, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
     BOOLS,
     BOOLS2,
     FLOATS,
-    FLOATS2,
     INTS,
     OUT_BOOLS,
     OUT_FLOATS,
     float64,
     int64,
     kernel,
+    tuple_type,
 )
 
 NOBODY = -1
 BRAKING_MAX = 8.0  # [m/s2] limit on the model's braking
 LEVEL_SPEED = 1.0  # [m/s] lower bound on speeds in denominators
 SWING = 0.57  # share of a lane change after which a car is clear of the lane that it leaves
+
+
+class LaneChangeValues(NamedTuple):
+    """The values of :class:`LaneChangeConfig`; `model` is the car following."""
+
+    politeness: float
+    braking_safe: float
+    gap_min: float
+    model: IdmValues
 
 
 @configuration
@@ -57,9 +67,14 @@ class LaneChangeConfig:
     acceleration: Positive[Acceleration] = 2.0
     deceleration: Positive[Acceleration] = 2.5
 
+    @cached_property
+    def values(self) -> LaneChangeValues:
+        """The criteria that kernels take, with braking limited to BRAKING_MAX."""
+        model = IdmValues(self.headway, self.standstill_gap, self.acceleration, self.deceleration, BRAKING_MAX)
+        return LaneChangeValues(self.politeness, self.braking_safe, self.gap_min, model)
 
-@quickly_made
-@dataclass(frozen=True)
+
+@dataclass
 class LaneChanges:
     """Consequences of k lane changes; arrays (k,).
 
@@ -97,59 +112,15 @@ def weigh_changes(
         claimed: mask (k, w) of agents that are changing to the target lane, and count as being in it.
         reach: (k,) length of road that the change takes [m].
     """
-    return LaneChanges(
-        *_weigh(
-            table.speed,
-            table.length,
-            rows,
-            view.first,
-            wanted,
-            view.s,
-            view.gap,
-            view.speed,
-            view.ahead,
-            view.in_path,
-            claimed,
-            reach,
-            config.politeness,
-            config.braking_safe,
-            config.gap_min,
-            config.headway,
-            config.standstill_gap,
-            config.acceleration,
-            config.deceleration,
-            BRAKING_MAX,
-        )
-    )
+    return LaneChanges(*_weigh(config.values, table.arrays, rows, wanted, view, claimed, reach))
 
 
-@kernel(float64(*[float64] * 9))
-def _behind(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    speed: float,
-    desired_speed: float,
-    gap: float,
-    leader_speed: float,
-    headway: float,
-    standstill_gap: float,
-    acceleration: float,
-    deceleration: float,
-    braking_max: float,
-) -> float:
+@kernel(float64(*[float64] * 4, IDM))
+def _behind(speed: float, desired_speed: float, gap: float, leader_speed: float, model: IdmValues) -> float:
     """Acceleration [m/s2] of the model behind one leader; an infinite gap means a free road."""
     gaps, speeds, leads = np.empty(1), np.empty(1), np.empty(1, np.bool_)
     gaps[0], speeds[0], leads[0] = gap, leader_speed, gap < np.inf
-    return idm(
-        speed,
-        desired_speed,
-        gaps,
-        speeds,
-        leads,
-        headway,
-        standstill_gap,
-        acceleration,
-        deceleration,
-        braking_max,
-    )
+    return idm(speed, desired_speed, gaps, speeds, leads, model)
 
 
 @kernel(Tuple((int64, float64))(FLOATS, BOOLS, BOOLS, int64))
@@ -176,81 +147,55 @@ def _follower(s: FloatArray, length: FloatArray, ahead: BoolArray, in_lane: Bool
 
 
 @kernel(
-    Tuple((OUT_FLOATS, OUT_BOOLS, OUT_BOOLS))(
-        *(FLOATS, FLOATS, INTS, INTS, FLOATS),
-        *(FLOATS2, FLOATS2, FLOATS2, BOOLS2, BOOLS2),
-        *(BOOLS2, FLOATS),
-        *[float64] * 8,
-    )
+    Tuple((OUT_FLOATS, OUT_BOOLS, OUT_BOOLS))(tuple_type(LaneChangeValues), AGENTS, INTS, FLOATS, VIEW, BOOLS2, FLOATS)
 )
-def _weigh(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    speed: FloatArray,
-    length: FloatArray,
+def _weigh(
+    criteria: LaneChangeValues,
+    agents: AgentArrays,
     rows: IntArray,
-    first: IntArray,
     wanted: FloatArray,
-    s: FloatArray,
-    gap: FloatArray,
-    along: FloatArray,
-    ahead: BoolArray,
-    in_lane: BoolArray,
+    view: AlongPath,
     claimed: BoolArray,
     reach: FloatArray,
-    politeness: float,
-    braking_safe: float,
-    gap_min: float,
-    headway: float,
-    standstill_gap: float,
-    acceleration: float,
-    deceleration: float,
-    braking_max: float,
 ) -> tuple[FloatArray, BoolArray, BoolArray]:
-    """Return the fields of :class:`LaneChanges`.
+    """Return the fields of :class:`LaneChanges`; see :func:`weigh_changes`.
 
     The desired speed of a follower is assumed to be its present speed.
-
-    Args:
-        speed, length: (n,) of all agents [m/s], [m].
-        rows, wanted, reach: (k,) as in :func:`weigh_changes`.
-        first: (2 k,) as in :class:`AlongPath`; equal for both views of an agent.
-        s, gap, along, ahead, in_lane: (2 k, w) as in :class:`AlongPath`; `along` is its `speed`, `in_lane` its
-            `in_path`.
-        claimed: (k, w) as in :func:`weigh_changes`.
-        politeness, braking_safe, gap_min: as in :class:`LaneChangeConfig`.
-        headway, standstill_gap, acceleration, deceleration, braking_max: of the car following.
     """
     gain, safe, room = np.empty(len(rows)), np.empty(len(rows), np.bool_), np.empty(len(rows), np.bool_)
-    model = (headway, standstill_gap, acceleration, deceleration, braking_max)
-    comes = np.empty(s.shape[1], np.bool_)
+    model = criteria.model
+    comes = np.empty(view.s.shape[1], np.bool_)
     for i in range(len(rows)):
         there = len(rows) + i
         for j in range(len(comes)):
-            comes[j] = in_lane[there, j] or (claimed[i, j] and s[there, j] > -np.inf)
-        me, own = rows[i] - first[i], speed[rows[i]]
-        lengths = length[first[i] : first[i] + len(comes)]  # fewer than the columns, the rest of which are empty
-        old_leader, old_gap = _leader(gap[i], ahead[i], in_lane[i], me)
-        new_leader, new_gap = _leader(gap[there], ahead[there], comes, me)
-        old_follower, old_back = _follower(s[i], lengths, ahead[i], in_lane[i], me)
-        follower, back = _follower(s[there], lengths, ahead[there], comes, me)
-        old_speed = 0.0 if old_leader < 0 else along[i, old_leader]
-        new_speed = 0.0 if new_leader < 0 else along[there, new_leader]
-        now = _behind(own, wanted[i], old_gap, old_speed, *model)
-        then = _behind(own, wanted[i], new_gap, new_speed, *model)
+            comes[j] = view.in_path[there, j] or (claimed[i, j] and view.s[there, j] > -np.inf)
+        me, own = rows[i] - view.first[i], agents.speed[rows[i]]
+        # fewer than the columns, the rest of which are empty
+        lengths = agents.length[view.first[i] : view.first[i] + len(comes)]
+        old_leader, old_gap = _leader(view.gap[i], view.ahead[i], view.in_path[i], me)
+        new_leader, new_gap = _leader(view.gap[there], view.ahead[there], comes, me)
+        old_follower, old_back = _follower(view.s[i], lengths, view.ahead[i], view.in_path[i], me)
+        follower, back = _follower(view.s[there], lengths, view.ahead[there], comes, me)
+        old_speed = 0.0 if old_leader < 0 else view.speed[i, old_leader]
+        new_speed = 0.0 if new_leader < 0 else view.speed[there, new_leader]
+        now = _behind(own, wanted[i], old_gap, old_speed, model)
+        then = _behind(own, wanted[i], new_gap, new_speed, model)
         others, braking = 0.0, 0.0
         room[i] = new_gap > 0.0 and back > 0.0
-        room[i] = room[i] and max(own - new_speed, 0.0) ** 2 <= 2.0 * braking_safe * new_gap
+        room[i] = room[i] and max(own - new_speed, 0.0) ** 2 <= 2.0 * criteria.braking_safe * new_gap
         if follower >= 0:
-            its = along[there, follower]
-            before = _behind(its, its, back + lengths[me] + new_gap, new_speed, *model)
-            braking = _behind(its, its, back, own, *model)
+            its = view.speed[there, follower]
+            before = _behind(its, its, back + lengths[me] + new_gap, new_speed, model)
+            braking = _behind(its, its, back, own, model)
             others += braking - before
-            room[i] = room[i] and max(its - own, 0.0) ** 2 <= 2.0 * braking_safe * back
+            room[i] = room[i] and max(its - own, 0.0) ** 2 <= 2.0 * criteria.braking_safe * back
         if old_follower >= 0:
-            its = along[i, old_follower]
-            before = _behind(its, its, old_back, own, *model)
-            others += _behind(its, its, old_back + lengths[me] + old_gap, old_speed, *model) - before
-        gain[i] = then - now + politeness * others
-        safe[i] = braking >= -braking_safe and then >= -braking_safe and new_gap >= gap_min and back >= gap_min
+            its = view.speed[i, old_follower]
+            before = _behind(its, its, old_back, own, model)
+            others += _behind(its, its, old_back + lengths[me] + old_gap, old_speed, model) - before
+        gain[i] = then - now + criteria.politeness * others
+        safe[i] = braking >= -criteria.braking_safe and then >= -criteria.braking_safe
+        safe[i] = safe[i] and new_gap >= criteria.gap_min and back >= criteria.gap_min
         if old_leader >= 0:  # the agent must be clear of its lane before it reaches the leader
             share = within(old_speed / max(own, LEVEL_SPEED), 0.0, 1.0)
             safe[i] = safe[i] and old_gap >= SWING * reach[i] * (1.0 - share)

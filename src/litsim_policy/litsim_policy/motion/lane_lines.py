@@ -37,7 +37,7 @@ class LaneLines:
         self.road = np.unique([lane.edge_id for lane in lane_map.lanes], return_inverse=True)[1]
 
     def rows(self, lanes: IntArray) -> IntArray:
-        """Positions (k,) in `made` of the lines of `lanes` (k,), positions in `LaneMap.lanes`."""
+        """Returns positions (k,) in `made` of the lines of `lanes` (k,), positions in `LaneMap.lanes`."""
         missing = lanes[self._row[lanes] < 0]
         if len(missing):
             for lane in dict.fromkeys(missing.tolist()):
@@ -79,7 +79,7 @@ class LaneLines:
         return np.inf
 
     def width(self, lanes: IntArray) -> FloatArray:
-        """Widths (k,) of `lanes` (k,) [m]."""
+        """Returns widths (k,) of `lanes` (k,) [m]."""
         return self._widths[lanes]
 
     @cached_property
@@ -96,7 +96,7 @@ class LaneLines:
         return found
 
     def _line(self, lane: int) -> FloatArray:
-        """Points (m, 2) [m]: BEFORE of the predecessors, the lane, and BEYOND of its continuation."""
+        """Returns points (m, 2) [m]: BEFORE of the predecessors, the lane, and BEYOND of its continuation."""
         parts, first, left = [], lane, BEFORE
         while left > 0.0 and first in self._predecessor:
             first = self._predecessor[first]

@@ -10,14 +10,12 @@ import numpy as np
 
 from litsim_policy.motion import path_kernels
 from litsim_policy.motion.path_kernels import UNIT_X, UNIT_Y
-from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import FloatArray, IntArray
 
 PATH_BEHIND, PATH_AHEAD = 5.0, 150.0  # [m] of an agent's path, behind and ahead of it, that a policy is given
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class Projection:
     """Projections of k positions onto paths; arrays (k,).
 
@@ -51,7 +49,7 @@ class PathBatch:
         return len(self.count)
 
     def take(self, rows: IntArray) -> PathBatch:
-        """The paths at positions `rows`."""
+        """Returns the paths at positions `rows`."""
         other = object.__new__(PathBatch)
         other.count, other.segments, other.circles = self.count[rows], self.segments[rows], self.circles[rows]
         return other
@@ -64,19 +62,24 @@ class PathBatch:
         return Projection(*path_kernels.project(self.segments, self.circles, self.count, path, x, y))
 
     @cached_property
+    def arrays(self) -> path_kernels.PathArrays:
+        """The paths as kernels take them."""
+        return path_kernels.PathArrays(self.segments, self.circles, self.count)
+
+    @cached_property
     def each(self) -> IntArray:
         """Indices (m,) of all paths."""
         return np.arange(len(self))
 
     def segment(self, s: FloatArray, path: IntArray | None = None) -> IntArray:
-        """Segments (m, k) of the paths at arc lengths `s` (m, k) [m], with ends prolonged.
+        """Returns segments (m, k) of the paths at arc lengths `s` (m, k) [m], with ends prolonged.
 
         `path` (m,) selects paths by index; None for all paths in order.
         """
         return path_kernels.segments_at(self.segments, self.count, self.each if path is None else path, s)
 
     def window(self, s: FloatArray) -> tuple[IntArray, IntArray]:
-        """Range of the path points that policies are given, for agents at arc lengths `s` (m,) [m].
+        """Returns the range of the path points that policies are given, for agents at arc lengths `s` (m,) [m].
 
         Returns:
             first (m,) and end (m,), exclusive: from PATH_BEHIND behind the agents to the end of the segment at
@@ -85,7 +88,7 @@ class PathBatch:
         return path_kernels.windows(self.segments, self.count, s, PATH_BEHIND, PATH_AHEAD)
 
     def heading(self, path: int | IntArray, segment: IntArray) -> FloatArray:
-        """Direction (...) [rad] of segments of the paths with indices `path`; shapes broadcast."""
+        """Returns direction (...) [rad] of segments of the paths with indices `path`; shapes broadcast."""
         return np.arctan2(self.segments[path, segment, UNIT_Y], self.segments[path, segment, UNIT_X])
 
     def directions_ahead(self, s: FloatArray, reach: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -12,6 +12,7 @@ distance of the segments to a position.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import types
@@ -27,14 +28,28 @@ from litsim_sim.kernels.compiled import (
     OUT_FLOATS3,
     OUT_INTS,
     OUT_INTS2,
+    Floats3,
+    Ints,
     float64,
     int64,
     kernel,
+    tuple_type,
 )
 
 CHUNK = 8  # segments in a circle
 SLACK = 1e-6  # [m] by which circles are widened, for rounding
 X, Y, S, UNIT_X, UNIT_Y = range(5)  # columns of `segments`
+
+
+class PathArrays(NamedTuple):
+    """Paths as described above."""
+
+    segments: Floats3
+    circles: Floats3
+    counts: Ints
+
+
+PATHS = tuple_type(PathArrays)
 
 
 @kernel(types.Tuple((OUT_FLOATS3, OUT_FLOATS3))(FLOATS2, INTS))

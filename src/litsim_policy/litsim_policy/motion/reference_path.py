@@ -35,7 +35,7 @@ class ReferencePath:
 
     @classmethod
     def through(cls, points: FloatArray) -> ReferencePath:
-        """Path through `points` (m, 2); points closer than half the spacing to their predecessor are dropped.
+        """Returns path through `points` (m, 2); points closer than half the spacing to their predecessor are dropped.
 
         Raises:
             ValueError: fewer than two points are left.
@@ -47,11 +47,11 @@ class ReferencePath:
 
     @classmethod
     def of(cls, points: FloatArray) -> ReferencePath:
-        """Path through exactly `points` (m, 2); no two neighbours may be equal."""
+        """Returns path through exactly `points` (m, 2); no two neighbours may be equal."""
         return cls(points, np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))]))
 
     def project(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Arc length s (n,) and offset d (n,), positive to the left, of the nearest point of the path [m].
+        """Returns the arc length s (n,) and offset d (n,), positive to the left, of the nearest point of the path [m].
 
         The first and last segments are prolonged, so points before or beyond the path have s < 0 or s > length.
         """
@@ -59,11 +59,11 @@ class ReferencePath:
         return at.s, at.d
 
     def point(self, s: float) -> FloatArray:
-        """Point (2,) at arc length `s` [m], with ends prolonged."""
+        """Returns point (2,) at arc length `s` [m], with ends prolonged."""
         return self.batch.point(np.array([s]))[0]
 
     def heading(self, s: FloatArray) -> FloatArray:
-        """Directions (n,) [rad] of the path at arc lengths `s` (n,) [m]."""
+        """Returns directions (n,) [rad] of the path at arc lengths `s` (n,) [m]."""
         return self.batch.heading(0, self.batch.segment(s[None])[0])
 
     def followed_by(self, other: ReferencePath) -> ReferencePath:
@@ -78,7 +78,7 @@ class ReferencePath:
 
 
 def logged_path(log: Log, lane_map: LaneMap, agent: int) -> ReferencePath:
-    """The recorded path of `agent`, continued along its last lane; cached for all runs of a log."""
+    """Returns the recorded path of `agent`, continued along its last lane; cached for all runs of a log."""
     own, recorded = log.recorded(agent)
     made_of = id(lane_map), recorded
     if made_of not in own.paths:
@@ -108,7 +108,7 @@ def onto_lane(lane_map: LaneMap, end: FloatArray, yaw: float) -> FloatArray:
 
 
 def lane_path(lane_map: LaneMap, x: float, y: float, yaw: float, length: float = LANE_LENGTH) -> ReferencePath:
-    """The centre line of the lane at the pose `x`, `y` [m], `yaw` [rad], over `length` [m] from there on."""
+    """Returns the centre line of the lane at the pose `x`, `y` [m], `yaw` [rad], over `length` [m] from there on."""
     at = lane_map.nearest(np.array([x]), np.array([y]), np.array([yaw]))
     return ReferencePath.through(lane_map.path_from(int(at.lane[0]), float(at.s[0]), length))
 
@@ -142,7 +142,7 @@ def lane_change(lane_map: LaneMap, pose: FloatArray, lane: Lane, reach: float) -
 
 
 def _shifted(points: FloatArray, left: float) -> FloatArray:
-    """A polyline moved to the left by `left` [m], which fades to zero in proportion to the arc length."""
+    """Returns a polyline moved to the left by `left` [m], which fades to zero in proportion to the arc length."""
     travelled = ReferencePath.of(points).s
     direction = np.gradient(points, axis=0)
     direction /= np.hypot(direction[:, 0], direction[:, 1])[:, None]
@@ -156,7 +156,7 @@ def pursuit_reach(speed: FloatArray) -> FloatArray:
 
 
 def pursuit_yaw_rate(path: ReferencePath, x: float, y: float, yaw: float, speed: float) -> float:
-    """Yaw rate [rad/s] of a pure pursuit of `path` (Coulter 1992) from a pose, at `speed` [m/s]."""
+    """Returns yaw rate [rad/s] of a pure pursuit of `path` (Coulter 1992) from a pose, at `speed` [m/s]."""
     s, _ = path.project(np.array([x]), np.array([y]))
     pose = np.array([x, y, yaw, speed])
     target = path.point(float(s[0] + pursuit_reach(pose[3:])[0]))
@@ -164,7 +164,7 @@ def pursuit_yaw_rate(path: ReferencePath, x: float, y: float, yaw: float, speed:
 
 
 def towards(target: FloatArray, x: FloatArray, y: FloatArray, yaw: FloatArray, speed: FloatArray) -> FloatArray:
-    """Yaw rate (...) [rad/s] of the arc from poses (...) through `target` (..., 2) at `speed` (...) [m/s]."""
+    """Returns yaw rate (...) [rad/s] of the arc from poses (...) through `target` (..., 2) at `speed` (...) [m/s]."""
     dx, dy = target[..., 0] - x, target[..., 1] - y
     return np.asarray(2.0 * speed * np.sin(np.arctan2(dy, dx) - yaw) / np.hypot(dx, dy))
 

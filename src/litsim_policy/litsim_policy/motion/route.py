@@ -46,7 +46,7 @@ class Router:
         return way[::-1]
 
     def path(self, pose: FloatArray, speed: float, goal: FloatArray) -> ReferencePath | None:
-        """Drivable path from `pose` to `goal`, both (3,) x, y [m], yaw [rad] in frame map, or None.
+        """Returns the drivable path from `pose` to `goal`, both (3,) x, y [m], yaw [rad] in frame map, or None.
 
         It starts at the pose and tangent to it, ends at the goal's position and tangent to the lane there, keeps the
         vehicle's curvature limit, and stays on the road if it starts there. In between it follows the centre lines of
@@ -80,7 +80,7 @@ class Router:
         return None
 
     def beside(self, pose: FloatArray, reach: float, lane: int) -> ReferencePath | None:
-        """Drivable path from `pose` (3,) onto the centre line of an adjacent lane and on along it, or None.
+        """Returns the drivable path from `pose` (3,) onto the centre line of an adjacent lane and on along it, or None.
 
         It keeps the vehicle's curvature limit, and stays on the road if it starts there.
 

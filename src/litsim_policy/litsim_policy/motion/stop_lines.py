@@ -61,31 +61,31 @@ class StopLines:
             paths: m paths, one per agent.
             s: (m,) arc lengths of the agents' centres on these [m].
         """
-        found = np.full(len(paths), FREE)
+        distance = np.full(len(paths), FREE)
         if self._signals is None or not len(paths):
-            return found
+            return distance
         state, scene = self._signals.of_links(table.step), table.scene[rows]
         red = IS_RED[state]
         path, link = (red | IS_AMBER[state])[scene].nonzero()
         if not len(path):
-            return found
+            return distance
         line = paths.project(path, *np.ascontiguousarray(self._stop[link].T))
         gap = line.s - (s + 0.5 * table.length[rows])[path]
         needed = table.speed[rows][path] ** 2 / (2.0 * np.maximum(gap, GAP_MIN))
         bound = np.where(red[scene[path], link], self._config.red_braking, self._config.amber_braking)
         at = ((np.abs(line.d) <= ON_WAY) & (gap > -PASSED) & (needed <= bound)).nonzero()[0]
         at = at[self._taken(paths, path[at], link[at], line.segment[at], line.s[at])]
-        np.minimum.at(found, path[at], np.maximum(gap[at], GAP_MIN))
-        return found
+        np.minimum.at(distance, path[at], np.maximum(gap[at], GAP_MIN))
+        return distance
 
     def of(self, agents: PathFollowers) -> FloatArray:
-        """The :meth:`gaps` (m,) [m] of agents that follow paths, at the step of their table."""
+        """Returns the :meth:`gaps` (m,) [m] of agents that follow paths, at the step of their table."""
         if self._signals is None:
             return np.full(len(agents), FREE)
         return self.gaps(agents.table, agents.rows, agents.paths, agents.s)
 
     def _taken(self, paths: PathBatch, path: IntArray, link: IntArray, segment: IntArray, s: FloatArray) -> BoolArray:
-        """Whether paths take links (k,), whose stop lines are in their `segment`, at arc lengths `s` [m]."""
+        """Returns whether paths take links (k,), whose stop lines are in their `segment`, at arc lengths `s` [m]."""
         leave = paths.project(path, *np.ascontiguousarray(self._exit[link].T))
         facing = np.cos(paths.heading(path, segment) - self._heading[link]) >= FACING
         return (np.abs(leave.d) <= ON_WAY) & facing & (leave.s > s)
@@ -94,7 +94,7 @@ class StopLines:
 def idm_at_signals(
     config: IdmConfig, speed: FloatArray, desired_speed: FloatArray, acceleration: FloatArray, gap: FloatArray
 ) -> FloatArray:
-    """Acceleration (m,) [m/s2]: the lesser of `acceleration` and that of the model for a stop after `gap`.
+    """Returns acceleration (m,) [m/s2]: the lesser of `acceleration` and that of the model for a stop after `gap`.
 
     Args:
         config: of the Intelligent Driver Model.

@@ -15,7 +15,6 @@ from pydantic import Field
 
 from litsim_predictor.forecast import Float32Array
 from litsim_sim.core.quantities import NonNegative, OpenShare, Whole, configuration
-from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, BoolArray, ByteArray, FloatArray, IntArray
 
 DT = 0.2
@@ -43,8 +42,7 @@ LayerWidth = Annotated[Whole, Field(gt=0, le=1024)]
 """Outputs of a layer of a network, in configurations; no network of such layers exceeds the memory."""
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class AgentInputs:
     """What a model reads of the n agents of a scene.
 
@@ -85,8 +83,7 @@ class ModeChoice:
 NO_MODES = ModeChoice(most=0)
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class FurtherFutures:
     """What a model answers beside the most probable manoeuvres of n agents: the Gaussians of q further ones.
 
@@ -109,8 +106,7 @@ class FurtherFutures:
         return cls(whole, whole, wide, wide, np.empty((0, HORIZON), np.float32))
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class AgentFutures:
     """What a model answers of n agents of a scene: the Gaussians of their most probable manoeuvres, and further ones.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,10 +18,11 @@ from litsim_sim.kernels.compiled import (
     OUT_FLOATS2,
     OUT_FLOATS3,
     OUT_SINGLES3,
-    SINGLES2,
-    SINGLES3,
+    Singles2,
+    Singles3,
     float64,
     kernel,
+    tuple_type,
     void,
 )
 
@@ -60,6 +62,14 @@ def _modes_in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable, 
     )
 
 
+class Gaussians(NamedTuple):
+    """Gaussians (n, T, 2), (n, T, 2) and (n, T) in the frames of agents [m]; see :class:`.AgentFutures`."""
+
+    mean: Singles3
+    scale: Singles3
+    correlation: Singles2
+
+
 def turned_gaussians(
     mean: Float32Array, scale: Float32Array, correlation: Float32Array, frame: FloatArray
 ) -> tuple[FloatArray, Float32Array, BoolArray]:
@@ -71,15 +81,13 @@ def turned_gaussians(
     turned, covariance = np.empty(mean.shape), np.empty((*correlation.shape, 3), np.float32)
     valid = np.empty(len(mean), np.bool_)
     cos, sin = np.cos(frame[:, 2]), np.sin(frame[:, 2])
-    turn_gaussians(mean, scale, correlation, frame, cos, sin, turned, covariance, valid)
+    turn_gaussians(Gaussians(mean, scale, correlation), frame, cos, sin, turned, covariance, valid)
     return turned, covariance, valid
 
 
-@kernel(void(SINGLES3, SINGLES3, SINGLES2, FLOATS2, FLOATS, FLOATS, OUT_FLOATS3, OUT_SINGLES3, OUT_BOOLS))
-def turn_gaussians(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    mean: Float32Array,
-    scale: Float32Array,
-    correlation: Float32Array,
+@kernel(void(tuple_type(Gaussians), FLOATS2, FLOATS, FLOATS, OUT_FLOATS3, OUT_SINGLES3, OUT_BOOLS))
+def turn_gaussians(
+    gaussians: Gaussians,
     frame: FloatArray,
     cos: FloatArray,
     sin: FloatArray,
@@ -90,13 +98,14 @@ def turn_gaussians(  # noqa: PLR0917 - a kernel takes arrays and numbers
     """Transform Gaussians from agent frames to frame map.
 
     Args:
-        mean, scale, correlation: (n, T, 2), (n, T, 2) and (n, T) in the agent frames [m]; see :class:`.AgentFutures`.
+        gaussians: in the agent frames.
         frame: (n, 3) x, y [m] and heading of these.
         cos, sin: (n,) of the headings.
         turned: (n, T, 2) means in frame map [m].
         covariance: (n, T, 3) sigma_x, sigma_y [m] and correlation there.
         valid: (n,) whether all numbers of an agent are finite.
     """
+    mean, scale, correlation = gaussians
     for i in range(len(mean)):
         c, s = cos[i], sin[i]
         valid[i] = True

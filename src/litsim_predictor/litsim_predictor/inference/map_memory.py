@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from litsim_predictor.forecast import Float32Array
-from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import ByteArray, IntArray
 from litsim_sim.kernels.compiled import INTS, INTS2, OUT_INTS, kernel, read_array, uint64, written_array
 
@@ -62,8 +61,7 @@ def fingerprints(rows: npt.NDArray[np.uint64], chosen: IntArray) -> npt.NDArray[
     return found
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class MapCodes:
     """The maps of n agents, as far as their codes are known.
 

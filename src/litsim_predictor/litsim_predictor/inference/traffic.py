@@ -6,8 +6,7 @@ hundred metres ahead cost little, and tell at what speed an agent will drive the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -21,16 +20,26 @@ from litsim_predictor.inference.joint.units import (
     TRAFFIC_WIDTHS,
 )
 from litsim_sim.core.history import History
-from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import BOOLS, FLOATS2, INTS, OUT_SINGLES2, SINGLES, float32, kernel, void
+from litsim_sim.kernels.compiled import (
+    FLOATS2,
+    INTS,
+    OUT_SINGLES2,
+    SINGLES,
+    Bools,
+    Floats2,
+    Ints,
+    Singles,
+    float32,
+    kernel,
+    tuple_type,
+    void,
+)
 
 KNOTS, WIDTHS = np.array(TRAFFIC_KNOTS, np.float32), np.array(TRAFFIC_WIDTHS, np.float32)
 
 
-@quickly_made
-@dataclass(frozen=True)
-class Traffic:
+class Traffic(NamedTuple):
     """The m vehicles on the roads of one scene or of several.
 
     Attributes:
@@ -40,11 +49,11 @@ class Traffic:
         scene: (m,) number of the scene, ascending.
     """
 
-    pose: FloatArray
-    speed: Float32Array
-    earlier: Float32Array
-    seen: BoolArray
-    scene: IntArray
+    pose: Floats2
+    speed: Singles
+    earlier: Singles
+    seen: Bools
+    scene: Ints
 
     @classmethod
     def of_table(cls, table: AgentTable, history: History) -> Self:
@@ -73,21 +82,13 @@ class Traffic:
         scene = np.zeros(len(frame), np.int64) if scene is None else scene
         ahead = np.empty((len(frame), TRAFFIC_CHANNELS), np.float32)
         first, end = self.scene.searchsorted(scene), self.scene.searchsorted(scene, "right")
-        look_ahead(frame, speed, first, end, self.pose, self.speed, self.earlier, self.seen, ahead)
+        look_ahead(frame, speed, first, end, self, ahead)
         return ahead
 
 
-@kernel(void(FLOATS2, SINGLES, INTS, INTS, FLOATS2, SINGLES, SINGLES, BOOLS, OUT_SINGLES2))
-def look_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    frame: FloatArray,
-    own: Float32Array,
-    first: IntArray,
-    end: IntArray,
-    pose: FloatArray,
-    speed: Float32Array,
-    earlier: Float32Array,
-    seen: BoolArray,
-    out: Float32Array,
+@kernel(void(FLOATS2, SINGLES, INTS, INTS, tuple_type(Traffic), OUT_SINGLES2))
+def look_ahead(
+    frame: FloatArray, own: Float32Array, first: IntArray, end: IntArray, traffic: Traffic, out: Float32Array
 ) -> None:
     """Write the traffic ahead of each of n agents, along its frame and in its direction.
 
@@ -99,10 +100,11 @@ def look_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Args:
         frame: (n, 3) x, y [m] and heading [rad] of the agent frames.
         own: (n,) speeds of the agents [m/s].
-        first, end: (n,) first and end row (exclusive) of the m vehicles that may be ahead of an agent.
-        pose, speed, earlier, seen: (m, 3) and (m,); see :class:`Traffic`.
+        first, end: (n,) first and end row (exclusive) of the vehicles that may be ahead of an agent.
+        traffic: all vehicles.
         out: (n, TRAFFIC_CHANNELS).
     """
+    pose, speed, earlier, seen, _ = traffic
     places, one, none, some = len(KNOTS) - 2, float32(1.0), float32(0.0), float32(TRAFFIC_SOME)
     known = np.empty(places * len(WIDTHS), np.float32)  # of the vehicles at a place whose earlier speed is known
     direction = np.empty((len(pose), 2), np.float32)

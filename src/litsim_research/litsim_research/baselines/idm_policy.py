@@ -8,7 +8,7 @@ import numpy as np
 
 from litsim_data.traffic.drivers import calibrated
 from litsim_policy.driving.policy import Policy
-from litsim_policy.motion.car_following import IdmConfig, idm
+from litsim_policy.motion.car_following import IdmConfig, IdmValues, idm
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.stop_lines import StopLines
 from litsim_sim.core.quantities import Acceleration, Positive, configuration
@@ -63,7 +63,7 @@ class IdmPolicy(Policy):
             self._drivers[self._driver_of[np.searchsorted(self._agents, table.id[agents.rows])]],
             np.column_stack([view.gap, line]),
             np.column_stack([view.speed, np.zeros(len(line))]),
-            np.column_stack([view.ahead & view.in_path, np.isfinite(line)]),
+            np.column_stack([agents.leaders.leads, np.isfinite(line)]),
             self._config.braking_max,
         )
         return ControlTable.of_policy(table, agents.rows, acceleration, agents.path_yaw_rate)
@@ -79,7 +79,7 @@ def _drawn(identities: IntArray, drivers: int) -> IntArray:
 def _drivers(config: IdmPolicyConfig) -> FloatArray:
     """Parameters (k, 5) of the available drivers: v0 [m/s], T [s], s0 [m], a_max, b [m/s2]."""
     if config.drivers == "published":
-        return np.array([[PUBLISHED.desired_speed, *PUBLISHED.of_model[:4]]])
+        return np.array([[PUBLISHED.desired_speed, *PUBLISHED.values[:4]]])
     everybody = np.concatenate([rows for _, rows in sorted(calibrated().drivers.items())])
     return everybody if config.drivers == "drawn" else np.median(everybody, axis=0)[None]
 
@@ -102,9 +102,9 @@ def _accelerations(
         leads: (m, n) whether an agent is on the path ahead.
         braking_max: as in :class:`IdmPolicyConfig`.
     """
-    found = np.empty(len(speed))
+    acceleration = np.empty(len(speed))
     for i in range(len(speed)):
         desired, headway, standstill, fastest, comfortable = driver[i]
-        model = (headway, standstill, fastest, comfortable, braking_max)
-        found[i] = idm(speed[i], desired, gap[i], along[i], leads[i], *model)
-    return found
+        model = IdmValues(headway, standstill, fastest, comfortable, braking_max)
+        acceleration[i] = idm(speed[i], desired, gap[i], along[i], leads[i], model)
+    return acceleration

@@ -57,7 +57,7 @@ class ImitationNetwork:
         return cls(weights, biases, np.exp(spread))
 
     def mean(self, observation: FloatArray) -> FloatArray:
-        """Mean actions (m, 2) for observations (m, SIZE), before clipping to [-1, 1]."""
+        """Returns mean actions (m, 2) for observations (m, SIZE), before clipping to [-1, 1]."""
         return perceptron(observation, self.weights, self.biases)
 
 
@@ -75,7 +75,7 @@ class ImitationConfig:
     actions: Literal["mean", "drawn"] = "mean"
 
     def network(self, name: str) -> ImitationNetwork:
-        """The network from the file `weights`, or the packaged one of the policy called `name`.
+        """Returns the network from the file `weights`, or the packaged one of the policy called `name`.
 
         Raises:
             InputError: it cannot be used.
@@ -132,7 +132,7 @@ class Rail(ImitationPolicy):
 
 
 def commanded(agents: PathFollowers, action: FloatArray) -> ControlTable:
-    """Controls of `agents` from actions (m, 2), clipped to [-1, 1]."""
+    """Returns controls of `agents` from actions (m, 2), clipped to [-1, 1]."""
     wanted = np.minimum(np.maximum(action, -1.0), 1.0) * BOUNDS
     acceleration, yaw_rate = np.ascontiguousarray(wanted[:, 0]), np.ascontiguousarray(wanted[:, 1])
     return ControlTable.of_policy(agents.table, agents.rows, acceleration, yaw_rate)

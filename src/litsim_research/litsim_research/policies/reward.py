@@ -14,7 +14,7 @@ from numba.types import Tuple, UniTuple
 
 from litsim_sim.core.pair_geometry import overlap, within, within_scenes
 from litsim_sim.core.quantities import NonNegative, Number, configuration
-from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray, places
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray, index_of
 from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_BOOLS2, OUT_FLOATS, OUT_FLOATS3, kernel
 from litsim_sim.lane_map.lane_map import LaneMap
 
@@ -116,7 +116,7 @@ def passed_on(penalty: FloatArray, agents: IntArray, because: IntArray) -> Float
         agents: (m,) ids, ascending.
         because: (m,) id of the agent that caused the takeover of each; ids that are not in `agents` are ignored.
     """
-    found, at = np.zeros(len(agents)), places(agents, because)
+    found, at = np.zeros(len(agents)), index_of(agents, because)
     np.add.at(found, at[at >= 0], penalty[at >= 0])
     return found
 

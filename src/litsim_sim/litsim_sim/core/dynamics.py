@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Annotated
+from functools import cached_property
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numba.types import UniTuple
@@ -12,11 +12,21 @@ from pydantic import Field
 
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.quantities import Acceleration, Curvature, Number, Positive, Speed, configuration
-from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, FloatArray
-from litsim_sim.kernels.compiled import FLOATS, OUT_FLOATS, float64, kernel
+from litsim_sim.kernels.compiled import FLOATS, OUT_FLOATS, Floats, kernel, tuple_of, tuple_type
 
 SPEED_MIN = 1e-3  # [m/s] least speed in the bound on lateral acceleration
+
+
+class LimitValues(NamedTuple):
+    """The values of :class:`VehicleLimits`."""
+
+    acceleration_max: float
+    deceleration_max: float
+    lateral_acceleration_max: float
+    curvature_max: float
+    speed_max: float
+    rear_axle: float
 
 
 @configuration
@@ -39,18 +49,21 @@ class VehicleLimits:
     speed_max: Positive[Speed] = 45.0
     rear_axle: Annotated[Number, Field(ge=0, le=0.5)] = 0.29
 
+    @cached_property
+    def values(self) -> LimitValues:
+        """The limits as kernels take them."""
+        return tuple_of(LimitValues, self)
 
-@quickly_made
-@dataclass(frozen=True)
-class Motion:
+
+class Motion(NamedTuple):
     """Poses of box centres and their rates; arrays (n,), units as in :class:`litsim_sim.core.scene.AgentTable`."""
 
-    x: FloatArray
-    y: FloatArray
-    yaw: FloatArray
-    speed: FloatArray
-    acceleration: FloatArray
-    yaw_rate: FloatArray
+    x: Floats
+    y: Floats
+    yaw: Floats
+    speed: Floats
+    acceleration: Floats
+    yaw_rate: Floats
 
 
 def bicycle_step(
@@ -66,56 +79,29 @@ def bicycle_step(
     Returns:
         state at the end of the step, with the acceleration and yaw rate that were really applied.
     """
-    return Motion(
-        *_bicycle_step(
-            motion.x,
-            motion.y,
-            motion.yaw,
-            motion.speed,
-            length,
-            acceleration,
-            yaw_rate,
-            limits.acceleration_max,
-            limits.deceleration_max,
-            limits.lateral_acceleration_max,
-            limits.curvature_max,
-            limits.speed_max,
-            limits.rear_axle,
-        )
-    )
+    return Motion(*_bicycle_step(motion, length, acceleration, yaw_rate, limits.values))
 
 
-@kernel(UniTuple(OUT_FLOATS, 6)(*[FLOATS] * 7, *[float64] * 6))
-def _bicycle_step(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    x: FloatArray,
-    y: FloatArray,
-    yaw: FloatArray,
-    speed: FloatArray,
-    length: FloatArray,
-    acceleration: FloatArray,
-    yaw_rate: FloatArray,
-    acceleration_max: float,
-    deceleration_max: float,
-    lateral_acceleration_max: float,
-    curvature_max: float,
-    speed_max: float,
-    rear_axle: float,
+@kernel(UniTuple(OUT_FLOATS, 6)(tuple_type(Motion), FLOATS, FLOATS, FLOATS, tuple_type(LimitValues)))
+def _bicycle_step(
+    motion: Motion, length: FloatArray, acceleration: FloatArray, yaw_rate: FloatArray, limits: LimitValues
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """See :func:`bicycle_step`; arrays (n,), the last six numbers as in :class:`VehicleLimits`.
+    """See :func:`bicycle_step`.
 
     Returns:
         what :class:`Motion` holds.
     """
-    new_x, new_y, new_yaw, new_speed = np.empty(len(x)), np.empty(len(x)), np.empty(len(x)), np.empty(len(x))
-    applied, turned = np.empty(len(x)), np.empty(len(x))
-    for i in range(len(x)):
-        wanted = speed[i] + within(acceleration[i], -deceleration_max, acceleration_max) * STEP_S
-        new_speed[i] = within(wanted, 0.0, max(speed_max, speed[i]))
+    x, y, yaw, speed, n = motion.x, motion.y, motion.yaw, motion.speed, len(length)
+    new_x, new_y, new_yaw, new_speed = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    applied, turned = np.empty(n), np.empty(n)
+    for i in range(n):
+        wanted = speed[i] + within(acceleration[i], -limits.deceleration_max, limits.acceleration_max) * STEP_S
+        new_speed[i] = within(wanted, 0.0, max(limits.speed_max, speed[i]))
         mean_speed = 0.5 * (speed[i] + new_speed[i])
-        bound = min(mean_speed * curvature_max, lateral_acceleration_max / max(mean_speed, SPEED_MIN))
+        bound = min(mean_speed * limits.curvature_max, limits.lateral_acceleration_max / max(mean_speed, SPEED_MIN))
         turned[i] = within(yaw_rate[i], -bound, bound)
         new_yaw[i], mean_yaw = yaw[i] + turned[i] * STEP_S, yaw[i] + 0.5 * turned[i] * STEP_S
-        way, lever = mean_speed * STEP_S, rear_axle * length[i]
+        way, lever = mean_speed * STEP_S, limits.rear_axle * length[i]
         new_x[i] = x[i] + way * math.cos(mean_yaw) + lever * (math.cos(new_yaw[i]) - math.cos(yaw[i]))
         new_y[i] = y[i] + way * math.sin(mean_yaw) + lever * (math.sin(new_yaw[i]) - math.sin(yaw[i]))
         applied[i] = (new_speed[i] - speed[i]) / STEP_S

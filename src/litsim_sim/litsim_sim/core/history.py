@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray, places
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray, index_of
 from litsim_sim.kernels.compiled import BOOLS2, FLOATS3, INTS, OUT_BOOLS2, OUT_FLOATS3, kernel, void
 
 
@@ -40,10 +40,10 @@ class History:
         self._step, self._held = table.step, min(self._held + 1, self._length)
         row = table.step % self._length
         self._there[row] = False
-        columns = places(self._ids, table.id)
+        columns = index_of(self._ids, table.id)
         if (columns < 0).any():
             self._let_in(table.id)
-            columns = places(self._ids, table.id)
+            columns = index_of(self._ids, table.id)
         self._there[row, columns] = True
         for k, name in enumerate(self._fields):
             self._values[row, columns, k] = getattr(table, name)
@@ -66,7 +66,7 @@ class History:
             mask (m, length) of where it was present; the newest step is the last.
         """
         back = stride * np.arange(length - 1, -1, -1)
-        rows, columns = (self._step - back) % self._length, places(self._ids, agents)
+        rows, columns = (self._step - back) % self._length, index_of(self._ids, agents)
         rows[back >= self._held] = -1
         values, valid = np.zeros((len(agents), length, len(self._fields))), np.zeros((len(agents), length), np.bool_)
         copy_window(self._values, self._there, rows, columns, values, valid)

@@ -7,13 +7,12 @@ from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import cached_property
 from operator import attrgetter
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from litsim_sim.core.quickly_made import quickly_made
-from litsim_sim.kernels.compiled import INTS, OUT_INTS, kernel
+from litsim_sim.kernels.compiled import INTS, OUT_INTS, Bytes, Floats, Ints, kernel, tuple_of, tuple_type
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -62,22 +61,42 @@ _LOG, _POLICY, _EGO, _BASELINE = (int(controller) for controller in Controller) 
 
 
 @kernel(OUT_INTS(INTS, INTS))
-def places(ids: IntArray, agents: IntArray) -> IntArray:
+def index_of(ids: IntArray, agents: IntArray) -> IntArray:
     """Indices (m,) of `agents` (m,) in the ascending `ids` (n,); -1 for those that are not there."""
-    found, at = np.full(len(agents), -1, np.int64), 0
+    index, at = np.full(len(agents), -1, np.int64), 0
     for k in range(len(agents)):
         if at == len(ids) or ids[at] != agents[k]:  # the agent is not the next of the ids
             at = np.searchsorted(ids, agents[k])
         if at < len(ids) and ids[at] == agents[k]:
-            found[k] = at
+            index[k] = at
             at += 1
-    return found
+    return index
 
 
-@quickly_made
-@dataclass(frozen=True)
+class AgentArrays(NamedTuple):
+    """The columns (n,) of an :class:`AgentTable` that kernels read, and the scene of each agent."""
+
+    id: Ints
+    scene: Ints
+    controller: Bytes
+    x: Floats
+    y: Floats
+    yaw: Floats
+    speed: Floats
+    acceleration: Floats
+    yaw_rate: Floats
+    length: Floats
+    width: Floats
+
+
+AGENTS = tuple_type(AgentArrays)
+
+
+@dataclass
 class AgentTable:
     """All agents at one step; every array has shape (n,) and `id` ascends.
+
+    Tables are not changed once they are made. They are no frozen dataclass, which takes six times as long to make.
 
     Attributes:
         step: integer step of 0.1 s since the start of the scenario.
@@ -115,7 +134,7 @@ class AgentTable:
 
     def rows(self, agents: IntArray) -> IntArray:
         """Row of each of `agents` (m,) in this table (m,); -1 for those that are not on the road."""
-        return places(self.id, agents)
+        return index_of(self.id, agents)
 
     def mask(self, agents: IntArray) -> BoolArray:
         """(n,) which of the agents of this table are among `agents` (m,)."""
@@ -158,6 +177,11 @@ class AgentTable:
         """(n,) number of the scene of each agent; agents of different scenes do not interact. Here there is one."""
         return np.zeros(len(self), np.int64)
 
+    @cached_property
+    def arrays(self) -> AgentArrays:
+        """The table as kernels take it."""
+        return tuple_of(AgentArrays, self)
+
     @classmethod
     def merged(cls, step: int, tables: Sequence[AgentTable]) -> Self:
         """The agents of several tables, which have no agent in common, as one table of `step`."""
@@ -181,8 +205,7 @@ DTYPES: dict[str, type[np.generic]] = dict.fromkeys(ARRAY_FIELDS, np.float64) | 
 }
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class ControlTable:
     """The policy's answer to one step; agents that are not listed follow their logs. Arrays (m,), ids ascending.
 
@@ -244,8 +267,7 @@ class EgoMode(IntEnum):
     FOLLOW_LOG = 1
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class EgoCommand:
     """The ego's answer to one step: an acceleration [m/s2] and a yaw rate [rad/s], or that it follows its log."""
 

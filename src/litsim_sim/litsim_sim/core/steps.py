@@ -15,7 +15,7 @@ from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, BoolArray, I
 T = TypeVar("T")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class StackedTable(AgentTable):
     """The agents of several steps as one table of (m,) rows, those of the first step first; ids ascend in each step.
 

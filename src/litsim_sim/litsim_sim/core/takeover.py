@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import FloatArray
 
 Pose = tuple[float, float, float]
@@ -39,8 +38,7 @@ class PathSource(IntEnum):
     LANE = 2
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class Takeover:
     """One agent off its log at one step; see ``litsim_msgs/Takeover``. Older recordings lack fields with a default.
 
@@ -80,8 +78,7 @@ class Takeover:
         return self.reason == TakeoverReason.CONFLICT
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class TakeoverTable:
     """All agents off their logs at `step`, ascending.
 

@@ -5,8 +5,19 @@ A kernel is a function of numbers and arrays, decorated with its types::
     @kernel(float64(FLOATS, FLOATS))
     def dot(a, b): ...
 
-It is compiled for these types only. The machine code is cached on disk: only the first process on a machine compiles
-(``ros2 run litsim_sim compile`` does so ahead of time); all others load the code before the first step of a run.
+Arrays and numbers that belong together are passed as a named tuple, the fields of which are annotated with
+types of kernels; :func:`tuple_type` is its type in signatures::
+
+    class Boxes(NamedTuple):
+        yaw: Floats
+        size: Floats2
+
+    @kernel(float64(tuple_type(Boxes), int64))
+    def area(boxes, i): ...
+
+A kernel is compiled for these types only. The machine code is cached on disk: only the first process on a machine
+compiles (``ros2 run litsim_sim compile`` does so ahead of time); all others load the code before the first step of a
+run.
 
 Kernels compute in the order in which they are written, in one thread, without fused or reassociated operations. Equal
 inputs give equal bits in every process of a machine.
@@ -22,11 +33,13 @@ from collections.abc import Callable
 from enum import Enum, EnumMeta
 from functools import cache, cached_property, update_wrapper
 from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 from types import FunctionType
-from typing import Any, TypeVar, cast
+from typing import Annotated, Any, TypeVar, cast, get_args, get_type_hints
 
 import numpy as np
+import numpy.typing as npt
 
 from litsim_sim.kernels.garbage import without_collection
 from litsim_sim.kernels.imports import left_out
@@ -36,6 +49,7 @@ with left_out("coverage", "scipy"):  # where they are installed, a fifth of the 
 from llvmlite import binding
 from numba import types
 from numba.core.extending import _Intrinsic as Intrinsic
+from numba.core.registry import cpu_target
 from numba.extending import typeof_impl
 
 from litsim_sim.kernels import machine_code
@@ -46,6 +60,7 @@ OPTIONS = {
     "forceinline": True,  # into calling kernels: a call costs more than most kernels
 }
 F = TypeVar("F", bound=Callable[..., Any])
+T = TypeVar("T", bound=tuple[Any, ...])
 
 KERNELS: list[Kernel] = []  # all kernels defined so far
 
@@ -74,11 +89,59 @@ FLOATS, FLOATS2, FLOATS3 = (read_array(float64, ndim) for ndim in (1, 2, 3))
 SINGLES, SINGLES2, SINGLES3 = (read_array(float32, ndim) for ndim in (1, 2, 3))
 INTS, INTS2 = (read_array(int64, ndim) for ndim in (1, 2))
 BOOLS, BOOLS2 = (read_array(boolean, ndim) for ndim in (1, 2))
+BYTES, BYTES2 = (read_array(uint8, ndim) for ndim in (1, 2))
 OUT_FLOATS, OUT_FLOATS2, OUT_FLOATS3 = (written_array(float64, ndim) for ndim in (1, 2, 3))
 OUT_SINGLES, OUT_SINGLES2, OUT_SINGLES3 = (written_array(float32, ndim) for ndim in (1, 2, 3))
 OUT_INTS, OUT_INTS2 = (written_array(int64, ndim) for ndim in (1, 2))
 OUT_BYTES = written_array(uint8, 1)
 OUT_BOOLS, OUT_BOOLS2, OUT_BOOLS3 = (written_array(boolean, ndim) for ndim in (1, 2, 3))
+
+# Arrays as fields of named tuples.
+Floats = Annotated[npt.NDArray[np.float64], FLOATS]
+Floats2 = Annotated[npt.NDArray[np.float64], FLOATS2]
+Floats3 = Annotated[npt.NDArray[np.float64], FLOATS3]
+Singles = Annotated[npt.NDArray[np.float32], SINGLES]
+Singles2 = Annotated[npt.NDArray[np.float32], SINGLES2]
+Singles3 = Annotated[npt.NDArray[np.float32], SINGLES3]
+Ints = Annotated[npt.NDArray[np.int64], INTS]
+Ints2 = Annotated[npt.NDArray[np.int64], INTS2]
+Bools = Annotated[npt.NDArray[np.bool_], BOOLS]
+Bools2 = Annotated[npt.NDArray[np.bool_], BOOLS2]
+Bytes = Annotated[npt.NDArray[np.uint8], BYTES]
+Bytes2 = Annotated[npt.NDArray[np.uint8], BYTES2]
+
+
+@cache
+def tuple_type(named: type[tuple[Any, ...]]) -> types.BaseNamedTuple:
+    """Return the type of a class of named tuples, whose fields are `float`, `int`, `bool`, arrays or such tuples.
+
+    Kernels accept its objects if each field fits its annotation, such as :data:`Floats`, like an argument of that type.
+    """
+    hints = get_type_hints(named, include_extras=True)
+    fields = {name: _field_type(hint) for name, hint in hints.items()}
+    declared = types.BaseTuple.from_types(tuple(fields.values()), named)
+    declared.name = f"{named.__name__}({', '.join(f'{name}: {field}' for name, field in fields.items())})"
+
+    @typeof_impl.register(named)  # type: ignore[untyped-decorator]
+    def type_of(value: Any, _context: object) -> Any:
+        """The declared type, so that writable and contiguous arrays need no other; None if a field does not fit it."""
+        fits = map(cpu_target.typing_context.can_convert, map(numba.typeof, value), fields.values())
+        return None if None in fits else declared
+
+    return declared
+
+
+def tuple_of(named: type[T], source: object) -> T:
+    """Return a named tuple of the attributes of `source` that have the names of its fields."""
+    return cast(T, cast(Any, named)._make(attrgetter(*cast(Any, named)._fields)(source)))
+
+
+def _field_type(hint: Any) -> types.Type:
+    """Numba's type of a field with this annotation."""
+    if isinstance(hint, type) and issubclass(hint, tuple):
+        return tuple_type(hint)
+    plain = {float: float64, int: int64, bool: boolean}
+    return plain[hint] if hint in plain else get_args(hint)[1]
 
 
 class Kernel:
@@ -87,7 +150,8 @@ class Kernel:
     def __init__(self, function: FunctionType, signature: Any, *, outer: bool = False) -> None:
         update_wrapper(self, function)
         self._function, self._signature, self.outer = function, signature, outer
-        self.stamp, self.uses = _stamp(function), _kernels_of(function)
+        self.stamp = function.__dict__["stamp"] = _stamp(function, signature)
+        self.uses = _kernels_of(function)
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the machine code; arguments that do not fit the signature raise a TypeError.
@@ -123,7 +187,7 @@ class Kernel:
         Raises:
             TypeError: the function uses something that is defined after it; the cache would not notice its changes.
         """
-        if _stamp(self._function) != self.stamp:
+        if _stamp(self._function, self._signature) != self.stamp:
             raise TypeError(f"kernel {self._function.__name__} uses what is defined after it")
         directory = cache_directory(self._file)
         if directory is None or not any(directory.glob(f"*-{self.stamp}.*.nbi")):
@@ -160,9 +224,9 @@ def kernel(signature: Any, *, outer: bool = False) -> Callable[[F], F]:
 
     A kernel that other kernels call is loaded before a run only if it is `outer`, that is, called from Python as well.
 
-    Of the globals of its module, the function may use numbers, enumerations, arrays, kernels, intrinsics and types of
-    numba's, `math` and numpy. Arguments that do not fit the signature raise a TypeError. Division by zero gives the
-    same result as in numpy.
+    Of the globals of its module, the function may use numbers, enumerations, arrays, classes of named tuples, kernels,
+    intrinsics and types of numba's, `math` and numpy. Arguments that do not fit the signature raise a TypeError.
+    Division by zero gives the same result as in numpy.
 
     Raises:
         TypeError: the function uses something else; the cache would not notice its changes.
@@ -218,7 +282,7 @@ class KernelLocator:
     def from_function(cls, function: FunctionType, file: str) -> KernelLocator | None:
         """Return the locator of a function; None if no cache directory is writable."""
         directory = cache_directory(Path(file))
-        return None if directory is None else cls(directory, _stamp(function))
+        return None if directory is None else cls(directory, function.__dict__["stamp"])
 
     def ensure_cache_path(self) -> None:
         """Make the cache directory."""
@@ -278,10 +342,11 @@ def _machine() -> bytes:
     return f"{numba.__version__} {OPTIONS} {machine_code.FORM} {processor}".encode()
 
 
-def _stamp(function: FunctionType) -> str:
+def _stamp(function: FunctionType, signature: Any) -> str:
     """Hash of everything that the machine code of `function` depends on, as 16 hexadecimal digits."""
     code, known = function.__code__, function.__globals__
     found = hashlib.sha256(_source_and_machine(code.co_filename))
+    found.update(f"{signature};".encode())
     for name in code.co_names:
         if name in known:
             found.update(f"{name}={_constant(name, known[name])};".encode())
@@ -302,6 +367,8 @@ def _constant(name: str, value: object) -> str:
     """
     if isinstance(value, Kernel):
         return value.stamp
+    if isinstance(value, type) and issubclass(value, tuple):
+        value = tuple_type(value)
     if value is math or value is np:
         return ""
     if isinstance(value, EnumMeta):
@@ -312,4 +379,4 @@ def _constant(name: str, value: object) -> str:
         return f"{value.dtype}{value.shape}{value.tobytes().hex()}"
     if isinstance(value, bool | int | float | Enum | types.Type):  # types: numpy has attributes of their names
         return repr(value)
-    raise TypeError(f"a kernel cannot use {name}: no number, enumeration, array, kernel or intrinsic")
+    raise TypeError(f"a kernel cannot use {name}: no number, enumeration, array, named tuple, kernel or intrinsic")

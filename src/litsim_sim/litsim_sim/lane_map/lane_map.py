@@ -7,16 +7,15 @@ lane, `s` is the arc length of its centre line from its start and `d` the distan
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
 from litsim_sim.core.geometry import box_corners
-from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import Floats, Ints, tuple_type
 from litsim_sim.lane_map.lane_graph import directly_linked, straightest_successors
 from litsim_sim.lane_map.net_ends import NetEnds
 from litsim_sim.lane_map.net_lanes import TOLERANCE, Lane, read_lanes
@@ -26,9 +25,7 @@ DIRECTION_PENALTY = 4.0  # [m] times 1 - cos of the angle between a pose and a l
 INTERNAL_PENALTY = 1.0  # [m] by which a lane inside a junction must be nearer to win
 
 
-@quickly_made
-@dataclass(frozen=True)
-class LanePosition:
+class LanePosition(NamedTuple):
     """Poses relative to their lanes; arrays of shape (n,).
 
     Attributes:
@@ -38,10 +35,10 @@ class LanePosition:
         heading: heading of the centre line there [rad].
     """
 
-    lane: IntArray
-    s: FloatArray
-    d: FloatArray
-    heading: FloatArray
+    lane: Ints
+    s: Floats
+    d: Floats
+    heading: Floats
 
     def take(self, rows: IntArray) -> LanePosition:
         """Those of the poses in `rows` (m,)."""
@@ -50,6 +47,9 @@ class LanePosition:
     def against(self, yaw: FloatArray) -> BoolArray:
         """(n,) whether headings `yaw` (n,) [rad] are opposite to the lanes."""
         return np.cos(self.heading - yaw) < 0.0
+
+
+LANE_POSITION = tuple_type(LanePosition)
 
 
 class LaneMap:

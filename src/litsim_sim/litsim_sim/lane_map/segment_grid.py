@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from numba.types import Tuple
@@ -16,19 +16,63 @@ from litsim_sim.kernels.compiled import (
     FLOATS,
     FLOATS2,
     INTS,
-    INTS2,
     OUT_BOOLS,
     OUT_FLOATS2,
     OUT_FLOATS3,
     OUT_INTS,
+    Floats,
+    Floats2,
+    Ints,
+    Ints2,
     float64,
     int64,
     kernel,
+    tuple_type,
 )
 from litsim_sim.lane_map.net_lanes import Lane
 
 CELL = 16.0  # [m] of the lookup grid
 REACH = 12.0  # [m] around a cell within which its candidates are complete; farther poses search the whole net
+
+
+class SegmentArrays(NamedTuple):
+    """The segments (k,) and lanes of a :class:`SegmentGrid`.
+
+    Attributes:
+        start_x, start_y, start_s, cos, sin, heading: (k,) as there.
+        first: first segment of each lane, and behind the last one the number of all.
+        length: length of each lane [m].
+    """
+
+    start_x: Floats
+    start_y: Floats
+    start_s: Floats
+    cos: Floats
+    sin: Floats
+    heading: Floats
+    first: Ints
+    length: Floats
+
+
+class GridArrays(NamedTuple):
+    """The grid of a :class:`SegmentGrid`.
+
+    Attributes:
+        lines: (k, 5) start x and y, direction x and y, and length of each segment.
+        cells: (cells + 1, c) candidates of each cell, padded with -1.
+        x_min, y_min: corner of the bounds of all centre lines [m].
+        columns, rows: of cells.
+    """
+
+    lines: Floats2
+    cells: Ints2
+    x_min: float
+    y_min: float
+    columns: int
+    rows: int
+
+
+SEGMENTS, GRID = tuple_type(SegmentArrays), tuple_type(GridArrays)
 
 
 class SegmentGrid:
@@ -82,7 +126,7 @@ class SegmentGrid:
         if lane.shape != s.shape:
             lane, s = np.broadcast_arrays(lane, s)
         lanes, lengths = np.ascontiguousarray(lane).reshape(-1), np.ascontiguousarray(s).reshape(-1)
-        segment = _segments_at(lanes, lengths, *self._places).reshape(s.shape)
+        segment = _segments_at(lanes, lengths, self._arrays).reshape(s.shape)
         along = s - self.start_s[segment]
         x = self.start_x[segment] + along * self.cos[segment]
         y = self.start_y[segment] + along * self.sin[segment]
@@ -90,7 +134,7 @@ class SegmentGrid:
 
     def headings_around(self, lane: IntArray, s: FloatArray, reach: float) -> FloatArray:
         """(n, 2) headings [rad] `reach` [m] before and beyond arc lengths `s` (n,) [m] of the lanes in `lane` (n,)."""
-        return _headings_around(lane, s, reach, self.heading, *self._places)
+        return _headings_around(lane, s, reach, self._arrays)
 
     def ways(self, lane: IntArray, s: FloatArray, following: IntArray, steps: int, step: float) -> FloatArray:
         """(n, steps, 3) x, y [m] and heading [rad], each `step` [m] ahead of the one before; see :meth:`LaneMap.ways`.
@@ -100,13 +144,14 @@ class SegmentGrid:
             following: position of the lane that follows each lane, -1 where none does.
             steps, step: number of poses, and distance between them [m].
         """
-        place = self.start_x, self.start_y, self.cos, self.sin, self.heading, *self._places
-        return _ways(np.ascontiguousarray(lane), np.ascontiguousarray(s), following, steps, step, *place)
+        return _ways(np.ascontiguousarray(lane), np.ascontiguousarray(s), following, steps, step, self._arrays)
 
     @cached_property
-    def _places(self) -> tuple[FloatArray, IntArray, FloatArray]:
-        """What kernels need to find segments by arc length: `start_s`, the first segment of each lane, its length."""
-        return self.start_s, self._first, self._length
+    def _arrays(self) -> SegmentArrays:
+        """The segments as kernels take them."""
+        return SegmentArrays(
+            self.start_x, self.start_y, self.start_s, self.cos, self.sin, self.heading, self._first, self._length
+        )
 
     def nearest(
         self, x: FloatArray, y: FloatArray, yaw: FloatArray, handicap: FloatArray, turn: float
@@ -124,17 +169,17 @@ class SegmentGrid:
             segments (n,), arc lengths (n,) of their lanes at the poses, no farther than the segments go, and how far
             (n,) poses are to the left [m].
         """
-        segment, (s, d) = _nearest(x, y, np.cos(yaw), np.sin(yaw), turn, *self._grid, handicap, self.start_s)
+        segment, (s, d) = _nearest(x, y, np.cos(yaw), np.sin(yaw), turn, self._grid, handicap, self.start_s)
         return segment, s, d
 
     def any_within(self, x: FloatArray, y: FloatArray, reach: FloatArray) -> BoolArray:
         """(n,) whether points `x`, `y` [m] are no farther from some segment than its `reach` (k,), at most REACH."""
-        return _any_within(x, y, *self._grid, reach)
+        return _any_within(x, y, self._grid, reach)
 
     @cached_property
-    def _grid(self) -> tuple[FloatArray, IntArray, float, float, int, int]:
-        """What kernels need to find segments: lines, cells, corner of the grid [m], and its columns and rows."""
-        return self._lines, self._cells, self._bounds[0], self._bounds[1], *self._shape
+    def _grid(self) -> GridArrays:
+        """The grid as kernels take it."""
+        return GridArrays(self._lines, self._cells, self._bounds[0], self._bounds[1], *self._shape)
 
     def candidates(self, x: FloatArray, y: FloatArray) -> IntArray:
         """(n, k) segments that can be within REACH of each point, padded with -1; all -1 off the grid."""
@@ -180,12 +225,12 @@ def _distance(x: float, y: float, lines: FloatArray, segment: int) -> float:
     return math.hypot(max(-along, along - lines[segment, 4], 0.0), left)
 
 
-@kernel(int64(float64, float64, float64, float64, int64, int64))
-def _cell(x: float, y: float, x_min: float, y_min: float, columns: int, rows: int) -> int:
+@kernel(int64(float64, float64, GRID))
+def _cell(x: float, y: float, grid: GridArrays) -> int:
     """Cell of a point; the one after the last for all points off the grid."""
-    column, row = np.floor((x - x_min + REACH) / CELL), np.floor((y - y_min + REACH) / CELL)
-    inside = 0 <= column < columns and 0 <= row < rows
-    return int(row * columns + column) if inside else columns * rows
+    column, row = np.floor((x - grid.x_min + REACH) / CELL), np.floor((y - grid.y_min + REACH) / CELL)
+    inside = 0 <= column < grid.columns and 0 <= row < grid.rows
+    return int(row * grid.columns + column) if inside else grid.columns * grid.rows
 
 
 @kernel(float64(*[float64] * 5, FLOATS2, FLOATS, int64))
@@ -197,24 +242,14 @@ def _cost(
     return _distance(x, y, lines, segment) + handicap[segment] + turn * (1.0 - facing)
 
 
-@kernel(
-    Tuple((OUT_INTS, OUT_FLOATS2))(
-        *(FLOATS, FLOATS, FLOATS, FLOATS, float64),
-        *(FLOATS2, INTS2, float64, float64, int64, int64, FLOATS, FLOATS),
-    )
-)
-def _nearest(  # noqa: PLR0917 - a kernel takes arrays and numbers
+@kernel(Tuple((OUT_INTS, OUT_FLOATS2))(*[FLOATS] * 4, float64, GRID, FLOATS, FLOATS))
+def _nearest(
     x: FloatArray,
     y: FloatArray,
     cos: FloatArray,
     sin: FloatArray,
     turn: float,
-    lines: FloatArray,
-    cells: IntArray,
-    x_min: float,
-    y_min: float,
-    columns: int,
-    rows: int,
+    grid: GridArrays,
     handicap: FloatArray,
     start_s: FloatArray,
 ) -> tuple[IntArray, FloatArray]:
@@ -226,131 +261,82 @@ def _nearest(  # noqa: PLR0917 - a kernel takes arrays and numbers
     found, place = np.zeros(len(x), np.int64), np.empty((2, len(x)))
     for i in range(len(x)):
         least = np.inf
-        for segment in cells[_cell(x[i], y[i], x_min, y_min, columns, rows)]:
+        for segment in grid.cells[_cell(x[i], y[i], grid)]:
             if segment < 0:
                 break
-            cost = _cost(x[i], y[i], cos[i], sin[i], turn, lines, handicap, segment)
+            cost = _cost(x[i], y[i], cos[i], sin[i], turn, grid.lines, handicap, segment)
             if cost < least:
                 found[i], least = segment, cost
         if not least <= REACH:
             least = np.inf
-            for segment in range(len(lines)):
-                cost = _cost(x[i], y[i], cos[i], sin[i], turn, lines, handicap, segment)
+            for segment in range(len(grid.lines)):
+                cost = _cost(x[i], y[i], cos[i], sin[i], turn, grid.lines, handicap, segment)
                 if cost < least:
                     found[i], least = segment, cost
-        line = lines[found[i]]
+        line = grid.lines[found[i]]
         dx, dy = x[i] - line[0], y[i] - line[1]
         place[0, i] = start_s[found[i]] + within(dx * line[2] + dy * line[3], 0.0, line[4])
         place[1, i] = dy * line[2] - dx * line[3]
     return found, place
 
 
-@kernel(OUT_BOOLS(FLOATS, FLOATS, FLOATS2, INTS2, float64, float64, int64, int64, FLOATS))
-def _any_within(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    x: FloatArray,
-    y: FloatArray,
-    lines: FloatArray,
-    cells: IntArray,
-    x_min: float,
-    y_min: float,
-    columns: int,
-    rows: int,
-    reach: FloatArray,
-) -> BoolArray:
+@kernel(OUT_BOOLS(FLOATS, FLOATS, GRID, FLOATS))
+def _any_within(x: FloatArray, y: FloatArray, grid: GridArrays, reach: FloatArray) -> BoolArray:
     """See :meth:`SegmentGrid.any_within`."""
     found = np.zeros(len(x), np.bool_)
     for i in range(len(x)):
-        for segment in cells[_cell(x[i], y[i], x_min, y_min, columns, rows)]:
+        for segment in grid.cells[_cell(x[i], y[i], grid)]:
             if segment < 0:
                 break
-            if _distance(x[i], y[i], lines, segment) <= reach[segment]:
+            if _distance(x[i], y[i], grid.lines, segment) <= reach[segment]:
                 found[i] = True
                 break
     return found
 
 
-@kernel(int64(int64, float64, FLOATS, INTS, FLOATS))
-def _segment_at(lane: int, s: float, start_s: FloatArray, first: IntArray, length: FloatArray) -> int:
-    """Segment of a lane at an arc length; beyond its ends a lane is continued straight.
-
-    Args:
-        lane, s: position of the lane and arc length [m].
-        start_s: (k,) arc lengths at which the segments begin [m].
-        first: first segment of each lane, and behind the last one the number of all.
-        length: length of each lane [m].
-    """
-    begin, end = first[lane], first[lane + 1]
-    at = begin + np.searchsorted(start_s[begin:end], within(s, 0.0, length[lane]), side="right") - 1
+@kernel(int64(int64, float64, SEGMENTS))
+def _segment_at(lane: int, s: float, segments: SegmentArrays) -> int:
+    """Segment of a lane at an arc length `s` [m]; beyond its ends a lane is continued straight."""
+    begin, end = segments.first[lane], segments.first[lane + 1]
+    at = begin + np.searchsorted(segments.start_s[begin:end], within(s, 0.0, segments.length[lane]), side="right") - 1
     return int(min(max(at, begin), end - 1))
 
 
-@kernel(OUT_INTS(INTS, FLOATS, FLOATS, INTS, FLOATS))
-def _segments_at(lane: IntArray, s: FloatArray, start_s: FloatArray, first: IntArray, length: FloatArray) -> IntArray:
+@kernel(OUT_INTS(INTS, FLOATS, SEGMENTS))
+def _segments_at(lane: IntArray, s: FloatArray, segments: SegmentArrays) -> IntArray:
     """Segments (n,) of lanes at arc lengths `lane` and `s` (n,); see :func:`_segment_at`."""
     found = np.empty(len(s), np.int64)
     for i in range(len(s)):
-        found[i] = _segment_at(lane[i], s[i], start_s, first, length)
+        found[i] = _segment_at(lane[i], s[i], segments)
     return found
 
 
-@kernel(OUT_FLOATS2(INTS, FLOATS, float64, FLOATS, FLOATS, INTS, FLOATS))
-def _headings_around(
-    lane: IntArray,
-    s: FloatArray,
-    reach: float,
-    heading: FloatArray,
-    start_s: FloatArray,
-    first: IntArray,
-    length: FloatArray,
-) -> FloatArray:
-    """See :meth:`SegmentGrid.headings_around`.
-
-    Args:
-        lane, s, reach: likewise.
-        heading: (k,) of the segments [rad].
-        start_s, first, length: see :func:`_segment_at`.
-    """
+@kernel(OUT_FLOATS2(INTS, FLOATS, float64, SEGMENTS))
+def _headings_around(lane: IntArray, s: FloatArray, reach: float, segments: SegmentArrays) -> FloatArray:
+    """See :meth:`SegmentGrid.headings_around`."""
     found = np.empty((len(s), 2))
     for i in range(len(s)):
-        found[i, 0] = heading[_segment_at(lane[i], s[i] - reach, start_s, first, length)]
-        found[i, 1] = heading[_segment_at(lane[i], s[i] + reach, start_s, first, length)]
+        found[i, 0] = segments.heading[_segment_at(lane[i], s[i] - reach, segments)]
+        found[i, 1] = segments.heading[_segment_at(lane[i], s[i] + reach, segments)]
     return found
 
 
-@kernel(OUT_FLOATS3(INTS, FLOATS, INTS, int64, float64, *[FLOATS] * 5, FLOATS, INTS, FLOATS))
-def _ways(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    lane: IntArray,
-    s: FloatArray,
-    following: IntArray,
-    steps: int,
-    step: float,
-    start_x: FloatArray,
-    start_y: FloatArray,
-    cos: FloatArray,
-    sin: FloatArray,
-    heading: FloatArray,
-    start_s: FloatArray,
-    first: IntArray,
-    length: FloatArray,
+@kernel(OUT_FLOATS3(INTS, FLOATS, INTS, int64, float64, SEGMENTS))
+def _ways(
+    lane: IntArray, s: FloatArray, following: IntArray, steps: int, step: float, segments: SegmentArrays
 ) -> FloatArray:
-    """See :meth:`SegmentGrid.ways`.
-
-    Args:
-        lane, s, following, steps, step: likewise.
-        start_x, start_y, cos, sin, heading: (k,) of the segments, as in :class:`SegmentGrid`.
-        start_s, first, length: see :func:`_segment_at`.
-    """
+    """See :meth:`SegmentGrid.ways`."""
     found = np.empty((len(lane), steps, 3))
     for i in range(len(lane)):
         here, at = lane[i], s[i]
         for k in range(steps):
-            while at > length[here] and following[here] >= 0:
-                at -= length[here]
+            while at > segments.length[here] and following[here] >= 0:
+                at -= segments.length[here]
                 here = following[here]
-            segment = _segment_at(here, at, start_s, first, length)
-            along = at - start_s[segment]
-            found[i, k, 0] = start_x[segment] + along * cos[segment]
-            found[i, k, 1] = start_y[segment] + along * sin[segment]
-            found[i, k, 2] = heading[segment]
+            segment = _segment_at(here, at, segments)
+            along = at - segments.start_s[segment]
+            found[i, k, 0] = segments.start_x[segment] + along * segments.cos[segment]
+            found[i, k, 1] = segments.start_y[segment] + along * segments.sin[segment]
+            found[i, k, 2] = segments.heading[segment]
             at += step
     return found

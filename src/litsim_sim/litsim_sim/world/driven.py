@@ -17,7 +17,7 @@ from litsim_sim.core.scene import (
     EgoCommand,
     FloatArray,
     IntArray,
-    places,
+    index_of,
 )
 from litsim_sim.core.vehicle import Actuators
 from litsim_sim.kernels.compiled import FLOATS, boolean, kernel
@@ -46,7 +46,7 @@ def check_answers(
         raise ValueError(f"controls at step {step} are not finite")
     if (controls.id[1:] <= controls.id[:-1]).any():
         raise ValueError(f"ids of the controls at step {step} do not ascend: {controls.id.tolist()}")
-    for ego_id in ego_ids[places(controls.id, ego_ids) >= 0].tolist():
+    for ego_id in ego_ids[index_of(controls.id, ego_ids) >= 0].tolist():
         raise ValueError(f"controls at step {step} list the ego, {ego_id}, which has a port of its own")
     walking = table.id[table.obstacle]
     if len(walking) and np.isin(controls.id, walking).any():
@@ -136,10 +136,10 @@ class DrivenVehicles:
         motion = Motion(now.x, now.y, now.yaw, now.speed, now.acceleration, now.yaw_rate)
         moved = bicycle_step(motion, now.length, acceleration, yaw_rate, self._limits)
         if self._own_limits and (of_egos := now.mask(self._ego_ids)).any():
-            alone = Motion(*(getattr(motion, f.name)[of_egos] for f in fields(Motion)))
+            alone = Motion(*(values[of_egos] for values in motion))
             egos = bicycle_step(
                 alone, now.length[of_egos], acceleration[of_egos], yaw_rate[of_egos], self._scenario.vehicle
             )
-            for field in fields(Motion):
-                getattr(moved, field.name)[of_egos] = getattr(egos, field.name)
+            for values, of_ego in zip(moved, egos, strict=True):
+                values[of_egos] = of_ego
         return moved

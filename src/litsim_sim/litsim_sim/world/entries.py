@@ -9,8 +9,8 @@ from numba.types import UniTuple
 
 from litsim_sim.core.pair_geometry import overlap
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, configuration
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller, FloatArray
-from litsim_sim.kernels.compiled import FLOATS, float64, int64, kernel
+from litsim_sim.core.scene import AGENTS, STEP_S, AgentArrays, AgentTable, BoolArray, Controller
+from litsim_sim.kernels.compiled import float64, int64, kernel
 from litsim_sim.scenario.log import Log
 
 SIDE_ROOM = 0.3  # [m] beyond touching boxes within which an agent is in the path of one that enters
@@ -125,10 +125,8 @@ class Entries:
             return float(entry.speed[row])
         scene = int(entry.scene[row])
         begin, end = others.scene.searchsorted((scene, scene + 1)).tolist()
-        where = others.x, others.y, others.yaw, others.speed, others.length, others.width
-        pose = entry.x[row], entry.y[row], entry.yaw[row]
-        vehicle = entry.speed[row], entry.length[row], entry.width[row]
-        speed = _entry_speed(*where, begin, end, *pose, *vehicle, config.gap, config.horizon, config.deceleration)
+        wanted = config.gap, config.horizon, config.deceleration
+        speed = _entry_speed(others.arrays, begin, end, entry.arrays, row, *wanted)
         return None if speed < 0.0 else speed
 
 
@@ -139,22 +137,13 @@ def _from(x: float, y: float, cos: float, sin: float, other_x: float, other_y: f
     return dx * cos + dy * sin, dy * cos - dx * sin
 
 
-@kernel(float64(*[FLOATS] * 6, int64, int64, *[float64] * 9))
-def _entry_speed(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    x: FloatArray,
-    y: FloatArray,
-    yaw: FloatArray,
-    speed: FloatArray,
-    length: FloatArray,
-    width: FloatArray,
+@kernel(float64(AGENTS, int64, int64, AGENTS, int64, *[float64] * 3))
+def _entry_speed(
+    others: AgentArrays,
     begin: int,
     end: int,
-    own_x: float,
-    own_y: float,
-    own_yaw: float,
-    own_speed: float,
-    own_length: float,
-    own_width: float,
+    entry: AgentArrays,
+    row: int,
     gap: float,
     horizon: float,
     deceleration: float,
@@ -162,28 +151,30 @@ def _entry_speed(  # noqa: PLR0917 - a kernel takes arrays and numbers
     """Speed [m/s], at most its own, at which an agent can enter among others; below 0 if it cannot.
 
     Args:
-        x, y, yaw, speed, length, width: (n,) of all agents [m], [rad], [m/s].
+        others: all agents.
         begin, end: row of the first of the others, and row after the last.
-        own_x, own_y, own_yaw, own_speed, own_length, own_width: the same of the agent as it is logged.
+        entry, row: agents as they are logged, and the row of this one.
         gap, horizon, deceleration: as in :class:`EntryConfig`.
     """
+    own_x, own_y, own_yaw = entry.x[row], entry.y[row], entry.yaw[row]
+    own_speed, own_length, own_width = entry.speed[row], entry.length[row], entry.width[row]
     cos, sin, found = math.cos(own_yaw), math.sin(own_yaw), own_speed
     for j in range(begin, end):
-        ahead, left = _from(own_x, own_y, cos, sin, x[j], y[j])
-        if ahead > 0.0 and abs(left) < 0.5 * (width[j] + own_width) + SIDE_ROOM:
-            room = ahead - 0.5 * (length[j] + own_length) - gap
+        ahead, left = _from(own_x, own_y, cos, sin, others.x[j], others.y[j])
+        if ahead > 0.0 and abs(left) < 0.5 * (others.width[j] + own_width) + SIDE_ROOM:
+            room = ahead - 0.5 * (others.length[j] + own_length) - gap
             if room < 0.0:
                 return -1.0
-            found = min(found, math.sqrt(speed[j] ** 2 + room * 2.0 * deceleration))
+            found = min(found, math.sqrt(others.speed[j] ** 2 + room * 2.0 * deceleration))
     instants = math.ceil(horizon / LOOK_EVERY)
     for j in range(begin, end):
-        ahead, left = _from(own_x, own_y, cos, sin, x[j], y[j])
-        follows = ahead <= 0.0 and abs(left) < 0.5 * (width[j] + own_width) + SIDE_ROOM
-        nearing_x = speed[j] * math.cos(yaw[j]) - found * cos
-        nearing_y = speed[j] * math.sin(yaw[j]) - found * sin
+        ahead, left = _from(own_x, own_y, cos, sin, others.x[j], others.y[j])
+        follows = ahead <= 0.0 and abs(left) < 0.5 * (others.width[j] + own_width) + SIDE_ROOM
+        nearing_x = others.speed[j] * math.cos(others.yaw[j]) - found * cos
+        nearing_y = others.speed[j] * math.sin(others.yaw[j]) - found * sin
         for k in range(instants if follows else 1):
             time = k * LOOK_EVERY
-            dx, dy = x[j] - own_x + time * nearing_x, y[j] - own_y + time * nearing_y
-            if overlap(dx, dy, own_yaw, yaw[j], own_length + gap, own_width, length[j], width[j]):
+            dx, dy = others.x[j] - own_x + time * nearing_x, others.y[j] - own_y + time * nearing_y
+            if overlap(dx, dy, own_yaw, others.yaw[j], own_length + gap, own_width, others.length[j], others.width[j]):
                 return -1.0
     return found

@@ -5,19 +5,27 @@ The features (7): left and right lane marking, left and right road edge, lane of
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from litsim_policy.driving.features.scales import CURVATURE, EDGE, HEADING, LATERAL
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.pair_geometry import wrapped
-from litsim_sim.core.scene import FloatArray, IntArray
-from litsim_sim.kernels.compiled import FLOATS, FLOATS2, INTS, OUT_FLOATS2, int64, kernel, void
-from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.core.scene import FloatArray
+from litsim_sim.kernels.compiled import FLOATS, FLOATS2, OUT_FLOATS2, Floats, int64, kernel, tuple_type, void
+from litsim_sim.lane_map.lane_map import LANE_POSITION, LaneMap, LanePosition
 
 ROAD = 7  # number of these features
 CURVE_LENGTH = 10.0  # [m] length of lane around the agent over which its curvature is measured
+
+
+class RoadWidths(NamedTuple):
+    """Half the width of each lane, and the width of the road beyond it on either side [m]."""
+
+    half_width: Floats
+    to_left: Floats
+    to_right: Floats
 
 
 class LaneFeatures:
@@ -26,51 +34,44 @@ class LaneFeatures:
     def __init__(self, lane_map: LaneMap) -> None:
         self._lane_map = lane_map
         lanes = lane_map.lanes
-        self._half_width = 0.5 * np.array([lane.width for lane in lanes])
-        self._to_left = np.array([_width_beyond(lane_map, row, "left") for row in range(len(lanes))])
-        self._to_right = np.array([_width_beyond(lane_map, row, "right") for row in range(len(lanes))])
+        rows = range(len(lanes))
+        self._widths = RoadWidths(
+            0.5 * np.array([lane.width for lane in lanes]),
+            np.array([_width_beyond(lane_map, row, "left") for row in rows]),
+            np.array([_width_beyond(lane_map, row, "right") for row in rows]),
+        )
 
     def write(self, agents: PathFollowers, first: int, features: FloatArray) -> None:
         """Write the features of `agents` into `features` (m, size), from the position `first` on."""
         at = agents.lane
         around = self._lane_map.headings_around(at.lane, at.s, 0.5 * CURVE_LENGTH)
-        sides = self._half_width, self._to_left, self._to_right
-        _write(at.lane, at.d, at.heading, around, agents.yaw, *sides, first, features)
+        _write(at, around, agents.yaw, self._widths, first, features)
 
 
-@kernel(void(INTS, FLOATS, FLOATS, FLOATS2, FLOATS, FLOATS, FLOATS, FLOATS, int64, OUT_FLOATS2))
-def _write(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    lane: IntArray,
-    d: FloatArray,
-    lane_heading: FloatArray,
-    around: FloatArray,
-    yaw: FloatArray,
-    half_width: FloatArray,
-    to_left: FloatArray,
-    to_right: FloatArray,
-    first: int,
-    features: FloatArray,
+@kernel(void(LANE_POSITION, FLOATS2, FLOATS, tuple_type(RoadWidths), int64, OUT_FLOATS2))
+def _write(
+    at: LanePosition, around: FloatArray, yaw: FloatArray, widths: RoadWidths, first: int, features: FloatArray
 ) -> None:
     """Write the ROAD features of m agents.
 
     Args:
-        lane, d, lane_heading: (m,) as in :class:`litsim_sim.lane_map.lane_map.LanePosition`.
+        at: their positions on lanes.
         around: (m, 2) heading of the lane half of CURVE_LENGTH behind and ahead [rad].
         yaw: (m,) of the agents [rad].
-        half_width: of all lanes [m].
-        to_left, to_right: width of the road beyond each lane [m].
+        widths: of all lanes.
         first: position of the first feature.
         features: (m, size) written to.
     """
-    for i in range(len(lane)):
-        marker_left, marker_right = half_width[lane[i]] - d[i], half_width[lane[i]] + d[i]
+    for i in range(len(yaw)):
+        lane, d, half_width = at.lane[i], at.d[i], widths.half_width[at.lane[i]]
+        marker_left, marker_right = half_width - d, half_width + d
         features[i, first] = marker_left / LATERAL
         features[i, first + 1] = marker_right / LATERAL
-        features[i, first + 2] = (marker_left + to_left[lane[i]]) / EDGE
-        features[i, first + 3] = (marker_right + to_right[lane[i]]) / EDGE
-        features[i, first + 4] = d[i] / LATERAL
+        features[i, first + 2] = (marker_left + widths.to_left[lane]) / EDGE
+        features[i, first + 3] = (marker_right + widths.to_right[lane]) / EDGE
+        features[i, first + 4] = d / LATERAL
         features[i, first + 5] = wrapped(around[i, 1] - around[i, 0]) / CURVE_LENGTH / CURVATURE
-        features[i, first + 6] = wrapped(yaw[i] - lane_heading[i]) / HEADING
+        features[i, first + 6] = wrapped(yaw[i] - at.heading[i]) / HEADING
 
 
 def _width_beyond(lane_map: LaneMap, row: int, side: Literal["left", "right"]) -> float:

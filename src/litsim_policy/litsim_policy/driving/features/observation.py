@@ -25,8 +25,8 @@ from litsim_policy.driving.features.way import AHEAD, WAY, write_ahead, write_wa
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.along_path import Poses
 from litsim_sim.core.quantities import Flag, Length, Positive, Whole, configuration
-from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
-from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_FLOATS2, kernel, void
+from litsim_sim.core.scene import AGENTS, AgentArrays, AgentTable, FloatArray, IntArray
+from litsim_sim.kernels.compiled import INTS, OUT_FLOATS2, kernel, void
 from litsim_sim.lane_map.lane_map import LaneMap
 
 CORE = 4  # number of features of the agent itself
@@ -84,8 +84,7 @@ class Observer:
         config = self.config
         features = np.zeros((len(scene), config.size))
         if len(scene):
-            table, rows = scene.agents.table, scene.agents.rows
-            _write_core(table.length, table.width, table.speed, table.acceleration, rows, features)
+            _write_core(scene.agents.table.arrays, scene.agents.rows, features)
             by_sector = config.arrange == "sector"
             write_surrounding(scene.agents, config.sight, config.slots, CORE, features, by_sector=by_sector)
             self._road.write(scene.agents, config.road_at, features)
@@ -96,17 +95,10 @@ class Observer:
         return features
 
 
-@kernel(void(FLOATS, FLOATS, FLOATS, FLOATS, INTS, OUT_FLOATS2))
-def _write_core(
-    length: FloatArray,
-    width: FloatArray,
-    speed: FloatArray,
-    acceleration: FloatArray,
-    rows: IntArray,
-    features: FloatArray,
-) -> None:
-    """Write the core features of the agents in `rows` (m,) of a table into `features` (m, size)."""
+@kernel(void(AGENTS, INTS, OUT_FLOATS2))
+def _write_core(agents: AgentArrays, rows: IntArray, features: FloatArray) -> None:
+    """Write the core features of the agents in `rows` (m,) of all `agents` into `features` (m, size)."""
     for i in range(len(rows)):
         own = rows[i]
-        features[i, 0], features[i, 1] = length[own] / LENGTH, width[own] / WIDTH
-        features[i, 2], features[i, 3] = speed[own] / SPEED, acceleration[own] / ACCELERATION
+        features[i, 0], features[i, 1] = agents.length[own] / LENGTH, agents.width[own] / WIDTH
+        features[i, 2], features[i, 3] = agents.speed[own] / SPEED, agents.acceleration[own] / ACCELERATION

@@ -7,28 +7,56 @@ of the relative heading. A slot without an agent is all zeros.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba.types import Tuple
 
 from litsim_policy.driving.features.scales import DISTANCE, SPEED
+from litsim_policy.motion.along_path import POSES, PoseArrays
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.pair_geometry import within_scenes
-from litsim_sim.core.scene import FloatArray, IntArray
+from litsim_sim.core.scene import AGENTS, AgentArrays, FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
     FLOATS,
     INTS,
     OUT_FLOATS,
     OUT_FLOATS2,
     OUT_INTS,
-    boolean,
+    Floats,
+    Ints,
     float64,
-    int64,
     kernel,
+    tuple_type,
     void,
 )
 
 SLOT = 7  # number of features of a slot
+
+
+class SeenPairs(NamedTuple):
+    """k pairs of an observer and an agent within its sight, ordered by the observer; arrays (k,).
+
+    Attributes:
+        observer: position of the observer among m.
+        agent: row of the agent among n.
+        ahead, left: distances of the agent from the observer [m].
+        bearing: of the agent, relative to the observer's heading [rad].
+    """
+
+    observer: Ints
+    agent: Ints
+    ahead: Floats
+    left: Floats
+    bearing: Floats
+
+
+class Slots(NamedTuple):
+    """The slots: whether each is a sector, their number, and the position of their first feature."""
+
+    by_sector: bool
+    number: int
+    first: int
 
 
 def write_surrounding(
@@ -44,48 +72,35 @@ def write_surrounding(
         features: written to.
         by_sector: whether each slot is a sector; otherwise slots hold the nearest agents, nearest first.
     """
-    table = agents.table
-    observer, agent, ahead, left = _pairs_in_sight(
-        table.scene, table.x, table.y, agents.rows, agents.x, agents.y, agents.yaw, sight
-    )
-    bearing, others = np.arctan2(left, ahead), (table.yaw, table.speed, table.length)
-    _write(observer, agent, ahead, left, bearing, agents.rows, agents.yaw, *others, by_sector, slots, first, features)
+    table, rows = agents.table.arrays, agents.rows
+    observer, agent, ahead, left = _pairs_in_sight(table, rows, agents.own, sight)
+    pairs = SeenPairs(observer, agent, ahead, left, np.arctan2(left, ahead))
+    _write(pairs, table, rows, agents.yaw, Slots(by_sector, slots, first), features)
 
 
-@kernel(
-    Tuple((OUT_INTS, OUT_INTS, OUT_FLOATS, OUT_FLOATS))(INTS, FLOATS, FLOATS, INTS, FLOATS, FLOATS, FLOATS, float64)
-)
+@kernel(Tuple((OUT_INTS, OUT_INTS, OUT_FLOATS, OUT_FLOATS))(AGENTS, INTS, POSES, float64))
 def _pairs_in_sight(
-    scene: IntArray,
-    x: FloatArray,
-    y: FloatArray,
-    rows: IntArray,
-    own_x: FloatArray,
-    own_y: FloatArray,
-    own_yaw: FloatArray,
-    sight: float,
+    agents: AgentArrays, rows: IntArray, own: PoseArrays, sight: float
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Pairs of observing agents and agents within their sight.
 
     Args:
-        scene: (n,) scene of each agent; only agents of one scene form pairs.
-        x, y: (n,) of all agents [m].
+        agents: all agents; only agents of one scene form pairs.
         rows: (m,) of the observers.
-        own_x, own_y, own_yaw: (m,) poses of the observers [m], [rad].
+        own: (m,) poses of the observers.
         sight: range of sight [m].
 
     Returns:
-        k pairs, ordered by the observer: position of the observer in `rows` and row of the other agent, both (k,), and
-        the distances of the latter ahead and to the left (k,) [m].
+        the fields of :class:`SeenPairs`, except the bearing.
     """
-    begin, end = within_scenes(scene, rows)
+    begin, end = within_scenes(agents.scene, rows)
     most = (end - begin).sum()
     observer, agent, ahead, left = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most), np.empty(most)
     k = 0
     for i in range(len(rows)):
-        cos, sin = math.cos(own_yaw[i]), math.sin(own_yaw[i])
+        cos, sin = math.cos(own.yaw[i]), math.sin(own.yaw[i])
         for j in range(begin[i], end[i]):
-            dx, dy = x[j] - own_x[i], y[j] - own_y[i]
+            dx, dy = agents.x[j] - own.x[i], agents.y[j] - own.y[i]
             if j != rows[i] and math.hypot(dx, dy) <= sight:
                 observer[k], agent[k] = i, j
                 ahead[k], left[k] = dx * cos + dy * sin, dy * cos - dx * sin
@@ -93,63 +108,46 @@ def _pairs_in_sight(
     return observer[:k], agent[:k], ahead[:k], left[:k]
 
 
-@kernel(
-    void(INTS, INTS, FLOATS, FLOATS, FLOATS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, boolean, int64, int64, OUT_FLOATS2)
-)
-def _write(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    observer: IntArray,
-    agent: IntArray,
-    ahead: FloatArray,
-    left: FloatArray,
-    bearing: FloatArray,
-    rows: IntArray,
-    own_yaw: FloatArray,
-    yaw: FloatArray,
-    speed: FloatArray,
-    length: FloatArray,
-    by_sector: bool,
-    slots: int,
-    first: int,
-    features: FloatArray,
+@kernel(void(tuple_type(SeenPairs), AGENTS, INTS, FLOATS, tuple_type(Slots), OUT_FLOATS2))
+def _write(
+    pairs: SeenPairs, agents: AgentArrays, rows: IntArray, own_yaw: FloatArray, slots: Slots, features: FloatArray
 ) -> None:
     """Write the surrounding agents: the nearest per sector, or the nearest of all; of equally near ones the lower row.
 
     Args:
-        observer, agent, ahead, left: k pairs from :func:`_pairs_in_sight`.
-        bearing: (k,) of the agents relative to the observers' headings [rad].
+        pairs: all pairs.
+        agents: all agents.
         rows, own_yaw: (m,) of the observers, and their headings [rad].
-        yaw, speed, length: (n,) of all agents [rad], [m/s], [m].
-        by_sector: whether each slot is a sector.
-        slots: number of slots.
-        first: position of the first feature.
+        slots: where the features are written.
         features: (m, size) written to.
     """
-    chosen = np.full((len(rows), slots), -1, np.int64)
-    near = np.full((len(rows), slots), np.inf)
+    observer, agent, ahead, left, bearing = pairs
+    chosen = np.full((len(rows), slots.number), -1, np.int64)
+    near = np.full((len(rows), slots.number), np.inf)
     for k in range(len(observer)):
-        i, turn = observer[k], yaw[agent[k]] - own_yaw[observer[k]]
-        front, own_front = 0.5 * length[agent[k]], 0.5 * length[rows[i]]
+        i, turn = observer[k], agents.yaw[agent[k]] - own_yaw[observer[k]]
+        front, own_front = 0.5 * agents.length[agent[k]], 0.5 * agents.length[rows[i]]
         apart = math.hypot(ahead[k] + front * math.cos(turn) - own_front, left[k] + front * math.sin(turn))
-        if by_sector:
-            at = int(np.floor(bearing[k] / (2.0 * math.pi / slots) + 0.5)) % slots
+        if slots.by_sector:
+            at = int(np.floor(bearing[k] / (2.0 * math.pi / slots.number) + 0.5)) % slots.number
             if apart < near[i, at]:
                 chosen[i, at], near[i, at] = k, apart
             continue
-        at = slots
+        at = slots.number
         while at > 0 and apart < near[i, at - 1]:
             at -= 1
-        for later in range(slots - 1, at, -1):
+        for later in range(slots.number - 1, at, -1):
             chosen[i, later], near[i, later] = chosen[i, later - 1], near[i, later - 1]
-        if at < slots:
+        if at < slots.number:
             chosen[i, at], near[i, at] = k, apart
     for i in range(len(rows)):
-        for at in range(slots):
-            k, place = chosen[i, at], first + SLOT * at
+        for at in range(slots.number):
+            k, place = chosen[i, at], slots.first + SLOT * at
             if k < 0:
                 continue
-            turn = yaw[agent[k]] - own_yaw[i]
+            turn = agents.yaw[agent[k]] - own_yaw[i]
             features[i, place] = 1.0
             features[i, place + 1] = near[i, at] / DISTANCE
-            features[i, place + 2] = speed[agent[k]] / SPEED
+            features[i, place + 2] = agents.speed[agent[k]] / SPEED
             features[i, place + 3], features[i, place + 4] = math.sin(bearing[k]), math.cos(bearing[k])
             features[i, place + 5], features[i, place + 6] = math.sin(turn), math.cos(turn)

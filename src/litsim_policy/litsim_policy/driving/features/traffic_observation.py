@@ -23,10 +23,11 @@ from numba.types import Tuple
 
 from litsim_policy.driving.features.lanes import ROAD, LaneFeatures
 from litsim_policy.driving.features.scales import HEADING, LENGTH, LIMIT, SPEED, WIDTH
+from litsim_policy.motion.along_path import POSES, PoseArrays
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.pair_geometry import within_scenes
-from litsim_sim.core.scene import FloatArray, IntArray
-from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_FLOATS2, kernel
+from litsim_sim.core.scene import AGENTS, AgentArrays, FloatArray, IntArray
+from litsim_sim.kernels.compiled import INTS, OUT_FLOATS2, kernel
 from litsim_sim.lane_map.lane_map import LaneMap
 
 BEAMS = 20
@@ -55,41 +56,30 @@ class TrafficObserver:
         unit_x, unit_y = agents.paths.directions_ahead(here, agents.reach)
         turn = np.arctan2(unit_y, unit_x)[:, 1:] - agents.yaw[:, None]
         features[:, OWN + ROAD : OWN + ROAD + WAY] = np.arctan2(np.sin(turn), np.cos(turn)) / HEADING
-        everybody = table.scene, table.x, table.y, table.yaw, table.speed, table.length, table.width
-        distance, rate = _beams(*everybody, rows, agents.x, agents.y, agents.yaw)
+        distance, rate = _beams(table.arrays, rows, agents.own)
         features[:, OWN + ROAD + WAY : OWN + ROAD + WAY + BEAMS] = distance / BEAM
         features[:, OWN + ROAD + WAY + BEAMS :] = rate / RATE
         return np.minimum(np.maximum(features, -LIMIT, out=features), LIMIT, out=features)
 
 
-@kernel(Tuple((OUT_FLOATS2, OUT_FLOATS2))(INTS, *[FLOATS] * 6, INTS, FLOATS, FLOATS, FLOATS))
-def _beams(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    scene: IntArray,
-    x: FloatArray,
-    y: FloatArray,
-    yaw: FloatArray,
-    speed: FloatArray,
-    length: FloatArray,
-    width: FloatArray,
-    rows: IntArray,
-    own_x: FloatArray,
-    own_y: FloatArray,
-    own_yaw: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Beams of the agents in `rows` (m,) of a table (n,), from their `own` poses (m,).
+@kernel(Tuple((OUT_FLOATS2, OUT_FLOATS2))(AGENTS, INTS, POSES))
+def _beams(agents: AgentArrays, rows: IntArray, own_poses: PoseArrays) -> tuple[FloatArray, FloatArray]:
+    """Beams of the agents in `rows` (m,) of all `agents`, from their `own_poses` (m,).
 
     Returns:
         distances (m, BEAMS) [m] from the box centres to the nearest boxes, BEAM for none; and their rates of change
         (m, BEAMS) [m/s], 0 for none.
     """
     distance, rate = np.full((len(rows), BEAMS), BEAM), np.zeros((len(rows), BEAMS))
-    begin, end = within_scenes(scene, rows)
+    x, y, yaw, speed = agents.x, agents.y, agents.yaw, agents.speed
+    own_x, own_y, own_yaw = own_poses
+    begin, end = within_scenes(agents.scene, rows)
     for i in range(len(rows)):
         own = rows[i]
         rush_x, rush_y = speed[own] * math.cos(own_yaw[i]), speed[own] * math.sin(own_yaw[i])
         for j in range(begin[i], end[i]):
             dx, dy = own_x[i] - x[j], own_y[i] - y[j]
-            half_length, half_width = 0.5 * length[j], 0.5 * width[j]
+            half_length, half_width = 0.5 * agents.length[j], 0.5 * agents.width[j]
             if j == own or math.hypot(dx, dy) > BEAM + half_length + half_width:
                 continue
             cos, sin = math.cos(yaw[j]), math.sin(yaw[j])

@@ -18,11 +18,12 @@ from litsim_policy.driving.features.scales import (
 from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.following import following_cap
 from litsim_policy.driving.task import DrivingScene
+from litsim_policy.motion.along_path import POSES, PoseArrays
+from litsim_policy.motion.car_following import LEADERS, Leaders
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.pair_geometry import wrapped
-from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import AGENTS, STEP_S, AgentArrays, FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
-    BOOLS2,
     FLOATS,
     FLOATS2,
     INTS,
@@ -65,26 +66,13 @@ AHEAD, WAY = 6, 14  # numbers of these features
 
 def write_ahead(agents: PathFollowers, sight: float, first: int, features: FloatArray) -> None:
     """Write :data:`AHEAD_FEATURES` of m agents into `features` (m, size), from `first` on; `sight` in metres."""
-    view = agents.view
     features[:, first + 1] = following_cap(FORESEEN, agents) / ACCELERATION
-    _write_ahead(
-        view.gap,
-        view.speed,
-        view.ahead,
-        view.in_path,
-        view.first,
-        agents.table.length,
-        agents.table.acceleration,
-        agents.speed,
-        sight,
-        first,
-        features,
-    )
+    _write_ahead(agents.leaders, agents.table.length, agents.speed, sight, first, features)
 
 
 def write_way(scene: DrivingScene, sight: float, features: FloatArray) -> None:
     """Write :data:`WAY_FEATURES` of the m agents of `scene` as the last of `features` (m, size); `sight` in metres."""
-    agents, table, view = scene.agents, scene.agents.table, scene.agents.view
+    agents, table = scene.agents, scene.agents.table
     unit_x, unit_y = agents.paths.directions_ahead(agents.s, agents.reach)
     _write_path(
         agents.d,
@@ -95,19 +83,8 @@ def write_way(scene: DrivingScene, sight: float, features: FloatArray) -> None:
         scene.due_step - table.step,
         features,
     )
-    _write_leader(view.gap, view.speed, view.ahead, view.in_path, agents.speed, sight, features)
-    _write_opponent(
-        table.x,
-        table.y,
-        table.yaw,
-        table.speed,
-        table.rows(scene.opponent),
-        agents.x,
-        agents.y,
-        agents.yaw,
-        agents.speed,
-        features,
-    )
+    _write_leader(agents.leaders, agents.speed, sight, features)
+    _write_opponent(table.arrays, table.rows(scene.opponent), agents.own, agents.speed, features)
 
 
 @kernel(void(FLOATS, FLOATS2, FLOATS, FLOATS, FLOATS, INTS, OUT_FLOATS2))
@@ -141,100 +118,65 @@ def _write_path(
         features[i, first + 9] = steps_left[i] * STEP_S / TIME
 
 
-@kernel(int64(FLOATS2, BOOLS2, BOOLS2, int64, float64, float64))
-def _next_on_path(gap: FloatArray, ahead: BoolArray, in_path: BoolArray, i: int, beyond: float, sight: float) -> int:
-    """Column of the nearest leader of agent `i` with a gap of more than `beyond` and less than `sight` [m], or -1.
-
-    The arrays (m, w) are those of :class:`litsim_policy.motion.along_path.AlongPath`.
-    """
-    found, least = -1, sight
-    for j in range(gap.shape[1]):
-        if ahead[i, j] and in_path[i, j] and beyond < gap[i, j] < least:
-            found, least = j, gap[i, j]
-    return found
+@kernel(int64(LEADERS, int64, float64, float64))
+def _next_on_path(leaders: Leaders, i: int, beyond: float, sight: float) -> int:
+    """Column of the nearest leader of agent `i` with a gap of more than `beyond` and less than `sight` [m], or -1."""
+    nearest, least = -1, sight
+    for j in range(leaders.gap.shape[1]):
+        if leaders.leads[i, j] and beyond < leaders.gap[i, j] < least:
+            nearest, least = j, leaders.gap[i, j]
+    return nearest
 
 
-@kernel(void(FLOATS2, FLOATS2, BOOLS2, BOOLS2, INTS, FLOATS, FLOATS, FLOATS, float64, int64, OUT_FLOATS2))
-def _write_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    gap: FloatArray,
-    along: FloatArray,
-    ahead: BoolArray,
-    in_path: BoolArray,
-    begin: IntArray,
-    length: FloatArray,
-    acceleration: FloatArray,
-    speed: FloatArray,
-    sight: float,
-    first: int,
-    features: FloatArray,
+@kernel(void(LEADERS, FLOATS, FLOATS, float64, int64, OUT_FLOATS2))
+def _write_ahead(
+    leaders: Leaders, length: FloatArray, speed: FloatArray, sight: float, first: int, features: FloatArray
 ) -> None:
     """Write the acceleration of the leader, and the features of the second leader.
 
     Args:
-        gap, along, ahead, in_path: (m, w) as in :class:`litsim_policy.motion.along_path.AlongPath`; `along` is the
-            speed there.
-        begin: (m,) row of the first of the others.
-        length, acceleration: (n,) of all agents [m], [m/s2].
+        leaders: of the agents.
+        length: (n,) of all agents [m].
         speed: (m,) of the agents [m/s].
         sight: range of sight [m].
         first: position of the first feature.
         features: (m, size) written to.
     """
     for i in range(len(speed)):
-        leader = _next_on_path(gap, ahead, in_path, i, -np.inf, sight)
+        leader = _next_on_path(leaders, i, -np.inf, sight)
         if leader < 0:
             continue
-        features[i, first] = acceleration[begin[i] + leader] / ACCELERATION
+        features[i, first] = leaders.acceleration[leaders.first[i] + leader] / ACCELERATION
         # an agent alongside the leader does not count as the second one
-        beyond = gap[i, leader] + 0.5 * length[begin[i] + leader]
-        second = _next_on_path(gap, ahead, in_path, i, beyond, sight)
+        beyond = leaders.gap[i, leader] + 0.5 * length[leaders.first[i] + leader]
+        second = _next_on_path(leaders, i, beyond, sight)
         if second >= 0:
-            features[i, first + 2], features[i, first + 3] = 1.0, gap[i, second] / DISTANCE
-            features[i, first + 4] = (along[i, second] - speed[i]) / SPEED
-            features[i, first + 5] = acceleration[begin[i] + second] / ACCELERATION
+            features[i, first + 2], features[i, first + 3] = 1.0, leaders.gap[i, second] / DISTANCE
+            features[i, first + 4] = (leaders.speed[i, second] - speed[i]) / SPEED
+            features[i, first + 5] = leaders.acceleration[leaders.first[i] + second] / ACCELERATION
 
 
-@kernel(void(FLOATS2, FLOATS2, BOOLS2, BOOLS2, FLOATS, float64, OUT_FLOATS2))
-def _write_leader(
-    gap: FloatArray,
-    along: FloatArray,
-    ahead: BoolArray,
-    in_path: BoolArray,
-    speed: FloatArray,
-    sight: float,
-    features: FloatArray,
-) -> None:
-    """Write the leader within `sight` [m], of agents with `speed` (m,) [m/s].
-
-    The first four arrays (m, w) are those of :class:`litsim_policy.motion.along_path.AlongPath`.
-    """
+@kernel(void(LEADERS, FLOATS, float64, OUT_FLOATS2))
+def _write_leader(leaders: Leaders, speed: FloatArray, sight: float, features: FloatArray) -> None:
+    """Write the leader within `sight` [m], of agents with `speed` (m,) [m/s]."""
     first = features.shape[1] - WAY + 5
     for i in range(len(speed)):
-        leader = _next_on_path(gap, ahead, in_path, i, -np.inf, sight)
+        leader = _next_on_path(leaders, i, -np.inf, sight)
         if leader >= 0:
-            features[i, first], features[i, first + 1] = 1.0, gap[i, leader] / DISTANCE
-            features[i, first + 2] = (along[i, leader] - speed[i]) / SPEED
+            features[i, first], features[i, first + 1] = 1.0, leaders.gap[i, leader] / DISTANCE
+            features[i, first + 2] = (leaders.speed[i, leader] - speed[i]) / SPEED
 
 
-@kernel(void(FLOATS, FLOATS, FLOATS, FLOATS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, OUT_FLOATS2))
-def _write_opponent(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    x: FloatArray,
-    y: FloatArray,
-    yaw: FloatArray,
-    speed: FloatArray,
-    opponent: IntArray,
-    own_x: FloatArray,
-    own_y: FloatArray,
-    own_yaw: FloatArray,
-    own_speed: FloatArray,
-    features: FloatArray,
+@kernel(void(AGENTS, INTS, POSES, FLOATS, OUT_FLOATS2))
+def _write_opponent(
+    agents: AgentArrays, opponent: IntArray, own: PoseArrays, own_speed: FloatArray, features: FloatArray
 ) -> None:
     """Write the features of the opponents.
 
     Args:
-        x, y, yaw, speed: (n,) of all agents [m], [rad], [m/s].
+        agents: all agents.
         opponent: (m,) rows of the opponents; -1 for none.
-        own_x, own_y, own_yaw, own_speed: (m,) of the agents.
+        own, own_speed: (m,) poses and speeds [m/s] of the agents that observe them.
         features: (m, size) written to.
     """
     first = features.shape[1] - 4
@@ -242,9 +184,9 @@ def _write_opponent(  # noqa: PLR0917 - a kernel takes arrays and numbers
         j = opponent[i]
         if j < 0:
             continue
-        cos, sin = math.cos(own_yaw[i]), math.sin(own_yaw[i])
-        dx, dy = x[j] - own_x[i], y[j] - own_y[i]
+        cos, sin = math.cos(own.yaw[i]), math.sin(own.yaw[i])
+        dx, dy = agents.x[j] - own.x[i], agents.y[j] - own.y[i]
         features[i, first] = 1.0
         features[i, first + 1] = (dx * cos + dy * sin) / DISTANCE
         features[i, first + 2] = (dy * cos - dx * sin) / LATERAL
-        features[i, first + 3] = (speed[j] * math.cos(yaw[j] - own_yaw[i]) - own_speed[i]) / SPEED
+        features[i, first + 3] = (agents.speed[j] * math.cos(agents.yaw[j] - own.yaw[i]) - own_speed[i]) / SPEED

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+from typing import NamedTuple
+
 from pydantic import model_validator
 
 from litsim_policy.motion.car_following import LEADER_BRAKES
@@ -19,6 +22,30 @@ from litsim_sim.core.quantities import (
     at_most,
     configuration,
 )
+from litsim_sim.kernels.compiled import tuple_of, tuple_type
+
+
+class SafetyValues(NamedTuple):
+    """The values of :class:`SafetyConfig` that kernels take."""
+
+    acceleration_max: float
+    deceleration_max: float
+    jerk_max: float
+    braking_jerk_max: float
+    lateral_acceleration_max: float
+    yaw_rate_max: float
+    yaw_acceleration_max: float
+    braking_max: float
+    leader_braking: float
+    own_braking: float
+    standstill_gap: float
+    relax: float
+    widening: float
+    imminent: float
+    leader_brakes: float
+
+
+SAFETY = tuple_type(SafetyValues)
 
 
 @configuration
@@ -74,6 +101,11 @@ class SafetyConfig:
     settle: Positive[Duration] = 0.5
     margin: NonNegative[Length] = 0.15
     road_horizon: Horizon = 0.8
+
+    @cached_property
+    def values(self) -> SafetyValues:
+        """The values that kernels take."""
+        return tuple_of(SafetyValues, self)
 
     @model_validator(mode="after")
     def _check(self) -> SafetyConfig:

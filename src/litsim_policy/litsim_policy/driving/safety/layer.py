@@ -20,7 +20,6 @@ from litsim_policy.driving.safety.following import following_cap, stopping_cap
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.stop_lines import StopLines
-from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.signals import LinkSignals
@@ -28,8 +27,7 @@ from litsim_sim.scenario.signals import LinkSignals
 GUARDS = ("limits", "following", "contact", "road")
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class SafeCommands:
     """Commands after the layer; arrays (m,).
 
@@ -68,33 +66,19 @@ class SafetyLayer:
     def apply(
         self, table: AgentTable, tasks: Sequence[DrivingTask], acceleration: FloatArray, yaw_rate: FloatArray
     ) -> SafeCommands:
-        """The safe commands of the agents with `tasks` (m); see :meth:`guard`."""
+        """Returns the safe commands of the agents with `tasks` (m); see :meth:`guard`."""
         return self.guard(DrivingScene.of(self.lane_map, table, tasks), acceleration, yaw_rate)
 
     def guard(self, scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray) -> SafeCommands:
-        """The commands of the m agents of `scene`, with the least changes needed.
+        """Returns the commands of the m agents of `scene`, with the least changes needed.
 
         Args:
             scene: the agents, their paths, and all other agents.
             acceleration, yaw_rate: (m,) requested [m/s2], [rad/s].
         """
         config, agents = self.config, scene.agents
-        table, rows = agents.table, agents.rows
         changed = np.zeros((len(scene), len(GUARDS)), np.bool_)
-        safe, changed[:, 0] = limited(
-            acceleration,
-            yaw_rate,
-            table.acceleration[rows],
-            table.yaw_rate[rows],
-            agents.speed,
-            config.deceleration_max,
-            config.acceleration_max,
-            config.jerk_max,
-            config.braking_jerk_max,
-            config.yaw_rate_max,
-            config.lateral_acceleration_max,
-            config.yaw_acceleration_max,
-        )
+        safe, changed[:, 0] = limited(acceleration, yaw_rate, agents.table.arrays, agents.rows, config.values)
         cap = np.full(len(scene), config.acceleration_max)
         if config.following:
             cap = following_cap(config, agents)
@@ -114,7 +98,7 @@ class SafetyLayer:
     def _guarded(
         self, agents: PathFollowers, commands: FloatArray, cap: FloatArray
     ) -> tuple[FloatArray, BoolArray, BoolArray]:
-        """The least changes to `commands` (m, 2) with which agents touch no other and stay on the road.
+        """Returns the least changes to `commands` (m, 2) with which agents touch no other and stay on the road.
 
         If no choice does, the one that touches latest, and of these the one that brakes hardest.
 
@@ -140,10 +124,7 @@ class SafetyLayer:
             agents.table.yaw_rate[rows[at]],
             agents.path_yaw_rate[at],
             agents.lane_yaw_rate[at],
-            config.yaw_acceleration_max * STEP_S,
-            config.lateral_acceleration_max,
-            config.acceleration_max,
-            config.braking_max,
+            config.values,
         )
         touch, stays = self._look_ahead(agents.table, rows[at], choices)
         if not config.contact:
@@ -157,7 +138,7 @@ class SafetyLayer:
         return chosen, moved & touches, moved & leaves
 
     def _look_ahead(self, table: AgentTable, rows: IntArray, commands: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Outcome of commands (m, c, 2) of the agents in `rows` (m,).
+        """Returns the outcome of commands (m, c, 2) of the agents in `rows` (m,).
 
         Returns:
             time of the first touch (m, c) [s], infinite where there is none, and whether the agent stays on the road

@@ -24,7 +24,7 @@ class SimnetConfig:
     weights: str = ""
 
     def file(self) -> Path:
-        """The file of the network.
+        """Returns the file of the network.
 
         Raises:
             InputError: `weights` is not a file for this backbone.
@@ -45,5 +45,5 @@ class SimnetConfig:
 
 
 def shipped_weights() -> Path:
-    """The packaged weights, of the small backbone."""
+    """Returns the packaged weights, of the small backbone."""
     return Path(str(resources.files("litsim_research").joinpath("weights/simnet.safetensors")))

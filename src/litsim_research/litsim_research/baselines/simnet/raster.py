@@ -8,27 +8,31 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from litsim_policy.motion.stop_lines import IS_AMBER, IS_RED
 from litsim_predictor.inference.raster import TURNS, DrawnNet
-from litsim_sim.core.scene import BoolArray, ByteArray, FloatArray, IntArray
+from litsim_sim.core.scene import FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
-    BOOLS2,
     FLOATS,
     FLOATS2,
     FLOATS3,
     INTS,
     OUT_SINGLES2,
     OUT_SINGLES3,
+    Bools2,
+    Bytes2,
+    Floats2,
+    Floats3,
+    Ints,
     float32,
     float64,
     int64,
     kernel,
-    read_array,
-    uint8,
+    tuple_type,
     void,
     written_array,
 )
@@ -49,7 +53,7 @@ FROM_BEHIND, FROM_RIGHT = 0.25, 0.5
 """Position of the agent, as shares of the raster's length and width."""
 STOP_DEPTH = 1.0  # [m] extent of a stop line along the lane
 
-BYTES2, OUT_SINGLES4 = read_array(uint8, 2), written_array(float32, 4)
+OUT_SINGLES4 = written_array(float32, 4)
 COSINES, SINES = np.cos(TURNS).astype(np.float32), np.sin(TURNS).astype(np.float32)
 
 
@@ -72,8 +76,7 @@ PAPER = RasterShape(224, 224, 0.5)
 SMALL = RasterShape(96, 48, 1.0)
 
 
-@dataclass(frozen=True)
-class Motions:
+class Motions(NamedTuple):
     """The last FRAMES steps of n agents, the present one last.
 
     Attributes:
@@ -83,10 +86,20 @@ class Motions:
         scene: (n,) scene; only agents of one scene are drawn together.
     """
 
-    pose: FloatArray
-    there: BoolArray
-    size: FloatArray
-    scene: IntArray
+    pose: Floats3
+    there: Bools2
+    size: Floats2
+    scene: Ints
+
+
+class RoadImage(NamedTuple):
+    """The road as in :class:`DrawnNet`."""
+
+    closeness: Bytes2
+    angle: Bytes2
+
+
+MOTIONS, ROAD = tuple_type(Motions), tuple_type(RoadImage)
 
 
 class Painter:
@@ -99,7 +112,8 @@ class Painter:
     """
 
     def __init__(self, net: DrawnNet, signals: LinkSignals | None, shape: RasterShape) -> None:
-        self._net, self._signals, self._shape = net, signals, shape
+        self._road, self._signals, self._shape = RoadImage(net.closeness, net.angle), signals, shape
+        self._sizes = np.array([*net.origin, net.cell, shape.cell])
         links = () if signals is None else signals.links
         lines = [(*link.stop, link.heading, link.width) for link in links]
         self._lines: FloatArray = np.array(lines, np.float64).reshape(-1, 4)
@@ -117,25 +131,16 @@ class Painter:
             own: (m, FRAMES, 3) assumed poses of these agents, the last of which is the origin of the raster; None for
                 their actual ones.
         """
-        shape, net = self._shape, self._net
         if len(rows) > len(self._rasters):
             self._rasters = np.empty((len(rows), *self._rasters.shape[1:]), np.float32)
         rasters = self._rasters[: len(rows)]
         rasters[:] = 0.0
         own = everybody.pose[rows] if own is None else own
-        draw_rasters(
-            np.ascontiguousarray(own),
-            rows,
-            np.ascontiguousarray(everybody.pose),
-            np.ascontiguousarray(everybody.there),
-            everybody.size,
-            everybody.scene,
-            *self._closed_lines(step),
-            net.closeness,
-            net.angle,
-            np.array([*net.origin, net.cell, shape.cell]),
-            rasters,
-        )
+        pose, there, size, scene = everybody
+        motions = Motions(np.ascontiguousarray(pose), np.ascontiguousarray(there), size, scene)
+        lines, line_scene = self._closed_lines(step)
+        own = np.ascontiguousarray(own)
+        draw_rasters(own, rows, motions, lines, line_scene, self._road, self._sizes, rasters)
         return rasters
 
     def _closed_lines(self, step: int) -> tuple[FloatArray, IntArray]:
@@ -177,17 +182,8 @@ def draw_box(
             plane[r, c] = max(plane[r, c], float32(along * across))
 
 
-@kernel(void(OUT_SINGLES3, float64, float64, float64, float64, float64, BYTES2, BYTES2))
-def draw_road(
-    raster: Rasters,
-    x: float,
-    y: float,
-    cos: float,
-    sin: float,
-    cell: float,
-    closeness: ByteArray,
-    angle: ByteArray,
-) -> None:
+@kernel(void(OUT_SINGLES3, float64, float64, float64, float64, float64, ROAD))
+def draw_road(raster: Rasters, x: float, y: float, cos: float, sin: float, cell: float, road: RoadImage) -> None:
     """Draw the road into a raster (CHANNELS, rows, columns).
 
     Args:
@@ -195,8 +191,9 @@ def draw_road(
         x, y: its corner behind and to the right, from that of the net, in cells of the net.
         cos, sin: of its heading.
         cell: its cells, in those of the net.
-        closeness, angle: as in :class:`DrawnNet`.
+        road: of the net.
     """
+    closeness, angle = road
     last_row, last_column = closeness.shape[0] - 2, closeness.shape[1] - 2
     turn_cos, turn_sin = float32(cos), float32(sin)
     for r in range(raster.shape[1]):
@@ -219,18 +216,14 @@ def draw_road(
                 raster[SINE, r, c] = SINES[lane] * turn_cos - COSINES[lane] * turn_sin
 
 
-@kernel(void(FLOATS3, INTS, FLOATS3, BOOLS2, FLOATS2, INTS, FLOATS2, INTS, BYTES2, BYTES2, FLOATS, OUT_SINGLES4))
-def draw_rasters(  # noqa: PLR0917 - a kernel takes arrays and numbers
+@kernel(void(FLOATS3, INTS, MOTIONS, FLOATS2, INTS, ROAD, FLOATS, OUT_SINGLES4))
+def draw_rasters(
     own: FloatArray,
     rows: IntArray,
-    pose: FloatArray,
-    there: BoolArray,
-    size: FloatArray,
-    scene: IntArray,
+    motions: Motions,
     lines: FloatArray,
     line_scene: IntArray,
-    closeness: ByteArray,
-    angle: ByteArray,
+    road: RoadImage,
     sizes: FloatArray,
     rasters: Rasters,
 ) -> None:
@@ -238,12 +231,13 @@ def draw_rasters(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
     Args:
         own, rows: as there.
-        pose, there, size, scene: as in :class:`Motions`.
+        motions: of all agents.
         lines, line_scene: from :meth:`Painter._closed_lines`.
-        closeness, angle: as in :class:`DrawnNet`.
+        road: of the net.
         sizes: the net's origin x and y [m], its cells and those of the rasters [m].
         rasters: written to.
     """
+    pose, there, size, scene = motions
     cell = sizes[3]
     origin_ahead, origin_left = FROM_BEHIND * rasters.shape[2], FROM_RIGHT * rasters.shape[3]
     for i in range(len(rows)):
@@ -258,8 +252,7 @@ def draw_rasters(  # noqa: PLR0917 - a kernel takes arrays and numbers
             cos,
             sin,
             cell / sizes[2],
-            closeness,
-            angle,
+            road,
         )
         for k in range(len(lines)):
             if line_scene[k] != scene[rows[i]]:

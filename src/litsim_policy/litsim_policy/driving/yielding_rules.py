@@ -1,0 +1,323 @@
+"""Rules by which agents yield, earlier than guards act: to leaders, opponents, crossing and merging agents.
+
+Policy `yield` gives way, and stays in its lane if the side is taken. Policy `litsim` applies the other rules to the
+commands of its network, and stays in its lane as well.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from litsim_policy.driving.safety.config import SAFETY, SafetyValues
+from litsim_policy.motion.along_path import VIEW, AlongPath
+from litsim_policy.motion.car_following import (
+    LEADER_BRAKES,
+    LEADERS,
+    IdmValues,
+    Leaders,
+    braking_behind,
+    idm,
+    safe_speed,
+)
+from litsim_policy.motion.path_kernels import PATHS, UNIT_X, UNIT_Y, PathArrays, S, X, Y, segment_at
+from litsim_sim.core.pair_geometry import overlap, within_scenes
+from litsim_sim.core.scene import AGENTS, STEP_S, AgentArrays, BoolArray, Controller, FloatArray, IntArray
+from litsim_sim.kernels.compiled import (
+    FLOATS,
+    FLOATS2,
+    INTS,
+    OUT_BOOLS,
+    OUT_FLOATS,
+    boolean,
+    float64,
+    int64,
+    kernel,
+    tuple_type,
+)
+
+FOLLOWING_TIME = 0.5  # [s] time constant of matching a leader's speed, nearer than the standstill gap
+PEDALS = 3  # number of braking strengths, up to the hardest, that are tried to let an agent cross
+TURNING_MIN = 1.0  # [m/s] least speed at which the yaw rate defines the arc of an agent
+SAME_WAY = math.cos(math.pi / 4)  # cosine of the largest angle between headings of agents that do not cross
+LOG = int(Controller.LOG)
+
+
+class RuleValues(NamedTuple):
+    """The values of :class:`litsim_policy.driving.yield_policy.YieldConfig` that these rules take."""
+
+    model: IdmValues
+    courtesy_deceleration: float
+    side_gap: float
+    side_horizon: float
+    side_margin: float
+    side_drift: float
+    room_horizon: float
+    crossing_horizon: float
+    crossing_margin: float
+
+
+RULES = tuple_type(RuleValues)
+
+
+@kernel(OUT_FLOATS(FLOATS, FLOATS, FLOATS, LEADERS, RULES, SAFETY))
+def keep_distance(
+    wanted: FloatArray,
+    speed: FloatArray,
+    length: FloatArray,
+    leaders: Leaders,
+    rules: RuleValues,
+    safety: SafetyValues,
+) -> FloatArray:
+    """Accelerations (m,) [m/s2] with which agents keep their distance to leaders, if less than they want.
+
+    They drive no faster than is safe behind the leader, and slow down to that speed by at most comfortable braking.
+
+    Once keeping the standstill gap takes more than comfortable braking, they brake constantly as that requires: harder
+    than by the courtesy deceleration only for half of that gap. Nearer than the standstill gap they slow down to the
+    leader's speed.
+
+    Args:
+        wanted: (m,) accelerations [m/s2].
+        speed, length: (m,) of the agents [m/s], [m].
+        leaders: of the agents.
+        rules: courtesy deceleration, and, of the car following, the standstill gap and the comfortable braking.
+        safety: assumed braking of the safe speed (:func:`litsim_policy.motion.car_following.safe_speed`), and the time
+            constant of the approach to it.
+    """
+    standstill_gap, comfortable = rules.model.standstill_gap, rules.model.deceleration
+    gap, leads, first = leaders.gap, leaders.leads, leaders.first
+    kept = wanted.copy()
+    for i in range(len(speed)):
+        soft, pressing = 0.0, 0.0
+        for j in range(gap.shape[1]):
+            if not (leads[i, j] and gap[i, j] > -0.5 * length[i]):
+                continue
+            room, lead = gap[i, j] - standstill_gap, max(leaders.speed[i, j], 0.0)
+            safe = safe_speed(room, lead, safety.own_braking, safety.leader_braking)
+            kept[i] = min(kept[i], max((safe - speed[i]) / safety.relax, -comfortable))
+            if not gap[i, j] > 0.0:
+                continue
+            kept[i] = max(kept[i], -rules.courtesy_deceleration)
+            brakes, least = leaders.acceleration[first[i] + j], gap[i, j] - 0.5 * standstill_gap
+            soft = max(soft, braking_behind(speed[i], lead, brakes, room, LEADER_BRAKES))
+            pressing = max(pressing, braking_behind(speed[i], lead, brakes, least, LEADER_BRAKES))
+        if soft > comfortable:
+            kept[i] = min(kept[i], -max(min(soft, rules.courtesy_deceleration), pressing))
+            continue
+        for j in range(gap.shape[1]):
+            if leads[i, j] and -0.5 * length[i] < gap[i, j] < standstill_gap:
+                kept[i] = min(kept[i], (max(leaders.speed[i, j], 0.0) - speed[i]) / FOLLOWING_TIME)
+    return kept
+
+
+@kernel(OUT_BOOLS(AGENTS, INTS, FLOATS, FLOATS2, RULES, float64))
+def side_is_taken(
+    agents: AgentArrays,
+    rows: IntArray,
+    lane_heading: FloatArray,
+    target: FloatArray,
+    rules: RuleValues,
+    coming_over: float,
+) -> BoolArray:
+    """Mask (m,) of agents that move to a side of their lanes where another agent is alongside, or soon will be.
+
+    Args:
+        agents: all agents.
+        rows: (m,) of the agents.
+        lane_heading: (m,) of their lanes [rad].
+        target: (m, 2) points that they pursue [m].
+        rules: gap, horizon, margin and drift of the side.
+        coming_over: time for which merging agents are expected to continue [s].
+    """
+    taken, (begin, end) = np.zeros(len(rows), np.bool_), within_scenes(agents.scene, rows)
+    for i in range(len(rows)):
+        own, cos, sin = rows[i], math.cos(lane_heading[i]), math.sin(lane_heading[i])
+        move = -sin * (target[i, 0] - agents.x[own]) + cos * (target[i, 1] - agents.y[own])
+        if not abs(move) > rules.side_drift:
+            continue
+        for j in range(begin[i], end[i]):
+            dx, dy = agents.x[j] - agents.x[own], agents.y[j] - agents.y[own]
+            ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+            faster = agents.speed[j] - agents.speed[own]
+            reach = 0.5 * (agents.length[j] + agents.length[own]) + rules.side_gap
+            if np.sign(ahead) * faster < 0.0:
+                reach += abs(faster) * rules.side_horizon
+            comes_over = -np.sign(left) * agents.speed[j] * math.sin(agents.yaw[j] - lane_heading[i])
+            clearance = abs(left) - 0.5 * (agents.width[j] + agents.width[own]) - max(comes_over, 0.0) * coming_over
+            if j != own and abs(ahead) < reach and left * move > 0.0 and clearance < abs(move) + rules.side_margin:
+                taken[i] = True
+                break
+    return taken
+
+
+@kernel(OUT_FLOATS(FLOATS, AGENTS, INTS, FLOATS, RULES))
+def make_room(
+    wanted: FloatArray, agents: AgentArrays, rows: IntArray, lane_heading: FloatArray, rules: RuleValues
+) -> FloatArray:
+    """Accelerations (m,) [m/s2] with which agents make room for merging ones, if less than they want.
+
+    A merging agent that would be alongside with its centre ahead is let in: they brake so as to be behind it by then,
+    no harder than by the courtesy deceleration.
+
+    Args:
+        wanted: (m,) accelerations [m/s2].
+        agents: all agents.
+        rows: (m,) of the agents.
+        lane_heading: (m,) of their lanes [rad].
+        rules: gap between both, and the time for which all are assumed to continue, including their braking.
+    """
+    eased, (begin, end) = wanted.copy(), within_scenes(agents.scene, rows)
+    for i in range(len(rows)):
+        own, cos, sin = rows[i], math.cos(lane_heading[i]), math.sin(lane_heading[i])
+        along = agents.speed[own] * math.cos(agents.yaw[own] - lane_heading[i])
+        across = agents.speed[own] * math.sin(agents.yaw[own] - lane_heading[i])
+        for j in range(begin[i], end[i]):
+            dx, dy = agents.x[j] - agents.x[own], agents.y[j] - agents.y[own]
+            ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+            clearance = abs(left) - 0.5 * (agents.width[j] + agents.width[own])
+            over = -np.sign(left) * agents.speed[j] * math.sin(agents.yaw[j] - lane_heading[i])
+            nearer = over + np.sign(left) * across
+            if not (over > 0.0 and 0.0 < clearance < nearer * rules.room_horizon):
+                continue
+            time = clearance / nearer
+            faster = agents.speed[j] * math.cos(agents.yaw[j] - lane_heading[i]) - along
+            then = ahead + faster * time + 0.5 * min(agents.acceleration[j], 0.0) * time**2
+            missing = 0.5 * (agents.length[j] + agents.length[own]) + rules.side_gap - then
+            if then >= 0.0 and missing > 0.0:
+                eased[i] = min(eased[i], -min(2.0 * missing / time**2, rules.courtesy_deceleration))
+    return eased
+
+
+@kernel(boolean(float64, PATHS, int64, float64, AGENTS, int64, int64, RULES))
+def _runs_into(
+    pedal: float,
+    paths: PathArrays,
+    p: int,
+    own_s: float,
+    agents: AgentArrays,
+    own: int,
+    j: int,
+    rules: RuleValues,
+) -> bool:
+    """Whether agent `own`, at acceleration `pedal` on path `p`, runs into agent `j` with the centre of `j` ahead."""
+    s, other_x, other_y, other_yaw = own_s, agents.x[j], agents.y[j], agents.yaw[j]
+    bend = agents.yaw_rate[j] / max(agents.speed[j], TURNING_MIN)
+    for k in range(round(rules.crossing_horizon / STEP_S)):
+        s += STEP_S * max(agents.speed[own] + pedal * STEP_S * (k + 1), 0.0)
+        gone = STEP_S * max(agents.speed[j] + agents.acceleration[j] * STEP_S * (k + 1), 0.0)
+        other_yaw += bend * gone
+        other_x += gone * math.cos(other_yaw)
+        other_y += gone * math.sin(other_yaw)
+        at = segment_at(paths.segments, paths.counts[p], p, s)
+        unit_x, unit_y = paths.segments[p, at, UNIT_X], paths.segments[p, at, UNIT_Y]
+        along = s - paths.segments[p, at, S]
+        dx = other_x - (paths.segments[p, at, X] + along * unit_x)
+        dy = other_y - (paths.segments[p, at, Y] + along * unit_y)
+        heading = math.atan2(unit_y, unit_x)
+        long, wide = agents.length[j] + 2.0 * rules.crossing_margin, agents.width[j] + 2.0 * rules.crossing_margin
+        if overlap(dx, dy, heading, other_yaw, agents.length[own], agents.width[own], long, wide):
+            return dx * unit_x + dy * unit_y > 0.0
+    return False
+
+
+@kernel(OUT_FLOATS(FLOATS, PATHS, FLOATS, AGENTS, INTS, RULES))
+def wait_for_crossing(
+    wanted: FloatArray,
+    paths: PathArrays,
+    own_s: FloatArray,
+    agents: AgentArrays,
+    rows: IntArray,
+    rules: RuleValues,
+) -> FloatArray:
+    """Accelerations (m,) [m/s2] with which agents wait for others that cross their paths, if less than they want.
+
+    Others are assumed to continue along their arcs with their present acceleration. An agent that would run into the
+    side of one brakes as little as necessary: by a third of the courtesy deceleration, two thirds, or all of it. Agents
+    on their logs are the concern of the conflict stage.
+
+    Args:
+        wanted: (m,) accelerations [m/s2].
+        paths, own_s: (m,) paths of the agents, and arc lengths of the agents on them [m].
+        agents: all agents.
+        rows: (m,) of the agents.
+        rules: margin around others, and the time for which others are assumed to continue so.
+    """
+    eased, (begin, end) = wanted.copy(), within_scenes(agents.scene, rows)
+    speed, acceleration, length, width = agents.speed, agents.acceleration, agents.length, agents.width
+    margin, horizon = rules.crossing_margin, rules.crossing_horizon
+    for i in range(len(rows)):
+        own = rows[i]
+        for j in range(begin[i], end[i]):
+            if j == own or agents.controller[j] == LOG or math.cos(agents.yaw[j] - agents.yaw[own]) > SAME_WAY:
+                continue
+            dx, dy = agents.x[j] - agents.x[own], agents.y[j] - agents.y[own]
+            reach = 0.5 * (length[j] + length[own]) + width[j] + width[own] + 2.0 * margin
+            faster = max(eased[i], 0.0) + max(acceleration[j], 0.0)
+            reach += horizon * (speed[own] + speed[j] + 0.5 * horizon * faster)
+            if not dx * dx + dy * dy < reach * reach:
+                continue
+            for k in range(PEDALS + 1):
+                pedal = eased[i] if k == 0 else min(eased[i], -rules.courtesy_deceleration * k / PEDALS)
+                if not _runs_into(pedal, paths, i, own_s[i], agents, own, j, rules):
+                    break
+            eased[i] = pedal
+    return eased
+
+
+@kernel(boolean(AGENTS, int64, int64))
+def _goes_first(agents: AgentArrays, j: int, own: int) -> bool:
+    """Whether the agent in row `j` has priority over that in row `own` when both are alongside; never mutual.
+
+    Where paths cross, each agent can be ahead on the other's; along the mean direction of both headings only one is.
+    """
+    along = (agents.x[j] - agents.x[own]) * (math.cos(agents.yaw[j]) + math.cos(agents.yaw[own]))
+    along += (agents.y[j] - agents.y[own]) * (math.sin(agents.yaw[j]) + math.sin(agents.yaw[own]))
+    return along > 0.0 or (along == 0.0 and agents.id[j] < agents.id[own])
+
+
+@kernel(OUT_FLOATS(VIEW, AGENTS, INTS, FLOATS, INTS, RULES))
+def give_way(
+    view: AlongPath,
+    agents: AgentArrays,
+    rows: IntArray,
+    wanted_speed: FloatArray,
+    opponent: IntArray,
+    rules: RuleValues,
+) -> FloatArray:
+    """Accelerations (m,) [m/s2] with which agents follow others on their paths, and give way.
+
+    They give way to their opponents, and to those alongside that are ahead: by the car following, but no harder than
+    by the courtesy deceleration for those that are not in the way.
+
+    Args:
+        view: all agents relative to the agents (m).
+        agents: all agents.
+        rows: (m,) of the agents.
+        wanted_speed: (m,) that they would drive on a free road [m/s].
+        opponent: (m,) ids of their opponents.
+        rules: the car following, and the courtesy deceleration.
+    """
+    acceleration = np.empty(len(rows))
+    gap, ahead, in_path, count = view.gap, view.ahead, view.in_path, view.gap.shape[1]
+    leads, courted = np.empty(count, np.bool_), np.empty(count, np.bool_)
+    for i in range(len(rows)):
+        speed, courted_any, in_the_way = agents.speed[rows[i]], False, False
+        for j in range(count):
+            other = view.first[i] + j
+            leads[j] = ahead[i, j] and in_path[i, j] and gap[i, j] > 0.0
+            courted[j] = ahead[i, j] and (in_path[i, j] or agents.id[other] == opponent[i]) and not leads[j]
+            if courted[j] and not gap[i, j] > 0.0:
+                courted[j] = _goes_first(agents, other, rows[i])
+            if courted[j]:
+                courted_any = True
+                in_the_way = in_the_way or (view.aside[i, j] < 0.0 and view.speed[i, j] < speed)
+        acceleration[i] = idm(speed, wanted_speed[i], gap[i], view.speed[i], leads, rules.model)
+        if courted_any:
+            courtesy = idm(speed, wanted_speed[i], gap[i], view.speed[i], courted, rules.model)
+            if not in_the_way:
+                courtesy = max(courtesy, -rules.courtesy_deceleration)
+            acceleration[i] = min(acceleration[i], courtesy)
+    return acceleration
