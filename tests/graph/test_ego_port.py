@@ -242,12 +242,11 @@ def test_a_publisher_on_another_topic_than_the_one_chosen_is_told_while_the_run_
     assert f" within 20 s; silent: the external ego ({why})" in error
 
 
-@pytest.mark.parametrize("interface", ["twist", "trajectory"])
-def test_an_ego_that_died_is_held(graph: Any, interface: str) -> None:
-    fault = ("--interface", interface, "--fault", "death", "--at", 34)
+def test_an_ego_that_died_is_held(graph: Any) -> None:
+    fault = ("--interface", "trajectory", "--fault", "death", "--at", 34)
     done = launch(graph, *fault, launcher=("--on-missing", "hold"), timeout=IMPATIENT)
     assert done.returncode == 1
-    assert f"the run is not valid: 2 answers missed on /litsim/ego/{interface}" in done.stderr
+    assert "the run is not valid: 2 answers missed on /litsim/ego/trajectory" in done.stderr
     run = read_run(graph.folder / "run")
     assert sorted(run.ego_commands) == list(range(36))
     assert ego(run, "speed") == pytest.approx(np.full(36, 15.0), abs=0.01)  # its last trajectory is 2 s long

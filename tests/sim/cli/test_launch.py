@@ -45,9 +45,25 @@ def test_neither_the_launcher_nor_its_nodes_import_a_library_that_they_do_not_ne
         (("--vehicle", "delay_s=0.25"), "argument --vehicle: delay_s=0.25: delay_s is 0.25, expected a multiple of "),
         (("--ego-interface", "twist"), "error: --ego-interface twist: the ego is idm, expected --ego external"),
         (("--vehicle", "wheels=4"), "argument --vehicle: wheels=4: wheels is unknown, expected some of "),
+        (
+            ("--policy", "replay", "--set", "policy.weights=mine"),
+            "error: no stage of this run: policy; expected bridge, ",
+        ),
+        (("--", "true"), "the ego is idm, expected --ego external"),
+        (
+            ("--ego", "external", "--", "no_such_stack"),
+            "no_such_stack: no such program, expected the command that starts",
+        ),
     ],
 )
-def test_options_that_are_wrong(words: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_options_that_are_wrong(
+    words: tuple[str, ...],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as stop:
         main(list(words))
     assert stop.value.code == 2
