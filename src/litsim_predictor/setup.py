@@ -27,6 +27,7 @@ setup(
     ],
     zip_safe=False,
     install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},  # by which `colcon test` knows what runs test/
     entry_points={
         "console_scripts": [
             "predictor = litsim_predictor.predictor_node:main",

@@ -24,9 +24,7 @@ FAULTS = (
     "none",
     "nan",
     "teleport",
-    "frame",
     "stale",
-    "future",
     "flood",
     "silence",
     "stuck",
@@ -84,8 +82,8 @@ class StandardEgo(Node):
             return
         if fault == "late" and step == self.options.at + 1:
             self.publisher.publish(self.answer(state, step - 1, "none"))
-        if fault in ("stale", "future"):
-            self.publisher.publish(self.answer(state, step + (-5 if fault == "stale" else 1000), "none"))
+        if fault == "stale":
+            self.publisher.publish(self.answer(state, step - 5, "none"))
         if fault == "other_type":
             self.other.publish(TwistStamped() if self.path else Path())
         self.last = self.answer(state, step, once)
@@ -96,12 +94,12 @@ class StandardEgo(Node):
         if not self.path:
             twist = TwistStamped()
             twist.header.stamp = Time(nanoseconds=step * STEP_NS).to_msg()
-            twist.header.frame_id = "odom" if fault == "frame" else "base_link"
+            twist.header.frame_id = "base_link"
             twist.twist.linear.x = speed
             return twist
         path = Path()
         path.header.stamp = Time(nanoseconds=step * STEP_NS).to_msg()
-        path.header.frame_id = "odom" if fault == "frame" else "map"
+        path.header.frame_id = "map"
         at = state.pose.pose.position
         for ahead in range(21):
             pose = PoseStamped()

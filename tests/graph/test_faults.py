@@ -86,11 +86,11 @@ def assert_whole_steps(bag: Path) -> int:
     return len(steps) - 1
 
 
-@pytest.mark.parametrize("name", ["bridge", "predictor", "policy", "policy_stages", "ego"])
+@pytest.mark.parametrize("name", ["bridge", "policy_stages", "ego"])
 def test_a_node_that_is_killed_is_named(graph: Any, name: str) -> None:
-    """Of the conflict stage and the recorder, see test_launcher.py and test_recording.py."""
+    """Of a stage with a process of its own and the recorder, see test_launcher.py and test_recording.py."""
     bag = graph.folder / "run"
-    policy = "litsim" if name in ("predictor", "policy", "policy_stages") else "replay"
+    policy = "litsim" if name == "policy_stages" else "replay"
     scenario = graph.scenario(simulation_s=24.0)
     words = ("--mode", "realtime", "--scenario", scenario, "--policy", policy, "--out", bag)
     launcher = graph.start_launch(*words, *(() if name == "policy_stages" else ("--apart",)))

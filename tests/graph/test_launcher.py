@@ -99,13 +99,6 @@ def test_existing_recording_is_replaced_only_on_demand(graph: Any) -> None:
     assert not (bag / "log/policy.log").exists()
 
 
-def test_parameters_of_a_node_that_takes_no_part_are_refused(graph: Any, tmp_path: Path) -> None:
-    words = ["--policy", "replay", "--set", "policy.weights=mine"]
-    done = graph.launch("--scenario", graph.scenario(), "--out", tmp_path / "run", *words)
-    assert done.returncode == 2 and not (tmp_path / "run").exists()
-    assert done.stderr == "error: no stage of this run: policy; expected bridge, ego, recorder\n"
-
-
 def test_folder_that_cannot_be_written_is_refused(graph: Any, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     done = graph.launch("--scenario", graph.scenario(), "--out", tmp_path / "file" / "run")

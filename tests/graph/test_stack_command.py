@@ -84,18 +84,3 @@ def test_all_of_it_ends_with_a_launcher_that_is_killed(graph: Any) -> None:
     graph.wait("the stack", lambda: {"sleep 600 ", "sleep 601 "} <= set(graph.running().values()))
     graph.end(launcher, signal.SIGKILL)
     graph.wait("the end of all", lambda: not graph.running())
-
-
-@pytest.mark.parametrize(
-    ("options", "stack", "said"),
-    [
-        (("--ego", "idm"), STACK, "the ego is idm, expected --ego external"),
-        (EXTERNAL, ("no_such_stack",), "no_such_stack: no such program, expected the command that starts"),
-    ],
-)
-def test_what_cannot_be_is_refused(
-    graph: Any, options: tuple[object, ...], stack: tuple[object, ...], said: str
-) -> None:
-    done = graph.launch("--scenario", graph.scenario(), "--out", graph.folder / "run", *options, "--", *stack)
-    assert done.returncode == 2
-    assert said in done.stderr and len(done.stderr.splitlines()) == 1

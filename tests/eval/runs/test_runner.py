@@ -138,13 +138,13 @@ def test_a_run_is_the_same_twice(demo: Scenario, recorded: Run) -> None:
     assert digest(other) != digest(recorded)
 
 
-@pytest.mark.parametrize(("ego", "model"), [("idm", "default"), ("perturbed", "default"), ("idm", "kinematic")])
-def test_forecasts_that_nobody_reads_change_nothing(demo: Scenario, ego: str, model: str) -> None:
+@pytest.mark.parametrize(("ego", "model"), [("perturbed", "default"), ("idm", "kinematic")])
+def test_forecasts_that_nobody_reads_change_nothing(ego: str, model: str) -> None:
     """Who is taken over, when and why, and where everybody goes: with all forecasts as with those that are read."""
-    runs = []
+    runs, scenario = [], Scenario.load("demo", simulation_s=12.0)
     for everybody in (False, True):
         parameters = {"predictor": {"model": model, "forecast_all": everybody}}
-        runs.append(record(Runner(RunPlan(demo, ego, "litsim", parameters=parameters))))
+        runs.append(record(Runner(RunPlan(scenario, ego, "litsim", parameters=parameters))))
     read, everything = runs
     assert any(read.takeovers.values())
     assert digest(read) == digest(everything)
@@ -184,7 +184,7 @@ def test_even_where_agents_change_hands_nobody_jumps(demo: Scenario, drive, beyo
     )
 
 
-@settings(max_examples=6, phases=(Phase.explicit, Phase.reuse, Phase.generate))  # a run is too long to be shrunk
+@settings(max_examples=3, phases=(Phase.explicit, Phase.reuse, Phase.generate))  # a run is too long to be shrunk
 @example(ego=4, handback="time_shift", kind="brake", deceleration=3.5, duration=4.0)
 @given(
     st.sampled_from(EGOS),
@@ -266,7 +266,7 @@ def real(real_data) -> Scenario:
 
 
 @pytest.mark.data
-@pytest.mark.parametrize("position", [0, 3, 7, 11])
+@pytest.mark.parametrize("position", [3, 11])
 def test_real_traffic_reacts(real: Scenario, drive, beyond_limits, position: int) -> None:
     scenario = Scenario.load("us101_0750", ego=real.egos[position])
     replay = compute_metrics(run_of(scenario, "idm", "replay"))
@@ -280,7 +280,7 @@ def test_real_traffic_reacts(real: Scenario, drive, beyond_limits, position: int
 
 @pytest.mark.data
 def test_real_traffic_is_left_alone_when_the_ego_is_on_its_log(real: Scenario) -> None:
-    for ego in real.egos[:4]:
+    for ego in real.egos[:2]:
         scenario = Scenario.load("us101_0750", ego=ego)
         metrics = compute_metrics(run_of(scenario, "log", "litsim"))
         assert metrics["relevant_ratio"] <= 0.05 and metrics["collision"]["excess"] == 0

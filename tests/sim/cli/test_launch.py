@@ -37,6 +37,39 @@ def test_neither_the_launcher_nor_its_nodes_import_a_library_that_they_do_not_ne
     assert (done.returncode, done.stdout.split()) == (0, []), done.stderr
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--policy", "nice"), "argument --policy: invalid choice: 'nice' (choose from "),
+        (("--answer-timeout", "0"), "argument --answer-timeout: '0', expected a number of more than 0"),
+        (("--vehicle", "delay_s=0.25"), "argument --vehicle: delay_s=0.25: delay_s is 0.25, expected a multiple of "),
+        (("--ego-interface", "twist"), "error: --ego-interface twist: the ego is idm, expected --ego external"),
+        (("--vehicle", "wheels=4"), "argument --vehicle: wheels=4: wheels is unknown, expected some of "),
+        (
+            ("--policy", "replay", "--set", "policy.weights=mine"),
+            "error: no stage of this run: policy; expected bridge, ",
+        ),
+        (("--", "true"), "the ego is idm, expected --ego external"),
+        (
+            ("--ego", "external", "--", "no_such_stack"),
+            "no_such_stack: no such program, expected the command that starts",
+        ),
+    ],
+)
+def test_options_that_are_wrong(
+    words: tuple[str, ...],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as stop:
+        main(list(words))
+    assert stop.value.code == 2
+    assert said in capsys.readouterr().err.splitlines()[-1]
+
+
 @pytest.mark.parametrize("more", [[], ["--overwrite"]])
 def test_no_run_is_recorded_into_the_folder_of_a_campaign(
     more: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
