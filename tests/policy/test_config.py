@@ -17,6 +17,8 @@ from litsim_sim.core.stage_registry import stage_reader
 from litsim_sim.scenario.run_info import driver_names
 
 SOURCES = Path(__file__).parents[2] / "src"
+ADDED = "litsim_research/config/plugins.yaml"
+"""File of the parameters that plug-ins of litsim_research add to the nodes of the loop."""
 FILES = {
     "bridge": "litsim_sim/config/bridge.yaml",
     "recorder": "litsim_sim/config/recorder.yaml",
@@ -62,8 +64,9 @@ def read_by(name: str, values: dict[str, Any]) -> Units:
 def in_file(name: str) -> dict[str, Any]:
     """Parameters in the file of a stage, by flat names."""
     node = "ego" if name.startswith("ego_") else name
+    added = yaml.safe_load((SOURCES / ADDED).read_text()).get(node, {"ros__parameters": {}})
     values = yaml.safe_load((SOURCES / FILES[name]).read_text())
-    return flat(values[node]["ros__parameters"])
+    return flat(values[node]["ros__parameters"]) | flat(added["ros__parameters"])
 
 
 def flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -90,12 +93,12 @@ def test_file_holds_the_defaults(name: str) -> None:
 def test_file_says_unit_and_meaning_beside_every_value(name: str) -> None:
     units = read_by(name, {}).units
     values = in_file(name)
-    lines = (SOURCES / FILES[name]).read_text().splitlines()
+    lines = [line for file in (FILES[name], ADDED) for line in (SOURCES / file).read_text().splitlines()]
     for parameter in values:
         written = (
             parameter if any(line.strip().startswith(f"{parameter}:") for line in lines) else parameter.split(".")[-1]
         )
-        (line,) = (line for line in lines if line.strip().startswith(f"{written}:"))
+        line = next(line for line in lines if line.strip().startswith(f"{written}:"))
         comment = line.partition(" # ")[2]
         assert comment, f"{parameter}: no comment"
         told = re.match(r"\[([^]]+)\]", comment)

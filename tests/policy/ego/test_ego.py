@@ -29,7 +29,7 @@ def test_egos_have_names(make_scenario, track) -> None:
 
 def test_the_log_ego_asks_to_follow_the_log_at_every_step(make_scenario, track) -> None:
     scenario = make_scenario(track(1, x=100.0))
-    commands = [LogEgo().plan(scenario.log.table(step)) for step in range(20)]
+    commands = [LogEgo(scenario).plan(scenario.log.table(step)) for step in range(20)]
     assert [c.step for c in commands] == list(range(20))
     assert {c.mode for c in commands} == {EgoMode.FOLLOW_LOG}
 

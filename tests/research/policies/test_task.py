@@ -68,7 +68,7 @@ def test_goals_that_are_never_ahead(goal_steps: tuple[int, int]) -> None:
 def test_who_has_long_passed_his_goal_gets_the_next_one(scenario: Scenario) -> None:
     config = TaskConfig(goal_steps=(-5, 30), goal_jitter=0.0, opponent_share=1.0)
     joined = JoinedScenario.of([scenario])
-    start = Start(scenario, LogEgo(), np.random.default_rng(0))
+    start = Start(scenario, LogEgo(scenario), np.random.default_rng(0))
     first = scenario.history_steps
     drafts = Drafts(joined, [start], joined.log.table(first), 5, 30.0, config)
     (agent,) = {draft.agent for draft in drafts.of(joined.log.table(first))}

@@ -105,7 +105,7 @@ def test_a_module_of_ours_that_is_missing_is_no_bad_input() -> None:
         program(raising(ModuleNotFoundError("No module named 'litsim_sim.core'", name="litsim_sim.core")))()
 
 
-@pytest.mark.parametrize("package", ["litsim_sim", "litsim_predictor", "litsim_policy"])
+@pytest.mark.parametrize("package", ["litsim_sim", "litsim_data", "litsim_eval", "litsim_research"])
 def test_interrupted_while_it_loads_a_program_says_nothing_but_other_errors_are_shown(package: str) -> None:
     def loading(error: str) -> subprocess.CompletedProcess[str]:
         words = [sys.executable, "-c", f"import {package}.cli\nraise {error}"]

@@ -29,9 +29,8 @@ from litsim_eval.campaign.results import (
 from litsim_eval.campaign.suite import Suite
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import Unwritable, replacing
-from litsim_sim.launch.output import HELD
 
-LOCK_FILE = HELD
+LOCK_FILE = ".lock"
 RUN_FOLDER = re.compile(f"[0-9a-f]{{{ID_LENGTH}}}")
 """Pattern of the names of folders of runs; other files beside them are not the campaign's, and stay."""
 

@@ -13,9 +13,10 @@ from litsim_eval.campaign.case import Case
 from litsim_eval.campaign.criteria import Criteria, CriterionResult, Outcome, Verdict
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import validate_yaml
+from litsim_sim.launch.output import OF_MANY_RUNS
 
 FORMAT = 1
-CAMPAIGN_FILE = "campaign.json"
+CAMPAIGN_FILE = OF_MANY_RUNS
 RESULT_FILE = "result.json"
 RESULTS_FILE = "results.json"
 RUNS_FOLDER = "runs"

@@ -90,15 +90,15 @@ class SegmentGrid:
         """`bounds` of all centre lines: x min, y min, x max, y max [m]."""
         counts = [len(lane.s) - 1 for lane in lanes]
         self.lane = np.repeat(np.arange(len(lanes)), counts)
-        starts = np.concatenate([lane.centerline[:-1] for lane in lanes])
-        step = np.concatenate([np.diff(lane.centerline, axis=0) for lane in lanes])
+        starts = np.concatenate([lane.centerline[:-1] for lane in lanes]).astype(np.float64)
+        step = np.concatenate([np.diff(lane.centerline, axis=0) for lane in lanes]).astype(np.float64)
         self.size: FloatArray = np.hypot(step[:, 0], step[:, 1])
         self.start_x, self.start_y = starts[:, 0], starts[:, 1]
         self.cos, self.sin = step[:, 0] / self.size, step[:, 1] / self.size
         self.heading: FloatArray = np.arctan2(step[:, 1], step[:, 0])
-        self.start_s = np.concatenate([lane.s[:-1] for lane in lanes])
+        self.start_s = np.concatenate([lane.s[:-1] for lane in lanes]).astype(np.float64)
         self._first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)  # segment of each lane
-        self._length = np.array([lane.length for lane in lanes])
+        self._length = np.array([lane.length for lane in lanes], np.float64)
         self._bounds = bounds
         self._cells, self._shape = self._make_grid()
         self._lines = np.column_stack([self.start_x, self.start_y, self.cos, self.sin, self.size])

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from litsim_sim.core.errors import InputError
 
-HELD = ".lock"
-"""File by which a folder is marked as that of many runs, which no single run is recorded into."""
+OF_MANY_RUNS = "campaign.json"
+"""File by which a folder is known as that of many runs, which no single run is recorded into."""
 
 
 def check_output(out: Path, overwrite: bool) -> None:
@@ -22,8 +22,8 @@ def check_output(out: Path, overwrite: bool) -> None:
     """
     if out.is_dir() and any(out.glob("*.mcap")) and not overwrite:
         raise InputError(f"{out}: holds a recording already; give another folder (out), or overwrite it")
-    if (out / HELD).exists():
-        raise InputError(f"{out}: the folder of a campaign, expected one of a run; give another folder (out)")
+    if (out / OF_MANY_RUNS).exists():
+        raise InputError(f"{out}: the folder of a campaign, expected one of a run; give another --out")
     try:
         out.mkdir(parents=True, exist_ok=True)
         probe = out / ".write"
