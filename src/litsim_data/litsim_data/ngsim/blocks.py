@@ -110,7 +110,7 @@ class BlockReader:
             return head + b"\n" if head else b""
         raise InputError(
             f"{self.path}: line {line}: the file ends within this line, after {count} of {len(self.layout.columns)} "
-            f"columns: it is cut off; fetch the rest (data download resumes), or read it as it is with --truncated"
+            f"columns: it is cut off; fetch it again, or read it as it is with --truncated"
         )
 
     def _check_units(self, length: FloatArray) -> None:
