@@ -127,11 +127,11 @@ def test_frames_of_signals_are_those_of_the_table(tmp_path: Path, capsys: pytest
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["convert", str(EMBEDDED), "out.parquet", "--raw"], "are for official NGSIM files"),
+        (["convert", str(EMBEDDED), "out.parquet", "--raw"], "is for official NGSIM files"),
         (["convert", str(EMBEDDED), "out.parquet", "--mapping", "absent.yaml"], "cannot be read"),
         (["clean", "cut.txt", "cut.txt"], "cut.txt: is the input cut.txt itself"),
         (["convert", str(EMBEDDED), "."], "is a folder, expected a file name"),
-        (["convert", str(EMBEDDED), "o.parquet", "--mapping", "m.yaml", "--raw"], "--mapping goes with neither"),
+        (["convert", str(EMBEDDED), "o.parquet", "--mapping", "m.yaml", "--raw"], "--mapping goes without --raw"),
         (["convert", "cut.txt", "more.txt", "out"], "more.txt: several files IN go with --mapping or --draft"),
         (
             ["convert", "in.csv", "m.yaml", "--draft", "--vehicles", "meta.csv", "--clip", "3"],
@@ -143,8 +143,8 @@ def test_frames_of_signals_are_those_of_the_table(tmp_path: Path, capsys: pytest
             ["convert", "in.csv", "m.yaml", "--draft", "--vehicles", "v.csv"],
             "--draft goes without --vehicles: it reads IN alone; fields vehicles, clip and rows of the",
         ),
-        (["convert", "cut.txt", "out"], "line 2: the file ends within this line"),
-        (["info", "cut.txt"], "line 2: the file ends within this line"),
+        (["convert", "cut.txt", "out"], "; the file ends within this line"),
+        (["info", "cut.txt"], "; the file ends within this line"),
         (["plot", str(EMBEDDED), "out.gif"], "expected a name that ends with .png or .html"),
         (["plot", str(EMBEDDED), "out.png", "--net", "absent.net.xml"], "absent.net.xml"),
         (["plot", str(EMBEDDED), "/dev/null/out.png"], "cannot be written"),
