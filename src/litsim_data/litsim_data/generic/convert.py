@@ -10,13 +10,13 @@ import numpy as np
 import pandas as pd
 
 from litsim_data.cleaning.cleaning import smoothed
+from litsim_data.generic.checks import check_plausible, heading
 from litsim_data.generic.counts import Counts
 from litsim_data.generic.draft import likely_kind
 from litsim_data.generic.headings import headings
 from litsim_data.generic.mapping import FACTORS, KindName, Mapping
 from litsim_data.generic.obstacles import NAMES as OBSTACLES
 from litsim_data.generic.obstacles import obstacle_rows, with_usual_sizes, without_unused
-from litsim_data.generic.plausibility import check_plausible, heading
 from litsim_data.generic.reading import plain, read_rows, texts
 from litsim_data.generic.resampling import (
     HOLE_MAX_S,
