@@ -347,7 +347,7 @@ def _signals(run: Run) -> SignalMetrics | None:
     return {
         "passed": len(passed),
         "red_ego": sum(each.agent == run.info.ego_id for each in red),
-        "red_controlled": sum(each.controller in (Controller.POLICY, Controller.BASELINE) for each in red),
+        "red_controlled": sum(each.controller == Controller.POLICY for each in red),
         "red_log": sum(each.at_red for each in log_passages(run)),
         "reds": [
             {
