@@ -7,7 +7,6 @@ from typing import Protocol
 
 from litsim_policy.driving.handback import HandbackConfig
 from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
-from litsim_policy.driving.reaction import HumanReaction, ReactionConfig
 from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
 from litsim_research.baselines.idm_policy import IdmPolicy, IdmPolicyConfig
 from litsim_research.baselines.imitation_policy import IMITATIONS, ImitationConfig, ImitationPolicy
@@ -37,13 +36,10 @@ def make_policy(
     policy_c: PolicyCConfig | None = None,
     idm: IdmPolicyConfig | None = None,
     simnet: SimnetConfig | None = None,
-    reaction: ReactionConfig | None = None,
     *,
     imitation: ImitationConfig | None = None,
 ) -> Policy:
     """The policy called `name`, for a run of `scenario`: `litsim` is policy C, `yield` the rules, others are baselines.
-
-    `reaction` limits `litsim` and `yield` to human reactions, and does not apply to baselines; None for no limits.
 
     Raises:
         InputError: the name is unknown, or the weights cannot be used.
@@ -62,15 +58,14 @@ def make_policy(
         return ImitationPolicy(scenario, imitation.network(name), imitation)
     rules = YieldPolicy(scenario, config or YieldConfig(), handback or HandbackConfig())
     policy_c = policy_c or PolicyCConfig()
-    policy = rules if name == "yield" else PolicyC(scenario, policy_c.network(), rules, policy_c.safety)
-    return policy if reaction is None else HumanReaction(policy, scenario, reaction)
+    return rules if name == "yield" else PolicyC(scenario, policy_c.network(), rules, policy_c.safety)
 
 
 def policy_stage(read: ParameterReader) -> Callable[[str, Setting], Policy]:
     """Read the parameters of the policy stage; the result makes a policy from its name and a scenario."""
     rules, handback, policy_c = read(YieldConfig()), read(HandbackConfig(), "handback."), read(PolicyCConfig())
     idm, simnet = read(IdmPolicyConfig(), "baseline."), read(SimnetConfig(), "simnet.")
-    reaction, imitation = read(ReactionConfig(), "reaction."), read(ImitationConfig(), "imitation.")
+    imitation = read(ImitationConfig(), "imitation.")
     return lambda name, scenario: make_policy(
-        name, scenario, rules, handback, policy_c, idm, simnet, reaction, imitation=imitation
+        name, scenario, rules, handback, policy_c, idm, simnet, imitation=imitation
     )
