@@ -95,7 +95,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "takeovers": len(entries),
         "false_alarms": sum(entry.false_alarm for entry in entries),
         "detection": {
-            "max_rounds": max((d.iterations for d in run.detections.values()), default=0),
+            "max_iterations": max((d.iterations for d in run.detections.values()), default=0),
             "bound_hits": sum(not d.converged for d in run.detections.values()),
         },
         "ledger": [ledger_row(entry) for entry in entries],

@@ -113,7 +113,7 @@ class EgoMetrics(DrivenMetrics):
 class DetectionMetrics(TypedDict):
     """How often the detection of conflicts iterated within a step."""
 
-    max_rounds: int
+    max_iterations: int
     bound_hits: int
 
 
