@@ -295,26 +295,3 @@ def test_synthesize(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data.main(["synthesize", "--seed", "5", "--seconds", "1", "--out", str(out)])
     assert Recording.read(out).header.notes["seed"] == 5
     assert "simulating" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["info", "absent.parquet"],
-        ["convert", "absent.parquet", "out.parquet"],
-        ["convert", str(EMBEDDED), "out.parquet", "--crop", "frame", "1", "x"],
-        ["convert", str(EMBEDDED), "out.parquet", "--crop", "colour", "1", "2"],
-        ["convert", str(EMBEDDED), "/dev/null/out.parquet"],
-        ["map", "--recording", "absent.parquet", "--out", "out.net.xml"],
-    ],
-)
-def test_errors_take_one_line_and_status_2(
-    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as stopped:
-        data.main(arguments)
-    assert stopped.value.code == 2
-    error = capsys.readouterr().err.strip().splitlines()
-    assert len(error) == 1 + (arguments[0] == "map")  # a line of progress comes first
-    assert not list(tmp_path.iterdir())
