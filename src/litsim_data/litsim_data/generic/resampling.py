@@ -104,8 +104,8 @@ def _check_padding(table: pd.DataFrame, jumps: BoolArray, source: TableFiles) ->
     same = jumping[jumping.duplicated(["t", "x", "y"], keep=False)]
     if len(same) < PADDED_MIN:
         return
-    (x, y), number = max(same.groupby(["x", "y"]).groups.items(), key=lambda item: len(item[1]))
-    padded = table.loc[number]
+    x, y = (float(value) for value in np.asarray(same[["x", "y"]].value_counts().index[0]))
+    padded = same[(same["x"] == x) & (same["y"] == y)]
     raise InputError(
         f"{source.at(padded['row'].iloc[0])}: {padded['vehicle_id'].nunique()} vehicles jump to one place, "
         f"({x:g}, {y:g}) in frame map, where several are at once in {len(padded)} rows: are they absent there? Leave "

@@ -17,6 +17,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -174,8 +175,8 @@ def _sort_by_clock(source: Path, folder: Path, wanted: Sequence[str], *, progres
     with ExitStack() as opened:
         for rows in blocks(source, wanted, progress=progress):
             index = clocks.assign(rows, str(source))
-            for clock, mine in rows.drop(columns="site").groupby(index):
-                table = pa.Table.from_pandas(mine, preserve_index=False)
+            for clock in np.unique(index).tolist():
+                table = pa.Table.from_pandas(rows[index == clock].drop(columns="site"), preserve_index=False)
                 if clock not in writers:
                     writer = pq.ParquetWriter(folder / f"{clock}.parquet", table.schema, compression="zstd")
                     writers[clock] = opened.enter_context(writer)
