@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 
 from litsim_data import cli as data
-from litsim_data.cli.map import US101_FILE, build_map
 from litsim_data.ngsim import windows as ngsim_windows
 from litsim_data.traffic.synthetic import STRETCH, synthesize
 from litsim_sim.core.errors import InputError
@@ -26,7 +25,7 @@ WINDOW = {"frame": [316, 543], "local_y_m": [180, 415]}
 
 @pytest.fixture(scope="module")
 def real_file(real_data) -> Path:
-    return real_data(US101_FILE)
+    return real_data()
 
 
 @pytest.fixture(scope="module", params=[EMBEDDED, packaged("scenarios/demo.parquet")], ids=lambda file: file.stem)
@@ -296,32 +295,3 @@ def test_synthesize(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data.main(["synthesize", "--seed", "5", "--seconds", "1", "--out", str(out)])
     assert Recording.read(out).header.notes["seed"] == 5
     assert "simulating" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["info", "absent.parquet"],
-        ["convert", "absent.parquet", "out.parquet"],
-        ["convert", str(EMBEDDED), "out.parquet", "--crop", "frame", "1", "x"],
-        ["convert", str(EMBEDDED), "out.parquet", "--crop", "colour", "1", "2"],
-        ["convert", str(EMBEDDED), "/dev/null/out.parquet"],
-        ["map", "--which", "us101", "--recording", "absent.parquet", "--out", "out.net.xml"],
-    ],
-)
-def test_errors_take_one_line_and_status_2(
-    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as stopped:
-        data.main(arguments)
-    assert stopped.value.code == 2
-    error = capsys.readouterr().err.strip().splitlines()
-    assert len(error) == 1 + (arguments[0] == "map")  # a line of progress comes first
-    assert not list(tmp_path.iterdir())
-
-
-def test_map_us101_without_data(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("LITSIM_DATA", raising=False)
-    with pytest.raises(InputError, match="set LITSIM_DATA"):
-        build_map("us101", Path("out.net.xml"), None)

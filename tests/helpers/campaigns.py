@@ -47,7 +47,7 @@ def summarised_metrics(**changes: Any) -> dict[str, Any]:
             {"released_step": None, "held_s": 3.5, "outcome": None},
             {"released_step": None, "held_s": 2.0, "outcome": "outlived_log"},
         ],
-        "detection": {"bound_hits": 1, "max_rounds": 3},
+        "detection": {"bound_hits": 1, "max_iterations": 3},
         "false_alarms": 1,
         "comfort": {
             "controlled": {

@@ -38,12 +38,11 @@ def test_the_region_is_a_circle_around_the_ego_with_its_border(agent_table: Buil
     assert interesting(table, 10.0) == [EGO]
 
 
-@pytest.mark.parametrize("controller", [Controller.POLICY, Controller.BASELINE])
-def test_whoever_is_off_its_log_has_a_region_of_its_own(agent_table: Build, controller: Controller) -> None:
+def test_whoever_is_off_its_log_has_a_region_of_its_own(agent_table: Build) -> None:
     far = [{"id": 2, "x": 200.0}, {"id": 3, "x": 225.0}, {"id": 4, "x": 250.0}]
     on_log = agent_table(0, {"id": EGO}, *far)
     assert interesting(on_log) == [EGO]
-    taken_over = agent_table(0, {"id": EGO}, {**far[0], "controller": controller}, *far[1:])
+    taken_over = agent_table(0, {"id": EGO}, {**far[0], "controller": Controller.POLICY}, *far[1:])
     assert interesting(taken_over) == [EGO, 2, 3]
 
 
@@ -119,7 +118,7 @@ def test_whose_forecast_is_read_is_what_its_definition_says(
     agent_table: Build, agents: list[tuple[float, float, float, float, Controller]]
 ) -> None:
     rows = [
-        {"id": 1 + i, "x": x, "y": y, "yaw": yaw, "speed": speed, "controller": controller}
+        {"id": 1 + i, "x": x, "y": y, "yaw": yaw, "speed": speed, "controller": Controller.POLICY}
         for i, (x, y, yaw, speed, controller) in enumerate(agents)
     ]
     table = agent_table(0, *rows)

@@ -1,14 +1,10 @@
-"""The commands of `data`: fetching (from a server of the test), converting, looking, drawing, exporting."""
+"""The commands of `data`: converting, looking, drawing, exporting."""
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
-import threading
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +15,6 @@ import yaml
 import made_ngsim
 from litsim_data import cli as data
 from litsim_data import trajectories as export
-from litsim_data.ngsim import download as fetching
-from litsim_data.ngsim.download import COUNT_PATH, DATASET, EXPORT_PATH, download
 from litsim_data.ngsim.sites import I80, US101
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller
@@ -40,145 +34,6 @@ def portal_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("portal") / "portal.csv"
     write_portal(pd.concat([table(Traffic(US101, "0750", 2000)), table(Traffic(I80, "1600", 2000))]), path)
     return path
-
-
-# Download
-
-
-@dataclass
-class Portal:
-    """What the server of the test sends, and what it was asked."""
-
-    content: bytes
-    rows: str
-    break_after: list[int] = field(default_factory=list)  # bytes of each of the first answers
-    ranges: bool = True
-    version: str = '"1"'
-    asked: list[str] = field(default_factory=list)
-    host: str = ""
-
-
-@pytest.fixture
-def portal(portal_file: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Portal]:
-    for name in ("http_proxy", "HTTP_PROXY", "all_proxy", "ALL_PROXY"):
-        monkeypatch.delenv(name, raising=False)
-    portal = Portal(portal_file.read_bytes(), json.dumps([{"count": "4000"}]))
-
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            if self.path.startswith(COUNT_PATH.partition("?")[0]):
-                body = portal.rows.encode()
-                self.send_response(200)
-                self.send_header("Content-Length", str(len(body)))
-                self.end_headers()
-                self.wfile.write(body)
-                return
-            assert self.path == EXPORT_PATH
-            asked = self.headers.get("Range", "")
-            portal.asked.append(asked)
-            begin = int(asked.removeprefix("bytes=").removesuffix("-")) if asked and portal.ranges else 0
-            if self.headers.get("If-Range", portal.version) != portal.version:
-                begin = 0
-            if begin >= len(portal.content):
-                self.send_response(416)
-                self.send_header("Content-Range", f"bytes */{len(portal.content)}")
-                self.send_header("Content-Length", "0")
-                self.end_headers()
-                return
-            body = portal.content[begin:]
-            self.send_response(206 if begin else 200)
-            self.send_header("Content-Length", str(len(body)))
-            self.send_header("ETag", portal.version)
-            self.end_headers()
-            stop = portal.break_after.pop(0) if portal.break_after else len(body)
-            self.wfile.write(body[:stop])
-
-        def log_message(self, *_arguments: object) -> None:
-            pass
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    thread = threading.Thread(target=server.serve_forever, daemon=True)
-    thread.start()
-    portal.host = f"http://127.0.0.1:{server.server_address[1]}"
-    yield portal
-    server.shutdown()
-    server.server_close()
-    thread.join()
-
-
-def test_download_is_whole_and_checked(
-    portal: Portal, tmp_path: Path, capsys: pytest.CaptureFixture[str], portal_file: Path
-) -> None:
-    out = tmp_path / "ngsim.csv"
-    data.main(["download", str(out), "--host", portal.host])
-    assert out.read_bytes() == portal_file.read_bytes()
-    assert "4000 rows (as the portal says)" in capsys.readouterr().out
-    assert [path.name for path in tmp_path.iterdir()] == ["ngsim.csv"]
-    with pytest.raises(InputError, match="exists already"):
-        download(out, host=portal.host)
-
-
-def test_broken_connections_are_continued(portal: Portal, tmp_path: Path) -> None:
-    portal.break_after = [100_000, 150_000]
-    fetched = download(tmp_path / "ngsim.csv", host=portal.host, pause_s=0.0)
-    assert (tmp_path / "ngsim.csv").read_bytes() == portal.content
-    assert portal.asked == ["", "bytes=100000-", "bytes=250000-"]
-    assert (fetched.rows, fetched.expected_rows) == (4000, 4000)
-
-
-def test_a_later_call_continues(portal: Portal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fetching, "RETRIES", 0)
-    portal.break_after = [100_000]
-    with pytest.raises(InputError, match="1 connections broke off, 100000 bytes are kept"):
-        download(tmp_path / "ngsim.csv", host=portal.host, pause_s=0.0)
-    assert not (tmp_path / "ngsim.csv").exists()
-    fetched = download(tmp_path / "ngsim.csv", host=portal.host)
-    assert fetched.resumed_at == 100_000
-    assert (tmp_path / "ngsim.csv").read_bytes() == portal.content
-
-
-@pytest.mark.parametrize("change", [{"ranges": False}, {"version": '"2"'}])
-def test_another_version_or_no_ranges_begin_anew(
-    portal: Portal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, object]
-) -> None:
-    monkeypatch.setattr(fetching, "RETRIES", 0)
-    portal.break_after = [100_000]
-    with pytest.raises(InputError, match="broke off"):
-        download(tmp_path / "ngsim.csv", host=portal.host)
-    for name, value in change.items():
-        setattr(portal, name, value)
-    download(tmp_path / "ngsim.csv", host=portal.host)
-    assert (tmp_path / "ngsim.csv").read_bytes() == portal.content
-
-
-def test_all_bytes_were_there_already(portal: Portal, tmp_path: Path) -> None:
-    (tmp_path / "ngsim.csv.part").write_bytes(portal.content)
-    assert download(tmp_path / "ngsim.csv", host=portal.host).rows == 4000
-    assert portal.asked == [f"bytes={len(portal.content)}-"]
-
-
-def test_rows_that_are_missing_or_no_ngsim_are_refused(portal: Portal, tmp_path: Path) -> None:
-    portal.rows = json.dumps([{"count": "4001"}])
-    with pytest.raises(InputError, match="4000 rows, but the portal says 4001"):
-        download(tmp_path / "ngsim.csv", host=portal.host)
-    assert not (tmp_path / "ngsim.csv").exists()
-    portal.rows = "?"
-    assert download(tmp_path / "ngsim.csv", host=portal.host).expected_rows is None
-    portal.content = b"<html>sorry</html>\n"
-    with pytest.raises(InputError, match="the portal sent no NGSIM file: it begins with b'<html>sorry"):
-        download(tmp_path / "other.csv", host=portal.host)
-
-
-def test_offline_says_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as stopped:  # nobody listens on port 9
-        data.main(["download", str(tmp_path / "ngsim.csv"), "--host", "http://127.0.0.1:9"])
-    assert stopped.value.code == 2
-    said = capsys.readouterr().err
-    for expected in (DATASET, "Vehicle Trajectories", "Export and CSV", str(tmp_path / "ngsim.csv"), "data convert"):
-        assert expected in said
-    assert not list(tmp_path.iterdir())
-    with pytest.raises(InputError, match="expected it to begin with https://"):
-        download(tmp_path / "ngsim.csv", host="file:///etc")
 
 
 # Convert and info
@@ -272,11 +127,17 @@ def test_frames_of_signals_are_those_of_the_table(tmp_path: Path, capsys: pytest
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["convert", str(EMBEDDED), "out.parquet", "--raw"], "are for official NGSIM files"),
+        (["info", "absent.parquet"], "absent.parquet: no such recording"),
+        (["convert", "absent.parquet", "out.parquet"], "absent.parquet: no such recording"),
+        (["convert", str(EMBEDDED), "out.parquet", "--crop", "frame", "1", "x"], "expected a column and two numbers"),
+        (["convert", str(EMBEDDED), "out.parquet", "--crop", "colour", "1", "2"], "unknown column 'colour'"),
+        (["convert", str(EMBEDDED), "/dev/null/out.parquet"], "cannot be written"),
+        (["map", "--recording", "absent.parquet", "--out", "out.net.xml"], "absent.parquet: no such recording"),
+        (["convert", str(EMBEDDED), "out.parquet", "--raw"], "is for official NGSIM files"),
         (["convert", str(EMBEDDED), "out.parquet", "--mapping", "absent.yaml"], "cannot be read"),
         (["clean", "cut.txt", "cut.txt"], "cut.txt: is the input cut.txt itself"),
         (["convert", str(EMBEDDED), "."], "is a folder, expected a file name"),
-        (["convert", str(EMBEDDED), "o.parquet", "--mapping", "m.yaml", "--raw"], "--mapping goes with neither"),
+        (["convert", str(EMBEDDED), "o.parquet", "--mapping", "m.yaml", "--raw"], "--mapping goes without --raw"),
         (["convert", "cut.txt", "more.txt", "out"], "more.txt: several files IN go with --mapping or --draft"),
         (
             ["convert", "in.csv", "m.yaml", "--draft", "--vehicles", "meta.csv", "--clip", "3"],
@@ -288,8 +149,8 @@ def test_frames_of_signals_are_those_of_the_table(tmp_path: Path, capsys: pytest
             ["convert", "in.csv", "m.yaml", "--draft", "--vehicles", "v.csv"],
             "--draft goes without --vehicles: it reads IN alone; fields vehicles, clip and rows of the",
         ),
-        (["convert", "cut.txt", "out"], "line 2: the file ends within this line"),
-        (["info", "cut.txt"], "line 2: the file ends within this line"),
+        (["convert", "cut.txt", "out"], "; the file ends within this line"),
+        (["info", "cut.txt"], "; the file ends within this line"),
         (["plot", str(EMBEDDED), "out.gif"], "expected a name that ends with .png or .html"),
         (["plot", str(EMBEDDED), "out.png", "--net", "absent.net.xml"], "absent.net.xml"),
         (["plot", str(EMBEDDED), "/dev/null/out.png"], "cannot be written"),
@@ -314,7 +175,10 @@ def test_errors_take_one_line_and_status_2(
     with pytest.raises(SystemExit) as stopped:
         data.main(arguments)
     assert stopped.value.code == 2
-    assert message in capsys.readouterr().err.strip().splitlines()[-1]
+    said = capsys.readouterr().err.strip().splitlines()
+    assert message in said[-1]
+    if arguments[0] not in ("map", "info") and "cut.txt" not in arguments:  # those show their progress before
+        assert len(said) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["cut.txt"]
 
 
@@ -323,7 +187,7 @@ def test_every_command_says_what_it_does(capsys: pytest.CaptureFixture[str]) -> 
         data.main(["--help"])
     assert stopped.value.code == 0
     said = capsys.readouterr().out
-    assert all(name in said for name in ("convert", "download", "export", "info", "list", "plot"))
+    assert all(name in said for name in ("convert", "export", "info", "list", "plot"))
 
 
 # Plot and export

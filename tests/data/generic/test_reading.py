@@ -72,6 +72,13 @@ def test_a_filter_by_a_column_that_is_otherwise_not_used(converted: Callable[...
         converted(dated, rows={"timestamp": {"min": 5}})
 
 
+@pytest.mark.parametrize("rule", [True, "True", "true", ["TRUE"]])
+@pytest.mark.parametrize("name", ["in.csv", "in.parquet"])
+def test_truth_is_the_same_quoted_or_not(converted: Callable[..., Any], traffic: Traffic, name: str, rule: Any) -> None:
+    table = traffic().assign(valid=lambda rows: rows["track_id"] < 3)
+    assert set(converted(table, name, rows={"valid": rule})[0].table["vehicle_id"]) == {1, 2}
+
+
 def test_one_of_several_clips(converted: Callable[..., Any], traffic: Traffic) -> None:
     both = pd.concat([traffic().assign(case=1), traffic().assign(case=2, x=lambda rows: rows["x"] + 9.0)])
     with pytest.raises(InputError, match=r"occurs twice at 0.000 s, with other values; 1500 such .* columns.clip"):
@@ -137,6 +144,29 @@ def test_tracks_are_cut_where_the_vehicle_is_another_one(converted: Callable[...
     assert recording.header.notes["jumps"] == 1
     for _, rows in recording.table.groupby("vehicle_id"):
         assert np.hypot(np.diff(rows["x"]), np.diff(rows["y"])).max() < 2.0
+
+
+def test_a_clock_that_begins_anew_is_refused(converted: Callable[..., Any], traffic: Traffic) -> None:
+    """Seconds of the day past midnight; in the order of the vehicles, and of the times."""
+    table = traffic().assign(timestamp=lambda rows: (rows["timestamp"] + 86394.0) % 86400.0)
+    for given in (table, table.sort_values("track_id").groupby("track_id").head(300)):
+        with pytest.raises(
+            InputError, match=r"line 152: the clock falls back by 86400\.0 s, while vehicle 1 drives on"
+        ):
+            converted(given)
+    late = traffic().assign(timestamp=lambda rows: rows["timestamp"] + 100.0)  # a second pass, written first
+    assert converted(pd.concat([late, traffic()]))[1].pieces == 10
+
+
+def test_places_of_absent_vehicles_are_refused(converted: Callable[..., Any], traffic: Traffic) -> None:
+    table = traffic()
+    absent = table["timestamp"] > 2.0 + table["track_id"]
+    table.loc[absent, ["x", "y"]] = 0.0
+    with pytest.raises(
+        InputError, match=r"line \d+: 5 vehicles jump to one place, \(0, 0\) in frame map, .* in 845 rows"
+    ):
+        converted(table)
+    assert converted(table, rows={"x": {"min": 0.001}})[0].table["vehicle_id"].nunique() == 5
 
 
 @pytest.mark.parametrize("shift", [3.0, -4.0])

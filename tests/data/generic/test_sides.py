@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from litsim_data.generic.checks import Sides
 from litsim_data.generic.convert import convert
 from litsim_data.generic.mapping import Mapping
-from litsim_data.generic.sides import Sides
 from litsim_sim.core.errors import InputError
 
 COLUMNS = {"vehicle_id": "id", "time": "t", "x": "x", "y": "y", "yaw": "yaw", "length": 4.5, "width": 1.8}

@@ -15,7 +15,7 @@ from litsim_data.maps.cad import CenterLine, distance_to_lines, read_center_line
 from litsim_data.maps.check import cad_distance, check_net
 from litsim_data.maps.connectivity import connectivity
 from litsim_data.maps.fitting import LAYOUTS, Layout, fit_generic_plan, fit_lanes, fit_plan, lane_widths
-from litsim_data.maps.highway import HighwayPlan, i80_plan, us101_like_plan, write_net
+from litsim_data.maps.highway import HighwayPlan, i80_plan, write_net
 from litsim_data.maps.netconvert import find_netconvert
 from litsim_data.maps.placement import lane_numbers
 from litsim_data.maps.positions import for_checking, for_fitting
@@ -183,7 +183,7 @@ def test_layout_of_i80() -> None:
 def test_road_without_ramps(tmp_path: Path) -> None:
     write_net(HighwayPlan(np.array([[0.0, 0.0], [100.0, 0.0]]), lanes=2), tmp_path / "r.net.xml")
     assert [lane.id for lane in LaneMap.from_net(tmp_path / "r.net.xml").lanes] == ["road_0", "road_1"]
-    assert i80_plan().widths == (3.66,) * 6 and us101_like_plan().beside == 3.66
+    assert i80_plan().widths == (3.66,) * 6 and i80_plan().beside == 3.66
 
 
 # Checks

@@ -1,4 +1,4 @@
-"""Official NGSIM files: both formats, every defect with its line, interrupted conversions."""
+"""Official NGSIM files: both formats, every defect with its line."""
 
 from __future__ import annotations
 
@@ -13,12 +13,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from litsim_data.ngsim import blocks as ngsim_blocks
-from litsim_data.ngsim import convert as ngsim_conversion
 from litsim_data.ngsim import official as ngsim
+from litsim_data.ngsim import reading
 from litsim_data.ngsim import windows as ngsim_windows
 from litsim_data.ngsim.formats import FEET
-from litsim_data.ngsim.periods import Clocks
 from litsim_data.ngsim.sites import FOOT, I80, LANKERSHIM, PEACHTREE, SITES, US101, site_at, site_of
 from litsim_data.ngsim.summary import summary
 from litsim_data.ngsim.tracks import PIECE, TRACK_MIN, tracks_of
@@ -164,7 +162,7 @@ def test_a_folder_gets_a_file_for_every_site_and_period(tmp_path: Path) -> None:
     converted = ngsim.convert(portal, tmp_path / "out.parquet", cleaned=False)
     assert [one.name for one in converted] == ["us101_0750", "us101_0805", "i80_1700", "peachtree_1600"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "conversion.json", "i80_1700.parquet", "peachtree_1600.parquet", "us101_0750.parquet", "us101_0805.parquet"
+        "i80_1700.parquet", "peachtree_1600.parquet", "us101_0750.parquet", "us101_0805.parquet"
     ]  # fmt: skip
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "portal.csv"]
     for one, part in zip(converted, parts, strict=True):  # ids are given anew in every period: none are merged
@@ -300,13 +298,25 @@ def test_lines_that_cannot_be_read(text: Path, tmp_path: Path, change: Any, mess
 def test_the_line_is_right_in_later_blocks_and_after_empty_lines(
     text: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ngsim_blocks, "BLOCK", 4096)
+    monkeypatch.setattr(reading, "BLOCK", 4096)
     edited(text, put(1500, 11, "fast"))
     with pytest.raises(InputError, match="line 1500: column v_Vel"):
         ngsim.convert(text, tmp_path / "out.parquet")
     edited(text, lambda lines: lines.insert(1480, ""))
     with pytest.raises(InputError, match="line 1501: column v_Vel"):
         ngsim.convert(text, tmp_path / "out.parquet")
+    edited(text, lambda lines: lines.insert(100, ""))
+    with pytest.raises(InputError, match="line 1502: column v_Vel"):
+        ngsim.convert(text, tmp_path / "out.parquet")
+
+
+def test_a_quotation_mark_swallows_no_lines(tmp_path: Path) -> None:
+    portal = tmp_path / "portal.csv"
+    write_portal(made(), portal, commas=False)
+    for line in (6, 8):
+        edited(portal, lambda lines, at=line - 1: lines.__setitem__(at, lines[at].replace(",", ',"', 1)))
+    with pytest.raises(InputError, match=r"line 6: a quotation mark that is not closed in this line|line 6: "):
+        ngsim.convert(portal, tmp_path / "out")
 
 
 def test_metres_are_refused(text: Path, tmp_path: Path) -> None:
@@ -326,10 +336,10 @@ def test_a_file_that_is_cut_off(text: Path, tmp_path: Path) -> None:
     text.write_text(whole.rstrip())  # only the last end of line is missing: nothing is lost
     rows = len(raw(text, tmp_path / "whole.parquet").table)
     last = whole.rstrip().rpartition("\n")[2]
+    assert rows == 2000
     text.write_text(whole.rstrip()[: -len(last) // 2])
-    with pytest.raises(InputError, match=r"line 2000: the file ends within this line, after \d+ of 18 columns"):
+    with pytest.raises(InputError, match=r"line 2000: \d+ columns, expected 18: .*; the file ends within this line"):
         ngsim.convert(text, tmp_path / "out.parquet")
-    assert len(raw(text, tmp_path / "out.parquet", truncated=True).table) == rows - 1
 
 
 def test_frames_at_another_rate(text: Path, tmp_path: Path) -> None:
@@ -349,8 +359,12 @@ def test_an_unknown_place(tmp_path: Path) -> None:
 
 
 def test_a_few_rows_off_the_site_are_left_out(text: Path, tmp_path: Path) -> None:
-    edited(text, put(50, 6, "0"))
-    assert len(raw(text, tmp_path / "out.parquet").table) == len(made())  # one frame, interpolated
+    (one,) = ngsim.convert(edited(text, put(50, 6, "0")), tmp_path / "out.parquet", cleaned=False)
+    assert (one.rows, one.mended.off_site, one.mended.filled) == (len(made()), 1, 1)
+    for line in range(100, 140):
+        edited(text, put(line, 6, "0"))
+    with pytest.raises(InputError, match=r"line 50: Global_X, Global_Y are 0\.0, .* at no NGSIM site"):
+        ngsim.convert(text, tmp_path / "out.parquet")
 
 
 def test_headers_with_defects(tmp_path: Path) -> None:
@@ -382,90 +396,35 @@ def test_nothing_in_it(tmp_path: Path) -> None:
         ngsim.convert(portal, tmp_path / "out", cleaned=False)
 
 
-# Interrupted and repeated
+# Bounded memory
 
 
 @pytest.fixture
 def portal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Three recordings in some forty blocks, laid aside in some eight goes."""
-    monkeypatch.setattr(ngsim_blocks, "BLOCK", 1 << 14)
-    monkeypatch.setattr(ngsim_conversion, "SPOOLED", 600)
+    """Three recordings in some forty blocks."""
+    monkeypatch.setattr(reading, "BLOCK", 1 << 14)
     path = tmp_path / "portal.csv"
     parts = [made(US101, "0750"), made(US101, "0805", seed=1), made(LANKERSHIM, "0830")]
     write_portal(pd.concat(parts).sample(frac=1.0, random_state=2), path)
     return path
 
 
-def test_an_interrupted_reading_is_taken_up(portal: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    expected = {one.name: Recording.read(one.path) for one in ngsim.convert(portal, tmp_path / "once", cleaned=False)}
-    assign, calls = Clocks.assign, []
-
-    def interrupted(self: Clocks, *arguments: Any) -> Any:
-        calls.append(1)
-        if len(calls) == 25:
-            raise KeyboardInterrupt
-        return assign(self, *arguments)
-
-    monkeypatch.setattr(Clocks, "assign", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        ngsim.convert(portal, tmp_path / "out", cleaned=False)
-    assert not (tmp_path / "out").exists()  # nothing that looks complete
-    assert (tmp_path / "out.partial" / "state.json").is_file()
-    blocks = len(list(ngsim.blocks_of(portal, ngsim.layout_of(portal), ["frame"])))
-    again = ngsim.convert(portal, tmp_path / "out", cleaned=False)
-    assert len(calls) < 25 + blocks - 10  # did not begin anew
-    assert not (tmp_path / "out.partial").exists()
-    for one in again:
-        recording = Recording.read(one.path)
-        assert recording.header == expected[one.name].header
-        pd.testing.assert_frame_equal(recording.table, expected[one.name].table)
+def test_blocks_make_no_difference(portal: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    by_block = ngsim.convert(portal, tmp_path / "blocks", cleaned=False)
+    monkeypatch.setattr(reading, "BLOCK", 1 << 24)
+    for one, other in zip(by_block, ngsim.convert(portal, tmp_path / "whole", cleaned=False), strict=True):
+        assert Recording.read(one.path).header == Recording.read(other.path).header
+        pd.testing.assert_frame_equal(Recording.read(one.path).table, Recording.read(other.path).table)
 
 
-def test_a_full_disk_leaves_what_was_read(portal: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(self: Recording, path: Path) -> None:
-        path.write_bytes(b"half")
+def test_a_full_disk_is_named_and_leaves_nothing(portal: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(self: Recording) -> bytes:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    with monkeypatch.context() as patched:
-        patched.setattr(Recording, "write", full)
-        with pytest.raises(InputError, match=r"us101_0750\.parquet: cannot be written: No space left on device"):
-            ngsim.convert(portal, tmp_path / "out", cleaned=False)
-    assert list((tmp_path / "out").iterdir()) == []
-    monkeypatch.setattr(Clocks, "assign", None)  # the file is not read again
-    assert len(ngsim.convert(portal, tmp_path / "out", cleaned=False)) == 3
-
-
-def test_finished_recordings_are_not_made_again(portal: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    make, names = ngsim_conversion.recording_of, []
-
-    def interrupted(*arguments: Any, **options: Any) -> Any:
-        names.append(arguments[2].name)
-        if len(names) == 2:
-            raise KeyboardInterrupt
-        return make(*arguments, **options)
-
-    monkeypatch.setattr(ngsim_conversion, "recording_of", interrupted)
-    with pytest.raises(KeyboardInterrupt):
+    monkeypatch.setattr(Recording, "to_parquet", full)
+    with pytest.raises(InputError, match=r"us101_0750\.parquet: cannot be written: No space left on device"):
         ngsim.convert(portal, tmp_path / "out", cleaned=False)
-    assert [path.name for path in (tmp_path / "out").glob("*.parquet")] == ["us101_0750.parquet"]
-    ngsim.convert(portal, tmp_path / "out", cleaned=False)
-    assert names == ["us101_0750", "us101_0805", "us101_0805", "lankershim_0830"]
-    ngsim.convert(portal, tmp_path / "out", cleaned=False)  # complete: nothing to do
-    assert len(names) == 4
-    ngsim.convert(portal, tmp_path / "out", cleaned=True)  # other options: everything anew
-    assert len(names) == 7
-    os.utime(portal, (1, 1))  # another file
-    ngsim.convert(portal, tmp_path / "out", cleaned=True)
-    assert len(names) == 10
-
-
-def test_a_single_file_is_left_where_it_is_complete(
-    text: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (first,) = ngsim.convert(text, tmp_path / "out.parquet", cleaned=False)
-    monkeypatch.setattr(ngsim_conversion, "recording_of", None)  # must not be called
-    (again,) = ngsim.convert(text, tmp_path / "out.parquet", cleaned=False)
-    assert again == first
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["out", "portal.csv"]
 
 
 def test_a_place_that_cannot_be_written(text: Path) -> None:

@@ -10,8 +10,6 @@ import pandas as pd
 import pytest
 
 from litsim_data import cli as data
-from litsim_data.maps import urban
-from litsim_data.maps.netconvert import find_netconvert
 from litsim_data.segments import Manifest
 from litsim_data.traffic.comparison import Sample, generated, report, wasserstein
 from litsim_data.traffic.drivers import SUMO_DEFAULT, calibrated, vehicle_type
@@ -26,7 +24,7 @@ from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.signal_links import crossings, read_links
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.recording import Recording
-from litsim_sim.scenario.scenario import Scenario, packaged, packaged_nets
+from litsim_sim.scenario.scenario import Scenario, packaged
 from litsim_sim.scenario.signals import SignalsFile, build
 
 
@@ -213,37 +211,6 @@ def test_movements_of_the_net_have_green_with_their_street() -> None:
         green = [at for at, state in enumerate(phases[link.light]) if state[link.index] in "Gg"]
         assert green == [0 if main else 3], link.name
         assert phases[link.light][green[0]][link.index] == ("g" if left else "G"), link.name
-
-
-def test_left_turns_have_lanes_but_no_phase() -> None:
-    tree = urban.plain_xml()
-    connections = tree["road.con.xml"].findall("connection")
-    for logic in tree["road.tll.xml"].findall("tlLogic"):
-        states = [phase.get("state", "") for phase in logic]
-        assert len({len(state) for state in states}) == 1
-        own = [c for c in connections if c.get("tl") == logic.get("id")]
-        assert len(own) == len(states[0])
-        for connection in own:
-            signals = {state[int(connection.get("linkIndex", ""))] for state in states}
-            left = "g" in signals
-            lanes = [int(c.get("fromLane", "")) for c in own if c.get("from") == connection.get("from")]
-            assert left == (int(connection.get("fromLane", "")) == max(lanes)), (
-                "the leftmost lane turns left, unprotected"
-            )
-            assert signals == ({"g", "y", "r"} if left else {"G", "y", "r"})
-    assert "urban_like" in packaged_nets()
-
-
-def test_the_packaged_urban_net_is_what_the_code_builds(tmp_path: Path) -> None:
-    try:
-        find_netconvert()
-    except InputError as absent:
-        pytest.skip(str(absent))
-    urban.write_net(tmp_path / "again.net.xml")
-    assert (tmp_path / "again.net.xml").read_text() == URBAN_LIKE.net.read_text()
-    (tmp_path / "file").touch()
-    with pytest.raises(InputError, match=r"again\.net\.xml: cannot be written"):
-        urban.write_net(tmp_path / "file" / "again.net.xml")
 
 
 # Sets with segments

@@ -76,7 +76,7 @@ def answers(run: Any) -> dict[int, ControlTable]:
     found = {step: ControlTable.empty(step) for step in range(STEPS + 1)}
     for step in range(20, 45):
         driven = ControlSource.GUARDED if step % 4 == 0 else ControlSource.POLICY
-        source = [driven if step < 40 else ControlSource.HANDBACK, ControlSource.BASELINE]
+        source = [driven if step < 40 else ControlSource.HANDBACK, ControlSource.LATE]
         found[step] = ControlTable(step, np.array([2, 3]), *np.zeros((3, 2)), np.array(source, np.uint8))
     for step in (HISTORY - 1, STEPS):  # moves nobody after the history, or nobody at all
         found[step] = ControlTable(step, np.array([2]), *np.zeros((3, 1)), np.array([ControlSource.GUARDED], np.uint8))

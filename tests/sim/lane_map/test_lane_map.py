@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 from shapely import LineString, points
 
 from litsim_data.maps.fitting import LAYOUTS, fit_lanes, fit_plan
-from litsim_data.maps.highway import HighwayPlan, Ramp, plain_xml, us101_like_plan, write_net
+from litsim_data.maps.highway import HighwayPlan, Ramp, plain_xml, write_net
 from litsim_data.maps.netconvert import find_netconvert
 from litsim_sim.core.errors import InputError
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.net_lanes import Lane
 from litsim_sim.scenario.scenario import packaged, packaged_nets
+from made_roads import us101_like_plan
 
 # The others have other layouts: i80 in test_maps_motorway.py, urban_like with its traffic.
 NETS = {name: LaneMap.from_net(packaged(f"nets/{name}.net.xml")) for name in ("us101", "us101_like")}

@@ -45,11 +45,11 @@ def test_agents_are_oriented_boxes_with_their_speed(agent_table: Make) -> None:
         {"id": 2, "controller": Controller.POLICY},
         {"id": 3, "controller": Controller.POLICY},
         {"id": 4, "controller": Controller.LOG, "length": 12.0, "width": 2.5},
-        {"id": BIG, "controller": Controller.BASELINE},
+        {"id": BIG},
     ]
     markers = AgentLayer().draw(agent_table(25, *rows), frozenset({3, 4}))
     boxes, labels = of(markers, "agents"), of(markers, "speed")
-    modes = (Mode.EGO, Mode.POLICY, Mode.HANDBACK, Mode.LOG, Mode.BASELINE)
+    modes = (Mode.EGO, Mode.POLICY, Mode.HANDBACK, Mode.LOG, Mode.LOG)
     assert [colour(box) for box in boxes] == [COLOURS[mode][0] for mode in modes]
     ego = boxes[0]
     assert (ego.type, ego.header.stamp.sec, ego.header.stamp.nanosec) == (Marker.CUBE, 2, 500_000_000)

@@ -40,10 +40,10 @@ def test_only_who_is_listed_moves(scenario: Scenario) -> None:
 
 def test_the_ego_drives_with_its_own_command(scenario: Scenario) -> None:
     vehicles = DrivenVehicles(scenario, VehicleLimits())
-    listed = controls(5, [OTHER], 1.0, ControlSource.BASELINE)
+    listed = controls(5, [OTHER], 1.0, ControlSource.HANDBACK)
     after = vehicles.step(scenario.log.table(5), listed, [EgoCommand(5, -1.0, 0.0)])
     assert after.id.tolist() == [EGO, OTHER]
-    assert after.controller.tolist() == [Controller.EGO, Controller.BASELINE]
+    assert after.controller.tolist() == [Controller.EGO, Controller.POLICY]
     assert after.speed == pytest.approx([10.0 - STEP_S, 10.0 + STEP_S])
 
 

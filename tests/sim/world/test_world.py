@@ -299,7 +299,6 @@ def test_commands_beyond_the_limits_are_cut(three: Scenario) -> None:
     [
         (ControlSource.POLICY, Controller.POLICY),
         (ControlSource.HANDBACK, Controller.POLICY),
-        (ControlSource.BASELINE, Controller.BASELINE),
     ],
 )
 def test_the_source_of_a_control_says_who_moves_the_agent(
@@ -319,14 +318,13 @@ def test_controls_of_agents_that_are_not_on_the_road_do_nothing(three: Scenario)
     assert (table.controller == Controller.LOG).all()
 
 
-@pytest.mark.parametrize("source", [ControlSource.POLICY, ControlSource.BASELINE])
-def test_who_is_no_longer_listed_rejoins_its_log_without_a_jump(three: Scenario, source: ControlSource) -> None:
+def test_who_is_no_longer_listed_rejoins_its_log_without_a_jump(three: Scenario) -> None:
     world = World(three)
     tables = [world.reset()]
     for step in range(10, 20):  # 1 m/s slower, 0.5 m behind, a little to the left
         tables += advance(world, tables[-1], 10) if step == 10 else []
         command = {THIRD: (-1.0, 0.02 if step < 15 else -0.02)}
-        tables.append(world.step(controls(step, command, source), follow(step)))
+        tables.append(world.step(controls(step, command), follow(step)))
     off = three.log.table(20)
     assert value(tables[-1], THIRD, "x") - value(off, THIRD, "x") == pytest.approx(-0.5, abs=0.01)
     assert abs(value(tables[-1], THIRD, "y") - value(off, THIRD, "y")) > 0.05

@@ -1,4 +1,4 @@
-"""`data`: look at recordings, fetch, convert and generate them, build nets, draw and export.
+"""`data`: look at recordings, convert and generate them, build nets, draw and export.
 
 Every module of this package whose name has no leading underscore is a sub-command of that name, with two functions:
 

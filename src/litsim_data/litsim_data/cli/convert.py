@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from litsim_data.generic.mapping import Mapping
 
 
-NOT_DRAFTED = ("mapping", "vehicles", "clip", "crop", "raw", "truncated")  # options that do not apply to a draft
+NOT_DRAFTED = ("mapping", "vehicles", "clip", "crop", "raw")  # options that do not apply to a draft
 
 
 def add(subparsers: Any) -> None:
@@ -28,8 +28,7 @@ def add(subparsers: Any) -> None:
         "convert",
         help="any known format to the neutral schema",
         description="Convert a recording to the neutral schema. Official NGSIM files (recognised by content) are "
-        "cleaned, and may hold several recordings: then OUT is a folder with one file each. An interrupted conversion "
-        "of them is resumed by the same command.",
+        "cleaned, and may hold several recordings: then OUT is a folder with one file each.",
     )
     source_help = "recording of any known format; with --mapping or --draft, several files make one table"
     command.add_argument("sources", type=Path, nargs="+", metavar="IN", help=source_help)
@@ -44,8 +43,6 @@ def add(subparsers: Any) -> None:
     command.add_argument("--draft", action="store_true", help=draft_help)
     raw_help = "official NGSIM: keep published speeds and accelerations, do not smooth positions"
     command.add_argument("--raw", action="store_true", help=raw_help)
-    truncated_help = "official NGSIM: accept a file that ends within a line"
-    command.add_argument("--truncated", action="store_true", help=truncated_help)
     command.set_defaults(run=run)
 
 
@@ -71,13 +68,12 @@ def run(arguments: argparse.Namespace) -> None:
     elif _is_official(source):
         from litsim_data.ngsim import official as ngsim
 
-        options = {"cleaned": not arguments.raw, "truncated": arguments.truncated, "crop": crop}
-        for made in ngsim.convert(source, arguments.out, progress=True, **options):
-            print(made.text())
-            if made.cleaning:
-                print(made.cleaning)
-    elif arguments.raw or arguments.truncated:
-        raise InputError(f"{source}: --raw and --truncated are for official NGSIM files")
+        for one in ngsim.convert(source, arguments.out, cleaned=not arguments.raw, crop=crop, progress=True):
+            print(one.text())
+            if one.cleaning:
+                print(one.cleaning)
+    elif arguments.raw:
+        raise InputError(f"{source}: --raw is for official NGSIM files")
     else:
         print(describe(convert(source, arguments.out, crop)))
 
@@ -86,8 +82,8 @@ def _convert_mapped(arguments: argparse.Namespace, crop: dict[str, list[float]])
     from litsim_data.generic.convert import convert as convert_mapped
     from litsim_data.generic.mapping import Span, read_mapping
 
-    if arguments.raw or arguments.truncated:
-        raise InputError("--mapping goes with neither --raw nor --truncated")
+    if arguments.raw:
+        raise InputError("--mapping goes without --raw")
     mapping = read_mapping(arguments.mapping)
     rows = mapping.rows | {column: Span(min=low, max=high) for column, (low, high) in crop.items()}
     clip = mapping.clip if arguments.clip is None else arguments.clip

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -14,20 +13,15 @@ from litsim_data.maps.map_format import MapFormat
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.scenario.scenario import DATA_VARIABLE, Scenario, packaged, packaged_nets
+from litsim_sim.scenario.scenario import Scenario, packaged, packaged_nets
 
-US101_FILE = "ngsim/us101_0750_frames_0126_1149.parquet"
 SITES = ("us101", "i80", "lankershim", "peachtree", "generic")
-
-
-PACKAGED = ("us101_like", "urban_like", "us101", "i80")
 
 
 def add(subparsers: Any) -> None:
     """Add the parser of the command."""
     command = subparsers.add_parser("map", help="build a net with netconvert, or check one", description=__doc__)
     what = command.add_mutually_exclusive_group()
-    what.add_argument("--which", choices=PACKAGED, help="build a packaged net again")
     for name, known in _formats().items():
         what.add_argument(
             f"--{name}", type=Path, metavar=known.file, dest=_chosen(name), help=f"import {known.content}"
@@ -78,9 +72,6 @@ def build(arguments: argparse.Namespace) -> list[str]:
         if (path := getattr(arguments, _chosen(name))) is not None:
             origin = None if arguments.origin is None else (arguments.origin[0], arguments.origin[1])
             return known().write_net(path, origin, out)
-    if arguments.which is not None:
-        build_map(arguments.which, out, arguments.recording)
-        return []
     return fit(arguments.recording, arguments.site, out)
 
 
@@ -116,22 +107,6 @@ def fit(recording: Path | None, site: str | None, out: Path) -> list[str]:
     else:
         return intersections.write_net(intersections.fit_streets(found.table), out)
     return []
-
-
-def build_map(which: str, out: Path, recording: Path | None) -> None:
-    """Build a packaged net: `us101_like`, `urban_like`, `i80`, or `us101` fitted to the windows file at `recording`.
-
-    Raises:
-        InputError: netconvert or the recording is missing, or `out` cannot be written.
-    """
-    from litsim_data.maps import highway, urban
-
-    if which == "us101_like":
-        highway.write_net(highway.us101_like_plan(), out)
-    elif which == "urban_like":
-        urban.write_net(out)
-    else:
-        fit(_us101(recording) if which == "us101" else None, which, out)
 
 
 def check(arguments: argparse.Namespace) -> bool:
@@ -174,13 +149,3 @@ def _parts(arguments: argparse.Namespace) -> tuple[dict[str, pd.DataFrame], dict
         return {each.name: positions.vehicles_of(each.recording.table, each.name) for each in loaded}, None
     parts = positions.for_checking(arguments.recording, arguments.scenario)
     return parts, positions.mapped_by(arguments.recording)
-
-
-def _us101(recording: Path | None) -> Path:
-    """The windows file: as given, or where the development data lies."""
-    if recording is not None:
-        return recording
-    data = os.environ.get(DATA_VARIABLE)
-    if not data:
-        raise InputError(f"net us101 is fitted to real tracks: name them with --recording, or set {DATA_VARIABLE}")
-    return Path(data) / US101_FILE

@@ -10,16 +10,17 @@ import numpy as np
 import pandas as pd
 
 from litsim_data.cleaning.cleaning import smoothed
+from litsim_data.generic.checks import check_plausible, heading
 from litsim_data.generic.counts import Counts
 from litsim_data.generic.draft import likely_kind
 from litsim_data.generic.headings import headings
 from litsim_data.generic.mapping import FACTORS, KindName, Mapping
 from litsim_data.generic.obstacles import NAMES as OBSTACLES
 from litsim_data.generic.obstacles import obstacle_rows, with_usual_sizes, without_unused
-from litsim_data.generic.plausibility import check_plausible, heading
 from litsim_data.generic.reading import plain, read_rows, texts
 from litsim_data.generic.resampling import (
     HOLE_MAX_S,
+    check_clock,
     count_leaps,
     count_turns,
     in_order,
@@ -57,6 +58,7 @@ def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, 
     source, counts = TableFiles.open(paths), Counts()
     given = _without_dropped_kinds(read_rows(source, mapping, counts), mapping, source, counts)
     table, names = _in_si(without_unused(given), mapping, source)
+    check_clock(table, source)
     table = in_order(table, source, counts)
     check_plausible(table[~obstacle_rows(table)], mapping, str(source))
     table = with_usual_sizes(_never_backwards(table, counts), mapping, counts)

@@ -13,10 +13,10 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from litsim_data.generic.mapping import FACTORS, Mapping
-from litsim_data.generic.plausibility import (
+from litsim_data.generic.checks import (
     AGREEMENT,
     ANGLE_UNITS,
+    MOVING,
     POSITIVES,
     SPEED_UNITS,
     STEP_RANGE_S,
@@ -26,8 +26,8 @@ from litsim_data.generic.plausibility import (
     pace,
     rows_apart,
 )
+from litsim_data.generic.mapping import FACTORS, Mapping
 from litsim_data.generic.reading import NEEDED, texts
-from litsim_data.generic.sides import MOVING
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray

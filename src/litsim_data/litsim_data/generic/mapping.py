@@ -183,7 +183,7 @@ class Mapping(_Strict):
         rows: the rows to keep, by column of the file: a value, a list of values, or a :class:`Span`.
         signals: file with the states of the net's signals (docs/signals.md), relative to the mapping; its times are
             those of column `time`, or else count from frame 0.
-        accept: checks of :mod:`litsim_data.generic.plausibility` to skip.
+        accept: checks of :mod:`litsim_data.generic.checks` to skip.
         clean: whether headings, speeds and accelerations are derived from smoothed positions, as noisy positions need;
             else those of the file are kept, and missing ones are plain differences.
     """

@@ -111,14 +111,14 @@ def texts(column: pd.Series) -> pd.Series:
 
 
 def plain(value: object) -> str:
-    """A value as normalised text for comparisons: 3, 3.0 and "3" are the same."""
+    """Returns a value as normalised text for comparisons: 3, 3.0 and "3" are the same, and true, True and "True"."""
     if isinstance(value, bool | np.bool_):
         return str(bool(value)).lower()
     text = str(value).strip()
     try:
         number = float(text)
     except ValueError:
-        return text
+        return text.lower() if text.lower() in ("true", "false") else text
     return text.removesuffix(".0") if number.is_integer() else repr(number)
 
 

@@ -20,7 +20,30 @@ AWAY_MAX_S = 0.5  # [s] shorter stretches between two jumps are errors and left 
 LEAP, LEAP_ACCELERATION = 2.0, 15.0  # [m], [m/s2] by which no vehicle departs between two rows from its motion around
 TURN, TURN_RATE = np.deg2rad(30.0), 3.0  # [rad], [rad/s] by which no vehicle turns between two rows
 AROUND = 3  # steps before and after that this motion is the median of
+FALL_MIN_S = 60.0  # [s] by which a clock that begins anew falls back at least
+PADDED_MIN = 10  # rows of vehicles at one place at one time that are no chance
 JUMPS_MAX = 0.01  # share of rows left out or following a jump above which the file is refused
+
+
+def check_clock(table: pd.DataFrame, source: TableFiles) -> None:
+    """Refuses rows, in the order of the file, whose clock begins anew while a vehicle drives on, such as at midnight.
+
+    Raises:
+        InputError: times of a vehicle fall back by more than FALL_MIN_S between two rows that are as near to each
+            other as those before and after.
+    """
+    rows = table.sort_values("vehicle_id", kind="stable")
+    t, vehicle = rows["t"].to_numpy(), rows["vehicle_id"].to_numpy()
+    step, way = np.diff(t), np.hypot(np.diff(rows["x"].to_numpy()), np.diff(rows["y"].to_numpy()))
+    on = (step > 0.0) & (step <= HOLE_MAX_S + STEP_S) & (way > 0.0)
+    near = way[1:-1] <= 2.0 * np.maximum(way[:-2], way[2:])
+    falls = (step[1:-1] < -FALL_MIN_S) & on[:-2] & on[2:] & near & (vehicle[3:] == vehicle[:-3])
+    if falls.any():
+        at = int(np.argmax(falls)) + 2
+        raise InputError(
+            f"{source.at(rows['row'].iloc[at])}: the clock falls back by {-step[at - 1]:.1f} s, while vehicle "
+            f"{vehicle[at]} drives on: expected times that go on, past midnight, too"
+        )
 
 
 def in_order(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.DataFrame:
@@ -49,12 +72,14 @@ def without_outliers(table: pd.DataFrame, source: TableFiles, counts: Counts) ->
     """Rows, in order, without stretches of less than half a second between two jumps of a vehicle.
 
     Raises:
-        InputError: there are so many jumps that rows of one id cannot be of one vehicle.
+        InputError: vehicles jump to one place, as rows of absent ones do; or there are so many jumps that rows of one
+            id cannot be of one vehicle.
     """
     vehicle, t = table["vehicle_id"].to_numpy(), table["t"].to_numpy()
     jumps = _jumps(table)
     if not jumps.any():
         return table
+    _check_padding(table, jumps, source)
     begins = np.r_[True, vehicle[1:] != vehicle[:-1]]
     stretch = np.cumsum(begins | jumps) - 1  # stretch of each row: tracks, cut at jumps
     first = np.flatnonzero(begins | jumps)
@@ -71,6 +96,21 @@ def without_outliers(table: pd.DataFrame, source: TableFiles, counts: Counts) ->
         )
     counts.leave_out("the vehicle jumps elsewhere for less than half a second", int(away.sum()))
     return table[~away].reset_index(drop=True)
+
+
+def _check_padding(table: pd.DataFrame, jumps: BoolArray, source: TableFiles) -> None:
+    """Refuses rows with a fixed value where a vehicle is absent, which put several that jump there at one place."""
+    jumping = table[table["vehicle_id"].isin(table["vehicle_id"][jumps])]
+    same = jumping[jumping.duplicated(["t", "x", "y"], keep=False)]
+    if len(same) < PADDED_MIN:
+        return
+    x, y = (float(value) for value in np.asarray(same[["x", "y"]].value_counts().index[0]))
+    padded = same[(same["x"] == x) & (same["y"] == y)]
+    raise InputError(
+        f"{source.at(padded['row'].iloc[0])}: {padded['vehicle_id'].nunique()} vehicles jump to one place, "
+        f"({x:g}, {y:g}) in frame map, where several are at once in {len(padded)} rows: are they absent there? Leave "
+        f"such rows out by field rows of the mapping"
+    )
 
 
 def split(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:

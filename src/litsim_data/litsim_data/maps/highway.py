@@ -79,14 +79,6 @@ class HighwayPlan:
         return self.lane_width if self.auxiliary_width is None else self.auxiliary_width
 
 
-def us101_like_plan() -> HighwayPlan:
-    """A straight section of 640 m with US-101's layout: x runs along the road from 0, the left edge is y = 0.
-
-    Five lanes and an auxiliary lane from the on-ramp at 579 ft to the off-ramp 698 ft further on.
-    """
-    return HighwayPlan(np.array([[0.0, 0.0], [640.0, 0.0]]), Ramp(gore=176.0), Ramp(gore=389.0))
-
-
 def i80_plan() -> HighwayPlan:
     """I-80 at Emeryville as published: x is the distance along the road from where recording began, y = 0 left edge.
 

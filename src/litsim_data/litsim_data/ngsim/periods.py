@@ -8,10 +8,10 @@ several periods, two minutes without vehicles separate them.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
+import pandas as pd
 
 from litsim_data.ngsim.sites import SITES, Site
 from litsim_data.ngsim.tracks import origins_of
@@ -30,19 +30,12 @@ class Clock:
     Attributes:
         site: name of the site.
         origin_ms: time of frame 0 [ms since 1970].
-        rows: number of rows.
-        minutes: minutes since 1970 with rows, ascending.
+        minutes: minutes since 1970 with rows.
     """
 
     site: str
     origin_ms: int
-    rows: int = 0
-    minutes: list[int] = field(default_factory=list)
-
-    @property
-    def key(self) -> str:
-        """Unique name in the file: site and time of frame 0."""
-        return f"{self.site}_{self.origin_ms}"
+    minutes: set[int] = field(default_factory=set)
 
 
 @dataclass(frozen=True)
@@ -70,47 +63,31 @@ class Period:
 class Clocks:
     """The clocks of a file, in order of appearance."""
 
-    def __init__(self, clocks: list[Clock] | None = None) -> None:
-        """Start with the `clocks` of an earlier part of the file, or with none."""
-        self.clocks = clocks or []
+    def __init__(self) -> None:
+        self.clocks: list[Clock] = []
 
-    @classmethod
-    def from_json(cls, values: list[dict[str, Any]]) -> Clocks:
-        """The inverse of :meth:`to_json`."""
-        return cls([Clock(**value) for value in values])
-
-    def to_json(self) -> list[dict[str, Any]]:
-        """The clocks as dictionaries for JSON."""
-        return [asdict(clock) for clock in self.clocks]
-
-    def assign(self, columns: dict[str, np.ndarray], where: str) -> IntArray:
-        """Index (n,) of the clock of every row; new clocks are added.
+    def assign(self, rows: pd.DataFrame, where: str) -> IntArray:
+        """Returns the index (n,) of the clock of every row; new clocks are added.
 
         Args:
-            columns: site, time_ms, frame and line, see :class:`litsim_data.ngsim.blocks.Block`.
+            rows: site, time_ms, frame and line, see :func:`litsim_data.ngsim.reading.blocks`.
             where: the file, for errors.
 
         Raises:
             InputError: there are more clocks than NGSIM can have.
         """
         names = list(SITES)
-        time_ms, index = columns["time_ms"], np.empty(len(columns["time_ms"]), np.int64)
-        origins = origins_of(time_ms, columns["frame"])
-        for site in np.unique(columns["site"]):
-            rows = np.flatnonzero(columns["site"] == site)
-            found, back = np.unique(origins[rows], return_inverse=True)
-            codes = np.array([self._find(names[site], int(origin)) for origin in found], np.int64)
-            index[rows] = codes[back]
+        time_ms, frame = rows["time_ms"].to_numpy(), rows["frame"].to_numpy()
+        pairs, unique = pd.factorize(pd.MultiIndex.from_arrays([rows["site"], origins_of(time_ms, frame)]), sort=True)
+        index = np.array([self._find(names[site], int(origin)) for site, origin in unique], np.int64)[pairs]
         if len(self.clocks) > CLOCKS_MAX:
             at = int(np.argmax(index >= CLOCKS_MAX))
             raise InputError(
-                f"{where}: line {columns['line'][at]}: Frame_ID {columns['frame'][at]} at Global_Time {time_ms[at]}: "
+                f"{where}: line {rows['line'].iloc[at]}: Frame_ID {frame[at]} at Global_Time {time_ms[at]}: "
                 f"frames and times do not run together at 10 Hz; {len(self.clocks)} different times of frame 0"
             )
         for code in np.unique(index):
-            clock, mine = self.clocks[code], time_ms[index == code]
-            clock.rows += len(mine)
-            clock.minutes = sorted({*clock.minutes, *np.unique(mine // MINUTE_MS).tolist()})
+            self.clocks[code].minutes.update(np.unique(time_ms[index == code] // MINUTE_MS).tolist())
         return index
 
     def _find(self, site: str, origin_ms: int) -> int:
@@ -124,7 +101,7 @@ class Clocks:
         """The recordings, sorted by site and time, with unique names."""
         stretches = []
         for code, clock in enumerate(self.clocks):
-            minutes = np.array(clock.minutes)
+            minutes = np.array(sorted(clock.minutes))
             pieces = np.split(minutes, np.flatnonzero(np.diff(minutes) > 2) + 1)
             stretches += [(clock.site, int(piece[0]), int(piece[-1]), code) for piece in pieces]
         order = list(SITES)

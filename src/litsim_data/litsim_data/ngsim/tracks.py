@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from litsim_data.cleaning.cleaning import CleaningReport, clean
+from litsim_data.ngsim.reading import on_site
 from litsim_data.ngsim.sites import Site
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import RATE_HZ, STEP_S, BoolArray, FloatArray, IntArray, Kind
@@ -44,6 +45,7 @@ class RepairCounts:
 
     Attributes:
         rows: rows of the file that belong to it.
+        off_site: rows left out because they are far from the site.
         duplicates: rows left out because they repeat another one.
         contradictions: rows left out because another one has the vehicle elsewhere at that time.
         filled: frames interpolated in short holes.
@@ -54,6 +56,7 @@ class RepairCounts:
     """
 
     rows: int = 0
+    off_site: int = 0
     duplicates: int = 0
     contradictions: int = 0
     filled: int = 0
@@ -83,9 +86,12 @@ def tracks_of(raw: pd.DataFrame, site: Site, where: str) -> tuple[pd.DataFrame, 
         the row's Direction (NaN if unknown); and the counts of repairs.
 
     Raises:
-        InputError: too many rows contradict each other, too many sizes are implausible, or nothing is left.
+        InputError: too many rows are off the site or contradict each other, too many sizes are implausible, or nothing
+            is left.
     """
     counts = RepairCounts(rows=len(raw))
+    raw = on_site(raw, site, where)
+    counts.off_site = counts.rows - len(raw)
     raw = _without_duplicates(raw, counts, where)
     x, y = site.map_from_global(raw["global_x"].to_numpy(), raw["global_y"].to_numpy())
     table = raw.assign(x=x, y=y)

@@ -63,7 +63,7 @@ class Collisions:
         log: step of the first contact of each pair of logged agents, the ego's logged trajectory included.
         agents: ids of all agents on the road in the run or in the log; includes agents that are held back at their
             entry or never enter.
-        controlled: ids of the agents that were ever under POLICY or BASELINE control.
+        controlled: ids of the agents that were ever under POLICY control.
         ego: contacts of the ego, by step.
     """
 
@@ -139,9 +139,9 @@ def _agents(steps: Steps) -> frozenset[int]:
 
 
 def controlled_agents(tables: Iterable[AgentTable]) -> frozenset[int]:
-    """Ids of all agents that are ever under POLICY or BASELINE control."""
+    """Ids of all agents that are ever under POLICY control."""
     table = Steps.of(tables).stacked
-    return frozenset(np.unique(table.id[table.under_control]).tolist())
+    return frozenset(np.unique(table.id[table.of_policy]).tolist())
 
 
 def judge(

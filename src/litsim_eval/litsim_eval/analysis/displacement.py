@@ -44,7 +44,7 @@ class Displacements:
         step: (m,) steps after the history.
         id: (m,) agents.
         distance: (m,) [m].
-        controlled: (m,) whether the agent is under POLICY or BASELINE control at this step.
+        controlled: (m,) whether the agent is under POLICY control at this step.
         present: (m,) whether the run has the agent on the road at this step.
         history_steps: last step of the history.
         last_step: last recorded step of the run.
@@ -156,6 +156,6 @@ def _columns(steps: Steps, logged: Steps, history_steps: int, ego_id: int) -> Co
     x[was], y[was] = table.x[at[was]], table.y[at[was]]
     here = present[number, agent]
     controlled = here.copy()
-    controlled[here] = table.under_control[at[here]]
+    controlled[here] = table.of_policy[at[here]]
     distance = np.hypot(x - log.x[now], y - log.y[now])
     return steps.step[number], logged.ids[agent], distance, controlled, here

@@ -24,5 +24,5 @@ def off_road_controlled(run: Run) -> float | None:
     """Share of agent-steps under control at which the box centre is on no lane; None without such steps or a net."""
     lane_map = lane_map_of(run)
     table = run.simulated.stacked
-    x, y = table.x[table.under_control], table.y[table.under_control]
+    x, y = table.x[table.of_policy], table.y[table.of_policy]
     return float(np.mean(~lane_map.inside_road(x, y))) if lane_map is not None and len(x) else None

@@ -97,7 +97,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "takeovers": len(entries),
         "false_alarms": sum(entry.false_alarm for entry in entries),
         "detection": {
-            "max_rounds": max((d.iterations for d in run.detections.values()), default=0),
+            "max_iterations": max((d.iterations for d in run.detections.values()), default=0),
             "bound_hits": sum(not d.converged for d in run.detections.values()),
         },
         "ledger": [ledger_row(entry) for entry in entries],
@@ -350,7 +350,7 @@ def _signals(run: Run) -> SignalMetrics | None:
     return {
         "passed": len(passed),
         "red_ego": sum(each.agent == run.info.ego_id for each in red),
-        "red_controlled": sum(each.controller in (Controller.POLICY, Controller.BASELINE) for each in red),
+        "red_controlled": sum(each.controller == Controller.POLICY for each in red),
         "red_log": sum(each.at_red for each in log_passages(run)),
         "reds": [
             {

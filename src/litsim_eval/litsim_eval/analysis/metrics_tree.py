@@ -115,7 +115,7 @@ class EgoMetrics(DrivenMetrics):
 class DetectionMetrics(TypedDict):
     """How often the detection of conflicts iterated within a step."""
 
-    max_rounds: int
+    max_iterations: int
     bound_hits: int
 
 

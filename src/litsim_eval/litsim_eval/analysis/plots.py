@@ -54,7 +54,6 @@ NAMES = {
     Controller.EGO: "ego",
     Controller.POLICY: "taken over",
     Controller.LOG: "log replay",
-    Controller.BASELINE: "baseline",
 }
 COLOURS = {controller: colour_of(controller) for controller in NAMES}
 DASHED = (0, (3, 2))
@@ -134,7 +133,7 @@ def _plan(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap, area: Area) -
     if run.signals is not None:
         draw_stop_lines(axes, run.signals, table.step)
     driven = paths(run.steps.after(run.info.history_steps - 1), area)
-    for controller, width in ((Controller.LOG, 0.9), (Controller.BASELINE, 1.6), (Controller.POLICY, 2.2)):
+    for controller, width in ((Controller.LOG, 0.9), (Controller.POLICY, 2.2)):
         axes.add_collection(LineCollection(driven[controller], colors=COLOURS[controller], linewidths=width, zorder=4))
     axes.add_collection(
         LineCollection(driven[Controller.EGO], colors=COLOURS[Controller.EGO], linewidths=2.8, zorder=5)
@@ -286,7 +285,7 @@ def _space_time(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) 
     points = np.stack([steps.step[table.number] * run.info.dt, s], axis=-1)
     lines = pieces(points[order], follows, kind[order])
     axes.add_collection(LineCollection(lines.get(LOG_BESIDE, []), colors=FAINT, linewidths=0.8))
-    drawn = ((Controller.LOG, 1.4), (Controller.BASELINE, 1.4), (Controller.POLICY, 2.4), (Controller.EGO, 2.6))
+    drawn = ((Controller.LOG, 1.4), (Controller.POLICY, 2.4), (Controller.EGO, 2.6))
     for controller, width in drawn:
         found = lines.get(controller.value, [])
         axes.add_collection(LineCollection(found, colors=COLOURS[controller], linewidths=width))
@@ -350,16 +349,15 @@ def _speed(axes: Axes, run: Run, step: int) -> None:
 
 def _off_log(axes: Axes, run: Run, step: int) -> None:
     times = np.array([table.step for table in run.tables]) * run.info.dt
-    kinds = (Controller.POLICY, Controller.BASELINE)
-    counts = [np.array([int((table.controller == kind).sum()) for table in run.tables]) for kind in kinds]
-    axes.stackplot(times, *counts, colors=[COLOURS[k] for k in kinds], alpha=0.85, step="post")
+    counts = np.array([int(table.of_policy.sum()) for table in run.tables])
+    axes.stackplot(times, counts, colors=[COLOURS[Controller.POLICY]], alpha=0.85, step="post")
     excess = [at * run.info.dt for at in collisions(run).excess.values()]
     if excess:
         axes.plot(excess, np.zeros(len(excess)), "v", color=COLOURS[Controller.EGO], ms=8, clip_on=False)
         handle = Line2D([], [], color=COLOURS[Controller.EGO], marker="v", ls="", label="collision not in the log")
         axes.legend(handles=[handle], loc="upper left", frameon=False, fontsize=10)
     axes.set(xlim=(0.0, _end(run)), xlabel="time [s]", ylabel="agents")
-    axes.set_ylim(0.0, max(1.0, 1.15 * float(np.sum(counts, axis=0).max())))
+    axes.set_ylim(0.0, max(1.0, 1.15 * float(counts.max())))
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_title("Background off its log", loc="left", fontsize=12, color=INK)
     _mark(axes, run, step)

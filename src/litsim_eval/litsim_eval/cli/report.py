@@ -1,4 +1,4 @@
-"""`report RUN`: show a run, or a whole campaign, as one HTML file; also scenes of a run as pictures or a film."""
+"""`report RUN`: show a run, or a whole campaign, as one HTML file; also a scene of a run as a picture."""
 
 from __future__ import annotations
 
@@ -16,15 +16,9 @@ def parser() -> argparse.ArgumentParser:
     p = Parser(prog="report", description=__doc__)
     p.add_argument("run", type=Path, help="folder of a run, its MCAP file, or the folder of a campaign")
     p.add_argument("--out", type=Path, metavar="HTML", help="default: report.html (experiment.html) in the folder")
-    pictures = p.add_argument_group("pictures of a run (no page then, unless --out is given too)")
+    pictures = p.add_argument_group("picture of a run (no page then, unless --out is given too)")
     pictures.add_argument("--png", type=Path, help="one scene")
     pictures.add_argument("--step", type=int, metavar="K", help="step of the scene; default: an interesting one")
-    pictures.add_argument("--gif", type=Path, help="a film")
-    pictures.add_argument("--mp4", type=Path, help="a film; needs ffmpeg")
-    pictures.add_argument(
-        "--from", type=int, dest="first", metavar="K", help="first step of a film; default: after the history"
-    )
-    pictures.add_argument("--to", type=int, dest="last", metavar="K", help="last step of a film; default: the last one")
     p.add_argument("--quiet", action="store_true", help="print nothing")
     return p
 
@@ -35,7 +29,7 @@ def report(arguments: argparse.Namespace) -> list[Path]:
     Raises:
         InputError: the input cannot be read, or a file cannot be written.
     """
-    written = _pictures(arguments)
+    written = _write_picture(arguments)
     if is_campaign(arguments.run):
         from litsim_eval.report.experiment import write_experiment_report
 
@@ -47,33 +41,23 @@ def report(arguments: argparse.Namespace) -> list[Path]:
     return written
 
 
-def _pictures(arguments: argparse.Namespace) -> list[Path]:
-    """The pictures that are asked for."""
-    films = [path for path in (arguments.gif, arguments.mp4) if path is not None]
-    _check_names(arguments)
-    if arguments.png is None and not films:
+def _write_picture(arguments: argparse.Namespace) -> list[Path]:
+    """Writes the picture that is asked for, and returns its path."""
+    if arguments.png is None:
         return []
+    if arguments.png.suffix.lower() != ".png":
+        raise InputError(f"--png {arguments.png}: expected a name that ends in .png")
     if is_campaign(arguments.run):
-        raise InputError(f"{arguments.run}: a campaign, expected one run for --png, --gif or --mp4")
+        raise InputError(f"{arguments.run}: a campaign, expected one run for --png")
     from litsim_eval.analysis.plots import telling_moment  # matplotlib takes half a second to load
     from litsim_eval.analysis.takeover import ledger
-    from litsim_eval.report.pictures import write_film, write_png
+    from litsim_eval.report.pictures import write_png
     from litsim_sim.record.run import read_run
 
     run = read_run(arguments.run)
-    if arguments.png is not None:
-        step = telling_moment(run, ledger(run)).step if arguments.step is None else arguments.step
-        write_png(run, step, arguments.png)
-    for path in films:
-        write_film(run, path, arguments.first, arguments.last, quiet=arguments.quiet)
-    return [path for path in (arguments.png, *films) if path is not None]
-
-
-def _check_names(arguments: argparse.Namespace) -> None:
-    for ending in ("png", "gif", "mp4"):
-        path = getattr(arguments, ending)
-        if path is not None and path.suffix.lower() != f".{ending}":
-            raise InputError(f"--{ending} {path}: expected a name that ends in .{ending}")
+    step = telling_moment(run, ledger(run)).step if arguments.step is None else arguments.step
+    write_png(run, step, arguments.png)
+    return [arguments.png]
 
 
 @program

@@ -205,7 +205,6 @@ def _series(run: Run, tracks: Tracks, ghosts: Tracks) -> dict[str, Any]:
         "deviation": {str(agent): _values(values) for agent, values in far if agent != ego},
         "policy": _values(counts(tracks, Mode.POLICY)),
         "handback": _values(counts(tracks, Mode.HANDBACK)),
-        "baseline": _values(counts(tracks, Mode.BASELINE)),
     }
 
 

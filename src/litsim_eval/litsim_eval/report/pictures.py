@@ -1,25 +1,16 @@
-"""A scene as a PNG, and a stretch of a run as a GIF or an MP4: the bird's-eye view around the ego."""
+"""A scene of a run as a PNG: the bird's-eye view around the ego."""
 
 from __future__ import annotations
 
-import importlib
-import shutil
-import subprocess
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
-from matplotlib.animation import FFMpegWriter
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from PIL import Image
-from tqdm import tqdm
 
 from litsim_eval.report.content import road
 from litsim_eval.report.tracks import Tracks, ghosts_of, tracks_of
@@ -33,18 +24,16 @@ from litsim_sim.record.run import Run
 GROUND, ROAD, PAINT, INK = "#eceeea", "#cfd3d8", "#ffffff", "#2b3038"
 SIZE_PX, DPI = (1280, 480), 100
 AROUND = 60.0  # [m] length of road ahead of the ego and behind it
-EVERY = 2  # [steps] between the pictures of a film
 POINTS_PER_INCH = 72.0
 
 
 class Stage:
-    """One bird's-eye view that shows any step of a run; the road lies across the picture, driving to the right."""
+    """A bird's-eye view of one step of a run; the road lies across the picture, driving to the right."""
 
     def __init__(self, run: Run) -> None:
         self._tracks, self._ghosts, self._run = tracks_of(run), ghosts_of(run), run
         self._rotation = self._direction()
         self.figure = Figure(figsize=(SIZE_PX[0] / DPI, SIZE_PX[1] / DPI), dpi=DPI)
-        self.canvas = FigureCanvasAgg(self.figure)
         self._axes = self.figure.add_axes((0.0, 0.0, 1.0, 1.0))
         half_height = AROUND * SIZE_PX[1] / SIZE_PX[0]
         self._axes.set(xlim=(-AROUND, AROUND), ylim=(-half_height, half_height), facecolor=GROUND, xticks=(), yticks=())
@@ -129,68 +118,6 @@ def write_png(run: Run, step: int, path: Path) -> None:
     stage.show(step)
     with replacing(path) as new:
         stage.figure.savefig(new, dpi=DPI, format="png")
-
-
-def write_film(run: Run, path: Path, first: int | None = None, last: int | None = None, quiet: bool = False) -> None:
-    """Draw steps `first` .. `last` (default: all after the history) at the speed of the run, as a GIF, or as an MP4
-    (H.264) where `path` ends in .mp4.
-
-    Raises:
-        InputError: no such steps, `path` cannot be written, or ffmpeg, which makes an MP4, is missing.
-    """
-    write = partial(_write_mp4, _ffmpeg(path)) if path.suffix.lower() == ".mp4" else _write_gif
-    first = run.info.history_steps if first is None else first
-    last = run.tables[-1].step if last is None else last
-    steps = range(first, last + 1, EVERY)
-    if not steps:
-        raise InputError(f"{run.path}: no steps from {first} to {last}")
-    stage = Stage(run)
-    for step in (steps[0], steps[-1]):
-        stage.show(step)
-    with replacing(path) as new, tqdm(steps, unit="picture", disable=quiet, dynamic_ncols=True) as bar:
-        write(stage, bar, new, run.info.dt * EVERY)
-
-
-def _ffmpeg(path: Path) -> str:
-    """The program that will write `path`: ffmpeg on PATH, or the one of the wheel imageio-ffmpeg.
-
-    Raises:
-        InputError: there is neither.
-    """
-    program = shutil.which("ffmpeg")
-    if program is None:
-        try:
-            program = str(importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe())
-        except (ImportError, RuntimeError) as error:
-            raise InputError(
-                f"{path}: an MP4 needs ffmpeg, on PATH or by `pip install imageio-ffmpeg`; --gif needs nothing"
-            ) from error
-    return program
-
-
-def _write_gif(stage: Stage, steps: tqdm[int], path: Path, seconds: float) -> None:
-    pictures: list[Image.Image] = []
-    palette = None
-    for step in steps:
-        stage.show(step)
-        stage.canvas.draw()
-        picture = Image.fromarray(np.asarray(stage.canvas.buffer_rgba())).convert("RGB")
-        palette = palette or picture.quantize(64)  # one for all, so that only what moves is stored
-        pictures.append(picture.quantize(palette=palette, dither=Image.Dither.NONE))
-    duration = round(1000.0 * seconds)
-    pictures[0].save(path, "GIF", save_all=True, append_images=pictures[1:], duration=duration, loop=0, optimize=False)
-
-
-def _write_mp4(program: str, stage: Stage, steps: tqdm[int], path: Path, seconds: float) -> None:
-    with rc_context({"animation.ffmpeg_path": program}):
-        writer = FFMpegWriter(fps=round(1.0 / seconds), codec="h264", extra_args=["-pix_fmt", "yuv420p"])
-        try:
-            with writer.saving(stage.figure, str(path), DPI):
-                for step in steps:
-                    stage.show(step)
-                    writer.grab_frame()
-        except subprocess.CalledProcessError as error:  # matplotlib has logged what ffmpeg said
-            raise OSError(f"{program} ended with exit status {error.returncode}") from error
 
 
 _Lines = tuple[LineCollection, Sequence[FloatArray]]

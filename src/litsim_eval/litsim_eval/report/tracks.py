@@ -91,7 +91,7 @@ def collect(tables: Sequence[AgentTable], first: int, last: int) -> Tracks:
     agent, frame = steps.agent[usable], (steps.step - first)[table.number[usable]]
     known = np.isin(table.controller, [c.value for c in Controller])
     mode = np.full((n, frames), Mode.ABSENT, np.uint8)
-    mode[agent, frame] = np.where(known, table.controller, Mode.BASELINE)[usable]
+    mode[agent, frame] = np.where(known, table.controller, Mode.LOG)[usable]
     kind, length, width = np.zeros(n, np.uint8), np.zeros(n), np.zeros(n)
     for of_agent, name in ((kind, "kind"), (length, "length"), (width, "width")):
         of_agent[agent] = getattr(table, name)[usable]  # the last step decides

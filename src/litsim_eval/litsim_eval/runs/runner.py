@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from litsim_policy.driving.pipeline import Reaction
+from litsim_policy.driving.pipeline import Pipeline
 from litsim_policy.ego.ego import Ego
 from litsim_sim.core import stage_registry
 from litsim_sim.core.parameters import Parameters
@@ -76,7 +76,7 @@ class Runner:
         stages = configured(None if ego else plan.ego, plan.policy, plan.parameters)
         self.world = World(scenario, WorldConfig(guard_entries=reacts), mirror)
         self._ego = ego or stages[EGO](scenario)
-        self._reaction = Reaction(stages, plan.policy, scenario) if reacts else None
+        self._pipeline = Pipeline(stages, plan.policy, scenario) if reacts else None
         load_kernels()
 
     def steps(self) -> Iterator[StepResult]:
@@ -93,8 +93,8 @@ class Runner:
                 self.world.catch_up()
                 marks = {BRIDGE: time.perf_counter() - begin}
                 takeovers, controls = None, None
-                if self._reaction is not None:
-                    takeovers, controls = self._reaction.to(table, marks)
+                if self._pipeline is not None:
+                    takeovers, controls = self._pipeline.to(table, marks)
                 begin = time.perf_counter()
                 ego = self._ego.plan(table)
                 marks["ego"] = time.perf_counter() - begin

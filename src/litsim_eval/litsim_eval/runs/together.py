@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from litsim_eval.runs.runner import StepResult, as_recorded, configured
-from litsim_policy.driving.pipeline import Reaction
+from litsim_policy.driving.pipeline import Pipeline
 from litsim_policy.driving.policy import policy_class
 from litsim_policy.ego.together import EgosTogether
 from litsim_predictor.models import DEFAULT_MODEL, model_names
@@ -52,7 +52,7 @@ class JoinedRunner:
         egos = [configured(plan.ego, plan.policy, plan.parameters)[EGO](plan.scenario) for plan in plans]
         self._egos = EgosTogether(self._joined, egos)
         stages = configured(None, first.policy, common)
-        self._reaction = Reaction(stages, first.policy, self._joined) if reacts else None
+        self._pipeline = Pipeline(stages, first.policy, self._joined) if reacts else None
         self.summaries: dict[int, dict[str, Any]] = {}
         load_kernels()
 
@@ -70,9 +70,9 @@ class JoinedRunner:
             takeovers: Sequence[TakeoverTable | None] = [None] * len(tables)
             controls: Sequence[ControlTable | None] = [None] * len(tables)
             together = ControlTable.empty(table.step)
-            if self._reaction is not None:
-                taken, together = self._reaction.to(table, marks)
-                takeovers, controls = self._apart(taken, self._reaction), joined.controls(together)
+            if self._pipeline is not None:
+                taken, together = self._pipeline.to(table, marks)
+                takeovers, controls = self._apart(taken, self._pipeline), joined.controls(together)
             begin = time.perf_counter()
             running = [k for k in range(len(tables)) if k not in self.summaries]
             commands = self._egos.plan(table, running)
@@ -87,9 +87,9 @@ class JoinedRunner:
             if len(self.summaries) < len(self.plans):
                 table = self._world.step_together(together, commands)
 
-    def _apart(self, takeovers: TakeoverTable, reaction: Reaction) -> list[TakeoverTable]:
+    def _apart(self, takeovers: TakeoverTable, pipeline: Pipeline) -> list[TakeoverTable]:
         """The takeovers by scene."""
-        rounds = reaction.manager.iterations.tolist(), reaction.manager.converged.tolist()
+        rounds = pipeline.manager.iterations.tolist(), pipeline.manager.converged.tolist()
         return [
             TakeoverTable(takeovers.step, own, iterations, converged)
             for own, iterations, converged in zip(self._joined.takeovers(takeovers.takeovers), *rounds, strict=True)

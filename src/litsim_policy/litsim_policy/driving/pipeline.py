@@ -12,7 +12,7 @@ from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.scenario.setting import Setting
 
 
-class Reaction:
+class Pipeline:
     """Predictor, conflict and policy stages of one scene or of several joined ones.
 
     Attributes:

@@ -19,7 +19,6 @@ from litsim_policy.driving.features.observation import ObservationConfig, Observ
 from litsim_policy.driving.handback import HandbackConfig
 from litsim_policy.driving.network_file import layer_arrays, perceptron, read_network
 from litsim_policy.driving.policy import Policy
-from litsim_policy.driving.reaction import read_reaction
 from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.layer import SafetyLayer
 from litsim_policy.driving.task import DrivingScene, DrivingTask
@@ -163,13 +162,8 @@ class PolicyC(Policy):
     def read(cls, read: ParameterReader) -> Callable[[Setting], Policy]:
         """See :class:`litsim_sim.core.plugins.Configured`."""
         rules, handback = read(YieldConfig()), read(HandbackConfig(), "handback.")
-        config, reaction = read(PolicyCConfig()), read_reaction(read)
-
-        def make(scenario: Setting) -> Policy:
-            policy = cls(scenario, config.network(), YieldPolicy(scenario, rules, handback), config.safety)
-            return reaction(policy, scenario)
-
-        return make
+        config = read(PolicyCConfig())
+        return lambda scenario: cls(scenario, config.network(), YieldPolicy(scenario, rules, handback), config.safety)
 
     def __init__(
         self, scenario: Setting, network: PolicyNetwork, rules: YieldPolicy, safety: SafetyConfig | None = None

@@ -10,7 +10,6 @@ import numpy as np
 
 from litsim_policy.driving.handback import HandbackConfig, catch_up
 from litsim_policy.driving.policy import Policy
-from litsim_policy.driving.reaction import read_reaction
 from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.following import braking_needed
 from litsim_policy.driving.task import opponent_of
@@ -106,8 +105,8 @@ class YieldPolicy(Policy):
     @classmethod
     def read(cls, read: ParameterReader) -> Callable[[Setting], Policy]:
         """See :class:`litsim_sim.core.plugins.Configured`."""
-        rules, handback, reaction = read(YieldConfig()), read(HandbackConfig(), "handback."), read_reaction(read)
-        return lambda scenario: reaction(cls(scenario, rules, handback), scenario)
+        rules, handback = read(YieldConfig()), read(HandbackConfig(), "handback.")
+        return lambda scenario: cls(scenario, rules, handback)
 
     def __init__(self, scenario: Setting, config: YieldConfig, handback: HandbackConfig) -> None:
         self._log: Log = scenario.log

@@ -6,14 +6,13 @@ from enum import IntEnum
 
 
 class Mode(IntEnum):
-    """What moves an agent; the first four as in :class:`litsim_sim.core.scene.Controller`."""
+    """What moves an agent; the first three as in :class:`litsim_sim.core.scene.Controller`."""
 
     LOG = 0
     POLICY = 1
     EGO = 2
-    BASELINE = 3
-    HANDBACK = 4
-    ABSENT = 5
+    HANDBACK = 3
+    ABSENT = 4
 
 
 COLOURS = {  # as in the LitSim paper, and in assets/report.css
@@ -21,7 +20,6 @@ COLOURS = {  # as in the LitSim paper, and in assets/report.css
     Mode.POLICY: ("#2ca02c", "taken over"),
     Mode.HANDBACK: ("#86dcb5", "handing back"),
     Mode.LOG: ("#f2c230", "log"),
-    Mode.BASELINE: ("#4878b0", "baseline"),
 }
 """Colour and name of each mode."""
 

@@ -49,15 +49,14 @@ def is_obstacle(kind: ByteArray) -> BoolArray:
 
 
 class Controller(IntEnum):
-    """Controller of an agent, numbered as in ``litsim_msgs/AgentStates``; BASELINE is reserved and not used."""
+    """Controller of an agent, numbered as in ``litsim_msgs/AgentStates``."""
 
     LOG = 0
     POLICY = 1
     EGO = 2
-    BASELINE = 3
 
 
-_LOG, _POLICY, _EGO, _BASELINE = (int(controller) for controller in Controller)  # plain numbers, as above
+_LOG, _POLICY, _EGO = (int(controller) for controller in Controller)  # plain numbers, as above
 
 
 @kernel(OUT_INTS(INTS, INTS))
@@ -167,11 +166,6 @@ class AgentTable:
         """(n,) egos."""
         return self.controller == _EGO
 
-    @property
-    def under_control(self) -> BoolArray:
-        """(n,) agents of the background that the policy or a baseline drives."""
-        return self.of_policy | (self.controller == _BASELINE)
-
     @cached_property
     def scene(self) -> IntArray:
         """(n,) number of the scene of each agent; agents of different scenes do not interact. Here there is one."""
@@ -251,11 +245,10 @@ class ControlTable:
 
 
 class ControlSource(IntEnum):
-    """Where a command comes from, numbered as in ``litsim_msgs/Controls``; BASELINE is reserved as in Controller."""
+    """Where a command comes from, numbered as in ``litsim_msgs/Controls``."""
 
     POLICY = 1
     HANDBACK = 2
-    BASELINE = 3
     GUARDED = 4
     LATE = 5
 

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 ROWS_MAX = 10**12  # most rows of one of several files; row numbers of each file begin at a multiple of it
-OTHER_SEPARATORS = (";", "\t", "|")
-"""Separators of cells in other CSV files, which are not supported."""
+SEPARATORS = (";", "\t", "|")
+"""Separators of cells other than commas; by the first line of a file, which has no comma then."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,13 @@ class TableFile:
         path: the file.
         parquet: whether it is Parquet, not CSV.
         columns: their names.
+        separator: what separates the cells of a CSV file.
     """
 
     path: Path
     parquet: bool
     columns: tuple[str, ...]
+    separator: str = ","
 
     @classmethod
     def open(cls, path: Path) -> TableFile:
@@ -50,18 +52,17 @@ class TableFile:
         """
         if not path.is_file():
             raise InputError(f"{path}: no such file")
-        parquet = False
+        parquet, separator = False, ","
         try:
             parquet = is_parquet(path)
             if parquet:
                 return cls(path, parquet, tuple(pq.read_schema(path).names))
-            with pcsv.open_csv(path) as reader:
-                columns = tuple(reader.schema.names)
+            with io.BufferedReader(pa.input_stream(path)) as file:
+                separator = _separator(next((line for line in file if line.strip()), b""))
+            with pcsv.open_csv(path, parse_options=pcsv.ParseOptions(delimiter=separator)) as reader:
+                return cls(path, parquet, tuple(reader.schema.names), separator)
         except UNREADABLE as error:
-            raise cls._unreadable(path, error, parquet=parquet) from error
-        if separator := _other_separator(list(columns)):
-            raise InputError(f"{path}: line 1: {separator}")
-        return cls(path, parquet, columns)
+            raise _unreadable(path, error, separator="" if parquet else separator) from error
 
     def __str__(self) -> str:
         return str(self.path)
@@ -96,22 +97,16 @@ class TableFile:
                 arrow = pq.read_table(self.path, columns=wanted, page_checksum_verification=True)
             else:
                 options = pcsv.ConvertOptions(include_columns=wanted, strings_can_be_null=True)
-                arrow = pcsv.read_csv(self.path, convert_options=options)
+                parse = pcsv.ParseOptions(delimiter=self.separator)
+                arrow = pcsv.read_csv(self.path, parse_options=parse, convert_options=options)
                 if any(pa.types.is_binary(field.type) for field in arrow.schema):
                     raise UnicodeError("some cells are no text")  # pyarrow's way of reading what is not UTF-8
             table = pd.DataFrame({name: arrow.column(name).to_pandas() for name in wanted})  # here texts are decoded
         except UNREADABLE as error:
-            raise self._unreadable(self.path, error, parquet=self.parquet) from error
+            raise _unreadable(self.path, error, separator="" if self.parquet else self.separator) from error
         if not len(arrow) and not may_be_empty:
             raise InputError(f"{self}: holds no rows")
         return table.assign(row=np.arange(len(table)) + (1 if self.parquet else 2))  # the names are in a CSV's first
-
-    @staticmethod
-    def _unreadable(path: Path, error: Exception, *, parquet: bool) -> InputError:
-        with suppress(OSError):  # that is the error
-            if not parquet and (line := _first_odd_line(path)):
-                return InputError(f"{path}: {line}")
-        return InputError(f"{path}: not readable as CSV or Parquet: {' '.join(str(error).split())}")
 
 
 @dataclass(frozen=True)
@@ -205,26 +200,32 @@ def since_1970(column: pd.Series) -> pd.Series:
     return (pd.to_datetime(column, utc=True) - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
 
 
-def _first_odd_line(path: Path) -> str:
+def _unreadable(path: Path, error: Exception, *, separator: str) -> InputError:
+    """Returns an error about a file that cannot be read; `separator` is empty for Parquet."""
+    with suppress(OSError):  # that is the error
+        if separator and (line := _first_odd_line(path, separator)):
+            return InputError(f"{path}: {line}")
+    return InputError(f"{path}: not readable as CSV or Parquet: {' '.join(str(error).split())}")
+
+
+def _first_odd_line(path: Path, separator: str) -> str:
     """Text on the first bad line of a CSV file that cannot be read: its number, and how it differs; else empty."""
     with io.BufferedReader(pa.input_stream(path)) as file:
         columns = 0
         for number, raw in enumerate(file, 1):
             try:
-                cells = next(csv.reader([raw.decode("utf-8-sig" if number == 1 else "utf-8")]), [])
+                text = raw.decode("utf-8-sig" if number == 1 else "utf-8")
+                cells = next(csv.reader([text], delimiter=separator), [])
             except UnicodeDecodeError as error:
                 return f"line {number}: not UTF-8: {error.reason} {raw[error.start : error.end]!r}"
             except csv.Error as error:
                 return f"line {number}: {error}"
-            if number == 1 and (separator := _other_separator(cells)):
-                return f"line 1: {separator}"
             columns = columns or len(cells)
             if cells and len(cells) != columns:
                 return f"line {number}: {len(cells)} cells, expected {columns} as in the first line"
     return ""
 
 
-def _other_separator(names: list[str]) -> str:
-    """A hint on a first line with another separator than commas; else empty."""
-    found = next((mark for mark in OTHER_SEPARATORS if len(names) == 1 and mark in names[0]), "")
-    return f"cells are separated by {found!r}, expected commas, and points in numbers" if found else ""
+def _separator(first: bytes) -> str:
+    """Returns the separator of cells in a CSV file with this `first` line."""
+    return next((mark for mark in SEPARATORS if b"," not in first and mark.encode() in first), ",")

@@ -73,7 +73,7 @@ class AgentLayer(Layer):
             key, box = self.marker("agents", agent, Marker.CYLINDER if kind == Kind.PEDESTRIAN else Marker.CUBE)
             _place(box.pose, x, y, 0.5 * HEIGHT, yaw)
             box.scale.x, box.scale.y, box.scale.z = length, width, HEIGHT
-            box.color = _MODES.get(mode, _MODES[Mode.BASELINE])
+            box.color = _MODES.get(mode, _MODES[Mode.LOG])
             yield key, box
             key, label = self.marker("speed", agent, Marker.TEXT_VIEW_FACING, scale=Vector3(z=LABEL), color=_INK)
             _place(label.pose, x, y, HEIGHT + LABEL, 0.0)

@@ -24,8 +24,7 @@ from litsim_sim.kernels.compiled import FLOATS, boolean, kernel
 from litsim_sim.scenario.setting import Setting
 
 # numpy compares plain numbers much faster than members of an enumeration
-POLICY, EGO, BASELINE = int(Controller.POLICY), int(Controller.EGO), int(Controller.BASELINE)
-LATE, OF_BASELINE = int(ControlSource.LATE), int(ControlSource.BASELINE)
+POLICY, EGO, LATE = int(Controller.POLICY), int(Controller.EGO), int(ControlSource.LATE)
 
 
 def check_answers(
@@ -91,7 +90,7 @@ class DrivenVehicles:
         """
         stay = controls.source != LATE
         ids, acceleration, yaw_rate = controls.id[stay], controls.acceleration[stay], controls.yaw_rate[stay]
-        controller = np.where(controls.source[stay] == OF_BASELINE, BASELINE, POLICY)
+        controller = np.full(len(ids), POLICY)
         driving = [k for k, ego in enumerate(egos) if ego is not None]
         if driving:
             effects = np.array([self._actuate(table, k, ego) for k, ego in enumerate(egos) if ego is not None])

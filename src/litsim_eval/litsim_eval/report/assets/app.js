@@ -13,7 +13,7 @@ const TOGGLES = ["ghosts", "forecasts", "conflicts"];
 class Player {
   constructor(scene) {
     Object.assign(this, { scene, time: 0, playing: false, speed: 1, then: 0 });
-    this.drivers = ["its log", "the policy", scene.ego_by, "a baseline", "the way back to its log"];
+    this.drivers = ["its log", "the policy", scene.ego_by, "the way back to its log"];
     this.view = new BirdView($$("view"), scene);
     this.charts = makeCharts($$("plots"), scene, (time) => this.seek(time));
     $$("scrub").max = scene.last;
@@ -145,7 +145,7 @@ class Player {
 
   #legend() {
     const seen = new Set(this.scene.arrays.mode);
-    for (const mode of [2, 1, 4, 0, 3]) {
+    for (const mode of [2, 1, 3, 0]) {
       if (!seen.has(mode)) continue;
       const item = document.createElement("li");
       item.className = COLOURS[mode];

@@ -138,7 +138,6 @@ function makeCharts(host, scene, seek) {
   const far = Object.entries(series.deviation).map(([id, values]) => ({ values, style: "policy", id: Number(id) }));
   const off = [{ values: series.policy, style: "policy", label: "taken over" }];
   if (series.handback.some(Boolean)) off.push({ values: series.handback, style: "handback", label: "handing back" });
-  if (series.baseline.some(Boolean)) off.push({ values: series.baseline, style: "baseline", label: "baseline" });
   return [
     { title: "Speed of the ego", unit: "m/s", lines: speed },
     { title: "TTC with the leader", unit: "s", lines: ttc, empty: "never below 12 s" },

@@ -1,8 +1,8 @@
 // The bird's-eye view. World coordinates are metres, y up; the camera turns the road of the ego to the right.
 
 const ROUND = new Set(["pedestrian", "bicycle"]);
-const COLOURS = ["log", "policy", "ego", "baseline", "handback"]; // by mode; CSS variables --agent-*
-const NAMES = ["log", "taken over", "ego", "baseline", "handing back"];
+const COLOURS = ["log", "policy", "ego", "handback"]; // by mode; CSS variables --agent-*
+const NAMES = ["log", "taken over", "ego", "handing back"];
 const SCALES = [0.3, 80]; // pixels a metre
 
 class BirdView {
