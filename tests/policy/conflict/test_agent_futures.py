@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from litsim_policy.conflict.agent_futures import AgentFutures
 
 from constant_motion import straight_on
-from litsim_policy.conflict.agent_futures import AgentFutures
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_sim.core.scene import STEP_S, Controller
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from litsim_policy.conflict.detection import ConflictDetector
 
 from litsim_policy.conflict.config import ConflictConfig
-from litsim_policy.conflict.detection import ConflictDetector
 from litsim_policy.conflict.futures import PredictedMotion
 from strips import Strips
 

@@ -11,10 +11,10 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from litsim_policy.conflict.detection import Conflict, ConflictDetector
 
 from constant_motion import straight_on
 from litsim_policy.conflict.config import ConflictConfig
-from litsim_policy.conflict.detection import Conflict, ConflictDetector
 from litsim_policy.conflict.futures import PredictedMotion
 from litsim_predictor.forecast import Forecast, Modes
 from litsim_sim.core.errors import InputError

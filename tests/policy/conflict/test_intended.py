@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from litsim_policy.conflict.intended import IntentConfig, Intents, intended_motion
 
 from litsim_policy.conflict.futures import PredictedMotion
-from litsim_policy.conflict.intended import IntentConfig, Intents, intended_motion
 from litsim_policy.motion.path_batch import PathBatch
 
 STEPS = 30

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from litsim_policy.conflict.detection import Conflict
 from litsim_policy.conflict.life_cycle import Residuals, obstructed, review
 from litsim_policy.conflict.off_log import OffLog
+
 from litsim_policy.conflict.takeover import TakeoverConfig
 from litsim_policy.motion.reference_path import ReferencePath
 from litsim_sim.core.geometry import wrap_angle

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
 from litsim_policy.conflict.detection import Conflict
 from litsim_policy.conflict.off_log import OffLog
+
 from litsim_policy.motion.reference_path import ReferencePath
 from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverState
 

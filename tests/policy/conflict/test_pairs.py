@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from litsim_policy.conflict.pairs import FOLLOWED
+from litsim_policy.conflict.weighed import weighed_chances
 from scipy.special import ndtri
 
 from litsim_policy.conflict import overlap_over_time, pairs
 from litsim_policy.conflict.futures import OtherMotions, PredictedMotion, X, Y, widest
-from litsim_policy.conflict.pairs import FOLLOWED
-from litsim_policy.conflict.weighed import weighed_chances
 from litsim_sim.core.geometry import boxes_overlap, to_body
 from strips import Strips
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from litsim_policy.conflict.detection import Conflict
+from litsim_policy.conflict.life_cycle import Residuals
+from litsim_policy.conflict.off_log import OffLog
 
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.runs.runner import Runner, record
 from litsim_eval.runs.together import record_together
-from litsim_policy.conflict.detection import Conflict
-from litsim_policy.conflict.life_cycle import Residuals
-from litsim_policy.conflict.off_log import OffLog
 from litsim_policy.conflict.passing import Passing, PassingConfig
 from litsim_policy.motion.reference_path import logged_path
 from litsim_policy.motion.route import Router

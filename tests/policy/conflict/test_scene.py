@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from constant_motion import straight_on
 from litsim_policy.conflict.agent_futures import AgentFutures
-from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.detection import ConflictDetector
 from litsim_policy.conflict.scene import ConflictScene
+
+from constant_motion import straight_on
+from litsim_policy.conflict.config import ConflictConfig
 from litsim_sim.core.scene import AgentTable
 
 NOW, ROI = 5, 30.0

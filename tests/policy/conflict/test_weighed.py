@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from litsim_policy.conflict.overlap_over_time import overlap_chances
+from litsim_policy.conflict.weighed import weighed_chances
 from scipy.special import ndtri
 
 from litsim_policy.conflict.futures import OtherMotions, PredictedMotion
-from litsim_policy.conflict.overlap_over_time import overlap_chances
-from litsim_policy.conflict.weighed import weighed_chances
 
 STEPS, COUNT = 12, 6
 LENGTH, WIDTH = np.full(COUNT, 4.5), np.full(COUNT, 1.8)
