@@ -30,7 +30,7 @@ def test_tables_join_in_order_of_ids_and_keep_their_columns_together() -> None:
     assert both.agent.tolist() == [4, 6, 9] and both.opponent.tolist() == [104, 106, 109]
     assert both.goal_s.tolist() == pytest.approx([60.0, 50.0, 30.0])
     assert both.source.tolist() == [PathSource.LOGGED, PathSource.ROUTE, PathSource.ROUTE]
-    kept = both.take(both.agent != 6)
+    kept = both.kept(both.agent != 6)
     assert kept.agent.tolist() == [4, 9] and kept.pose[:, 0].tolist() == [60.0, 50.0]
     assert [path is ROUTE for path in kept.path] == [False, True]
     assert len(DivergedAgents.empty().joined(kept)) == 2 and len(DivergedAgents.empty()) == 0
@@ -40,7 +40,7 @@ def test_who_stays_keeps_the_layout_of_its_paths() -> None:
     both = opened(1).joined(opened(2, STRAIGHT))
     here = np.array([0]), np.array([100.0]), np.array([0.0])
     assert both.paths.project(np.array([1]), *here[1:]).s.tolist() == [100.0]
-    kept = both.take(np.array([False, True]))
+    kept = both.kept(np.array([False, True]))
     assert kept.paths.count.tolist() == [len(STRAIGHT.points)] and kept.paths.project(*here).s.tolist() == [100.0]
     assert kept.logged_paths.count.tolist() == [len(STRAIGHT.points)]
 
@@ -111,4 +111,4 @@ def test_residuals_of_many_are_those_of_numpy(make_scenario, track, seed: int) -
     assert (position[~found.known] == -1.0).all() and (speed[~found.known] == 0.0).all()
     assert (position[found.known] == found.position[found.known]).all()
     which = random.random(3) < 0.5
-    assert (found.take(which).position == found.position[which]).all()
+    assert (found.kept(which).position == found.position[which]).all()

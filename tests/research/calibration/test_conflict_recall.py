@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from litsim_policy.conflict.detection import ConflictDetector
 
 from litsim_policy.conflict.config import ConflictConfig
+from litsim_policy.conflict.detector import ConflictDetector
 from litsim_predictor.kinematic import KinematicPredictor
 from litsim_research.calibration.conflict_calibration import COSTS, Curve, draw_calibration, threshold_for, tuning_of
 from litsim_research.calibration.conflict_recall import SECONDS, PairScores, score_drives

@@ -87,8 +87,7 @@ class ConflictDetector:
         leader cannot prevent the collision by yielding.
         """
         threshold = self.config.probability_threshold
-        futures.cover(self._in_region(futures.table, diverged), diverged)
-        pairs = self._within_reach(futures, self._pairs(futures, on_log, diverged), threshold)
+        pairs = self._within_reach(futures, self._pairs(futures, on_log, diverged, diverged), threshold)
         pairs = pairs[~_follows(futures.covered, pairs)]
         probability = self._overlap_probability(futures, pairs, threshold)
         closing = self._closing(futures, pairs)
@@ -102,8 +101,7 @@ class ConflictDetector:
         Both are expected where their logs lead, lags included. A log that lags does not know who is ahead by now, such
         as a vehicle that changes lane in front of the agent.
         """
-        futures.cover(self._in_region(futures.table, lagged), np.zeros_like(lagged))
-        pairs = self._pairs(futures, lagged, ahead)
+        pairs = self._pairs(futures, lagged, ahead, lagged, expected=False)
         pairs = pairs[_follows(futures.covered, pairs[:, ::-1].copy())]
         least, sizes = self.config.probability_threshold, self._sizes(futures.covered)
         probability = mixture_overlap_probability(pairs, futures.by_log, futures.by_log, sizes, least)
@@ -113,8 +111,7 @@ class ConflictDetector:
     def still_in_conflict(self, futures: Futures, agents: BoolArray, diverged: BoolArray) -> BoolArray:
         """Mask of those of `agents` whose logs lead into a conflict with agents `diverged`, by the lower threshold."""
         least = self.config.probability_clear
-        futures.cover(self._in_region(futures.table, agents), diverged)
-        pairs = self._within_reach(futures, self._pairs(futures, agents, diverged), least)
+        pairs = self._within_reach(futures, self._pairs(futures, agents, diverged, agents), least)
         first = self._overlap_probability(futures, pairs, least, first=True)
         closing = self._closing(futures, pairs)
         hit: BoolArray = np.asarray(first.any(axis=1) | closing.any(axis=1))
@@ -138,20 +135,24 @@ class ConflictDetector:
             pairs (m, 2), the first `on_log`, the second `diverged` (masks), and their probabilities; 0 where these do
             not reach `least`.
         """
-        futures.cover(self._in_region(futures.table, diverged), diverged)
-        pairs = self._pairs(futures, on_log, diverged)
+        pairs = self._pairs(futures, on_log, diverged, diverged)
         return pairs, self._overlap_probability(futures, pairs, least)
 
-    def _in_region(self, table: AgentTable, agents: BoolArray) -> BoolArray:
-        """Mask of `agents` (n,), and of all agents in the region of interest of one of them or approaching it."""
-        motion = table.x, table.y, table.yaw, table.speed
-        return in_region_of_any(table.scene, motion, agents, self._roi_m, self.config.approach_time)
+    def _pairs(
+        self, futures: Futures, of: BoolArray, others: BoolArray, centres: BoolArray, *, expected: bool = True
+    ) -> IntArray:
+        """Pairs of agents in the region of each other, the first of the mask `of`, the second of the mask `others`.
 
-    def _pairs(self, futures: Futures, of: BoolArray, others: BoolArray) -> IntArray:
-        """Pairs of covered agents near each other, the first of the mask `of`, the second of the mask `others`."""
+        One of the two is in the mask `centres`, of agents of which all futures nearby are made; those of `others` where
+        they are expected only if `expected`.
+        """
+        table, roi_m, time = futures.table, self._roi_m, self.config.approach_time
+        motion = table.x, table.y, table.yaw, table.speed
+        near_centres = in_region_of_any(table.scene, motion, centres, roi_m, time)
+        futures.cover(near_centres, others if expected else np.zeros_like(others))
         table, rows = futures.covered, futures.rows
         motion = table.x, table.y, table.yaw, table.speed
-        return pairs_in_region(table.scene, motion, of[rows], others[rows], self._roi_m, self.config.approach_time)
+        return pairs_in_region(table.scene, motion, of[rows], others[rows], roi_m, time)
 
     def _within_reach(self, futures: Futures, pairs: IntArray, least: float) -> IntArray:
         """The `pairs` that can overlap, with a probability of at least `least` or closing fast."""

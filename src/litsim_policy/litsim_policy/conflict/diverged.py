@@ -119,14 +119,14 @@ class DivergedAgents:
             changed_step=np.array([-1]),
         )
 
-    def take(self, which: BoolArray) -> DivergedAgents:
+    def kept(self, which: BoolArray) -> DivergedAgents:
         """The agents in the mask `which` (r,)."""
         if which.all():
             return self
-        kept = which.nonzero()[0]
-        taken = DivergedAgents(*(getattr(self, field.name)[kept] for field in fields(self)))
-        taken.__dict__.update({name: self.__dict__[name].take(kept) for name in LAID_OUT if name in self.__dict__})
-        return taken
+        at = which.nonzero()[0]
+        agents = DivergedAgents(*(getattr(self, field.name)[at] for field in fields(self)))
+        agents.__dict__.update({name: self.__dict__[name].take(at) for name in LAID_OUT if name in self.__dict__})
+        return agents
 
     def joined(self, *others: DivergedAgents) -> DivergedAgents:
         """All these tables in one; no agent is in two of them."""
@@ -246,7 +246,7 @@ class Residuals:
         """Residuals (r,) of position [m] and speed [m/s] as published; -1 and 0 of agents that are not `known`."""
         return np.where(self.known, self.position, -1.0), np.where(self.known, self.speed, 0.0)
 
-    def take(self, which: BoolArray) -> Residuals:
+    def kept(self, which: BoolArray) -> Residuals:
         """The residuals of the agents in the mask `which` (r,)."""
         return self if which.all() else Residuals(*(getattr(self, field.name)[which] for field in fields(self)))
 

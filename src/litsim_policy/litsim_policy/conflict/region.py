@@ -37,7 +37,7 @@ class RegionManager:
         """The agents off their logs at this step; the forecast is ignored."""
         if table.step < self._scenario.history_steps:
             return TakeoverTable(table.step)
-        self._diverged = self._diverged.take(table.rows(self._diverged.agent) >= 0)
+        self._diverged = self._diverged.kept(table.rows(self._diverged.agent) >= 0)
         ego = table.mask(self._ego_ids)
         diverged = ego | table.mask(self._diverged.agent)
         late = table.of_policy

@@ -66,7 +66,7 @@ class TakeoverManager:
         if table.step < self.scenario.history_steps:
             return TakeoverTable(table.step)
         log = self.scenario.log
-        self._diverged = self._diverged.take(table.rows(self._diverged.agent) >= 0)
+        self._diverged = self._diverged.kept(table.rows(self._diverged.agent) >= 0)
         self._adopt_late_entries(table)
         lag = self._choose_lags(table)
         before, lagged = self._is_diverged(table), (lag > 0) & ~table.off_log
@@ -79,7 +79,7 @@ class TakeoverManager:
         if self._passing is not None and len(self._diverged):
             self._passing.change_lanes(table, self._diverged, rows, lag[rows])
         takeovers = self._diverged.report(table.x[rows], table.y[rows], residuals.reported, lag[rows])
-        self._diverged = self._diverged.take(self._diverged.state != RELEASED)
+        self._diverged = self._diverged.kept(self._diverged.state != RELEASED)
         return TakeoverTable(table.step, takeovers, int(self.iterations.max()), bool(self.converged.all()))
 
     def _is_diverged(self, table: AgentTable) -> BoolArray:
@@ -216,14 +216,14 @@ class TakeoverManager:
         table, mine = futures.table, np.zeros(len(futures.table), np.bool_)
         mine[rows[known]] = True
         in_conflict, unneeded = self._detector.still_in_conflict(futures, mine, others), self._unneeded(table, rows)
-        reviewed, rows, residuals = self._diverged.take(known), rows[known], residuals.take(known)
+        reviewed, rows, residuals = self._diverged.kept(known), rows[known], residuals.kept(known)
         if self._passing is not None:
             may_return = self._passing.may_return(table, reviewed, rows, lag[known], residuals)
             residuals = replace(residuals, known=residuals.known & may_return)
         exemption = self._exemption(table)
         review(self.config, reviewed, table, rows, residuals, in_conflict[rows], exemption, unneeded[known])
         if reviewed is not self._diverged:
-            self._diverged = reviewed.joined(self._diverged.take(~known))
+            self._diverged = reviewed.joined(self._diverged.kept(~known))
 
     def _unneeded(self, table: AgentTable, rows: IntArray) -> BoolArray:
         """Agents whose logs are over, without the ego or an agent off its log whose own log continues nearby.
