@@ -9,10 +9,9 @@ from litsim_policy.conflict.diverged import HELD, LOGGED, RELEASED, DivergedAgen
 from litsim_policy.motion.along_path import AlongPath, along_paths
 from litsim_policy.motion.lane_change import LaneChanges, weigh_changes
 from litsim_policy.motion.lane_lines import NO_LANE, LaneLines
-from litsim_policy.motion.path_kernels import nearest
 from litsim_policy.motion.route import Router
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import BOOLS, FLOATS, FLOATS3, INTS, OUT_BOOLS2, OUT_INTS, float64, int64, kernel
+from litsim_sim.kernels.compiled import BOOLS, FLOATS, INTS, OUT_INTS, float64, kernel
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.log import Log
 
@@ -169,61 +168,20 @@ class Passing:
         x, y = lines.point(s, line).T
         heading = lines.heading(line, lines.segment(s[:, None], line)[:, 0])
         view = along_paths(lines, table, me, poses=(x, y, heading), path=line)
-        claimed = self._claims(table, diverged, rows, line[count:], there, view)
+        claimed = self._claims(table, diverged, rows, there, view)
         me, reach = me[:count], self._config.change_time * table.speed[me[:count]]
         return weigh_changes(self._config.mobil, table, me, desired[at], view, claimed, reach)
 
     def _claims(
-        self,
-        table: AgentTable,
-        diverged: DivergedAgents,
-        rows: IntArray,
-        line: IntArray,
-        there: IntArray,
-        view: AlongPath,
+        self, table: AgentTable, diverged: DivergedAgents, rows: IntArray, there: IntArray, view: AlongPath
     ) -> BoolArray:
-        """Mask (k, w) of other agents with paths that lead into the lanes `there` (k,), which have the lines `line`.
+        """Mask (k, w) of other agents with paths that lead into the lanes `there` (k,).
 
         Covers agents in the scenes of those that have the `view`; its first k rows are theirs.
         """
         s = diverged.paths.project(diverged.paths.each, table.x[rows], table.y[rows]).s
         x, y = diverged.paths.point(s + INTENT * table.speed[rows]).T
-        lines = self._lines.made
-        half_width = 0.5 * self._lines.width(there)
-        return _in_lanes(
-            lines.segments, lines.circles, lines.count, line, half_width, rows, x, y, view.first, view.s.shape[1]
-        )
-
-
-@kernel(OUT_BOOLS2(FLOATS3, FLOATS3, INTS, INTS, FLOATS, INTS, FLOATS, FLOATS, INTS, int64))
-def _in_lanes(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    segments: FloatArray,
-    circles: FloatArray,
-    count: IntArray,
-    line: IntArray,
-    half_width: FloatArray,
-    rows: IntArray,
-    x: FloatArray,
-    y: FloatArray,
-    first: IntArray,
-    most: int,
-) -> BoolArray:
-    """Return the mask (k, w) of agents in each of k lanes.
-
-    Args:
-        segments, circles, count: of lines, see :mod:`litsim_policy.motion.path_kernels`.
-        line, half_width: (k,) position of the line of each lane, and half the width of the lane [m].
-        rows, x, y: (r,) rows of the agents, ascending, and their assumed positions [m].
-        first: (k,) row of the agent of column 0, for each lane.
-        most: number w of columns.
-    """
-    inside = np.zeros((len(line), most), np.bool_)
-    for k in range(len(line)):
-        p = line[k]
-        for i in range(np.searchsorted(rows, first[k]), np.searchsorted(rows, first[k] + most)):
-            offset = nearest(segments[p], circles[p], count[p], x[i], y[i])[2]
-            inside[k, rows[i] - first[k]] = abs(offset) < half_width[k]
-    return inside
+        return self._lines.inside(there, rows, (x, y), view.first, view.s.shape[1])
 
 
 @kernel(OUT_INTS(INTS, FLOATS, BOOLS, INTS, FLOATS, FLOATS, float64))
