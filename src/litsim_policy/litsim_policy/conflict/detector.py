@@ -89,6 +89,8 @@ class ConflictDetector:
         threshold = self.config.probability_threshold
         pairs = self._within_reach(futures, self._pairs(futures, on_log, diverged, diverged), threshold)
         pairs = pairs[~_follows(futures.covered, pairs)]
+        if not len(pairs):
+            return []
         probability = self._overlap_probability(futures, pairs, threshold)
         closing = self._closing(futures, pairs)
         np.maximum(probability, closing, out=probability)
@@ -103,6 +105,8 @@ class ConflictDetector:
         """
         pairs = self._pairs(futures, lagged, ahead, lagged, expected=False)
         pairs = pairs[_follows(futures.covered, pairs[:, ::-1].copy())]
+        if not len(pairs):
+            return []
         least, sizes = self.config.probability_threshold, self._sizes(futures.covered)
         probability = mixture_overlap_probability(pairs, futures.by_log, futures.by_log, sizes, least)
         self._exempt(probability, futures, pairs, futures.by_log)
@@ -112,6 +116,9 @@ class ConflictDetector:
         """Mask of those of `agents` whose logs lead into a conflict with agents `diverged`, by the lower threshold."""
         least = self.config.probability_clear
         pairs = self._within_reach(futures, self._pairs(futures, agents, diverged, agents), least)
+        in_conflict = np.zeros(len(futures.table), np.bool_)
+        if not len(pairs):
+            return in_conflict
         first = self._overlap_probability(futures, pairs, least, first=True)
         closing = self._closing(futures, pairs)
         hit: BoolArray = np.asarray(first.any(axis=1) | closing.any(axis=1))
@@ -122,7 +129,6 @@ class ConflictDetector:
             np.maximum(probability, closing[in_log], out=probability)
             self._exempt(probability, futures, pairs[in_log], futures.expected)
             hit[in_log] = probability.any(axis=1)
-        in_conflict = np.zeros(len(futures.table), np.bool_)
         in_conflict[futures.rows[pairs[hit, 0]]] = True
         return in_conflict
 
@@ -156,6 +162,8 @@ class ConflictDetector:
 
     def _within_reach(self, futures: Futures, pairs: IntArray, least: float) -> IntArray:
         """The `pairs` that can overlap, with a probability of at least `least` or closing fast."""
+        if not len(pairs):
+            return pairs
         table, others = futures.covered, futures.expected.alternatives
         now = table.x, table.y, table.speed, table.acceleration
         anywhere = widest(futures.expected.bounds, others.row, others.bounds, *now, self._closing_time(table))

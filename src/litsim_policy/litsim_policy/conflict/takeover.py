@@ -67,9 +67,9 @@ class TakeoverManager:
             return TakeoverTable(table.step)
         log = self.scenario.log
         self._diverged = self._diverged.kept(table.rows(self._diverged.agent) >= 0)
-        self._adopt_late_entries(table)
+        before = self._adopt_late_entries(table, self._is_diverged(table))
         lag = self._choose_lags(table)
-        before, lagged = self._is_diverged(table), (lag > 0) & ~table.off_log
+        lagged = (lag > 0) & ~table.off_log
         planned, keep_to_log = lambda: self._planned_paths(table), lagged | table.obstacle
         futures = Futures(log, self.conflict_config, table, forecast, lag, keep_to_log, planned)
         now = self._take_over(futures, before, lagged)
@@ -165,15 +165,22 @@ class TakeoverManager:
         opened = DivergedAgents.opened(conflict, table.step, TakeoverReason.CONFLICT, path, source, logged)
         self._diverged = self._diverged.joined(opened)
 
-    def _adopt_late_entries(self, table: AgentTable) -> None:
+    def _adopt_late_entries(self, table: AgentTable, diverged: BoolArray) -> BoolArray:
         """Take over agents that entered late, because their logs began where the road was not free.
 
         The opponent of each is the nearest agent off its log, including those just adopted.
+
+        Args:
+            table: all agents.
+            diverged: mask (n,) of agents off their logs so far, the ego included.
+
+        Returns:
+            mask (n,) of agents off their logs now.
         """
-        diverged, opened = self._is_diverged(table), []
-        rows = (table.of_policy & ~diverged).nonzero()[0]
+        rows, opened = (table.of_policy & ~diverged).nonzero()[0], []
         if not len(rows):
-            return
+            return diverged
+        diverged = diverged.copy()
         begin, end = within_scenes(table.scene, rows)
         for row, first, last in zip(rows.tolist(), begin.tolist(), end.tolist(), strict=True):
             others = first + diverged[first:last].nonzero()[0]
@@ -185,6 +192,7 @@ class TakeoverManager:
             opened.append(DivergedAgents.opened(conflict, table.step, reason, logged, PathSource.LOGGED, logged))
             diverged[row] = True
         self._diverged = self._diverged.joined(*opened)
+        return diverged
 
     def _logged_path(self, agent: int) -> ReferencePath:
         """The recorded path of `agent`."""
