@@ -1,4 +1,4 @@
-"""Futures of agents by compiled loops, against plain numpy."""
+"""Where agents will be, by logs, by forecasts and on planned paths; loops over agents and steps against plain numpy."""
 
 from __future__ import annotations
 
@@ -7,12 +7,136 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_policy.conflict import futures
-from litsim_policy.conflict.futures import XX, XY, YAW, PredictedMotion, X, Y
+from constant_motion import straight_on
+from litsim_policy.conflict.config import ConflictConfig, PlannedMotionConfig
+from litsim_policy.conflict.futures import Futures, PlannedPaths, follow_logs, hold_back, interpolate, planned_motion
+from litsim_policy.conflict.predicted_motion import XX, XY, YAW, PredictedMotion, X, Y
+from litsim_policy.motion.path_batch import PathBatch
+from litsim_predictor.forecast import Forecast
 from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.core.scene import STEP_S
+from litsim_sim.core.scene import STEP_S, AgentTable, Controller
+from litsim_sim.scenario.log import Log
 
+NOW = 5  # step at which agents are looked at
+STEPS = 30
+STRAIGHT = np.array([[0.0, 0.0], [100.0, 0.0], [200.0, 0.0]])
+CORNER = np.array([[0.0, 0.0], [20.0, 0.0], [20.0, 100.0]])
+TIME = 0.1 * np.arange(1, STEPS + 1)
 seeds = st.integers(0, 2**32)
+
+
+def everybody(log: Log, table: AgentTable, forecast: Forecast, config: ConflictConfig, lag=None) -> Futures:
+    futures, mask = Futures(log, config, table, forecast, lag), np.ones(len(table), np.bool_)
+    futures.cover(mask, mask)
+    return futures
+
+
+def by_log(log: Log, table: AgentTable, lag=None) -> PredictedMotion:
+    return everybody(log, table, Forecast.empty(table.step), ConflictConfig(), lag).by_log
+
+
+def forecast_of(
+    log: Log, table: AgentTable, forecast: Forecast, config: ConflictConfig | None = None
+) -> PredictedMotion:
+    return everybody(log, table, forecast, config or ConflictConfig()).expected
+
+
+def test_an_agent_that_rejoins_its_log_keeps_its_residual_in_the_future(make_scenario, track, placed) -> None:
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+    logged = by_log(log, log.table(NOW))
+    shifted = by_log(log, placed(log.table(NOW), 2, x=log.x[1, NOW] - 3.0, y=log.y[1, NOW] + 0.5))
+    assert shifted.x[1] == pytest.approx(logged.x[1] - 3.0) and shifted.y[1] == pytest.approx(logged.y[1] + 0.5)
+    held = placed(log.table(NOW), 2, x=log.x[1, NOW] - 3.0, controller=1)
+    assert by_log(log, held).x[1] == pytest.approx(logged.x[1]), "put back at once"
+
+
+def test_logged_futures_lie_at_the_steps_up_to_the_horizon(make_scenario, track) -> None:
+    log = make_scenario(track(1, x=100.0, last=20), track(2, x=80.0, last=40)).log
+    future = by_log(log, log.table(NOW))
+    assert future.x.shape == (2, 30)
+    assert future.x[1, :3] == pytest.approx([86.0, 87.0, 88.0])
+    assert future.valid[0].sum() == 15, "the ego's log ends at step 20, 1.5 s from now"
+
+
+def test_a_log_that_is_late_goes_on_late(make_scenario, track) -> None:
+    log = make_scenario(track(1, x=100.0, last=20), track(2, x=80.0, last=40)).log
+    lag = np.array([0, 4])
+    table = log.table(NOW, lag)
+    future = by_log(log, table, lag)
+    assert table.x[1] == pytest.approx(81.0) and future.x[1, :3] == pytest.approx([82.0, 83.0, 84.0])
+
+
+@pytest.mark.parametrize("dt", [0.1, 0.2, 0.5, 0.3])
+def test_a_forecast_of_any_dt_becomes_one_of_every_step(make_scenario, track, dt: float) -> None:
+    log = make_scenario(track(1, x=100.0, yaw=0.05), track(2, x=80.0)).log
+    table = log.table(NOW)
+    future = forecast_of(log, table, straight_on(table, 3.0, dt))
+    t = 0.1 * np.arange(1, 31)
+    assert future.x[0] == pytest.approx(table.x[0] + 10.0 * t * np.cos(0.05))
+    assert future.y[0] == pytest.approx(table.y[0] + 10.0 * t * np.sin(0.05)) and future.valid.all()
+    xx, yy, xy = future.covariance[0].T
+    reached = t >= dt - 1e-9
+    assert xx[reached] == pytest.approx(1.0) and yy[reached] == pytest.approx(0.25) and xy == pytest.approx(0.0)
+    assert (np.diff(xx[~reached]) > 0).all(), "from certain to as uncertain as the first instant"
+
+
+def test_beyond_the_end_of_a_forecast_nothing_is_known(make_scenario, track) -> None:
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+    future = forecast_of(log, log.table(NOW), straight_on(log.table(NOW), 2.0))
+    assert future.valid[0].tolist() == [True] * 20 + [False] * 10
+
+
+def test_headings_are_interpolated_the_short_way_round(make_scenario, track, placed) -> None:
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+    table = placed(log.table(NOW), 1, yaw=np.pi - 0.05)
+    forecast = straight_on(table)
+    forecast.yaw[0] = -np.pi + 0.05
+    future = forecast_of(log, table, forecast)
+    assert np.cos(future.yaw[0]).max() < -0.99, "never across 0"
+
+
+def test_an_ego_that_brakes_hard_is_expected_to_go_on_for_a_second(make_scenario, track, placed) -> None:
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+
+    def ahead(**values: float) -> np.ndarray:
+        table = placed(log.table(NOW), 1, controller=Controller.EGO, **values)
+        return forecast_of(log, table, straight_on(table)).x[0] - table.x[0]
+
+    assert ahead(acceleration=-6.0)[[9, 29]] == pytest.approx([7.0, 7.0 + 4.0 * 2.0])
+    assert ahead(acceleration=-6.0, speed=3.0)[[4, 9, 29]] == pytest.approx([0.75, 0.75, 0.75]), "then it stands"
+    assert ahead(acceleration=-0.9)[29] == pytest.approx(30.0), "that is not hard"
+
+
+def test_an_agent_that_keeps_its_speed_is_not_held_back_even_if_all_braking_is_hard(
+    make_scenario, track, placed
+) -> None:
+    """Its speed used to be divided by a deceleration of zero, which left its future infinite."""
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+    config = ConflictConfig(braking_hard=0.0, emergency=0.0)
+    for speed in (10.0, 0.0):
+        table = placed(log.table(NOW), 1, controller=Controller.EGO, acceleration=0.0, speed=speed)
+        expected = speed * STEP_S * np.arange(1, 31)
+        assert forecast_of(log, table, straight_on(table), config).x[0] - table.x[0] == pytest.approx(expected)
+
+
+def test_agents_under_control_are_expected_where_they_are_forecast_unless_in_an_emergency(
+    make_scenario, track, placed
+) -> None:
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+    table = placed(log.table(NOW), 2, controller=Controller.POLICY, acceleration=-3.9)
+    assert forecast_of(log, table, straight_on(table)).x[1] - table.x[1] == pytest.approx(np.arange(1.0, 31.0))
+
+
+def test_spreads_are_scaled_and_keep_their_shape(make_scenario, track) -> None:
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+    table = log.table(NOW)
+    forecast = straight_on(table)
+    forecast.covariance[:] = [2.0, 0.5, 0.4]  # sigma along x and y [m], and their correlation
+    future = forecast_of(log, table, forecast, ConflictConfig(sigma_scale=3.0))
+    assert future.covariance[0, -1] == pytest.approx([9.0 * 4.0, 9.0 * 0.25, 9.0 * 0.4 * 2.0 * 0.5], rel=1e-6)
+
+
+# Against numpy
 
 
 @given(seeds, st.integers(1, 12), st.integers(1, 9))
@@ -23,7 +147,7 @@ def test_logs_go_on_with_the_residuals_of_those_that_follow_them(seed: int, agen
     rows, now = random.integers(0, 6, agents), random.integers(-12, 32, agents)
     here_x, here_y = random.normal(0.0, 50.0, (2, agents))
     on_log = random.random(agents) < 0.5
-    states, found = futures.follow_logs(x, y, yaw, valid, rows, now, count, here_x, here_y, on_log)
+    states, found = follow_logs((x, y, yaw, valid), rows, now, count, here_x, here_y, on_log)
 
     steps = now[:, None] + np.arange(1, count + 1)
     at, here = np.clip(steps, 0, 19), np.clip(now, 0, 19)
@@ -43,7 +167,7 @@ def test_forecasts_are_interpolated_as_numpy_does_it(seed: int, dt: float, insta
     sigmas = random.uniform([0.1, 0.1, -0.9], [5.0, 2.0, 0.9], (5, instants, 3)).astype(np.float32)
     rows, count = np.array([3, -1, 0, 4]), 30
     now = random.normal(0.0, 3.0, (3, 4))
-    states, valid = futures.interpolate(mean, yaw, sigmas, dt, rows, count, scale, *now)
+    states, valid = interpolate((mean, yaw, sigmas), dt, rows, count, scale, tuple(now))
 
     times, instant_times = STEP_S * np.arange(1, count + 1), dt * np.arange(instants + 1)
     reached = times <= instant_times[-1] + 1e-9
@@ -68,7 +192,7 @@ def test_a_forecast_is_held_back_to_the_arc_length_that_braking_reaches(seed, sp
     states[:, :YAW] = np.cumsum(random.normal([1.5, 0.0], 0.3, (30, 2)), axis=0)
     places = np.concatenate([[[0.0, 0.0]], states[:, :YAW]])
     before = states.copy()
-    futures.hold_back(states, 0.0, 0.0, speed, braking, braking_time)
+    hold_back(states, 0.0, 0.0, speed, braking, braking_time)
 
     travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(places, axis=0).T))])
     for t in range(30):
@@ -86,7 +210,7 @@ def test_who_has_braked_to_a_stand_is_held_there_though_it_is_expected_to_stand_
     """Its forecast does not move at first, so that no share of its first way leads to where it is."""
     states = np.zeros((6, 6))
     states[:, X] = [5.0, 5.0, 5.1, 5.3, 5.6, 6.0]
-    futures.hold_back(states, 5.0, 0.0, 0.0, 2.0, 1.0)
+    hold_back(states, 5.0, 0.0, 0.0, 2.0, 1.0)
     assert (states[:, X] == 5.0).all() and (states[:, Y] == 0.0).all()
 
 
@@ -107,3 +231,56 @@ def test_some_agents_futures_are_replaced_by_others() -> None:
     assert not one.states.any() and not one.valid.any()
     one.put(np.array([False, True, False]), other)
     assert one.states[:, 0, 0].tolist() == [0.0, 1.0, 0.0] and one.valid[:, 0].tolist() == [False, True, False]
+
+
+# Planned motion
+
+
+def go_on(agent_table, path: np.ndarray, *, forecast: float | None = None, fresh: bool = False, **agent: float):
+    """Motion of agent 7, which is on `path`, where the forecast has it at a speed [m/s], or knows nothing of it."""
+    table = agent_table(3, {"id": 2, "x": 50.0}, {"id": 7, **agent})
+    states, valid = np.zeros((1, STEPS, 6)), np.full((1, STEPS), forecast is not None)
+    states[0, :, 0], states[0, :, 1] = table.x[1] + (forecast or 0.0) * TIME, table.y[1]
+    planned = PlannedPaths(np.array([1]), PathBatch([path]), np.array([fresh]))
+    return planned_motion(PlannedMotionConfig(), planned, table, PredictedMotion(states, valid), 1.0)
+
+
+def test_it_keeps_its_braking_for_a_while_and_comes_to_its_path(agent_table) -> None:
+    found = go_on(agent_table, STRAIGHT, x=10.0, y=2.0, speed=10.0, acceleration=-4.0)
+    gone = np.where(TIME <= 1.0, 10.0 * TIME - 2.0 * TIME**2, 8.0 + 6.0 * (TIME - 1.0))
+    np.testing.assert_allclose(found.x[0], 10.0 + gone, atol=1e-9)
+    np.testing.assert_allclose(found.y[0], 2.0 * np.exp(-TIME), atol=1e-9)
+    assert found.valid.all() and not len(found.alternatives)
+    along, across = found.covariance[0, -1, 0], found.covariance[0, -1, 1]
+    assert along > 25.0 * across > 0.0, "where to is known better than how fast"
+
+
+def test_who_has_stopped_does_not_reverse(agent_table) -> None:
+    found = go_on(agent_table, STRAIGHT, x=10.0, speed=2.0, acceleration=-4.0)
+    assert found.x[0, -1] == pytest.approx(10.5) and (np.diff(found.x[0]) >= 0.0).all()
+
+
+def test_it_takes_the_turn_that_its_path_takes_whatever_the_forecast_says(agent_table) -> None:
+    found = go_on(agent_table, CORNER, x=10.0, speed=10.0, forecast=10.0)
+    assert (found.x[0, -1], found.y[0, -1]) == pytest.approx((20.0, 20.0))
+    assert found.yaw[0, -1] == pytest.approx(np.pi / 2)
+    assert found.covariance[0, -1, 1] > found.covariance[0, -1, 0], "the spread turns with the path"
+
+
+def test_how_far_it_gets_is_first_its_own_and_later_the_forecast_s(agent_table) -> None:
+    found = go_on(agent_table, STRAIGHT, x=10.0, speed=10.0, forecast=4.0)
+    assert found.x[0, 9] == pytest.approx(20.0), "after 1 s as it drives now"
+    assert found.x[0, 19] == pytest.approx(10.0 + 0.5 * (20.0 + 8.0)), "after 2 s half of both"
+    assert found.x[0, 29] == pytest.approx(10.0 + 12.0), "after 3 s as it is forecast"
+
+
+def test_whose_policy_has_done_nothing_yet_gets_as_far_as_it_is_forecast(agent_table) -> None:
+    found = go_on(agent_table, CORNER, x=10.0, speed=10.0, forecast=5.0, fresh=True)
+    assert found.x[0, 9] == pytest.approx(15.0) and found.y[0, 29] == pytest.approx(5.0)
+
+
+def test_planned_paths_follow_their_agents_into_a_part_of_the_table() -> None:
+    planned = PlannedPaths(np.array([2, 5, 8]), PathBatch([STRAIGHT, CORNER, STRAIGHT]), np.array([False, True, False]))
+    some = planned.among(np.isin(np.arange(10), [1, 5, 8, 9])).moved_to(np.array([1, 5, 8, 9]))
+    assert some.rows.tolist() == [1, 2] and some.fresh.tolist() == [True, False]
+    np.testing.assert_array_equal(some.paths.point(np.array([30.0, 30.0])), [[20.0, 10.0], [30.0, 0.0]])

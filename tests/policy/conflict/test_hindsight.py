@@ -30,7 +30,7 @@ def test_a_meeting_is_known_within_the_horizon(
     scenario: Scenario, tmp_path: Path, step: int, found: list[tuple[int, int, float]]
 ) -> None:
     table = scenario.log.table(step)
-    conflicts = Hindsight(scenario, tmp_path, 3.0).detect(table, np.array([False, True, True]))
+    conflicts = Hindsight(scenario, tmp_path, 3.0).recorded_conflicts(table, np.array([False, True, True]))
     assert [(c.agent, c.opponent, pytest.approx(c.time_to_conflict)) for c in conflicts] == found
     for conflict in conflicts:
         row, at = scenario.log.row(conflict.agent), step + round(conflict.time_to_conflict / 0.1)
@@ -38,5 +38,7 @@ def test_a_meeting_is_known_within_the_horizon(
 
 
 def test_who_is_off_his_log_already_is_in_no_new_conflict(scenario: Scenario, tmp_path: Path) -> None:
-    conflicts = Hindsight(scenario, tmp_path, 3.0).detect(scenario.log.table(38), np.array([False, False, True]))
+    conflicts = Hindsight(scenario, tmp_path, 3.0).recorded_conflicts(
+        scenario.log.table(38), np.array([False, False, True])
+    )
     assert [c.agent for c in conflicts] == [3]

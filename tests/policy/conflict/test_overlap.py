@@ -10,13 +10,16 @@ from hypothesis import strategies as st
 from scipy.special import ndtri
 
 from litsim_policy.conflict import overlap
-from litsim_sim.core.geometry import box_corners
+from litsim_policy.conflict.overlap import mixture_overlap_probability
+from litsim_policy.conflict.predicted_motion import AlternativeMotions, PredictedMotion, X, Y, widest
+from litsim_sim.core.geometry import box_corners, boxes_overlap
 from strips import Strips
 
 angles = st.floats(-np.pi, np.pi)
 lengths, widths = st.floats(2.0, 15.0), st.floats(1.0, 3.0)
 offsets = st.floats(-12.0, 12.0)
 DRAWS = 40_000
+seeds = st.integers(0, 2**32)
 
 
 def one(*values: float) -> list[np.ndarray]:
@@ -44,7 +47,7 @@ def flat(covariance: np.ndarray) -> tuple[float, float, float]:
 
 def probability(boxes: tuple[float, ...], dx: float, dy: float, covariance: np.ndarray) -> float:
     """Of boxes (yaw_a, yaw_b, length_a, width_a, length_b, width_b)."""
-    return overlap.probability(*overlap.strips(*boxes), dx, dy, *flat(covariance))
+    return overlap.probability_within(*overlap.strips(*boxes), dx, dy, flat(covariance))
 
 
 def drawn(strips: Strips, dx: float, dy: float, covariance: np.ndarray) -> float:
@@ -121,7 +124,7 @@ def test_in_a_lane_it_is_the_product_of_two_intervals(delta, yaw, size, sigmas) 
 def test_no_strip_rules_out_what_is_likely(delta, yaws, size, sigmas, least) -> None:
     boxes, covariance = (*yaws[:2], *size, *size), spread(*sigmas, yaws[2])
     normal_x, normal_y, _, half = overlap.strips(*boxes)
-    if not overlap.can_reach(normal_x, normal_y, half, *delta, *flat(covariance), ndtri(least)):
+    if not overlap.can_reach(normal_x, normal_y, half, *delta, flat(covariance), ndtri(least)):
         assert probability(boxes, *delta, covariance) < least + 0.02
 
 
@@ -156,11 +159,12 @@ def test_strips_and_probabilities_are_those_of_numpy(delta, yaws, size_a, size_b
     xx, yy, xy = flat(spread(*sigmas, yaws[2]))
     covariance, distance = np.array([[xx], [yy], [xy]]), one(*delta)
     exact = float(expected.probability(*distance, covariance)[0])
-    assert overlap.probability(*found, *delta, xx, yy, xy) == pytest.approx(exact, abs=1e-9)
+    assert overlap.probability_within(*found, *delta, (xx, yy, xy)) == pytest.approx(exact, abs=1e-9)
     assert overlap.contain(normal_x, normal_y, half, *delta) == expected.contain(*distance)[0]
-    reachable = overlap.can_reach(normal_x, normal_y, half, *delta, xx, yy, xy, ndtri(least))
+    reachable = overlap.can_reach(normal_x, normal_y, half, *delta, (xx, yy, xy), ndtri(least))
     assert reachable == expected.can_reach(*distance, covariance, least)[0]
-    likely = overlap.likely(*delta, *boxes, xx, yy, xy, least, ndtri(least))
+    sizes = *size_a, *size_b
+    likely = overlap.overlap_probability(*delta, *yaws[:2], sizes, (xx, yy, xy), least, ndtri(least))
     if xx + yy <= 0.0:
         assert likely == float(expected.contain(*distance)[0])
     elif abs(exact - least) > 1e-9:
@@ -172,3 +176,198 @@ def test_the_share_below_is_that_of_scipy(value: float) -> None:
     from scipy.special import ndtr
 
     assert overlap.normal_below(value) == pytest.approx(ndtr(value), abs=1e-15)
+
+
+# Step by step of two motions
+
+
+@given(seeds, st.floats(0.02, 0.9))
+def test_probabilities_of_pairs_are_those_of_numpy_at_every_step(seed: int, least: float) -> None:
+    random = np.random.default_rng(seed)
+    length, width = random.uniform(3, 12, 6), random.uniform(1, 3, 6)
+
+    def some(spread: float) -> PredictedMotion:
+        sigma = spread * random.uniform(0.1, 2.0, (2, 6, 4))
+        states = [*random.normal(0.0, 6.0, (2, 6, 4)), random.uniform(-3, 3, (6, 4)), *sigma**2, 0.5 * sigma.prod(0)]
+        return PredictedMotion(np.stack(states, axis=-1), random.random((6, 4)) < 0.8)
+
+    a, b = some(0.0), some(random.choice([0.0, 1.0]))
+    which = random.integers(0, 6, (12, 2))
+    found, until = (
+        mixture_overlap_probability(which, a, b, (length, width), least, first=first) for first in (False, True)
+    )
+
+    i, j = which.T
+    distance = (b.states[j] - a.states[i])[..., [X, Y]].reshape(-1, 2).T
+    sizes = [tuple(np.repeat(values[k], 4) for values in (length, width)) for k in (i, j)]
+    strips = Strips.of(a.yaw[i].ravel(), b.yaw[j].ravel(), *sizes)
+    covariance = (a.covariance[i] + b.covariance[j]).reshape(-1, 3).T
+    exact = np.where(
+        covariance[0] + covariance[1] > 0.0,
+        strips.probability(*distance, covariance),
+        strips.contain(*distance).astype(np.float64),
+    ).reshape(found.shape)
+    both = a.valid[i] & b.valid[j]
+    expected = np.where(both & (exact >= least), exact, 0.0)
+    sure = np.abs(exact - least) > 0.02  # the strips bound the probability, which the quadrature gives to 0.02
+    assert found[sure] == pytest.approx(expected[sure], abs=1e-9)
+    first = np.where((found > 0.0).any(axis=1), (found > 0.0).argmax(axis=1), 3)
+    assert (until == np.where(np.arange(4) <= first[:, None], found, 0.0)).all()
+
+
+@given(seeds, st.floats(0.02, 0.9))
+def test_who_is_out_of_reach_by_the_bounds_overlaps_nobody_in_any_way(seed: int, least: float) -> None:
+    random, time = np.random.default_rng(seed), 0.1 * np.arange(1, 6)
+
+    def some(count: int, spread: float) -> tuple[np.ndarray, np.ndarray]:
+        place = random.normal(0.0, 12.0, (count, 1, 2)) + random.normal(0.0, 8.0, (count, 1, 2)) * time[:, None]
+        variance = np.broadcast_to((spread * time[:, None]) ** 2 * [1.0, 1.0, 0.0], (count, 5, 3))
+        yaw = np.broadcast_to(random.uniform(-3, 3, (count, 1, 1)), (count, 5, 1))
+        return np.concatenate([place, yaw, variance], axis=-1), random.random((count, 5)) < 0.8
+
+    length, width = random.uniform(3, 6, 6), random.uniform(1, 3, 6)
+    row = np.sort(random.integers(0, 6, 3))
+    a = PredictedMotion(*some(6, 0.0))
+    b = PredictedMotion(*some(6, 1.0), AlternativeMotions(row, np.full(3, 0.3), *some(3, 1.0)))
+    x, y, yaw = random.normal(0.0, 8.0, (3, 6))
+    speed, acceleration = random.uniform(0.0, 20.0, 6), random.normal(0.0, 3.0, 6)
+    which = np.argwhere(~np.eye(6, dtype=np.bool_)).copy()
+    goes_on = 0.1 * random.integers(0, 6, 6)
+    anywhere = widest(b.bounds, row, b.alternatives.bounds, x, y, speed, acceleration, goes_on)
+    reached = overlap.within_bounds(which, a.bounds, anywhere, length, width, max(0.0, -ndtri(least)))
+    probability = mixture_overlap_probability(which, a, b, (length, width), least)
+    now = x, y, yaw, speed, acceleration
+    closing = overlap.closing_overlaps(which, (a.states, a.valid), now, (length, width), goes_on)
+    assert not probability[~reached].any() and not closing[~reached].any()
+    for (i, j), found in zip(which.tolist(), closing, strict=True):
+        for k in range(5):
+            until = time[k] if acceleration[j] >= 0.0 else min(time[k], -speed[j] / acceleration[j])
+            gone = speed[j] * until + 0.5 * acceleration[j] * until**2
+            away = x[j] + gone * np.cos(yaw[j]) - a.x[i, k], y[j] + gone * np.sin(yaw[j]) - a.y[i, k]
+            sizes = (length[i], width[i]), (length[j], width[j])
+            looked = time[k] < goes_on[j] + 0.05 and a.valid[i, k]
+            assert found[k] == (looked and bool(boxes_overlap(*away, a.yaw[i, k], yaw[j], *sizes)))
+
+
+PAIR = np.array([[0, 1]])
+
+
+def standing(x: float, y: float, yaw: float, sigma: float, valid: tuple[bool, ...] = (True,) * 3) -> PredictedMotion:
+    """Both rows alike, over three steps."""
+    state = [x, y, yaw, sigma**2, sigma**2, 0.0]
+    return PredictedMotion(np.tile(state, (2, len(valid), 1)), np.tile(valid, (2, 1)))
+
+
+def of_pair(a: PredictedMotion, b: PredictedMotion, least: float) -> np.ndarray:
+    """(3,) probabilities that the boxes of a and b overlap."""
+    return mixture_overlap_probability(PAIR, a, b, (np.full(2, 4.5), np.full(2, 2.0)), least)[0]
+
+
+@given(
+    st.tuples(st.floats(-14.0, 14.0), st.floats(-10.0, 10.0)),
+    st.tuples(st.floats(-3.1, 3.1), st.floats(-3.1, 3.1)),
+    st.tuples(st.floats(0.0, 3.0), st.floats(0.05, 4.0)),
+    st.floats(0.02, 0.7),
+)
+@example((6.0, 0.0), (0.0, 0.0), (0.0, 1.0), 0.05)  # beyond the circles around both boxes, within the spread
+@example((-6.0, 0.0), (0.0, 0.0), (1.0, 0.05), 0.05)
+@example((0.0, 3.0), (0.0, 0.0), (0.0, 1.0), 0.05)
+@example((0.0, -3.0), (0.0, 0.0), (0.0, 1.0), 0.05)
+@example((4.0, 0.0), (0.0, 0.0), (0.0, 0.1), 0.5)  # their centres are at different places, and they never move
+@example((-4.0, 0.0), (0.0, 0.0), (0.0, 0.1), 0.5)
+def test_nothing_likely_is_ruled_out(delta, yaws, sigmas, least: float) -> None:
+    a, b = standing(0.0, 0.0, yaws[0], sigmas[0]), standing(*delta, yaws[1], sigmas[1])
+    size = np.array([4.5]), np.array([2.0])
+    strips = Strips.of(np.array([yaws[0]]), np.array([yaws[1]]), size, size)
+    spread = np.array([[sigmas[0] ** 2 + sigmas[1] ** 2]] * 2 + [[0.0]])
+    exact = strips.probability(np.array([delta[0]]), np.array([delta[1]]), spread)[0]
+    expected = exact if exact >= least else 0.0
+    assert of_pair(a, b, least) == pytest.approx(np.full(3, expected), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("valid_a", "valid_b"), [((True, False, True), (True, True, True)), ((True, True, True), (True, False, True))]
+)
+def test_whoever_is_not_there_overlaps_nobody(valid_a, valid_b) -> None:
+    a, b = standing(0.0, 0.0, 0.0, 0.0, valid_a), standing(1.0, 0.0, 0.0, 0.0, valid_b)
+    assert of_pair(a, b, 0.5).tolist() == [1.0, 0.0, 1.0]
+
+
+# Mixtures of several motions
+
+STEPS, COUNT = 12, 6
+SIZES = np.full(COUNT, 4.5), np.full(COUNT, 1.8)
+
+
+def motion(rng: np.random.Generator, count: int = COUNT) -> tuple[np.ndarray, np.ndarray]:
+    """States of agents that start within a few metres of each other, and when they are valid."""
+    begin = rng.uniform(-6.0, 6.0, (count, 1, 2))
+    velocity = rng.uniform(-4.0, 4.0, (count, 1, 2))
+    time = 0.1 * np.arange(1, STEPS + 1)[None, :, None]
+    spread = rng.uniform(0.2, 1.0, (count, 1, 1)) * time
+    yaw = np.repeat(rng.uniform(-np.pi, np.pi, (count, 1, 1)), STEPS, axis=1)
+    states = np.concatenate([begin + velocity * time, yaw, spread**2, spread**2, np.zeros_like(spread)], axis=2)
+    return states, rng.random((count, STEPS)) < 0.9
+
+
+def by_hand(pairs: np.ndarray, a: PredictedMotion, b: PredictedMotion, weights: dict[int, list[float]]) -> np.ndarray:
+    """Every motion of b alone, weighed; `weights` has those of each agent, its first motion first."""
+    found = np.zeros((len(pairs), STEPS))
+    for k, (i, j) in enumerate(pairs.tolist()):
+        states = [(b.states[j], b.valid[j])]
+        states += [(b.alternatives.states[q], b.alternatives.valid[q]) for q in np.flatnonzero(b.alternatives.row == j)]
+        for weight, (state, valid) in zip(weights.get(j, [1.0]), states, strict=True):
+            alone = PredictedMotion(np.repeat(state[None], COUNT, axis=0), np.repeat(valid[None], COUNT, axis=0))
+            found[k] += weight * mixture_overlap_probability(np.array([[i, j]]), a, alone, SIZES, 1e-3)[0]
+    return found
+
+
+@pytest.fixture
+def mixture():
+    """(pairs, a, b, weights): agents 1 and 4 of b may do two and one other thing."""
+    rng = np.random.default_rng(5)
+    row, weight = np.array([1, 1, 4]), np.array([0.3, 0.1, 0.45])
+    others = AlternativeMotions(row, weight, *motion(rng, 3))
+    a, b = PredictedMotion(*motion(rng)), PredictedMotion(*motion(rng), others)
+    pairs = np.array([(i, j) for i in range(COUNT) for j in range(COUNT) if i != j])
+    return pairs, a, b, {1: [0.6, 0.3, 0.1], 4: [0.55, 0.45]}
+
+
+@pytest.mark.parametrize("least", [0.05, 0.2, 0.5])
+def test_it_is_the_weighed_mean_where_that_reaches_the_bound(mixture, least: float) -> None:
+    pairs, a, b, weights = mixture
+    expected = by_hand(pairs, a, b, weights)
+    found = mixture_overlap_probability(pairs, a, b, SIZES, least)
+    clear = np.abs(expected - least) > 2e-3
+    assert ((expected >= least) & clear).sum() > 5 and ((expected < least) & (expected > 0.0)).sum() > 5
+    np.testing.assert_array_equal((found >= least)[clear], (expected >= least)[clear])
+    reached = found >= least
+    np.testing.assert_allclose(found[reached], expected[reached], atol=2e-3)
+    assert not found[~reached].any()
+
+
+def test_what_only_another_manoeuvre_leads_to_is_seen_as_far_as_it_is_probable(mixture) -> None:
+    _, a, _, _ = mixture
+    states, valid = a.states[:1] + np.array([100.0, 0, 0, 0, 0, 0]), np.ones((1, STEPS), np.bool_)
+    into = a.states[1:2].copy()
+    into[:, :, 3:] = 0.0
+    every = np.repeat(states, COUNT, axis=0), np.repeat(valid, COUNT, axis=0)
+    b = PredictedMotion(*every, AlternativeMotions(np.array([0]), np.array([0.3]), into, valid))
+    certain = PredictedMotion(np.concatenate([a.states[..., :3], np.zeros((COUNT, STEPS, 3))], axis=2), a.valid)
+    (probability,) = mixture_overlap_probability(np.array([[1, 0]]), certain, b, SIZES, 0.2)
+    assert probability[a.valid[1]] == pytest.approx(0.3) and not probability[~a.valid[1]].any()
+    assert not mixture_overlap_probability(np.array([[1, 0]]), certain, b, SIZES, 0.35).any()
+    assert not mixture_overlap_probability(np.array([[1, 0]]), certain, PredictedMotion(*every), SIZES, 0.2).any()
+
+
+def test_who_has_one_motion_is_as_before_and_first_stops_there(mixture) -> None:
+    pairs, a, b, _ = mixture
+    alone = PredictedMotion(b.states, b.valid)
+    single = ~np.isin(pairs[:, 1], [1, 4])
+    both, only = (
+        mixture_overlap_probability(pairs, a, b, SIZES, 0.1),
+        mixture_overlap_probability(pairs, a, alone, SIZES, 0.1),
+    )
+    np.testing.assert_array_equal(both[single], only[single])
+    early = mixture_overlap_probability(pairs, a, b, SIZES, 0.1, first=True)
+    np.testing.assert_array_equal(early.any(axis=1), both.any(axis=1))

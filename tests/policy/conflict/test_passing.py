@@ -12,10 +12,10 @@ import pytest
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.runs.runner import Runner, record
 from litsim_eval.runs.together import record_together
-from litsim_policy.conflict.detection import Conflict
-from litsim_policy.conflict.life_cycle import Residuals
-from litsim_policy.conflict.off_log import OffLog
-from litsim_policy.conflict.passing import Passing, PassingConfig
+from litsim_policy.conflict.config import PassingConfig
+from litsim_policy.conflict.detector import Conflict
+from litsim_policy.conflict.diverged import DivergedAgents, Residuals
+from litsim_policy.conflict.passing import Passing
 from litsim_policy.motion.reference_path import logged_path
 from litsim_policy.motion.route import Router
 from litsim_sim.core.scene import Controller
@@ -131,12 +131,12 @@ def test_a_change_that_has_begun_is_given_up_where_somebody_is_or_closes_in(
     router, config = Router(lane_map), PassingConfig()
     logged = logged_path(scenario.log, lane_map, HELD)
     conflict = Conflict(HELD, EGO, 2.0, pose, 1.0)
-    off = OffLog.opened(conflict, 0, TakeoverReason.CONFLICT, logged, PathSource.ROUTE, logged)
+    off = DivergedAgents.opened(conflict, 0, TakeoverReason.CONFLICT, logged, PathSource.ROUTE, logged)
     path = router.beside(pose, 50.0, lane)
     assert path is not None and path.points[0] == pytest.approx(pose[:2])
     off.pass_along(0, path, lane, 0)
     assert (off.beside[0], off.source[0], off.changed_step[0]) == (lane, PathSource.LANE, 0)
-    Passing(lane_map, scenario.log, router, config).look_for_lanes(table, off, np.array([row]), np.array([0]))
+    Passing(lane_map, scenario.log, router, config).change_lanes(table, off, np.array([row]), np.array([0]))
     assert (off.source[0] == PathSource.LANE) == goes_on
     assert (off.beside[0] == lane) == goes_on and (off.path[0] is logged) != goes_on
 
@@ -164,14 +164,14 @@ def before_ramp(make_scenario, track, placed) -> Callable[..., Any]:
         table = replace(placed(scenario.log.table(0), HELD, y=y(lane, x), speed=speed), step=50)
         row = table.row(HELD)
         pose = np.array([table.x[row], table.y[row], table.yaw[row]])
-        off = OffLog.opened(
+        off = DivergedAgents.opened(
             Conflict(HELD, EGO, 2.0, pose, 1.0), 0, TakeoverReason.CONFLICT, logged, PathSource.ROUTE, logged
         )
         if passes:
             path = Router(lane_map).beside(pose, 20.0, lane_map.row(lane))
             off.pass_along(0, path, lane_map.row(lane), 0)
         passing = Passing(lane_map, scenario.log, Router(lane_map), PassingConfig())
-        passing.look_for_lanes(table, off, np.array([row]), np.array([0]))
+        passing.change_lanes(table, off, np.array([row]), np.array([0]))
         taken = None if off.beside[0] < 0 else lane_map.lanes[off.beside[0]].id
         return taken, passing, table, off
 

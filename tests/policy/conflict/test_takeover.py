@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_policy.conflict.config import ConflictConfig
-from litsim_policy.conflict.takeover import TakeoverConfig, TakeoverManager
+from litsim_policy.conflict.config import ConflictConfig, TakeoverConfig
+from litsim_policy.conflict.takeover import TakeoverManager
 from litsim_predictor.kinematic import KinematicPredictor
 from litsim_predictor.selection import Wanted
 from litsim_sim.core.errors import InputError

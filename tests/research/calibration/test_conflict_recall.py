@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from litsim_policy.conflict.config import ConflictConfig
-from litsim_policy.conflict.detection import ConflictDetector
+from litsim_policy.conflict.detector import ConflictDetector
 from litsim_predictor.kinematic import KinematicPredictor
 from litsim_research.calibration.conflict_calibration import COSTS, Curve, draw_calibration, threshold_for, tuning_of
 from litsim_research.calibration.conflict_recall import SECONDS, PairScores, score_drives
@@ -31,22 +31,22 @@ def slower_leader(make_scenario, track) -> PairScores:
 
 def test_what_is_said_and_what_comes_of_it_are_set_side_by_side(slower_leader) -> None:
     known = slower_leader.known[:, AT]
-    real, said = slower_leader.real[known, AT], slower_leader.chance[known, AT] >= 0.5
+    real, said = slower_leader.real[known, AT], slower_leader.probability[known, AT] >= 0.5
     assert real.any() and not real.all()
     assert (said & real).sum() > 0.8 * real.sum(), "of constant speed, constant velocity is a good forecast"
     nearer, farther = slower_leader.real[:, 0], slower_leader.real[:, AT]
     assert not (nearer & ~farther).any(), "who meets within 1 s meets within 3 s"
-    assert (slower_leader.chance[:, 0] <= slower_leader.chance[:, AT]).all()
+    assert (slower_leader.probability[:, 0] <= slower_leader.probability[:, AT]).all()
 
 
 def test_nobody_near_is_no_pair(make_scenario, track) -> None:
     far = scores(make_scenario(track(1, x=100.0, last=120), track(2, x=400.0, last=120), history_steps=20))
-    assert far.chance.shape == far.real.shape == far.known.shape == (0, len(SECONDS))
+    assert far.probability.shape == far.real.shape == far.known.shape == (0, len(SECONDS))
 
 
 def test_a_pair_counts_until_it_first_meets(make_scenario, track) -> None:
     touching = scores(make_scenario(track(1, x=100.0, last=120), track(2, x=102.0, last=120), history_steps=20))
-    assert not len(touching.chance)
+    assert not len(touching.probability)
 
 
 def test_the_curve_is_counted_by_threshold() -> None:

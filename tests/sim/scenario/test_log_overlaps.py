@@ -17,9 +17,9 @@ def overlaps(make_scenario: Any, track: Any, lane_centres: tuple[float, ...]) ->
     return LogOverlaps(make_scenario(*still, track(2, x=75.4, speed=10.0, last=29)).log)
 
 
-def excused(overlaps: LogOverlaps, now: int, x: float, later: int = ABOUT_THEN) -> bool:
+def exempted(overlaps: LogOverlaps, now: int, x: float, later: int = ABOUT_THEN) -> bool:
     """Whether 2, in row 1, may overlap 1, in row 0, at step `now` of its log, while 1 is at `x`."""
-    return bool(overlaps.excuse(1, 0, np.array([now]), np.array([x]), np.array([-5.49]), later)[0])
+    return bool(overlaps.exempt(1, 0, np.array([now]), np.array([x]), np.array([-5.49]), later)[0])
 
 
 def test_steps_of_overlap_are_those_of_both_logs(overlaps: LogOverlaps) -> None:
@@ -32,14 +32,14 @@ def test_of_many_pairs_it_is_known_which_overlap_at_all(overlaps: LogOverlaps) -
     assert overlaps.any(np.empty((0, 2), np.int64)).shape == (0,)
 
 
-def test_an_overlap_is_excused_about_when_the_log_has_it(overlaps: LogOverlaps) -> None:
-    assert [excused(overlaps, now, 100.0) for now in (10, 11, 25, 39, 40)] == [False, True, True, True, False]
+def test_an_overlap_is_exempt_about_when_the_log_has_it(overlaps: LogOverlaps) -> None:
+    assert [exempted(overlaps, now, 100.0) for now in (10, 11, 25, 39, 40)] == [False, True, True, True, False]
 
 
 def test_somebody_on_the_way_into_an_overlap_is_sooner(overlaps: LogOverlaps) -> None:
-    assert not excused(overlaps, 21 - ON_THE_WAY - 1, 100.0, ON_THE_WAY)
-    assert excused(overlaps, 21 - ON_THE_WAY, 100.0, ON_THE_WAY)
-    assert not excused(overlaps, 21 - ON_THE_WAY, 100.0)
+    assert not exempted(overlaps, 21 - ON_THE_WAY - 1, 100.0, ON_THE_WAY)
+    assert exempted(overlaps, 21 - ON_THE_WAY, 100.0, ON_THE_WAY)
+    assert not exempted(overlaps, 21 - ON_THE_WAY, 100.0)
 
 
 def test_who_comes_back_meets_whom_the_log_has_there(overlaps: LogOverlaps) -> None:
@@ -49,10 +49,10 @@ def test_who_comes_back_meets_whom_the_log_has_there(overlaps: LogOverlaps) -> N
     assert not overlaps.meets(2, 0, 25, 100.0, -5.49), "who never overlap"
 
 
-def test_an_overlap_elsewhere_is_not_excused(overlaps: LogOverlaps) -> None:
-    assert excused(overlaps, 25, 100.0 + 0.9 * IN_PLACE)
-    assert not excused(overlaps, 25, 100.0 + 1.1 * IN_PLACE)
+def test_an_overlap_elsewhere_is_not_exempted(overlaps: LogOverlaps) -> None:
+    assert exempted(overlaps, 25, 100.0 + 0.9 * IN_PLACE)
+    assert not exempted(overlaps, 25, 100.0 + 1.1 * IN_PLACE)
 
 
-def test_who_never_overlaps_is_never_excused(overlaps: LogOverlaps) -> None:
-    assert not overlaps.excuse(2, 0, np.arange(60), np.full(60, 100.0), np.full(60, -5.49), ON_THE_WAY).any()
+def test_who_never_overlaps_is_never_exempted(overlaps: LogOverlaps) -> None:
+    assert not overlaps.exempt(2, 0, np.arange(60), np.full(60, 100.0), np.full(60, -5.49), ON_THE_WAY).any()

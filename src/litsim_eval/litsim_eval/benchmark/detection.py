@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from litsim_eval.benchmark.forecasts import columns_of_traffic
 from litsim_policy.conflict.config import ConflictConfig
-from litsim_policy.conflict.detection import ConflictDetector
-from litsim_predictor.forecast import Forecast
+from litsim_policy.conflict.detector import ConflictDetector
+from litsim_policy.conflict.futures import Futures
 from litsim_predictor.kinematic import KinematicPredictor
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller
 from litsim_sim.scenario.log import Log
@@ -58,11 +58,12 @@ def measure_detection(agents: int, repeats: int) -> Timing:
     marks = []
     for _ in range(repeats):
         begin = time.perf_counter(), time.process_time()
-        conflicts = _detect(detector, table, forecast, off)
+        futures = Futures(log, detector.config, table, forecast)
+        conflicts = len(detector.conflicts(futures, ~off, off))
         marks.append((time.perf_counter() - begin[0], time.process_time() - begin[1]))
     wall, cpu = (tuple(1e3 * value for value in column) for column in zip(*marks, strict=True))
-    pairs = len(detector.near(table, ~off, off))
-    return Timing(agents, int(off.sum()), pairs, conflicts, wall, cpu)
+    pairs, _ = detector.pair_probabilities(futures, ~off, off, 1.0)
+    return Timing(agents, int(off.sum()), len(pairs), conflicts, wall, cpu)
 
 
 def detection_rows(timing: Timing) -> Iterator[str]:
@@ -70,11 +71,6 @@ def detection_rows(timing: Timing) -> Iterator[str]:
     yield from map(str, (timing.agents, timing.off_log, timing.pairs, timing.conflicts))
     for values in (timing.wall, timing.cpu):
         yield f"{statistics.median(values):.2f} ({min(values):.2f} to {max(values):.2f})"
-
-
-def _detect(detector: ConflictDetector, table: AgentTable, forecast: Forecast, off: BoolArray) -> int:
-    logged, expected = detector.futures.logged(table), detector.futures.forecast(table, forecast)
-    return len(detector.detect(table, ~off, off, logged, expected))
 
 
 def _slowed(table: AgentTable, off: BoolArray) -> AgentTable:

@@ -1,23 +1,53 @@
-"""Parameters of conflict detection."""
+"""Parameters of the conflict stage: detection, planned motions, the life cycle of takeovers, and passing."""
 
 from __future__ import annotations
 
+from dataclasses import field
 from typing import Literal
 
 from pydantic import model_validator
 
-from litsim_policy.conflict.intended import IntentConfig
+from litsim_policy.motion.lane_change import LaneChangeConfig
 from litsim_sim.core.quantities import (
     Acceleration,
+    Angle,
+    ChangeTime,
     Duration,
+    Flag,
     Horizon,
     Length,
     NonNegative,
     Number,
     OpenShare,
+    Positive,
+    Speed,
+    Steps,
+    Whole,
     at_most,
     configuration,
 )
+
+
+@configuration
+class PlannedMotionConfig:
+    """How an agent under control is assumed to continue.
+
+    Attributes:
+        used: whether it is expected on its path; otherwise it is forecast as other agents are.
+        hold: time for which it keeps its acceleration; after that, it keeps its speed.
+        fade: time, after `hold`, within which the forecast's progress along the path takes over.
+        settle: time constant of its return to the path.
+        sigma_along, sigma_across: growth of the standard deviations, linear and quadratic terms.
+        sigma_start: standard deviation at the start.
+    """
+
+    used: Flag = True
+    hold: NonNegative[Duration] = 1.0
+    fade: Positive[Duration] = 2.0
+    settle: Positive[Duration] = 1.0
+    sigma_along: tuple[NonNegative[Speed], NonNegative[Acceleration]] = (0.05, 0.25)
+    sigma_across: tuple[NonNegative[Speed], NonNegative[Acceleration]] = (0.03, 0.0)
+    sigma_start: NonNegative[Length] = 0.1
 
 
 @configuration
@@ -66,10 +96,64 @@ class ConflictConfig:
     approach_time: NonNegative[Duration] = 3.0
     region: Literal["off_log", "ego"] = "off_log"
     closing_time: NonNegative[Duration] = 1.0
-    intent: IntentConfig = IntentConfig()
+    intent: PlannedMotionConfig = PlannedMotionConfig()
     happened: str = ""
 
     @model_validator(mode="after")
     def _check(self) -> ConflictConfig:
         at_most(self, "probability_clear", "probability_threshold")
         return self
+
+
+@configuration
+class PassingConfig:
+    """Which agents pass, and how.
+
+    Attributes:
+        slower: an agent is held back if it is slower than its log, lag included, by more than this.
+        patience: steps in a row for which it is held back before it looks for another lane.
+        again: least number of steps from one lane change to the next.
+        change_time: duration of a lane change.
+        look: distance ahead over which both lanes must lead the same way: enough to change, pass, and change back.
+        mobil: criteria of lane changes.
+    """
+
+    slower: Positive[Speed] = 0.5
+    patience: Positive[Steps] = 1
+    again: NonNegative[Steps] = 40
+    change_time: ChangeTime = 3.5
+    look: NonNegative[Length] = 150.0
+    mobil: LaneChangeConfig = field(default_factory=LaneChangeConfig)
+
+
+@configuration
+class TakeoverConfig:
+    """When an agent is taken over, handed back and released.
+
+    Attributes:
+        confirm_steps: steps in a row that must predict a conflict before a takeover.
+        urgent_time: time to a conflict within which the takeover is immediate.
+        held_steps_min: least number of steps for which an agent is held.
+        clear_steps: steps in a row without conflict before the hand-back begins, once the goal is passed; twice as
+            many before.
+        iterations_max: bound on the iterations of detection within a step.
+        release_position: largest residual with which the hand-back ends.
+        release_speed: residual likewise.
+        release_yaw: residual likewise.
+        handback: catch_up, to the present position of the log; or time_shift, to the position of the log that is
+            nearest to the agent, after which the log is replayed with that lag.
+        passing: whether agents behind a permanently slow one pass.
+        lane_change: conditions and execution of passing.
+    """
+
+    confirm_steps: Positive[Steps] = 3
+    urgent_time: NonNegative[Duration] = 1.0
+    held_steps_min: NonNegative[Steps] = 5
+    clear_steps: NonNegative[Steps] = 5
+    iterations_max: Positive[Whole] = 10
+    release_position: NonNegative[Length] = 0.5
+    release_speed: NonNegative[Speed] = 1.5
+    release_yaw: NonNegative[Angle] = 0.1
+    handback: Literal["catch_up", "time_shift"] = "time_shift"
+    passing: Flag = True
+    lane_change: PassingConfig = field(default_factory=PassingConfig)

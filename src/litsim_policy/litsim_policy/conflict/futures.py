@@ -1,17 +1,27 @@
-"""Futures of agents, by their logs or by forecast; compiled loops over agents and steps."""
+"""Where agents will be: by their logs, by forecast, or on the paths that they were given under control.
+
+For other agents, a predictor estimates path and speed. For an agent under control, the path and the current command of
+its policy are known. Its later progress along the path is left to the forecast, which considers the agents ahead.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numba import types
 
+from litsim_policy.conflict.config import ConflictConfig, PlannedMotionConfig
+from litsim_policy.conflict.predicted_motion import XX, XY, YAW, YY, AlternativeMotions, PredictedMotion, X, Y
+from litsim_policy.motion.along_path import Poses
+from litsim_policy.motion.path_batch import PathBatch
+from litsim_policy.motion.path_kernels import UNIT_X, UNIT_Y, S, nearest, segment_at
+from litsim_predictor.forecast import Forecast, Modes
 from litsim_sim.core.pair_geometry import wrapped
 from litsim_sim.core.quickly_made import quickly_made
-from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
     BOOLS,
     BOOLS2,
@@ -22,160 +32,233 @@ from litsim_sim.kernels.compiled import (
     OUT_BOOLS2,
     OUT_FLOATS2,
     OUT_FLOATS3,
+    SINGLES2,
+    SINGLES3,
     float64,
     int64,
     kernel,
-    read_array,
     void,
 )
+from litsim_sim.scenario.log import Log
 
-X, Y, YAW, XX, YY, XY = range(6)  # columns of `PredictedMotion.states`
-LOW_X, LOW_Y, HIGH_X, HIGH_Y, SPREAD = range(5)  # columns of `PredictedMotion.bounds`
 ROUNDING = 1e-9  # share of a step by which an instant of a forecast may differ from a step that it falls on
 
-_SINGLES2, _SINGLES3 = read_array(types.float32, 2), read_array(types.float32, 3)
-
 
 @quickly_made
 @dataclass(frozen=True)
-class OtherMotions:
-    """q alternative motions of some of n agents.
+class PlannedPaths:
+    """The agents under control at a step, rows ascending, and their paths; see :func:`planned_motion`.
 
     Attributes:
-        row: (q,) of the agent.
-        weight: (q,) probability of the motion; the first motion of an agent has the remainder to 1.
-        states, valid: (q, T, 6), (q, T), as in :class:`PredictedMotion`.
+        rows: (r,) in the table.
+        paths: of these agents.
+        fresh: (r,) whether the agent was taken over in this very step, so that its policy has not acted yet.
     """
 
-    row: IntArray
-    weight: FloatArray
-    states: FloatArray
-    valid: BoolArray
+    rows: IntArray
+    paths: PathBatch
+    fresh: BoolArray
 
-    @classmethod
-    def none(cls, steps: int = 0) -> OtherMotions:
-        """Return no alternative motions, for futures of T = `steps`."""
-        return cls(np.empty(0, np.int64), np.empty(0), np.empty((0, steps, 6)), np.empty((0, steps), np.bool_))
+    def among(self, agents: BoolArray) -> PlannedPaths:
+        """The planned paths of the agents in the mask `agents` (n,)."""
+        mine = agents[self.rows]
+        if mine.all():
+            return self
+        kept = mine.nonzero()[0]
+        return PlannedPaths(self.rows[kept], self.paths.take(kept), self.fresh[kept])
 
-    def __len__(self) -> int:
-        return len(self.row)
-
-    @cached_property
-    def bounds(self) -> FloatArray:
-        """Bounds (q, 5) of the motions, as in :class:`PredictedMotion`."""
-        return bounds(self.states, self.valid)
+    def moved_to(self, rows: IntArray) -> PlannedPaths:
+        """The same for a table made of the `rows` (k,), ascending, which include all of these agents."""
+        return PlannedPaths(rows.searchsorted(self.rows), self.paths, self.fresh)
 
 
-@quickly_made
-@dataclass(frozen=True)
-class PredictedMotion:
-    """Boxes of n agents at T future steps of 0.1 s, the first of them 0.1 s ahead.
+class Futures:
+    """The futures of agents at one step, every 0.1 s up to the horizon of `config`, made where they are asked for.
+
+    Conflicts are looked for only near agents off their logs, which are few, so :meth:`cover` makes the futures of some
+    agents at a time. The results are the same as with the futures of all agents.
 
     Attributes:
-        states: (n, T, 6) x, y [m], yaw [rad] and covariance xx, yy, xy [m2] of the centre, frame map.
-        valid: (n, T) whether the agent is known to be on the road then.
-        others: alternative motions.
+        table: all n agents of the step.
+        rows: (k,) rows in `table`, ascending, of the agents that are covered.
+        covered: these agents.
+        lag: (k,) steps by which their logs lag.
+        by_log: where their logs lead. An agent on its log keeps its present residual, if any; an agent off its log is
+            put back onto it at once.
+        expected: where they are expected otherwise: on lagged logs, as planned, or as forecast; not valid for agents
+            of which that was not asked.
     """
 
-    states: FloatArray
-    valid: BoolArray
-    others: OtherMotions = field(default_factory=OtherMotions.none)
+    rows: IntArray
+    covered: AgentTable
+    lag: IntArray
+    by_log: PredictedMotion
+    expected: PredictedMotion
 
-    @property
-    def x(self) -> FloatArray:
-        """Coordinate x (n, T) of the centre [m]."""
-        return self.states[..., X]
+    def __init__(
+        self,
+        log: Log,
+        config: ConflictConfig,
+        table: AgentTable,
+        forecast: Forecast,
+        lag: IntArray | None = None,
+        keep_to_log: BoolArray | None = None,
+        planned: Callable[[], PlannedPaths] | None = None,
+    ) -> None:
+        """Begin a step, with no agent covered.
 
-    @property
-    def y(self) -> FloatArray:
-        """Coordinate y (n, T) of the centre [m]."""
-        return self.states[..., Y]
-
-    @property
-    def yaw(self) -> FloatArray:
-        """Heading (n, T) [rad]."""
-        return self.states[..., YAW]
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Covariance (n, T, 3) xx, yy, xy of the centre [m2]."""
-        return self.states[..., XX:]
-
-    @cached_property
-    def bounds(self) -> FloatArray:
-        """Bounds (n, 5): least x, y, greatest x, y of the centre over valid steps [m], and the largest spread [m].
-
-        Without valid steps the former are inf and -inf. The spread is the root of the sum of both variances.
+        Args:
+            log: of all agents.
+            config: of detection.
+            table: all n agents.
+            forecast: of the same step.
+            lag: (n,) steps by which the replay of each log lags; None for no lag.
+            keep_to_log: mask (n,) of agents that are expected to follow their logs, lag included: those on lagged logs,
+                and pedestrians and cyclists; None for none.
+            planned: returns the agents under control by now, and their paths; None for none.
         """
-        return bounds(self.states, self.valid)
+        self._log, self._config, self.table, self._forecast = log, config, table, forecast
+        self._lag = np.zeros(len(table), np.int64) if lag is None else lag
+        self._keep_to_log = np.zeros(len(table), np.bool_) if keep_to_log is None else keep_to_log
+        self._planned = planned
+        self._steps = int(config.horizon / STEP_S + 1e-9)
+        self._is_covered = np.zeros(len(table), np.bool_)
+        self._asked = np.zeros(len(table), np.bool_)
+        self.rows = np.empty(0, np.int64)
 
-    def put(self, rows: BoolArray, other: PredictedMotion) -> None:
-        """Copy the motions of agents in the mask `rows` (n,), which have none yet, from `other`, in place.
+    def cover(self, agents: BoolArray, expected: BoolArray) -> None:
+        """Make the missing futures of the mask `agents` (n,), and expected ones of those also in the mask `expected`.
 
-        Call it before bounds are read.
+        Motions by the log are made of all of them.
         """
-        at = rows.nonzero()[0]
-        self.states[at], self.valid[at] = other.states[at], other.valid[at]
+        missing = agents & ~self._is_covered
+        if not len(self.rows) or missing.any():
+            self._is_covered |= missing
+            self.rows = self._is_covered.nonzero()[0]
+            self.covered, self.lag = self.table.take(self.rows), self._lag[self.rows]
+            self.by_log = self._by_log()
+        elif not (expected & ~self._asked).any():
+            return
+        self._asked |= expected
+        self.expected = self._expected(self._asked & self._is_covered)
+
+    def _by_log(self) -> PredictedMotion:
+        """The motion of the covered agents by their logs."""
+        log, table = self._log, self.covered
+        rows, now = log.ids.searchsorted(table.id), table.step - self.lag
+        motion = log.x, log.y, log.yaw, log.valid
+        return PredictedMotion(*follow_logs(motion, rows, now, self._steps, table.x, table.y, ~table.off_log))
+
+    def _expected(self, asked: BoolArray) -> PredictedMotion:
+        """The expected motion of the covered agents in the mask `asked` (n,); not valid for all others."""
+        table, keep_to_log = self.covered, self._keep_to_log[self.rows]
+        forecast_rows = self._forecast.rows(table.id)
+        forecast_rows[~asked[self.rows] | keep_to_log] = -1
+        states, valid = self._interpolated(self._forecast, forecast_rows, (table.x, table.y, table.yaw))
+        hard = self._brakes_hard() & (forecast_rows >= 0)
+        for row in hard.nonzero()[0]:
+            self._hold_back(states[row], int(row))
+        if self._planned is not None and self._config.intent.used:
+            planned = self._planned().among(asked & ~self._keep_to_log).moved_to(self.rows)
+            at = planned.rows
+            if len(at):
+                by_forecast = PredictedMotion(states[at], valid[at])
+                motion = planned_motion(self._config.intent, planned, table, by_forecast, self._config.sigma_scale)
+                states[at], valid[at], forecast_rows[at] = motion.states, motion.valid, -1  # no other manoeuvres
+        motions = PredictedMotion(states, valid, self._alternatives(forecast_rows, hard))
+        motions.put(keep_to_log, self.by_log)
+        return motions
+
+    def _alternatives(self, forecast_rows: IntArray, hard: BoolArray) -> AlternativeMotions:
+        """Other manoeuvres of the covered agents, by the forecast.
+
+        Args:
+            forecast_rows: (k,) of the agents in the forecast; -1 for those not wanted.
+            hard: mask (k,) of those that brake hard.
+        """
+        forecast, table = self._forecast, self.covered
+        modes, known = forecast.modes, (forecast_rows >= 0).nonzero()[0]
+        agent_of = np.full(len(forecast.id), -1, np.int64)
+        agent_of[forecast_rows[known]] = known
+        agent = agent_of[modes.row]
+        wanted = (agent >= 0).nonzero()[0]
+        if not len(wanted):
+            return AlternativeMotions.none(self._steps)
+        agent = agent[wanted]
+        kept = modes.probability[wanted].astype(np.float64)
+        total = forecast.share[modes.row[wanted]] + np.bincount(agent, kept, len(table))[agent]
+        states, valid = self._interpolated(modes, wanted, (table.x[agent], table.y[agent], table.yaw[agent]))
+        for k in hard[agent].nonzero()[0]:
+            self._hold_back(states[k], int(agent[k]))
+        return AlternativeMotions(agent, kept / total, states, valid)
+
+    def _interpolated(self, motions: Forecast | Modes, rows: IntArray, now: Poses) -> tuple[FloatArray, BoolArray]:
+        """States (k, T, 6) and validity (k, T) of motions, every 0.1 s, for any `dt` of the forecast.
+
+        Between its instants, and from the present pose to the first of them, centres, headings and covariances are
+        interpolated linearly; now, the covariance is zero. Nothing is valid beyond its last instant.
+
+        Args:
+            motions: the most probable motions of the forecast, or its alternatives.
+            rows: (k,) of the motions in `motions`; -1 for none.
+            now: poses (k,) from which they begin.
+        """
+        mean, yaw, covariance = map(np.ascontiguousarray, (motions.mean, motions.yaw, motions.covariance))
+        gaussians, scale = (mean, yaw, covariance), self._config.sigma_scale
+        return interpolate(gaussians, self._forecast.dt, rows, self._steps, scale, now)
+
+    def _brakes_hard(self) -> BoolArray:
+        """Mask (k,) of covered agents that are assumed to keep braking hard; see `ConflictConfig.braking_time`."""
+        config, table = self._config, self.covered
+        braking = -table.acceleration
+        return (braking > 0.0) & (braking >= np.where(table.of_ego, config.braking_hard, config.emergency))
+
+    def _hold_back(self, states: FloatArray, row: int) -> None:
+        """Hold the motion `states` (T, 6) of the covered agent in `row` back in place, as its braking requires."""
+        table = self.covered
+        speed, braking = table.speed[row], -table.acceleration[row]
+        hold_back(states, table.x[row], table.y[row], speed, braking, self._config.braking_time)
 
 
-@kernel(OUT_FLOATS2(FLOATS3, BOOLS2))
-def bounds(states: FloatArray, valid: BoolArray) -> FloatArray:
-    """Return `PredictedMotion.bounds` (n, 5) of `states` (n, T, 6) while `valid` (n, T)."""
-    found = np.empty((states.shape[0], 5))
-    for k in range(states.shape[0]):
-        found[k, LOW_X], found[k, LOW_Y], found[k, HIGH_X], found[k, HIGH_Y] = np.inf, np.inf, -np.inf, -np.inf
-        variance = 0.0
-        for t in range(states.shape[1]):
-            variance = max(variance, states[k, t, XX] + states[k, t, YY])
-            if valid[k, t]:
-                x, y = states[k, t, X], states[k, t, Y]
-                found[k, LOW_X], found[k, LOW_Y] = min(found[k, LOW_X], x), min(found[k, LOW_Y], y)
-                found[k, HIGH_X], found[k, HIGH_Y] = max(found[k, HIGH_X], x), max(found[k, HIGH_Y], y)
-        found[k, SPREAD] = math.sqrt(variance)
-    return found
-
-
-@kernel(OUT_FLOATS2(FLOATS2, INTS, FLOATS2, *[FLOATS] * 5))
-def widest(
-    bounds: FloatArray,
-    row: IntArray,
-    further: FloatArray,
-    x: FloatArray,
-    y: FloatArray,
-    speed: FloatArray,
-    acceleration: FloatArray,
-    time: FloatArray,
-) -> FloatArray:
-    """Return bounds (n, 5) of all possible motions: first, alternative, and straight on for some time.
+def planned_motion(
+    config: PlannedMotionConfig,
+    planned: PlannedPaths,
+    table: AgentTable,
+    forecast: PredictedMotion,
+    sigma_scale: float,
+) -> PredictedMotion:
+    """The motion of the agents (r,) of `planned` along their reference paths; it has one mode.
 
     Args:
-        bounds: (n, 5) of their first motions.
-        row, further: (q,), (q, 5) of their alternative motions: rows of the agents, and bounds.
-        x, y, speed, acceleration: (n,) of the agents now [m], [m/s], [m/s2].
-        time: (n,) for which they may continue straight on [s].
+        config: how they are assumed to continue.
+        planned: the agents under control, and their paths.
+        table: all agents.
+        forecast: of the agents (r,), by a predictor; ignored where it is not valid. The motion of a fresh agent is
+            valid only where its forecast is.
+        sigma_scale: factor on the standard deviations.
     """
-    found = bounds.copy()
-    for k in range(len(x)):
-        reach = abs(speed[k]) * time[k] + 0.5 * abs(acceleration[k]) * time[k] ** 2
-        found[k, LOW_X], found[k, LOW_Y] = min(found[k, LOW_X], x[k] - reach), min(found[k, LOW_Y], y[k] - reach)
-        found[k, HIGH_X], found[k, HIGH_Y] = max(found[k, HIGH_X], x[k] + reach), max(found[k, HIGH_Y], y[k] + reach)
-    for q in range(len(row)):
-        k = row[q]
-        for low in (LOW_X, LOW_Y):
-            found[k, low] = min(found[k, low], further[q, low])
-        for high in (HIGH_X, HIGH_Y, SPREAD):
-            found[k, high] = max(found[k, high], further[q, high])
-    return found
+    rows, paths = planned.rows, planned.paths
+    start, (along_1, along_2), (across_1, across_2) = config.sigma_start, config.sigma_along, config.sigma_across
+    growth = sigma_scale * along_1, sigma_scale * along_2, sigma_scale * across_1, sigma_scale * across_2
+    states = _along_paths(
+        (paths.segments, paths.circles, paths.count),
+        (table.x[rows], table.y[rows], table.speed[rows], table.acceleration[rows]),
+        (forecast.states, forecast.valid),
+        np.where(planned.fresh, 0.0, config.hold),
+        np.where(planned.fresh, STEP_S, config.fade),
+        config.settle,
+        (sigma_scale * start, *growth),
+    )
+    return PredictedMotion(states, forecast.valid | ~planned.fresh[:, None])
 
 
 @kernel(
-    types.Tuple((OUT_FLOATS3, OUT_BOOLS2))(FLOATS2, FLOATS2, FLOATS2, BOOLS2, INTS, INTS, int64, FLOATS, FLOATS, BOOLS)
+    types.Tuple((OUT_FLOATS3, OUT_BOOLS2))(
+        types.Tuple((FLOATS2, FLOATS2, FLOATS2, BOOLS2)), INTS, INTS, int64, FLOATS, FLOATS, BOOLS
+    )
 )
-def follow_logs(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    log_x: FloatArray,
-    log_y: FloatArray,
-    log_yaw: FloatArray,
-    log_valid: BoolArray,
+def follow_logs(
+    log: tuple[FloatArray, FloatArray, FloatArray, BoolArray],
     rows: IntArray,
     now: IntArray,
     count: int,
@@ -186,13 +269,14 @@ def follow_logs(  # noqa: PLR0917 - a kernel takes arrays and numbers
     """Return `states` (n, T, 6) and `valid` (n, T) of agents by their logs.
 
     Args:
-        log_x, log_y, log_yaw, log_valid: (N, S) of the log [m], [rad].
+        log: x, y [m], yaw [rad] and validity (N, S).
         rows: (n,) of the agents in the log.
         now: (n,) present step of each agent's log.
         count: number T of steps.
         x, y: (n,) of the agents now [m].
         on_log: (n,) whether the agent follows its log, and keeps its residual.
     """
+    log_x, log_y, log_yaw, log_valid = log
     last = log_x.shape[1] - 1
     states, valid = np.zeros((len(rows), count, 6)), np.zeros((len(rows), count), np.bool_)
     for k in range(len(rows)):
@@ -211,31 +295,29 @@ def follow_logs(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
 @kernel(
     types.Tuple((OUT_FLOATS3, OUT_BOOLS2))(
-        FLOATS3, _SINGLES2, _SINGLES3, float64, INTS, int64, float64, FLOATS, FLOATS, FLOATS
+        types.Tuple((FLOATS3, SINGLES2, SINGLES3)), float64, INTS, int64, float64, types.UniTuple(FLOATS, 3)
     )
 )
-def interpolate(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    mean: FloatArray,
-    yaw: FloatArray,
-    sigmas: FloatArray,
+def interpolate(
+    motions: tuple[FloatArray, FloatArray, FloatArray],
     dt: float,
     rows: IntArray,
     count: int,
     sigma_scale: float,
-    x_now: FloatArray,
-    y_now: FloatArray,
-    yaw_now: FloatArray,
+    now: tuple[FloatArray, FloatArray, FloatArray],
 ) -> tuple[FloatArray, BoolArray]:
     """Return `states` (n, T, 6) and `valid` (n, T) of agents by forecast, linear between its instants.
 
     Args:
-        mean, yaw, sigmas: (N, F, 2), (N, F), (N, F, 3) as in :class:`litsim_predictor.forecast.Forecast`.
+        motions: mean (N, F, 2), yaw (N, F) and covariance (N, F, 3) as in :class:`litsim_predictor.forecast.Forecast`.
         dt: between instants of the forecast [s].
         rows: (n,) of the agents in the forecast, -1 for agents without one.
         count: number T of steps.
         sigma_scale: factor on the standard deviations.
-        x_now, y_now, yaw_now: (n,) of the agents now [m], [rad].
+        now: (n,) x, y [m] and yaw [rad] of the agents now.
     """
+    mean, yaw, sigmas = motions
+    x_now, y_now, yaw_now = now
     instants = mean.shape[1]
     states, valid = np.zeros((len(rows), count, 6)), np.zeros((len(rows), count), np.bool_)
     before, after = np.zeros(6), np.zeros(6)
@@ -262,14 +344,6 @@ def interpolate(  # noqa: PLR0917 - a kernel takes arrays and numbers
                 states[k, t, c] *= sigma_scale**2
             valid[k, t] = time <= instants + ROUNDING
     return states, valid
-
-
-@kernel(float64(float64, float64, float64))
-def gone_straight_on(speed: float, acceleration: float, time: float) -> float:
-    """Distance [m] of an agent after `time` [s] that keeps its acceleration [m/s2] until it stands."""
-    if acceleration < 0.0:
-        time = min(time, -speed / acceleration)
-    return speed * time + 0.5 * acceleration * time**2
 
 
 @kernel(void(OUT_FLOATS2, float64, float64, float64, float64, float64))
@@ -304,3 +378,80 @@ def hold_back(states: FloatArray, x: float, y: float, speed: float, braking: flo
         share = (reach - travelled[at]) / way if way > 0.0 else 0.0  # 0 if it is forecast to stand
         states[t, X] = places[at, 0] + share * (places[at + 1, 0] - places[at, 0])
         states[t, Y] = places[at, 1] + share * (places[at + 1, 1] - places[at, 1])
+
+
+@kernel(float64(float64, float64, float64))
+def gone_straight_on(speed: float, acceleration: float, time: float) -> float:
+    """Distance [m] of an agent after `time` [s] that keeps its acceleration [m/s2] until it stands."""
+    if acceleration < 0.0:
+        time = min(time, -speed / acceleration)
+    return speed * time + 0.5 * acceleration * time**2
+
+
+@kernel(float64(*[float64] * 4))
+def _gone(speed: float, acceleration: float, hold: float, time: float) -> float:
+    """Distance [m] of an agent after `time` [s] that keeps its acceleration for `hold` [s], and then its speed."""
+    until = min(hold, time)
+    if acceleration < 0.0:
+        until = min(until, -speed / acceleration)
+    later = max(speed + acceleration * until, 0.0)
+    rest = time - until if not (acceleration < 0.0 and later <= 0.0) else 0.0
+    return speed * until + 0.5 * acceleration * until**2 + later * rest
+
+
+@kernel(
+    OUT_FLOATS3(
+        types.Tuple((FLOATS3, FLOATS3, INTS)),
+        types.UniTuple(FLOATS, 4),
+        types.Tuple((FLOATS3, BOOLS2)),
+        *(FLOATS, FLOATS, float64, types.UniTuple(float64, 5)),
+    )
+)
+def _along_paths(
+    paths: tuple[FloatArray, FloatArray, IntArray],
+    now: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    forecast: tuple[FloatArray, BoolArray],
+    hold: FloatArray,
+    fade: FloatArray,
+    settle: float,
+    sigmas: tuple[float, float, float, float, float],
+) -> FloatArray:
+    """Return `states` (r, T, 6); see :func:`planned_motion`.
+
+    Args:
+        paths: segments, circles and count of points; see :mod:`litsim_policy.motion.path_kernels`.
+        now: (r,) x, y, speed and acceleration of the agents.
+        forecast: states (r, T, 6) and validity (r, T) of the agents by a predictor, for their progress.
+        hold, fade: (r,) as in :class:`PlannedMotionConfig`.
+        settle: likewise.
+        sigmas: standard deviation at the start, and terms of its growth along and across the path.
+    """
+    segments, circles, count = paths
+    x, y, speed, acceleration = now
+    predicted, valid = forecast
+    sigma_start, along_1, along_2, across_1, across_2 = sigmas
+    states = np.zeros(predicted.shape)
+    for k in range(len(count)):
+        _, s_now, d_now = nearest(segments[k], circles[k], count[k], x[k], y[k])
+        at_x, at_y, travelled = x[k], y[k], 0.0
+        for t in range(predicted.shape[1]):
+            travelled += math.hypot(predicted[k, t, X] - at_x, predicted[k, t, Y] - at_y)
+            at_x, at_y = predicted[k, t, X], predicted[k, t, Y]
+            time = (t + 1) * STEP_S
+            gone = _gone(speed[k], acceleration[k], hold[k], time)
+            if valid[k, t]:
+                known = min(max(1.0 - (time - hold[k]) / fade[k], 0.0), 1.0)
+                gone = known * gone + (1.0 - known) * travelled
+            s = s_now + gone
+            at = segment_at(segments, count[k], k, s)
+            ux, uy = segments[k, at, UNIT_X], segments[k, at, UNIT_Y]
+            forward, d = s - segments[k, at, S], d_now * math.exp(-time / settle)
+            states[k, t, X] = segments[k, at, 0] + forward * ux - d * uy
+            states[k, t, Y] = segments[k, at, 1] + forward * uy + d * ux
+            states[k, t, YAW] = math.atan2(uy, ux)
+            along = (sigma_start + along_1 * time + along_2 * time**2) ** 2
+            across = (sigma_start + across_1 * time + across_2 * time**2) ** 2
+            states[k, t, XX] = along * ux**2 + across * uy**2
+            states[k, t, YY] = along * uy**2 + across * ux**2
+            states[k, t, XY] = (along - across) * ux * uy
+    return states

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from litsim_policy.conflict.detection import Conflict
+from litsim_policy.conflict.detector import Conflict
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray
 from litsim_sim.scenario.happened import Happened
 from litsim_sim.scenario.setting import Setting
@@ -25,17 +25,17 @@ class Hindsight:
         self._steps = int(horizon / STEP_S + 1e-9)
         self._meetings = Happened.read(folder, scenario).meetings
 
-    def detect(self, table: AgentTable, on_log: BoolArray) -> list[Conflict]:
+    def recorded_conflicts(self, table: AgentTable, on_log: BoolArray) -> list[Conflict]:
         """Conflicts of agents `on_log` (mask (n,)), soonest first, one for each agent."""
         ids, log = self._log.ids, self._log
         row, step, other = self._meetings.T
-        near = (step > table.step) & (step <= table.step + self._steps)
-        near &= np.isin(row, np.searchsorted(ids, table.id[on_log]))
-        found: dict[int, Conflict] = {}
-        for k in np.flatnonzero(near)[np.argsort(step[near], kind="stable")].tolist():
+        soon = (step > table.step) & (step <= table.step + self._steps)
+        soon &= np.isin(row, np.searchsorted(ids, table.id[on_log]))
+        conflicts: dict[int, Conflict] = {}
+        for k in np.flatnonzero(soon)[np.argsort(step[soon], kind="stable")].tolist():
             at = row[k], step[k]
             pose = np.array([log.x[at], log.y[at], log.yaw[at]])
             ahead = float(step[k] - table.step) * STEP_S
             agent = int(ids[row[k]])
-            found.setdefault(agent, Conflict(agent, int(ids[other[k]]), ahead, pose, 1.0))
-        return list(found.values())
+            conflicts.setdefault(agent, Conflict(agent, int(ids[other[k]]), ahead, pose, 1.0))
+        return list(conflicts.values())

@@ -1,19 +1,59 @@
-"""Probability that two oriented boxes overlap when their distance is Gaussian; compiled, one pair at an instant.
+"""Whether the boxes of two agents overlap, and with which probability: at an instant, and step by step of two futures.
 
 Two boxes overlap where the vector from one centre to the other lies in the Minkowski sum of both, which for rectangles
 is the intersection of four strips |normal . distance| < half: one for each edge direction, as in the separating-axis
 test. Each strip alone bounds the probability from above, which makes the broad phase cheap.
+
+An uncertain motion is a Gaussian at each step. An agent with several possible motions is a mixture of them: its overlap
+probability is the weighted mean of theirs.
 """
 
 from __future__ import annotations
 
 import math
+from functools import cache
+from statistics import NormalDist
 
 import numpy as np
 from numba import types
 
-from litsim_sim.kernels.compiled import boolean, float64, kernel
+from litsim_policy.conflict.futures import gone_straight_on
+from litsim_policy.conflict.predicted_motion import (
+    HIGH_X,
+    HIGH_Y,
+    LOW_X,
+    LOW_Y,
+    SPREAD,
+    XX,
+    XY,
+    YAW,
+    YY,
+    PredictedMotion,
+    X,
+    Y,
+)
+from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import (
+    BOOLS,
+    BOOLS2,
+    FLOATS,
+    FLOATS2,
+    FLOATS3,
+    INTS,
+    INTS2,
+    OUT_BOOLS,
+    OUT_FLOATS,
+    OUT_FLOATS2,
+    OUT_INTS,
+    boolean,
+    float64,
+    int64,
+    kernel,
+)
 
+NEGLIGIBLE = 1e-3
+"""Probability of an overlap below which a motion adds nothing to a weighted sum."""
+FIRST, NONE = -1, -2  # in place of the position of an alternative motion: the first motion, and no further one
 NODES = 16  # number of nodes of the quadrature
 REACH = 6.0  # standard deviations to either side over which the Gaussian is integrated
 SIGMA_MIN = 1e-3  # [m] lower bound on standard deviations
@@ -23,8 +63,12 @@ _NODE, _WEIGHT = np.polynomial.legendre.leggauss(NODES)
 _ROOT_HALF = math.sqrt(0.5)
 _ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
 
-_FOUR = types.UniTuple(float64, 4)
+_THREE, _FOUR = types.UniTuple(float64, 3), types.UniTuple(float64, 4)
+Three = tuple[float, float, float]
 Four = tuple[float, float, float, float]
+Motions = tuple[FloatArray, BoolArray, FloatArray]
+_MOTIONS = types.Tuple((FLOATS3, BOOLS2, FLOATS2))  # states, validity and bounds of a `PredictedMotion`
+_SIZES = types.UniTuple(FLOATS, 2)  # length and width of all agents
 
 
 @kernel(types.UniTuple(_FOUR, 4)(*[float64] * 6))
@@ -59,18 +103,19 @@ def contain(normal_x: Four, normal_y: Four, half: Four, dx: float, dy: float) ->
     return inside
 
 
-@kernel(boolean(_FOUR, _FOUR, _FOUR, *[float64] * 6))
-def can_reach(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    normal_x: Four, normal_y: Four, half: Four, dx: float, dy: float, xx: float, yy: float, xy: float, quantile: float
+@kernel(boolean(_FOUR, _FOUR, _FOUR, float64, float64, _THREE, float64))
+def can_reach(
+    normal_x: Four, normal_y: Four, half: Four, dx: float, dy: float, covariance: Three, quantile: float
 ) -> bool:
     """Whether each strip alone holds at least the required share of the Gaussian around (dx, dy) [m].
 
     Args:
         normal_x, normal_y, half: of :func:`strips`.
         dx, dy: mean distance [m].
-        xx, yy, xy: its covariance [m2].
+        covariance: of the distance: xx, yy, xy [m2].
         quantile: of the standard Gaussian, for the required probability.
     """
+    xx, yy, xy = covariance
     for k in range(4):
         variance = normal_x[k] ** 2 * xx + normal_y[k] ** 2 * yy + 2.0 * normal_x[k] * normal_y[k] * xy
         beyond = abs(normal_x[k] * dx + normal_y[k] * dy) - half[k]
@@ -97,9 +142,9 @@ def cut(middle: float, half: float, by_u: float, by_v: float) -> tuple[float, fl
     return signed * middle, signed * by_u, half * steep
 
 
-@kernel(float64(_FOUR, _FOUR, _FOUR, _FOUR, *[float64] * 5))
-def probability(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    normal_x: Four, normal_y: Four, edge: Four, half: Four, dx: float, dy: float, xx: float, yy: float, xy: float
+@kernel(float64(_FOUR, _FOUR, _FOUR, _FOUR, float64, float64, _THREE))
+def probability_within(
+    normal_x: Four, normal_y: Four, edge: Four, half: Four, dx: float, dy: float, covariance: Three
 ) -> float:
     """Return the probability that two boxes overlap if their distance is Gaussian.
 
@@ -113,8 +158,9 @@ def probability(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Args:
         normal_x, normal_y, edge, half: of :func:`strips`.
         dx, dy: mean distance, centre of b minus centre of a, frame map [m].
-        xx, yy, xy: covariance of the distance [m2].
+        covariance: of the distance: xx, yy, xy [m2].
     """
+    xx, yy, xy = covariance
     turn = 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi  # direction of the minor axis
     cos, sin = math.cos(turn), math.sin(turn)
     sigma_u = math.sqrt(max(cos**2 * xx + sin**2 * yy + 2.0 * cos * sin * xy, SIGMA_MIN**2))
@@ -145,19 +191,14 @@ def probability(  # noqa: PLR0917 - a kernel takes arrays and numbers
     return 0.5 * (high - low) * total / _ROOT_TWO_PI
 
 
-@kernel(float64(*[float64] * 13))
-def likely(  # noqa: PLR0917 - a kernel takes arrays and numbers
+@kernel(float64(*[float64] * 4, _FOUR, _THREE, float64, float64))
+def overlap_probability(
     dx: float,
     dy: float,
     yaw_a: float,
     yaw_b: float,
-    length_a: float,
-    width_a: float,
-    length_b: float,
-    width_b: float,
-    xx: float,
-    yy: float,
-    xy: float,
+    sizes: Four,
+    covariance: Three,
     least: float,
     quantile: float,
 ) -> float:
@@ -166,15 +207,278 @@ def likely(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Args:
         dx, dy: mean distance, centre of b minus centre of a, frame map [m].
         yaw_a, yaw_b: headings [rad].
-        length_a, width_a, length_b, width_b: extents [m].
-        xx, yy, xy: covariance of the distance [m2]; without variance, the distance is certain.
+        sizes: length and width of a, and of b [m].
+        covariance: of the distance: xx, yy, xy [m2]; without variance, the distance is certain.
         least: probability below which none is computed.
         quantile: of the standard Gaussian, for `least`.
     """
-    normal_x, normal_y, edge, half = strips(yaw_a, yaw_b, length_a, width_a, length_b, width_b)
-    if xx + yy <= 0.0:
+    normal_x, normal_y, edge, half = strips(yaw_a, yaw_b, sizes[0], sizes[1], sizes[2], sizes[3])
+    if covariance[0] + covariance[1] <= 0.0:
         return 1.0 if contain(normal_x, normal_y, half, dx, dy) else 0.0
-    if not can_reach(normal_x, normal_y, half, dx, dy, xx, yy, xy, quantile):
+    if not can_reach(normal_x, normal_y, half, dx, dy, covariance, quantile):
         return 0.0
-    chance = probability(normal_x, normal_y, edge, half, dx, dy, xx, yy, xy)
-    return chance if chance >= least else 0.0
+    probability = probability_within(normal_x, normal_y, edge, half, dx, dy, covariance)
+    return probability if probability >= least else 0.0
+
+
+@kernel(float64(*[float64] * 4))
+def touching(length_a: float, width_a: float, length_b: float, width_b: float) -> float:
+    """Distance [m] of the centres of two boxes beyond which they cannot overlap, whatever their headings."""
+    return 0.5 * (math.hypot(length_a, width_a) + math.hypot(length_b, width_b))
+
+
+@kernel(boolean(FLOATS2, FLOATS2, int64, int64, float64, float64))
+def may_meet(bounds_a: FloatArray, bounds_b: FloatArray, i: int, j: int, reach: float, tail: float) -> bool:
+    """Whether agent `i` of futures a and `j` of futures b are ever nearer than `reach` [m] and `tail` spreads each."""
+    apart = reach + tail * (bounds_a[i, SPREAD] + bounds_b[j, SPREAD])
+    return (
+        bounds_a[i, LOW_X] <= bounds_b[j, HIGH_X] + apart
+        and bounds_b[j, LOW_X] <= bounds_a[i, HIGH_X] + apart
+        and bounds_a[i, LOW_Y] <= bounds_b[j, HIGH_Y] + apart
+        and bounds_b[j, LOW_Y] <= bounds_a[i, HIGH_Y] + apart
+    )
+
+
+@kernel(OUT_BOOLS(INTS2, FLOATS2, FLOATS2, FLOATS, FLOATS, float64))
+def within_bounds(
+    pairs: IntArray, bounds_a: FloatArray, bounds_b: FloatArray, length: FloatArray, width: FloatArray, tail: float
+) -> BoolArray:
+    """Return for each of `pairs` (m, 2) whether its boxes can overlap at all, by the bounds of futures a and b.
+
+    Args:
+        pairs: positions of an agent in futures a and of one in futures b.
+        bounds_a, bounds_b: (n, 5) as in :class:`PredictedMotion`.
+        length, width: (n,) of the boxes [m].
+        tail: number of spreads by which the centres may deviate from their means.
+    """
+    within = np.empty(len(pairs), np.bool_)
+    for k in range(len(pairs)):
+        i, j = pairs[k, 0], pairs[k, 1]
+        reach = touching(length[i], width[i], length[j], width[j])
+        within[k] = may_meet(bounds_a, bounds_b, i, j, reach, tail)
+    return within
+
+
+@kernel(boolean(FLOATS2, BOOLS, FLOATS2, BOOLS, _FOUR, float64, float64, boolean, OUT_FLOATS))
+def write_overlaps(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    a: FloatArray,
+    valid_a: BoolArray,
+    b: FloatArray,
+    valid_b: BoolArray,
+    sizes: Four,
+    least: float,
+    quantile: float,
+    first: bool,
+    probability: FloatArray,
+) -> bool:
+    """Write into `probability` (T,) that of an overlap of two boxes, where it is at least `least`.
+
+    Steps at which it cannot be are excluded first by circles around the boxes, then by each strip of the boxes alone.
+
+    Args:
+        a, valid_a: (T, 6), (T,) of one agent; see :class:`PredictedMotion`.
+        b, valid_b: of the other.
+        sizes: length and width of a, and of b [m].
+        least: least probability that is computed.
+        quantile: of the standard Gaussian, for `least`.
+        first: whether to stop at the first step that reaches `least`.
+        probability: zeros.
+
+    Returns:
+        whether the probability reaches `least` at any step.
+    """
+    reach = touching(sizes[0], sizes[1], sizes[2], sizes[3])
+    matters, tail = False, max(0.0, -quantile)
+    for t in range(len(probability)):
+        if not (valid_a[t] and valid_b[t]):
+            continue
+        dx, dy = b[t, X] - a[t, X], b[t, Y] - a[t, Y]
+        apart = reach + tail * (math.sqrt(a[t, XX] + a[t, YY]) + math.sqrt(b[t, XX] + b[t, YY]))
+        if dx**2 + dy**2 >= apart**2:
+            continue
+        covariance = a[t, XX] + b[t, XX], a[t, YY] + b[t, YY], a[t, XY] + b[t, XY]
+        probability[t] = overlap_probability(dx, dy, a[t, YAW], b[t, YAW], sizes, covariance, least, quantile)
+        matters = matters or probability[t] > 0.0
+        if first and matters:
+            break
+    return matters
+
+
+@kernel(OUT_FLOATS2(INTS2, types.Tuple((FLOATS3, BOOLS2)), types.UniTuple(FLOATS, 5), _SIZES, FLOATS))
+def closing_overlaps(
+    pairs: IntArray,
+    motions: tuple[FloatArray, BoolArray],
+    now: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray],
+    sizes: tuple[FloatArray, FloatArray],
+    time: FloatArray,
+) -> FloatArray:
+    """Return an array (m, T): 1 where boxes overlap if the second continues straight on for its `time`; else 0.
+
+    Args:
+        pairs: (m, 2) of an agent that moves by `motions`, and of one that keeps its acceleration until it stands.
+        motions: states (n, T, 6) without any spread, and validity (n, T).
+        now: (n,) x, y [m], yaw [rad], speed [m/s] and acceleration [m/s2] of all agents.
+        sizes: length and width (n,) of their boxes [m].
+        time: (n,) for which agents continue [s].
+    """
+    states, valid = motions
+    x, y, yaw, speed, acceleration = now
+    length, width = sizes
+    overlaps = np.zeros((len(pairs), states.shape[1]))
+    for k in range(len(pairs)):
+        i, j = pairs[k, 0], pairs[k, 1]
+        reach = touching(length[i], width[i], length[j], width[j])
+        cos, sin = math.cos(yaw[j]), math.sin(yaw[j])
+        for t in range(min(round(time[j] / STEP_S), states.shape[1])):
+            if not valid[i, t]:
+                continue
+            gone = gone_straight_on(speed[j], acceleration[j], (t + 1) * STEP_S)
+            dx, dy = x[j] + gone * cos - states[i, t, X], y[j] + gone * sin - states[i, t, Y]
+            if dx**2 + dy**2 >= reach**2:
+                continue
+            boxes = strips(states[i, t, YAW], yaw[j], length[i], width[i], length[j], width[j])
+            overlaps[k, t] = contain(boxes[0], boxes[1], boxes[3], dx, dy)
+    return overlaps
+
+
+@cache
+def quantile(probability: float) -> float:
+    """Quantile of the standard Gaussian for a probability; infinite for 0 and 1."""
+    within = 0.0 < probability < 1.0  # without scipy, the import of which takes as long as all kernels of the launcher
+    return NormalDist().inv_cdf(probability) if within else math.copysign(math.inf, probability - 0.5)
+
+
+def mixture_overlap_probability(
+    pairs: IntArray,
+    a: PredictedMotion,
+    b: PredictedMotion,
+    sizes: tuple[FloatArray, FloatArray],
+    least: float,
+    *,
+    first: bool = False,
+) -> FloatArray:
+    """Probability (m, T) that the boxes of each pair overlap, over all motions of b; 0 where it does not reach `least`.
+
+    A weighted mean reaches `least` only where one of its terms does. So each motion is first compared with that bound,
+    which is cheap, and all motions are integrated only for pairs of which one reaches it.
+
+    Args:
+        pairs: (m, 2) of rows: an agent in `a`, with one known motion, and one in `b`.
+        a, b: motions of the same n agents.
+        sizes: length and width (n,) of their boxes [m].
+        least: least probability that is computed.
+        first: whether to stop, for each pair, at the first step that reaches `least`; not for agents with several
+            motions.
+    """
+    further = b.alternatives
+    return _mixture_overlaps(
+        pairs,
+        (a.states, a.valid, a.bounds),
+        (b.states, b.valid, b.bounds),
+        (further.states, further.valid, further.bounds),
+        (further.row, further.weight),
+        sizes,
+        (least, quantile(least), quantile(NEGLIGIBLE)),
+        first,
+    )
+
+
+@kernel(types.Tuple((OUT_INTS, OUT_INTS, OUT_FLOATS))(INTS, FLOATS, int64))
+def _listed(row: IntArray, weight: FloatArray, count: int) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return the alternative motions of n = `count` agents as linked lists.
+
+    Args:
+        row, weight: (q,) agent and weight of each motion.
+        count: number of agents.
+
+    Returns:
+        the first alternative motion of each agent (n,), and the one that follows each motion (q,), or NONE; and the
+        sum of each agent's weights (n,).
+    """
+    begin, following, taken = np.full(count, NONE), np.full(len(row), NONE), np.zeros(count)
+    for q in range(len(row)):
+        taken[row[q]] += weight[q]
+    for q in range(len(row) - 1, -1, -1):
+        begin[row[q]], following[q] = q, begin[row[q]]
+    return begin, following, taken
+
+
+@kernel(OUT_FLOATS2(INTS2, _MOTIONS, _MOTIONS, _MOTIONS, types.Tuple((INTS, FLOATS)), _SIZES, _THREE, boolean))
+def _mixture_overlaps(
+    pairs: IntArray,
+    a: Motions,
+    b: Motions,
+    further: Motions,
+    mixture: tuple[IntArray, FloatArray],
+    sizes: tuple[FloatArray, FloatArray],
+    limits: Three,
+    first: bool,
+) -> FloatArray:
+    """See :func:`mixture_overlap_probability`.
+
+    Args:
+        pairs, sizes, first: likewise.
+        a, b: states, validity and bounds of :class:`PredictedMotion`.
+        further: those of the alternative motions of b.
+        mixture: row of the agent and weight of each alternative motion.
+        limits: `least`, and the quantiles of the standard Gaussian for it and for NEGLIGIBLE.
+    """
+    states_a, valid_a, bounds_a = a
+    states_b, valid_b, bounds_b = b
+    states, valid, bounds = further
+    length, width = sizes
+    least, least_quantile, negligible_quantile = limits
+    steps, least_tail = states_a.shape[1], max(0.0, -least_quantile)
+    begin, following, taken = _listed(mixture[0], mixture[1], len(states_b))
+    probability, of_motion = np.zeros((len(pairs), steps)), np.empty(steps)
+    for k in range(len(pairs)):
+        i, j = pairs[k, 0], pairs[k, 1]
+        boxes = length[i], width[i], length[j], width[j]
+        reach = touching(boxes[0], boxes[1], boxes[2], boxes[3])
+        if begin[j] == NONE:
+            if may_meet(bounds_a, bounds_b, i, j, reach, least_tail):
+                write_overlaps(
+                    states_a[i],
+                    valid_a[i],
+                    states_b[j],
+                    valid_b[j],
+                    boxes,
+                    least,
+                    least_quantile,
+                    first,
+                    probability[k],
+                )
+            continue
+        matters = False
+        for weighing in (False, True):  # until one motion matters; if one does, all
+            bound, its_quantile = (NEGLIGIBLE, negligible_quantile) if weighing else (least, least_quantile)
+            motion, tail = FIRST, max(0.0, -its_quantile)
+            while motion != NONE and weighing == matters:
+                other, is_valid, share = states_b[j], valid_b[j], 1.0 - taken[j]
+                meet = motion == FIRST and may_meet(bounds_a, bounds_b, i, j, reach, tail)
+                if motion != FIRST:
+                    other, is_valid, share = states[motion], valid[motion], mixture[1][motion]
+                    meet = may_meet(bounds_a, bounds, i, motion, reach, tail)
+                motion = begin[j] if motion == FIRST else following[motion]
+                if not meet:
+                    continue
+                of_motion[:] = 0.0
+                reached = write_overlaps(
+                    states_a[i],
+                    valid_a[i],
+                    other,
+                    is_valid,
+                    boxes,
+                    bound,
+                    its_quantile,
+                    not weighing,
+                    of_motion,
+                )
+                matters = matters or reached
+                if weighing:
+                    for t in range(steps):
+                        probability[k, t] += share * of_motion[t]
+        for t in range(steps):
+            if probability[k, t] < least:
+                probability[k, t] = 0.0
+    return probability

@@ -2,28 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import field
-
 import numpy as np
 
-from litsim_policy.conflict.life_cycle import HELD, RELEASED, Residuals
-from litsim_policy.conflict.off_log import LOGGED, OffLog
+from litsim_policy.conflict.config import PassingConfig
+from litsim_policy.conflict.diverged import HELD, LOGGED, RELEASED, DivergedAgents, Residuals
 from litsim_policy.motion.along_path import AlongPath, along_paths
-from litsim_policy.motion.lane_change import LaneChangeConfig, LaneChanges, weigh_changes
+from litsim_policy.motion.lane_change import LaneChanges, weigh_changes
 from litsim_policy.motion.lane_lines import NO_LANE, LaneLines
-from litsim_policy.motion.path_kernels import nearest
 from litsim_policy.motion.route import Router
-from litsim_sim.core.quantities import (
-    ChangeTime,
-    Length,
-    NonNegative,
-    Positive,
-    Speed,
-    Steps,
-    configuration,
-)
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import BOOLS, FLOATS, FLOATS3, INTS, OUT_BOOLS2, OUT_INTS, float64, int64, kernel
+from litsim_sim.kernels.compiled import BOOLS, FLOATS, INTS, OUT_INTS, float64, kernel
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.log import Log
 
@@ -31,27 +19,6 @@ IN_LANE = 1.0  # [m] largest distance from the centre line of an agent that driv
 APART = 1.8  # [m] distance from the logged path, half a lane, beyond which an agent is in another lane than its log
 ABREAST = 40.0  # [m] distance within which only one agent begins a lane change at a step; others react at the next
 INTENT = 2.0  # [s] time after which an agent's position on its path shows the lane into which it moves
-
-
-@configuration
-class PassingConfig:
-    """Which agents pass, and how.
-
-    Attributes:
-        slower: an agent is held back if it is slower than its log, lag included, by more than this.
-        patience: steps in a row for which it is held back before it looks for another lane.
-        again: least number of steps from one lane change to the next.
-        change_time: duration of a lane change.
-        look: distance ahead over which both lanes must lead the same way: enough to change, pass, and change back.
-        mobil: criteria of lane changes.
-    """
-
-    slower: Positive[Speed] = 0.5
-    patience: Positive[Steps] = 1
-    again: NonNegative[Steps] = 40
-    change_time: ChangeTime = 3.5
-    look: NonNegative[Length] = 150.0
-    mobil: LaneChangeConfig = field(default_factory=LaneChangeConfig)
 
 
 class Passing:
@@ -62,7 +29,7 @@ class Passing:
         self._lines = LaneLines(lane_map)
 
     def may_return(
-        self, table: AgentTable, off: OffLog, rows: IntArray, lag: IntArray, residuals: Residuals
+        self, table: AgentTable, diverged: DivergedAgents, rows: IntArray, lag: IntArray, residuals: Residuals
     ) -> BoolArray:
         """Mask (r,) of the agents that have not left the lanes of their logs to pass, or can return to them.
 
@@ -70,39 +37,41 @@ class Passing:
 
         Args:
             table: all agents.
-            off: r agents.
+            diverged: r agents.
             rows: (r,) of the agents in `table`.
             lag: (r,) steps by which their logs lag.
             residuals: of the agents.
         """
-        may = np.ones(len(off), np.bool_)
-        at = ((off.beside != NO_LANE) & residuals.known).nonzero()[0]
+        may = np.ones(len(diverged), np.bool_)
+        at = ((diverged.beside != NO_LANE) & residuals.known).nonzero()[0]
         if len(at):
-            me, log_rows = rows[at], self._log.ids.searchsorted(off.agent[at])
+            me, log_rows = rows[at], self._log.ids.searchsorted(diverged.agent[at])
             yaw = self._log.yaw[log_rows, self._clipped(table.step - lag[at])]
             here = self._lane_map.nearest(table.x[me], table.y[me], table.yaw[me]).lane
             there = self._lane_map.nearest(residuals.x[at], residuals.y[at], yaw).lane
             may[at] = self._lines.road[here] == self._lines.road[there]
             other = may[at] & (here != there)
             at = at[other]
-            may[at] = self._weighed(table, off, rows, self._wanted(off, table, lag), at, here[other], there[other]).safe
+            may[at] = self._weighed(
+                table, diverged, rows, self._desired_speeds(diverged, table, lag), at, here[other], there[other]
+            ).safe
         return may
 
-    def look_for_lanes(self, table: AgentTable, off: OffLog, rows: IntArray, lag: IntArray) -> None:
+    def change_lanes(self, table: AgentTable, diverged: DivergedAgents, rows: IntArray, lag: IntArray) -> None:
         """Let agents that have been held back for long enough change lane where they can; in place.
 
         Args:
             table: all agents.
-            off: r agents; one that is handed back and begins to pass is HELD again.
+            diverged: r agents; one that is handed back and begins to pass is HELD again.
             rows: (r,) of the agents in `table`.
             lag: (r,) steps by which their logs lag.
         """
-        config, wanted = self._config, self._wanted(off, table, lag)
-        off.slowed[:] = np.where(table.speed[rows] < wanted - config.slower, off.slowed + 1, 0)
-        self._stay_beside(table, off, rows)
-        self._give_up(table, off, rows, wanted)
-        waits = (off.slowed >= config.patience) & (table.step - off.changed_step >= config.again)
-        at = ((waits | (off.beside != NO_LANE)) & (off.state != RELEASED)).nonzero()[0]
+        config, desired = self._config, self._desired_speeds(diverged, table, lag)
+        diverged.slowed[:] = np.where(table.speed[rows] < desired - config.slower, diverged.slowed + 1, 0)
+        self._stay_beside(table, diverged, rows)
+        self._give_up(table, diverged, rows, desired)
+        waits = (diverged.slowed >= config.patience) & (table.step - diverged.changed_step >= config.again)
+        at = ((waits | (diverged.beside != NO_LANE)) & (diverged.state != RELEASED)).nonzero()[0]
         if not len(at):
             return
         here = self._lane_map.nearest(table.x[rows[at]], table.y[rows[at]], table.yaw[rows[at]])
@@ -111,66 +80,66 @@ class Passing:
         both, here_lane = np.concatenate([at, at]), np.concatenate([lane, lane])
         there = np.concatenate([self._lines.left[lane], self._lines.right[lane]])
         part = self._lines.beside(here_lane, there) < np.concatenate([ahead, ahead])
-        must = part & np.concatenate(self._to_either_side(table, off, rows, at, lane))
+        must = part & np.concatenate(self._to_either_side(table, diverged, rows, at, lane))
         can = (there != NO_LANE) & (must | (waits[both] & ~part))
         both, here_lane, there, must = both[can], here_lane[can], there[can], must[can]
         if not len(both):
             return
-        changes = self._weighed(table, off, rows, wanted, both, here_lane, there)
+        changes = self._weighed(table, diverged, rows, desired, both, here_lane, there)
         worth = changes.safe & (must | (changes.gain > config.mobil.threshold))
         if not worth.any():
             return
         me = rows[both]
         for k in _chosen(both, changes.gain, worth, table.scene[me], table.x[me], table.y[me], ABREAST).tolist():
-            self._change(table, off, int(both[k]), int(rows[both[k]]), int(there[k]))
+            self._change(table, diverged, int(both[k]), int(rows[both[k]]), int(there[k]))
 
     def _to_either_side(
-        self, table: AgentTable, off: OffLog, rows: IntArray, at: IntArray, lane: IntArray
+        self, table: AgentTable, diverged: DivergedAgents, rows: IntArray, at: IntArray, lane: IntArray
     ) -> tuple[BoolArray, BoolArray]:
         """Masks (k,) of passing agents that have the lanes of their logs to the left, and to the right.
 
         The agents are those at positions `at` (k,), in lanes `lane` (k,); one passes if it has taken that lane to pass.
         """
-        d = off.logged_paths.project(at, table.x[rows[at]], table.y[rows[at]]).d
-        passes = off.beside[at] == lane
+        d = diverged.logged_paths.project(at, table.x[rows[at]], table.y[rows[at]]).d
+        passes = diverged.beside[at] == lane
         return passes & (d < -APART), passes & (d > APART)
 
-    def _change(self, table: AgentTable, off: OffLog, at: int, row: int, lane: int) -> None:
-        """Let the agent at position `at` of `off`, in `row` of the table, change to `lane` if there is a path."""
+    def _change(self, table: AgentTable, diverged: DivergedAgents, at: int, row: int, lane: int) -> None:
+        """Let the agent at position `at` of `diverged`, in `row` of the table, change to `lane` if there is a path."""
         pose = np.array([table.x[row], table.y[row], table.yaw[row]])
         path = self._router.beside(pose, self._config.change_time * float(table.speed[row]), lane)
         if path is not None:
-            off.pass_along(at, path, lane, table.step)
+            diverged.pass_along(at, path, lane, table.step)
 
-    def _give_up(self, table: AgentTable, off: OffLog, rows: IntArray, wanted: FloatArray) -> None:
+    def _give_up(self, table: AgentTable, diverged: DivergedAgents, rows: IntArray, desired: FloatArray) -> None:
         """Return agents to their logged paths that are not in their new lanes yet and can no longer change."""
-        at = (off.beside != NO_LANE).nonzero()[0]
+        at = (diverged.beside != NO_LANE).nonzero()[0]
         if not len(at):
             return
-        there, me = off.beside[at], rows[at]
+        there, me = diverged.beside[at], rows[at]
         line = self._lines.rows(there)
         outside = np.abs(self._lines.made.project(line, table.x[me], table.y[me]).d) > 0.5 * self._lines.width(there)
         if not outside.any():
             return
         at, there, me = at[outside], there[outside], me[outside]
         here = self._lane_map.nearest(table.x[me], table.y[me], table.yaw[me]).lane
-        off.give_up(at[~self._weighed(table, off, rows, wanted, at, here, there).room], table.step)
+        diverged.give_up(at[~self._weighed(table, diverged, rows, desired, at, here, there).room], table.step)
 
-    def _stay_beside(self, table: AgentTable, off: OffLog, rows: IntArray) -> None:
+    def _stay_beside(self, table: AgentTable, diverged: DivergedAgents, rows: IntArray) -> None:
         """Keep agents in their present lanes that were returning to those of their logs and are held again."""
-        at = ((off.changed_step >= 0) & (off.state == HELD) & (off.source == LOGGED)).nonzero()[0]
+        at = ((diverged.changed_step >= 0) & (diverged.state == HELD) & (diverged.source == LOGGED)).nonzero()[0]
         if not len(at):
             return
         me = rows[at]
-        apart = np.abs(off.logged_paths.project(at, table.x[me], table.y[me]).d) > APART
+        apart = np.abs(diverged.logged_paths.project(at, table.x[me], table.y[me]).d) > APART
         at, me = at[apart], me[apart]
         lanes = self._lane_map.nearest(table.x[me], table.y[me], table.yaw[me]).lane
         for k, row, lane in zip(at.tolist(), me.tolist(), lanes.tolist(), strict=True):
-            self._change(table, off, k, row, lane)
+            self._change(table, diverged, k, row, lane)
 
-    def _wanted(self, off: OffLog, table: AgentTable, lag: IntArray) -> FloatArray:
+    def _desired_speeds(self, diverged: DivergedAgents, table: AgentTable, lag: IntArray) -> FloatArray:
         """Speeds (r,) [m/s] of the agents' logs, lags included; with time_shift, those at the agents' positions."""
-        log_rows = self._log.ids.searchsorted(off.agent)
+        log_rows = self._log.ids.searchsorted(diverged.agent)
         return self._log.speed[log_rows, self._clipped(table.step - lag)]
 
     def _clipped(self, step: IntArray) -> IntArray:
@@ -180,16 +149,16 @@ class Passing:
     def _weighed(
         self,
         table: AgentTable,
-        off: OffLog,
+        diverged: DivergedAgents,
         rows: IntArray,
-        wanted: FloatArray,
+        desired: FloatArray,
         at: IntArray,
         here: IntArray,
         there: IntArray,
     ) -> LaneChanges:
         """Weigh lane changes from lanes `here` to lanes `there` (k,) of the agents at positions `at` (k,).
 
-        `wanted` (r,) are the desired speeds of all agents off their logs [m/s].
+        `desired` (r,) are the desired speeds of all agents off their logs [m/s].
         """
         if not len(at):
             return LaneChanges(np.zeros(0), np.zeros(0, np.bool_), np.zeros(0, np.bool_))
@@ -199,55 +168,20 @@ class Passing:
         x, y = lines.point(s, line).T
         heading = lines.heading(line, lines.segment(s[:, None], line)[:, 0])
         view = along_paths(lines, table, me, poses=(x, y, heading), path=line)
-        claimed = self._claims(table, off, rows, line[count:], there, view)
+        claimed = self._claims(table, diverged, rows, there, view)
         me, reach = me[:count], self._config.change_time * table.speed[me[:count]]
-        return weigh_changes(self._config.mobil, table, me, wanted[at], view, claimed, reach)
+        return weigh_changes(self._config.mobil, table, me, desired[at], view, claimed, reach)
 
     def _claims(
-        self, table: AgentTable, off: OffLog, rows: IntArray, line: IntArray, there: IntArray, view: AlongPath
+        self, table: AgentTable, diverged: DivergedAgents, rows: IntArray, there: IntArray, view: AlongPath
     ) -> BoolArray:
-        """Mask (k, w) of other agents with paths that lead into the lanes `there` (k,), which have the lines `line`.
+        """Mask (k, w) of other agents with paths that lead into the lanes `there` (k,).
 
         Covers agents in the scenes of those that have the `view`; its first k rows are theirs.
         """
-        s = off.paths.project(off.paths.each, table.x[rows], table.y[rows]).s
-        x, y = off.paths.point(s + INTENT * table.speed[rows]).T
-        lines = self._lines.made
-        half_width = 0.5 * self._lines.width(there)
-        return _in_lanes(
-            lines.segments, lines.circles, lines.count, line, half_width, rows, x, y, view.first, view.s.shape[1]
-        )
-
-
-@kernel(OUT_BOOLS2(FLOATS3, FLOATS3, INTS, INTS, FLOATS, INTS, FLOATS, FLOATS, INTS, int64))
-def _in_lanes(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    segments: FloatArray,
-    circles: FloatArray,
-    count: IntArray,
-    line: IntArray,
-    half_width: FloatArray,
-    rows: IntArray,
-    x: FloatArray,
-    y: FloatArray,
-    first: IntArray,
-    most: int,
-) -> BoolArray:
-    """Return the mask (k, w) of agents in each of k lanes.
-
-    Args:
-        segments, circles, count: of lines, see :mod:`litsim_policy.motion.path_kernels`.
-        line, half_width: (k,) position of the line of each lane, and half the width of the lane [m].
-        rows, x, y: (r,) rows of the agents, ascending, and their assumed positions [m].
-        first: (k,) row of the agent of column 0, for each lane.
-        most: number w of columns.
-    """
-    found = np.zeros((len(line), most), np.bool_)
-    for k in range(len(line)):
-        p = line[k]
-        for i in range(np.searchsorted(rows, first[k]), np.searchsorted(rows, first[k] + most)):
-            off = nearest(segments[p], circles[p], count[p], x[i], y[i])[2]
-            found[k, rows[i] - first[k]] = abs(off) < half_width[k]
-    return found
+        s = diverged.paths.project(diverged.paths.each, table.x[rows], table.y[rows]).s
+        x, y = diverged.paths.point(s + INTENT * table.speed[rows]).T
+        return self._lines.inside(there, rows, (x, y), view.first, view.s.shape[1])
 
 
 @kernel(OUT_INTS(INTS, FLOATS, BOOLS, INTS, FLOATS, FLOATS, float64))
@@ -274,8 +208,8 @@ def _chosen(
                 better = False
         for c in range(count):
             other = best[c]
-            near = (x[other] - x[k]) ** 2 + (y[other] - y[k]) ** 2 < abreast**2
-            if scene[other] == scene[k] and near:
+            close = (x[other] - x[k]) ** 2 + (y[other] - y[k]) ** 2 < abreast**2
+            if scene[other] == scene[k] and close:
                 better = False
         if better:
             best[count] = k

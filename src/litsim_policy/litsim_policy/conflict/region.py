@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from litsim_policy.conflict.detection import Conflict
-from litsim_policy.conflict.life_cycle import Residuals
-from litsim_policy.conflict.off_log import OffLog
+from litsim_policy.conflict.detector import Conflict
+from litsim_policy.conflict.diverged import DivergedAgents, Residuals
 from litsim_policy.motion.reference_path import logged_path, route_path
 from litsim_predictor.forecast import Forecast
 from litsim_sim.core.nearby import around
@@ -30,7 +29,7 @@ class RegionManager:
         """Begin without takeovers; `roi_m` [m] replaces the scenario's unless it is 0."""
         self._scenario, self._roi_m = scenario, roi_m or scenario.roi_m
         self._ego_ids = scenario.ego_ids
-        self._off = OffLog.empty()
+        self._diverged = DivergedAgents.empty()
         self.iterations: IntArray = np.zeros(len(self._ego_ids), np.int64)
         self.converged: BoolArray = np.ones(len(self._ego_ids), np.bool_)
 
@@ -38,19 +37,19 @@ class RegionManager:
         """The agents off their logs at this step; the forecast is ignored."""
         if table.step < self._scenario.history_steps:
             return TakeoverTable(table.step)
-        self._off = self._off.take(table.rows(self._off.agent) >= 0)
+        self._diverged = self._diverged.kept(table.rows(self._diverged.agent) >= 0)
         ego = table.mask(self._ego_ids)
-        off = ego | table.mask(self._off.agent)
+        diverged = ego | table.mask(self._diverged.agent)
         late = table.of_policy
-        near = around(table, ego, self._roi_m) & ~table.obstacle
-        for row in np.flatnonzero((near | late) & ~off):
+        close = around(table, ego, self._roi_m) & ~table.obstacle
+        for row in np.flatnonzero((close | late) & ~diverged):
             self._open(table, int(row), TakeoverReason.BLOCKED_ENTRY if late[row] else TakeoverReason.REGION)
-        rows = table.rows(self._off.agent)
+        rows = table.rows(self._diverged.agent)
         log = self._scenario.log
         on_time = np.zeros(len(rows), np.int64)
-        residuals = Residuals.of(log, np.searchsorted(log.ids, self._off.agent), on_time, table, rows)
+        residuals = Residuals.of(log, np.searchsorted(log.ids, self._diverged.agent), on_time, table, rows)
         return TakeoverTable(
-            table.step, self._off.report(table.x[rows], table.y[rows], residuals.reported, on_time), iterations=0
+            table.step, self._diverged.report(table.x[rows], table.y[rows], residuals.reported, on_time), iterations=0
         )
 
     def _open(self, table: AgentTable, row: int, reason: TakeoverReason) -> None:
@@ -59,6 +58,6 @@ class RegionManager:
         nothing = Conflict(agent, int(self._ego_ids[table.scene[row]]), 0.0, pose, 0.0)
         path = route_path(self._scenario.log, self._scenario.lane_map, agent, pose)
         logged = logged_path(self._scenario.log, self._scenario.lane_map, agent)
-        opened = OffLog.opened(nothing, table.step, reason, path, PathSource.LANE, logged)
+        opened = DivergedAgents.opened(nothing, table.step, reason, path, PathSource.LANE, logged)
         opened.in_conflict[:] = False
-        self._off = self._off.joined(opened)
+        self._diverged = self._diverged.joined(opened)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from litsim_policy.conflict.config import ConflictConfig
+from litsim_policy.conflict.config import ConflictConfig, TakeoverConfig
 from litsim_policy.conflict.region import RegionManager
-from litsim_policy.conflict.takeover import TakeoverConfig, TakeoverManager
+from litsim_policy.conflict.takeover import TakeoverManager
 from litsim_predictor.forecast import Forecast
 from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.scene import AgentTable, BoolArray, IntArray

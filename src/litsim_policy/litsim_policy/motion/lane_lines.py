@@ -6,10 +6,13 @@ from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
+from numba.types import Tuple, UniTuple
 
 from litsim_policy.motion.path_batch import PathBatch
+from litsim_policy.motion.path_kernels import nearest
 from litsim_policy.motion.reference_path import BEYOND, ReferencePath
-from litsim_sim.core.scene import FloatArray, IntArray
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import FLOATS, FLOATS3, INTS, OUT_BOOLS2, int64, kernel
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.net_lanes import Lane
 
@@ -82,6 +85,22 @@ class LaneLines:
         """Returns widths (k,) of `lanes` (k,) [m]."""
         return self._widths[lanes]
 
+    def inside(
+        self, lanes: IntArray, rows: IntArray, places: tuple[FloatArray, FloatArray], first: IntArray, most: int
+    ) -> BoolArray:
+        """Mask (k, w) of agents that are between the edges of each of `lanes` (k,).
+
+        Args:
+            lanes: positions in `LaneMap.lanes`.
+            rows: (r,) of the agents, ascending.
+            places: their x and y (r,) [m].
+            first: (k,) row of the agent of column 0, for each lane.
+            most: number w of columns.
+        """
+        line, lines = self.rows(lanes), self.made
+        laid_out = lines.segments, lines.circles, lines.count
+        return _inside(laid_out, line, 0.5 * self.width(lanes), rows, places, first, most)
+
     @cached_property
     def _widths(self) -> FloatArray:
         return np.array([lane.width for lane in self._lane_map.lanes])
@@ -120,3 +139,33 @@ def _neighbours(lane_map: LaneMap, names: Iterable[str | None]) -> IntArray:
         ],
         np.int64,
     )
+
+
+@kernel(OUT_BOOLS2(Tuple((FLOATS3, FLOATS3, INTS)), INTS, FLOATS, INTS, UniTuple(FLOATS, 2), INTS, int64))
+def _inside(
+    lines: tuple[FloatArray, FloatArray, IntArray],
+    line: IntArray,
+    half_width: FloatArray,
+    rows: IntArray,
+    places: tuple[FloatArray, FloatArray],
+    first: IntArray,
+    most: int,
+) -> BoolArray:
+    """See :meth:`LaneLines.inside`.
+
+    Args:
+        lines: segments, circles and count of points, see :mod:`litsim_policy.motion.path_kernels`.
+        line, half_width: (k,) position of the line of each lane, and half the width of the lane [m].
+        rows, places: (r,) rows of the agents, ascending, and x and y of their positions [m].
+        first: (k,) row of the agent of column 0, for each lane.
+        most: number w of columns.
+    """
+    segments, circles, count = lines
+    x, y = places
+    inside = np.zeros((len(line), most), np.bool_)
+    for k in range(len(line)):
+        p = line[k]
+        for i in range(np.searchsorted(rows, first[k]), np.searchsorted(rows, first[k] + most)):
+            offset = nearest(segments[p], circles[p], count[p], x[i], y[i])[2]
+            inside[k, rows[i] - first[k]] = abs(offset) < half_width[k]
+    return inside

@@ -13,7 +13,7 @@ import numpy as np
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.runs.runner import Runner, record
 from litsim_policy.conflict.config import ConflictConfig
-from litsim_policy.conflict.detection import ConflictDetector
+from litsim_policy.conflict.detector import ConflictDetector
 from litsim_predictor.inference.contract import ModeChoice
 from litsim_predictor.models import make_predictor
 from litsim_research.calibration.conflict_recall import PairScores, score_drives

@@ -13,7 +13,8 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from litsim_policy.conflict.detection import ConflictDetector
+from litsim_policy.conflict.detector import ConflictDetector
+from litsim_policy.conflict.futures import Futures
 from litsim_predictor.forecast import Forecast, Predictor
 from litsim_research.predictors.evaluation.drives import Drive, drives
 from litsim_sim.core.geometry import boxes_overlap
@@ -31,19 +32,19 @@ class PairScores:
     """Pairs of a step and an agent; arrays (k, H) by the horizons :data:`SECONDS`.
 
     Attributes:
-        chance: largest probability of an overlap up to the horizon; 0 below :data:`LEAST`.
+        probability: largest probability of an overlap up to the horizon; 0 below :data:`LEAST`.
         real: whether the boxes overlap by then.
         known: whether the drive lasts until then.
     """
 
-    chance: FloatArray
+    probability: FloatArray
     real: BoolArray
     known: BoolArray
 
     @classmethod
     def joined(cls, parts: Sequence[PairScores]) -> PairScores:
         """Return `parts` concatenated."""
-        empty = {"chance": np.empty((0, len(SECONDS)))}
+        empty = {"probability": np.empty((0, len(SECONDS)))}
         flags = np.empty((0, len(SECONDS)), np.bool_)
         return cls(
             *(np.concatenate([empty.get(f.name, flags), *(getattr(p, f.name) for p in parts)]) for f in fields(cls))
@@ -58,8 +59,8 @@ class PairScores:
         """
         at = SECONDS.index(second)
         known = self.known[:, at]
-        chance, real = self.chance[known, at], self.real[known, at]
-        predicted = chance[:, None] >= thresholds
+        probability, real = self.probability[known, at], self.real[known, at]
+        predicted = probability[:, None] >= thresholds
         hit = (predicted & real[:, None]).sum(axis=0).astype(np.float64)
         said = predicted.sum(axis=0)
         precision = np.divide(hit, said, out=np.full(len(thresholds), np.nan), where=said > 0)
@@ -115,14 +116,16 @@ def _judged(
 ) -> PairScores:
     """Scores of the pairs of one step; `meets` are the ids that overlap the ego at each step, `met` all until now."""
     off = table.id == ego
-    pairs = detector.near(table, ~off & ~np.isin(table.id, list(met)), off)
-    chance = detector.chances(table, detector.futures.logged(table), forecast, pairs, LEAST)
-    agents = table.id[pairs[:, 0]].tolist()
+    futures = Futures(detector.log, detector.config, table, forecast)
+    pairs, probability = detector.pair_probabilities(futures, ~off & ~np.isin(table.id, list(met)), off, LEAST)
+    agents = futures.covered.id[pairs[:, 0]].tolist()
     last = len(meets) - 1
     steps = [round(second / STEP_S) for second in SECONDS]
     upto = [set().union(*meets[table.step + 1 : table.step + 1 + count]) for count in steps]
     return PairScores(
-        np.stack([chance[:, :count].max(axis=1, initial=0.0) for count in steps], axis=1).reshape(-1, len(SECONDS)),
+        np.stack([probability[:, :count].max(axis=1, initial=0.0) for count in steps], axis=1).reshape(
+            -1, len(SECONDS)
+        ),
         np.array([[agent in ids for ids in upto] for agent in agents], np.bool_).reshape(-1, len(SECONDS)),
         np.broadcast_to([table.step + count <= last for count in steps], (len(agents), len(SECONDS))),
     )

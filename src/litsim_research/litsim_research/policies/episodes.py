@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from litsim_policy.conflict.config import ConflictConfig
-from litsim_policy.conflict.takeover import TakeoverConfig, TakeoverManager
+from litsim_policy.conflict.config import ConflictConfig, TakeoverConfig
+from litsim_policy.conflict.takeover import TakeoverManager
 from litsim_policy.driving.action import consistent, normalised
 from litsim_policy.driving.features.observation import ObservationConfig, Observer
 from litsim_policy.driving.policy_c import commanded, merged

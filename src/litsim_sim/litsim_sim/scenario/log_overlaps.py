@@ -31,7 +31,7 @@ class LogOverlaps:
         """(m,) whether the boxes of each of `pairs` (m, 2), rows of the log, overlap at any step."""
         return np.array([len(self.steps(a, b)) > 0 for a, b in pairs.tolist()], np.bool_)
 
-    def excuse(self, a: int, b: int, now: IntArray, x: FloatArray, y: FloatArray, later: int = ABOUT_THEN) -> BoolArray:
+    def exempt(self, a: int, b: int, now: IntArray, x: FloatArray, y: FloatArray, later: int = ABOUT_THEN) -> BoolArray:
         """(m,) whether the log has an overlap of both agents near steps `now` (m,), with b at its logged position.
 
         Args:
@@ -57,7 +57,7 @@ class LogOverlaps:
         """
         if not len(self.steps(a, b)):
             return False
-        return bool(self.excuse(a, b, np.array([now]), np.array([x]), np.array([y]), ON_THE_WAY)[0])
+        return bool(self.exempt(a, b, np.array([now]), np.array([x]), np.array([y]), ON_THE_WAY)[0])
 
     def _find(self, a: int, b: int) -> IntArray:
         log = self._log

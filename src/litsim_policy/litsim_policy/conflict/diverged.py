@@ -1,31 +1,37 @@
-"""The agents off their logs as a table: reason and time of the takeover, goal, path and state."""
+"""The agents off their logs as a table: why and since when, on which path, in which state, and how far from the log."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from numba import types
 
-from litsim_policy.conflict.detection import Conflict
+from litsim_policy.conflict.detector import Conflict
 from litsim_policy.motion.lane_lines import NO_LANE
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
+from litsim_sim.core.pair_geometry import wrapped
 from litsim_sim.core.quickly_made import quickly_made
-from litsim_sim.core.scene import STEP_S, BoolArray, ByteArray, FloatArray, IntArray
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ByteArray, FloatArray, IntArray
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState
+from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_BOOLS, OUT_FLOATS2, kernel
+from litsim_sim.scenario.log import Log
 
 ObjectArray = npt.NDArray[Any]
 LOGGED = int(PathSource.LOGGED)
+HELD, HANDBACK, RELEASED = int(TakeoverState.HELD), int(TakeoverState.HANDBACK), int(TakeoverState.RELEASED)
 LAID_OUT = ("paths", "logged_paths")  # fields of a table that are made on first use, and kept
 STATES, REASONS, SOURCES = tuple(TakeoverState), tuple(TakeoverReason), tuple(PathSource)  # numbered from 0 on
 
 
 @quickly_made
 @dataclass(frozen=True, eq=False)
-class OffLog:
+class DivergedAgents:
     """r agents off their logs, ids ascending; arrays (r,) unless stated otherwise.
 
     States, counts and paths change from step to step, in place (:meth:`return_to_log`); a change of the set of agents
@@ -72,7 +78,7 @@ class OffLog:
         return len(self.agent)
 
     @classmethod
-    def empty(cls) -> OffLog:
+    def empty(cls) -> DivergedAgents:
         """Return an empty table."""
         whole, real, byte = np.empty(0, np.int64), np.empty(0), np.empty(0, np.uint8)
         flags, paths = np.empty(0, np.bool_), np.empty(0, object)
@@ -88,7 +94,7 @@ class OffLog:
         path: ReferencePath,
         source: PathSource,
         logged: ReferencePath,
-    ) -> OffLog:
+    ) -> DivergedAgents:
         """Return the table of one agent that is taken over at `step`."""
         goal_s, _ = path.project(conflict.pose[:1], conflict.pose[1:2])
         paths, recorded = np.empty(1, object), np.empty(1, object)
@@ -113,21 +119,21 @@ class OffLog:
             changed_step=np.array([-1]),
         )
 
-    def take(self, which: BoolArray) -> OffLog:
+    def kept(self, which: BoolArray) -> DivergedAgents:
         """The agents in the mask `which` (r,)."""
         if which.all():
             return self
-        kept = which.nonzero()[0]
-        taken = OffLog(*(getattr(self, field.name)[kept] for field in fields(self)))
-        taken.__dict__.update({name: self.__dict__[name].take(kept) for name in LAID_OUT if name in self.__dict__})
-        return taken
+        at = which.nonzero()[0]
+        agents = DivergedAgents(*(getattr(self, field.name)[at] for field in fields(self)))
+        agents.__dict__.update({name: self.__dict__[name].take(at) for name in LAID_OUT if name in self.__dict__})
+        return agents
 
-    def joined(self, *others: OffLog) -> OffLog:
+    def joined(self, *others: DivergedAgents) -> DivergedAgents:
         """All these tables in one; no agent is in two of them."""
         tables = (self, *others)
         order = np.argsort(np.concatenate([table.agent for table in tables]), kind="stable")
         columns = (np.concatenate([getattr(table, f.name) for table in tables]) for f in fields(self))
-        return OffLog(*(column[order] for column in columns))
+        return DivergedAgents(*(column[order] for column in columns))
 
     @cached_property
     def paths(self) -> PathBatch:
@@ -170,7 +176,7 @@ class OffLog:
 
         Args:
             x, y: (r,) of the agents now, frame map [m]; their reference paths begin a little behind.
-            residuals: (r,) of position and speed [m], [m/s]; see :attr:`.life_cycle.Residuals.reported`.
+            residuals: (r,) of position and speed [m], [m/s]; see :attr:`Residuals.reported`.
             lag: (r,) steps by which the log to which each agent returns lags.
         """
         if not len(self):
@@ -198,3 +204,83 @@ class OffLog:
             "time_shift": [steps * STEP_S for steps in lag.tolist()],
         }
         return tuple(Takeover(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True))
+
+
+@quickly_made
+@dataclass(frozen=True)
+class Residuals:
+    """Residuals of r agents from their logs, lags included, at a step; arrays (r,).
+
+    Attributes:
+        known: whether the log contains the agent at that time; otherwise the other fields are meaningless.
+        x, y: of the log [m].
+        position: distance [m].
+        speed: of the agent less that of the log [m/s].
+        yaw: of the agent relative to the log, to the left [rad].
+    """
+
+    known: BoolArray
+    x: FloatArray
+    y: FloatArray
+    position: FloatArray
+    speed: FloatArray
+    yaw: FloatArray
+
+    @classmethod
+    def of(cls, log: Log, log_rows: IntArray, lag: IntArray, table: AgentTable, rows: IntArray) -> Residuals:
+        """Return the residuals of agents.
+
+        Args:
+            log: of all agents.
+            log_rows: (r,) of the agents in the log.
+            lag: (r,) steps by which the logs lag.
+            table: all agents now.
+            rows: (r,) of the agents in `table`.
+        """
+        recorded, now = (log.valid, log.x, log.y, log.yaw, log.speed), (table.x, table.y, table.yaw, table.speed)
+        known, differences = _residuals(recorded, log_rows, table.step - lag, rows, now)
+        return cls(known, *differences)
+
+    @property
+    def reported(self) -> tuple[FloatArray, FloatArray]:
+        """Residuals (r,) of position [m] and speed [m/s] as published; -1 and 0 of agents that are not `known`."""
+        return np.where(self.known, self.position, -1.0), np.where(self.known, self.speed, 0.0)
+
+    def kept(self, which: BoolArray) -> Residuals:
+        """The residuals of the agents in the mask `which` (r,)."""
+        return self if which.all() else Residuals(*(getattr(self, field.name)[which] for field in fields(self)))
+
+
+@kernel(
+    types.Tuple((OUT_BOOLS, OUT_FLOATS2))(
+        types.Tuple((BOOLS2, *[FLOATS2] * 4)), INTS, INTS, INTS, types.UniTuple(FLOATS, 4)
+    )
+)
+def _residuals(
+    log: tuple[BoolArray, FloatArray, FloatArray, FloatArray, FloatArray],
+    log_rows: IntArray,
+    now: IntArray,
+    rows: IntArray,
+    agents: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+) -> tuple[BoolArray, FloatArray]:
+    """Return the first field of :class:`Residuals` (r,), and the others (5, r).
+
+    Args:
+        log: validity, x, y [m], yaw [rad] and speed [m/s] (N, S).
+        log_rows: (r,) of the agents in it.
+        now: (r,) present step of each agent's log.
+        rows: (r,) of the agents in the table.
+        agents: x, y, yaw and speed (n,) of the table.
+    """
+    log_valid, log_x, log_y, log_yaw, log_speed = log
+    x, y, yaw, speed = agents
+    count, last = len(rows), log_x.shape[1] - 1
+    known, off = np.empty(count, np.bool_), np.empty((5, count))
+    for k in range(count):
+        at, me = (log_rows[k], min(max(now[k], 0), last)), rows[k]
+        known[k] = 0 <= now[k] <= last and log_valid[at]
+        off[0, k], off[1, k] = log_x[at], log_y[at]
+        off[2, k] = math.hypot(x[me] - log_x[at], y[me] - log_y[at])
+        off[3, k] = speed[me] - log_speed[at]
+        off[4, k] = wrapped(yaw[me] - log_yaw[at])
+    return known, off

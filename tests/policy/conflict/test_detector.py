@@ -1,4 +1,4 @@
-"""Conflict detection: one golden scene per verdict, against shapely and against Monte Carlo."""
+"""Conflict detection: one golden situation per verdict, against shapely and against Monte Carlo."""
 
 from __future__ import annotations
 
@@ -14,40 +14,65 @@ from hypothesis import strategies as st
 
 from constant_motion import straight_on
 from litsim_policy.conflict.config import ConflictConfig
-from litsim_policy.conflict.detection import Conflict, ConflictDetector
-from litsim_policy.conflict.futures import PredictedMotion
+from litsim_policy.conflict.detector import (
+    FOLLOWED,
+    Conflict,
+    ConflictDetector,
+    followed,
+    in_region_of_any,
+    pairs_in_region,
+)
+from litsim_policy.conflict.futures import Futures
+from litsim_policy.conflict.predicted_motion import PredictedMotion
 from litsim_predictor.forecast import Forecast, Modes
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.geometry import box_corners
+from litsim_sim.core.geometry import box_corners, to_body
 from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.scene import STEP_S, AgentTable
 from litsim_sim.scenario.log import Log
 from strips import Strips
 
 DT = 0.2  # [s] between instants of the forecasts here
-NOW = 5  # step at which the scenes are looked at
+NOW = 5  # step at which agents are looked at
 LENGTH, WIDTH = 4.5, 2.0  # [m] of everybody
 
 
 @dataclass(frozen=True)
-class Scene:
-    """What one detection looks at; the agents of `off` are off their log."""
+class Situation:
+    """What one detection looks at; the agents of the mask `off` are off their logs."""
 
     detector: ConflictDetector
     table: AgentTable
     off: np.ndarray
-    logged: PredictedMotion
-    forecast: PredictedMotion
+    forecast: Forecast
+
+    @property
+    def futures(self) -> Futures:
+        """Those of all agents."""
+        futures, everybody = self.uncovered, np.ones(len(self.table), np.bool_)
+        futures.cover(everybody, everybody)
+        return futures
+
+    @property
+    def uncovered(self) -> Futures:
+        return Futures(self.detector.log, self.detector.config, self.table, self.forecast)
 
     def conflicts(self) -> list[Conflict]:
-        return self.detector.detect(self.table, ~self.off, self.off, self.logged, self.forecast)
+        return self.detector.conflicts(self.uncovered, ~self.off, self.off)
+
+    def probability(self, least: float) -> np.ndarray:
+        """Probabilities (m, T) of the pairs of an agent on its log with one that is off its log."""
+        return self.detector.pair_probabilities(self.uncovered, ~self.off, self.off, least)[1]
+
+    def still(self) -> np.ndarray:
+        """Ids of the agents on their logs that would remain in conflict if they were off."""
+        return self.table.id[self.detector.still_in_conflict(self.uncovered, ~self.off, self.off)]
 
 
-def scene(log: Log, table: AgentTable, *off: int, roi_m: float = 30.0, **config: float) -> Scene:
+def situation(log: Log, table: AgentTable, *off: int, roi_m: float = 30.0, **config: float) -> Situation:
     """The mean of the forecast alone counts, if not told otherwise."""
     detector = ConflictDetector(log, roi_m, ConflictConfig(**{"sigma_scale": 0.0} | config))
-    logged, forecast = detector.futures.logged(table), detector.futures.forecast(table, straight_on(table))
-    return Scene(detector, table, np.isin(table.id, off), logged, forecast)
+    return Situation(detector, table, np.isin(table.id, off), straight_on(table))
 
 
 @pytest.fixture
@@ -57,7 +82,7 @@ def look(make_scenario, track, placed, lane_centres):
     The ego is at x = 100 in lane 1, at 10 m/s if not told otherwise.
     """
 
-    def at_now(*others: dict[str, Any], ego: dict[str, float] | None = None, **config: float) -> Scene:
+    def at_now(*others: dict[str, Any], ego: dict[str, float] | None = None, **config: float) -> Situation:
         tracks = []
         for fields in others:
             begin = dict(fields)
@@ -67,12 +92,12 @@ def look(make_scenario, track, placed, lane_centres):
             tracks.append(track(**begin))
         log = make_scenario(track(1, x=300.0), *tracks).log
         where = {"x": 100.0, "y": lane_centres[1], "yaw": 0.0, "speed": 10.0} | (ego or {})
-        return scene(log, placed(log.table(NOW), 1, **where), 1, **config)
+        return situation(log, placed(log.table(NOW), 1, **where), 1, **config)
 
     return at_now
 
 
-def boxes_at(scene: Scene, agent: int, future: PredictedMotion) -> list[shapely.Polygon]:
+def boxes_at(scene: Situation, agent: int, future: PredictedMotion) -> list[shapely.Polygon]:
     """The box of `agent` at every instant of `future`."""
     row = scene.table.row(agent)
     size = np.full(future.x.shape[1], scene.table.length[row]), np.full(future.x.shape[1], scene.table.width[row])
@@ -96,9 +121,7 @@ def test_a_follower_as_slow_as_the_ego_is_in_none(look) -> None:
 
 def test_a_leader_that_the_ego_runs_into_is_in_none(look) -> None:
     scene = look({"id": 2, "x": 112.0, "speed": 4.0}, ego={"speed": 12.0})
-    pairs = scene.detector.near(scene.table, ~scene.off, scene.off)
-    chance = scene.detector.overlap_probability(scene.table, scene.logged, scene.forecast, pairs, 0.5)
-    assert chance.max() == 1.0, "they would touch, if nobody did anything"
+    assert scene.probability(0.5).max() == 1.0, "they would touch, if nobody did anything"
     assert scene.conflicts() == []
 
 
@@ -126,7 +149,8 @@ def test_who_comes_towards_the_ego_is_no_leader_of_it(look, lane_centres) -> Non
 
 def test_a_crossing_at_an_angle_is_found_when_shapely_finds_it(look, lane_centres) -> None:
     scene = look({"id": 2, "x": 94.0, "y": lane_centres[3], "speed": 14.0, "yaw": 0.3, "last": 38})
-    mine, others = boxes_at(scene, 2, scene.logged), boxes_at(scene, 1, scene.forecast)
+    futures = scene.futures
+    mine, others = boxes_at(scene, 2, futures.by_log), boxes_at(scene, 1, futures.expected)
     meet = [a.intersects(b) for a, b in zip(mine, others, strict=True)]
     (conflict,) = scene.conflicts()
     at = meet.index(True)
@@ -143,7 +167,8 @@ def test_driving_alongside_in_the_next_lane_is_none(look, lane_centres) -> None:
 def test_crossing_where_the_ego_has_been_before_is_none(look, lane_centres) -> None:
     crossing = {"id": 2, "x": 86.0, "y": lane_centres[3], "speed": 14.0, "yaw": 0.3, "last": 38}
     scene = look(crossing, ego={"speed": 14.0})
-    swept = [shapely.unary_union(boxes_at(scene, *of)) for of in ((2, scene.logged), (1, scene.forecast))]
+    futures = scene.futures
+    swept = [shapely.unary_union(boxes_at(scene, *of)) for of in ((2, futures.by_log), (1, futures.expected))]
     assert swept[0].intersects(swept[1]), "in space, they overlap"
     assert scene.conflicts() == []
 
@@ -184,14 +209,12 @@ def test_an_ego_without_a_forecast_is_in_none(look) -> None:
     found = look({"id": 2, "x": 85.0, "speed": 10.0}, ego={"speed": 4.0})
     unknown = straight_on(found.table)
     unknown.valid[found.table.row(1)] = False
-    nowhere = found.detector.futures.forecast(found.table, unknown)
-    assert len(found.conflicts()) == 1 and replace(found, forecast=nowhere).conflicts() == []
+    assert len(found.conflicts()) == 1 and replace(found, forecast=unknown).conflicts() == []
 
 
 def test_an_empty_forecast_is_no_conflict(look) -> None:
     found = look({"id": 2, "x": 85.0, "speed": 10.0}, ego={"speed": 4.0})
-    nobody = straight_on(AgentTable.empty(NOW))
-    assert not found.detector.futures.forecast(found.table, nobody).valid.any()
+    assert not replace(found, forecast=straight_on(AgentTable.empty(NOW))).futures.expected.valid.any()
 
 
 def test_the_soonest_conflict_comes_first_and_every_agent_once(look, lane_centres) -> None:
@@ -211,8 +234,7 @@ def test_of_two_opponents_the_one_that_is_met_first_is_named(look, placed, lane_
     aside = {"id": 3, "x": 92.0, "y": lane_centres[3], "speed": 5.0}
     scene = look({"id": 2, "x": 82.0, "speed": 12.0}, aside, ego={"speed": 0.0})
     table = placed(scene.table, 3, y=lane_centres[1])
-    forecast = scene.detector.futures.forecast(table, straight_on(table))
-    (conflict,) = replace(scene, table=table, forecast=forecast, off=np.isin(table.id, [1, 3])).conflicts()
+    (conflict,) = replace(scene, table=table, forecast=straight_on(table), off=np.isin(table.id, [1, 3])).conflicts()
     assert (conflict.agent, conflict.opponent) == (2, 3)
 
 
@@ -229,7 +251,7 @@ def test_background_meets_background_that_is_off_its_log(look, lane_centres) -> 
     stopped = scene.table.speed.copy()
     stopped[scene.table.row(3)] = 2.0
     table = replace(scene.table, speed=stopped)
-    forecast = scene.detector.futures.forecast(table, straight_on(table))
+    forecast = straight_on(table)
     (conflict,) = replace(scene, table=table, off=np.isin(table.id, [1, 3]), forecast=forecast).conflicts()
     assert (conflict.agent, conflict.opponent) == (2, 3)
 
@@ -276,7 +298,7 @@ def test_conflicts_do_not_depend_on_the_order_of_the_agents(agent_table, crowd: 
         table = agent_table(0, *agents)
         off = [name for name, (*_, is_off) in zip(names, crowd, strict=True) if is_off]
         original = {name: i for i, name in enumerate(names)}
-        conflicts = scene(plain_log(table), table, *off).conflicts()
+        conflicts = situation(plain_log(table), table, *off).conflicts()
         return {(original[c.agent], c.time_to_conflict, tuple(c.pose)) for c in conflicts}
 
     names = list(range(1, len(crowd) + 1))
@@ -290,11 +312,12 @@ def test_conflicts_do_not_depend_on_the_order_of_the_agents(agent_table, crowd: 
 def test_every_conflict_is_an_overlap_that_shapely_sees_and_none_comes_earlier(agent_table, crowd: list[tuple]) -> None:
     agents = [{"id": i, "x": x, "y": y, "yaw": yaw, "speed": v} for i, (x, y, yaw, v, _) in enumerate(crowd)]
     table = agent_table(0, *agents)
-    here = scene(plain_log(table), table, *[i for i, (*_, off) in enumerate(crowd) if off])
+    here = situation(plain_log(table), table, *[i for i, (*_, off) in enumerate(crowd) if off])
+    futures = here.futures
     for conflict in here.conflicts():
         at = round(conflict.time_to_conflict / STEP_S) - 1
-        mine = boxes_at(here, conflict.agent, here.logged)
-        others = boxes_at(here, conflict.opponent, here.forecast)
+        mine = boxes_at(here, conflict.agent, futures.by_log)
+        others = boxes_at(here, conflict.opponent, futures.expected)
         assert mine[at].distance(others[at]) < 1e-6
         assert all(a.intersection(b).area < 1e-3 for a, b in zip(mine[:at], others[:at], strict=True))
 
@@ -330,12 +353,9 @@ def test_whoever_is_off_its_log_stays_in_conflict_down_to_the_lower_threshold(lo
         probability_threshold=0.4,
         probability_clear=0.1,
     )
-    pairs = scene.detector.near(scene.table, ~scene.off, scene.off)
-    chance = scene.detector.overlap_probability(scene.table, scene.logged, scene.forecast, pairs, 0.01).max()
-    assert 0.1 < chance < 0.4
+    assert 0.1 < scene.probability(0.01).max() < 0.4
     assert scene.conflicts() == []
-    still = scene.detector.still_in_conflict(scene.table, ~scene.off, scene.off, scene.logged, scene.forecast)
-    assert scene.table.id[still].tolist() == [2]
+    assert scene.still().tolist() == [2]
 
 
 @pytest.mark.parametrize(
@@ -362,15 +382,15 @@ def test_the_broad_phase_loses_no_pair(agent_table, crowd: list[tuple], least: f
     """Against the exact probability of every pair at every step."""
     agents = [{"id": i, "x": x, "y": y, "yaw": yaw, "speed": v} for i, (x, y, yaw, v, _) in enumerate(crowd)]
     table = agent_table(0, *agents)
-    here = scene(plain_log(table), table, roi_m=1e3, sigma_scale=1.0)
+    here = situation(plain_log(table), table, roi_m=1e3, sigma_scale=1.0)
     everybody = np.ones(len(table), np.bool_)
-    pairs = here.detector.near(table, everybody, everybody)
-    found = here.detector.overlap_probability(table, here.logged, here.forecast, pairs, least)
-    a, b = pairs.T
+    futures = here.futures
+    pairs, found = here.detector.pair_probabilities(futures, everybody, everybody, least)
+    logged, forecast, (a, b) = futures.by_log, futures.expected, pairs.T
     size = [np.full(found.size, v) for v in (LENGTH, WIDTH)]
-    strips = Strips.of(here.logged.yaw[a].ravel(), here.forecast.yaw[b].ravel(), tuple(size), tuple(size))
-    dx, dy = (getattr(here.forecast, f)[b] - getattr(here.logged, f)[a] for f in ("x", "y"))
-    exact = strips.probability(dx.ravel(), dy.ravel(), here.forecast.covariance[b].reshape(-1, 3).T)
+    strips = Strips.of(logged.yaw[a].ravel(), forecast.yaw[b].ravel(), tuple(size), tuple(size))
+    dx, dy = (getattr(forecast, f)[b] - getattr(logged, f)[a] for f in ("x", "y"))
+    exact = strips.probability(dx.ravel(), dy.ravel(), forecast.covariance[b].reshape(-1, 3).T)
     exact = exact.reshape(found.shape)
     assert found == pytest.approx(np.where(exact >= least, exact, 0.0), abs=1e-9)
 
@@ -399,48 +419,143 @@ def test_a_turn_that_is_less_probable_is_weighed(look, lane_centres) -> None:
     scene = look({"id": 2, "x": 100.0, "y": lane_centres[2], "speed": 10.0})
     row, aside = scene.table.row(1), 1.5 * np.sign(lane_centres[2] - lane_centres[1])
     forecast = with_mode(straight_on(scene.table), row, (10.0, aside), 0.35)
-    expected = scene.detector.futures.forecast(scene.table, forecast)
-    assert expected.others.row.tolist() == [row] and expected.others.weight == pytest.approx([0.35])
-    assert expected.others.states[0, 9, :2] == pytest.approx([110.0, lane_centres[1] + aside])
-    pair = np.array([[scene.table.row(2), row]])
-    chance = scene.detector.overlap_probability(scene.table, scene.logged, expected, pair, 0.2)
-    assert chance.max() == pytest.approx(0.35)
-    assert not scene.detector.overlap_probability(scene.table, scene.logged, scene.forecast, pair, 0.2).any()
-    others = scene.detector.futures.expected(scene.table, forecast, scene.table.id == 2).others
-    assert not len(others), "nobody asks for those of the ego"
+    turning = replace(scene, forecast=forecast)
+    others = turning.futures.expected.alternatives
+    assert others.row.tolist() == [row] and others.weight == pytest.approx([0.35])
+    assert others.states[0, 9, :2] == pytest.approx([110.0, lane_centres[1] + aside])
+    assert turning.probability(0.2).max() == pytest.approx(0.35)
+    assert not scene.probability(0.2).any()
+    futures = turning.uncovered
+    futures.cover(np.ones(len(scene.table), np.bool_), scene.table.id == 2)
+    assert not len(futures.expected.alternatives), "nobody asks for those of the ego"
 
 
 @pytest.mark.parametrize(("closing_time", "urgent"), [(1.0, True), (0.0, False)])
 def test_what_closes_fast_is_urgent_whatever_is_forecast(look, closing_time: float, urgent: bool) -> None:
-    """The ego brakes hard right before agent 2; its forecast does not see it."""
+    """The ego brakes hard right before agent 2, and is not forecast."""
     ego = {"speed": 10.0, "acceleration": -8.0}
     scene = look({"id": 2, "x": 91.5, "speed": 14.0}, ego=ego, closing_time=closing_time)
-    away = np.array([500.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    elsewhere = PredictedMotion(scene.forecast.states + away, scene.forecast.valid)
-    found = scene.detector.detect(scene.table, ~scene.off, scene.off, scene.logged, elsewhere)
-    assert [(each.agent, each.urgent) for each in found] == ([(2, True)] if urgent else [])
-    still = scene.detector.still_in_conflict(scene.table, ~scene.off, scene.off, scene.logged, elsewhere)
-    assert still[scene.table.row(2)] == urgent
+    scene = replace(scene, forecast=Forecast.empty(NOW))
+    conflicts = scene.conflicts()
+    assert [(conflict.agent, conflict.urgent) for conflict in conflicts] == ([(2, True)] if urgent else [])
+    assert scene.still().tolist() == ([2] if urgent else [])
     if urgent:
-        assert found[0].time_to_conflict <= 1.0 and found[0].overlap_probability == 1.0
+        assert conflicts[0].time_to_conflict <= 1.0 and conflicts[0].overlap_probability == 1.0
 
 
 @pytest.mark.parametrize(("braking", "found"), [(3.5, False), (5.0, True), (8.0, True)])
 def test_whoever_brakes_in_an_emergency_is_seen_for_twice_as_long(look, placed, braking: float, found: bool) -> None:
-    """Agent 3 brakes 5.5 m ahead of agent 2, at 14 m/s both; no forecast sees it, and they meet after 1.2 to 1.8 s."""
+    """Agent 3 brakes 5.5 m ahead of agent 2, at 14 m/s both, without a forecast, and they meet after 1.2 to 1.8 s."""
     scene = look({"id": 2, "x": 100.0, "speed": 14.0}, {"id": 3, "x": 100.0, "speed": 14.0}, ego={"x": 250.0})
     table = placed(scene.table, 3, x=110.0, speed=14.0, acceleration=-braking)
-    off = scene.off | (table.id == 3)
-    away = np.array([500.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    elsewhere = PredictedMotion(scene.forecast.states + away, scene.forecast.valid)
-    conflicts = scene.detector.detect(table, ~off, off, scene.logged, elsewhere)
-    assert [(each.agent, each.opponent, each.urgent) for each in conflicts] == [(2, 3, True)] * found
-    assert all(1.0 < each.time_to_conflict < 2.0 for each in conflicts)
+    scene = replace(scene, table=table, off=scene.off | (table.id == 3), forecast=Forecast.empty(NOW))
+    conflicts = scene.conflicts()
+    assert [(one.agent, one.opponent, one.urgent) for one in conflicts] == [(2, 3, True)] * found
+    assert all(1.0 < one.time_to_conflict < 2.0 for one in conflicts)
 
 
 def test_whoever_brakes_in_an_emergency_is_taken_to_go_on(look, placed) -> None:
     scene = look({"id": 2, "x": 100.0, "speed": 14.0})
     table, time = placed(scene.table, 2, acceleration=-5.0), 0.1 * np.arange(1, 31)
     braked = 14.0 * time - 2.5 * np.minimum(time, 1.0) ** 2 - 5.0 * np.maximum(time - 1.0, 0.0)
-    expected, row = scene.detector.futures.forecast(table, straight_on(table)), table.row(2)
+    row = table.row(2)
+    expected = replace(scene, table=table, forecast=straight_on(table)).futures.expected
     assert expected.x[row] - table.x[row] == pytest.approx(braked)
+
+
+# Which pairs are compared
+
+seeds, radii = st.integers(0, 2**32), st.floats(0.0, 60.0)
+
+
+@given(seeds, radii, st.floats(0.0, 5.0), st.integers(0, 15))
+def test_pairs_are_those_in_the_region_of_each_other(seed: int, radius: float, time: float, agents: int) -> None:
+    random = np.random.default_rng(seed)
+    x, y = random.normal(0.0, 30.0, (2, agents))
+    yaw, speed = random.uniform(-4.0, 4.0, agents), random.uniform(0.0, 15.0, agents)
+    motion = x, y, yaw, speed
+    of, others = random.random((2, agents)) < 0.5
+    scene = np.sort(random.integers(0, 3, agents))
+    now, soon = np.array([x, y]), np.array([x, y]) + 1e-4 * speed * np.array([np.cos(yaw), np.sin(yaw)])
+    apart, then = (np.hypot(*(p[:, :, None] - p[:, None])) for p in (now, soon))
+    within = (apart <= radius) | (apart - time * np.maximum((apart - then) / 1e-4, 0.0) <= radius + 1e-3)
+    sure = (apart <= radius) | (np.abs(apart - time * (apart - then) / 1e-4 - radius) > 0.1)  # not a matter of rounding
+    mine = within & (scene[:, None] == scene)
+    np.fill_diagonal(mine, val=False)
+    asked = sure & of[:, None] & others
+    found = np.zeros_like(mine)
+    found[tuple(pairs_in_region(scene, motion, of, others, radius, time).T)] = True
+    assert (found == mine)[asked].all() and not found[~(of[:, None] & others)].any()
+    any_of = in_region_of_any(scene, motion, of, radius, time)
+    everybody = np.ones(agents, np.bool_)
+    reached = pairs_in_region(scene, motion, everybody, of, radius, time)[:, 0]
+    assert any_of.nonzero()[0].tolist() == sorted({*of.nonzero()[0].tolist(), *reached.tolist()})
+
+
+@given(seeds)
+def test_a_follower_has_the_other_ahead_in_its_strip_and_heads_the_same_way(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    x, y = random.normal(0.0, [[12.0], [2.0]], (2, 8))
+    yaw, length, width = (
+        random.normal(0.0, random.choice([0.5, 3.0]), 8),
+        random.uniform(3, 12, 8),
+        random.uniform(1, 3, 8),
+    )
+    leader, follower = both = random.integers(0, 8, (2, 40))
+    ahead, left = to_body(x[leader] - x[follower], y[leader] - y[follower], yaw[follower])
+    expected = ahead > FOLLOWED * 0.5 * (length[leader] + length[follower])
+    expected &= np.abs(left) < 0.5 * (width[leader] + width[follower])
+    expected &= np.cos(yaw[leader] - yaw[follower]) > 0.0
+    assert followed(both.T.copy(), x, y, yaw, length, width).tolist() == expected.tolist()
+
+
+@pytest.fixture
+def crowd60(make_scenario, track) -> tuple[ConflictDetector, AgentTable]:
+    """Sixty agents over 600 m of road, some of them faster than those ahead."""
+    rng = np.random.default_rng(11)
+    tracks = [
+        track(i, x=10.0 * i, y=float(rng.choice([-5.49, -9.15])), speed=float(rng.uniform(5, 20))) for i in range(1, 61)
+    ]
+    log = make_scenario(*tracks).log
+    return ConflictDetector(log, 30.0, ConflictConfig()), log.table(NOW)
+
+
+def test_conflicts_among_those_in_the_region_are_those_among_everybody(crowd60) -> None:
+    detector, table = crowd60
+    lag, rng = np.zeros(len(table), np.int64), np.random.default_rng(12)
+    lag[rng.choice(len(table), 5, replace=False)] = 3
+    everybody, count = np.ones(len(table), np.bool_), 0
+    for _ in range(10):
+        off = rng.random(len(table)) < 0.1
+        some, whole = (
+            Futures(detector.log, detector.config, table, straight_on(table), lag, lag > 0) for _ in range(2)
+        )
+        whole.cover(everybody, everybody)
+        for fresh in (off | (lag > 0), rng.random(len(table)) < 0.05):
+            one, other = detector.conflicts(some, ~off, fresh), detector.conflicts(whole, ~off, fresh)
+            assert [replace(c, pose=None) for c in one] == [replace(c, pose=None) for c in other]
+            assert all((a.pose == b.pose).all() for a, b in zip(one, other, strict=True))
+            count += len(one)
+        still = (detector.still_in_conflict(futures, off, off | (lag > 0)).tolist() for futures in (some, whole))
+        assert next(still) == next(still)
+    assert count > 0, "the crowd holds conflicts"
+
+
+def test_futures_are_made_only_in_the_region_and_once(crowd60) -> None:
+    detector, table = crowd60
+    futures, first, far = (
+        Futures(detector.log, detector.config, table, straight_on(table)),
+        table.id == 20,
+        table.id == 50,
+    )
+    detector.conflicts(futures, ~first, first)
+    covered, by_log = futures.covered.id.tolist(), futures.by_log
+    dx, dy = table.x - table.x[first], table.y - table.y[first]
+    distance = np.hypot(dx, dy)
+    nearer = -dx * (table.speed - table.speed[first]) / np.maximum(distance, 1e-9)  # everybody heads along x
+    soon = distance - detector.config.approach_time * np.maximum(nearer, 0.0)
+    assert covered == table.id[soon <= 30.0].tolist() and (distance <= 30.0).sum() < len(covered) < len(table)
+    detector.still_in_conflict(futures, first, first)
+    assert futures.by_log is by_log, "what is made is not made again"
+    detector.conflicts(futures, ~far, far)
+    assert {*covered, 50} < set(futures.covered.id.tolist())

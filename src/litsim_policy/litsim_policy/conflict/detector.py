@@ -1,0 +1,340 @@
+"""Conflict detection: which pairs of agents are compared, and which of them are predicted to overlap."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import chain
+from operator import attrgetter
+
+import numpy as np
+from numba import types
+
+from litsim_policy.conflict.config import ConflictConfig
+from litsim_policy.conflict.futures import Futures
+from litsim_policy.conflict.overlap import closing_overlaps, mixture_overlap_probability, quantile, within_bounds
+from litsim_policy.conflict.predicted_motion import PredictedMotion, widest
+from litsim_sim.core.pair_geometry import behind_scene
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import (
+    BOOLS,
+    FLOATS,
+    INTS,
+    INTS2,
+    OUT_BOOLS,
+    OUT_INTS2,
+    boolean,
+    float64,
+    kernel,
+)
+from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.log_overlaps import LogOverlaps
+
+FOLLOWED = 0.8  # of the distance at which boxes in line touch: closer pairs do not follow each other
+Motion = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+_MOTION = types.UniTuple(FLOATS, 4)  # x, y [m], yaw [rad] and speed [m/s] of all agents
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """Predicted overlap of an agent on its log with another that is off its log.
+
+    Attributes:
+        agent: on its log.
+        opponent: off its log, or the ego.
+        time_to_conflict: [s] until the probability first reaches the threshold.
+        pose: (3,) x, y, yaw of the agent then: the crossing point.
+        overlap_probability: the largest within the horizon.
+        urgent: whether both close fast; see `ConflictConfig.closing_time`.
+    """
+
+    agent: int
+    opponent: int
+    time_to_conflict: float
+    pose: FloatArray
+    overlap_probability: float
+    urgent: bool = False
+
+
+def soonest(*conflicts: list[Conflict]) -> list[Conflict]:
+    """The first conflict of each agent in these lists, in the order of time."""
+    first: dict[int, Conflict] = {}
+    for conflict in sorted(chain(*conflicts), key=attrgetter("time_to_conflict")):
+        first.setdefault(conflict.agent, conflict)
+    return list(first.values())
+
+
+class ConflictDetector:
+    """Compares where the logs of agents lead with where agents off their logs are expected.
+
+    Only agents in the region of interest of an agent off its log are compared. If two background agents overlap in the
+    log itself, and the one off its log is at its logged position then, the overlap is exempt.
+
+    Masks of agents are (n,), of all agents of a step; pairs (m, 2) are rows of the agents that its futures cover.
+
+    Attributes:
+        log, config: as given; those of the futures that are compared.
+    """
+
+    def __init__(self, log: Log, roi_m: float, config: ConflictConfig, log_overlaps: LogOverlaps | None = None) -> None:
+        self.log, self.config, self._roi_m = log, config, roi_m
+        self._log_overlaps = log_overlaps or LogOverlaps(log)
+
+    def conflicts(self, futures: Futures, on_log: BoolArray, diverged: BoolArray) -> list[Conflict]:
+        """Conflicts of agents `on_log` with agents `diverged` (masks), soonest first, one for each agent.
+
+        An agent is not in conflict with one that merely follows it: the follower could have kept its distance, and the
+        leader cannot prevent the collision by yielding.
+        """
+        threshold = self.config.probability_threshold
+        pairs = self._within_reach(futures, self._pairs(futures, on_log, diverged, diverged), threshold)
+        pairs = pairs[~_follows(futures.covered, pairs)]
+        if not len(pairs):
+            return []
+        probability = self._overlap_probability(futures, pairs, threshold)
+        closing = self._closing(futures, pairs)
+        np.maximum(probability, closing, out=probability)
+        self._exempt(probability, futures, pairs, futures.expected)
+        return self._first_of_each(futures, pairs, probability, closing)
+
+    def conflicts_with_leaders(self, futures: Futures, lagged: BoolArray, ahead: BoolArray) -> list[Conflict]:
+        """Conflicts of agents on `lagged` logs with agents `ahead` (masks) that they follow, as in :meth:`conflicts`.
+
+        Both are expected where their logs lead, lags included. A log that lags does not know who is ahead by now, such
+        as a vehicle that changes lane in front of the agent.
+        """
+        pairs = self._pairs(futures, lagged, ahead, lagged, expected=False)
+        pairs = pairs[_follows(futures.covered, pairs[:, ::-1].copy())]
+        if not len(pairs):
+            return []
+        least, sizes = self.config.probability_threshold, self._sizes(futures.covered)
+        probability = mixture_overlap_probability(pairs, futures.by_log, futures.by_log, sizes, least)
+        self._exempt(probability, futures, pairs, futures.by_log)
+        return self._first_of_each(futures, pairs, probability, np.zeros(probability.shape))
+
+    def still_in_conflict(self, futures: Futures, agents: BoolArray, diverged: BoolArray) -> BoolArray:
+        """Mask of those of `agents` whose logs lead into a conflict with agents `diverged`, by the lower threshold."""
+        least = self.config.probability_clear
+        pairs = self._within_reach(futures, self._pairs(futures, agents, diverged, agents), least)
+        in_conflict = np.zeros(len(futures.table), np.bool_)
+        if not len(pairs):
+            return in_conflict
+        first = self._overlap_probability(futures, pairs, least, first=True)
+        closing = self._closing(futures, pairs)
+        hit: BoolArray = np.asarray(first.any(axis=1) | closing.any(axis=1))
+        in_log = hit.nonzero()[0]
+        in_log = in_log[self._overlap_in_log(futures.covered, pairs[in_log])]
+        if len(in_log):  # the first step may be exempt, and a later one not
+            probability = self._overlap_probability(futures, pairs[in_log], least)
+            np.maximum(probability, closing[in_log], out=probability)
+            self._exempt(probability, futures, pairs[in_log], futures.expected)
+            hit[in_log] = probability.any(axis=1)
+        in_conflict[futures.rows[pairs[hit, 0]]] = True
+        return in_conflict
+
+    def pair_probabilities(
+        self, futures: Futures, on_log: BoolArray, diverged: BoolArray, least: float
+    ) -> tuple[IntArray, FloatArray]:
+        """The pairs that are compared, and the probability (m, T) that each overlaps; nothing is exempt.
+
+        Returns:
+            pairs (m, 2), the first `on_log`, the second `diverged` (masks), and their probabilities; 0 where these do
+            not reach `least`.
+        """
+        pairs = self._pairs(futures, on_log, diverged, diverged)
+        return pairs, self._overlap_probability(futures, pairs, least)
+
+    def _pairs(
+        self, futures: Futures, of: BoolArray, others: BoolArray, centres: BoolArray, *, expected: bool = True
+    ) -> IntArray:
+        """Pairs of agents in the region of each other, the first of the mask `of`, the second of the mask `others`.
+
+        One of the two is in the mask `centres`, of agents of which all futures nearby are made; those of `others` where
+        they are expected only if `expected`.
+        """
+        table, roi_m, time = futures.table, self._roi_m, self.config.approach_time
+        motion = table.x, table.y, table.yaw, table.speed
+        near_centres = in_region_of_any(table.scene, motion, centres, roi_m, time)
+        futures.cover(near_centres, others if expected else np.zeros_like(others))
+        table, rows = futures.covered, futures.rows
+        motion = table.x, table.y, table.yaw, table.speed
+        return pairs_in_region(table.scene, motion, of[rows], others[rows], roi_m, time)
+
+    def _within_reach(self, futures: Futures, pairs: IntArray, least: float) -> IntArray:
+        """The `pairs` that can overlap, with a probability of at least `least` or closing fast."""
+        if not len(pairs):
+            return pairs
+        table, others = futures.covered, futures.expected.alternatives
+        now = table.x, table.y, table.speed, table.acceleration
+        anywhere = widest(futures.expected.bounds, others.row, others.bounds, *now, self._closing_time(table))
+        tail = max(0.0, -quantile(least))
+        return pairs[within_bounds(pairs, futures.by_log.bounds, anywhere, *self._sizes(table), tail)]
+
+    def _overlap_probability(
+        self, futures: Futures, pairs: IntArray, least: float, *, first: bool = False
+    ) -> FloatArray:
+        """Probability (m, T) that the first of each pair, by its log, overlaps the second, as it is expected.
+
+        Probabilities that do not reach `least` are 0; with `first`, those after the first that does may be, too.
+        """
+        sizes = self._sizes(futures.covered)
+        return mixture_overlap_probability(pairs, futures.by_log, futures.expected, sizes, least, first=first)
+
+    def _closing(self, futures: Futures, pairs: IntArray) -> FloatArray:
+        """Array (m, T): 1 where the first of each pair, by its log, hits the second, which continues; else 0."""
+        table, by_log = futures.covered, futures.by_log
+        now = table.x, table.y, table.yaw, table.speed, table.acceleration
+        return closing_overlaps(
+            pairs, (by_log.states, by_log.valid), now, self._sizes(table), self._closing_time(table)
+        )
+
+    def _closing_time(self, table: AgentTable) -> FloatArray:
+        """Times (n,) [s] for which agents are assumed to continue as now; see `ConflictConfig.closing_time`."""
+        emergency = -table.acceleration >= self.config.emergency
+        return np.where(emergency, 2.0, 1.0) * self.config.closing_time
+
+    def _sizes(self, table: AgentTable) -> tuple[FloatArray, FloatArray]:
+        """Lengths and widths (n,) of the boxes that are compared [m]."""
+        return table.length + self.config.margin, table.width
+
+    def _exempt(self, probability: FloatArray, futures: Futures, pairs: IntArray, opponents: PredictedMotion) -> None:
+        """Set probabilities (m, T) to 0, in place, where the log has the overlap of `pairs` as well.
+
+        `opponents` are the motions of the second of each pair.
+        """
+        table = futures.covered
+        some = np.flatnonzero(probability.any(axis=1))
+        for k in some[self._overlap_in_log(table, pairs[some])]:
+            i, j = pairs[k].tolist()
+            now = table.step + 1 + np.arange(probability.shape[1]) - futures.lag[i]
+            a, b = self.log.ids.searchsorted(table.id[[i, j]]).tolist()
+            probability[k, self._log_overlaps.exempt(a, b, now, opponents.x[j], opponents.y[j])] = 0.0
+
+    def _overlap_in_log(self, table: AgentTable, pairs: IntArray) -> BoolArray:
+        """Mask (m,) of `pairs` of `table` that overlap at some step of the log; False for pairs with the ego."""
+        if not len(pairs):
+            return np.zeros(0, np.bool_)
+        overlap: BoolArray = np.asarray(~table.of_ego[pairs].any(axis=1))
+        at = overlap.nonzero()[0]
+        overlap[at] = self._log_overlaps.any(self.log.ids.searchsorted(table.id[pairs[at]]))
+        return overlap
+
+    def _first_of_each(
+        self, futures: Futures, pairs: IntArray, probability: FloatArray, closing: FloatArray
+    ) -> list[Conflict]:
+        """The first conflict of each agent of `pairs`, by their `probability` (m, T), soonest first.
+
+        Those for which `closing` (m, T) is 1 somewhere are urgent.
+        """
+        table, by_log = futures.covered, futures.by_log
+        reached = probability >= self.config.probability_threshold
+        hit: BoolArray = np.asarray(reached.any(axis=1))
+        if not hit.any():
+            return []
+        first = np.argmax(reached, axis=1)
+        conflicts: dict[int, Conflict] = {}
+        order = np.lexsort((table.id[pairs[:, 1]], table.id[pairs[:, 0]], first))
+        for k in order[hit[order]]:
+            row, opponent, at = int(pairs[k, 0]), int(pairs[k, 1]), int(first[k])
+            agent = int(table.id[row])
+            if agent not in conflicts:
+                pose = np.array([by_log.x[row, at], by_log.y[row, at], by_log.yaw[row, at]])
+                largest = float(probability[k].max())
+                urgent = bool((closing[k] * probability[k]).any())
+                time = (at + 1) * STEP_S
+                conflicts[agent] = Conflict(agent, int(table.id[opponent]), time, pose, largest, urgent)
+        return list(conflicts.values())
+
+
+@kernel(boolean(float64, float64, float64, float64, float64, float64))
+def in_region(dx: float, dy: float, faster_x: float, faster_y: float, radius: float, time: float) -> bool:
+    """Whether an agent is within `radius` [m], or will be within `time` [s] at its present rate of approach.
+
+    Args:
+        dx, dy: its position relative to the observer [m].
+        faster_x, faster_y: its velocity relative to the observer [m/s].
+        radius, time: of the region.
+    """
+    square = dx * dx + dy * dy
+    if square <= radius * radius:
+        return True
+    nearer = -(dx * faster_x + dy * faster_y) * time  # both sides of the comparison are multiplied by the distance
+    return square - math.sqrt(square) * radius <= nearer
+
+
+@kernel(OUT_INTS2(INTS, _MOTION, BOOLS, BOOLS, float64, float64))
+def pairs_in_region(
+    scene: IntArray, motion: Motion, of: BoolArray, others: BoolArray, radius: float, time: float
+) -> IntArray:
+    """Return pairs (m, 2) of positions in one scene, first of the mask `of` (n,), second of `others`.
+
+    They are :func:`in_region` of each other.
+
+    Args:
+        scene: (n,) of all agents.
+        motion: x, y, yaw and speed (n,) of all agents.
+        of, others: masks (n,).
+        radius, time: of the region [m], [s].
+    """
+    x, y, yaw, speed = motion
+    count, pairs = 0, np.empty((of.sum() * others.sum(), 2), np.int64)
+    begin, end = 0, 0
+    vx, vy = speed * np.cos(yaw), speed * np.sin(yaw)
+    for i in range(len(x)):
+        if i == end:
+            begin, end = i, behind_scene(scene, i)
+        if of[i]:
+            for j in range(begin, end):
+                if not others[j] or i == j:
+                    continue
+                if in_region(x[j] - x[i], y[j] - y[i], vx[j] - vx[i], vy[j] - vy[i], radius, time):
+                    pairs[count, 0], pairs[count, 1] = i, j
+                    count += 1
+    return pairs[:count].copy()
+
+
+@kernel(OUT_BOOLS(INTS, _MOTION, BOOLS, float64, float64))
+def in_region_of_any(scene: IntArray, motion: Motion, of: BoolArray, radius: float, time: float) -> BoolArray:
+    """Return the mask (n,) of agents :func:`in_region` of one in the mask `of` (n,), these included."""
+    x, y, yaw, speed = motion
+    inside, begin, end = of.copy(), 0, 0
+    vx, vy = speed * np.cos(yaw), speed * np.sin(yaw)
+    for i in range(len(x)):
+        if i == end:
+            begin, end = i, behind_scene(scene, i)
+        if of[i]:
+            for j in range(begin, end):
+                if not inside[j]:
+                    inside[j] = in_region(x[j] - x[i], y[j] - y[i], vx[j] - vx[i], vy[j] - vy[i], radius, time)
+    return inside
+
+
+def _follows(table: AgentTable, pairs: IntArray) -> BoolArray:
+    """Mask (m,) of `pairs` of rows of `table` of which the second follows the first; see :func:`followed`."""
+    return followed(pairs, table.x, table.y, table.yaw, table.length, table.width)
+
+
+@kernel(OUT_BOOLS(INTS2, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS))
+def followed(
+    pairs: IntArray, x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, width: FloatArray
+) -> BoolArray:
+    """Return for each of `pairs` (m, 2) whether the second follows the first.
+
+    The first is ahead in the strip that the second sweeps straight on, with headings within a quarter turn: an oncoming
+    agent is not a leader.
+
+    Args:
+        pairs: positions of agents.
+        x, y, yaw, length, width: (n,) of all agents [m], [rad].
+    """
+    follows = np.empty(len(pairs), np.bool_)
+    for k in range(len(pairs)):
+        leader, follower = pairs[k, 0], pairs[k, 1]
+        dx, dy = x[leader] - x[follower], y[leader] - y[follower]
+        cos, sin = math.cos(yaw[follower]), math.sin(yaw[follower])
+        ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+        clear = 0.5 * (length[leader] + length[follower])
+        beside = 0.5 * (width[leader] + width[follower])
+        same_way = math.cos(yaw[leader] - yaw[follower]) > 0.0
+        follows[k] = same_way and ahead > FOLLOWED * clear and abs(left) < beside
+    return follows

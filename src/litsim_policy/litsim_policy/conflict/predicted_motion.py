@@ -1,0 +1,151 @@
+"""Predicted motions: boxes of agents at the next steps, with their uncertainty and alternatives; and their bounds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from litsim_sim.core.quickly_made import quickly_made
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS2, FLOATS3, INTS, OUT_FLOATS2, kernel
+
+X, Y, YAW, XX, YY, XY = range(6)  # columns of `PredictedMotion.states`
+LOW_X, LOW_Y, HIGH_X, HIGH_Y, SPREAD = range(5)  # columns of `PredictedMotion.bounds`
+
+
+@quickly_made
+@dataclass(frozen=True)
+class AlternativeMotions:
+    """q alternative motions of some of n agents.
+
+    Attributes:
+        row: (q,) of the agent.
+        weight: (q,) probability of the motion; the first motion of an agent has the remainder to 1.
+        states, valid: (q, T, 6), (q, T), as in :class:`PredictedMotion`.
+    """
+
+    row: IntArray
+    weight: FloatArray
+    states: FloatArray
+    valid: BoolArray
+
+    @classmethod
+    def none(cls, steps: int = 0) -> AlternativeMotions:
+        """Return no alternative motions, for futures of T = `steps`."""
+        return cls(np.empty(0, np.int64), np.empty(0), np.empty((0, steps, 6)), np.empty((0, steps), np.bool_))
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    @cached_property
+    def bounds(self) -> FloatArray:
+        """Bounds (q, 5) of the motions, as in :class:`PredictedMotion`."""
+        return bounds(self.states, self.valid)
+
+
+@quickly_made
+@dataclass(frozen=True)
+class PredictedMotion:
+    """Boxes of n agents at T future steps of 0.1 s, the first of them 0.1 s ahead.
+
+    Attributes:
+        states: (n, T, 6) x, y [m], yaw [rad] and covariance xx, yy, xy [m2] of the centre, frame map.
+        valid: (n, T) whether the agent is known to be on the road then.
+        alternatives: other motions that are possible.
+    """
+
+    states: FloatArray
+    valid: BoolArray
+    alternatives: AlternativeMotions = field(default_factory=AlternativeMotions.none)
+
+    @property
+    def x(self) -> FloatArray:
+        """Coordinate x (n, T) of the centre [m]."""
+        return self.states[..., X]
+
+    @property
+    def y(self) -> FloatArray:
+        """Coordinate y (n, T) of the centre [m]."""
+        return self.states[..., Y]
+
+    @property
+    def yaw(self) -> FloatArray:
+        """Heading (n, T) [rad]."""
+        return self.states[..., YAW]
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance (n, T, 3) xx, yy, xy of the centre [m2]."""
+        return self.states[..., XX:]
+
+    @cached_property
+    def bounds(self) -> FloatArray:
+        """Bounds (n, 5): least x, y, greatest x, y of the centre over valid steps [m], and the largest spread [m].
+
+        Without valid steps the former are inf and -inf. The spread is the root of the sum of both variances.
+        """
+        return bounds(self.states, self.valid)
+
+    def put(self, rows: BoolArray, other: PredictedMotion) -> None:
+        """Copy the motions of agents in the mask `rows` (n,), which have none yet, from `other`, in place.
+
+        Call it before bounds are read.
+        """
+        at = rows.nonzero()[0]
+        self.states[at], self.valid[at] = other.states[at], other.valid[at]
+
+
+@kernel(OUT_FLOATS2(FLOATS3, BOOLS2))
+def bounds(states: FloatArray, valid: BoolArray) -> FloatArray:
+    """Return `PredictedMotion.bounds` (n, 5) of `states` (n, T, 6) while `valid` (n, T)."""
+    extent = np.empty((states.shape[0], 5))
+    for k in range(states.shape[0]):
+        extent[k, LOW_X], extent[k, LOW_Y], extent[k, HIGH_X], extent[k, HIGH_Y] = np.inf, np.inf, -np.inf, -np.inf
+        variance = 0.0
+        for t in range(states.shape[1]):
+            variance = max(variance, states[k, t, XX] + states[k, t, YY])
+            if valid[k, t]:
+                x, y = states[k, t, X], states[k, t, Y]
+                extent[k, LOW_X], extent[k, LOW_Y] = min(extent[k, LOW_X], x), min(extent[k, LOW_Y], y)
+                extent[k, HIGH_X], extent[k, HIGH_Y] = max(extent[k, HIGH_X], x), max(extent[k, HIGH_Y], y)
+        extent[k, SPREAD] = math.sqrt(variance)
+    return extent
+
+
+@kernel(OUT_FLOATS2(FLOATS2, INTS, FLOATS2, *[FLOATS] * 5))
+def widest(
+    bounds: FloatArray,
+    row: IntArray,
+    further: FloatArray,
+    x: FloatArray,
+    y: FloatArray,
+    speed: FloatArray,
+    acceleration: FloatArray,
+    time: FloatArray,
+) -> FloatArray:
+    """Return bounds (n, 5) of all possible motions: first, alternative, and straight on for some time.
+
+    Args:
+        bounds: (n, 5) of their first motions.
+        row, further: (q,), (q, 5) of their alternative motions: rows of the agents, and bounds.
+        x, y, speed, acceleration: (n,) of the agents now [m], [m/s], [m/s2].
+        time: (n,) for which they may continue straight on [s].
+    """
+    hull = bounds.copy()
+    for k in range(len(x)):
+        reach = abs(speed[k]) * time[k] + 0.5 * abs(acceleration[k]) * time[k] ** 2
+        hull[k, LOW_X], hull[k, LOW_Y] = min(hull[k, LOW_X], x[k] - reach), min(hull[k, LOW_Y], y[k] - reach)
+        hull[k, HIGH_X], hull[k, HIGH_Y] = (
+            max(hull[k, HIGH_X], x[k] + reach),
+            max(hull[k, HIGH_Y], y[k] + reach),
+        )
+    for q in range(len(row)):
+        k = row[q]
+        for low in (LOW_X, LOW_Y):
+            hull[k, low] = min(hull[k, low], further[q, low])
+        for high in (HIGH_X, HIGH_Y, SPREAD):
+            hull[k, high] = max(hull[k, high], further[q, high])
+    return hull
