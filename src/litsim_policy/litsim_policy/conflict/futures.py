@@ -20,7 +20,6 @@ from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.path_kernels import UNIT_X, UNIT_Y, S, nearest, segment_at
 from litsim_predictor.forecast import Forecast, Modes
 from litsim_sim.core.pair_geometry import wrapped
-from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
     BOOLS,
@@ -44,8 +43,7 @@ from litsim_sim.scenario.log import Log
 ROUNDING = 1e-9  # share of a step by which an instant of a forecast may differ from a step that it falls on
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class PlannedPaths:
     """The agents under control at a step, rows ascending, and their paths; see :func:`planned_motion`.
 

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS2, FLOATS3, INTS, OUT_FLOATS2, kernel
 
@@ -16,8 +15,7 @@ X, Y, YAW, XX, YY, XY = range(6)  # columns of `PredictedMotion.states`
 LOW_X, LOW_Y, HIGH_X, HIGH_Y, SPREAD = range(5)  # columns of `PredictedMotion.bounds`
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class AlternativeMotions:
     """q alternative motions of some of n agents.
 
@@ -46,8 +44,7 @@ class AlternativeMotions:
         return bounds(self.states, self.valid)
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class PredictedMotion:
     """Boxes of n agents at T future steps of 0.1 s, the first of them 0.1 s ahead.
 

@@ -56,7 +56,6 @@ from litsim_predictor.inference.joint.units import (
 from litsim_predictor.inference.map_memory import MapMemory
 from litsim_predictor.inference.raster import CHANNELS
 from litsim_predictor.inference.weights import Weights
-from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import ByteArray, IntArray
 
 
@@ -144,8 +143,7 @@ class HistoryEncoder:
         return self._last(self._first(read.reshape(len(read), -1)))
 
 
-@quickly_made
-@dataclass(frozen=True)
+@dataclass
 class Neighbours:
     """Neighbours of each of n agents; see :func:`.attention_kernels.find_neighbours` and :func:`relate` there."""
 
