@@ -383,7 +383,7 @@ def test_mappings_that_are_no_yaml(tmp_path: Path) -> None:
 
 
 def test_the_documented_examples(tmp_path: Path) -> None:
-    text = (Path(__file__).parents[4] / "docs" / "data.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[3] / "docs" / "data.md").read_text(encoding="utf-8")
     front, box = (
         Mapping.model_validate(yaml.safe_load(block))
         for block in re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)

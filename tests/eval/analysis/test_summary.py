@@ -99,5 +99,6 @@ def test_of_runs_of_which_nothing_is_known_nothing_is_said_to_be_zero() -> None:
     known = ("runs", "failed", "measured", "invalid", "reactive")
     lost = {name: value for name, value in summarise([], failed=3).items() if name not in known}
     assert set(lost.pop("ade_runs").values()) == {0}
+    assert lost.pop("added") == {}
     by_horizon = [*lost.pop("ade_controlled_m").values(), *lost.pop("ade_all_m").values()]
     assert {*lost.values(), *by_horizon} == {None}

@@ -117,7 +117,7 @@ def test_what_cannot_be_included(tmp_path: Path, text: str, said: str) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("  - idm", "  - idmm", r"line 7, field egos\.0: .*'idm'.*found 'idmm'"),
+        ("  - idm", "  - idmm", r"line 7, field egos\.0: expected one of bat, idm, .*found 'idmm'"),
         ("  - idm", "  - braker2: 1", r"line 7, field egos\.0\.name"),
         ("  - idm", "  - {name: braker, kind: idm}", "egos: braker more than once"),
         (
@@ -177,7 +177,7 @@ def test_policies_may_have_setups_of_their_own(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("policies", "message"),
     [
-        ("[swerve]", "expected one of litsim"),
+        ("[swerve]", "expected one of gail, idm, litsim"),
         ("[{name: near, kind: swerve}]", "kind"),
         ("[{name: near, kind: litsim, parameters: {roi: 1}}]", "expected STAGE.NAME"),
         ("[paper, {name: paper, kind: litsim}]", "paper more than once"),

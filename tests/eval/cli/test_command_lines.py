@@ -70,12 +70,12 @@ def test_words_that_are_not_known_are_refused(parser, words: list[str], capsys) 
     assert stop.value.code == 2 and words[1] in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("program", [training.train, training.train_imitation, training.train_simnet])
-def test_training_without_torch_is_told_in_a_line(program, capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("what", ["policy", "imitation", "simnet"])
+def test_training_without_torch_is_told_in_a_line(what, capsys, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [name for name in sys.modules if name.startswith("litsim_research.policies")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "torch", None)  # as if it were not there
     with pytest.raises(SystemExit) as stop:
-        program()
+        training.main([what])
     assert stop.value.code == 2
     assert capsys.readouterr().err.startswith("error: torch is not installed here")

@@ -115,12 +115,12 @@ def test_the_page_of_a_campaign_holds_its_scripts(campaign: Callable[..., Path],
 
 
 def test_a_value_that_a_template_lacks_is_an_error() -> None:
-    with pytest.raises(jinja2.UndefinedError, match="name"):
-        render_page("recording.html.j2", text="", pictures=[])
+    with pytest.raises(jinja2.UndefinedError, match="is undefined"):
+        render_page("experiment.html.j2")
 
 
 def test_the_package_installs_the_templates() -> None:
-    source = Path(__file__).resolve().parents[3] / "src/litsim_sim"
+    source = Path(__file__).resolve().parents[3] / "src/litsim_eval"
     (endings,) = re.findall(r"^ENDINGS = \((.*)\)$", (source / "setup.py").read_text(), re.MULTILINE)
     used = {
         path.suffix[1:]

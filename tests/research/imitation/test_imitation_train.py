@@ -24,7 +24,7 @@ from litsim_research.policies.ppo import Demonstrations
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import read_yaml
 
-CONFIG = Path(__file__).parents[4] / "src" / "litsim_policy" / "config"
+CONFIG = Path(__file__).parents[3] / "src" / "litsim_research" / "config"
 
 
 @pytest.fixture(scope="module")

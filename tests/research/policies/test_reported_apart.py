@@ -12,6 +12,7 @@ import yaml
 from safetensors import safe_open
 
 import litsim_policy
+import litsim_research
 import litsim_sim
 from litsim_data.traffic.seeds import CALIBRATION, DEMO, PAPER, REPORTED, TRAINING
 from litsim_predictor.inference import SHIPPED
@@ -19,7 +20,11 @@ from litsim_predictor.inference.weights import read_weights
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.scenario import packaged
 
-POLICIES = sorted((Path(litsim_policy.__file__).parent / "weights").glob("*.safetensors"))
+POLICIES = sorted(
+    weights
+    for package in (litsim_policy, litsim_research)
+    for weights in (Path(package.__file__).parent / "weights").glob("*.safetensors")
+)
 REAL = yaml.safe_load((Path(litsim_sim.__file__).parent / "scenarios/us101_0750.yaml").read_text())
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from litsim_data.traffic.drivers import Behaviour, Fleet, Vehicle, draw_vehicle, vehicle_type
 from litsim_sim.core.scene import STEP_S, FloatArray
+from litsim_sim.scenario.scenario import packaged
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ class Site:
     @property
     def net(self) -> Path:
         """Path of the packaged net that the traffic drives on."""
-        return Path(__file__).parent.parent / "nets" / f"{self.name}.net.xml"
+        return packaged(f"nets/{self.name}.net.xml")
 
 
 @dataclass(frozen=True)

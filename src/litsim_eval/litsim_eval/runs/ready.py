@@ -11,6 +11,9 @@ import litsim_eval.analysis.analyze
 import litsim_eval.analysis.plots
 import litsim_eval.report.run_report
 import litsim_eval.report.terminal  # noqa: F401
+import litsim_sim.cli.launch
+import litsim_sim.nodes.bridge
+import litsim_sim.nodes.recorder  # noqa: F401
 from litsim_sim.nodes.shared import prepare_nodes
 
 prepare_nodes()

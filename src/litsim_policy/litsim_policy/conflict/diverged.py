@@ -16,7 +16,6 @@ from litsim_policy.motion.lane_lines import NO_LANE
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
 from litsim_sim.core.pair_geometry import wrapped
-from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ByteArray, FloatArray, IntArray
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState
 from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_BOOLS, OUT_FLOATS2, kernel
@@ -29,8 +28,7 @@ LAID_OUT = ("paths", "logged_paths")  # fields of a table that are made on first
 STATES, REASONS, SOURCES = tuple(TakeoverState), tuple(TakeoverReason), tuple(PathSource)  # numbered from 0 on
 
 
-@quickly_made
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class DivergedAgents:
     """r agents off their logs, ids ascending; arrays (r,) unless stated otherwise.
 
@@ -206,7 +204,6 @@ class DivergedAgents:
         return tuple(Takeover(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True))
 
 
-@quickly_made
 @dataclass(frozen=True)
 class Residuals:
     """Residuals of r agents from their logs, lags included, at a step; arrays (r,).
