@@ -48,6 +48,10 @@ def lives(process: int) -> bool:
         return False
 
 
+def parent(process: int) -> int:
+    return int(Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[1])
+
+
 @pytest.mark.parametrize(
     ("script", "status"), [("exit 0", 0), ("exit 3", 3), ("kill -SEGV $$", -signal.SIGSEGV), ("kill -9 $$", -9)]
 )
@@ -83,6 +87,14 @@ def test_signals_reach_all_of_it(keep: Callable[..., subprocess.Popen[str]], num
     process.send_signal(number)
     assert process.wait(PATIENCE_S) != 0
     assert not any(map(lives, tree))
+
+
+def test_parents_are_signalled_before_their_children(keep: Callable[..., subprocess.Popen[str]]) -> None:
+    """A parent that sees its child end goes on, and may end with success before a signal reaches it."""
+    process = keep("sh", "-c", "sh -c 'sh -c \"sleep 600; true\"; true'; true")
+    wait(lambda: len(keeper.descendants(process.pid)) == 4)
+    tree = keeper.descendants(process.pid)
+    assert list(map(parent, tree)) == [process.pid, *tree[:-1]]
 
 
 def test_who_does_not_listen_is_killed(keep: Callable[..., subprocess.Popen[str]]) -> None:

@@ -25,24 +25,22 @@ HANDED_ON = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _LIBC = ctypes.CDLL(None)
 
 
-def descendants(of: int) -> set[int]:
-    """Ids of the processes that process `of` has started, and those that they have, as far as they still run."""
+def descendants(of: int) -> list[int]:
+    """Ids of the running processes that process `of` has started, and of those that they have; parents come first."""
     children: dict[int, list[int]] = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):  # it ended meanwhile
             state, parent = stat.read_text(errors="replace").rpartition(")")[2].split()[:2]
             if state not in "ZX":  # neither waits to be asked how it ended
                 children.setdefault(int(parent), []).append(int(stat.parent.name))
-    found: set[int] = set()
-    open_ends = [of]
-    while open_ends:
-        new = children.get(open_ends.pop(), [])
-        found.update(new)
-        open_ends += new
-    return found
+    tree = [of]
+    for process in tree:  # which grows meanwhile
+        tree += children.get(process, [])
+    return tree[1:]
 
 
 def _signal_all(number: int) -> None:
+    """Signal the whole tree, parents first: a script whose child is interrupted before it would just go on."""
     for process in descendants(os.getpid()):
         with contextlib.suppress(ProcessLookupError):
             os.kill(process, number)
