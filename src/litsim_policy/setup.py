@@ -31,7 +31,7 @@ setup(
         "console_scripts": [
             "conflict = litsim_policy.conflict.node:main",
             "policy = litsim_policy.driving.node:main",
-            "policy_stages = litsim_policy.driving.stages_node:main",
+            "stages = litsim_policy.driving.stages_node:main",
             "ego_log = litsim_policy.ego.node:run_log",
             "ego_idm = litsim_policy.ego.node:run_idm",
             "ego_bat = litsim_policy.ego.node:run_bat",

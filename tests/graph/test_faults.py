@@ -86,18 +86,18 @@ def assert_whole_steps(bag: Path) -> int:
     return len(steps) - 1
 
 
-@pytest.mark.parametrize("name", ["bridge", "predictor", "policy", "policy_stages", "ego_idm"])
+@pytest.mark.parametrize("name", ["bridge", "predictor", "policy", "stages", "ego_idm"])
 def test_a_node_that_is_killed_is_named(graph: Any, name: str) -> None:
     """Of the conflict stage and the recorder, see test_launcher.py and test_recording.py."""
     bag = graph.folder / "run"
-    policy = "litsim" if name in ("predictor", "policy", "policy_stages") else "replay"
+    policy = "litsim" if name in ("predictor", "policy", "stages") else "replay"
     scenario = graph.scenario(simulation_s=24.0)
     words = ("--mode", "realtime", "--scenario", scenario, "--policy", policy, "--out", bag)
-    launcher = graph.start_launch(*words, *(() if name == "policy_stages" else ("--apart",)))
+    launcher = graph.start_launch(*words, *(() if name == "stages" else ("--apart",)))
     graph.wait_under_way(bag)
     graph.signal(name, signal.SIGKILL)
     error = error_of(graph.finish(launcher))
-    several = {"policy_stages": "process policy_stages (predictor, conflict, policy)"}
+    several = {"stages": "process stages (ego, predictor, conflict, policy)"}
     named = several.get(name, f"node {name.removesuffix('_idm')}")
     assert error.startswith(f"{named} was ended by SIGKILL (logs: ")
     assert not graph.running()

@@ -26,7 +26,7 @@ def test_interrupted_run_is_recorded_up_to_there(graph: Any, number: signal.Sign
     bag = graph.folder / "run"
     launcher = graph.start_launch("--mode", "realtime", "--scenario", graph.scenario(**LONG), "--out", bag)
     graph.wait_under_way(bag)
-    assert len(graph.running()) == 5  # six nodes, of which three share a process, and the launcher
+    assert len(graph.running()) == 4  # six nodes, of which four share a process, and the launcher
     status, said = graph.end(launcher, number)
     assert status == 130
     assert "interrupted: ending the graph" in said
@@ -38,7 +38,7 @@ def test_interrupted_run_is_recorded_up_to_there(graph: Any, number: signal.Sign
     last = run.statuses[-1]
     assert (last.stage, last.state, last.text) == ("bridge", StageState.FAILED, "interrupted")
     logs = {path.stem: path.read_text() for path in (bag / "log").iterdir()}
-    assert logs.keys() == {"bridge", "recorder", "policy_stages", "ego"}
+    assert logs.keys() == {"bridge", "recorder", "stages"}
     assert not [name for name, text in logs.items() if "Traceback" in text or "ERROR" in text]
 
 

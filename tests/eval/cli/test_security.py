@@ -23,7 +23,7 @@ def test_every_program_that_takes_part_in_runs_has_an_enclave(tmp_path: Path) ->
     main(["--out", str(tmp_path / "policy.xml")])
     stages = {name: program_of(name, "none")[1] for name in (BRIDGE, RECORDER, *POLICY_STAGES)}
     expected = {f"/litsim/{program}": [stage] for stage, program in stages.items()}
-    expected |= {"/litsim/policy_stages": list(POLICY_STAGES)}
+    expected |= {"/litsim/stages": [EGO, *POLICY_STAGES]}
     expected |= {f"/litsim/{program_of(EGO, ego)[1]}": [EGO] for ego in OWN_EGOS}
     expected |= {"/litsim/live": ["live"], "/litsim/check_ads": ["litsim_check_ads"]}
     assert enclaves(tmp_path / "policy.xml") == expected

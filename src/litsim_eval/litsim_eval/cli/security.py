@@ -18,7 +18,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.stages import BRIDGE, CONFLICT, EGO, POLICY, POLICY_STAGES, PREDICTOR, RECORDER
 from litsim_sim.ego_port.answer import Interface
 from litsim_sim.io.files import replacing
-from litsim_sim.launch.executables import EXECUTABLES, POLICY_STAGES_PROGRAM, program_of
+from litsim_sim.launch.executables import EXECUTABLES, STAGES_PROGRAM, program_of
 from litsim_sim.launch.processes import STACK
 from litsim_sim.scenario.run_info import OWN_EGOS
 
@@ -80,7 +80,7 @@ def policy(interface: Interface | None = None, stack_nodes: Sequence[str] = ()) 
     classes |= {program_of(EGO, ego)[1]: EgoNode for ego in OWN_EGOS}
     classes |= {LIVE: LiveNode, CHECK_ADS: Bystander}
     nodes = {name: [node.declared] for name, node in classes.items()}
-    nodes[POLICY_STAGES_PROGRAM[1]] = [stages[stage].declared for stage in POLICY_STAGES]
+    nodes[STAGES_PROGRAM[1]] = [node.declared for node in (EgoNode, *(stages[stage] for stage in POLICY_STAGES))]
     if interface is not None:
         nodes[STACK] = [stack_endpoints(name, interface) for name in stack_nodes]
     return policy_xml(nodes)

@@ -21,7 +21,7 @@ from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.executables import find_executable
 from litsim_sim.launch.libraries import loading_sumo, meanwhile
 from litsim_sim.launch.middleware import check_security
-from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphNode, GraphOptions, in_company, nodes_of
+from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphNode, GraphOptions, in_one_process, nodes_of
 from litsim_sim.launch.output import check_output, held_output
 from litsim_sim.launch.processes import Graph, GraphFailed, without_interrupts
 from litsim_sim.nodes.shared import prepare_nodes
@@ -49,7 +49,7 @@ def launch(arguments: argparse.Namespace) -> int:
         with meanwhile(commit), loading_sumo():
             options = _options(arguments, plan)
             nodes = nodes_of(plan, options)
-            nodes = nodes if arguments.apart else in_company(nodes)
+            nodes = nodes if arguments.apart else in_one_process(nodes)
             paths = {node.name: find_executable(node.package, node.executable) for node in nodes}
             _check_no_campaign(options.out)
             check_output(options.out, options.overwrite)
@@ -184,7 +184,7 @@ def parser() -> argparse.ArgumentParser:
         help="default: ROS_DOMAIN_ID, else a free domain (0 for an external ego that you start yourself)",
     )
     p.add_argument(
-        "--apart", action="store_true", help="one process per node; default: predictor, conflict and policy share one"
+        "--apart", action="store_true", help="one process per node; default: the stages and LitSim's own ego share one"
     )
     p.add_argument("--no-analyze", dest="analyze", action="store_false", help="record only")
     p.add_argument("--quiet", action="store_true", help="print no progress and no table")

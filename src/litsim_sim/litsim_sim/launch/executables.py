@@ -18,8 +18,8 @@ EXECUTABLES = {
     BRIDGE: ("litsim_sim", "bridge"),
 }
 """Package and executable of every node but the ego."""
-POLICY_STAGES_PROGRAM = ("litsim_policy", "policy_stages")
-"""Package and executable of the stages of the policy in one process."""
+STAGES_PROGRAM = ("litsim_policy", "stages")
+"""Package and executable of several stages in one process; its arguments are the executables of each on its own."""
 
 
 def find_executable(package: str, executable: str) -> Path:

@@ -62,7 +62,7 @@ class Graph:
         parameters: Mapping[str, object],
         *,
         forked: bool = False,
-        several: Sequence[str] = (),
+        several: Mapping[str, str] | None = None,
     ) -> None:
         """Start the executable at `path` as node `name`.
 
@@ -71,9 +71,9 @@ class Graph:
             path: its program, in Python.
             parameters: ROS parameters by name, or by NODE:NAME.
             forked: whether to run it in a copy of this process, see :mod:`litsim_sim.launch.forked`.
-            several: names of the nodes, if the program has several.
+            several: names of the nodes, if the program has several, and what it calls each among its arguments.
         """
-        words = [str(path), "--ros-args"]
+        words = [str(path), *(several or {}).values(), "--ros-args"]
         for key, value in parameters.items():  # a text in quotes: YAML would find numbers and worse in it
             quoted = json.dumps(value, ensure_ascii=False) if isinstance(value, str | tuple) else value
             words += ["-p", f"{key}:={quoted}"]
@@ -85,7 +85,7 @@ class Graph:
             else:
                 environment, stdout = self._environment | more, _stdout(name, log)
                 process = start_process(words, env=environment, stdout=stdout, stderr=log, start_new_session=True)
-            self.children[name] = Child(name, process, Path(log.name), nodes=several)
+            self.children[name] = Child(name, process, Path(log.name), nodes=tuple(several or ()))
 
     def start_stack(self, command: Sequence[str]) -> None:
         """Start the user's command that drives the ego, in the domain of the graph.

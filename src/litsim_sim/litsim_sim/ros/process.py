@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -29,7 +29,7 @@ except ImportError:  # rclpy before 7.1.4; the fallback is equivalent, at twice 
     from rclpy.executors import SingleThreadedExecutor as LoopExecutor
 
 USAGE = """\
-usage: {name} [--ros-args -p NAME:=VALUE ... --params-file FILE ...]
+usage: {name} {arguments}[--ros-args -p NAME:=VALUE ... --params-file FILE ...]
 
 One node of a run; `litsim_sim launch` starts all of them. Its parameters, with units and defaults, are in
 config/{name}.yaml of its package.
@@ -148,8 +148,10 @@ _interruption = _Interruption()
 
 
 @contextmanager
-def process(interrupted: int = EXIT_INTERRUPTED) -> Iterator[None]:
+def process(interrupted: int = EXIT_INTERRUPTED, arguments: Sequence[str] = ()) -> Iterator[None]:
     """Context of a node's process: initialises rclpy, and turns errors into exit statuses.
+
+    `arguments` of the command line are known to the program; it can have no others but ROS arguments.
 
     SIGTERM acts like Ctrl-C: :func:`serve` raises KeyboardInterrupt, and the exit status is `interrupted`. An input
     error, such as a wrong parameter, is one line on stderr and exit status 2; so is a path that the system refuses.
@@ -157,7 +159,7 @@ def process(interrupted: int = EXIT_INTERRUPTED) -> Iterator[None]:
     _interruption.install()
     _know_callers()
     try:
-        _init()
+        _init(arguments)
         yield
     except (InputError, ParameterException) as error:
         print_error(" ".join(str(error).split()))  # rclpy breaks lines
@@ -201,12 +203,12 @@ def _know_callers() -> None:
     inspect.modulesbyfile.update({file: name for name, file in files.items() if file})
 
 
-def _init() -> None:
-    """Initialise rclpy from the command line, which may hold ROS arguments only."""
+def _init(known: Sequence[str] = ()) -> None:
+    """Initialise rclpy from the command line, which may hold ROS arguments and `known` ones only."""
     name = Path(sys.argv[0]).name
-    extra = remove_ros_args(sys.argv)[1:]
+    extra = [word for word in remove_ros_args(sys.argv)[1:] if word not in known]
     if extra[:1] in (["-h"], ["--help"]):
-        print(USAGE.format(name=name), end="")
+        print(USAGE.format(name=name, arguments=" ".join([*known, ""])), end="")
         sys.exit(0)
     if extra:
         raise InputError(f"{name}: unknown argument {extra[0]}; parameters are given as --ros-args -p NAME:=VALUE")

@@ -194,13 +194,16 @@ class StageNode(Node):
         gc.unfreeze()  # the objects of the run can be collected
 
 
-def run_stages(*makes: Callable[[Company], StageNode]) -> None:
+def run_stages(*makes: Callable[[Company], StageNode], arguments: Sequence[str] = ()) -> None:
     """Serve runs until Ctrl-C or SIGTERM, which are the ordinary end: exit status 0.
 
     Args:
         makes: factories of the stages of this process, each after those that it waits for.
+        arguments: those that the program knows, which choose its stages.
     """
-    with process(interrupted=0):
+    with process(interrupted=0, arguments=arguments):
+        if not makes:
+            raise InputError(f"no stage is given, expected some of {', '.join(arguments)}")
         company = Company()
         nodes = [make(company) for make in makes]
         load_kernels()  # while others get ready; a run may need more
