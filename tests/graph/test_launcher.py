@@ -6,7 +6,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -121,27 +120,3 @@ def test_read_only_folder_is_refused(graph: Any, tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)
     assert done.returncode == 2
     assert done.stderr == f"error: {tmp_path}/shut/run: cannot be written: Permission denied\n"
-
-
-MAKE_A_NODE = """
-import sys
-import rclpy
-from litsim_sim.nodes.shared import prepare_nodes
-from litsim_sim.ros.topics import RECORDED_TOPICS
-prepare_nodes()
-before = set(sys.modules)
-rclpy.init()
-node = rclpy.create_node("node")
-for topic in RECORDED_TOPICS:
-    node.create_subscription(topic.type, topic.name, print, topic.qos)
-rclpy.shutdown()
-print(*set(sys.modules) - before)
-"""
-
-
-def test_a_node_finds_all_that_rclpy_imports_for_it_in_the_launcher(graph: Any) -> None:
-    environment = os.environ | {"ROS_DOMAIN_ID": str(graph.domain)}
-    done = subprocess.run(
-        [sys.executable, "-c", MAKE_A_NODE], env=environment, capture_output=True, text=True, check=False
-    )
-    assert (done.returncode, done.stdout.split()) == (0, []), done.stderr

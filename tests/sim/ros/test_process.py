@@ -55,8 +55,7 @@ def test_help_of_a_node(word: str, monkeypatch: pytest.MonkeyPatch, capsys: pyte
 def test_a_path_that_the_system_refuses_is_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for name in ("_init", "_know_callers"):
-        monkeypatch.setattr(process, name, lambda *_: None)
+    monkeypatch.setattr(process, "_init", lambda *_: None)
     monkeypatch.setattr(process, "_interruption", process._Interruption())
     monkeypatch.setattr(process.signal, "signal", lambda *_: None)
     with pytest.raises(SystemExit) as stopped, process.process():

@@ -19,7 +19,6 @@ from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES, Interface
 from litsim_sim.io.files import Unwritable
 from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.executables import find_executable
-from litsim_sim.launch.libraries import loading_sumo, meanwhile
 from litsim_sim.launch.middleware import check_security
 from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphNode, GraphOptions, in_one_process, nodes_of
 from litsim_sim.launch.output import check_output, held_output
@@ -27,7 +26,7 @@ from litsim_sim.launch.processes import Graph, GraphFailed, without_interrupts
 from litsim_sim.nodes.shared import prepare_nodes
 from litsim_sim.record.bag import make_room
 from litsim_sim.record.failure import write_failure
-from litsim_sim.scenario.run_info import EGOS, EXTERNAL, RunPlan, commit
+from litsim_sim.scenario.run_info import EGOS, EXTERNAL, RunPlan
 
 FIRST = {BRIDGE: 0, RECORDER: 1}
 """Order of start: the bridge takes longest to get ready, and late stages wait for its next greeting."""
@@ -46,14 +45,13 @@ def launch(arguments: argparse.Namespace) -> int:
         if arguments.command and plan.ego != EXTERNAL:
             raise InputError(f"{shlex.join(arguments.command)}: the ego is {plan.ego}, expected --ego {EXTERNAL}")
         domain = graph_domain(arguments.domain_id, reserve=plan.ego != EXTERNAL or bool(arguments.command))
-        with meanwhile(commit), loading_sumo():
-            options = _options(arguments, plan)
-            nodes = nodes_of(plan, options)
-            nodes = nodes if arguments.apart else in_one_process(nodes)
-            paths = {node.name: find_executable(node.package, node.executable) for node in nodes}
-            _check_no_campaign(options.out)
-            check_output(options.out, options.overwrite)
-            prepare_nodes()
+        options = _options(arguments, plan)
+        nodes = nodes_of(plan, options)
+        nodes = nodes if arguments.apart else in_one_process(nodes)
+        paths = {node.name: find_executable(node.package, node.executable) for node in nodes}
+        _check_no_campaign(options.out)
+        check_output(options.out, options.overwrite)
+        prepare_nodes()
     with held_output(options.out):
         make_room(options.out, options.overwrite)  # else an earlier recording would remain if this run fails early
         with domain as domain_id:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import inspect
 import os
 import signal
 import sys
@@ -157,7 +156,6 @@ def process(interrupted: int = EXIT_INTERRUPTED, arguments: Sequence[str] = ()) 
     error, such as a wrong parameter, is one line on stderr and exit status 2; so is a path that the system refuses.
     """
     _interruption.install()
-    _know_callers()
     try:
         _init(arguments)
         yield
@@ -192,15 +190,6 @@ def spare_from_collection() -> None:
     A pass over them takes a tenth of a second, a whole step in real time, and finds nothing.
     """
     gc.freeze()
-
-
-def _know_callers() -> None:
-    """Fill the cache of :mod:`inspect` that maps source files to modules.
-
-    rclpy looks up the caller of each log line; the first look-up would resolve the paths of all modules (0.05 s).
-    """
-    files = {name: getattr(module, "__file__", None) for name, module in sys.modules.items()}
-    inspect.modulesbyfile.update({file: name for name, file in files.items() if file})
 
 
 def _init(known: Sequence[str] = ()) -> None:
