@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import signal
 import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing import resource_tracker
+from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from multiprocessing.context import ForkContext, SpawnContext
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
@@ -19,10 +17,7 @@ from litsim_eval.campaign.case import Case
 from litsim_eval.runs.case_batch import Found, run_batch
 from litsim_eval.runs.case_run import RunFailed, RunOutcome
 from litsim_sim.launch.child import how_it_ended
-from litsim_sim.launch.forked import begin_copy, forget_signals
-from litsim_sim.launch.processes import held_back
-
-_FORK, _SPAWN = multiprocessing.get_context("fork"), multiprocessing.get_context("spawn")
+from litsim_sim.launch.forked import start_preloaded
 
 
 @dataclass(frozen=True)
@@ -34,29 +29,24 @@ class Worker:
 
 
 class Workers:
-    """One process for each thread that runs cases; a context manager.
+    """One preloaded process for each thread that runs cases, started when it runs its first; a context manager.
 
-    On entry, `count` processes are forked from this one, which must not have started those threads yet: they have all
-    its modules. A process that replaces one that has ended is spawned, since threads run by then.
+    One that has ended is replaced by another.
     """
 
-    def __init__(self, count: int) -> None:
-        self._count = count
+    def __init__(self) -> None:
         self._mine = threading.local()
         self._all: list[Worker] = []
-        self._idle: list[Worker] = []
         self._closed = False
         self._starting = threading.Lock()
 
     def __enter__(self) -> Workers:
-        with held_back():
-            self._idle = [self._started(_FORK) for _ in range(self._count)]
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
         for worker in self._all:
-            worker.process.join()  # else files that this process had open, such as locks, would still be open in copies
+            worker.process.join()
 
     def close(self) -> None:
         """Kill all processes, which also ends stopped ones, and start no further ones."""
@@ -99,7 +89,7 @@ class Workers:
             with self._starting:
                 if self._closed:
                     raise RunFailed("its process was closed before it began")
-                self._mine.worker = self._idle.pop() if self._idle else self._replacement()
+                self._mine.worker = self._started()
         worker: Worker = self._mine.worker
         try:
             worker.pipe.send((cases, folders))
@@ -112,20 +102,10 @@ class Workers:
             raise RunFailed(f"its process {how_it_ended(status)}") from None
         return found
 
-    def _replacement(self) -> Worker:
-        """A spawned process. Ctrl-C is blocked for it until it ignores it: it would show a traceback as it loads."""
-        resource_tracker.ensure_running()  # else it is started with the first such process, and unblocks Ctrl-C
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            return self._started(_SPAWN)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-    def _started(self, context: ForkContext | SpawnContext) -> Worker:
+    def _started(self) -> Worker:
         """A new process."""
-        ours, theirs = context.Pipe()
-        process = context.Process(target=_serve, args=(theirs,), daemon=True)
-        process.start()
+        ours, theirs = Pipe()
+        process = start_preloaded(_serve, theirs)
         theirs.close()  # so that the end of the process closes the pipe
         self._all.append(Worker(process, ours))
         return self._all[-1]
@@ -133,9 +113,7 @@ class Workers:
 
 def _serve(pipe: Connection) -> None:
     """Main function of a worker's process: run the batches received, and send their results."""
-    forget_signals()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the parent ends this one
-    begin_copy()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the campaign ends this one
     with suppress(EOFError, ConnectionError):  # the parent is gone
         while True:
             cases, folders = pipe.recv()

@@ -1,6 +1,6 @@
 """Imports for a process from which runs over DDS are forked: those of launcher, nodes, metrics and reports.
 
-A campaign has one such process, so that no run imports them again; see :func:`litsim_sim.launch.forked.keep_ready`.
+A campaign has one such process, so that no run imports them again; see :func:`litsim_sim.launch.forked.preload`.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import litsim_eval.analysis.analyze
 import litsim_eval.analysis.plots
 import litsim_eval.report.run_report
 import litsim_eval.report.terminal  # noqa: F401
+import litsim_eval.runs.workers  # noqa: F401 - in mixed campaigns
 import litsim_sim.cli.launch
 import litsim_sim.nodes.bridge
 import litsim_sim.nodes.recorder
