@@ -12,7 +12,6 @@ from litsim_policy.ego.registry import Ego, ego_stage
 from litsim_sim.ros.company import Company
 from litsim_sim.ros.messages import ego_to_message, received_agents
 from litsim_sim.ros.parameters import read_parameters
-from litsim_sim.ros.process import interrupt_nobody
 from litsim_sim.ros.stage import StageNode, run_stages
 from litsim_sim.ros.topics import AGENTS, EGO_CONTROL
 from litsim_sim.scenario.scenario import Scenario
@@ -47,20 +46,14 @@ def run_bat() -> None:
 
 def run_idm() -> None:
     """Entry point of ``ros2 run litsim_policy ego_idm``."""
-    _run_beside_the_policy("idm")
+    run_stages(partial(EgoNode, "idm"))
 
 
 def run_log() -> None:
     """Entry point of ``ros2 run litsim_policy ego_log``."""
-    _run_beside_the_policy("log")
+    run_stages(partial(EgoNode, "log"))
 
 
 def run_perturbed() -> None:
     """Entry point of ``ros2 run litsim_policy ego_perturbed``."""
-    _run_beside_the_policy("perturbed")
-
-
-def _run_beside_the_policy(name: str) -> None:
-    """Run an ego that answers sooner than the policy, whose stages it therefore need not interrupt."""
-    interrupt_nobody()
-    run_stages(partial(EgoNode, name))
+    run_stages(partial(EgoNode, "perturbed"))

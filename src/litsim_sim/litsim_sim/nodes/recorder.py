@@ -28,7 +28,7 @@ from litsim_sim.ros.cdr import run_id_of, stamp_ns, without_padding
 from litsim_sim.ros.definitions import definition, type_hash, type_name
 from litsim_sim.ros.endpoints import Endpoints, publisher_on, subscribe
 from litsim_sim.ros.parameters import read_parameters
-from litsim_sim.ros.process import interrupt_nobody, process, spin
+from litsim_sim.ros.process import process, spin
 from litsim_sim.ros.topics import FOREIGN, HELLO, LANES, RECORDED, RECORDED_TOPICS, RUN_INFO, STATUS, Topic
 from litsim_sim.scenario.scenario import Scenario
 
@@ -240,7 +240,6 @@ def step_of(topic: Topic, data: bytes) -> int:
 def give_way() -> None:
     """Let other processes go first; to be called before threads are started, which inherit it."""
     os.nice(NICENESS)
-    interrupt_nobody()
 
 
 def let_other_sessions_go_first() -> None:

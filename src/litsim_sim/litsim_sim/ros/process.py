@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import gc
-import os
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import rclpy
@@ -172,16 +171,6 @@ def process(interrupted: int = EXIT_INTERRUPTED, arguments: Sequence[str] = ()) 
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process is ending already
         rclpy.try_shutdown()
-
-
-def interrupt_nobody() -> None:
-    """Let threads that are woken, as by each message, wait for a processor to be free instead of interrupting others'.
-
-    For processes that no other waits for at once; to be called before threads are started, which inherit it.
-    """
-    if os.sched_getscheduler(0) == os.SCHED_OTHER:  # else the user has chosen
-        with suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
 def spare_from_collection() -> None:
