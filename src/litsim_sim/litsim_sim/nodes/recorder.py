@@ -34,7 +34,6 @@ from litsim_sim.scenario.scenario import Scenario
 
 HEARING_S = 10.0  # longest wait for READY of the other stages, which holds their parameters to be recorded
 SETTLE_S = 0.05  # period of the checks whether all messages of a run that is over have been received
-REST_S = 0.02  # pause once all waiting messages have been served: the bridge may be many steps ahead
 NICENESS = 5  # gives priority to the loop where processors are scarce; the bridge waits for a recorder far behind
 WAITING = 2000  # [messages] queue of a topic: those of foreign publishers must not displace those of the run
 LAST_WORD_S = 0.2  # longest wait for the delivery of the last messages; time to report an interruption
@@ -259,7 +258,7 @@ def main() -> None:
         node = RecorderNode()
         node.get_logger().info(f"waiting for a run on {RUN_INFO.name}")
         try:
-            spin(node, lambda: node.finished, REST_S)
+            spin(node, lambda: node.finished)
         except KeyboardInterrupt as error:
             node.abandon(reason(error), LAST_WORD_S)
             raise

@@ -12,10 +12,9 @@ from pathlib import Path
 
 import rclpy
 from rclpy.exceptions import ParameterException
-from rclpy.executors import Executor, SingleThreadedExecutor, TimeoutException
+from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 
 from litsim_sim.core.errors import EXIT_INPUT, EXIT_INTERRUPTED, InputError, print_error, refused
@@ -36,29 +35,15 @@ SIGNAL_PERIOD = 0.05  # [s] longest delay until Ctrl-C is noticed: signals do no
 TOGETHER_S = 0.5  # [s] signals within this time count as one
 
 
-def spin(node: Node, done: Callable[[], bool] = lambda: False, rest: float = 0.0) -> None:
-    """Serve the callbacks of `node` until `done`.
-
-    Args:
-        node: the node.
-        done: called between callbacks.
-        rest: pause [s] after all waiting messages have been served, for nodes that no other waits for: many messages
-            at once, taken without an executor, cost much less than waking up for each.
+def spin(node: Node, done: Callable[[], bool] = lambda: False) -> None:
+    """Serve the callbacks of `node` until `done`, which is called between them.
 
     Raises:
         KeyboardInterrupt: Ctrl-C or SIGTERM.
     """
-    if not rest:
-        executor = executor_of(node)
-        while not done():
-            serve(executor)
-        return
-    patient = SingleThreadedExecutor()
-    patient.add_node(node)
+    executor = executor_of(node)
     while not done():
-        _serve_messages(node)
-        _serve_round(patient)
-        time.sleep(rest)
+        serve(executor)
 
 
 def executor_of(*nodes: Node) -> Executor:
@@ -81,39 +66,6 @@ def serve(executor: Executor, timeout: float = SIGNAL_PERIOD) -> None:
     """
     _interruption.check()
     executor.spin_once(timeout_sec=min(timeout, SIGNAL_PERIOD))
-
-
-def _serve_messages(node: Node) -> None:
-    """Serve all waiting messages of `node`, one of each subscription in turn.
-
-    An executor makes a wait set for each turn and a task for each message, which takes three times as long.
-    """
-    waiting = list(node.subscriptions)
-    while waiting:
-        _interruption.check()
-        waiting = [subscription for subscription in waiting if _serve_message(subscription)]
-
-
-def _serve_message(subscription: Subscription) -> bool:
-    """Serve the next message of a subscription; return whether there was one."""
-    with subscription.handle:
-        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-    if taken is None:
-        return False
-    subscription.callback(taken[0])
-    return True
-
-
-def _serve_round(executor: SingleThreadedExecutor) -> None:
-    """Serve what is ready once: timers, services, and one message of each subscription."""
-    while True:
-        _interruption.check()
-        try:
-            callback, _, _ = executor.wait_for_ready_callbacks(timeout_sec=0.0)
-        except TimeoutException:  # rclpy raises it at the end of successful rounds, too
-            return
-        callback()
-        callback.result()  # re-raises the callback's exception
 
 
 class _Interruption:
