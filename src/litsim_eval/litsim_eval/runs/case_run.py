@@ -245,18 +245,18 @@ def _graph_parameters(case: Case) -> dict[str, dict[str, Any]]:
 
 def _launch(case: Case, out: Path) -> list[str]:
     """The launcher's command line."""
-    words = [str(find_executable("litsim_sim", "launch")), "--quiet", "--overwrite", "--out", str(out)]
-    words += ["--scenario", case.scenario, "--ego", case.ego.kind, "--policy", case.policy]
-    words += ["--ego-id", str(case.ego_id), "--ego-interface", case.ego.interface]
-    words += [] if case.seed is None else ["--seed", str(case.seed)]
-    words += [] if case.end_after_contact_s is None else ["--end-after-contact", str(case.end_after_contact_s)]
+    argv = [str(find_executable("litsim_sim", "launch")), "--quiet", "--overwrite", "--out", str(out)]
+    argv += ["--scenario", case.scenario, "--ego", case.ego.kind, "--policy", case.policy]
+    argv += ["--ego-id", str(case.ego_id), "--ego-interface", case.ego.interface]
+    argv += [] if case.seed is None else ["--seed", str(case.seed)]
+    argv += [] if case.end_after_contact_s is None else ["--end-after-contact", str(case.end_after_contact_s)]
     settings = [
         f"{stage}.{name}={json.dumps(value)}"
         for stage, values in _graph_parameters(case).items()
         for name, value in values.items()
     ]
-    words += ["--set", *settings] if settings else []
-    return [*words, *(["--", *case.ego.command] if case.ego.command else [])]
+    argv += ["--set", *settings] if settings else []
+    return [*argv, *(["--", *case.ego.command] if case.ego.command else [])]
 
 
 class _Reader(threading.Thread):

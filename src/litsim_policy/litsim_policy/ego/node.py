@@ -9,7 +9,7 @@ from typing import Any
 from litsim_msgs.msg import RunInfo
 
 from litsim_policy.ego.registry import Ego, ego_stage
-from litsim_sim.ros.company import Company
+from litsim_sim.ros.in_process import InProcessTransport
 from litsim_sim.ros.messages import ego_to_message, received_agents
 from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.stage import StageNode, run_stages
@@ -24,8 +24,8 @@ class EgoNode(StageNode):
     inputs = ((AGENTS, received_agents),)
     outputs = ((EGO_CONTROL, ego_to_message),)
 
-    def __init__(self, name: str, company: Company | None = None) -> None:
-        super().__init__(company)
+    def __init__(self, name: str, transport: InProcessTransport | None = None) -> None:
+        super().__init__(transport)
         self._make = read_parameters(self, partial(ego_stage, name))
         self._ego: Ego
 

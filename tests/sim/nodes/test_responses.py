@@ -15,12 +15,12 @@ from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import Answer, Interface
 from litsim_sim.ego_port.port import EgoPort
 from litsim_sim.ego_port.tracking import TwistTarget
-from litsim_sim.nodes.answers import (
-    Answers,
-    Attendance,
+from litsim_sim.nodes.responses import (
     EgoPublisher,
     EgoPublishers,
+    ResponseCollector,
     RunFailed,
+    StageLiveness,
     absence,
     check_controls,
     rivalry,
@@ -42,13 +42,13 @@ class Bridge:
     """Answers with all that they need; the recorder keeps up unless a test says otherwise."""
 
     def __init__(self, agent_table: Any, *, with_policy: bool = True, stop: bool = True, recorded: int = 10**6) -> None:
-        self.attendance = Attendance(RUN, STAGES)
-        self.attendance.take_confirmation(RUN, recorded)
+        self.liveness = StageLiveness(RUN, STAGES)
+        self.liveness.take_confirmation(RUN, recorded)
         self.port = EgoPort(RUN, VehicleModel(), Interface.CONTROL)
         self.read: list[ControlTable] = []
-        self.answers = Answers(
+        self.responses = ResponseCollector(
             self.port,
-            self.attendance,
+            self.liveness,
             self._convert,
             run_id=RUN,
             ego_id=EGO_ID,
@@ -62,14 +62,14 @@ class Bridge:
         return message
 
     def open(self, step: int) -> None:
-        self.answers.open(self._agent_table(step, {"id": EGO_ID}), driven=True)
+        self.responses.open(self._agent_table(step, {"id": EGO_ID}), driven=True)
 
     def ego(self, step: int, acceleration: float = 0.5) -> None:
         self.port.ask()
         self.port.offer(Answer(Interface.CONTROL, EgoCommand(step, acceleration, 0.0), step=step, run_id=RUN))
 
     def settle(self) -> list[str]:
-        return self.answers.settle(5.0, lambda: "; silent: policy")
+        return self.responses.settle(5.0, lambda: "; silent: policy")
 
 
 @pytest.fixture
@@ -78,97 +78,97 @@ def bridge(agent_table: Any) -> Bridge:
 
 
 def test_a_stage_is_awaited_until_it_says_that_it_is_ready() -> None:
-    attendance = Attendance(RUN, STAGES)
-    assert attendance.awaited == ["conflict", "ego", "policy", "predictor"]
+    liveness = StageLiveness(RUN, STAGES)
+    assert liveness.awaited == ["conflict", "ego", "policy", "predictor"]
     for stage in STAGES[:4]:
-        attendance.take_status(OTHER, stage, StageState.READY, "")
-        attendance.take_status(RUN, stage, StageState.RUNNING, "")
-    assert len(attendance.awaited) == 4
+        liveness.take_status(OTHER, stage, StageState.READY, "")
+        liveness.take_status(RUN, stage, StageState.RUNNING, "")
+    assert len(liveness.awaited) == 4
     for stage in STAGES[:4]:
-        assert not attendance.all_ready
-        attendance.take_status(RUN, stage, StageState.READY, "")
-    assert attendance.awaited == ["recorder"]  # it waits to hear all others
-    attendance.take_status(RUN, "recorder", StageState.READY, "")
-    assert (attendance.all_ready, attendance.awaited) == (True, [])
+        assert not liveness.all_ready
+        liveness.take_status(RUN, stage, StageState.READY, "")
+    assert liveness.awaited == ["recorder"]  # it waits to hear all others
+    liveness.take_status(RUN, "recorder", StageState.READY, "")
+    assert (liveness.all_ready, liveness.awaited) == (True, [])
 
 
 def test_failures_are_quoted_with_the_names_of_the_stages() -> None:
-    attendance = Attendance(RUN, STAGES)
-    attendance.take_status(OTHER, "ego", StageState.FAILED, "no map")
-    attendance.take_status(RUN, "bridge", StageState.FAILED, "what it said itself")
-    attendance.check()
-    attendance.take_status(RUN, "ego", StageState.FAILED, "no map")
-    attendance.take_status(RUN, "policy", StageState.FAILED, "step 5: no weights")
+    liveness = StageLiveness(RUN, STAGES)
+    liveness.take_status(OTHER, "ego", StageState.FAILED, "no map")
+    liveness.take_status(RUN, "bridge", StageState.FAILED, "what it said itself")
+    liveness.check()
+    liveness.take_status(RUN, "ego", StageState.FAILED, "no map")
+    liveness.take_status(RUN, "policy", StageState.FAILED, "step 5: no weights")
     with pytest.raises(RunFailed, match=r"^ego: no map; policy: step 5: no weights$"):
-        attendance.check()
+        liveness.check()
 
 
 def test_two_nodes_of_a_stage_are_no_run_where_their_parameters_differ() -> None:
-    attendance = Attendance(RUN, STAGES)
+    liveness = StageLiveness(RUN, STAGES)
     for text in ("speed: 1", "speed: 1"):  # twice the same, or one that has said it again
-        attendance.take_status(RUN, "ego", StageState.READY, text)
-    attendance.check()
-    attendance.take_status(RUN, "ego", StageState.READY, "speed: 2")
+        liveness.take_status(RUN, "ego", StageState.READY, text)
+    liveness.check()
+    liveness.take_status(RUN, "ego", StageState.READY, "speed: 2")
     with pytest.raises(RunFailed, match="ego: two nodes with different parameters answer"):
-        attendance.check()
+        liveness.check()
 
 
 def test_idle_nodes_of_stages_that_take_no_part_are_not_heard() -> None:
-    attendance = Attendance(RUN, ("ego", "recorder"))
-    attendance.take_status(RUN, "policy", StageState.FAILED, "policy: 'replay' is unknown")
-    attendance.take_status(RUN, "conflict", StageState.READY, "")
-    attendance.check()
-    assert attendance.awaited == ["ego"]
+    liveness = StageLiveness(RUN, ("ego", "recorder"))
+    liveness.take_status(RUN, "policy", StageState.FAILED, "policy: 'replay' is unknown")
+    liveness.take_status(RUN, "conflict", StageState.READY, "")
+    liveness.check()
+    assert liveness.awaited == ["ego"]
 
 
 @pytest.mark.parametrize("state", [StageState.FINISHED, StageState.FAILED])
 def test_the_recorder_closes_its_file_for_better_or_worse(state: StageState) -> None:
-    attendance = Attendance(RUN, STAGES)
-    assert not attendance.recorder_closing  # nobody is there to be waited for
-    attendance.take_status(RUN, "recorder", StageState.READY, "")
-    attendance.take_status(RUN, "policy", state, "")
-    assert attendance.recorder_closing
-    attendance.take_status(RUN, "recorder", state, "")
-    assert (attendance.recorder_closing, attendance.recorder_done) == (False, True)
+    liveness = StageLiveness(RUN, STAGES)
+    assert not liveness.recorder_closing  # nobody is there to be waited for
+    liveness.take_status(RUN, "recorder", StageState.READY, "")
+    liveness.take_status(RUN, "policy", state, "")
+    assert liveness.recorder_closing
+    liveness.take_status(RUN, "recorder", state, "")
+    assert (liveness.recorder_closing, liveness.recorder_done) == (False, True)
 
 
 def test_who_has_not_answered_a_step_is_silent() -> None:
-    attendance = Attendance(RUN, STAGES)
-    attendance.take_timing(OTHER, "ego", 4)
-    attendance.take_timing(RUN, "bridge", 4)
+    liveness = StageLiveness(RUN, STAGES)
+    liveness.take_timing(OTHER, "ego", 4)
+    liveness.take_timing(RUN, "bridge", 4)
     both = (CONTROLS, CONTROL)
-    assert attendance.silent(4, (CONTROL,)) == ["ego"]
-    assert attendance.silent(4, both) == ["predictor", "conflict", "policy", "ego"]  # which of them, cannot be told
-    attendance.take_timing(RUN, "predictor", 4)
-    attendance.take_timing(RUN, "ego", 4)
-    attendance.take_timing(RUN, "ego", 3)
-    attendance.take_timing(RUN, "conflict", 3)
-    assert attendance.silent(4, both) == ["conflict"]  # the policy waits for it
-    assert attendance.silent(5, both) == ["predictor", "ego"]
-    assert attendance.silent(5, (CONTROLS,)) == ["predictor"]
+    assert liveness.silent(4, (CONTROL,)) == ["ego"]
+    assert liveness.silent(4, both) == ["predictor", "conflict", "policy", "ego"]  # which of them, cannot be told
+    liveness.take_timing(RUN, "predictor", 4)
+    liveness.take_timing(RUN, "ego", 4)
+    liveness.take_timing(RUN, "ego", 3)
+    liveness.take_timing(RUN, "conflict", 3)
+    assert liveness.silent(4, both) == ["conflict"]  # the policy waits for it
+    assert liveness.silent(5, both) == ["predictor", "ego"]
+    assert liveness.silent(5, (CONTROLS,)) == ["predictor"]
 
 
 def test_the_recorder_may_be_behind_by_its_window_but_not_at_step_0() -> None:
-    attendance = Attendance(RUN, STAGES)
+    liveness = StageLiveness(RUN, STAGES)
     nothing = r"^recorder: has confirmed nothing on /litsim/recorded at step 0, expected at most 50 steps behind$"
     with pytest.raises(RunFailed, match=nothing):
-        attendance.check_recorder_keeps_up(0)
-    attendance.take_confirmation(OTHER, 99)
-    assert not attendance.recorder_keeps_up(0)
-    attendance.take_confirmation(RUN, 5)
-    attendance.take_confirmation(RUN, 0)  # an older one
-    attendance.check_recorder_keeps_up(5 + RECORDER_WINDOW)
+        liveness.check_recorder_keeps_up(0)
+    liveness.take_confirmation(OTHER, 99)
+    assert not liveness.recorder_keeps_up(0)
+    liveness.take_confirmation(RUN, 5)
+    liveness.take_confirmation(RUN, 0)  # an older one
+    liveness.check_recorder_keeps_up(5 + RECORDER_WINDOW)
     with pytest.raises(RunFailed, match="has confirmed only step 5 on /litsim/recorded at step 56"):
-        attendance.check_recorder_keeps_up(6 + RECORDER_WINDOW)
+        liveness.check_recorder_keeps_up(6 + RECORDER_WINDOW)
 
 
 def test_the_last_step_is_to_be_confirmed_where_there_is_a_recorder() -> None:
-    attendance = Attendance(RUN, STAGES)
-    attendance.take_confirmation(RUN, 34)
-    attendance.check_recorded(34)
+    liveness = StageLiveness(RUN, STAGES)
+    liveness.take_confirmation(RUN, 34)
+    liveness.check_recorded(34)
     with pytest.raises(RunFailed, match=r"^recorder: has confirmed only step 34 of 35 on /litsim/recorded$"):
-        attendance.check_recorded(35)
-    Attendance(RUN, STAGES[:4]).check_recorded(35)
+        liveness.check_recorded(35)
+    StageLiveness(RUN, STAGES[:4]).check_recorded(35)
 
 
 def test_a_step_is_complete_once_both_have_answered_it(bridge: Bridge) -> None:

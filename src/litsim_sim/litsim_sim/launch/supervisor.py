@@ -1,8 +1,8 @@
-"""Keeps a foreign command: started in a session of its own, and ended with all that it has started.
+"""Process supervisor of a foreign command: started in a session of its own, and ended with all that it has started.
 
 A driving stack is often a script that starts more processes, some of which leave its process group. The launcher
 starts this program in its place, which hands signals on to the whole tree and leaves nothing of it behind, however the
-command, or the launcher, ends. It needs nothing but Python: ``python keeper.py COMMAND...`` ends as COMMAND does.
+command, or the launcher, ends. It needs nothing but Python: ``python supervisor.py COMMAND...`` ends as COMMAND does.
 """
 
 from __future__ import annotations
@@ -57,12 +57,12 @@ def _end_rest() -> None:
 
 
 def _begin() -> None:
-    """In the command's process before it starts: make it end with the keeper, even if the keeper is killed."""
+    """In the command's process before it starts: make it end with the supervisor, even if the supervisor is killed."""
     _LIBC.prctl(DIE_WITH_PARENT, signal.SIGKILL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, HANDED_ON)
 
 
-def keep(command: list[str]) -> int:
+def supervise(command: list[str]) -> int:
     """Run `command` to its end; return its exit status, a signal as a negative number."""
     for number in HANDED_ON:  # shells have what they start in the background ignore SIGINT, and so would the command
         signal.signal(number, signal.SIG_DFL)
@@ -91,7 +91,7 @@ def keep(command: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    status = keep(sys.argv[1:])
+    status = supervise(sys.argv[1:])
     if status < 0:  # end in the same way, so that the parent learns of the signal
         if -status != signal.SIGKILL:
             signal.signal(-status, signal.SIG_DFL)
