@@ -244,7 +244,8 @@ def give_way() -> None:
 def let_other_sessions_go_first() -> None:
     """Lower the priority of this process's session, if it has its own; to be called when the run begins.
 
-    Linux shares processors between sessions first, each by a niceness of its own.
+    Linux shares processors between sessions first, each by a niceness of its own. Without this a step takes 1.54 times
+    as long on a busy machine (0.95 to 1.78, 5 pairs).
     """
     if os.getsid(0) == os.getpid():
         with suppress(OSError):

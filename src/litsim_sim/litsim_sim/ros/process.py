@@ -47,10 +47,10 @@ def spin(node: Node, done: Callable[[], bool] = lambda: False) -> None:
 
 
 def executor_of(*nodes: Node) -> Executor:
-    """An executor for nodes that others wait for.
+    """An executor for nodes.
 
     Other executors iterate over all entities of a node, in Python, whenever they wait; the events executor is notified
-    by DDS and takes half of their time per message.
+    by DDS. Without it a step takes 1.17 times as long (1.07 to 1.31, 4 pairs).
     """
     executor: Executor = LoopExecutor()
     for node in nodes:
@@ -128,7 +128,8 @@ def process(interrupted: int = EXIT_INTERRUPTED, arguments: Sequence[str] = ()) 
 def spare_from_collection() -> None:
     """Exempt all existing objects (libraries, scenario, core) from garbage collection.
 
-    A pass over them takes a tenth of a second, a whole step in real time, and finds nothing.
+    A pass over them takes a tenth of a second, a whole step in real time, and finds nothing. On average a step takes
+    1.05 times as long without this (0.98 to 1.11, 3 pairs).
     """
     gc.freeze()
 
