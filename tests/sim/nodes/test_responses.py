@@ -173,40 +173,40 @@ def test_the_last_step_is_to_be_confirmed_where_there_is_a_recorder() -> None:
 
 def test_a_step_is_complete_once_both_have_answered_it(bridge: Bridge) -> None:
     bridge.open(0)
-    assert bridge.answers.missing == [CONTROLS, CONTROL]
-    bridge.answers.offer_controls(RUN, 0, controls(1, 2))
-    assert bridge.answers.missing == [CONTROL]
+    assert bridge.responses.missing == [CONTROLS, CONTROL]
+    bridge.responses.offer_controls(RUN, 0, controls(1, 2))
+    assert bridge.responses.missing == [CONTROL]
     bridge.ego(0)
-    assert bridge.answers.complete
+    assert bridge.responses.complete
     assert bridge.settle() == []
-    assert bridge.answers.command() == EgoCommand(0, 0.5, 0.0)
-    assert bridge.answers.controls().id.tolist() == [1, 2]
+    assert bridge.responses.command() == EgoCommand(0, 0.5, 0.0)
+    assert bridge.responses.controls().id.tolist() == [1, 2]
     bridge.open(1)
-    assert bridge.answers.missing == [CONTROLS, CONTROL]
+    assert bridge.responses.missing == [CONTROLS, CONTROL]
 
 
 def test_without_a_policy_the_ego_alone_answers(agent_table: Any) -> None:
     bridge = Bridge(agent_table, with_policy=False)
     bridge.open(3)
-    assert bridge.answers.missing == [CONTROL]
+    assert bridge.responses.missing == [CONTROL]
     bridge.ego(3)
-    assert bridge.answers.complete
-    assert (bridge.answers.controls().step, len(bridge.answers.controls().id)) == (3, 0)
+    assert bridge.responses.complete
+    assert (bridge.responses.controls().step, len(bridge.responses.controls().id)) == (3, 0)
 
 
 def test_an_external_ego_may_answer_on_several_topics_until_it_has_chosen(bridge: Bridge) -> None:
     bridge.port.interface = None
     bridge.open(0)
-    assert bridge.answers.missing[1] == f"{CONTROL} or /litsim/ego/twist or /litsim/ego/trajectory"
+    assert bridge.responses.missing[1] == f"{CONTROL} or /litsim/ego/twist or /litsim/ego/trajectory"
     bridge.ego(0)
-    assert bridge.answers.missing == [CONTROLS]
+    assert bridge.responses.missing == [CONTROLS]
 
 
 def test_a_recorder_that_falls_behind_is_waited_for_and_then_ends_the_run(agent_table: Any) -> None:
     bridge = Bridge(agent_table, with_policy=False, stop=False, recorded=0)
     bridge.open(RECORDER_WINDOW + 1)
     bridge.ego(RECORDER_WINDOW + 1)
-    assert (bridge.answers.missing, bridge.answers.complete) == ([], False)
+    assert (bridge.responses.missing, bridge.responses.complete) == ([], False)
     with pytest.raises(RunFailed, match=r"^recorder: has confirmed only step 0 "):
         bridge.settle()
 
@@ -223,20 +223,20 @@ def test_a_missing_answer_ends_the_run_and_says_who_is_silent(agent_table: Any, 
 def test_where_missing_answers_are_held_the_newest_counts_on_and_they_are_counted(agent_table: Any) -> None:
     bridge = Bridge(agent_table, stop=False)
     bridge.open(0)
-    bridge.answers.offer_controls(RUN, 0, controls(1, acceleration=-2.0))
+    bridge.responses.offer_controls(RUN, 0, controls(1, acceleration=-2.0))
     bridge.ego(0, -3.0)
     assert bridge.settle() == []
     bridge.open(1)
     assert bridge.settle() == [CONTROLS, CONTROL]
-    held = bridge.answers.controls()
+    held = bridge.responses.controls()
     assert (held.step, held.acceleration.tolist()) == (1, [-2.0])
-    assert bridge.answers.command() == EgoCommand(1, -3.0, 0.0)
+    assert bridge.responses.command() == EgoCommand(1, -3.0, 0.0)
     bridge.open(2)
     bridge.ego(2)
-    bridge.answers.offer_controls(RUN, 1, controls(1, acceleration=-4.0))  # late: the newest from now on
+    bridge.responses.offer_controls(RUN, 1, controls(1, acceleration=-4.0))  # late: the newest from now on
     assert bridge.settle() == [CONTROLS]
-    assert bridge.answers.controls().acceleration.tolist() == [-4.0]
-    summary = bridge.answers.summary()
+    assert bridge.responses.controls().acceleration.tolist() == [-4.0]
+    summary = bridge.responses.summary()
     assert summary["missed"] == {CONTROLS: 2, CONTROL: 1}
     assert summary["stale"] == {CONTROLS: 1}
     assert (summary["ego_port"]["interface"], summary["ego_port"]["answered"]) == ("control", 2)
@@ -244,30 +244,30 @@ def test_where_missing_answers_are_held_the_newest_counts_on_and_they_are_counte
 
 def test_answers_of_other_runs_and_second_ones_are_stale(bridge: Bridge) -> None:
     bridge.open(0)
-    bridge.answers.offer_controls(OTHER, 0, controls(1))
-    assert CONTROLS in bridge.answers.missing
-    bridge.answers.offer_controls(RUN, 0, controls(2))
-    bridge.answers.offer_controls(RUN, 0, controls(3))
-    assert bridge.answers.controls().id.tolist() == [2]
-    assert bridge.answers.summary()["stale"] == {CONTROLS: 2}
+    bridge.responses.offer_controls(OTHER, 0, controls(1))
+    assert CONTROLS in bridge.responses.missing
+    bridge.responses.offer_controls(RUN, 0, controls(2))
+    bridge.responses.offer_controls(RUN, 0, controls(3))
+    assert bridge.responses.controls().id.tolist() == [2]
+    assert bridge.responses.summary()["stale"] == {CONTROLS: 2}
     assert len(bridge.read) == 1  # only what counts is read
 
 
 def test_the_command_of_a_step_is_taken_once(bridge: Bridge) -> None:
     bridge.open(0)
-    assert not bridge.answers.commanded
+    assert not bridge.responses.commanded
     bridge.ego(0, 1.0)
-    assert bridge.answers.command() is bridge.answers.command()
-    assert bridge.answers.commanded
+    assert bridge.responses.command() is bridge.responses.command()
+    assert bridge.responses.commanded
     bridge.open(1)
-    assert not bridge.answers.commanded
+    assert not bridge.responses.commanded
 
 
 def test_an_answer_of_the_ego_that_cannot_be_used_ends_the_run(bridge: Bridge) -> None:
     bridge.open(4)
     bridge.ego(4, float("nan"))
     with pytest.raises(RunFailed, match=f"^the answer to step 4 on {CONTROL} cannot be used: acceleration is nan"):
-        bridge.answers.command()
+        bridge.responses.command()
 
 
 @pytest.mark.parametrize(
@@ -287,9 +287,9 @@ def test_controls_that_the_world_does_not_expect_end_the_run(
     bridge: Bridge, wrong: ControlTable, expected: str
 ) -> None:
     bridge.open(2)
-    bridge.answers.offer_controls(RUN, 2, wrong)
+    bridge.responses.offer_controls(RUN, 2, wrong)
     with pytest.raises(RunFailed) as raised:
-        bridge.answers.controls()
+        bridge.responses.controls()
     assert str(raised.value) == f"the answer to step 2 on {CONTROLS} cannot be used: {expected}"
 
 
@@ -422,20 +422,20 @@ def test_a_stack_that_is_started_again_is_told_once(
         "answers without what it knew before"
     )
     assert told == [said] * joined
-    assert bridge.answers.summary()["ego_port"]["joined"] == joined
+    assert bridge.responses.summary()["ego_port"]["joined"] == joined
 
 
 def test_the_answer_to_a_step_that_was_published_again_is_never_stale(bridge: Bridge) -> None:
     bridge.open(0)
-    bridge.answers.ask()
-    bridge.answers.ask()
+    bridge.responses.ask()
+    bridge.responses.ask()
     bridge.port.offer(Answer(Interface.CONTROL, EgoCommand(0, 0.5, 0.0), step=0, run_id=RUN))
-    bridge.answers.offer_controls(RUN, 0, controls())
+    bridge.responses.offer_controls(RUN, 0, controls())
     bridge.open(1)
-    bridge.answers.ask()
+    bridge.responses.ask()
     for count in (0, 1):  # the second answer was asked for, a third is too much
         bridge.port.offer(Answer(Interface.CONTROL, EgoCommand(0, 0.5, 0.0), step=0, run_id=RUN))
-        bridge.answers.offer_controls(RUN, 0, controls())
+        bridge.responses.offer_controls(RUN, 0, controls())
         assert bridge.port.counts["stale"] == count
-        assert bridge.answers.summary()["stale"].get(CONTROLS, 0) == count
-    assert bridge.answers.missing == [CONTROLS, CONTROL]
+        assert bridge.responses.summary()["stale"].get(CONTROLS, 0) == count
+    assert bridge.responses.missing == [CONTROLS, CONTROL]
