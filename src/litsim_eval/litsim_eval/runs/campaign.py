@@ -53,7 +53,8 @@ class LocalRuns:
         """
         portions = batches(cases, self.processes)
         preload(PRELOADED if any(case.shell == GRAPH for case in cases) else Workers.__module__)
-        with Workers() as workers, ThreadPoolExecutor(self.processes) as threads:
+        here = sum(portion[0].shell != GRAPH for portion in portions)
+        with Workers(min(here, self.processes)) as workers, ThreadPoolExecutor(self.processes) as threads:
             pending = [threads.submit(self._run, portion, workers) for portion in portions]
             try:
                 for future in as_completed(pending):

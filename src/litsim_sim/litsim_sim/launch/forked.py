@@ -68,8 +68,7 @@ class ForkedProcess:
         if preloaded:
             self._process = start_preloaded(_run_program, *given)
         else:
-            self._process = _HERE.Process(target=_run_as_child, args=given, daemon=True)
-            self._process.start()
+            self._process = start_forked(_run_program, *given)
         for each in (out, err, begin):
             if isinstance(each, Connection):
                 each.close()  # else its end would not be noticed
@@ -95,6 +94,22 @@ class ForkedProcess:
         """Wait for its end for at most `timeout` seconds; return :attr:`returncode`."""
         self._process.join(timeout)
         return self.returncode
+
+
+def start_forked(target: Callable[..., None], *arguments: Any) -> BaseProcess:
+    """Call `target` in a copy of this process; it ends when this process ends."""
+    process = _HERE.Process(target=_run_as_child, args=(target, *arguments), daemon=True)
+    process.start()
+    return process
+
+
+def _run_as_child(target: Callable[..., None], *arguments: Any) -> None:
+    """Call `target`; end when the process that this is a copy of is gone."""
+    end_with_parent()
+    parent = multiprocessing.parent_process()
+    if parent is None or os.getppid() != parent.pid:  # it was gone before that could be arranged
+        os.kill(os.getpid(), signal.SIGTERM)
+    target(*arguments)
 
 
 def preload(*modules: str) -> None:
@@ -149,15 +164,6 @@ def _end_of(wanted: IO[str] | int) -> tuple[IO[str] | None, IO[str] | Connection
         return os.fdopen(os.dup(read.fileno())), write
 
 
-def _run_as_child(*given: Any) -> None:
-    """Like :func:`_run_program`, but ends when the process that this is a copy of is gone."""
-    end_with_parent()
-    parent = multiprocessing.parent_process()
-    if parent is None or os.getppid() != parent.pid:  # it was gone before that could be arranged
-        os.kill(os.getpid(), signal.SIGTERM)
-    _run_program(*given)
-
-
 def _run_program(
     argv: Sequence[str],
     environment: Mapping[str, str],
@@ -168,7 +174,8 @@ def _run_program(
 ) -> None:
     """In the copy: become like a separate process, report that by closing `begin`, and run the program."""
     os.setsid()
-    _forget_signals()
+    forget_signals()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
     begin.close()
     with Path(os.devnull).open("w") as nothing:
         os.dup2((stdout or nothing).fileno(), 1)
@@ -188,10 +195,9 @@ def _run_program(
         sys.exit(EXIT_INTERRUPTED)
 
 
-def _forget_signals() -> None:
+def forget_signals() -> None:
     """Handle signals as Python does when it starts, whatever the copied process does."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     for number in set(SIGNALS) - {signal.SIGINT}:
         if signal.getsignal(number) != signal.SIG_IGN:  # nohup holds SIGHUP back
             signal.signal(number, signal.SIG_DFL)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
