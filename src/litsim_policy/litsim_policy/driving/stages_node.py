@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from functools import partial
 
 from rclpy.utilities import remove_ros_args
@@ -13,10 +14,11 @@ from litsim_policy.ego.node import EgoNode
 from litsim_predictor.predictor_node import PredictorNode
 from litsim_sim.core.stage_registry import registered_name
 from litsim_sim.core.stages import CONFLICT, EGO, POLICY, PREDICTOR
-from litsim_sim.ros.stage import run_stages
+from litsim_sim.ros.in_process import InProcessTransport
+from litsim_sim.ros.stage import StageNode, run_stages
 from litsim_sim.scenario.run_info import OWN_EGOS
 
-STAGES = {
+STAGES: dict[str, Callable[[InProcessTransport], StageNode]] = {
     **{registered_name(EGO, driver): partial(EgoNode, driver) for driver in OWN_EGOS},
     PREDICTOR: PredictorNode,
     CONFLICT: ConflictNode,
