@@ -32,7 +32,7 @@ setup(
         "console_scripts": [
             "conflict = litsim_policy.conflict.node:main",
             "policy = litsim_policy.driving.node:main",
-            "policy_stages = litsim_policy.driving.stages_node:main",
+            "stages = litsim_policy.driving.stages_node:main",
             "ego = litsim_policy.ego.node:main",
         ],
         # See litsim_sim.core.plugins for the groups.

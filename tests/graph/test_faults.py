@@ -86,18 +86,18 @@ def assert_whole_steps(bag: Path) -> int:
     return len(steps) - 1
 
 
-@pytest.mark.parametrize("name", ["bridge", "policy_stages", "ego"])
+@pytest.mark.parametrize("name", ["bridge", "stages", "ego"])
 def test_a_node_that_is_killed_is_named(graph: Any, name: str) -> None:
     """Of a stage with a process of its own and the recorder, see test_launcher.py and test_recording.py."""
     bag = graph.folder / "run"
-    policy = "litsim" if name == "policy_stages" else "replay"
+    policy = "litsim" if name == "stages" else "replay"
     scenario = graph.scenario(simulation_s=24.0)
     words = ("--mode", "realtime", "--scenario", scenario, "--policy", policy, "--out", bag)
-    launcher = graph.start_launch(*words, *(() if name == "policy_stages" else ("--apart",)))
+    launcher = graph.start_launch(*words, *(() if name == "stages" else ("--apart",)))
     graph.wait_under_way(bag)
     graph.signal(name, signal.SIGKILL)
     error = error_of(graph.finish(launcher))
-    several = {"policy_stages": "process policy_stages (predictor, conflict, policy)"}
+    several = {"stages": "process stages (ego, predictor, conflict, policy)"}
     named = several.get(name, f"node {name.removesuffix('_idm')}")
     assert error.startswith(f"{named} was ended by SIGKILL (logs: ")
     assert not graph.running()

@@ -23,7 +23,7 @@ def stop_amid_run(graph: Any, executable: str, timeout: float) -> Any:
     bag, go = graph.folder / "run", graph.folder / "go"
     graph.start_script("external_ego.py", "--hold-at", AT, "--until", go)
     words = ("--scenario", graph.scenario(), "--ego", "external", "--policy", "litsim", "--out", bag)
-    words += () if executable == "policy_stages" else ("--apart",)
+    words += () if executable == "stages" else ("--apart",)
     launcher = graph.start_launch(*words, "--domain-id", graph.domain, "--answer-timeout", timeout)
     log = bag / "log/bridge.log"
     graph.wait(f"step {AT}", lambda: log.is_file() and f"step {AT}: waiting for /litsim/ego/" in log.read_text())
@@ -32,7 +32,7 @@ def stop_amid_run(graph: Any, executable: str, timeout: float) -> Any:
     return launcher
 
 
-@pytest.mark.parametrize("executable", ["bridge", "conflict", "policy_stages", "recorder"])
+@pytest.mark.parametrize("executable", ["bridge", "conflict", "stages", "recorder"])
 def test_who_is_stopped_and_goes_on_in_time_does_not_end_the_run(graph: Any, executable: str) -> None:
     launcher = stop_amid_run(graph, executable, PATIENT)
     time.sleep(PAUSE_S)
@@ -51,7 +51,7 @@ def test_who_is_stopped_and_goes_on_in_time_does_not_end_the_run(graph: Any, exe
             "conflict",
             "no answer to step 21 on /litsim/controls within 10 s; silent: conflict; stopped, by a signal or ",
         ),
-        ("policy_stages", "no answer to step 21 on /litsim/controls within 10 s; silent: predictor"),
+        ("stages", "no answer to step 21 on /litsim/controls within 10 s; silent: predictor"),
         ("recorder", "recorder: has confirmed only step "),
     ],
 )
@@ -63,7 +63,7 @@ def test_who_is_stopped_for_good_is_named(graph: Any, executable: str, error: st
     if executable == "bridge":
         assert "; it is stopped, by a signal or a debugger" in line
     else:
-        named = "process" if executable == "policy_stages" else "node"
+        named = "process" if executable == "stages" else "node"
         assert f"; stopped, by a signal or a debugger: {named} {executable}" in line
     assert not [line for line in graph.running().values() if "external_ego.py" not in line]
     assert read_run(graph.folder / "run").complete

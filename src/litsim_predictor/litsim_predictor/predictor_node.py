@@ -10,7 +10,7 @@ from litsim_msgs.msg import RunInfo
 from litsim_predictor.forecast import Predictor
 from litsim_predictor.messages import forecast_to_message
 from litsim_predictor.models import predictor_stage
-from litsim_sim.ros.company import Company
+from litsim_sim.ros.in_process import InProcessTransport
 from litsim_sim.ros.messages import received_agents
 from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.stage import StageNode, run_stages
@@ -25,8 +25,8 @@ class PredictorNode(StageNode):
     inputs = ((AGENTS, received_agents),)
     outputs = ((FORECASTS, forecast_to_message),)
 
-    def __init__(self, company: Company | None = None) -> None:
-        super().__init__(company)
+    def __init__(self, transport: InProcessTransport | None = None) -> None:
+        super().__init__(transport)
         self._make = read_parameters(self, predictor_stage)
         self._predictor: Predictor
 

@@ -22,7 +22,7 @@ def test_every_program_that_takes_part_in_runs_has_an_enclave(tmp_path: Path) ->
     main(["--out", str(tmp_path / "policy.xml")])
     stages = {name: program_of(name)[1] for name in (BRIDGE, RECORDER, *POLICY_STAGES, EGO)}
     expected = {f"/litsim/{program}": [stage] for stage, program in stages.items()}
-    expected |= {"/litsim/policy_stages": list(POLICY_STAGES)}
+    expected |= {"/litsim/stages": [EGO, *POLICY_STAGES]}
     expected |= {"/litsim/live": ["live"], "/litsim/check_ads": ["litsim_check_ads"]}
     assert enclaves(tmp_path / "policy.xml") == expected
 

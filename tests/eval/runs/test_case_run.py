@@ -187,7 +187,7 @@ def test_a_launcher_has_what_it_needs_before_it_begins(monkeypatch: pytest.Monke
     program.write_text(f"""
 import os, sys
 with open({str(tmp_path / "told")!r}, "a") as file:
-    print({case_run.READY!r} in sys.modules, "litsim_sim.nodes.bridge" in sys.modules, os.getppid(), file=file)
+    print({case_run.PRELOADED!r} in sys.modules, "litsim_sim.nodes.bridge" in sys.modules, os.getppid(), file=file)
 """)
     monkeypatch.setattr(case_run, "find_executable", lambda *_: program)
     for name in ("a", "b"):

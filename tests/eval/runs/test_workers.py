@@ -38,7 +38,6 @@ def good(ego_id: int = 7) -> Any:
 
 def test_a_process_whose_parent_is_gone_when_it_answers_ends_without_a_word(monkeypatch: pytest.MonkeyPatch) -> None:
     ours, theirs = multiprocessing.Pipe()
-    monkeypatch.setattr(module, "begin_copy", lambda: None)
     monkeypatch.setattr(signal, "signal", lambda *_: None)
     monkeypatch.setattr(module, "run_batch", lambda *_: ours.close())
     ours.send(([], []))
@@ -56,8 +55,8 @@ def late():
         time.sleep(0.01)
     begin()
 
-parent, begin = os.getpid(), forked.begin_child
-forked.begin_child = late
+parent, begin = os.getpid(), forked.end_with_parent
+forked.end_with_parent = late
 with Workers(2):
     os.kill(parent, signal.SIGKILL)
 """
@@ -96,8 +95,8 @@ def test_a_run_that_fails_takes_no_other_along(changes: dict[str, Any], why: str
 class Interrupted(Workers):
     """Processes that get Ctrl-C as soon as they exist."""
 
-    def _started(self, context: Any) -> Any:
-        worker = super()._started(context)
+    def _started(self, start: Any) -> Any:
+        worker = super()._started(start)
         os.kill(worker.process.pid, signal.SIGINT)
         return worker
 
@@ -135,7 +134,7 @@ def test_cases_whose_process_was_closed_are_not_begun_again_one_by_one() -> None
     assert [each.failure for each in found] == ["its process was closed before it began"] * 2
 
 
-def test_they_are_copies_of_this_process_and_those_that_replace_them_are_new(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_they_are_copies_of_this_process_and_those_that_replace_them_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "run_batch", lambda cases, _: [f"answered by a copy of {os.getppid()}"] * len(cases))
     with Workers(1) as workers:
         assert workers.run(good()).failure == f"answered by a copy of {os.getpid()}"

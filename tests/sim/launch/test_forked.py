@@ -114,14 +114,14 @@ def test_the_bridge_is_read_while_it_writes_and_its_errors_go_to_its_log(tmp_pat
     assert child.log.read_text() == "odd\n"
 
 
-@pytest.mark.parametrize("ready", [False, True])
-def test_it_ends_when_the_process_is_gone_that_has_asked_for_it(tmp_path: Path, ready: bool) -> None:
+@pytest.mark.parametrize("preloaded", [False, True])
+def test_it_ends_when_the_process_is_gone_that_has_asked_for_it(tmp_path: Path, preloaded: bool) -> None:
     (tmp_path / "program").write_text("import time\ntime.sleep(600)")
     script = f"""
 import subprocess, sys
 from litsim_sim.launch.forked import ForkedProcess
 devnull = subprocess.DEVNULL
-process = ForkedProcess([{str(tmp_path / "program")!r}], {{}}, stdout=devnull, stderr=devnull, ready={ready})
+process = ForkedProcess([{str(tmp_path / "program")!r}], {{}}, stdout=devnull, stderr=devnull, preloaded={preloaded})
 print(process.pid, flush=True)
 sys.stdin.read()
 """
@@ -137,19 +137,19 @@ sys.stdin.read()
         time.sleep(0.01)
 
 
-def test_what_is_kept_ready_is_imported_once_and_output_comes_through_pipes(tmp_path: Path) -> None:
+def test_what_is_preloaded_is_imported_once_and_output_comes_through_pipes(tmp_path: Path) -> None:
     (tmp_path / "program").write_text(
         "import os, sys\nprint(*sys.argv[1:], 'colorsys' in sys.modules, os.environ['MINE'], os.getcwd())\n"
         "sys.exit('oh')"
     )
     script = f"""
 import os, subprocess
-from litsim_sim.launch.forked import ForkedProcess, keep_ready
-keep_ready("colorsys")
+from litsim_sim.launch.forked import ForkedProcess, preload
+preload("colorsys")
 pipe = subprocess.PIPE
 for name in "ab":
     process = ForkedProcess(
-        [{str(tmp_path / "program")!r}, name], {{"MINE": name}}, stdout=pipe, stderr=pipe, ready=True
+        [{str(tmp_path / "program")!r}, name], {{"MINE": name}}, stdout=pipe, stderr=pipe, preloaded=True
     )
     print(process.stdout.read().strip(), process.stderr.read().strip(), process.wait())
 """

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.launch.nodes import GraphNode, GraphOptions, in_company, nodes_of
+from litsim_sim.launch.nodes import GraphNode, GraphOptions, in_one_process, nodes_of
 from litsim_sim.scenario.run_info import RunPlan
 
 
@@ -44,19 +44,23 @@ def test_what_is_set_reaches_its_node_and_the_bridge_knows_of_all() -> None:
     assert json.loads(bridge["stage_parameters"]) == told
 
 
-def test_the_stages_of_the_policy_share_a_process_each_with_its_parameters() -> None:
-    settings = [("conflict", "horizon", 2.5)]
-    shared = in_company(list(nodes(predictor="kinematic", settings=settings).values()))
-    assert [node.name for node in shared] == ["recorder", "ego", "policy_stages", "bridge"]
-    one = shared[2]
-    assert (one.package, one.executable) == ("litsim_policy", "policy_stages")
-    assert one.several == ("predictor", "conflict", "policy")
-    assert one.parameters == {"predictor:model": "kinematic", "conflict:horizon": 2.5}
+def test_the_stages_and_our_ego_share_a_process_each_with_its_parameters() -> None:
+    settings = [("conflict", "horizon", 2.5), ("ego", "headway", 2.0)]
+    shared = in_one_process(list(nodes(predictor="kinematic", settings=settings).values()))
+    assert [node.name for node in shared] == ["recorder", "stages", "bridge"]
+    one = shared[1]
+    assert (one.package, one.executable) == ("litsim_policy", "stages")
+    assert one.several == {"ego": "ego_idm", "predictor": "predictor", "conflict": "conflict", "policy": "policy"}
+    assert one.parameters == {"predictor:model": "kinematic", "conflict:horizon": 2.5, "ego:headway": 2.0}
+
+
+def test_a_stack_has_processes_of_its_own() -> None:
+    assert [node.name for node in in_one_process(list(nodes("external").values()))] == ["recorder", "stages", "bridge"]
 
 
 def test_a_run_without_a_policy_has_nothing_to_share() -> None:
     alone = list(nodes(policy="replay").values())
-    assert in_company(alone) == alone
+    assert in_one_process(alone) == alone
 
 
 def test_who_takes_no_part_cannot_be_set() -> None:

@@ -7,8 +7,6 @@ import subprocess
 import sys
 import textwrap
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import domain_coordinator
 import pytest
@@ -55,8 +53,7 @@ def test_help_of_a_node(word: str, monkeypatch: pytest.MonkeyPatch, capsys: pyte
 def test_a_path_that_the_system_refuses_is_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for name in ("_init", "_know_callers"):
-        monkeypatch.setattr(process, name, lambda: None)
+    monkeypatch.setattr(process, "_init", lambda *_: None)
     monkeypatch.setattr(process, "_interruption", process._Interruption())
     monkeypatch.setattr(process.signal, "signal", lambda *_: None)
     with pytest.raises(SystemExit) as stopped, process.process():
@@ -87,37 +84,3 @@ def test_an_rclpy_without_an_events_executor_is_served_by_its_ordinary_one() -> 
         done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["SingleThreadedExecutor", "word"]
-
-
-class Waiting:
-    """A subscription whose messages have been received, but not been served yet."""
-
-    def __init__(self, served: list[bytes], *messages: bytes) -> None:
-        self.handle, self.msg_type, self.raw = self, object(), True
-        self.callback: Any = served.append
-        self._messages = list(messages)
-
-    def __enter__(self) -> None: ...
-
-    def __exit__(self, *_: object) -> None: ...
-
-    def take_message(self, msg_type: object, raw: bool) -> tuple[bytes, None] | None:
-        assert (msg_type, raw) == (self.msg_type, self.raw)
-        return (self._messages.pop(0), None) if self._messages else None
-
-
-def test_all_waiting_messages_are_served_and_none_waits_behind_a_flood_of_another_topic() -> None:
-    served: list[bytes] = []
-    flood, quiet = Waiting(served, b"1", b"2", b"3"), Waiting(served, b"a")
-    process._serve_messages(SimpleNamespace(subscriptions=[flood, Waiting(served), quiet]))  # type: ignore[arg-type]
-    assert served == [b"1", b"a", b"2", b"3"]
-
-
-def test_a_signal_interrupts_between_messages_of_a_flood(monkeypatch: pytest.MonkeyPatch) -> None:
-    interruption, served = process._Interruption(), list[bytes]()
-    monkeypatch.setattr(process, "_interruption", interruption)
-    flood = Waiting(served, b"1", b"2", b"3")
-    flood.callback = lambda data: (served.append(data), interruption._on_signal(signal.SIGTERM, None))
-    with pytest.raises(KeyboardInterrupt):
-        process._serve_messages(SimpleNamespace(subscriptions=[flood]))  # type: ignore[arg-type]
-    assert served == [b"1"]

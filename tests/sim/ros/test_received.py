@@ -14,7 +14,7 @@ from litsim_msgs.msg import AgentStates, Controls
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ARRAY_FIELDS, ControlTable
-from litsim_sim.nodes.answers import check_controls
+from litsim_sim.nodes.responses import check_controls
 from litsim_sim.ros import messages
 from wire import damaged, taken
 

@@ -16,7 +16,7 @@ from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.ego_port.answer import INPUTS
 from litsim_sim.ego_port.port import ego_state
 from litsim_sim.ego_port.tracking import EgoState
-from litsim_sim.launch.child import Child, start_kept
+from litsim_sim.launch.child import Child, start_supervised
 from litsim_sim.launch.executables import find_executable, program_of
 from litsim_sim.launch.middleware import enclave_setting
 from litsim_sim.launch.processes import STACK as ADS
@@ -154,7 +154,7 @@ def _start(check: Check) -> Child:
     log = check.out / "log" / f"{STACK}.log"
     environment = os.environ | {"ROS_DOMAIN_ID": str(check.domain_id)} | enclave_setting(os.environ, ADS, check.command)
     with log.open("w") as stream, held_back():
-        process = start_kept(check.command, env=environment, stdout=stream, stderr=stream)
+        process = start_supervised(check.command, env=environment, stdout=stream, stderr=stream)
     return Child(STACK, process, log)
 
 

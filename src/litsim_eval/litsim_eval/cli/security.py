@@ -18,7 +18,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.stages import BRIDGE, CONFLICT, EGO, POLICY, POLICY_STAGES, PREDICTOR, RECORDER
 from litsim_sim.ego_port.answer import Interface
 from litsim_sim.io.files import replacing
-from litsim_sim.launch.executables import POLICY_STAGES_PROGRAM, program_of
+from litsim_sim.launch.executables import STAGES_PROGRAM, program_of
 from litsim_sim.launch.processes import STACK
 
 DOMAIN = "ROS_DOMAIN_ID"
@@ -79,7 +79,7 @@ def policy(interface: Interface | None = None, stack_nodes: Sequence[str] = ()) 
     classes = {program_of(stage)[1]: node for stage, node in stages.items()}
     classes |= {LIVE: LiveNode, CHECK_ADS: Bystander}
     nodes = {name: [node.declared] for name, node in classes.items()}
-    nodes[POLICY_STAGES_PROGRAM] = [stages[stage].declared for stage in POLICY_STAGES]
+    nodes[STAGES_PROGRAM] = [stages[stage].declared for stage in (EGO, *POLICY_STAGES)]
     if interface is not None:
         nodes[STACK] = [stack_endpoints(name, interface) for name in stack_nodes]
     return policy_xml(nodes)

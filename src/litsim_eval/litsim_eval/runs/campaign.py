@@ -15,9 +15,10 @@ from litsim_eval.campaign.results import Campaign, RunResult, read_campaign
 from litsim_eval.campaign.row_summary import row_summary
 from litsim_eval.report.experiment import write_experiment_report
 from litsim_eval.runs.case_batch import batches
-from litsim_eval.runs.case_run import TIME_LIMIT_S, RunOutcome, RunStopped, is_elsewhere, run_over_graph
+from litsim_eval.runs.case_run import PRELOADED, TIME_LIMIT_S, RunOutcome, RunStopped, is_elsewhere, run_over_graph
 from litsim_eval.runs.workers import Workers
 from litsim_sim.core.errors import reason
+from litsim_sim.launch.forked import preload
 from litsim_sim.launch.processes import without_interrupts
 
 SIGNAL_S = 0.3  # [s] until a run that has failed is an error: a signal to all processes may reach its own first
@@ -51,6 +52,7 @@ class LocalRuns:
         ends the runs in progress without storing them.
         """
         portions = batches(cases, self.processes)
+        preload(PRELOADED if any(case.shell == GRAPH for case in cases) else Workers.__module__)
         here = sum(portion[0].shell != GRAPH for portion in portions)
         with Workers(min(here, self.processes)) as workers, ThreadPoolExecutor(self.processes) as threads:
             pending = [threads.submit(self._run, portion, workers) for portion in portions]

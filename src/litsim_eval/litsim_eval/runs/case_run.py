@@ -25,7 +25,7 @@ from litsim_eval.runs.runner import Runner, configured, record
 from litsim_sim.core.errors import InputError
 from litsim_sim.launch.child import check_program, how_it_ended
 from litsim_sim.launch.executables import find_executable
-from litsim_sim.launch.forked import ForkedProcess, keep_ready
+from litsim_sim.launch.forked import ForkedProcess, preload
 from litsim_sim.launch.nodes import GraphOptions, nodes_of
 from litsim_sim.launch.processes import LOG_FOLDER, STACK
 from litsim_sim.record.failure import write_failure
@@ -34,7 +34,7 @@ from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.scenario.scenario import Scenario
 
 RECORDING = "run"  # folder of the record in the run's folder
-READY = f"{__package__}.ready"  # module imported by the process of which launchers are forks
+PRELOADED = f"{__package__}.preloaded"  # module imported by the process of which launchers are forks
 TICK_S = 0.2  # [s] between two looks at a launcher
 END_S = 30.0  # [s] for a launcher to end its graph
 TIME_LIMIT_S = 1800.0  # [s] default time limit of a run over DDS
@@ -185,9 +185,9 @@ def run_over_graph(
     out = folder / RECORDING
     environment = {key: value for key, value in os.environ.items() if key != "ROS_DOMAIN_ID" or is_elsewhere(case)}
     begin = time.monotonic()
-    keep_ready(READY)
+    preload(PRELOADED)
     launcher = ForkedProcess(
-        _launch(case, out), environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, ready=True
+        _launch(case, out), environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, preloaded=True
     )
     said = _Reader(launcher)
     late = False
@@ -245,18 +245,18 @@ def _graph_parameters(case: Case) -> dict[str, dict[str, Any]]:
 
 def _launch(case: Case, out: Path) -> list[str]:
     """The launcher's command line."""
-    words = [str(find_executable("litsim_sim", "launch")), "--quiet", "--overwrite", "--out", str(out)]
-    words += ["--scenario", case.scenario, "--ego", case.ego.kind, "--policy", case.policy]
-    words += ["--ego-id", str(case.ego_id), "--ego-interface", case.ego.interface]
-    words += [] if case.seed is None else ["--seed", str(case.seed)]
-    words += [] if case.end_after_contact_s is None else ["--end-after-contact", str(case.end_after_contact_s)]
+    argv = [str(find_executable("litsim_sim", "launch")), "--quiet", "--overwrite", "--out", str(out)]
+    argv += ["--scenario", case.scenario, "--ego", case.ego.kind, "--policy", case.policy]
+    argv += ["--ego-id", str(case.ego_id), "--ego-interface", case.ego.interface]
+    argv += [] if case.seed is None else ["--seed", str(case.seed)]
+    argv += [] if case.end_after_contact_s is None else ["--end-after-contact", str(case.end_after_contact_s)]
     settings = [
         f"{stage}.{name}={json.dumps(value)}"
         for stage, values in _graph_parameters(case).items()
         for name, value in values.items()
     ]
-    words += ["--set", *settings] if settings else []
-    return [*words, *(["--", *case.ego.command] if case.ego.command else [])]
+    argv += ["--set", *settings] if settings else []
+    return [*argv, *(["--", *case.ego.command] if case.ego.command else [])]
 
 
 class _Reader(threading.Thread):

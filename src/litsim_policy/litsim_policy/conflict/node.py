@@ -10,7 +10,7 @@ from litsim_msgs.msg import RunInfo
 from litsim_policy.conflict.messages import takeovers_to_message
 from litsim_policy.conflict.registry import TakeoverStage, conflict_stage
 from litsim_predictor.messages import received_forecast
-from litsim_sim.ros.company import Company
+from litsim_sim.ros.in_process import InProcessTransport
 from litsim_sim.ros.messages import received_agents
 from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.stage import StageNode, run_stages
@@ -25,8 +25,8 @@ class ConflictNode(StageNode):
     inputs = ((AGENTS, received_agents), (FORECASTS, received_forecast))
     outputs = ((TAKEOVERS, takeovers_to_message),)
 
-    def __init__(self, company: Company | None = None) -> None:
-        super().__init__(company)
+    def __init__(self, transport: InProcessTransport | None = None) -> None:
+        super().__init__(transport)
         self._make = read_parameters(self, conflict_stage)
         self._manager: TakeoverStage
 

@@ -10,7 +10,7 @@ from litsim_msgs.msg import RunInfo
 from litsim_policy.conflict.messages import received_takeovers
 from litsim_policy.driving.policy import Policy
 from litsim_policy.driving.registry import policy_stage
-from litsim_sim.ros.company import Company
+from litsim_sim.ros.in_process import InProcessTransport
 from litsim_sim.ros.messages import controls_to_message, received_agents
 from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.stage import StageNode, run_stages
@@ -25,8 +25,8 @@ class PolicyNode(StageNode):
     inputs = ((AGENTS, received_agents), (TAKEOVERS, received_takeovers))
     outputs = ((CONTROLS, controls_to_message),)
 
-    def __init__(self, company: Company | None = None) -> None:
-        super().__init__(company)
+    def __init__(self, transport: InProcessTransport | None = None) -> None:
+        super().__init__(transport)
         self._make = read_parameters(self, policy_stage)
         self._policy: Policy
 

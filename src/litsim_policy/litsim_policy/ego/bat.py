@@ -45,7 +45,7 @@ class BatConfig:
 class BatEgo(Ego):
     """Tracks its own forecast, but stops at red; without a forecast it follows its lane at constant speed."""
 
-    defaults, waits_for_processor = BatConfig(), False
+    defaults = BatConfig()
 
     def __init__(self, scenario: Scenario, config: BatConfig | None = None) -> None:
         self._scenario, self._config = scenario, config or BatConfig()

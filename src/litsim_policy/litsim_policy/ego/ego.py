@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
 
 from litsim_sim.core.plugins import Configured
 from litsim_sim.core.scene import AgentTable, EgoCommand
@@ -14,13 +13,7 @@ class Ego(Configured, ABC):
 
     It is made for a run as ``cls(scenario)``, or as ``cls(scenario, configuration)`` if it has parameters, with the
     :class:`~litsim_sim.scenario.scenario.Scenario` of the run. :meth:`plan` is called once per step, in order.
-
-    Attributes:
-        waits_for_processor: whether its node lets threads of other nodes that share its processor run first, because it
-            answers before the policy does in any case.
     """
-
-    waits_for_processor: ClassVar[bool] = True
 
     @abstractmethod
     def plan(self, table: AgentTable) -> EgoCommand:

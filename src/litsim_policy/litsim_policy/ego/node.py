@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from typing import Any
 
 from litsim_msgs.msg import RunInfo
 
 from litsim_policy.ego.ego import Ego
-from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.stage_registry import stage_reader
 from litsim_sim.core.stages import EGO
 from litsim_sim.launch.nodes import DRIVER
-from litsim_sim.ros.company import Company
+from litsim_sim.ros.in_process import InProcessTransport
 from litsim_sim.ros.messages import ego_to_message, received_agents
 from litsim_sim.ros.parameters import read_parameters
-from litsim_sim.ros.process import interrupt_nobody
 from litsim_sim.ros.stage import StageNode, run_stages
 from litsim_sim.ros.topics import AGENTS, EGO_CONTROL
 from litsim_sim.scenario.scenario import Scenario
-
-USUAL = "idm"  # the driver, if no other is named
 
 
 class EgoNode(StageNode):
@@ -32,9 +27,9 @@ class EgoNode(StageNode):
     inputs = ((AGENTS, received_agents),)
     outputs = ((EGO_CONTROL, ego_to_message),)
 
-    def __init__(self, company: Company | None = None) -> None:
-        super().__init__(company)
-        self.driver = USUAL
+    def __init__(self, transport: InProcessTransport | None = None) -> None:
+        super().__init__(transport)
+        self.driver = "idm"
         if self.has_parameter(DRIVER):
             self.driver = self.get_parameter(DRIVER).value
             self.undeclare_parameter(DRIVER)  # not one of the driver's own, which a rerun reads from the record
@@ -56,9 +51,6 @@ class EgoNode(StageNode):
 
 def main() -> None:
     """Entry point of ``ros2 run litsim_policy ego``."""
-    given = (word.partition(":=")[2].strip("\"'") for word in sys.argv if word.startswith(f"{DRIVER}:="))
-    if plugins.load(plugins.EGOS, next(given, USUAL)).waits_for_processor:
-        interrupt_nobody()  # before ROS starts threads, which inherit it
     run_stages(EgoNode)
 
 

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import IO, Any, Protocol
 
 from litsim_sim.core.errors import EXIT_INTERRUPTED, InputError
-from litsim_sim.launch import keeper
+from litsim_sim.launch import supervisor
 
 GRACE_S = 20.0  # [s] time for the bridge and the recorder to end a run in good order
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -142,10 +142,10 @@ def how_it_ended(status: int) -> str:
     return f"ended with exit status {status}"
 
 
-def start_process(words: Sequence[str], **given: Any) -> subprocess.Popen[str]:
+def start_process(argv: Sequence[str], **given: Any) -> subprocess.Popen[str]:
     """Start a process that ends when this thread ends, however that ends; `given` is passed to ``Popen``."""
     return subprocess.Popen(
-        words,
+        argv,
         stdin=subprocess.DEVNULL,
         text=True,
         preexec_fn=begin_child,  # noqa: PLW1509 - two system calls
@@ -153,15 +153,15 @@ def start_process(words: Sequence[str], **given: Any) -> subprocess.Popen[str]:
     )
 
 
-def start_kept(command: Sequence[str], **given: Any) -> subprocess.Popen[str]:
-    """Start a stack's command by a :mod:`.keeper`, in a session of its own; `given` is passed to ``Popen``.
+def start_supervised(command: Sequence[str], **given: Any) -> subprocess.Popen[str]:
+    """Start a stack's command by a :mod:`.supervisor`, in a session of its own; `given` is passed to ``Popen``.
 
     Raises:
         InputError: there is no such program.
     """
     check_program(command)
-    words = [sys.executable, "-I", "-S", keeper.__file__, *command]
-    return start_process(words, start_new_session=True, **given)
+    argv = [sys.executable, "-I", "-S", supervisor.__file__, *command]
+    return start_process(argv, start_new_session=True, **given)
 
 
 def check_program(command: Sequence[str]) -> None:
@@ -176,7 +176,7 @@ def check_program(command: Sequence[str]) -> None:
 
 def end_with_parent() -> None:
     """Make this process end when the thread that started it ends, however that ends."""
-    _LIBC.prctl(keeper.DIE_WITH_PARENT, signal.SIGTERM)
+    _LIBC.prctl(supervisor.DIE_WITH_PARENT, signal.SIGTERM)
 
 
 def begin_child() -> None:

@@ -1,7 +1,8 @@
 """Whether any participant is in a DDS domain whose nodes stay on this machine, read from the sockets at once.
 
 Listening instead takes a second: a participant that joins announces itself, and is answered at once, but before Fast
-DDS accepts the answer; it learns of the others when they announce themselves next, once a second.
+DDS accepts the answer; it learns of the others when they announce themselves next, once a second. Without this the
+first step comes 1.43 times as late (1.41 to 1.66, 5 pairs).
 """
 
 from __future__ import annotations

@@ -10,8 +10,8 @@ from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.stages import EGO, POLICY
 
-POLICY_STAGES_PROGRAM = "policy_stages"
-"""Executable of the stages of the policy in one process, in the package of the policy's stage."""
+STAGES_PROGRAM = "stages"
+"""Executable of several stages in one process, in the package of the policy's stage; its arguments are their names."""
 
 
 def find_executable(package: str, executable: str) -> Path:
@@ -40,10 +40,10 @@ def program_of(stage: str) -> tuple[str, str]:
     return plugins.package_of(plugins.STAGES, POLICY if stage == EGO else stage), stage
 
 
-def policy_stages_program() -> tuple[str, str]:
-    """Package and executable of the stages of the policy in one process.
+def stages_program() -> tuple[str, str]:
+    """Package and executable of several stages in one process.
 
     Raises:
         InputError: no installed package has the policy's stage.
     """
-    return plugins.package_of(plugins.STAGES, POLICY), POLICY_STAGES_PROGRAM
+    return plugins.package_of(plugins.STAGES, POLICY), STAGES_PROGRAM

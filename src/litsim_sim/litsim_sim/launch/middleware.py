@@ -43,12 +43,12 @@ def enclave_of(program: str) -> str:
     return f"/litsim/{program}"
 
 
-def enclave_setting(environment: Mapping[str, str], program: str, words: Sequence[str] = ()) -> dict[str, str]:
-    """The variables to set in `environment` for `program`, with the arguments `words`, to be in its enclave.
+def enclave_setting(environment: Mapping[str, str], program: str, argv: Sequence[str] = ()) -> dict[str, str]:
+    """The variables to set in `environment` for `program`, with the arguments `argv`, to be in its enclave.
 
     None if security is not requested, or the user has chosen an enclave.
     """
-    chosen = environment.get(ENCLAVE) or ENCLAVE_OPTIONS & set(words)
+    chosen = environment.get(ENCLAVE) or ENCLAVE_OPTIONS & set(argv)
     return {ENCLAVE: enclave_of(program)} if is_secured(environment) and not chosen else {}
 
 
@@ -73,12 +73,12 @@ def check_security(environment: Mapping[str, str]) -> None:
         )
 
 
-def use_middleware_settings(program: str, words: Sequence[str] = ()) -> None:
-    """Use these settings for the nodes of this process, in the enclave of `program`, whose arguments are `words`.
+def use_middleware_settings(program: str, argv: Sequence[str] = ()) -> None:
+    """Use these settings for the nodes of this process, in the enclave of `program`, whose arguments are `argv`.
 
     To be called before the first node is made.
     """
-    os.environ.update(middleware_settings(os.environ) | enclave_setting(os.environ, program, words))
+    os.environ.update(middleware_settings(os.environ) | enclave_setting(os.environ, program, argv))
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.stage_registry import configured
 from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES, RECORDER
 from litsim_sim.ego_port.answer import AUTO
-from litsim_sim.launch.executables import policy_stages_program, program_of
+from litsim_sim.launch.executables import program_of, stages_program
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 
 MODES = ("lockstep", "realtime")
@@ -62,14 +62,14 @@ class GraphNode:
         name: name of its stage, the bridge or the recorder; for several nodes, that of their program.
         package, executable: package and executable of its program.
         parameters: ROS parameters that are not left at the node's defaults, by name; for several nodes, by NODE:NAME.
-        several: names of the nodes, if these are several.
+        several: executable of each node on its own by the node's name, if these are several.
     """
 
     name: str
     package: str
     executable: str
     parameters: Mapping[str, Any]
-    several: Sequence[str] = ()
+    several: Mapping[str, str] = field(default_factory=dict)
 
 
 def nodes_of(plan: RunPlan, how: GraphOptions) -> list[GraphNode]:
@@ -93,18 +93,17 @@ def nodes_of(plan: RunPlan, how: GraphOptions) -> list[GraphNode]:
     return [GraphNode(name, *program_of(name), parameters.get(name, {})) for name in names]
 
 
-def in_company(nodes: Sequence[GraphNode]) -> list[GraphNode]:
-    """The same nodes, those of the policy's stages in one process: they need not wait for messages of each other."""
-    together = {node.name: node for node in nodes if node.name in POLICY_STAGES}
-    if together.keys() != set(POLICY_STAGES):
+def in_one_process(nodes: Sequence[GraphNode]) -> list[GraphNode]:
+    """The same nodes, all of LitSim's stages in one process: they need not wait for messages of each other."""
+    stages = {node.name: node for name in (EGO, *POLICY_STAGES) for node in nodes if node.name == name}
+    if len(stages) < 2:
         return list(nodes)
-    parameters = {
-        f"{stage}:{name}": value for stage in POLICY_STAGES for name, value in together[stage].parameters.items()
-    }
-    program = policy_stages_program()
-    one = GraphNode(program[1], *program, parameters, POLICY_STAGES)
-    first = min(nodes.index(node) for node in together.values())
-    return [one if k == first else node for k, node in enumerate(nodes) if k == first or node.name not in together]
+    parameters = {f"{node.name}:{name}": value for node in stages.values() for name, value in node.parameters.items()}
+    executables = {node.name: node.executable for node in stages.values()}
+    program = stages_program()
+    one = GraphNode(program[1], *program, parameters, executables)
+    first = min(nodes.index(node) for node in stages.values())
+    return [one if k == first else node for k, node in enumerate(nodes) if k == first or node.name not in stages]
 
 
 def _bridge(plan: RunPlan, how: GraphOptions) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from litsim_sim.core.errors import EXIT_FAILED
 from litsim_sim.core.stages import BRIDGE, RECORDER
-from litsim_sim.launch.child import GRACE_S, SIGNALS, Child, Process, start_kept, start_process
+from litsim_sim.launch.child import GRACE_S, SIGNALS, Child, Process, start_process, start_supervised
 from litsim_sim.launch.domain import HOLDER
 from litsim_sim.launch.domain_ports import EMPTY, is_known_empty
 from litsim_sim.launch.forked import ForkedProcess
@@ -62,7 +62,7 @@ class Graph:
         parameters: Mapping[str, object],
         *,
         forked: bool = False,
-        several: Sequence[str] = (),
+        several: Mapping[str, str] | None = None,
     ) -> None:
         """Start the executable at `path` as node `name`.
 
@@ -71,21 +71,21 @@ class Graph:
             path: its program, in Python.
             parameters: ROS parameters by name, or by NODE:NAME.
             forked: whether to run it in a copy of this process, see :mod:`litsim_sim.launch.forked`.
-            several: names of the nodes, if the program has several.
+            several: names of the nodes, if the program has several, and what it calls each among its arguments.
         """
-        words = [str(path), "--ros-args"]
+        argv = [str(path), *(several or {}).values(), "--ros-args"]
         for key, value in parameters.items():  # a text in quotes: YAML would find numbers and worse in it
             quoted = json.dumps(value, ensure_ascii=False) if isinstance(value, str | tuple) else value
-            words += ["-p", f"{key}:={quoted}"]
+            argv += ["-p", f"{key}:={quoted}"]
         with self._log(name) as log, held_back():
             process: Process
             more = self._of_bridge if name == BRIDGE else {}
             if forked:
-                process = ForkedProcess(words, self._environment | more, stdout=_stdout(name, log), stderr=log)
+                process = ForkedProcess(argv, self._environment | more, stdout=_stdout(name, log), stderr=log)
             else:
                 environment, stdout = self._environment | more, _stdout(name, log)
-                process = start_process(words, env=environment, stdout=stdout, stderr=log, start_new_session=True)
-            self.children[name] = Child(name, process, Path(log.name), nodes=several)
+                process = start_process(argv, env=environment, stdout=stdout, stderr=log, start_new_session=True)
+            self.children[name] = Child(name, process, Path(log.name), nodes=tuple(several or ()))
 
     def start_stack(self, command: Sequence[str]) -> None:
         """Start the user's command that drives the ego, in the domain of the graph.
@@ -95,7 +95,7 @@ class Graph:
         """
         with self._log(STACK) as log, held_back():
             environment = self._environment | enclave_setting(self._environment, STACK, command)
-            process = start_kept(command, env=environment, stdout=log, stderr=log)
+            process = start_supervised(command, env=environment, stdout=log, stderr=log)
             self.children[STACK] = Child(STACK, process, Path(log.name), tuple(command))
 
     def _log(self, name: str) -> IO[str]:

@@ -21,10 +21,18 @@ from litsim_sim.kernels.compiled import load_kernels
 from litsim_sim.launch.domain import held_domain
 from litsim_sim.launch.domain_ports import EMPTY
 from litsim_sim.nodes import diagnostics
-from litsim_sim.nodes.answers import Answers, Attendance, EgoPublisher, EgoPublishers, RunFailed, absence, rivalry
 from litsim_sim.nodes.bridge_options import BridgeOptions, bridge_stage
 from litsim_sim.nodes.broadcast import PUBLISHED, PUBLISHED_OF_SIGNALS, Broadcast, run_info
 from litsim_sim.nodes.diagnostics import Diagnostics
+from litsim_sim.nodes.responses import (
+    EgoPublisher,
+    EgoPublishers,
+    ResponseCollector,
+    RunFailed,
+    StageLiveness,
+    absence,
+    rivalry,
+)
 from litsim_sim.nodes.run_loop import Pulse, RunLoop
 from litsim_sim.ros import ego_port, messages, standard
 from litsim_sim.ros.definitions import type_name
@@ -65,11 +73,11 @@ class BridgeNode(Node):
         self.since = time.perf_counter()
         self.options = options = read_parameters(self, bridge_stage)
         plan = self.plan = options.plan()
-        self._attendance = Attendance(plan.run_id, plan.stages)
+        self._liveness = StageLiveness(plan.run_id, plan.stages)
         self._port = port_of(options, plan)
-        self._answers = Answers(
+        self._responses = ResponseCollector(
             self._port,
-            self._attendance,
+            self._liveness,
             messages.controls_from_message,
             run_id=plan.run_id,
             ego_id=plan.scenario.ego_id,
@@ -88,11 +96,11 @@ class BridgeNode(Node):
         self._diagnostics = Diagnostics(self, plan.run_id, plan.scenario.total_steps, self._port)
         ego_port.subscribe(self, self._port, tuple(Interface) if external else (Interface.CONTROL,))
         if plan.policy != "replay":
-            self._listen(CONTROLS, lambda m: self._answers.offer_controls(m.run_id, m.step, m))
-        self._listen(STATUS, lambda m: self._attendance.take_status(m.run_id, m.stage, m.state, m.text))
-        self._listen(RECORDED, lambda m: self._attendance.take_confirmation(m.run_id, m.step))
+            self._listen(CONTROLS, lambda m: self._responses.offer_controls(m.run_id, m.step, m))
+        self._listen(STATUS, lambda m: self._liveness.take_status(m.run_id, m.stage, m.state, m.text))
+        self._listen(RECORDED, lambda m: self._liveness.take_confirmation(m.run_id, m.step))
         for topic in (HELLO, RUN_INFO):
-            self._listen(topic, lambda m: self._attendance.take_run(m.run_id))
+            self._listen(topic, lambda m: self._liveness.take_run(m.run_id))
         self._executor = executor_of(self)
 
     def run(self) -> None:
@@ -101,13 +109,13 @@ class BridgeNode(Node):
         Raises:
             RunFailed: a stage failed or did not answer; all stages have been told.
         """
-        loop = RunLoop(self, self.plan, self.options, self._set_up, self._port, self._attendance, self._answers)
+        loop = RunLoop(self, self.plan, self.options, self._set_up, self._port, self._liveness, self._responses)
         try:
             loop.run()
         except BaseException as error:
             text = str(error) if isinstance(error, RunFailed) else reason(error)
             self._pulse.fail()
-            self.say(StageState.FAILED, self._answers.step, text=text)
+            self.say(StageState.FAILED, self._responses.step, text=text)
             loop.farewell()
             raise
 
@@ -148,7 +156,7 @@ class BridgeNode(Node):
 
     def show_again(self) -> None:
         self._broadcast.repeat()
-        self._diagnostics.step(self._answers.step)
+        self._diagnostics.step(self._responses.step)
 
     def apply(self, command: EgoCommand) -> None:
         if EGO_APPLIED in self._to:
@@ -165,7 +173,7 @@ class BridgeNode(Node):
         self._to[STATUS].publish(self._status(state, max(0, step), compute_time, text))
 
     def ask_around(self) -> None:
-        self._listen(TIMING, lambda m: self._attendance.take_timing(m.run_id, m.stage, m.step))
+        self._listen(TIMING, lambda m: self._liveness.take_timing(m.run_id, m.stage, m.step))
 
     def waiting(self, step: int, text: str) -> None:
         about = self.silent_ego() if EGO_APPLIED in self._to else ""  # which also remembers the ego's nodes
@@ -183,9 +191,9 @@ class BridgeNode(Node):
 
     def meet_ego(self) -> None:
         for text in self._publishers_of_ego.note(self._port, self._ego_publishers(), self._ego_nodes):
-            self._port.remarks.append(Remark(self._answers.step, Level.WARN, text))
+            self._port.remarks.append(Remark(self._responses.step, Level.WARN, text))
             self._pulse.note(text)
-        self._diagnostics.remarks(self._answers.step)
+        self._diagnostics.remarks(self._responses.step)
         self._to_meet = not self._publishers_of_ego.met
 
     def silent_ego(self) -> str:
@@ -194,20 +202,20 @@ class BridgeNode(Node):
 
     def serve_until(self, done: Callable[[], bool], until: float) -> bool:
         while not done():
-            self._pulse.beat(self._answers.step)
+            self._pulse.beat(self._responses.step)
             left = until - time.perf_counter()
             if left <= 0:
                 return False
             serve(self._executor, left)
             if self._port.remarks:
-                self._diagnostics.remarks(self._answers.step)
+                self._diagnostics.remarks(self._responses.step)
                 if EGO_APPLIED in self._to and (rivals := rivalry(self._port, self._ego_publishers())):
                     raise RunFailed(rivalry(self._port, self._named_ego_publishers()) or rivals)  # one may have gone
-            self._attendance.check()
+            self._liveness.check()
         return True
 
     def serve(self) -> None:
-        self._pulse.beat(self._answers.step)
+        self._pulse.beat(self._responses.step)
         serve(self._executor)
 
     def _ego_publishers(self) -> list[EgoPublisher]:

@@ -19,8 +19,8 @@ from litsim_sim.core.stages import RECORDER, StageState
 from litsim_sim.core.step_marks import step_marks
 from litsim_sim.core.topic_names import RECORDED, STATUS
 from litsim_sim.ego_port.port import EgoPort
-from litsim_sim.nodes.answers import Answers, Attendance, RunFailed
 from litsim_sim.nodes.bridge_options import BridgeOptions
+from litsim_sim.nodes.responses import ResponseCollector, RunFailed, StageLiveness
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.world.world import World
 
@@ -133,12 +133,12 @@ class RunLoop:
         options: BridgeOptions,
         set_up: Callable[[], World],
         port: EgoPort,
-        attendance: Attendance,
-        answers: Answers,
+        liveness: StageLiveness,
+        responses: ResponseCollector,
     ) -> None:
         """`set_up` makes the world; called while the stages get ready, or while the bridge looks for other runs."""
         self._graph, self._plan, self._options, self._set_up = graph, plan, options, set_up
-        self._port, self._attendance, self._answers = port, attendance, answers
+        self._port, self._liveness, self._responses = port, liveness, responses
         self._external = plan.ego == EXTERNAL
         self._realtime = options.mode == "realtime"
         self._asked_around = False
@@ -170,25 +170,25 @@ class RunLoop:
             self._graph.meet_ego()
         if RECORDER in self._plan.stages:
             until = time.perf_counter() + self._options.answer_timeout_s
-            self._graph.serve_until(lambda: self._attendance.recorded >= last, until)
-            self._attendance.check_recorded(last)
+            self._graph.serve_until(lambda: self._liveness.recorded >= last, until)
+            self._liveness.check_recorded(last)
         self._graph.say(StageState.FINISHED, last, wall, self._summary())
         self.farewell()
-        if self._attendance.recorder_closing:
+        if self._liveness.recorder_closing:
             raise RunFailed(f"{RECORDER}: no FINISHED on {STATUS} within {FAREWELL_S:g} s of the end of the run")
-        self._attendance.check()
+        self._liveness.check()
 
     def farewell(self) -> None:
         """Wait for the recorder to close its file."""
         until = time.monotonic() + FAREWELL_S
-        while self._attendance.recorder_closing and time.monotonic() < until:
+        while self._liveness.recorder_closing and time.monotonic() < until:
             self._graph.serve()
 
     def _meet(self) -> None:
         """Greet until every stage is ready."""
-        attendance, begin = self._attendance, time.monotonic()
-        while not attendance.all_ready:
-            waiting, since = ", ".join(attendance.awaited), time.monotonic() - begin
+        liveness, begin = self._liveness, time.monotonic()
+        while not liveness.all_ready:
+            waiting, since = ", ".join(liveness.awaited), time.monotonic() - begin
             if since > self._options.handshake_timeout_s:
                 raise RunFailed(
                     f"{waiting}: no READY for run {self._plan.run_id} on {STATUS} within "
@@ -197,7 +197,7 @@ class RunLoop:
             if since > RESEND:
                 self._graph.note(f"waiting for READY from {waiting} on {STATUS}")
             self._graph.greet()
-            self._graph.serve_until(lambda: attendance.all_ready, time.perf_counter() + HELLO_PERIOD)
+            self._graph.serve_until(lambda: liveness.all_ready, time.perf_counter() + HELLO_PERIOD)
 
     def _all_steps(self, total: int) -> tuple[int, float]:
         """Run steps 0 to `total`, or until the ego has left.
@@ -236,9 +236,9 @@ class RunLoop:
 
     def _wait_for_answers(self, table: AgentTable, due: float) -> None:
         """Publish a step and wait for the answers to it, in real time until `due`."""
-        graph, answers, step = self._graph, self._answers, table.step
+        graph, responses, step = self._graph, self._responses, table.step
         begin = time.perf_counter()
-        answers.open(table, driven=self._world.ego_is_driven)
+        responses.open(table, driven=self._world.ego_is_driven)
         graph.show(table)
         shown = time.perf_counter()
         graph.accompany(table)
@@ -249,25 +249,25 @@ class RunLoop:
         patient = step == 0 or not self._realtime
         give_up = time.perf_counter() + self._timeout(step) if patient else due
         behind = self._port.behind if self._external else 0
-        answers.ask()
+        responses.ask()
         while True:
             until = min(give_up, time.perf_counter() + self._patience(step))
-            if graph.serve_until(lambda: not answers.missing, until):
+            if graph.serve_until(lambda: not responses.missing, until):
                 self._marks.setdefault("answered", time.perf_counter())
                 self._note_wait(step)
-                graph.apply(answers.command())  # the recorder waits for it
-                graph.serve_until(lambda: answers.complete, until)
+                graph.apply(responses.command())  # the recorder waits for it
+                graph.serve_until(lambda: responses.complete, until)
             if patient and self._port.behind < behind:  # not silent: it still answers repetitions of the step before
                 behind, give_up = self._port.behind, time.perf_counter() + self._timeout(step)
             over = time.perf_counter() >= give_up
-            if answers.complete or (over and not patient):
+            if responses.complete or (over and not patient):
                 self._marks["complete"] = time.perf_counter()
                 return
             if over:
                 give_up, patient = time.perf_counter() + LAST_CALL_S, False
             self._ask_around(step)
             if over or not behind:
-                answers.ask()
+                responses.ask()
                 graph.show_again()
 
     def _patience(self, step: int) -> float:
@@ -285,7 +285,7 @@ class RunLoop:
             self._asked_around = True
             self._graph.ask_around()
         if step > 0 or self._external:
-            waiting = self._answers.missing or [f"{RECORDED} of the recorder"]
+            waiting = self._responses.missing or [f"{RECORDED} of the recorder"]
             self._graph.waiting(step, f"waiting for {', '.join(waiting)}")
 
     def _report_time(self, step: int) -> None:
@@ -295,12 +295,12 @@ class RunLoop:
 
     def _take(self, step: int) -> tuple[ControlTable, EgoCommand]:
         """The answers to `step`; if one is missing, the newest one stays in force, or the run ends."""
-        missed = self._answers.settle(self._timeout(step), lambda: self._silent(step))
+        missed = self._responses.settle(self._timeout(step), lambda: self._silent(step))
         if missed:  # the recorder need not wait for them
             self._graph.say(StageState.RUNNING, step, text=f"missed {', '.join(missed)}")
-        if not self._answers.commanded:
-            self._graph.apply(self._answers.command())
-        return self._answers.controls(), self._answers.command()
+        if not self._responses.commanded:
+            self._graph.apply(self._responses.command())
+        return self._responses.controls(), self._responses.command()
 
     def _advance(self, controls: ControlTable, command: EgoCommand) -> AgentTable:
         try:
@@ -316,14 +316,14 @@ class RunLoop:
 
     def _silent(self, step: int) -> str:
         """Text that names the stages that have not answered `step`, as far as known."""
-        silent = self._attendance.silent(step, self._answers.missing)
+        silent = self._liveness.silent(step, self._responses.missing)
         if self._external and self._port.missing:
             silent.append(f"the external ego ({self._graph.silent_ego()})")
         return f"; silent: {', '.join(silent)}" if silent else ""
 
     def _summary(self) -> str:
         """Summary of the run by the bridge, in YAML, for the recording."""
-        return yaml.safe_dump(self._answers.summary() | self._world.summary(), sort_keys=False)
+        return yaml.safe_dump(self._responses.summary() | self._world.summary(), sort_keys=False)
 
 
 class Pulse:

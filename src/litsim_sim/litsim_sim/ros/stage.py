@@ -18,8 +18,8 @@ from litsim_sim.core.stages import BRIDGE
 from litsim_sim.core.step_marks import step_marks
 from litsim_sim.kernels.compiled import load_kernels
 from litsim_sim.ros import messages
-from litsim_sim.ros.company import Company, Read
 from litsim_sim.ros.endpoints import Endpoints, publisher_on, subscribe
+from litsim_sim.ros.in_process import InProcessTransport, Read
 from litsim_sim.ros.parameters import parameters_yaml
 from litsim_sim.ros.process import executor_of, process, serve, spare_from_collection
 from litsim_sim.ros.topics import HELLO, RUN_INFO, STATUS, TIMING, Topic
@@ -55,10 +55,10 @@ class StageNode(Node):
         reads, writes = ([topic for topic, _ in each] for each in (cls.inputs, cls.outputs))
         cls.declared = Endpoints(cls.stage, (*writes, STATUS, TIMING), (*reads, RUN_INFO, HELLO, STATUS))
 
-    def __init__(self, company: Company | None = None) -> None:
-        """Make the node; `company` holds the stages of its process, including all that it waits for."""
+    def __init__(self, transport: InProcessTransport | None = None) -> None:
+        """Make the node; `transport` holds the stages of its process, including all that it waits for."""
         super().__init__(self.stage, automatically_declare_parameters_from_overrides=True)
-        self._company = company or Company()
+        self._transport = transport or InProcessTransport()
         self._joiner: Joiner | None = None
         self._asked = 0.0  # time of the last message of the current run [s]
         self._next: RunInfo | None = None  # a run that was announced during another
@@ -68,8 +68,8 @@ class StageNode(Node):
         self._timing = publisher_on(self, TIMING)
         self._outputs = {topic: (publisher_on(self, topic), write) for topic, write in self.outputs}
         for topic, read in self.inputs:
-            self._company.listen(self, topic, read, self._input(topic.name))
-        self._company.join(self._outputs)
+            self._transport.listen(self, topic, read, self._input(topic.name))
+        self._transport.join(self._outputs)
         subscribe(self, RUN_INFO, self._on_run_info)
         subscribe(self, HELLO, self._on_hello)
         subscribe(self, STATUS, self._on_status)
@@ -97,7 +97,7 @@ class StageNode(Node):
             return
         self._forget()
         try:
-            self.configure(info, self._company.scenario(info))
+            self.configure(info, self._transport.scenario(info))
             load_kernels()
         except Exception as error:  # noqa: BLE001 - whatever it is, the bridge has to hear of it
             self._fail(info.run_id, 0, reason(error), error)
@@ -159,9 +159,9 @@ class StageNode(Node):
             return
         computed = time.perf_counter()
         status = messages.status(run_id, self.stage, StageStatus.RUNNING, step, computed - start)
-        if self._company.waits_for(answers):  # publishing can wait, then
-            self._company.afterwards(lambda: self._publish(answers, status, {"begin": start, "answered": computed}))
-            self._company.hand_on(answers, run_id, step)
+        if self._transport.has_listener(answers):  # publishing can wait, then
+            self._transport.defer(lambda: self._publish(answers, status, {"begin": start, "answered": computed}))
+            self._transport.publish(answers, run_id, step)
         else:
             self._publish(answers, status, {"begin": start})
 
@@ -176,7 +176,7 @@ class StageNode(Node):
         for publisher, message in self._last:
             publisher.publish(message)
         status.text = step_marks({"answered": time.perf_counter()} | marks)
-        self._company.afterwards(lambda: self._timing.publish(status))
+        self._transport.defer(lambda: self._timing.publish(status))
         self._last.append((self._timing, status))
 
     def _fail(self, run_id: str, step: int, text: str, error: Exception) -> None:
@@ -194,15 +194,18 @@ class StageNode(Node):
         gc.unfreeze()  # the objects of the run can be collected
 
 
-def run_stages(*makes: Callable[[Company], StageNode]) -> None:
+def run_stages(*makes: Callable[[InProcessTransport], StageNode], arguments: Sequence[str] = ()) -> None:
     """Serve runs until Ctrl-C or SIGTERM, which are the ordinary end: exit status 0.
 
     Args:
         makes: factories of the stages of this process, each after those that it waits for.
+        arguments: those that the program knows, which choose its stages.
     """
-    with process(interrupted=0):
-        company = Company()
-        nodes = [make(company) for make in makes]
+    with process(interrupted=0, arguments=arguments):
+        if not makes:
+            raise InputError(f"no stage is given, expected some of {', '.join(arguments)}")
+        transport = InProcessTransport()
+        nodes = [make(transport) for make in makes]
         load_kernels()  # while others get ready; a run may need more
         executor = executor_of(*nodes)
         for node in nodes:

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.ros import company as module
-from litsim_sim.ros.company import Company
+from litsim_sim.ros import in_process as module
+from litsim_sim.ros.in_process import InProcessTransport
 from litsim_sim.ros.topics import AGENTS, FORECASTS, TAKEOVERS, Topic
 from litsim_sim.scenario.scenario import Scenario
 
@@ -35,19 +35,19 @@ def message(step: int = 3) -> Any:
     return SimpleNamespace(run_id="run", step=step, x=[1.0])
 
 
-def listen(company: Company, node: Any, topic: Topic, read: Any, heard: Heard) -> None:
-    company.listen(node, topic, read, listener(str(node), heard))
+def listen(transport: InProcessTransport, node: Any, topic: Topic, read: Any, heard: Heard) -> None:
+    transport.listen(node, topic, read, listener(str(node), heard))
 
 
 def test_what_comes_for_several_is_subscribed_to_once_and_read_once(dds: dict[str, Any]) -> None:
-    company, heard, reads = Company(), [], []
+    transport, heard, reads = InProcessTransport(), [], []
 
     def read(given: Any) -> str:
         reads.append(given)
         return "table"
 
-    listen(company, "predictor", AGENTS, read, heard)
-    listen(company, "conflict", AGENTS, read, heard)
+    listen(transport, "predictor", AGENTS, read, heard)
+    listen(transport, "conflict", AGENTS, read, heard)
     assert list(dds) == ["predictor /litsim/agents"]
     dds["predictor /litsim/agents"](message())
     assert heard == [("predictor", "run", 3, "table"), ("conflict", "run", 3, "table")]
@@ -57,7 +57,7 @@ def test_what_comes_for_several_is_subscribed_to_once_and_read_once(dds: dict[st
 
 
 def test_what_cannot_be_read_fails_for_each_who_reads_it(dds: dict[str, Any]) -> None:
-    company, failed = Company(), []
+    transport, failed = InProcessTransport(), []
 
     def read(_: Any) -> None:
         raise InputError("no numbers")
@@ -67,55 +67,55 @@ def test_what_cannot_be_read_fails_for_each_who_reads_it(dds: dict[str, Any]) ->
             read()
         failed.append((run_id, step))
 
-    company.listen("one", AGENTS, read, receive)
-    company.listen("other", AGENTS, read, receive)
+    transport.listen("one", AGENTS, read, receive)
+    transport.listen("other", AGENTS, read, receive)
     dds["one /litsim/agents"](message())
     assert failed == [("run", 3)] * 2
 
 
 def test_an_answer_goes_to_those_that_listen_here_and_not_over_dds(dds: dict[str, Any]) -> None:
-    company, heard = Company(), []
-    company.join((FORECASTS,))
-    listen(company, "conflict", FORECASTS, str, heard)
+    transport, heard = InProcessTransport(), []
+    transport.join((FORECASTS,))
+    listen(transport, "conflict", FORECASTS, str, heard)
     assert not dds
     forecast = object()
-    assert company.waits_for((FORECASTS,)) and not company.waits_for((TAKEOVERS,))
-    company.hand_on({FORECASTS: forecast}, "run", 7)
+    assert transport.has_listener((FORECASTS,)) and not transport.has_listener((TAKEOVERS,))
+    transport.publish({FORECASTS: forecast}, "run", 7)
     assert heard == [("conflict", "run", 7, forecast)]
 
 
 def test_a_stage_alone_waits_for_nobody_here(dds: dict[str, Any]) -> None:
-    company, heard = Company(), []
-    listen(company, "conflict", FORECASTS, str, heard)
-    company.join((TAKEOVERS,))
+    transport, heard = InProcessTransport(), []
+    listen(transport, "conflict", FORECASTS, str, heard)
+    transport.join((TAKEOVERS,))
     assert list(dds) == ["conflict /litsim/forecasts"]
-    assert not company.waits_for((TAKEOVERS,))
+    assert not transport.has_listener((TAKEOVERS,))
 
 
 def test_what_nobody_waits_for_is_done_once_all_have_been_served(dds: dict[str, Any]) -> None:
-    company, order = Company(), []
+    transport, order = InProcessTransport(), []
 
     def first(*_: Any) -> None:
-        company.afterwards(lambda: company.afterwards(lambda: order.append("last")))
-        company.afterwards(lambda: order.append("afterwards"))
+        transport.defer(lambda: transport.defer(lambda: order.append("last")))
+        transport.defer(lambda: order.append("afterwards"))
         order.append("first")
 
-    company.listen("one", AGENTS, str, first)
-    company.listen("other", AGENTS, str, lambda *_: order.append("second"))
+    transport.listen("one", AGENTS, str, first)
+    transport.listen("other", AGENTS, str, lambda *_: order.append("second"))
     dds["one /litsim/agents"](message())
     assert order == ["first", "second", "afterwards", "last"]
-    company.afterwards(lambda: order.append("at once"))
+    transport.defer(lambda: order.append("at once"))
     assert order[-1] == "at once"
 
 
 def test_it_is_done_as_well_where_somebody_fails(dds: dict[str, Any]) -> None:
-    company, order = Company(), []
+    transport, order = InProcessTransport(), []
 
     def fails(*_: Any) -> None:
-        company.afterwards(lambda: order.append("afterwards"))
+        transport.defer(lambda: order.append("afterwards"))
         raise RuntimeError
 
-    company.listen("one", AGENTS, str, fails)
+    transport.listen("one", AGENTS, str, fails)
     with pytest.raises(RuntimeError):
         dds["one /litsim/agents"](message())
     assert order == ["afterwards"]
@@ -124,9 +124,9 @@ def test_it_is_done_as_well_where_somebody_fails(dds: dict[str, Any]) -> None:
 def test_a_scenario_is_read_once_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[tuple[str, str]] = []
     monkeypatch.setattr(Scenario, "from_yaml", lambda *given: read.append(given) or object())
-    company = Company()
+    transport = InProcessTransport()
     one, other = (SimpleNamespace(run_id=name, scenario_yaml=f"name: {name}") for name in ("a", "b"))
-    assert company.scenario(one) is company.scenario(one)
-    assert company.scenario(other) is not company.scenario(one)
+    assert transport.scenario(one) is transport.scenario(one)
+    assert transport.scenario(other) is not transport.scenario(one)
     assert read[0] == ("name: a", "/litsim/run_info of run a")
     assert len(read) == 3

@@ -1,8 +1,8 @@
-"""Keeps a foreign command: started in a session of its own, and ended with all that it has started.
+"""Process supervisor of a foreign command: started in a session of its own, and ended with all that it has started.
 
 A driving stack is often a script that starts more processes, some of which leave its process group. The launcher
 starts this program in its place, which hands signals on to the whole tree and leaves nothing of it behind, however the
-command, or the launcher, ends. It needs nothing but Python: ``python keeper.py COMMAND...`` ends as COMMAND does.
+command, or the launcher, ends. It needs nothing but Python: ``python supervisor.py COMMAND...`` ends as COMMAND does.
 """
 
 from __future__ import annotations
@@ -25,24 +25,22 @@ HANDED_ON = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _LIBC = ctypes.CDLL(None)
 
 
-def descendants(of: int) -> set[int]:
-    """Ids of the processes that process `of` has started, and those that they have, as far as they still run."""
+def descendants(of: int) -> list[int]:
+    """Ids of the running processes that process `of` has started, and of those that they have; parents come first."""
     children: dict[int, list[int]] = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):  # it ended meanwhile
             state, parent = stat.read_text(errors="replace").rpartition(")")[2].split()[:2]
             if state not in "ZX":  # neither waits to be asked how it ended
                 children.setdefault(int(parent), []).append(int(stat.parent.name))
-    found: set[int] = set()
-    open_ends = [of]
-    while open_ends:
-        new = children.get(open_ends.pop(), [])
-        found.update(new)
-        open_ends += new
-    return found
+    tree = [of]
+    for process in tree:  # which grows meanwhile
+        tree += children.get(process, [])
+    return tree[1:]
 
 
 def _signal_all(number: int) -> None:
+    """Signal the whole tree, parents first: a script whose child is interrupted before it would just go on."""
     for process in descendants(os.getpid()):
         with contextlib.suppress(ProcessLookupError):
             os.kill(process, number)
@@ -59,12 +57,12 @@ def _end_rest() -> None:
 
 
 def _begin() -> None:
-    """In the command's process before it starts: make it end with the keeper, even if the keeper is killed."""
+    """In the command's process before it starts: make it end with the supervisor, even if the supervisor is killed."""
     _LIBC.prctl(DIE_WITH_PARENT, signal.SIGKILL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, HANDED_ON)
 
 
-def keep(command: list[str]) -> int:
+def supervise(command: list[str]) -> int:
     """Run `command` to its end; return its exit status, a signal as a negative number."""
     for number in HANDED_ON:  # shells have what they start in the background ignore SIGINT, and so would the command
         signal.signal(number, signal.SIG_DFL)
@@ -93,7 +91,7 @@ def keep(command: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    status = keep(sys.argv[1:])
+    status = supervise(sys.argv[1:])
     if status < 0:  # end in the same way, so that the parent learns of the signal
         if -status != signal.SIGKILL:
             signal.signal(-status, signal.SIG_DFL)

@@ -1,7 +1,7 @@
 """Answers and states that the bridge waits for, and the handling of missing ones. Without ROS.
 
-:class:`Attendance` holds the states of the stages; :class:`Answers` collects the answers to the current step, checks
-them, and decides what happens if one is missing.
+:class:`StageLiveness` holds the states of the stages; :class:`ResponseCollector` collects the answers to the current
+step, checks them, and decides what happens if one is missing.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class RunFailed(Exception):
     """The run cannot continue; the message says what was missing, and where."""
 
 
-class Attendance:
+class StageLiveness:
     """Reported states of the stages of a run: ready, failed, and progress; messages of other runs are ignored.
 
     Attributes:
@@ -272,13 +272,13 @@ class EgoPublishers:
         ]
 
 
-class Answers:
+class ResponseCollector:
     """The answers to the current step: of the policy, if there is one, and of the ego's driver."""
 
     def __init__(
         self,
         port: EgoPort,
-        attendance: Attendance,
+        liveness: StageLiveness,
         convert: Callable[[Any], ControlTable],
         *,
         run_id: str,
@@ -290,7 +290,7 @@ class Answers:
 
         Args:
             port: port of the ego.
-            attendance: states of the stages.
+            liveness: states of the stages.
             convert: converts the policy's message; raises ValueError if it is malformed.
             run_id: id of the run; answers to other runs are stale.
             ego_id: id of the ego, which no policy controls.
@@ -299,7 +299,7 @@ class Answers:
                 step 0 are always required.
         """
         self._port = port
-        self._attendance = attendance
+        self._liveness = liveness
         self._convert = convert
         self._ego_id = ego_id
         self._stop_on_missing = stop_on_missing
@@ -320,7 +320,7 @@ class Answers:
     @property
     def complete(self) -> bool:
         """Whether all answers are there, and the recorder is not too far behind."""
-        return not self.missing and self._attendance.recorder_keeps_up(self.step)
+        return not self.missing and self._liveness.recorder_keeps_up(self.step)
 
     @property
     def commanded(self) -> bool:
@@ -366,7 +366,7 @@ class Answers:
         """
         missing = self.missing
         if not missing:
-            self._attendance.check_recorder_keeps_up(self.step)
+            self._liveness.check_recorder_keeps_up(self.step)
         elif self.step == 0 or self._stop_on_missing:
             raise RunFailed(f"no answer to step {self.step} on {', '.join(missing)} within {waited_s:g} s{silent()}")
         for name in missing:

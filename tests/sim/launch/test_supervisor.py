@@ -1,4 +1,4 @@
-"""The keeper of a stack: it ends as the command does, and leaves nothing of it behind."""
+"""The supervisor of a stack: it ends as the command does, and leaves nothing of it behind."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from litsim_sim.launch import keeper
+from litsim_sim.launch import supervisor
 
 PATIENCE_S = 120.0  # for what takes a moment
 
@@ -22,13 +22,13 @@ def keep() -> Iterator[Callable[..., subprocess.Popen[str]]]:
     started: list[subprocess.Popen[str]] = []
 
     def start(*command: str) -> subprocess.Popen[str]:
-        words = [sys.executable, "-I", "-S", keeper.__file__, *command]
+        words = [sys.executable, "-I", "-S", supervisor.__file__, *command]
         started.append(subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
         return started[-1]
 
     yield start
     for process in started:
-        for each in keeper.descendants(process.pid):
+        for each in supervisor.descendants(process.pid):
             os.kill(each, signal.SIGKILL)
         process.kill()
         process.communicate()
@@ -48,6 +48,10 @@ def lives(process: int) -> bool:
         return False
 
 
+def parent(process: int) -> int:
+    return int(Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[1])
+
+
 @pytest.mark.parametrize(
     ("script", "status"), [("exit 0", 0), ("exit 3", 3), ("kill -SEGV $$", -signal.SIGSEGV), ("kill -9 $$", -9)]
 )
@@ -58,7 +62,7 @@ def test_it_ends_as_the_command_does(keep: Callable[..., subprocess.Popen[str]],
 def test_what_cannot_be_started_is_said(keep: Callable[..., subprocess.Popen[str]], tmp_path: Path) -> None:
     process = keep(str(tmp_path / "no_stack"))
     said = process.communicate(timeout=PATIENCE_S)[1]
-    assert process.returncode == keeper.NOT_FOUND
+    assert process.returncode == supervisor.NOT_FOUND
     assert said == f"error: {tmp_path}/no_stack: cannot be started: No such file or directory\n"
 
 
@@ -72,17 +76,25 @@ def test_what_the_command_has_left_behind_is_ended(keep: Callable[..., subproces
     assert lives(left)
     go.touch()
     assert process.wait(PATIENCE_S) == 4
-    assert not lives(left) and not keeper.descendants(process.pid)
+    assert not lives(left) and not supervisor.descendants(process.pid)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_reach_all_of_it(keep: Callable[..., subprocess.Popen[str]], number: signal.Signals) -> None:
     process = keep(sys.executable, "-c", "import subprocess\nsubprocess.run(['setsid', 'sleep', '600'])")
-    wait(lambda: len(keeper.descendants(process.pid)) == 2)
-    tree = keeper.descendants(process.pid)
+    wait(lambda: len(supervisor.descendants(process.pid)) == 2)
+    tree = supervisor.descendants(process.pid)
     process.send_signal(number)
     assert process.wait(PATIENCE_S) != 0
     assert not any(map(lives, tree))
+
+
+def test_parents_are_signalled_before_their_children(keep: Callable[..., subprocess.Popen[str]]) -> None:
+    """A parent that sees its child end goes on, and may end with success before a signal reaches it."""
+    process = keep("sh", "-c", "sh -c 'sh -c \"sleep 600; true\"; true'; true")
+    wait(lambda: len(supervisor.descendants(process.pid)) == 4)
+    tree = supervisor.descendants(process.pid)
+    assert list(map(parent, tree)) == [process.pid, *tree[:-1]]
 
 
 def test_who_does_not_listen_is_killed(keep: Callable[..., subprocess.Popen[str]]) -> None:
@@ -108,7 +120,7 @@ sys.stdin.read()
     ) as launcher:
         assert launcher.stdout is not None
         kept = int(launcher.stdout.readline())
-        wait(lambda: len(keeper.descendants(kept)) == 3)
-        tree = keeper.descendants(kept)
+        wait(lambda: len(supervisor.descendants(kept)) == 3)
+        tree = supervisor.descendants(kept)
         launcher.kill()
     wait(lambda: not any(map(lives, (kept, *tree))))

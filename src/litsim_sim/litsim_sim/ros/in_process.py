@@ -24,18 +24,18 @@ Receive = Callable[[str, int, Callable[[], Any]], None]
 """Takes run id, step, and a function that reads the message, which is called only if needed."""
 
 
-class Company:
+class InProcessTransport:
     """The stages of one process, in the order in which they join: a stage joins after those that it waits for."""
 
     def __init__(self) -> None:
         self._answered: set[Topic] = set()  # topics answered by a stage of this process
         self._listeners: dict[Topic, list[tuple[Read, Receive]]] = {}
-        self._afterwards: list[Callable[[], None]] = []
+        self._deferred: list[Callable[[], None]] = []
         self._serving = False
         self._scenario: tuple[str, Scenario] | None = None
 
     def listen(self, node: Node, topic: Topic, read: Read, receive: Receive) -> None:
-        """Call `receive` for messages on `topic`: from a stage of this company if one answers on it, else over DDS."""
+        """Call `receive` for messages on `topic`: from a stage of this process if one answers on it, else over DDS."""
         if topic not in self._answered and topic not in self._listeners:
             subscribe(node, topic, lambda message: self._deliver(topic, message))
         self._listeners.setdefault(topic, []).append((read, receive))
@@ -44,19 +44,19 @@ class Company:
         """Add a stage that answers on `outputs`."""
         self._answered.update(outputs)
 
-    def waits_for(self, outputs: Iterable[Topic]) -> bool:
-        """Whether a stage of this company listens to one of `outputs`."""
+    def has_listener(self, outputs: Iterable[Topic]) -> bool:
+        """Whether a stage of this process listens to one of `outputs`."""
         return any(topic in self._answered and topic in self._listeners for topic in outputs)
 
-    def hand_on(self, answers: Mapping[Topic, Any], run_id: str, step: int) -> None:
-        """Pass the answers of a stage, by topic, to the stages of this company that listen."""
+    def publish(self, answers: Mapping[Topic, Any], run_id: str, step: int) -> None:
+        """Pass the answers of a stage, by topic, to the stages of this process that listen."""
         for topic, answer in answers.items():
             for _, receive in self._listeners.get(topic, ()):
                 receive(run_id, step, partial(_same, answer))
 
-    def afterwards(self, do: Callable[[], None]) -> None:
+    def defer(self, do: Callable[[], None]) -> None:
         """Call `do` after the current message has been served, for work that no node waits for."""
-        self._afterwards.append(do)
+        self._deferred.append(do)
         if not self._serving:
             self._catch_up()
 
@@ -89,8 +89,8 @@ class Company:
             self._catch_up()
 
     def _catch_up(self) -> None:
-        while self._afterwards:
-            self._afterwards.pop(0)()
+        while self._deferred:
+            self._deferred.pop(0)()
 
 
 def _same(answer: Any) -> Any:

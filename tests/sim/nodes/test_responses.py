@@ -15,12 +15,12 @@ from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import Answer, Interface
 from litsim_sim.ego_port.port import EgoPort
 from litsim_sim.ego_port.tracking import TwistTarget
-from litsim_sim.nodes.answers import (
-    Answers,
-    Attendance,
+from litsim_sim.nodes.responses import (
     EgoPublisher,
     EgoPublishers,
+    ResponseCollector,
     RunFailed,
+    StageLiveness,
     absence,
     check_controls,
     rivalry,
@@ -42,13 +42,13 @@ class Bridge:
     """Answers with all that they need; the recorder keeps up unless a test says otherwise."""
 
     def __init__(self, agent_table: Any, *, with_policy: bool = True, stop: bool = True, recorded: int = 10**6) -> None:
-        self.attendance = Attendance(RUN, STAGES)
-        self.attendance.take_confirmation(RUN, recorded)
+        self.liveness = StageLiveness(RUN, STAGES)
+        self.liveness.take_confirmation(RUN, recorded)
         self.port = EgoPort(RUN, VehicleModel(), Interface.CONTROL)
         self.read: list[ControlTable] = []
-        self.answers = Answers(
+        self.responses = ResponseCollector(
             self.port,
-            self.attendance,
+            self.liveness,
             self._convert,
             run_id=RUN,
             ego_id=EGO_ID,
@@ -62,14 +62,14 @@ class Bridge:
         return message
 
     def open(self, step: int) -> None:
-        self.answers.open(self._agent_table(step, {"id": EGO_ID}), driven=True)
+        self.responses.open(self._agent_table(step, {"id": EGO_ID}), driven=True)
 
     def ego(self, step: int, acceleration: float = 0.5) -> None:
         self.port.ask()
         self.port.offer(Answer(Interface.CONTROL, EgoCommand(step, acceleration, 0.0), step=step, run_id=RUN))
 
     def settle(self) -> list[str]:
-        return self.answers.settle(5.0, lambda: "; silent: policy")
+        return self.responses.settle(5.0, lambda: "; silent: policy")
 
 
 @pytest.fixture
@@ -78,135 +78,135 @@ def bridge(agent_table: Any) -> Bridge:
 
 
 def test_a_stage_is_awaited_until_it_says_that_it_is_ready() -> None:
-    attendance = Attendance(RUN, STAGES)
-    assert attendance.awaited == ["conflict", "ego", "policy", "predictor"]
+    liveness = StageLiveness(RUN, STAGES)
+    assert liveness.awaited == ["conflict", "ego", "policy", "predictor"]
     for stage in STAGES[:4]:
-        attendance.take_status(OTHER, stage, StageState.READY, "")
-        attendance.take_status(RUN, stage, StageState.RUNNING, "")
-    assert len(attendance.awaited) == 4
+        liveness.take_status(OTHER, stage, StageState.READY, "")
+        liveness.take_status(RUN, stage, StageState.RUNNING, "")
+    assert len(liveness.awaited) == 4
     for stage in STAGES[:4]:
-        assert not attendance.all_ready
-        attendance.take_status(RUN, stage, StageState.READY, "")
-    assert attendance.awaited == ["recorder"]  # it waits to hear all others
-    attendance.take_status(RUN, "recorder", StageState.READY, "")
-    assert (attendance.all_ready, attendance.awaited) == (True, [])
+        assert not liveness.all_ready
+        liveness.take_status(RUN, stage, StageState.READY, "")
+    assert liveness.awaited == ["recorder"]  # it waits to hear all others
+    liveness.take_status(RUN, "recorder", StageState.READY, "")
+    assert (liveness.all_ready, liveness.awaited) == (True, [])
 
 
 def test_failures_are_quoted_with_the_names_of_the_stages() -> None:
-    attendance = Attendance(RUN, STAGES)
-    attendance.take_status(OTHER, "ego", StageState.FAILED, "no map")
-    attendance.take_status(RUN, "bridge", StageState.FAILED, "what it said itself")
-    attendance.check()
-    attendance.take_status(RUN, "ego", StageState.FAILED, "no map")
-    attendance.take_status(RUN, "policy", StageState.FAILED, "step 5: no weights")
+    liveness = StageLiveness(RUN, STAGES)
+    liveness.take_status(OTHER, "ego", StageState.FAILED, "no map")
+    liveness.take_status(RUN, "bridge", StageState.FAILED, "what it said itself")
+    liveness.check()
+    liveness.take_status(RUN, "ego", StageState.FAILED, "no map")
+    liveness.take_status(RUN, "policy", StageState.FAILED, "step 5: no weights")
     with pytest.raises(RunFailed, match=r"^ego: no map; policy: step 5: no weights$"):
-        attendance.check()
+        liveness.check()
 
 
 def test_two_nodes_of_a_stage_are_no_run_where_their_parameters_differ() -> None:
-    attendance = Attendance(RUN, STAGES)
+    liveness = StageLiveness(RUN, STAGES)
     for text in ("speed: 1", "speed: 1"):  # twice the same, or one that has said it again
-        attendance.take_status(RUN, "ego", StageState.READY, text)
-    attendance.check()
-    attendance.take_status(RUN, "ego", StageState.READY, "speed: 2")
+        liveness.take_status(RUN, "ego", StageState.READY, text)
+    liveness.check()
+    liveness.take_status(RUN, "ego", StageState.READY, "speed: 2")
     with pytest.raises(RunFailed, match="ego: two nodes with different parameters answer"):
-        attendance.check()
+        liveness.check()
 
 
 def test_idle_nodes_of_stages_that_take_no_part_are_not_heard() -> None:
-    attendance = Attendance(RUN, ("ego", "recorder"))
-    attendance.take_status(RUN, "policy", StageState.FAILED, "policy: 'replay' is unknown")
-    attendance.take_status(RUN, "conflict", StageState.READY, "")
-    attendance.check()
-    assert attendance.awaited == ["ego"]
+    liveness = StageLiveness(RUN, ("ego", "recorder"))
+    liveness.take_status(RUN, "policy", StageState.FAILED, "policy: 'replay' is unknown")
+    liveness.take_status(RUN, "conflict", StageState.READY, "")
+    liveness.check()
+    assert liveness.awaited == ["ego"]
 
 
 @pytest.mark.parametrize("state", [StageState.FINISHED, StageState.FAILED])
 def test_the_recorder_closes_its_file_for_better_or_worse(state: StageState) -> None:
-    attendance = Attendance(RUN, STAGES)
-    assert not attendance.recorder_closing  # nobody is there to be waited for
-    attendance.take_status(RUN, "recorder", StageState.READY, "")
-    attendance.take_status(RUN, "policy", state, "")
-    assert attendance.recorder_closing
-    attendance.take_status(RUN, "recorder", state, "")
-    assert (attendance.recorder_closing, attendance.recorder_done) == (False, True)
+    liveness = StageLiveness(RUN, STAGES)
+    assert not liveness.recorder_closing  # nobody is there to be waited for
+    liveness.take_status(RUN, "recorder", StageState.READY, "")
+    liveness.take_status(RUN, "policy", state, "")
+    assert liveness.recorder_closing
+    liveness.take_status(RUN, "recorder", state, "")
+    assert (liveness.recorder_closing, liveness.recorder_done) == (False, True)
 
 
 def test_who_has_not_answered_a_step_is_silent() -> None:
-    attendance = Attendance(RUN, STAGES)
-    attendance.take_timing(OTHER, "ego", 4)
-    attendance.take_timing(RUN, "bridge", 4)
+    liveness = StageLiveness(RUN, STAGES)
+    liveness.take_timing(OTHER, "ego", 4)
+    liveness.take_timing(RUN, "bridge", 4)
     both = (CONTROLS, CONTROL)
-    assert attendance.silent(4, (CONTROL,)) == ["ego"]
-    assert attendance.silent(4, both) == ["predictor", "conflict", "policy", "ego"]  # which of them, cannot be told
-    attendance.take_timing(RUN, "predictor", 4)
-    attendance.take_timing(RUN, "ego", 4)
-    attendance.take_timing(RUN, "ego", 3)
-    attendance.take_timing(RUN, "conflict", 3)
-    assert attendance.silent(4, both) == ["conflict"]  # the policy waits for it
-    assert attendance.silent(5, both) == ["predictor", "ego"]
-    assert attendance.silent(5, (CONTROLS,)) == ["predictor"]
+    assert liveness.silent(4, (CONTROL,)) == ["ego"]
+    assert liveness.silent(4, both) == ["predictor", "conflict", "policy", "ego"]  # which of them, cannot be told
+    liveness.take_timing(RUN, "predictor", 4)
+    liveness.take_timing(RUN, "ego", 4)
+    liveness.take_timing(RUN, "ego", 3)
+    liveness.take_timing(RUN, "conflict", 3)
+    assert liveness.silent(4, both) == ["conflict"]  # the policy waits for it
+    assert liveness.silent(5, both) == ["predictor", "ego"]
+    assert liveness.silent(5, (CONTROLS,)) == ["predictor"]
 
 
 def test_the_recorder_may_be_behind_by_its_window_but_not_at_step_0() -> None:
-    attendance = Attendance(RUN, STAGES)
+    liveness = StageLiveness(RUN, STAGES)
     nothing = r"^recorder: has confirmed nothing on /litsim/recorded at step 0, expected at most 50 steps behind$"
     with pytest.raises(RunFailed, match=nothing):
-        attendance.check_recorder_keeps_up(0)
-    attendance.take_confirmation(OTHER, 99)
-    assert not attendance.recorder_keeps_up(0)
-    attendance.take_confirmation(RUN, 5)
-    attendance.take_confirmation(RUN, 0)  # an older one
-    attendance.check_recorder_keeps_up(5 + RECORDER_WINDOW)
+        liveness.check_recorder_keeps_up(0)
+    liveness.take_confirmation(OTHER, 99)
+    assert not liveness.recorder_keeps_up(0)
+    liveness.take_confirmation(RUN, 5)
+    liveness.take_confirmation(RUN, 0)  # an older one
+    liveness.check_recorder_keeps_up(5 + RECORDER_WINDOW)
     with pytest.raises(RunFailed, match="has confirmed only step 5 on /litsim/recorded at step 56"):
-        attendance.check_recorder_keeps_up(6 + RECORDER_WINDOW)
+        liveness.check_recorder_keeps_up(6 + RECORDER_WINDOW)
 
 
 def test_the_last_step_is_to_be_confirmed_where_there_is_a_recorder() -> None:
-    attendance = Attendance(RUN, STAGES)
-    attendance.take_confirmation(RUN, 34)
-    attendance.check_recorded(34)
+    liveness = StageLiveness(RUN, STAGES)
+    liveness.take_confirmation(RUN, 34)
+    liveness.check_recorded(34)
     with pytest.raises(RunFailed, match=r"^recorder: has confirmed only step 34 of 35 on /litsim/recorded$"):
-        attendance.check_recorded(35)
-    Attendance(RUN, STAGES[:4]).check_recorded(35)
+        liveness.check_recorded(35)
+    StageLiveness(RUN, STAGES[:4]).check_recorded(35)
 
 
 def test_a_step_is_complete_once_both_have_answered_it(bridge: Bridge) -> None:
     bridge.open(0)
-    assert bridge.answers.missing == [CONTROLS, CONTROL]
-    bridge.answers.offer_controls(RUN, 0, controls(1, 2))
-    assert bridge.answers.missing == [CONTROL]
+    assert bridge.responses.missing == [CONTROLS, CONTROL]
+    bridge.responses.offer_controls(RUN, 0, controls(1, 2))
+    assert bridge.responses.missing == [CONTROL]
     bridge.ego(0)
-    assert bridge.answers.complete
+    assert bridge.responses.complete
     assert bridge.settle() == []
-    assert bridge.answers.command() == EgoCommand(0, 0.5, 0.0)
-    assert bridge.answers.controls().id.tolist() == [1, 2]
+    assert bridge.responses.command() == EgoCommand(0, 0.5, 0.0)
+    assert bridge.responses.controls().id.tolist() == [1, 2]
     bridge.open(1)
-    assert bridge.answers.missing == [CONTROLS, CONTROL]
+    assert bridge.responses.missing == [CONTROLS, CONTROL]
 
 
 def test_without_a_policy_the_ego_alone_answers(agent_table: Any) -> None:
     bridge = Bridge(agent_table, with_policy=False)
     bridge.open(3)
-    assert bridge.answers.missing == [CONTROL]
+    assert bridge.responses.missing == [CONTROL]
     bridge.ego(3)
-    assert bridge.answers.complete
-    assert (bridge.answers.controls().step, len(bridge.answers.controls().id)) == (3, 0)
+    assert bridge.responses.complete
+    assert (bridge.responses.controls().step, len(bridge.responses.controls().id)) == (3, 0)
 
 
 def test_an_external_ego_may_answer_on_several_topics_until_it_has_chosen(bridge: Bridge) -> None:
     bridge.port.interface = None
     bridge.open(0)
-    assert bridge.answers.missing[1] == f"{CONTROL} or /litsim/ego/twist or /litsim/ego/trajectory"
+    assert bridge.responses.missing[1] == f"{CONTROL} or /litsim/ego/twist or /litsim/ego/trajectory"
     bridge.ego(0)
-    assert bridge.answers.missing == [CONTROLS]
+    assert bridge.responses.missing == [CONTROLS]
 
 
 def test_a_recorder_that_falls_behind_is_waited_for_and_then_ends_the_run(agent_table: Any) -> None:
     bridge = Bridge(agent_table, with_policy=False, stop=False, recorded=0)
     bridge.open(RECORDER_WINDOW + 1)
     bridge.ego(RECORDER_WINDOW + 1)
-    assert (bridge.answers.missing, bridge.answers.complete) == ([], False)
+    assert (bridge.responses.missing, bridge.responses.complete) == ([], False)
     with pytest.raises(RunFailed, match=r"^recorder: has confirmed only step 0 "):
         bridge.settle()
 
@@ -223,20 +223,20 @@ def test_a_missing_answer_ends_the_run_and_says_who_is_silent(agent_table: Any, 
 def test_where_missing_answers_are_held_the_newest_counts_on_and_they_are_counted(agent_table: Any) -> None:
     bridge = Bridge(agent_table, stop=False)
     bridge.open(0)
-    bridge.answers.offer_controls(RUN, 0, controls(1, acceleration=-2.0))
+    bridge.responses.offer_controls(RUN, 0, controls(1, acceleration=-2.0))
     bridge.ego(0, -3.0)
     assert bridge.settle() == []
     bridge.open(1)
     assert bridge.settle() == [CONTROLS, CONTROL]
-    held = bridge.answers.controls()
+    held = bridge.responses.controls()
     assert (held.step, held.acceleration.tolist()) == (1, [-2.0])
-    assert bridge.answers.command() == EgoCommand(1, -3.0, 0.0)
+    assert bridge.responses.command() == EgoCommand(1, -3.0, 0.0)
     bridge.open(2)
     bridge.ego(2)
-    bridge.answers.offer_controls(RUN, 1, controls(1, acceleration=-4.0))  # late: the newest from now on
+    bridge.responses.offer_controls(RUN, 1, controls(1, acceleration=-4.0))  # late: the newest from now on
     assert bridge.settle() == [CONTROLS]
-    assert bridge.answers.controls().acceleration.tolist() == [-4.0]
-    summary = bridge.answers.summary()
+    assert bridge.responses.controls().acceleration.tolist() == [-4.0]
+    summary = bridge.responses.summary()
     assert summary["missed"] == {CONTROLS: 2, CONTROL: 1}
     assert summary["stale"] == {CONTROLS: 1}
     assert (summary["ego_port"]["interface"], summary["ego_port"]["answered"]) == ("control", 2)
@@ -244,30 +244,30 @@ def test_where_missing_answers_are_held_the_newest_counts_on_and_they_are_counte
 
 def test_answers_of_other_runs_and_second_ones_are_stale(bridge: Bridge) -> None:
     bridge.open(0)
-    bridge.answers.offer_controls(OTHER, 0, controls(1))
-    assert CONTROLS in bridge.answers.missing
-    bridge.answers.offer_controls(RUN, 0, controls(2))
-    bridge.answers.offer_controls(RUN, 0, controls(3))
-    assert bridge.answers.controls().id.tolist() == [2]
-    assert bridge.answers.summary()["stale"] == {CONTROLS: 2}
+    bridge.responses.offer_controls(OTHER, 0, controls(1))
+    assert CONTROLS in bridge.responses.missing
+    bridge.responses.offer_controls(RUN, 0, controls(2))
+    bridge.responses.offer_controls(RUN, 0, controls(3))
+    assert bridge.responses.controls().id.tolist() == [2]
+    assert bridge.responses.summary()["stale"] == {CONTROLS: 2}
     assert len(bridge.read) == 1  # only what counts is read
 
 
 def test_the_command_of_a_step_is_taken_once(bridge: Bridge) -> None:
     bridge.open(0)
-    assert not bridge.answers.commanded
+    assert not bridge.responses.commanded
     bridge.ego(0, 1.0)
-    assert bridge.answers.command() is bridge.answers.command()
-    assert bridge.answers.commanded
+    assert bridge.responses.command() is bridge.responses.command()
+    assert bridge.responses.commanded
     bridge.open(1)
-    assert not bridge.answers.commanded
+    assert not bridge.responses.commanded
 
 
 def test_an_answer_of_the_ego_that_cannot_be_used_ends_the_run(bridge: Bridge) -> None:
     bridge.open(4)
     bridge.ego(4, float("nan"))
     with pytest.raises(RunFailed, match=f"^the answer to step 4 on {CONTROL} cannot be used: acceleration is nan"):
-        bridge.answers.command()
+        bridge.responses.command()
 
 
 @pytest.mark.parametrize(
@@ -287,9 +287,9 @@ def test_controls_that_the_world_does_not_expect_end_the_run(
     bridge: Bridge, wrong: ControlTable, expected: str
 ) -> None:
     bridge.open(2)
-    bridge.answers.offer_controls(RUN, 2, wrong)
+    bridge.responses.offer_controls(RUN, 2, wrong)
     with pytest.raises(RunFailed) as raised:
-        bridge.answers.controls()
+        bridge.responses.controls()
     assert str(raised.value) == f"the answer to step 2 on {CONTROLS} cannot be used: {expected}"
 
 
@@ -422,20 +422,20 @@ def test_a_stack_that_is_started_again_is_told_once(
         "answers without what it knew before"
     )
     assert told == [said] * joined
-    assert bridge.answers.summary()["ego_port"]["joined"] == joined
+    assert bridge.responses.summary()["ego_port"]["joined"] == joined
 
 
 def test_the_answer_to_a_step_that_was_published_again_is_never_stale(bridge: Bridge) -> None:
     bridge.open(0)
-    bridge.answers.ask()
-    bridge.answers.ask()
+    bridge.responses.ask()
+    bridge.responses.ask()
     bridge.port.offer(Answer(Interface.CONTROL, EgoCommand(0, 0.5, 0.0), step=0, run_id=RUN))
-    bridge.answers.offer_controls(RUN, 0, controls())
+    bridge.responses.offer_controls(RUN, 0, controls())
     bridge.open(1)
-    bridge.answers.ask()
+    bridge.responses.ask()
     for count in (0, 1):  # the second answer was asked for, a third is too much
         bridge.port.offer(Answer(Interface.CONTROL, EgoCommand(0, 0.5, 0.0), step=0, run_id=RUN))
-        bridge.answers.offer_controls(RUN, 0, controls())
+        bridge.responses.offer_controls(RUN, 0, controls())
         assert bridge.port.counts["stale"] == count
-        assert bridge.answers.summary()["stale"].get(CONTROLS, 0) == count
-    assert bridge.answers.missing == [CONTROLS, CONTROL]
+        assert bridge.responses.summary()["stale"].get(CONTROLS, 0) == count
+    assert bridge.responses.missing == [CONTROLS, CONTROL]
