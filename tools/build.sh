@@ -68,6 +68,11 @@ made_for="$PWD $(python -VV)"
 if [ -d build ] && [ "$(cat build/.litsim-made-for 2>/dev/null)" != "$made_for" ]; then
   rm -rf build install log
 fi
+# Packages of Python are made anew, in seconds: colcon keeps links to files and scripts that are gone.
+for package in src/*/setup.py; do
+  package=$(basename "$(dirname "$package")")
+  rm -rf "build/$package" "install/$package"
+done
 mkdir -p build
 printf '%s\n' "$made_for" >build/.litsim-made-for
 
