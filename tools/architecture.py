@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import ast
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -97,18 +97,29 @@ def floors(rooms: dict[str, Room]) -> dict[str, int]:
     return level
 
 
-def figure(rooms: dict[str, Room]) -> Iterator[str]:
-    """The rooms as a Mermaid graph; an import that follows from others (a transitive one) is not drawn."""
-    graph = nx.DiGraph([(room.name, other) for room in rooms.values() for other in room.imports])
-    drawn = nx.transitive_reduction(graph)
-    yield "```mermaid"
-    yield "flowchart TD"
-    for package in PACKAGES:
-        yield f"  subgraph {package}"
-        yield from (f"    {room.name}[{room.short}]" for room in rooms.values() if room.name.startswith(f"{package}."))
-        yield "  end"
-    yield from (f"  {a} --> {b}" for a, b in sorted(drawn.edges))
+def figure(imports: Iterable[tuple[str, str]], labels: Mapping[str, str]) -> Iterator[str]:
+    """Pairs of importer and imported as a Mermaid graph; an import that follows from others is not drawn.
+
+    Args:
+        imports: pairs of names.
+        labels: what is written in the box of each name.
+    """
+    graph = nx.DiGraph(imports)
+    graph.add_nodes_from(labels)
+    yield from ("```mermaid", "flowchart TD")
+    yield from (f"  {name}[{label}]" for name, label in labels.items())
+    yield from (f"  {a} --> {b}" for a, b in sorted(nx.transitive_reduction(graph).edges))
     yield "```"
+
+
+def arrows(lines: Iterable[str]) -> int:
+    """Number of the arrows of figures."""
+    return sum(" --> " in line for line in lines)
+
+
+def package_of(room: str) -> str:
+    """The package of a room."""
+    return room.partition(".")[0]
 
 
 def table(package: str, rooms: dict[str, Room], level: dict[str, int]) -> Iterator[str]:
@@ -127,12 +138,24 @@ def drawing() -> str:
     """The generated part of the page."""
     rooms = rooms_of_the_house()
     level = floors(rooms)
-    arrows = sum(len(room.imports) for room in rooms.values())
-    lines = [f"{len(rooms)} folders, {arrows} imports between them, in {max(level.values())} layers, none upwards."]
-    lines += ["Imports that others imply are left out of the figure; the tables list all.", "", *figure(rooms)]
+    imports = [(room.name, other) for room in rooms.values() for other in room.imports]
+    between = {(package_of(a), package_of(b)) for a, b in imports if package_of(a) != package_of(b)}
+    whole = list(figure(between, {package: package for package in PACKAGES}))
+    parts = []
     for package in PACKAGES:
-        lines += ["", f"### {package}", "", *table(package, rooms, level)]
-    return "\n".join(lines)
+        mine = {room.name: room.short for room in rooms.values() if package_of(room.name) == package}
+        inside = [(a, b) for a, b in imports if a in mine and b in mine]
+        parts += ["", f"### {package}", "", *figure(inside, mine), "", *table(package, rooms, level)]
+    drawn = f"{arrows(whole)} arrows between packages and {arrows(parts)} between folders of one package are drawn"
+    return "\n".join(
+        [
+            f"{len(rooms)} folders and modules beside them, with {len(imports)} imports between them, none upwards.",
+            f"{drawn}; imports that others imply are left out.",
+            "",
+            *whole,
+            *parts,
+        ]
+    )
 
 
 def page(part: str) -> str:

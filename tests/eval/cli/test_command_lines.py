@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from importlib.metadata import EntryPoint, entry_points
 
@@ -12,7 +13,7 @@ from litsim_eval.cli import bench, evaluate, run
 from litsim_research.cli import training
 from litsim_sim.cli.arguments import Parser
 
-PROGRAMS = {each.value: each for each in entry_points(group="console_scripts") if ".cli." in each.value}
+PROGRAMS = {each.value: each for each in entry_points(group="console_scripts") if re.search(r"\.cli\b", each.value)}
 PROGRAMS = {name: each for name, each in PROGRAMS.items() if name.startswith("litsim_")}
 
 

@@ -50,8 +50,9 @@ def test_the_stages_and_our_ego_share_a_process_each_with_its_parameters() -> No
     assert [node.name for node in shared] == ["recorder", "stages", "bridge"]
     one = shared[1]
     assert (one.package, one.executable) == ("litsim_policy", "stages")
-    assert one.several == {"ego": "ego_idm", "predictor": "predictor", "conflict": "conflict", "policy": "policy"}
-    assert one.parameters == {"predictor:model": "kinematic", "conflict:horizon": 2.5, "ego:headway": 2.0}
+    assert one.several == {"ego": "ego", "predictor": "predictor", "conflict": "conflict", "policy": "policy"}
+    given = {"predictor:model": "kinematic", "conflict:horizon": 2.5, "ego:headway": 2.0, "ego:driver": "idm"}
+    assert one.parameters == given
 
 
 def test_a_stack_has_processes_of_its_own() -> None:
