@@ -61,7 +61,6 @@ format: setup-all ## put the sources into the format that lint asks for
 	$(BIN)/ruff format
 
 bench: build ## what a step costs on this machine, by stage, beside highway-env
-	./litsim bench forecasts
 	@benchmarks/highway_env/setup.sh || echo "bench: without highway-env"
 	./litsim bench $(if $(wildcard benchmarks/highway_env/.venv/.ready),--highway-env benchmarks/highway_env) $(ARGS)
 

@@ -13,8 +13,6 @@ import numpy as np
 import pytest
 
 from litsim_eval.benchmark import steps as benchmark
-from litsim_eval.benchmark.detection import detection_rows, measure_detection
-from litsim_eval.benchmark.forecasts import LANES, SPACING, SPEED, columns_of_traffic
 from litsim_eval.benchmark.steps import (
     execute,
     graph_sample,
@@ -26,6 +24,7 @@ from litsim_eval.benchmark.steps import (
     time_recording,
     write_scenario,
 )
+from litsim_eval.benchmark.traffic import LANES, SPACING, SPEED, columns_of_traffic
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import overlapping_pairs
 from litsim_sim.record.bag import BagReader, BagWriter
@@ -143,15 +142,6 @@ def test_the_straight_road_is_one_that_sumo_loads(tmp_path: Path) -> None:
     net.write_text(straight_road(2500.0))
     program = "import libsumo, sys; libsumo.start(['sumo', '-n', sys.argv[1]]); print(libsumo.lane.getLength('road_4'))"
     assert execute(Path(sys.executable), "-c", program, str(net)).split()[-1] == "2500.0"
-
-
-def test_conflict_detection_is_timed_on_traffic_in_which_there_are_conflicts() -> None:
-    timing = measure_detection(60, repeats=2)
-    assert (timing.agents, timing.off_log) == (60, 6) and timing.pairs > 100
-    assert 4 <= timing.conflicts <= 6, "the follower of each that has braked, but for the ends of the columns"
-    assert len(timing.wall) == len(timing.cpu) == 2 and min(timing.wall) > 0.0
-    said = list(detection_rows(timing))
-    assert said[:2] == ["60", "6"] and "to" in said[-1] and len(said) == 6
 
 
 def test_what_the_launcher_is_told_beside_the_run_is_up_to_who_asks(

@@ -18,7 +18,7 @@ from pathlib import Path
 import yaml
 
 from litsim_eval.analysis.step_path import step_path
-from litsim_eval.benchmark.forecasts import LANE_WIDTH, LANES, columns_of_traffic
+from litsim_eval.benchmark.traffic import LANE_WIDTH, LANES, columns_of_traffic
 from litsim_eval.runs.runner import Runner
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray

@@ -1,4 +1,4 @@
-"""`bench`: measure a step in process and over the graph, or detection alone, throughput, memory or the start-up."""
+"""`bench`: measure a step in process and over the graph, or throughput, memory or the start-up."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
-from litsim_eval.benchmark.detection import detection_rows, measure_detection
 from litsim_eval.benchmark.memory import measure_memory, memory_rows
 from litsim_eval.benchmark.start import measure_start, start_rows
 from litsim_eval.benchmark.steps import measure, table_rows, time_highway_env
@@ -24,8 +23,6 @@ from litsim_sim.io.files import replacing
 
 HIGHWAY_ENV_MOST = 250  # with more vehicles highway-env takes minutes
 HIGHWAY_ENV_STEPS = 20
-DETECTION_TITLES = ("agents", "off their logs", "pairs", "conflicts", "wall ms, median (min to max)", "CPU ms")
-DETECTION_REPEATS = 200
 
 
 def parser() -> argparse.ArgumentParser:
@@ -57,9 +54,6 @@ def parser() -> argparse.ArgumentParser:
         action="store_true",
         help="measure the time from the launcher's start to the first step, and the slowest imports",
     )
-    p.add_argument(
-        "--conflicts", action="store_true", help="measure conflict detection alone, over a horizon of 50 steps"
-    )
     return p
 
 
@@ -67,9 +61,7 @@ def parser() -> argparse.ArgumentParser:
 def main() -> None:
     """Entry point of ``ros2 run litsim_eval bench``."""
     arguments = parser().parse_args()
-    if arguments.conflicts:
-        show(*detection_table(arguments.agents), None)
-    elif arguments.memory is not None:
+    if arguments.memory is not None:
         show(*memory_table(arguments.agents[0], arguments.memory), arguments.markdown)
     elif arguments.start:
         show(*start_table(arguments.agents[0], arguments.repeats), arguments.markdown)
@@ -95,12 +87,6 @@ def show(title: str, head: list[str], rows: list[list[str]], markdown: Path | No
         ]
         with replacing(markdown) as new:
             new.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def detection_table(numbers: list[int]) -> tuple[str, list[str], list[list[str]]]:
-    """Conflict detection by number of agents: title, head and rows."""
-    rows = [list(detection_rows(measure_detection(agents, DETECTION_REPEATS))) for agents in numbers]
-    return f"conflict detection, {DETECTION_REPEATS} times, {_machine()}", list(DETECTION_TITLES), rows
 
 
 def run_table(arguments: argparse.Namespace) -> tuple[str, list[str], list[list[str]]]:
