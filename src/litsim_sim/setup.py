@@ -6,7 +6,7 @@ from setuptools import find_packages, setup
 
 NAME = "litsim_sim"
 # Files that code opens with importlib.resources; configurations, scenarios, nets and what they embed.
-ENDINGS = ("css", "j2", "js", "json", "parquet", "safetensors", "xml", "xml.gz", "yaml")
+ENDINGS = ("css", "j2", "js", "json", "parquet", "safetensors", "txt", "xml", "xml.gz", "yaml")
 DATA = [f"**/*.{ending}" for ending in ENDINGS]
 # Folders beside the package that are installed into its share folder, where `ros2 launch` and --params-file look.
 SHARED = ("config", "launch")

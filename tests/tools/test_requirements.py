@@ -9,7 +9,7 @@ import pytest
 from packaging.requirements import Requirement
 
 FOLDER = Path(__file__).resolve().parents[2] / "requirements"
-MADE_FROM = {"base": ("ros", "run", "build"), "torch-cpu": ("torch",)}
+MADE_FROM = {"base": ("ros", "run", "build"), "dev": ("dev", "export"), "torch-cpu": ("torch",)}
 """What a file of locked packages was made from, where that is not one file of its name."""
 HASH = re.compile(r"--hash=sha256:[0-9a-f]{64}\b")
 

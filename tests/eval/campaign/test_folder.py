@@ -95,7 +95,7 @@ def test_what_others_have_in_the_folder_stays(tmp_path: Path, *, overwrite: bool
 
 def test_overwriting_leaves_no_verdicts_of_before(tmp_path: Path) -> None:
     CampaignFolder(tmp_path).begin(suite(), cases(), VERSIONS)
-    for name in ("junit.xml", "experiment.html", "results.json"):
+    for name in ("junit.xml", "experiment.html", "results.json", "results.parquet"):
         (tmp_path / name).write_text("passed")
     CampaignFolder(tmp_path).begin(suite(), cases(), VERSIONS, overwrite=True)
     assert not [each for each in tmp_path.iterdir() if each.is_file() and each.read_text() == "passed"]

@@ -11,7 +11,7 @@ import torch
 
 from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.data import TrainingData
-from litsim_research.policies.environment import EnvironmentConfig
+from litsim_research.policies.episodes import EnvironmentConfig
 from litsim_research.policies.network import GaussianPolicy
 from litsim_research.policies.rollout import TOGETHER, Driving, Episode, begin, begin_validation, collect, validate
 from litsim_research.policies.rollout_pool import rollouts, shared_out

@@ -6,7 +6,7 @@ import fcntl
 import json
 import re
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from litsim_eval.campaign.results import (
     read_campaign,
     read_results,
 )
+from litsim_eval.campaign.results_table import TABLE_FILE, write_results_table
 from litsim_eval.campaign.suite import Suite
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import Unwritable, replacing
@@ -147,14 +148,15 @@ class CampaignFolder:
         """
         _write(self.run_folder(result.case) / RESULT_FILE, result.to_json())
 
-    def write_results(self, results: Iterable[RunResult], **more: Any) -> Path:
-        """Write the file with all results, in order, and the further fields `more`; return its path.
+    def write_results(self, results: Sequence[RunResult], **more: Any) -> Path:
+        """Write the file with all results, in order, and the further fields `more`, and the table; return its path.
 
         Raises:
             Unwritable: it cannot be written.
         """
         path = self.path / RESULTS_FILE
         _write(path, {"format": FORMAT, **more, "runs": [result.to_json() for result in results]})
+        write_results_table(results, self.path / TABLE_FILE)
         return path
 
     @property
@@ -164,7 +166,7 @@ class CampaignFolder:
     def _remove(self) -> None:
         for folder in self._run_folders():
             shutil.rmtree(folder, ignore_errors=True)
-        for name in (RESULTS_FILE, JUNIT_FILE, EXPERIMENT_REPORT_FILE, CAMPAIGN_FILE):
+        for name in (RESULTS_FILE, TABLE_FILE, JUNIT_FILE, EXPERIMENT_REPORT_FILE, CAMPAIGN_FILE):
             (self.path / name).unlink(missing_ok=True)
 
     def _remove_unfinished(self) -> None:

@@ -34,6 +34,7 @@ from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.scenario.scenario import Scenario
 
 RECORDING = "run"  # folder of the record in the run's folder
+LAUNCHER = ("litsim_sim", "launch")  # package and executable
 PRELOADED = f"{__package__}.preloaded"  # module imported by the process of which launchers are forks
 TICK_S = 0.2  # [s] between two looks at a launcher
 END_S = 30.0  # [s] for a launcher to end its graph
@@ -119,11 +120,13 @@ def check_case(case: Case) -> None:
     """Check the parameters of a case, and the program of its stack.
 
     Raises:
-        InputError: a parameter is unknown to its stage or invalid, or there is no such program.
+        InputError: a parameter is unknown to its stage or invalid, or there is no such program, or no launcher.
+        ModuleNotFoundError: it is to run over DDS, and there is no ROS.
     """
     if case.shell != GRAPH:
         configured(case.ego.kind, case.policy, case.stage_parameters)
         return
+    find_executable(*LAUNCHER)
     plan = RunPlan(_scenario(case.scenario), case.ego.kind, case.policy, _graph_parameters(case))
     nodes_of(plan, GraphOptions(case.scenario, Path(RECORDING), ego_interface=case.ego.interface))
     if case.ego.command:
@@ -245,7 +248,7 @@ def _graph_parameters(case: Case) -> dict[str, dict[str, Any]]:
 
 def _launch(case: Case, out: Path) -> list[str]:
     """The launcher's command line."""
-    argv = [str(find_executable("litsim_sim", "launch")), "--quiet", "--overwrite", "--out", str(out)]
+    argv = [str(find_executable(*LAUNCHER)), "--quiet", "--overwrite", "--out", str(out)]
     argv += ["--scenario", case.scenario, "--ego", case.ego.kind, "--policy", case.policy]
     argv += ["--ego-id", str(case.ego_id), "--ego-interface", case.ego.interface]
     argv += [] if case.seed is None else ["--seed", str(case.seed)]

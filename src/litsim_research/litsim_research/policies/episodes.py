@@ -143,14 +143,19 @@ class Episodes:
     An episode is over when a driven agent collides or leaves the road, or when its time is up. Ids of agents are those
     of the joined scenario.
 
+    Args:
+        course: settings.
+        starts: of each episode.
+        drafted_only: whether only drafted agents are driven, also while they are taken over.
+
     Attributes:
         joined: the scenarios.
         running: (E,) whether the episode is not over.
         seen: (m, size) observations of the :attr:`driven` agents.
     """
 
-    def __init__(self, course: Course, starts: Sequence[Start]) -> None:
-        self._course, self._config = course, course.config
+    def __init__(self, course: Course, starts: Sequence[Start], *, drafted_only: bool = False) -> None:
+        self._course, self._config, self._drafted_only = course, course.config, drafted_only
         self.joined = JoinedScenario.of([start.scenario for start in starts])
         self._egos = EgosTogether(self.joined, [start.ego for start in starts])
         self._world = World(self.joined)
@@ -222,13 +227,14 @@ class Episodes:
             for t in self._takeovers
             if t.state == TakeoverState.HELD and t.path_source != PathSource.LANE  # passing agents are driven by rules
         }
-        if self.step_number < self.joined.history_steps + self._config.draft_steps:
-            for draft in self._drafts.of(self._table):
-                held = draft.agent in tasks
-                opponent = tasks[draft.agent].opponent if held else draft.opponent
-                tasks[draft.agent] = _Task(
-                    draft.agent, draft.points, draft.goal, draft.due_step, opponent, taken_over=held
-                )
+        drafting = self.step_number < self.joined.history_steps + self._config.draft_steps
+        drafts = self._drafts.of(self._table) if drafting else []
+        for draft in drafts:
+            held = draft.agent in tasks
+            opponent = tasks[draft.agent].opponent if held else draft.opponent
+            tasks[draft.agent] = _Task(draft.agent, draft.points, draft.goal, draft.due_step, opponent, taken_over=held)
+        if self._drafted_only:
+            tasks = {draft.agent: tasks[draft.agent] for draft in drafts}
         counts = np.zeros(len(self.running), np.int64)
         self._tasks = []
         for agent in sorted(tasks):

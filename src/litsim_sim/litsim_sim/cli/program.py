@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable, Mapping
@@ -19,6 +20,7 @@ from litsim_sim.core.errors import (
     not_installed,
     print_error,
     refused,
+    without_ros,
 )
 from litsim_sim.io.files import make_folder
 from litsim_sim.launch.child import SIGNALS
@@ -30,6 +32,8 @@ RUN_STATUS_HELP = "Exit status: 0, the run is valid; 1, it is not, and stderr sa
 
 NOT_OF_RUNS = ("lightning", "onnx", "torch")
 """Libraries for training, which `make setup` does not install."""
+OF_ROS = re.compile("ament_index_python|domain_coordinator|rclpy|.*_(interfaces|msgs|srvs)")
+"""Names of modules of ROS and of messages, which an installation by pip does not have; see :mod:`.verbs`."""
 
 
 def program(main: Callable[P, int | None]) -> Callable[P, None]:
@@ -37,8 +41,8 @@ def program(main: Callable[P, int | None]) -> Callable[P, None]:
 
     Args:
         main: returns the exit status, or None for 0. An :class:`InputError` that it raises, or a missing library for
-            training, is one line on stderr and status 2, and so is a path that the system refuses; Ctrl-C is status 130
-            without a traceback; a closed output pipe, as with `head`, is status 1 without a message.
+            training or of ROS, is one line on stderr and status 2, and so is a path that the system refuses; Ctrl-C is
+            status 130 without a traceback; a closed output pipe, as with `head`, is status 1 without a message.
     """
 
     @wraps(main)
@@ -50,9 +54,11 @@ def program(main: Callable[P, int | None]) -> Callable[P, None]:
             print_error(error)
             status = EXIT_INPUT
         except ModuleNotFoundError as error:
-            if error.name not in NOT_OF_RUNS:
+            missing = (error.name or "").split(".")[0]
+            of_ros = OF_ROS.fullmatch(missing)
+            if not of_ros and missing not in NOT_OF_RUNS:
                 raise
-            print_error(not_installed(error.name))
+            print_error(without_ros(missing) if of_ros else not_installed(missing))
             status = EXIT_INPUT
         except KeyboardInterrupt:
             status = EXIT_INTERRUPTED

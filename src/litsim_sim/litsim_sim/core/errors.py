@@ -26,6 +26,11 @@ def not_installed(package: str) -> InputError:
     return InputError(f"{package} is not installed here, and this needs it: `make setup-all` installs it")
 
 
+def without_ros(module: str) -> InputError:
+    """The error of a program that needs ROS 2, of which `module` is missing."""
+    return InputError(f"this needs ROS 2, and there is no {module} here: build the workspace, and use its ./litsim")
+
+
 def refused(error: OSError) -> InputError | None:
     """`error` as one of the input, if the operating system refuses a path as such; None for any other reason."""
     if error.filename is None or error.errno not in (errno.EACCES, errno.ENAMETOOLONG, errno.ENOSPC):

@@ -33,8 +33,12 @@ MAPS = "litsim.maps"
 """Formats of maps: objects as `litsim_data.maps.map_format.MapFormat`."""
 RECORDED = "litsim.recorded"
 """Functions that the launcher calls with the folder of a run once it is recorded, such as its analysis."""
+VERBS = "litsim.verbs"
+"""Programs by their verbs, in an installation by pip; a workspace has a file for each."""
 
 PREFIX = "litsim."
+PIP_PACKAGE = "litsim-ros"
+"""What an installation by pip is called: all packages in one (pyproject.toml)."""
 
 
 class Configured:

@@ -10,8 +10,6 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from pathlib import Path
 
-import domain_coordinator
-
 from litsim_sim.core.errors import InputError
 from litsim_sim.launch.domain_ports import is_in_use
 
@@ -107,6 +105,8 @@ _held = ExitStack()
 
 @contextmanager
 def _free_domain() -> Iterator[int]:
+    import domain_coordinator  # of ROS, where the rest of this module is not
+
     with closing(ExitStack()) as reserved:  # closed, since domain_coordinator takes an OSError of the run for its own
         for _ in range(FREE_TRIES):
             domain_id = reserved.enter_context(domain_coordinator.domain_id())

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ament_index_python.packages import PackageNotFoundError, get_package_prefix
-
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.stages import EGO, POLICY
@@ -19,7 +17,10 @@ def find_executable(package: str, executable: str) -> Path:
 
     Raises:
         InputError: the package is not built, not sourced, or has no such executable.
+        ModuleNotFoundError: there is no ROS.
     """
+    from ament_index_python.packages import PackageNotFoundError, get_package_prefix  # campaigns need it over DDS only
+
     try:
         path = Path(get_package_prefix(package)) / "lib" / package / executable
     except PackageNotFoundError as error:

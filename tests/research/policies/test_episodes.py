@@ -1,17 +1,12 @@
-"""The environment: gymnasium's contract, the same for the same seed, and episodes that end when they should."""
+"""Episodes of the training: the same for the same seed, and over when they should be."""
 
 from __future__ import annotations
 
-import warnings
-
-import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from litsim_policy.driving.features.observation import ObservationConfig
-from litsim_research.policies.environment import EMPTY, EnvironmentConfig, PolicyEnvironment
-from litsim_research.policies.episodes import Course, Episodes, Outcome
+from litsim_research.policies.episodes import Course, EnvironmentConfig, Episodes, Outcome
 from litsim_research.policies.expert import ExpertConfig, expert_pairs
 from litsim_research.policies.reward import PenaltyConfig, penalties
 from litsim_research.policies.task import TaskConfig
@@ -32,35 +27,27 @@ def traffic(make_scenario, track, lane_centres) -> Scenario:
     return make_scenario(*tracks)
 
 
-@pytest.fixture
-def environment(traffic) -> PolicyEnvironment:
-    return PolicyEnvironment([traffic], SMALL)
+def begun(scenario: Scenario, config: EnvironmentConfig = SMALL, seed: int = 0) -> Episodes:
+    """An episode, at its first step with a driven agent."""
+    course = Course([scenario], config)
+    episodes = Episodes(course, [course.start(np.random.default_rng(seed))])
+    while episodes.running[0] and not len(episodes.driven):
+        episodes.step(np.empty((0, 3)))
+    return episodes
 
 
-def episode(environment: PolicyEnvironment, seed: int, action: float = 0.0, lateral: float = 0.0) -> list[tuple]:
-    """Steps of an episode in which all actions are the same."""
-    environment.reset(seed=seed)
-    chosen = np.tile([action, lateral, lateral], (environment.config.slots, 1))
-    steps = []
-    while True:
-        steps.append(environment.step(chosen))
-        if steps[-1][2] or steps[-1][3]:
-            return steps
+def driven(episodes: Episodes, action: float = 0.0, lateral: float = 0.0) -> list[Outcome]:
+    """Outcomes of the steps of an episode to its end, in which all actions are the same."""
+    outcomes = []
+    while episodes.running[0]:
+        outcome = episodes.step(np.tile([action, lateral, lateral], (len(episodes.driven), 1)))
+        outcomes += [outcome] if len(outcome.agents) else []
+    return outcomes
 
 
-def test_contract(environment) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # on float64 and on the range of rewards
-        check_env(environment, skip_render_check=True)
-    assert isinstance(environment, gymnasium.Env)
-
-
-def test_equal_seeds_give_equal_episodes(environment, traffic) -> None:
-    first, second = episode(environment, 3), episode(PolicyEnvironment([traffic], SMALL), 3)
-    assert len(first) == len(second) > 5
-    assert all((a[0] == b[0]).all() and a[1] == b[1] for a, b in zip(first, second, strict=True))
-    other = episode(environment, 4)
-    assert len(other) != len(first) or any((a[0] != b[0]).any() for a, b in zip(first, other, strict=False))
+def test_equal_seeds_give_equal_episodes(traffic) -> None:
+    first, second, other = (driven(begun(traffic, seed=seed)) for seed in (3, 3, 4))
+    assert len(first) > 5 and first == second and first != other
 
 
 def test_who_makes_others_brake_shares_their_penalties(make_scenario, track, lane_centres) -> None:
@@ -69,53 +56,56 @@ def test_who_makes_others_brake_shares_their_penalties(make_scenario, track, lan
     tracks = [track(k, x=150.0 - 12.0 * k, y=y, speed=12.0, last=80) for k in range(1, 6)]
     scenario, config = make_scenario(*tracks), EnvironmentConfig(steps_max=40, slots=6, drafted=5, draft_radius=90.0)
 
-    def driven(share: float) -> list[Outcome]:
+    def braking(share: float) -> list[Outcome]:
         course = Course([scenario], config, penalty=PenaltyConfig(share=share))
-        episodes, found = Episodes(course, [course.start(np.random.default_rng(0))]), []
-        while episodes.running.any():
-            found.append(episodes.step(np.tile([-1.0, 0.0, 0.0], (len(episodes.driven), 1))))
-        return found
+        return driven(Episodes(course, [course.start(np.random.default_rng(0))]), action=-1.0)
 
-    alone, shared = driven(0.0), driven(1.0)
+    alone, shared = braking(0.0), braking(1.0)
     assert [each.agents.tolist() for each in alone] == [each.agents.tolist() for each in shared]
     more = [(a.penalty - b.penalty).min() for a, b in zip(shared, alone, strict=True) if len(a.agents)]
     assert min(more) < 0.0 and all((a.penalty <= b.penalty).all() for a, b in zip(shared, alone, strict=True))
 
 
-def test_slots_say_whose_they_are(environment) -> None:
-    observation, info = environment.reset(seed=0)
-    agents = info["agents"]
-    taken = agents != EMPTY
-    assert taken.sum() >= 2 and (np.diff(agents[taken]) > 0).all()
-    assert (observation[~taken] == 0.0).all() and (np.abs(observation[taken]).sum(axis=1) > 0).all()
-    assert environment.scenario.ego_id not in agents
+def test_driven_agents_are_observed(traffic) -> None:
+    episodes = begun(traffic)
+    agents = episodes.joined.own(0, episodes.driven)
+    assert 2 <= len(agents) <= SMALL.slots and (np.diff(agents) > 0).all()
+    assert (np.abs(episodes.seen).sum(axis=1) > 0).all() and len(episodes.seen) == len(agents)
+    assert traffic.ego_id not in agents
 
 
-def test_time_runs_out(environment) -> None:
-    ends = [episode(environment, seed)[-1] for seed in range(4)]
-    truncated = [end for end in ends if end[3]]
-    assert truncated, "somebody drives on quietly"
-    for _, _, terminated, _, info in truncated:
-        assert not terminated and not info["outcome"].terminated.any() and not info["outcome"].driven_on.any()
+def test_only_drafted_agents_are_driven_where_that_is_asked_for(traffic) -> None:
+    course = Course([traffic], EnvironmentConfig(steps_max=40, slots=1, drafted=1, draft_steps=40))
+    for seed in range(6):
+        episodes = Episodes(course, [course.start(np.random.default_rng(seed))], drafted_only=True)
+        (agent,) = episodes.driven
+        assert {each for outcome in driven(episodes) for each in outcome.agents.tolist()} == {agent}
 
 
-def test_collisions_end_episodes(environment) -> None:
-    ends = [episode(environment, seed, action=0.99)[-1] for seed in range(4)]
-    collided = [end for end in ends if end[2]]
-    assert collided
-    for _, reward, _, truncated, info in collided:
-        outcome = info["outcome"]
-        assert not truncated and reward < 0.0
-        assert outcome.terminated.any() and not outcome.driven_on.any()
-        assert outcome.penalty[outcome.terminated].max() <= -PenaltyConfig().collision
-    assert any(end[4]["outcome"].terms.collision.any() for end in collided)
+@pytest.mark.parametrize("steps_max", [7, 12])
+def test_time_runs_out(make_scenario, track, lane_centres, steps_max: int) -> None:
+    tracks = [track(1 + k, x=60.0 + 40.0 * k, y=lane_centres[1 + k % 2], last=80) for k in range(4)]
+    scenario = make_scenario(*tracks)
+    episodes = begun(scenario, EnvironmentConfig(steps_max=steps_max, slots=2, drafted=3))
+    outcomes = driven(episodes)
+    assert not any(outcome.terminated.any() for outcome in outcomes) and not outcomes[-1].driven_on.any()
+    assert max(len(outcome.agents) for outcome in outcomes) <= 2
+    assert episodes.step_number == scenario.history_steps + steps_max < scenario.total_steps
+    assert EnvironmentConfig().steps_max == 300, "the paper's"
+
+
+def test_collisions_end_episodes(traffic) -> None:
+    ends = [driven(begun(traffic, seed=seed), action=0.99)[-1] for seed in range(4)]
+    collided = [end for end in ends if end.terminated.any()]
+    assert any(end.terms.collision.any() for end in collided)
+    for end in collided:
+        assert not end.driven_on.any() and end.penalty[end.terminated].max() <= -PenaltyConfig().collision
 
 
 def test_leaving_the_road_ends_episodes(make_scenario, track, lane_centres) -> None:
     scenario = make_scenario(track(1, x=60.0, last=80), track(2, x=80.0, y=lane_centres[0], last=80))
-    environment = PolicyEnvironment([scenario], EnvironmentConfig(steps_max=60, slots=2, drafted=1))
-    last = episode(environment, 0, lateral=0.3)[-1]
-    assert last[2] and last[4]["outcome"].terms.off_road.any()
+    last = driven(begun(scenario, EnvironmentConfig(steps_max=60, slots=2, drafted=1)), lateral=0.3)[-1]
+    assert last.terminated.any() and last.terms.off_road.any()
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -123,35 +113,30 @@ def test_a_road_that_empties_is_no_failure(make_scenario, track, seed: int) -> N
     """The ego and the driven agent leave the net at 640 m; the recording goes on, as somebody enters later."""
     tracks = track(1, x=560.0, speed=20.0, last=30), track(2, x=540.0, speed=20.0, last=30)
     scenario = make_scenario(*tracks, track(3, x=100.0, first=120, last=130))
-    environment = PolicyEnvironment([scenario], EnvironmentConfig(slots=2, drafted=2))
-    steps = episode(environment, seed, action=0.9)
-    driven = [end[4]["outcome"] for end in steps]
-    assert [outcome.agents.tolist() for outcome in driven[:-1]] == [[2]] * (len(driven) - 1)
-    left = driven[-1]
-    assert (left.following == driven[-2].following).all(), "the last observation that there is"
+    episodes = begun(scenario, EnvironmentConfig(slots=2, drafted=2), seed)
+    outcomes = driven(episodes, action=0.9)
+    assert {tuple(episodes.joined.own(0, outcome.agents)) for outcome in outcomes} == {(2,)}
+    left = outcomes[-1]
+    assert (left.following == outcomes[-2].following).all(), "the last observation that there is"
     assert not left.driven_on.any() and not left.terminated.any() and left.penalty.tolist() == [0.0]
-    assert steps[-1][3] and steps[-1][4]["step"] == scenario.total_steps
+    assert episodes.step_number == scenario.total_steps
 
 
-def test_outcomes_say_what_was_driven(environment) -> None:
-    environment.reset(seed=0)
-    action = np.tile([-0.2, 0.0, 0.0], (SMALL.slots, 1))
+def test_outcomes_say_what_was_driven(traffic) -> None:
+    episodes = begun(traffic)
     for _ in range(6):
-        *_, info = environment.step(action)
-    outcome = info["outcome"]
+        outcome = episodes.step(np.tile([-0.2, 0.0, 0.0], (len(episodes.driven), 1)))
     count = len(outcome.agents)
     assert outcome.following.shape == (count, ObservationConfig().size) and outcome.executed.shape == (count, 3)
     assert outcome.executed[:, 0] == pytest.approx(np.full(count, -0.2), abs=0.02)
 
 
-def test_following_observations_are_those_of_the_next_step(environment) -> None:
-    environment.reset(seed=1)
-    observation, *_, info = environment.step(np.zeros((SMALL.slots, 3)))
-    outcome = info["outcome"]
-    for k, agent in enumerate(outcome.agents.tolist()):
-        if outcome.driven_on[k]:
-            slot = int(np.flatnonzero(info["agents"] == agent)[0])
-            assert (observation[slot] == outcome.following[k]).all()
+def test_following_observations_are_those_of_the_next_step(traffic) -> None:
+    episodes = begun(traffic, seed=1)
+    outcome = episodes.step(np.zeros((len(episodes.driven), 3)))
+    assert outcome.driven_on.any()
+    for agent, following in zip(outcome.agents[outcome.driven_on], outcome.following[outcome.driven_on], strict=True):
+        assert (episodes.seen[episodes.driven == agent] == following).all()
 
 
 # Penalties

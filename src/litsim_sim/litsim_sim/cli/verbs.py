@@ -1,0 +1,37 @@
+"""`litsim VERB`: the command of an installation by pip, without ROS; a workspace has the script `./litsim` for it."""
+
+from __future__ import annotations
+
+import sys
+from importlib.metadata import version
+from importlib.resources import files
+
+from litsim_sim.cli.program import program
+from litsim_sim.core import plugins
+from litsim_sim.core.errors import InputError
+
+USAGE = """\
+Usage: litsim VERB [ARGUMENTS...]        litsim VERB --help says more
+       litsim --version
+
+"""
+
+
+@program
+def main() -> int | None:
+    """Entry point of the command `litsim`."""
+    words = sys.argv[1:]
+    described = files(__package__).joinpath("verbs.txt").read_text(encoding="utf-8").splitlines()
+    if not words or words[0] in ("-h", "--help"):
+        print(USAGE + "\n".join(f"  {line}" for line in described))
+        return None
+    verb, *arguments = words
+    if verb == "--version":
+        print(f"litsim {version(plugins.PIP_PACKAGE)}")
+        return None
+    entry = plugins.installed(plugins.VERBS).get(verb)
+    if entry is None:
+        raise InputError(f"no verb {verb!r}; there are: {' '.join(line.split()[0] for line in described)}")
+    sys.argv = [verb, *arguments]
+    status: int | None = entry.load()()
+    return status

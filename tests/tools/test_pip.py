@@ -1,0 +1,149 @@
+"""`pip install .`: one wheel that runs, measures and reports without ROS, as a workspace does."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+OF_ROS = r"ament_|builtin_interfaces|domain_coordinator|\w+_msgs\b|rcl|rosgraph|rosidl|rpyutils|std_srvs"
+"""Begins the names of modules of ROS and of the workspace, which are not there in a plain environment."""
+WITHOUT_ROS = f"""
+import re, sys
+
+class WithoutRos:
+    def find_spec(self, name, path=None, target=None):
+        if re.match(r"{OF_ROS}", name):
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+
+sys.meta_path.insert(0, WithoutRos())
+"""
+NEED_ROS = ("launch", "check_ads", "replay", "rerun", "bridge", "recorder", "predictor", "conflict", "policy", "ego")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel of this checkout in a folder of its own, built by pip from a copy and without a network."""
+    source, site = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("site")
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    for name in listed.rstrip("\0").split("\0"):
+        if re.match("(src|tools|requirements)/|[^/]+$", name) and (ROOT / name).is_file():
+            (source / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, source / name)
+    install = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--no-index"]
+    subprocess.run([*install, "--target", str(site), str(source)], check=True)
+    (site / "sitecustomize.py").write_text(WITHOUT_ROS)
+    for kernel in ROOT.glob("src/*/litsim_*/**/*.kernel"):  # machine code, which need not be compiled once more
+        shutil.copy(
+            kernel, site / kernel.relative_to(ROOT / "src").relative_to(kernel.relative_to(ROOT / "src").parts[0])
+        )
+    return site
+
+
+@pytest.fixture(scope="module")
+def campaign(site: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("out") / "campaign"
+    words = ("--scenario", "demo", "--egos", "6", "--ego", "idm", "--policy", "litsim", "--out", out)
+    assert litsim(site, "evaluate", *words).returncode == 0
+    return out
+
+
+def litsim(site: Path, *words: object) -> subprocess.CompletedProcess[str]:
+    """A finished `litsim` of the wheel: the modules of the workspace and of ROS are out of its sight."""
+    plain = {name: value for name, value in os.environ.items() if not name.startswith(("AMENT", "COLCON", "ROS"))}
+    command = [sys.executable, site / "bin/litsim", *words]
+    environment = plain | {"PYTHONPATH": str(site)}
+    return subprocess.run(
+        [str(word) for word in command], env=environment, cwd=site.parent, capture_output=True, text=True, check=False
+    )
+
+
+def test_the_wheel_has_every_file_of_the_packages(site: Path) -> None:
+    listed = subprocess.run(["git", "ls-files", "src"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    files = [Path(name) for name in listed.split()]
+    inside = [file.relative_to(Path("src") / file.parts[1]) for file in files if file.parts[1] == file.parts[2]]
+    assert len(inside) > 300
+    missing = [
+        str(file) for file in inside if not (site / file).is_file() and (ROOT / "src" / file.parts[0] / file).is_file()
+    ]
+    assert not missing, "pyproject.toml, package-data"
+
+
+def test_its_entry_points_are_those_of_the_packages(site: Path) -> None:
+    (packed,) = site.glob("litsim_ros-*.dist-info/entry_points.txt")
+    for package in ("litsim_sim", "litsim_policy", "litsim_research"):
+        for line in re.findall(rf'"(\w+ = {package}\.[\w.:]+)"', (ROOT / f"src/{package}/setup.py").read_text()):
+            assert f"\n{line}\n" in packed.read_text()
+
+
+def test_a_run_is_that_of_the_workspace(site: Path, tmp_path: Path) -> None:
+    words = ("run", "--scenario", "demo", "--ego", "idm", "--json")
+    done = litsim(site, *words, tmp_path / "pip.json")
+    assert done.returncode == 0, done.stderr
+    subprocess.run([ROOT / "litsim", *words, tmp_path / "workspace.json"], capture_output=True, check=True)
+    ours, theirs = (json.loads((tmp_path / name).read_text()) for name in ("pip.json", "workspace.json"))
+    assert ours["digest"] == theirs["digest"]
+
+
+def test_campaign_and_its_page(site: Path, campaign: Path) -> None:
+    assert json.loads((campaign / "results.json").read_text())["verdict"] == "passed"
+    for name in ("results.parquet", "junit.xml", "experiment.html"):
+        assert (campaign / name).stat().st_size > 0
+    (campaign / "experiment.html").unlink()
+    assert litsim(site, "report", campaign).returncode == 0 and (campaign / "experiment.html").is_file()
+    assert litsim(site, "compare", campaign, campaign).returncode == 0
+
+
+def test_a_record_is_measured_and_shown(site: Path, tmp_path: Path) -> None:
+    bag = shutil.copytree(ROOT / "tests/sim/record/bags/format_1", tmp_path / "bag")
+    done = litsim(site, "analyze", bag)
+    assert done.returncode == 0, done.stderr
+    assert litsim(site, "report", bag).returncode == 0
+    assert (bag / "metrics.json").is_file() and (bag / "report.html").is_file()
+
+
+def test_recordings(site: Path) -> None:
+    done = litsim(site, "data", "list")
+    assert done.returncode == 0 and "demo" in done.stdout
+
+
+def test_every_verb_says_what_it_does_or_that_it_needs_ros(site: Path) -> None:
+    listed = litsim(site).stdout
+    verbs = re.findall(r"^  ([a-z_]+)  ", listed, re.MULTILINE)
+    assert {"run", "evaluate", "train", *NEED_ROS} <= set(verbs)
+    for verb in verbs:
+        done = litsim(site, verb, "--help")
+        if verb in NEED_ROS:
+            assert done.returncode == 2
+            (line,) = done.stderr.splitlines()
+            assert re.match(rf"error: this needs ROS 2, and there is no ({OF_ROS})", line)
+        else:
+            assert done.returncode == 0 and "usage: " in done.stdout, f"{verb}: {done.stderr}"
+
+
+@pytest.mark.parametrize("words", ["evaluate --scenario demo --egos 6 --graph", "security --out keys", "live 0"])
+def test_what_needs_ros_on_the_way_says_so(site: Path, words: str, tmp_path: Path) -> None:
+    done = litsim(site, *words.split(), *(["--out", tmp_path / "out"] if words.startswith("evaluate") else []))
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("error: ")
+
+
+def test_unknown_verbs_are_told_with_those_that_there_are(site: Path) -> None:
+    done = litsim(site, "drive")
+    assert done.returncode == 2 and "no verb 'drive'; there are: launch run" in done.stderr
+
+
+def test_an_import_of_ros_would_be_noticed(site: Path) -> None:
+    words = [sys.executable, "-c", "import rclpy"]
+    done = subprocess.run(
+        words, env=os.environ | {"PYTHONPATH": str(site)}, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1 and "No module named 'rclpy'" in done.stderr
