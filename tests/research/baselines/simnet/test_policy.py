@@ -101,7 +101,7 @@ def test_it_drives_on_an_empty_road(make_scenario: Any, track: Any, drive: Any) 
 @pytest.mark.parametrize(
     ("config", "said"),
     [
-        ({"backbone": "resnet50"}, "simnet.weights is empty, expected a file for backbone resnet50: .*train_simnet"),
+        ({"backbone": "resnet50"}, "simnet.weights is empty, expected a file for backbone resnet50: .*train simnet"),
         ({"backbone": "resnet50", "weights": "a.safetensors"}, "expected a file .onnx for backbone resnet50"),
         ({"weights": "a.onnx"}, "simnet.weights is 'a.onnx', expected a file .safetensors for backbone small"),
         ({"weights": "a.safetensors"}, "a.safetensors: no such weights of simnet"),
