@@ -10,7 +10,7 @@ import pytest
 
 from litsim_predictor.selection import Wanted
 from litsim_research.oracle import OraclePredictor
-from litsim_sim.scenario.happened import Happened
+from litsim_sim.scenario.outcomes import RecordedOutcomes
 
 
 @pytest.fixture
@@ -20,7 +20,7 @@ def oracle() -> OraclePredictor:
     pose[0, :, 0] = np.minimum(np.arange(100.0), 5.0)
     pose[1, :, 0], pose[1, :, 1] = 20.0 + 2.0 * np.arange(100), 3.5
     there[1, 9:] = False
-    happened = Happened(pose, there, np.empty((0, 3), np.int64))
+    happened = RecordedOutcomes(pose, there, np.empty((0, 3), np.int64))
     return OraclePredictor(happened, np.array([1, 2]), 1, 30.0, Wanted.ALL)
 
 

@@ -12,7 +12,7 @@ from litsim_predictor.selection import Egos, Wanted, selected
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, index_of
-from litsim_sim.scenario.happened import Happened
+from litsim_sim.scenario.outcomes import RecordedOutcomes
 from litsim_sim.scenario.setting import Setting
 
 STEPS = 50
@@ -25,7 +25,7 @@ class OracleConfig:
     """Where the earlier runs are.
 
     Attributes:
-        happened: folder of what happened in them (:class:`litsim_sim.scenario.happened.Happened`).
+        happened: folder of what happened in them (:class:`litsim_sim.scenario.outcomes.RecordedOutcomes`).
     """
 
     happened: str = ""
@@ -37,7 +37,7 @@ class OraclePredictor:
     Agents that were not on the road then have no forecast.
     """
 
-    def __init__(self, happened: Happened, ids: np.ndarray, ego_id: Egos, roi_m: float, wanted: Wanted) -> None:
+    def __init__(self, happened: RecordedOutcomes, ids: np.ndarray, ego_id: Egos, roi_m: float, wanted: Wanted) -> None:
         """Forecast by `happened`, whose rows are the agents `ids` (N,) of the log.
 
         The other arguments are those of :class:`litsim_predictor.inference.predictor.LearnedPredictor`.
@@ -95,5 +95,5 @@ class Oracle(OraclePredictor, PredictorPlugin):
         """
         if not config.happened:
             raise InputError("predictor: parameter oracle.happened is empty, expected the folder of earlier runs")
-        known = Happened.read(Path(config.happened), scenario)
+        known = RecordedOutcomes.read(Path(config.happened), scenario)
         super().__init__(known, scenario.log.ids, scenario.ego_ids, scope.roi_m, scope.wanted)

@@ -74,7 +74,9 @@ def test_words_that_are_not_known_are_refused(parser, words: list[str], capsys) 
 
 @pytest.mark.parametrize("what", ["policy", "imitation", "simnet"])
 def test_training_without_torch_is_told_in_a_line(what, capsys, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in [name for name in sys.modules if name.startswith("litsim_research.policies")]:
+    for name in [
+        name for name in sys.modules if name.startswith(("litsim_research.policies", "litsim_research.imitation"))
+    ]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "torch", None)  # as if it were not there
     with pytest.raises(SystemExit) as stop:

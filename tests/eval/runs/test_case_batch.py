@@ -11,9 +11,9 @@ import pytest
 import campaigns
 from litsim_eval.report.thumbnails import read_thumbnail
 from litsim_eval.runs import case_batch
-from litsim_eval.runs.case_batch import TOGETHER, batches, run_batch
+from litsim_eval.runs.batched import record_batch
+from litsim_eval.runs.case_batch import BATCH_MAX, batches, run_batch
 from litsim_eval.runs.case_run import run_in_process
-from litsim_eval.runs.together import record_together
 
 ROADS = [{"scenario": "demo", "egos": [7, 3]}]
 
@@ -27,9 +27,9 @@ def test_portions_hold_what_can_be_stepped_together_and_leave_something_for_ever
     for processes in (1, 2, 50):
         found = batches(cases, processes)
         assert sorted(case.id for some in found for case in some) == sorted(case.id for case in cases)
-        assert all(len({case.policy for case in some}) == 1 and len(some) <= TOGETHER for some in found)
+        assert all(len({case.policy for case in some}) == 1 and len(some) <= BATCH_MAX for some in found)
         assert len(found) >= min(processes, len(cases))
-    assert max(len(some) for some in batches(cases, 2)) == TOGETHER
+    assert max(len(some) for some in batches(cases, 2)) == BATCH_MAX
     policies = [some[0].policy for some in batches(cases, 2)]
     assert policies == sorted(policies, key=["yield", "replay"].index), "what is quick fills what is left at the end"
     external = made(egos=[{"kind": "external", "command": ["true"]}])
@@ -41,9 +41,9 @@ def test_each_comes_to_the_same_as_alone(tmp_path: Path, monkeypatch: pytest.Mon
 
     def noted(plans: list[Any]) -> Any:
         groups.append(len(plans))
-        return record_together(plans)
+        return record_batch(plans)
 
-    monkeypatch.setattr(case_batch, "record_together", noted)
+    monkeypatch.setattr(case_batch, "record_batch", noted)
     folders = [tmp_path / str(k) for k in range(len(cases))]
     for folder in folders:
         folder.mkdir()
@@ -59,5 +59,5 @@ def test_one_that_fails_ends_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     lost, other = run_batch([replace(cases[0], ego_id=99999), cases[1]], [None, None])
     assert isinstance(lost, str) and "99999" in lost
     assert isinstance(other, dict)
-    monkeypatch.setattr(case_batch, "record_together", lambda _: 1 // 0)
+    monkeypatch.setattr(case_batch, "record_batch", lambda _: 1 // 0)
     assert all(isinstance(each, dict) for each in run_batch(cases, [None, None])), "they are run alone"

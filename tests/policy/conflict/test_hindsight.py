@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from litsim_policy.conflict.hindsight import Hindsight
-from litsim_sim.scenario.happened import Happened, file_of
+from litsim_sim.scenario.outcomes import RecordedOutcomes, file_of
 from litsim_sim.scenario.scenario import Scenario
 
 
@@ -20,7 +20,7 @@ def scenario(make_scenario: Callable[..., Scenario], track: Any, tmp_path: Path)
     made = make_scenario(track(1, x=200.0), track(2, x=172.0), track(3, x=100.0), history_steps=3, roi_m=30.0)
     agents, steps = len(made.log.ids), made.total_steps + 1
     meetings = np.array([[1, 41, 0], [1, 40, 0], [2, 45, 1]])
-    happened = Happened(np.zeros((agents, steps, 3)), np.ones((agents, steps), np.bool_), meetings)
+    happened = RecordedOutcomes(np.zeros((agents, steps, 3)), np.ones((agents, steps), np.bool_), meetings)
     happened.write(file_of(tmp_path, made))
     return made
 

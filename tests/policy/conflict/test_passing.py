@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from litsim_eval.analysis.metrics import compute_metrics
+from litsim_eval.runs.batched import record_batch
 from litsim_eval.runs.runner import Runner, record
-from litsim_eval.runs.together import record_together
 from litsim_policy.conflict.config import PassingConfig
 from litsim_policy.conflict.detector import Conflict
 from litsim_policy.conflict.diverged import DivergedAgents, Residuals
@@ -111,7 +111,7 @@ def test_a_change_of_lane_is_one_take_over(behind_slow_ego) -> None:
 def test_scenes_that_are_joined_pass_as_alone(behind_slow_ego, lane_centres) -> None:
     scenes = [behind_slow_ego(), behind_slow_ego({"id": 3, "x": 40.0, "y": lane_centres[2]})]
     plans = [RunPlan(scene, "idm", "litsim", parameters=KINEMATIC) for scene in scenes]
-    alone, together = [record(Runner(plan)) for plan in plans], record_together(plans)
+    alone, together = [record(Runner(plan)) for plan in plans], record_batch(plans)
     assert [compute_metrics(each)["digest"] for each in alone] == [compute_metrics(each)["digest"] for each in together]
     assert all(on_lane_paths(each) for each in alone)
 

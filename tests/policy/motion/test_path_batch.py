@@ -14,7 +14,7 @@ from litsim_policy.motion.path_kernels import CHUNK
 from litsim_policy.motion.reference_path import ReferencePath, pursuit_yaw_rate
 from litsim_sim.core.scene import ARRAY_FIELDS
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.scenario.joined import BITS, JoinedTable
+from litsim_sim.scenario.batched import BITS, BatchedTable
 
 
 @st.composite
@@ -108,7 +108,7 @@ def test_in_each_of_several_scenes_vehicles_see_what_they_would_see_without_the_
     ids = np.concatenate([(k << BITS) + scene.id for k, scene in enumerate(scenes)])
     batch = PathBatch([path.points for path in paths])
     rows, path = random.permutation(len(ids))[:9], random.integers(len(paths), size=9)
-    view = along_paths(batch, JoinedTable(0, ids, **columns), rows, path=path)
+    view = along_paths(batch, BatchedTable(0, ids, **columns), rows, path=path)
     begin = np.array([0, 5, 17])
     for k, row in enumerate(rows.tolist()):
         at = int(np.searchsorted(begin, row, "right")) - 1

@@ -20,7 +20,7 @@ from litsim_policy.motion.reference_path import (
 )
 from litsim_sim.core.dynamics import Motion, VehicleLimits, bicycle_step
 from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.scenario.joined import JoinedScenario
+from litsim_sim.scenario.batched import BatchedScenario
 
 FAR = 1e4  # [m] by which shapely's lines are prolonged, as ours are without end
 
@@ -222,7 +222,7 @@ def test_a_logged_path_is_made_once_for_all_runs_of_a_log_alone_or_joined(make_s
     lanes = scenario.lane_map
     path = logged_path(scenario.log, lanes, 9)
     assert logged_path(scenario.around(9, 1).log, lanes, 9) is path
-    joined = JoinedScenario.of((other, scenario))
+    joined = BatchedScenario.of((other, scenario))
     assert logged_path(joined.log, lanes, joined.agent(1, 9)) is path
     first = logged_path(joined.log, lanes, joined.agent(0, 4))
     assert first is logged_path(other.log, lanes, 4)

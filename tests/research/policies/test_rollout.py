@@ -29,7 +29,7 @@ from litsim_research.policies.rollout import (
     validate,
 )
 from litsim_sim.core.errors import InputError
-from litsim_sim.scenario.joined import BITS
+from litsim_sim.scenario.batched import BITS
 
 SMALL = EnvironmentConfig(steps_max=20, slots=4, drafted=3)
 

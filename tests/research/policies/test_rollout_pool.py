@@ -13,7 +13,7 @@ from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.data import TrainingData
 from litsim_research.policies.episodes import EnvironmentConfig
 from litsim_research.policies.network import GaussianPolicy
-from litsim_research.policies.rollout import TOGETHER, Driving, Episode, begin, begin_validation, collect, validate
+from litsim_research.policies.rollout import BATCH_MAX, Driving, Episode, begin, begin_validation, collect, validate
 from litsim_research.policies.rollout_pool import rollouts, shared_out
 
 SMALL = EnvironmentConfig(steps_max=20, slots=4, drafted=3)
@@ -94,7 +94,7 @@ def test_a_group_that_would_keep_one_process_busy_for_long_is_cut() -> None:
 
 
 def test_no_more_than_can_be_stepped_together_is_a_share() -> None:
-    assert shared_out([range(TOGETHER + 1)], 1) == [range(24, 49), range(24)], "so many are not stepped together"
+    assert shared_out([range(BATCH_MAX + 1)], 1) == [range(24, 49), range(24)], "so many are not stepped together"
 
 
 def test_processes_begin_before_they_are_asked_for_an_episode(config, pool, monkeypatch) -> None:

@@ -14,7 +14,7 @@ from litsim_research.policies.drafts import Drafts
 from litsim_research.policies.draw import Start
 from litsim_research.policies.task import TaskConfig, all_nearest, nearest, recorded_task
 from litsim_sim.core.scene import ARRAY_FIELDS
-from litsim_sim.scenario.joined import BITS, JoinedScenario, JoinedTable
+from litsim_sim.scenario.batched import BITS, BatchedScenario, BatchedTable
 from litsim_sim.scenario.scenario import Scenario
 
 
@@ -55,7 +55,7 @@ def test_the_nearest_is_of_the_same_scene(agent_table: Any) -> None:
     table = agent_table(0, {"id": 1, "x": 0.0}, {"id": 2, "x": 9.0}, {"id": 3, "x": 5.0})
     assert [nearest(table, row) for row in range(3)] == [3, 3, 2]
     assert nearest(agent_table(0, {"id": 1, "x": 0.0}), 0) == NOBODY
-    scenes = JoinedTable(0, table.id + np.array([0, 0, 1 << BITS]), *(getattr(table, f) for f in ARRAY_FIELDS[1:]))
+    scenes = BatchedTable(0, table.id + np.array([0, 0, 1 << BITS]), *(getattr(table, f) for f in ARRAY_FIELDS[1:]))
     assert all_nearest(scenes, np.arange(3)).tolist() == [2, 1, NOBODY]
 
 
@@ -67,17 +67,17 @@ def test_goals_that_are_never_ahead(goal_steps: tuple[int, int]) -> None:
 
 def test_who_has_long_passed_his_goal_gets_the_next_one(scenario: Scenario) -> None:
     config = TaskConfig(goal_steps=(-5, 30), goal_jitter=0.0, opponent_share=1.0)
-    joined = JoinedScenario.of([scenario])
+    batch = BatchedScenario.of([scenario])
     start = Start(scenario, LogEgo(scenario), np.random.default_rng(0))
     first = scenario.history_steps
-    drafts = Drafts(joined, [start], joined.log.table(first), 5, 30.0, config)
-    (agent,) = {draft.agent for draft in drafts.of(joined.log.table(first))}
+    drafts = Drafts(batch, [start], batch.log.table(first), 5, 30.0, config)
+    (agent,) = {draft.agent for draft in drafts.of(batch.log.table(first))}
     ahead = []
     for step in range(first, 100):
-        table = joined.log.table(step)
+        table = batch.log.table(step)
         (draft,) = drafts.of(table)
         ahead.append(draft.due_step - step)
-        row = joined.log.row(agent)
-        assert draft.goal == (joined.log.x[row, draft.due_step], joined.log.y[row, draft.due_step])
+        row = batch.log.row(agent)
+        assert draft.goal == (batch.log.x[row, draft.due_step], batch.log.y[row, draft.due_step])
         assert draft.opponent == nearest(table, table.row(agent)) != NOBODY
     assert set(ahead) == set(range(-5, 31)), "as far as they are drawn, both ways"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from litsim_sim.core.nearby import around
-from litsim_sim.scenario.joined import BITS, JoinedTable
+from litsim_sim.scenario.batched import BITS, BatchedTable
 
 
 @pytest.mark.parametrize("agents", range(16))
@@ -20,6 +20,6 @@ def test_who_is_around_the_centres_of_his_scene(table: Callable[..., Any], agent
     scene = np.sort(random.integers(0, 3, agents))
     centres = random.random(agents) < 0.5
     rows = [{"id": (int(scene[k]) << BITS) + k, "x": x[k], "y": y[k]} for k in range(agents)]
-    found = around(JoinedTable.merged(0, [table(0, *rows)]), centres, radius)
+    found = around(BatchedTable.merged(0, [table(0, *rows)]), centres, radius)
     within = (np.hypot(x[:, None] - x, y[:, None] - y) <= radius) & (scene[:, None] == scene)
     assert found.tolist() == (centres | (within & centres[:, None]).any(axis=0)).tolist()

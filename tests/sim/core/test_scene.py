@@ -70,7 +70,7 @@ def test_take_gives_arrays_of_their_own() -> None:
 
 def test_off_log_is_everybody_but_the_logged(agent_table: Build) -> None:
     table = agent_table(0, *({"id": int(c), "controller": c} for c in Controller))
-    assert table.off_log.tolist() == [False, True, True, True]
+    assert table.off_log.tolist() == [False, True, True]
 
 
 def test_empty_controls_have_the_types_of_full_ones() -> None:

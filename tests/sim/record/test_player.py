@@ -316,10 +316,5 @@ def test_what_is_no_bag_is_refused(tmp_path: Path, capsys) -> None:
 
 def test_words_that_do_not_go_together(tmp_path: Path, capsys) -> None:
     assert refused(tmp_path, "--repair") == 2
-    assert refused(tmp_path, "--repair", "--resimulate", "--out", tmp_path) == 2
-    assert refused(tmp_path, "--json", tmp_path / "a.json") == 2
-    assert "--json goes with --node or --resimulate" in capsys.readouterr().err
     assert refused(tmp_path, "--delay", "-1") == 2
     assert "argument --delay: '-1', expected a number of at least 0" in capsys.readouterr().err
-    assert refused(tmp_path, "--node", "conflikt") == 2
-    assert "expected one of predictor, conflict, policy, ego" in capsys.readouterr().err

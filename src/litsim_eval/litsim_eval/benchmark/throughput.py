@@ -21,6 +21,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S
 
 EVALUATE = "evaluate, scenario-seconds a second"
+TRAINING_MODULE = "litsim_research.policies.train"
 TRAIN = "train, agent-steps a second"
 ITERATIONS = "train, its iterations alone, agent-steps a second"
 CPU = " of the processor"
@@ -66,22 +67,20 @@ class Side:
 
     Attributes:
         python: command that runs Python in its environment.
-        train: module of its training.
         environment: environment variables to run it with.
     """
 
     python: tuple[str, ...]
-    train: str
     environment: Mapping[str, str]
 
     @classmethod
     def here(cls) -> Side:
         """The checkout of this process."""
-        return cls((sys.executable,), "litsim_research.policies.train", os.environ)
+        return cls((sys.executable,), os.environ)
 
     @classmethod
     def beside(cls, checkout: Path) -> Side:
-        """Another checkout, which must be built.
+        """Another checkout of this layout, which must be built.
 
         Raises:
             InputError: it is not a checkout of LitSim.
@@ -89,9 +88,7 @@ class Side:
         if not (checkout / "litsim").is_file():
             raise InputError(f"{checkout}: not a checkout of LitSim, expected a folder with the script litsim")
         environment = {key: value for key, value in os.environ.items() if key not in OF_A_CHECKOUT}
-        moved = (checkout / "src/litsim_research/litsim_research/policies").is_dir()
-        train = "litsim_research.policies.train" if moved else "litsim_policy.train"
-        return cls((str(checkout.absolute() / "litsim"), "exec", "python"), train, environment)
+        return cls((str(checkout.absolute() / "litsim"), "exec", "python"), environment)
 
     def rates(self, module: str, *arguments: str, answers_no: bool = False) -> Callable[[str, float], Sample]:
         """Run and time a program of the checkout.
@@ -148,7 +145,7 @@ def _train(side: Side, out: Path) -> Callable[[str, float], Sample]:
     out.mkdir(parents=True, exist_ok=True)
     config = out / "config.yaml"
     config.write_text(yaml.safe_dump(TRAINING))
-    return side.rates(side.train, "--config", str(config), "--out", str(out))
+    return side.rates(TRAINING_MODULE, "--config", str(config), "--out", str(out))
 
 
 def time_training(side: Side, data: Path, out: Path) -> Sample:

@@ -19,7 +19,7 @@ SHOWN = 5  # most fields in the summary of a difference
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_eval rerun``, to which ``litsim_sim replay`` delegates."""
+    """Arguments of ``ros2 run litsim_eval rerun``."""
     p = Parser(prog="rerun", description=__doc__)
     p.add_argument("bag", type=Path, metavar="BAG", help="folder of a run, or its MCAP file")
     kind = p.add_mutually_exclusive_group(required=True)

@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from litsim_eval.campaign.case import GRAPH, Case
+from litsim_eval.runs.batched import can_batch, common_parameters, record_batch
 from litsim_eval.runs.case_run import measured, plan_of, run_in_process
-from litsim_eval.runs.together import batched, common_parameters, record_together
 from litsim_sim.core.errors import reason
-from litsim_sim.scenario.joined import kind
+from litsim_sim.scenario.batched import kind
 from litsim_sim.scenario.run_info import REPLAY, RunPlan
 
-TOGETHER = 16
+BATCH_MAX = 16
 """Most runs that are stepped together: eight more take 50 MB, and save less than the previous eight."""
-STEPS = 6000
+STEPS_MAX = 6000
 """Most steps of such runs in total, which bounds the memory of long runs."""
 
 T = TypeVar("T")
@@ -32,7 +32,7 @@ def batches(cases: Sequence[Case], processes: int) -> list[tuple[Case, ...]]:
     groups: dict[Hashable, list[Case]] = {}
     for case in sorted(cases, key=lambda case: case.policy == REPLAY):
         groups.setdefault(case.id if case.shell == GRAPH else (case.policy, str(case.parameters)), []).append(case)
-    most = max(1, min(TOGETHER, -(-len(cases) // (2 * processes))))
+    most = max(1, min(BATCH_MAX, -(-len(cases) // (2 * processes))))
     return [portion for group in groups.values() for portion in _portions(_by_scenario(group), most)]
 
 
@@ -48,8 +48,8 @@ def run_batch(cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Fou
             plans[k] = plan_of(case)
         except Exception as error:  # noqa: BLE001 - any error: the other runs go on, and the table reports it
             found[k] = reason(error)
-    for together in _joinable(plans):
-        found |= _run_joined({k: plans[k] for k in together}, folders)
+    for together in _batchable(plans):
+        found |= _run_batched({k: plans[k] for k in together}, folders)
     for k, case in enumerate(cases):
         if k not in found:
             found[k] = _alone(case, folders[k])
@@ -65,23 +65,23 @@ def _by_scenario(cases: Sequence[Case]) -> list[Case]:
     return sorted(cases, key=lambda case: case.scenario)
 
 
-def _joinable(plans: dict[int, RunPlan]) -> Iterator[tuple[int, ...]]:
+def _batchable(plans: dict[int, RunPlan]) -> Iterator[tuple[int, ...]]:
     """Groups of two or more of the keys of `plans` that can be stepped together."""
     groups: dict[Hashable, list[int]] = {}
     for k, plan in plans.items():
-        if not batched(plan.policy, plan.parameters):
+        if not can_batch(plan.policy, plan.parameters):
             continue
         alike = kind(plan.scenario), plan.policy, str(common_parameters(plan))
         groups.setdefault(alike, []).append(k)
     for group in groups.values():
         longest = max(plans[k].scenario.total_steps for k in group)
-        yield from (some for some in _portions(group, max(1, min(TOGETHER, STEPS // longest))) if len(some) > 1)
+        yield from (some for some in _portions(group, max(1, min(BATCH_MAX, STEPS_MAX // longest))) if len(some) > 1)
 
 
-def _run_joined(plans: dict[int, RunPlan], folders: Sequence[Path | None]) -> dict[int, Found]:
+def _run_batched(plans: dict[int, RunPlan], folders: Sequence[Path | None]) -> dict[int, Found]:
     """Results of the runs of `plans`, by their keys; empty if one of them fails."""
     try:
-        runs = record_together(list(plans.values()))
+        runs = record_batch(list(plans.values()))
         return {k: measured(run, folders[k]) for k, run in zip(plans, runs, strict=True)}
     except Exception:  # noqa: BLE001 - on its own, each run reports its own error
         return {}

@@ -8,7 +8,7 @@ import numpy as np
 
 from litsim_policy.conflict.detector import Conflict
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray
-from litsim_sim.scenario.happened import Happened
+from litsim_sim.scenario.outcomes import RecordedOutcomes
 from litsim_sim.scenario.setting import Setting
 
 
@@ -19,11 +19,11 @@ class Hindsight:
         """Read the outcomes of `scenario` from `folder`; `horizon` [s].
 
         Raises:
-            InputError: see :meth:`Happened.read`.
+            InputError: see :meth:`RecordedOutcomes.read`.
         """
         self._log = scenario.log
         self._steps = int(horizon / STEP_S + 1e-9)
-        self._meetings = Happened.read(folder, scenario).meetings
+        self._meetings = RecordedOutcomes.read(folder, scenario).meetings
 
     def recorded_conflicts(self, table: AgentTable, on_log: BoolArray) -> list[Conflict]:
         """Conflicts of agents `on_log` (mask (n,)), soonest first, one for each agent."""

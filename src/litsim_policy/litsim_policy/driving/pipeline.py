@@ -13,7 +13,7 @@ from litsim_sim.scenario.setting import Setting
 
 
 class Pipeline:
-    """Predictor, conflict and policy stages of one scene or of several joined ones.
+    """Predictor, conflict and policy stages of one scene or of several batched ones.
 
     Attributes:
         manager: of the takeovers.
@@ -25,7 +25,7 @@ class Pipeline:
         Args:
             stages: constructors by stage.
             policy: name of the policy.
-            scenario: of the run, or the joined one.
+            scenario: of the run, or the batched one.
         """
         self._history_steps = scenario.history_steps
         self._predictor = stages["predictor"](policy, scenario)

@@ -30,7 +30,7 @@ from litsim_research.paper.experiments import (
 from litsim_research.paper.measures import Key
 from litsim_research.paper.page import fill
 from litsim_research.paper.roads import REAL, SETS
-from litsim_research.paper.running import carried_out, note_what_happened
+from litsim_research.paper.running import carried_out, record_outcomes
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import InputError
@@ -124,7 +124,7 @@ class Work:
             happened = (self._out / "happened" / f"{ego}_{code_versions()['sources']}").resolve()
             experiment = of_oracles(ego, happened)
             if not self._arguments.as_it_is:
-                note_what_happened(self._suite(experiment, (ego,)), happened, self._arguments.processes)
+                record_outcomes(self._suite(experiment, (ego,)), happened, self._arguments.processes)
             records += _rows(self._campaign(experiment, (ego,)), experiment, (ego,), self._sets)
         self._write(ORACLES, records, tables.summary(records))
 

@@ -23,7 +23,7 @@ from litsim_sim.core.scene import (
     FloatArray,
     IntArray,
 )
-from litsim_sim.scenario.joined import JoinedScenario
+from litsim_sim.scenario.batched import BatchedScenario
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.world import World
 
@@ -55,7 +55,7 @@ class TrafficStep:
     """Result of a step for the m agents driven in it; arrays (m, ...), ids ascending.
 
     Attributes:
-        agents: ids in the joined scenario.
+        agents: ids in the batched scenario.
         executed: (m, 2) executed motion, as actions in [-1, 1].
         faults: of the agents; none for agents that have left the net.
         error: (m,) distance to the logged position [m]; NaN after the end of the log.
@@ -74,19 +74,19 @@ class TrafficEpisodes:
     follows its log.
 
     Attributes:
-        joined: the scenes.
+        batch: the scenes.
         agents: (m,) ids of the driven agents, ascending.
         seen: (m, SIZE) their observations.
     """
 
     def __init__(self, scenes: Sequence[Scenario], count: int, radius: float) -> None:
         """Choose up to `count` agents of each of `scenes`, within `radius` [m] of its ego."""
-        self.joined = JoinedScenario.of(scenes)
-        self._world, self._observer = World(self.joined), TrafficObserver(self.joined.lane_map)
+        self.batch = BatchedScenario.of(scenes)
+        self._world, self._observer = World(self.batch), TrafficObserver(self.batch.lane_map)
         self._paths: dict[int, ReferencePath] = {}
         table = self._world.reset()
-        while table.step < self.joined.history_steps:
-            table = self._world.step_together(ControlTable.empty(table.step), self._egos(table.step))
+        while table.step < self.batch.history_steps:
+            table = self._world.step_batch(ControlTable.empty(table.step), self._egos(table.step))
         for agent in self._near(table, count, radius):
             self._take_over(table, table.row(agent))
         self._see(table)
@@ -99,13 +99,13 @@ class TrafficEpisodes:
     @property
     def last_step(self) -> int:
         """The last step of the scene that ends first."""
-        return min(scene.total_steps for scene in self.joined.scenes)
+        return min(scene.total_steps for scene in self.batch.scenes)
 
     def step(self, action: FloatArray) -> TrafficStep:
         """Drive :attr:`agents` by `action` (m, 2), in [-1, 1] after clipping."""
         agents = self.agents
         controls = commanded(self._followers, action)
-        self._see(self._world.step_together(controls, self._egos(self.step_number)))
+        self._see(self._world.step_batch(controls, self._egos(self.step_number)))
         after = self._table
         rows = after.rows(agents)
         here = rows >= 0
@@ -115,23 +115,23 @@ class TrafficEpisodes:
         executed[here] = np.column_stack([after.acceleration[on], after.yaw_rate[on]]) / BOUNDS
         touching, _ = others_near(after, on)
         contact[here] = touching.any(axis=1)
-        off[here] = ramp(edge_clearance(after, on, self.joined.lane_map), EDGE_FROM, EDGE_FULL)
+        off[here] = ramp(edge_clearance(after, on, self.batch.lane_map), EDGE_FROM, EDGE_FULL)
         brake[here] = ramp(-after.acceleration[on], *BRAKE)
-        log, at = self.joined.log, np.searchsorted(self.joined.log.ids, agents)
+        log, at = self.batch.log, np.searchsorted(self.batch.log.ids, agents)
         known = here & (log.last_step[at] >= after.step)
         x, y = log.x[at[known], after.step], log.y[at[known], after.step]
         error[known] = np.hypot(after.x[rows[known]] - x, after.y[rows[known]] - y)
         return TrafficStep(agents, np.clip(executed, -1.0, 1.0), Faults(contact, off, brake), error)
 
     def _egos(self, step: int) -> list[EgoCommand]:
-        return [EgoCommand(step, mode=EgoMode.FOLLOW_LOG)] * len(self.joined.scenes)
+        return [EgoCommand(step, mode=EgoMode.FOLLOW_LOG)] * len(self.batch.scenes)
 
     def _near(self, table: AgentTable, count: int, radius: float) -> list[int]:
         """Ids of up to `count` agents within `radius` [m] of each scene's ego, the nearest first."""
-        log = self.joined.log
+        log = self.batch.log
         stays = log.last_step[np.searchsorted(log.ids, table.id)] > table.step + STAYS
         chosen: list[int] = []
-        for scene, ego in enumerate(table.rows(self.joined.ego_ids).tolist()):
+        for scene, ego in enumerate(table.rows(self.batch.ego_ids).tolist()):
             apart = np.hypot(table.x - table.x[ego], table.y - table.y[ego])
             fits = (table.scene == scene) & stays & ~table.obstacle & (apart <= radius)
             fits[ego] = False
@@ -142,7 +142,7 @@ class TrafficEpisodes:
     def _take_over(self, table: AgentTable, row: int) -> None:
         """Drive the agent in `row` from now on."""
         agent, pose = int(table.id[row]), np.array([table.x[row], table.y[row], table.yaw[row]])
-        self._paths[agent] = route_path(self.joined.log, self.joined.lane_map, agent, pose)
+        self._paths[agent] = route_path(self.batch.log, self.batch.lane_map, agent, pose)
 
     def _see(self, table: AgentTable) -> None:
         """Make `table` the current step."""
@@ -154,5 +154,5 @@ class TrafficEpisodes:
         rows = table.rows(agents)
         self.agents = agents[rows >= 0]
         paths = PathBatch([self._paths[agent].points for agent in self.agents.tolist()])
-        self._followers = PathFollowers(self.joined.lane_map, table, rows[rows >= 0], paths)
+        self._followers = PathFollowers(self.batch.lane_map, table, rows[rows >= 0], paths)
         self.seen = self._observer.observe(self._followers)

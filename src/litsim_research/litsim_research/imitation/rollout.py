@@ -16,7 +16,7 @@ from litsim_research.policies.draw import with_ego
 from litsim_research.policies.ppo import Track, tensor
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray, IntArray
-from litsim_sim.scenario.joined import kind
+from litsim_sim.scenario.batched import kind
 from litsim_sim.scenario.scenario import Scenario
 
 VALIDATION_SEED = 10_000_019

@@ -18,7 +18,7 @@ from litsim_eval.runs.case_run import check_cases, plan_of
 from litsim_eval.runs.runner import Runner, record
 from litsim_research.paper.experiments import OURS
 from litsim_sim.core.errors import InputError
-from litsim_sim.scenario.happened import Happened, file_of
+from litsim_sim.scenario.outcomes import RecordedOutcomes, file_of
 
 SOURCES = "sources"
 
@@ -55,7 +55,7 @@ def carried_out(suite: Suite, out: Path, processes: int, *, overwrite: bool = Fa
     return read_campaign(out)
 
 
-def note_what_happened(suite: Suite, folder: Path, processes: int) -> None:
+def record_outcomes(suite: Suite, folder: Path, processes: int) -> None:
     """Run the cases of `suite` with policy litsim, and write the outcomes to `folder`; existing files are kept.
 
     Raises:
@@ -73,6 +73,6 @@ def note_what_happened(suite: Suite, folder: Path, processes: int) -> None:
 def _note(case: Case, folder: Path) -> None:
     plan = plan_of(case)
     run = record(Runner(plan))
-    Happened.of_run(plan.scenario.log.ids, run.tables, run.log, plan.scenario.ego_id).write(
+    RecordedOutcomes.of_run(plan.scenario.log.ids, run.tables, run.log, plan.scenario.ego_id).write(
         file_of(folder, plan.scenario)
     )

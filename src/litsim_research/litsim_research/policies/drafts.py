@@ -13,12 +13,12 @@ from litsim_policy.motion.reference_path import ReferencePath
 from litsim_research.policies.draw import Start, drafted_tasks
 from litsim_research.policies.task import TaskConfig, all_nearest, recorded_task
 from litsim_sim.core.scene import AgentTable, FloatArray
-from litsim_sim.scenario.joined import JoinedScenario
+from litsim_sim.scenario.batched import BatchedScenario
 
 
 @dataclass(frozen=True)
 class Draft:
-    """Task of a drafted agent at one step; ids are those of the joined scenario.
+    """Task of a drafted agent at one step; ids are those of the batched scenario.
 
     Attributes:
         agent: id.
@@ -57,24 +57,24 @@ class Drafts:
 
     def __init__(
         self,
-        joined: JoinedScenario,
+        batch: BatchedScenario,
         starts: Sequence[Start],
         table: AgentTable,
         count: int,
         radius: float,
         config: TaskConfig,
     ) -> None:
-        self._joined, self._starts, self._config = joined, starts, config
+        self._batch, self._starts, self._config = batch, starts, config
         # a new goal is as far away as goals can be, which keeps the distances to goals uniformly distributed
         self._renewed = replace(config, goal_steps=(config.goal_steps[1], config.goal_steps[1]))
         drafted: list[tuple[int, _Drafted]] = []
-        for k, (start, own) in enumerate(zip(starts, joined.tables(table), strict=True)):
+        for k, (start, own) in enumerate(zip(starts, batch.tables(table), strict=True)):
             for task in drafted_tasks(own, start.scenario, count, radius, config, start.random):
                 goal_x, goal_y = task.goal.tolist()
                 has_opponent = task.opponent != NOBODY
                 passed = self._passed(table.step, task.due_step)
                 one = _Drafted(k, task.agent, task.path, (goal_x, goal_y), task.due_step, has_opponent, passed)
-                drafted.append((joined.agent(k, task.agent), one))
+                drafted.append((batch.agent(k, task.agent), one))
         self._agents = [agent for agent, _ in drafted]
         self._drafted = [one for _, one in drafted]
         self._paths = PathBatch([one.path.points for one in self._drafted])
@@ -93,7 +93,7 @@ class Drafts:
         for k, opponent, i, j in zip(here.tolist(), opponents, begin, end, strict=True):
             one = self._drafted[k]
             if table.step > one.passed:
-                self._renew(one, self._joined.table(one.scene, table))
+                self._renew(one, self._batch.table(one.scene, table))
             minded = opponent if one.has_opponent else NOBODY
             found.append(Draft(self._agents[k], one.path.points[i:j], one.goal, one.due_step, minded))
         return found

@@ -1,7 +1,7 @@
 """Training episodes: the closed loop of the graph in one process, around deviating egos, several episodes at once.
 
 Dynamics, conflict detection, the life cycle of takeovers and features are those of the graph. Episodes on scenarios of
-one kind are stepped together, without influence on each other: see :mod:`litsim_sim.scenario.joined`.
+one kind are stepped together, without influence on each other: see :mod:`litsim_sim.scenario.batched`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from litsim_policy.driving.registry import make_policy
 from litsim_policy.driving.safety.config import LIMITS_ONLY, SafetyConfig
 from litsim_policy.driving.safety.layer import SafetyLayer
 from litsim_policy.driving.task import NOBODY, DrivingScene, due_step, opponent_of
-from litsim_policy.ego.together import EgosTogether
+from litsim_policy.ego.batched import BatchedEgos
 from litsim_predictor.models import ModelName, make_predictor
 from litsim_research.policies.drafts import Drafts
 from litsim_research.policies.draw import Start, drawn_ego, with_ego
@@ -30,7 +30,7 @@ from litsim_research.policies.task import TaskConfig
 from litsim_sim.core.quantities import Length, NonNegative, Positive, Steps, Whole, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, ControlSource, ControlTable, EgoCommand, FloatArray, IntArray
 from litsim_sim.core.takeover import PathSource, TakeoverState, TakeoverTable
-from litsim_sim.scenario.joined import BITS, JoinedScenario
+from litsim_sim.scenario.batched import BITS, BatchedScenario
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.world import World
 
@@ -138,10 +138,10 @@ class _Task(NamedTuple):
 
 
 class Episodes:
-    """E episodes on scenarios of one :func:`litsim_sim.scenario.joined.kind`, from the first step after the history.
+    """E episodes on scenarios of one :func:`litsim_sim.scenario.batched.kind`, from the first step after the history.
 
     An episode is over when a driven agent collides or leaves the road, or when its time is up. Ids of agents are those
-    of the joined scenario.
+    of the batched scenario.
 
     Args:
         course: settings.
@@ -149,36 +149,36 @@ class Episodes:
         drafted_only: whether only drafted agents are driven, also while they are taken over.
 
     Attributes:
-        joined: the scenarios.
+        batch: the scenarios.
         running: (E,) whether the episode is not over.
         seen: (m, size) observations of the :attr:`driven` agents.
     """
 
     def __init__(self, course: Course, starts: Sequence[Start], *, drafted_only: bool = False) -> None:
         self._course, self._config, self._drafted_only = course, course.config, drafted_only
-        self.joined = JoinedScenario.of([start.scenario for start in starts])
-        self._egos = EgosTogether(self.joined, [start.ego for start in starts])
-        self._world = World(self.joined)
-        self.safety = SafetyLayer(self.joined.lane_map, course.safety)
-        self._guards = SafetyLayer(self.joined.lane_map)  # for the penalty only
+        self.batch = BatchedScenario.of([start.scenario for start in starts])
+        self._egos = BatchedEgos(self.batch, [start.ego for start in starts])
+        self._world = World(self.batch)
+        self.safety = SafetyLayer(self.batch.lane_map, course.safety)
+        self._guards = SafetyLayer(self.batch.lane_map)  # for the penalty only
         careful = self._config.careful
-        self._careful = SafetyLayer(self.joined.lane_map, careful) if careful else None
-        self._observer = Observer(self.joined.lane_map, course.observation)
-        self._predictor = make_predictor(self._config.model, self.joined)
-        self._manager = TakeoverManager(self.joined, ConflictConfig(), TakeoverConfig())
-        self._rule = make_policy("yield", self.joined)
-        history = self.joined.history_steps
-        totals = np.array([scenario.total_steps for scenario in self.joined.scenes])
+        self._careful = SafetyLayer(self.batch.lane_map, careful) if careful else None
+        self._observer = Observer(self.batch.lane_map, course.observation)
+        self._predictor = make_predictor(self._config.model, self.batch)
+        self._manager = TakeoverManager(self.batch, ConflictConfig(), TakeoverConfig())
+        self._rule = make_policy("yield", self.batch)
+        history = self.batch.history_steps
+        totals = np.array([scenario.total_steps for scenario in self.batch.scenes])
         self._end = np.minimum(totals, history + self._config.steps_max)
         self.running = np.ones(len(starts), np.bool_)
         table = self._world.reset()
         while table.step < history:  # everything follows its log, the ego as well
             self._predictor.observe(table)
             commands = [EgoCommand(table.step)] * len(starts)
-            table = self._world.step_together(ControlTable.empty(table.step), commands)
+            table = self._world.step_batch(ControlTable.empty(table.step), commands)
         self._see(table)
         drafted, radius = self._config.drafted, self._config.draft_radius
-        self._drafts = Drafts(self.joined, starts, table, drafted, radius, course.task)
+        self._drafts = Drafts(self.batch, starts, table, drafted, radius, course.task)
         self._choose()
         self.seen = self._observer.features(self._scene)
         self._leave_out(self.step_number >= self._end)
@@ -207,7 +207,7 @@ class Episodes:
             corrected = correction(scene, commanded(scene, meant, self._careful))
         controls = merged(commanded(scene, action, self.safety), self._others_controls())
         commands = self._egos.plan(before, self.running.nonzero()[0].tolist())
-        self._see(self._world.step_together(controls, commands))
+        self._see(self._world.step_batch(controls, commands))
         self._choose()
         outcome = self._outcome(before, driven, tasks, guarded, corrected)
         over = self.step_number >= self._end
@@ -227,7 +227,7 @@ class Episodes:
             for t in self._takeovers
             if t.state == TakeoverState.HELD and t.path_source != PathSource.LANE  # passing agents are driven by rules
         }
-        drafting = self.step_number < self.joined.history_steps + self._config.draft_steps
+        drafting = self.step_number < self.batch.history_steps + self._config.draft_steps
         drafts = self._drafts.of(self._table) if drafting else []
         for draft in drafts:
             held = draft.agent in tasks
@@ -275,7 +275,7 @@ class Episodes:
         rows = rows[here]
         speed = 0.5 * (after.speed[rows] + before.speed[before.rows(driven[here])])
         executed[here] = normalised(consistent(after.acceleration[rows], after.yaw_rate[rows], speed))
-        terms = penalties(before, after, driven[here], self.joined.lane_map, guarded[here])
+        terms = penalties(before, after, driven[here], self.batch.lane_map, guarded[here])
         penalty, terminated = np.zeros(len(driven)), np.zeros(len(driven), np.bool_)
         penalty[here], terminated[here] = terms.total(self._course.penalty), terms.collision | terms.off_road
         because = np.array([task.opponent if task.taken_over else NOBODY for task in tasks], np.int64)
@@ -304,7 +304,7 @@ class Episodes:
     def _with_tasks(self, tasks: Sequence[_Task]) -> DrivingScene:
         """The current scene of the agents with `tasks`."""
         return DrivingScene.on_paths(
-            self.joined.lane_map,
+            self.batch.lane_map,
             self._table,
             [task.points for task in tasks],
             [task.goal for task in tasks],

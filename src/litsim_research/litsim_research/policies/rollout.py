@@ -18,10 +18,10 @@ from litsim_research.policies.network import GaussianPolicy, Sampler
 from litsim_research.policies.ppo import Track
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray, IntArray
-from litsim_sim.scenario.joined import BITS, kind
+from litsim_sim.scenario.batched import BITS, kind
 
 EMPTY_EPISODES_MAX = 100  # episodes in a row without an agent to drive, after which training gives up
-TOGETHER = 48  # most episodes that are stepped together
+BATCH_MAX = 48  # most episodes that are stepped together
 AT_FIRST = 12  # episodes of the first portion, as long as no iteration tells how many are enough
 AT_ONCE = 96  # most episodes in one portion
 MARGIN = 1.25  # on the expected number of episodes: a few more in one portion cost less than a second portion
@@ -65,8 +65,8 @@ class HereDriving:
 
     def episodes(self, policy: GaussianPolicy, seeds: Sequence[int], *, draws: bool) -> Iterator[Episode]:
         """See :class:`Driving`."""
-        for first in range(0, len(seeds), TOGETHER):
-            yield from drive(self._course, policy, seeds[first : first + TOGETHER], draws=draws)
+        for first in range(0, len(seeds), BATCH_MAX):
+            yield from drive(self._course, policy, seeds[first : first + BATCH_MAX], draws=draws)
 
 
 def begin(
@@ -143,7 +143,7 @@ def drive(course: Course, policy: GaussianPolicy, seeds: Sequence[int], *, draws
     for group in by_kind(course, seeds):
         starts = [course.start(seeding.np_random(seeds[number])[0]) for number in group]
         generators = [torch.Generator().manual_seed(seeds[number]) for number in group] if draws else None
-        found |= dict(zip(group, _drive_together(Episodes(course, starts), sampler, generators), strict=True))
+        found |= dict(zip(group, _drive_batch(Episodes(course, starts), sampler, generators), strict=True))
     return [found[number] for number in range(len(seeds))]
 
 
@@ -155,9 +155,7 @@ def by_kind(course: Course, seeds: Sequence[int]) -> list[list[int]]:
     return list(groups.values())
 
 
-def _drive_together(
-    episodes: Episodes, sampler: Sampler, generators: Sequence[torch.Generator] | None
-) -> list[Episode]:
+def _drive_batch(episodes: Episodes, sampler: Sampler, generators: Sequence[torch.Generator] | None) -> list[Episode]:
     """Drive `episodes` to their ends; actions are drawn by one generator per episode, or are the means for None."""
     count = len(episodes.running)
     sums: list[dict[str, float]] = [defaultdict(float) for _ in range(count)]
@@ -264,7 +262,7 @@ def _rates(sums: dict[str, float], episodes: int) -> dict[str, float]:
 
 
 def _track(steps: list[tuple[np.ndarray, ...]], following: np.ndarray, *, terminated: bool) -> Track:
-    """The track of one agent, from its steps in :func:`_drive_together` and the observation (size,) after the last."""
+    """The track of one agent, from its steps in :func:`_drive_batch` and the observation (size,) after the last."""
     observation, raw, density, executed, penalty, corrected = (np.array(column) for column in zip(*steps, strict=True))
     seen = np.concatenate([observation, following[None]])
     return Track(seen, raw, density, executed, penalty, terminated, corrected)

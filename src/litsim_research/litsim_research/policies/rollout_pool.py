@@ -21,7 +21,7 @@ from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.data import TrainingData
 from litsim_research.policies.episodes import Course
 from litsim_research.policies.network import GaussianPolicy
-from litsim_research.policies.rollout import TOGETHER, Driving, Episode, HereDriving, by_kind, drive
+from litsim_research.policies.rollout import BATCH_MAX, Driving, Episode, HereDriving, by_kind, drive
 
 Part = Literal["train", "validation"]
 PARTS: tuple[Part, ...] = ("train", "validation")
@@ -72,10 +72,10 @@ class PoolDriving:
 def shared_out(groups: Iterable[Sequence[int]], processes: int) -> list[Sequence[int]]:
     """Return `groups` as shares for the pool, largest first; each share goes to the process that is free first.
 
-    A group is cut if that is expected to end the work sooner, or if it exceeds TOGETHER episodes.
+    A group is cut if that is expected to end the work sooner, or if it exceeds BATCH_MAX episodes.
     """
     shares = sorted(groups, key=len, reverse=True)
-    while len(shares[0]) > TOGETHER:
+    while len(shares[0]) > BATCH_MAX:
         shares = _cut(shares, len(shares[0]) // 2)
     while True:
         cuts = (_cut(shares, size) for size in range(1, len(shares[0]) // 2 + 1))

@@ -72,7 +72,7 @@ def installed(group: str) -> Mapping[str, EntryPoint]:
     by_name: dict[str, EntryPoint] = {}
     for entry in _entry_points().get(group, ()):
         other = by_name.setdefault(entry.name, entry)
-        if other is not entry:
+        if other.value != entry.value:  # the same one twice: of a workspace, and of a wheel beside it
             raise InputError(
                 f"two plug-ins of {group} are called {entry.name}: {_described(other)} and {_described(entry)}; "
                 "uninstall one of them"

@@ -1,4 +1,4 @@
-"""Interface of a scenario to the stages, for a single scenario and for several joined ones."""
+"""Interface of a scenario to the stages, for a single scenario and for several batched ones."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from litsim_sim.scenario.signals import LinkSignals
 
 
 class Setting(Protocol):
-    """See :class:`litsim_sim.scenario.scenario.Scenario`, and :class:`.joined.JoinedScenario` of several."""
+    """See :class:`litsim_sim.scenario.scenario.Scenario`, and :class:`.batched.BatchedScenario` of several."""
 
     @property
     def log(self) -> Log:

@@ -71,7 +71,7 @@ class World:
     Leaving the road to the side is not leaving the net. If the scenario says so, the run is also over some time after
     the ego has touched an agent that it does not touch in the log.
 
-    Joined scenarios are stepped together, each scene as if it were alone: see :meth:`step_together`.
+    Joined scenarios are stepped together, each scene as if it were alone: see :meth:`step_batch`.
     """
 
     def __init__(self, scenario: Setting, config: WorldConfig | None = None, mirror: Mirror | None = None) -> None:
@@ -113,9 +113,9 @@ class World:
             ValueError: `controls` or `ego` answer another step or hold non-finite values, or the ids of `controls` do
                 not ascend or list the ego.
         """
-        return self.step_together(controls, (ego,))
+        return self.step_batch(controls, (ego,))
 
-    def step_together(self, controls: ControlTable, egos: Sequence[EgoCommand]) -> AgentTable:
+    def step_batch(self, controls: ControlTable, egos: Sequence[EgoCommand]) -> AgentTable:
         """Like :meth:`step`, with one answer for the ego of each scene, in the order of the scenes."""
         self.catch_up()
         table, step = self._table, self._table.step

@@ -1,7 +1,7 @@
 """Several runs at once: their scenes are stepped together in the same arrays, without influence on each other.
 
 The cost of a step is mostly that of its calls, rather than of its agents, so that several scenes cost little more than
-one. Scenes can be joined if the stages need the same of all their scenarios; egos may differ.
+one. Scenes can be batched if the stages need the same of all their scenarios; egos may differ.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 from litsim_eval.runs.runner import StepResult, as_recorded, configured
 from litsim_policy.driving.pipeline import Pipeline
 from litsim_policy.driving.policy import policy_class
-from litsim_policy.ego.together import EgosTogether
+from litsim_policy.ego.batched import BatchedEgos
 from litsim_predictor.models import DEFAULT_MODEL, model_names
 from litsim_sim.core import plugins
 from litsim_sim.core.parameters import Parameters
@@ -22,12 +22,12 @@ from litsim_sim.core.stages import BRIDGE, EGO, PREDICTOR
 from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.kernels.compiled import load_kernels
 from litsim_sim.record.run import Run as RecordedRun
-from litsim_sim.scenario.joined import JoinedScenario
+from litsim_sim.scenario.batched import BatchedScenario
 from litsim_sim.scenario.run_info import REPLAY, RunPlan
 from litsim_sim.world.world import World, WorldConfig
 
 
-class JoinedRunner:
+class BatchedRunner:
     """Runs S plans together in this process, without SUMO.
 
     Attributes:
@@ -36,7 +36,7 @@ class JoinedRunner:
 
     Raises:
         ValueError: the plans differ in policy or in parameters other than the ego's, or their scenarios in kind
-            (:func:`litsim_sim.scenario.joined.kind`).
+            (:func:`litsim_sim.scenario.batched.kind`).
         InputError: as :class:`litsim_eval.runs.runner.Runner`.
     """
 
@@ -46,13 +46,13 @@ class JoinedRunner:
         if any((plan.policy, common_parameters(plan)) != (first.policy, common) for plan in plans):
             raise ValueError("runs of different policies or parameters cannot be stepped together")
         self.plans = tuple(plans)
-        self._joined = JoinedScenario.of([plan.scenario for plan in plans])
+        self._batch = BatchedScenario.of([plan.scenario for plan in plans])
         reacts = first.policy != REPLAY
-        self._world = World(self._joined, WorldConfig(guard_entries=reacts))
+        self._world = World(self._batch, WorldConfig(guard_entries=reacts))
         egos = [configured(plan.ego, plan.policy, plan.parameters)[EGO](plan.scenario) for plan in plans]
-        self._egos = EgosTogether(self._joined, egos)
+        self._egos = BatchedEgos(self._batch, egos)
         stages = configured(None, first.policy, common)
-        self._pipeline = Pipeline(stages, first.policy, self._joined) if reacts else None
+        self._pipeline = Pipeline(stages, first.policy, self._batch) if reacts else None
         self.summaries: dict[int, dict[str, Any]] = {}
         load_kernels()
 
@@ -62,17 +62,17 @@ class JoinedRunner:
         Wall times of stages are divided equally among the runs.
         """
         begin = time.perf_counter()
-        table, joined = self._world.reset(), self._joined
+        table, batch = self._world.reset(), self._batch
         while len(self.summaries) < len(self.plans):
             self._world.catch_up()
-            tables = joined.tables(table)
+            tables = batch.tables(table)
             marks = {BRIDGE: time.perf_counter() - begin}
             takeovers: Sequence[TakeoverTable | None] = [None] * len(tables)
             controls: Sequence[ControlTable | None] = [None] * len(tables)
             together = ControlTable.empty(table.step)
             if self._pipeline is not None:
                 taken, together = self._pipeline.to(table, marks)
-                takeovers, controls = self._apart(taken, self._pipeline), joined.controls(together)
+                takeovers, controls = self._apart(taken, self._pipeline), batch.controls(together)
             begin = time.perf_counter()
             running = [k for k in range(len(tables)) if k not in self.summaries]
             commands = self._egos.plan(table, running)
@@ -82,21 +82,21 @@ class JoinedRunner:
             begin = time.perf_counter()
             for k in running:
                 if self._world.ends[k] is not None or table.step == self.plans[k].scenario.total_steps:
-                    self.summaries[k] = self._world.summary(k, joined.told(k))
+                    self.summaries[k] = self._world.summary(k, batch.told(k))
                     self._world.drop(k)
             if len(self.summaries) < len(self.plans):
-                table = self._world.step_together(together, commands)
+                table = self._world.step_batch(together, commands)
 
     def _apart(self, takeovers: TakeoverTable, pipeline: Pipeline) -> list[TakeoverTable]:
         """The takeovers by scene."""
         rounds = pipeline.manager.iterations.tolist(), pipeline.manager.converged.tolist()
         return [
             TakeoverTable(takeovers.step, own, iterations, converged)
-            for own, iterations, converged in zip(self._joined.takeovers(takeovers.takeovers), *rounds, strict=True)
+            for own, iterations, converged in zip(self._batch.takeovers(takeovers.takeovers), *rounds, strict=True)
         ]
 
 
-def batched(policy: str, parameters: Parameters) -> bool:
+def can_batch(policy: str, parameters: Parameters) -> bool:
     """Whether the policy and the predictor of a run can drive and forecast the agents of several scenes at once."""
     if policy == REPLAY:
         return True
@@ -106,18 +106,18 @@ def batched(policy: str, parameters: Parameters) -> bool:
 
 
 def common_parameters(plan: RunPlan) -> Parameters:
-    """Parameters of the stages that joined runs share: all but the ego."""
+    """Parameters of the stages that batched runs share: all but the ego."""
     return {stage: values for stage, values in plan.parameters.items() if stage != EGO}
 
 
-def record_together(plans: Sequence[RunPlan]) -> list[RecordedRun]:
+def record_batch(plans: Sequence[RunPlan]) -> list[RecordedRun]:
     """Run `plans` together and return the runs as if read from recordings.
 
     Raises:
-        ValueError, InputError: as :class:`JoinedRunner`.
+        ValueError, InputError: as :class:`BatchedRunner`.
     """
     begin = time.perf_counter()
-    runner = JoinedRunner(plans)
+    runner = BatchedRunner(plans)
     results: list[list[StepResult]] = [[] for _ in plans]
     for now in runner.steps():
         for k, result in now.items():

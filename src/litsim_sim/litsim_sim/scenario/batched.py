@@ -1,4 +1,4 @@
-"""Several scenes joined to one scenario, so that the stages process them together in the same array operations.
+"""Several scenes as one scenario, so that the stages process them together in the same array operations.
 
 The high bits of an agent's id are the number of its scene, so that tables with agents of several scenes are ordinary
 tables. Computations on single agents run over all scenes at once; those on pairs are restricted to agents of the same
@@ -30,7 +30,7 @@ BITS = 32
 """Low bits of an id, which give the agent's row in the log of its scene; the bits above are the number of the scene."""
 
 
-class JoinedTable(AgentTable):
+class BatchedTable(AgentTable):
     """A table of agents of several scenes; all are at the same step."""
 
     @cached_property
@@ -39,14 +39,14 @@ class JoinedTable(AgentTable):
         return self.id >> BITS
 
 
-class JoinedLog(Log):
+class BatchedLog(Log):
     """The logs of several scenes."""
 
-    table_type: ClassVar[type[AgentTable]] = JoinedTable
+    table_type: ClassVar[type[AgentTable]] = BatchedTable
     logs: tuple[Log, ...]
 
     @classmethod
-    def of(cls, logs: Sequence[Log]) -> JoinedLog:
+    def of(cls, logs: Sequence[Log]) -> BatchedLog:
         """Join `logs`; the result is as long as the longest, and no agent is on the road beyond the end of its log."""
         steps = max(log.steps for log in logs)
         columns = {
@@ -55,9 +55,9 @@ class JoinedLog(Log):
             if field.name != "ids"
         }
         ids = np.concatenate([(k << BITS) + np.arange(len(log.ids)) for k, log in enumerate(logs)])
-        joined = cls(ids=ids, **columns)
-        object.__setattr__(joined, "logs", tuple(logs))  # set beside the fields, which are the columns of its tables
-        return joined
+        batch = cls(ids=ids, **columns)
+        object.__setattr__(batch, "logs", tuple(logs))  # set beside the fields, which are the columns of its tables
+        return batch
 
     def recorded(self, agent: int) -> tuple[Log, int]:
         """See :meth:`Log.recorded`."""
@@ -66,7 +66,7 @@ class JoinedLog(Log):
 
 
 @dataclass(frozen=True)
-class JoinedSignals:
+class BatchedSignals:
     """The signals of several scenes on one net; see :class:`litsim_sim.scenario.signals.LinkSignals`."""
 
     scenes: tuple[Signals, ...]
@@ -93,29 +93,29 @@ class JoinedSignals:
 
 
 @dataclass(frozen=True, eq=False)
-class JoinedScenario:
+class BatchedScenario:
     """Scenes that are stepped together; see :class:`.setting.Setting`.
 
     Attributes:
         scenes: S scenarios of one :func:`kind`.
-        log: the joined log of all of them.
+        log: the batched log of all of them.
         ego_ids: (S,) in it.
         total_steps: the last step of the longest.
     """
 
     scenes: tuple[Scenario, ...]
-    log: JoinedLog
+    log: BatchedLog
     ego_ids: IntArray
     total_steps: int
 
     @classmethod
-    def of(cls, scenes: Sequence[Scenario]) -> JoinedScenario:
+    def of(cls, scenes: Sequence[Scenario]) -> BatchedScenario:
         """Join `scenes`, one at least, of one :func:`kind`."""
         if len({kind(scene) for scene in scenes}) != 1:
-            raise ValueError(f"scenes that differ cannot be joined: {[scene.name for scene in scenes]}")
+            raise ValueError(f"scenes that differ cannot be batched: {[scene.name for scene in scenes]}")
         egos = [(k << BITS) + scene.log.row(scene.ego_id) for k, scene in enumerate(scenes)]
         longest = max(scene.total_steps for scene in scenes)
-        return cls(tuple(scenes), JoinedLog.of([scene.log for scene in scenes]), np.array(egos), longest)
+        return cls(tuple(scenes), BatchedLog.of([scene.log for scene in scenes]), np.array(egos), longest)
 
     @property
     def identities(self) -> IntArray:
@@ -148,10 +148,10 @@ class JoinedScenario:
         return np.concatenate([scene.last_logged for scene in self.scenes])
 
     @cached_property
-    def signals(self) -> JoinedSignals | None:
+    def signals(self) -> BatchedSignals | None:
         """See :class:`.setting.Setting`."""
         given = tuple(scene.signals for scene in self.scenes if scene.signals is not None)
-        return JoinedSignals(given) if given else None
+        return BatchedSignals(given) if given else None
 
     @property
     def net_path(self) -> Path:
@@ -220,7 +220,7 @@ class JoinedScenario:
 
 
 def kind(scenario: Scenario) -> Hashable:
-    """Key of a scenario; scenarios with equal keys can be joined, as they share all that stages query once for all."""
+    """Key of a scenario; scenarios with equal keys can be batched, as they share all that stages query once for all."""
     vehicle = tuple(vars(scenario.vehicle).items())
     controlled = None if scenario.signals is None else scenario.signals.link_names
     return scenario.net_path, scenario.history_steps, scenario.roi_m, controlled, vehicle

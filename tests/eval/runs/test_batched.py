@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from litsim_eval.analysis.metrics import compute_metrics
+from litsim_eval.runs.batched import record_batch
 from litsim_eval.runs.runner import Runner, record
-from litsim_eval.runs.together import record_together
 from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.run_info import RunPlan
@@ -81,7 +81,7 @@ def assert_same(together: Run, alone: Run) -> None:
 )
 def test_every_run_is_what_it_is_alone(scenes: Scenes, policy: str, parameters: dict[str, dict[str, str]]) -> None:
     plans = [RunPlan(scenario, ego, policy, parameters) for scenario, ego in scenes]
-    together = record_together(plans)
+    together = record_batch(plans)
     for run, plan in zip(together, plans, strict=True):
         assert run.complete and run.info.run_id == plan.run_id
         assert_same(run, record(Runner(plan)))
@@ -103,7 +103,7 @@ def test_scenes_whose_signals_differ_are_each_what_they_are_alone(make_scenario:
     scenes = [scene(7.0), scene(2.0), scene(7.0).around(2, 5)]
     plans = [RunPlan(each, "idm", policy) for policy in ("yield", "litsim") for each in scenes]
     for same_policy in (plans[:3], plans[3:]):
-        runs = record_together(same_policy)
+        runs = record_batch(same_policy)
         for run, plan in zip(runs, same_policy, strict=True):
             assert_same(run, record(Runner(plan)))
             assert any(run.takeovers.values())
@@ -117,7 +117,7 @@ def test_a_run_that_a_contact_ends_ends_no_other(make_scenario: Callable[..., An
     ending, going_on = (make_scenario(*column, end_after_contact_s=after) for after in (0.2, None))
     brakes = {"ego": {"kind": "brake", "time": (0.0, 0.0)}}
     plans = [RunPlan(each, "perturbed", "replay", brakes) for each in (ending, going_on, ending)]
-    together = record_together(plans)
+    together = record_batch(plans)
     for run, plan in zip(together, plans, strict=True):
         assert_same(run, record(Runner(plan)))
     reasons = [run.ended.reason for run in together if run.ended is not None]
@@ -126,7 +126,7 @@ def test_a_run_that_a_contact_ends_ends_no_other(make_scenario: Callable[..., An
 
 def test_the_order_and_the_company_do_not_matter(scenes: Scenes) -> None:
     plans = [RunPlan(scenario, ego, "yield") for scenario, ego in scenes[:2]]
-    forwards, backwards = record_together(plans), record_together(plans[::-1])
+    forwards, backwards = record_batch(plans), record_batch(plans[::-1])
     for run, other in zip(forwards, backwards[::-1], strict=True):
         assert_same(run, other)
 
@@ -134,14 +134,14 @@ def test_the_order_and_the_company_do_not_matter(scenes: Scenes) -> None:
 def test_runs_that_differ_in_what_stages_ask_are_not_joined(scenes: Scenes) -> None:
     demo, wider = scenes[0][0], Scenario.load("demo", simulation_s=9.0, roi_m=60.0)
     with pytest.raises(ValueError, match="policies or parameters"):
-        record_together([RunPlan(demo, "idm", "yield"), RunPlan(demo, "idm", "litsim")])
-    with pytest.raises(ValueError, match="cannot be joined"):
-        record_together([RunPlan(demo, "idm", "yield"), RunPlan(wider, "idm", "yield")])
+        record_batch([RunPlan(demo, "idm", "yield"), RunPlan(demo, "idm", "litsim")])
+    with pytest.raises(ValueError, match="cannot be batched"):
+        record_batch([RunPlan(demo, "idm", "yield"), RunPlan(wider, "idm", "yield")])
 
 
 def test_runs_of_one_scenario_have_their_log_in_common_and_are_measured_as_alone(scenes: Scenes) -> None:
     plans = [RunPlan(scenes[k][0], scenes[k][1], "yield") for k in (0, 2, 4)]
-    runs = record_together(plans)
+    runs = record_batch(plans)
     for one, other in ((one, other) for one in runs for other in runs):
         assert (one.logged is other.logged) == (one.tables[-1].step == other.tables[-1].step)
     assert runs[0].logged is runs[2].logged, "neither leaves the road before the log is over"

@@ -10,30 +10,30 @@ from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
 from litsim_policy.motion.stop_lines import StopLines
 from litsim_sim.core.scene import AgentTable, EgoCommand
-from litsim_sim.scenario.joined import JoinedScenario
+from litsim_sim.scenario.batched import BatchedScenario
 
 
-class EgosTogether:
-    """The egos of joined scenes; each gives the same commands as on its own."""
+class BatchedEgos:
+    """The egos of batched scenes; each gives the same commands as on its own."""
 
-    def __init__(self, joined: JoinedScenario, egos: Sequence[Ego]) -> None:
-        """`egos` are those of the scenes of `joined`, in order."""
-        self._joined, self._egos = joined, tuple(egos)
-        self._stop_lines = StopLines(joined.signals)
+    def __init__(self, batch: BatchedScenario, egos: Sequence[Ego]) -> None:
+        """`egos` are those of the scenes of `batch`, in order."""
+        self._batch, self._egos = batch, tuple(egos)
+        self._stop_lines = StopLines(batch.signals)
         self._followed: list[ReferencePath] = []
         self._paths = PathBatch([])
 
     def plan(self, table: AgentTable, scenes: Iterable[int]) -> list[EgoCommand]:
         """Returns commands of all egos for the step of `table`; empty ones for scenes that are not in `scenes`."""
         answers = [EgoCommand(table.step)] * len(self._egos)
-        rows = table.rows(self._joined.ego_ids)
+        rows = table.rows(self._batch.ego_ids)
         driving: dict[int, Following] = {}
         for scene in scenes:
             ego = self._egos[scene]
             if isinstance(ego, FollowingEgo):
                 found = ego.following(table, int(rows[scene]))
             else:
-                found = ego.plan(self._joined.table(scene, table))
+                found = ego.plan(self._batch.table(scene, table))
             if isinstance(found, Following):
                 driving[scene] = found
             else:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from litsim_policy.ego.batched import BatchedEgos
 from litsim_policy.ego.following import FollowingEgo
 from litsim_policy.ego.idm import IdmEgo
 from litsim_policy.ego.log import LogEgo
 from litsim_policy.ego.perturbed import PerturbedConfig, PerturbedEgo
 from litsim_policy.ego.registry import make_ego
-from litsim_policy.ego.together import EgosTogether
 from litsim_policy.motion.car_following import IdmConfig
 from litsim_sim.core.scene import AgentTable, EgoMode
-from litsim_sim.scenario.joined import BITS, JoinedScenario
+from litsim_sim.scenario.batched import BITS, BatchedScenario
 
 
 def test_egos_that_follow_with_models_of_their_own_answer_as_alone(make_scenario, track, lane_centres) -> None:
@@ -32,12 +32,12 @@ def test_egos_that_follow_with_models_of_their_own_answer_as_alone(make_scenario
             IdmEgo(fifth),
         ]
 
-    joined, alone, modes = JoinedScenario.of(scenes), egos(), []
+    batch, alone, modes = BatchedScenario.of(scenes), egos(), []
     assert [isinstance(ego, FollowingEgo) for ego in alone] == [True, True, True, False, True]
-    together = EgosTogether(joined, egos())
+    together = BatchedEgos(batch, egos())
     for step in range(quiet.history_steps, quiet.history_steps + 20):
         expected = [ego.plan(scene.log.table(step)) for ego, scene in zip(alone, scenes, strict=True)]
-        assert together.plan(joined.log.table(step), range(5)) == expected
+        assert together.plan(batch.log.table(step), range(5)) == expected
         modes.append([command.mode for command in expected])
         assert len({command.acceleration for command in expected[:2]}) == 2
     assert {mode[2] for mode in modes} == {EgoMode.FOLLOW_LOG, EgoMode.CONTROL}
@@ -45,9 +45,9 @@ def test_egos_that_follow_with_models_of_their_own_answer_as_alone(make_scenario
 
 def test_who_is_not_asked_answers_nothing_and_a_gone_ego_neither(make_scenario, track) -> None:
     scene = make_scenario(track(7, x=60.0, last=30), track(9, x=90.0))
-    joined = JoinedScenario.of((scene, scene))
-    together = EgosTogether(joined, [make_ego("idm", scene), make_ego("idm", scene)])
-    table: AgentTable = joined.log.table(scene.history_steps)
+    batch = BatchedScenario.of((scene, scene))
+    together = BatchedEgos(batch, [make_ego("idm", scene), make_ego("idm", scene)])
+    table: AgentTable = batch.log.table(scene.history_steps)
     first, second = together.plan(table, [1])
     assert (first.acceleration, first.yaw_rate) == (0.0, 0.0) and second.acceleration != 0.0
     without = table.take(table.id >= 1 << BITS)

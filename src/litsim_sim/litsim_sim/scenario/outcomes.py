@@ -17,7 +17,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import boxes_overlap
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.io.files import replacing
-from litsim_sim.scenario.joined import JoinedScenario
+from litsim_sim.scenario.batched import BatchedScenario
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.scenario.setting import Setting
 
@@ -26,7 +26,7 @@ UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zl
 
 
 @dataclass(frozen=True, eq=False)
-class Happened:
+class RecordedOutcomes:
     """The motion of the N agents of a log, in its order, over S steps.
 
     Attributes:
@@ -40,7 +40,9 @@ class Happened:
     meetings: IntArray
 
     @classmethod
-    def of_run(cls, ids: IntArray, tables: Sequence[AgentTable], log: Sequence[AgentTable], ego_id: int) -> Happened:
+    def of_run(
+        cls, ids: IntArray, tables: Sequence[AgentTable], log: Sequence[AgentTable], ego_id: int
+    ) -> RecordedOutcomes:
         """Extract the motion of a run.
 
         Args:
@@ -58,13 +60,13 @@ class Happened:
         return cls(pose, there, np.array(meetings, np.int64).reshape(-1, 3))
 
     @classmethod
-    def read(cls, folder: Path, scenario: Setting) -> Happened:
+    def read(cls, folder: Path, scenario: Setting) -> RecordedOutcomes:
         """Read the motion of the runs of all scenes of `scenario`; rows are those of its log.
 
         Raises:
             InputError: the file of a scene in `folder` is missing or cannot be read, or is of another log.
         """
-        scenes = scenario.scenes if isinstance(scenario, JoinedScenario) else (scenario,)
+        scenes = scenario.scenes if isinstance(scenario, BatchedScenario) else (scenario,)
         parts = [_read(file_of(folder, scene), len(scene.log.ids)) for scene in scenes if isinstance(scene, Scenario)]
         steps = max(part.there.shape[1] for part in parts)
         first = np.cumsum([0, *(len(part.there) for part in parts)])
@@ -91,10 +93,10 @@ def file_of(folder: Path, scenario: Scenario) -> Path:
     return folder / f"{scenario.name}_{scenario.ego_id}_{scenario.seed}.npz"
 
 
-def _read(path: Path, agents: int) -> Happened:
+def _read(path: Path, agents: int) -> RecordedOutcomes:
     try:
         with np.load(path) as values:
-            found = Happened(values["pose"], values["there"], values["meetings"])
+            found = RecordedOutcomes(values["pose"], values["there"], values["meetings"])
     except UNREADABLE as error:
         raise InputError(f"{path}: cannot be read as what happened in a run: {error}") from error
     if len(found.there) != agents:

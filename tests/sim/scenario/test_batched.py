@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable, ControlTable
-from litsim_sim.scenario.joined import JoinedScenario, kind
+from litsim_sim.scenario.batched import BatchedScenario, kind
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.world import World
 
@@ -27,12 +27,12 @@ def columns(table: AgentTable) -> list[list[float]]:
 
 
 def test_a_table_of_the_joined_log_comes_apart_into_those_of_the_logs(scenes: list[Scenario]) -> None:
-    joined = JoinedScenario.of(scenes)
-    assert joined.total_steps == joined.log.steps - 1 == scenes[1].total_steps > scenes[0].total_steps
-    for step in range(joined.log.steps):
-        table = joined.log.table(step)
+    batch = BatchedScenario.of(scenes)
+    assert batch.total_steps == batch.log.steps - 1 == scenes[1].total_steps > scenes[0].total_steps
+    for step in range(batch.log.steps):
+        table = batch.log.table(step)
         assert (np.diff(table.id) > 0).all()
-        apart = joined.tables(table)
+        apart = batch.tables(table)
         assert [columns(own) for own in apart] == [columns(scene.log.table(step)) for scene in scenes]
         assert table.scene.tolist() == [k for k, own in enumerate(apart) for _ in range(len(own))]
         assert table.take(table.scene == 1).scene.tolist() == [1] * len(apart[1])
@@ -41,27 +41,27 @@ def test_a_table_of_the_joined_log_comes_apart_into_those_of_the_logs(scenes: li
 
 
 def test_ids_are_those_of_the_recordings_once_they_are_told(scenes: list[Scenario]) -> None:
-    joined = JoinedScenario.of(scenes)
+    batch = BatchedScenario.of(scenes)
     for k, scene in enumerate(scenes):
         for agent in scene.log.ids.tolist():
-            assert joined.told(k)(joined.agent(k, agent)) == agent
-            assert joined.told(1 - k)(joined.agent(k, agent)) is None
-        assert joined.ego_ids[k] == joined.agent(k, scene.ego_id)
-    both = np.array([joined.agent(0, 9), joined.agent(1, -4)])
+            assert batch.told(k)(batch.agent(k, agent)) == agent
+            assert batch.told(1 - k)(batch.agent(k, agent)) is None
+        assert batch.ego_ids[k] == batch.agent(k, scene.ego_id)
+    both = np.array([batch.agent(0, 9), batch.agent(1, -4)])
     values = np.arange(2.0)
-    apart = joined.controls(ControlTable(3, both, values, values, values, np.ones(2, np.uint8)))
+    apart = batch.controls(ControlTable(3, both, values, values, values, np.ones(2, np.uint8)))
     assert [own.id.tolist() for own in apart] == [[9], [-4]]
     assert [own.acceleration.tolist() for own in apart] == [[0.0], [1.0]]
 
 
 def test_boxes_at_the_same_place_in_different_scenes_do_not_touch(scenes: list[Scenario]) -> None:
-    world, alone = World(JoinedScenario.of(scenes)), [World(scene) for scene in scenes]
+    world, alone = World(BatchedScenario.of(scenes)), [World(scene) for scene in scenes]
     world.reset()
     for each in alone:
         each.reset()
     assert world.contacts == {} == alone[0].contacts == alone[1].contacts
     near = [scenes[0], scenes[0].around(5, 8)]
-    assert World(JoinedScenario.of([*near])).reset().x.tolist() == [*scenes[0].log.table(0).x] * 2
+    assert World(BatchedScenario.of([*near])).reset().x.tolist() == [*scenes[0].log.table(0).x] * 2
 
 
 def test_each_scene_has_its_own_signals(make_scenario, track) -> None:
@@ -79,7 +79,7 @@ def test_each_scene_has_its_own_signals(make_scenario, track) -> None:
         )
 
     scenes = [scene(1.0, 40), scene(2.0, 60, ("d", "c"))]
-    signals = JoinedScenario.of(scenes).signals
+    signals = BatchedScenario.of(scenes).signals
     assert signals is not None and signals.links is scenes[0].signals.links
     for step in (0, 9, 10, 19, 20, 40, 59, 80):
         alone = [each.signals.table(step).state[each.signals.link_group] for each in scenes]
@@ -97,5 +97,5 @@ def test_what_stages_ask_of_a_scenario_decides_what_can_be_joined(make_scenario,
     for other in others:
         differs = make_scenario(track(1, x=100.0), **other)
         assert kind(differs) != kind(scene)
-        with pytest.raises(ValueError, match="cannot be joined"):
-            JoinedScenario.of([scene, differs])
+        with pytest.raises(ValueError, match="cannot be batched"):
+            BatchedScenario.of([scene, differs])
