@@ -119,7 +119,7 @@ def test_each_checkout_trains_on_what_it_has_generated(tmp_path: Path) -> None:
 
 def test_sides_take_turns_and_ratios_are_those_of_pairs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     turns: list[str] = []
-    here, there = Side.here(), Side(("other",), "litsim_policy.train", {})
+    here, there = Side.here(), Side(("other",), {})
     monkeypatch.setattr(Side, "beside", lambda _: there)
     monkeypatch.setattr(throughput, "generated_data", lambda *_: tmp_path)
 
