@@ -90,24 +90,24 @@ def tree(of: int) -> dict[int, str]:
     return {process: lines[process] for process in found - {of} if process in lines}
 
 
-def kill_a_worker(of: int) -> str:
+def kill_a_worker(of: subprocess.Popen[str]) -> str:
     """Kill a worker amid a run; returns the name of the run."""
     end = time.monotonic() + PATIENCE_S
-    while time.monotonic() < end:
-        for process, line in tree(of).items():
+    while time.monotonic() < end and of.poll() is None:
+        for process, line in tree(of.pid).items():
             if line.startswith("ray::demo/"):
                 os.kill(process, signal.SIGKILL)
                 return line
         time.sleep(0.02)
-    raise AssertionError(f"waited {PATIENCE_S:g} s for a run")
+    raise AssertionError(f"no run was seen within {PATIENCE_S:g} s, or before all were over")
 
 
 def test_runs_of_a_worker_that_is_lost_are_done_again_and_none_twice(tmp_path: Path) -> None:
     pytest.importorskip("ray", reason="Ray is not installed (requirements/ray.txt)")
-    demo = campaigns.scenario_file(tmp_path, "demo", simulation_s=6.0)
+    demo = campaigns.scenario_file(tmp_path, "demo", simulation_s=20.0)  # long enough to be seen
     on_ray = start(demo, tmp_path / "ray", "--ray", "local")
     try:
-        assert kill_a_worker(on_ray.pid)
+        assert kill_a_worker(on_ray)
         said = on_ray.communicate(timeout=PATIENCE_S)[1]
     finally:
         on_ray.kill()
