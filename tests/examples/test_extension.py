@@ -16,7 +16,7 @@ from litsim_sim.scenario.recording import Recording
 
 ROOT = Path(__file__).resolve().parents[2]
 EXTENSION = ROOT / "examples/extension"
-POLICY, MEASURE, FORMAT = "keep_gap", "closest_m", "tracks_json"
+POLICY, MEASURE, FORMAT = "keep_gap", "closest", "tracks_json"
 
 
 @pytest.fixture(scope="module")

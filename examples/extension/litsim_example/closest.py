@@ -1,4 +1,4 @@
-"""The measure `closest_m`: how near the centre of another agent came to that of the ego."""
+"""The measure `closest`: how near the centre of another agent came to that of the ego."""
 
 from __future__ import annotations
 
