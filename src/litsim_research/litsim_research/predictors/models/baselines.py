@@ -60,7 +60,7 @@ class ConstantTurnRate(ConstantVelocity):
         return self._prediction(batch, torch.as_tensor(way).to(batch.state), yaw, asked)
 
     def _turn_rate(self, batch: SceneBatch) -> FloatArray:
-        """Turn rates (B, N) [rad/s]; zero for agents that have just appeared or hardly turn."""
+        """Returns turn rates (B, N) [rad/s]; zero for agents that have just appeared or hardly turn."""
         window = self._config.rate_window * STEP_S
         steps = min(round(window / DT), HISTORY - 1)
         yaw, observed = numbers(batch.history[:, :, -steps - 1 :, 2]), batch.observed[:, :, -steps - 1 :].cpu().numpy()

@@ -93,7 +93,7 @@ class JointPredictor(SceneModel):
         modes = 1 if decode == "best" else maneuver.shape[-1]
 
         def for_each_maneuver(values: Tensor) -> Tensor:
-            """The `values` (..., N, ...) of the agents, repeated for each of their M manoeuvres: (B * N * M, ...)."""
+            """Returns `values` (..., N, ...) of agents, repeated for each of their M manoeuvres: (B * N * M, ...)."""
             by_agent = values if batch.agent.dim() == 1 else values.flatten(0, 1)
             return by_agent if modes == 1 else by_agent.repeat_interleave(modes, dim=0)
 

@@ -62,7 +62,7 @@ class Neighbours:
         return cls(index, squared < reach**2, torch.cat(relation, dim=-1))
 
     def seen_by(self, agents: Tensor | None) -> Neighbours:
-        """The neighbours of the rows `agents` (M,) only; of all rows for None."""
+        """Returns the neighbours of the rows `agents` (M,) only; of all rows for None."""
         dim = self.index.dim() - 2
         return Neighbours(*(rows_of(v, agents, dim) for v in (self.index, self.seen, self.relation)))
 
@@ -84,14 +84,14 @@ class RelativeAttention(nn.Module):
         self.norm = nn.LayerNorm(width)
 
     def forward(self, agents: Tensor, near: Neighbours, asked: Tensor | None = None) -> Tensor:
-        """Codes (..., N, width): `agents` plus attention to those `near` each of them, with layer normalisation.
+        """Returns codes (..., N, width): `agents` plus attention to those `near` each of them, normalised.
 
         With `asked` (M,), only the codes (..., M, width) of these rows; `near` must then be that of these rows.
         """
         size = self.width // self.heads
 
         def by_head(values: Tensor) -> Tensor:
-            """`values` (..., N, width) by head: (..., heads, N, size)."""
+            """Returns `values` (..., N, width) by head: (..., heads, N, size)."""
             return values.view(*values.shape[:-2], -1, self.heads, size).transpose(-2, -3)
 
         # The contribution of a relation to keys and values is linear in `related`. It is factored out of the sums over
@@ -129,7 +129,7 @@ class SceneAttention(nn.Module):
         self.attention = nn.MultiheadAttention(width, heads, batch_first=True)
 
     def forward(self, batch: SceneBatch) -> Tensor:
-        """Codes (..., N, width) of all agents of `batch`, each by attention over all agents of its scene."""
+        """Returns codes (..., N, width) of all agents of `batch`, each by attention over all agents of its scene."""
         is_agent = batch.agent[..., None].to(batch.position.dtype)
         middle = (batch.position * is_agent).sum(dim=-2, keepdim=True) / is_agent.sum(dim=-2, keepdim=True)
         yaw = batch.heading + batch.state[..., 3]

@@ -25,7 +25,7 @@ class DirectDecoder(nn.Module):
         )
 
     def forward(self, context: Tensor, maneuver: Tensor, base: Tensor, truth: Tensor | None) -> tuple[Tensor, Tensor]:
-        """Means (n, HORIZON, 2) [m], and raw scales and correlation (n, HORIZON, 3).
+        """Returns means (n, HORIZON, 2) [m], and raw scales and correlation (n, HORIZON, 3).
 
         Args:
             context: (n, width) codes of agents.

@@ -33,7 +33,7 @@ class MapEncoder(nn.Module):
         )
 
     def forward(self, raster: Tensor) -> Tensor:
-        """Codes (n, width) of rasters (n, CHANNELS, ROWS, COLUMNS) uint8."""
+        """Returns codes (n, width) of rasters (n, CHANNELS, ROWS, COLUMNS) uint8."""
         # Bytes are scaled to -1 to 1; the weights are divided instead of the values, since they are fewer.
         first = cast(nn.Conv2d, self.layers[0])
         read = nn.functional.conv2d(raster.float() - MAP_MIDDLE, first.weight / MAP_MIDDLE, first.bias, first.stride, 1)
@@ -50,7 +50,7 @@ class RecurrentHistory(nn.Module):
         self.gru = nn.GRU(width // 2, width // 2, bidirectional=True)
 
     def forward(self, history: Tensor, observed: Tensor) -> Tensor:
-        """Codes (n, width) of `history` (n, HISTORY, HISTORY_CHANNELS), with the mask `observed` (n, HISTORY)."""
+        """Returns codes (n, width) of `history` (n, HISTORY, HISTORY_CHANNELS), with mask `observed` (n, HISTORY)."""
         read = torch.cat([history[..., : self.channels], observed[..., None].to(history.dtype)], dim=-1)
         units = history.new_tensor([*HISTORY_UNITS[: self.channels], 1.0])
         _, last = self.gru(self.embed[1](linear_of(read.transpose(0, 1), units, cast(nn.Linear, self.embed[0]))))
