@@ -230,7 +230,7 @@ class Work:
 
 
 def _available(sets: Sequence[str]) -> tuple[str, ...]:
-    """The `sets` with available data.
+    """Returns the `sets` with available data.
 
     Raises:
         InputError: there are none.
@@ -246,7 +246,7 @@ def _available(sets: Sequence[str]) -> tuple[str, ...]:
 def _rows(
     campaign: Campaign, experiment: Experiment, egos: Sequence[str], sets: Sequence[str | None]
 ) -> list[tables.Row]:
-    """The rows of an experiment's table: for each ego and set, all methods; a set of None means all sets together."""
+    """Returns the rows of an experiment's table: all methods for each ego and set; None means all sets together."""
     records: list[tables.Row] = []
     for ego in egos:
         for tag in sets:

@@ -127,7 +127,7 @@ class TrafficEpisodes:
         return [EgoCommand(step, mode=EgoMode.FOLLOW_LOG)] * len(self.batch.scenes)
 
     def _near(self, table: AgentTable, count: int, radius: float) -> list[int]:
-        """Ids of up to `count` agents within `radius` [m] of each scene's ego, the nearest first."""
+        """Returns ids of up to `count` agents within `radius` [m] of each scene's ego, the nearest first."""
         log = self.batch.log
         stays = log.last_step[np.searchsorted(log.ids, table.id)] > table.step + STAYS
         chosen: list[int] = []

@@ -46,7 +46,7 @@ class TrafficPairs:
 def traffic_pairs(
     scenarios: Sequence[Scenario], config: PairsConfig, random: np.random.Generator, real: Collection[str] = ()
 ) -> TrafficPairs:
-    """Pairs of all vehicles of `scenarios`.
+    """Returns pairs of all vehicles of `scenarios`.
 
     Paths follow the logs' routes, as after a takeover at the vehicle's first pair. `real` names the scenarios in which
     people drove.
@@ -61,7 +61,7 @@ def traffic_pairs(
 
 
 def _of_scenario(scenario: Scenario, config: PairsConfig, random: np.random.Generator) -> tuple[FloatArray, ...]:
-    """Observations (n, SIZE) and actions (n, 2) as recorded, then those of displaced vehicles."""
+    """Returns observations (n, SIZE) and actions (n, 2) as recorded, then those of displaced vehicles."""
     log, observer = scenario.log, TrafficObserver(scenario.lane_map)
     routes: dict[int, ReferencePath] = {}
     logged: dict[int, ReferencePath] = {}

@@ -124,7 +124,7 @@ def validate(scenarios: Sequence[Scenario], policy: TrafficPolicy, config: Imita
 
 
 def rates(drives: Sequence[Drive]) -> dict[str, float]:
-    """Shares of agents with a contact and off the road, mean error at the end [m], agents and agent-steps, by name."""
+    """Returns, by name, agents, agent-steps, shares with a contact and off the road, and mean error at the end [m]."""
     tracks = [track for one in drives for track in one.tracks]
     contacts, off = (sum(one.faulty[k] for one in drives) for k in (0, 1))
     errors = np.concatenate([one.errors for one in drives]) if drives else np.empty(0)
@@ -138,7 +138,7 @@ def rates(drives: Sequence[Drive]) -> dict[str, float]:
 
 
 def _nobody_driven(where: str, config: ImitationTraining) -> InputError:
-    """The error of scenes, described by `where`, without an agent to drive."""
+    """Returns the error of scenes, described by `where`, without an agent to drive."""
     return InputError(
         f"training: no agent is driven in {where}, expected scenarios with vehicles within radius "
         f"({config.radius:g} m) of the ego"
@@ -146,7 +146,7 @@ def _nobody_driven(where: str, config: ImitationTraining) -> InputError:
 
 
 def _by_kind(scenes: Sequence[Scenario]) -> list[list[Scenario]]:
-    """`scenes` in groups of one kind each."""
+    """Returns `scenes` in groups of one kind each."""
     groups: dict[Hashable, list[Scenario]] = defaultdict(list)
     for scene in scenes:
         groups[kind(scene)].append(scene)
@@ -154,7 +154,7 @@ def _by_kind(scenes: Sequence[Scenario]) -> list[list[Scenario]]:
 
 
 def _drawn(policy: TrafficPolicy, seen: FloatArray, generator: torch.Generator | None) -> tuple[FloatArray, FloatArray]:
-    """Actions (m, 2) for observations (m, SIZE), and the logarithms of their densities (m,)."""
+    """Returns actions (m, 2) for observations (m, SIZE), and the logarithms of their densities (m,)."""
     with torch.no_grad():
         observation = tensor(seen)
         raw = policy(observation)
@@ -164,7 +164,7 @@ def _drawn(policy: TrafficPolicy, seen: FloatArray, generator: torch.Generator |
 
 
 def _tracks(agents: IntArray, columns: list[np.ndarray], left: dict[int, FloatArray]) -> list[Track]:
-    """One track for each agent, from the k agent-steps of all steps one after another.
+    """Returns one track for each agent, from the k agent-steps of all steps one after another.
 
     Args:
         agents: (k,) ids.

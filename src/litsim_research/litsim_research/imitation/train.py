@@ -163,7 +163,7 @@ def _iterate(training: Imitation, data: TrainingData, recorded: Demonstrations, 
 
 
 def driven_pairs(tracks: list[Track]) -> Tensor:
-    """Observations and executed actions side by side (m, SIZE + 2), as the critic sees them."""
+    """Returns observations and executed actions side by side (m, SIZE + 2), as the critic sees them."""
     rows = [np.concatenate([track.observation[:-1], track.executed], axis=1) for track in tracks]
     return tensor(np.concatenate(rows))
 

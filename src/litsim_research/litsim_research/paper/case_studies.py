@@ -58,7 +58,7 @@ SHOWN = {Controller.EGO: "ego", Controller.POLICY: "driven", Controller.LOG: "lo
 
 
 def candidates(name: str, folder: Path, *, quick: bool) -> Suite:
-    """The candidate runs for the case study `name`, in order of preference.
+    """Returns the candidate runs for the case study `name`, in order of preference.
 
     Args:
         name: one of :data:`STUDIES`.
@@ -84,7 +84,7 @@ def _suite(name: str, cases: list[CaseEntry], egos: list[EgoSetup]) -> Suite:
 
 
 def left_turns(scenarios: Iterable[str]) -> list[CaseEntry]:
-    """Unprotected left turns at which the ego passes first, by ascending post-encroachment time.
+    """Returns unprotected left turns at which the ego passes first, by ascending post-encroachment time.
 
     An ego that is later than in its log meets the vehicle that passes second.
     """
@@ -115,7 +115,7 @@ class Study:
 
 
 def chosen(campaign: Campaign, event: EventKind | None = None) -> Study | None:
-    """The first case of a campaign with a contact of the ego, not in the log, under replay; and none under LitSim.
+    """Returns the first case with a contact of the ego that is not in the log under replay, and none under LitSim.
 
     LitSim must also take over an agent. With `event`, the ego's first contact must be with the other vehicle of such an
     event. None if there is no such case.
@@ -134,7 +134,7 @@ def chosen(campaign: Campaign, event: EventKind | None = None) -> Study | None:
 
 
 def _ego_contact(result: RunResult, event: EventKind | None) -> int | None:
-    """Step of the ego's first contact that is not in the log; None if there is none, or it belongs to no `event`."""
+    """Returns the step of the ego's first contact that is not in the log; None without, or if of no `event`."""
     case, metrics = result.case, result.metrics or {}
     found = [each for each in metrics["collision"]["contacts"] if case.ego_id in each["pair"] and not each["in_log"]]
     first = min(found, key=lambda each: int(each["step"]), default=None)
@@ -145,7 +145,7 @@ def _ego_contact(result: RunResult, event: EventKind | None) -> int | None:
 
 
 def drawn(name: str, study: Study) -> Canvas:
-    """A picture of the study `name` at several times, replay above and LitSim below.
+    """Returns a picture of the study `name` at several times, replay above and LitSim below.
 
     Raises:
         InputError: a run cannot be repeated, or its ego is not there at the contact.
@@ -175,12 +175,12 @@ def drawn(name: str, study: Study) -> Canvas:
 
 
 def _table(run: Run, step: int) -> AgentTable | None:
-    """All agents at `step`; None if the run has no such step."""
+    """Returns all agents at `step`; None if the run has no such step."""
     return next((table for table in run.tables if table.step == step), None)
 
 
 def _pose(run: Run, step: int) -> FloatArray | None:
-    """Pose (3,) x, y [m], yaw [rad] of the ego at `step`; None if it is gone."""
+    """Returns the pose (3,) x, y [m], yaw [rad] of the ego at `step`; None if it is gone."""
     table = _table(run, step)
     row = -1 if table is None else table.row(run.info.ego_id)
     return None if table is None or row < 0 else np.array([table.x[row], table.y[row], table.yaw[row]])
@@ -202,7 +202,7 @@ def _draw(axes: Axes, run: Run, lane_map: LaneMap, step: int, view: tuple[FloatA
 
 
 def _outlines(centerline: FloatArray, width: float, seen: shapely.Polygon) -> list[FloatArray]:
-    """Outlines of the part of a lane within `seen`, with a small gap to neighbours."""
+    """Returns outlines of the part of a lane within `seen`, with a small gap to neighbours."""
     part = shapely.LineString(centerline).intersection(seen.buffer(width))
     strip = part.buffer(0.48 * width, cap_style="flat").intersection(seen)
     parts = [each for each in shapely.get_parts(strip) if isinstance(each, shapely.Polygon) and not each.is_empty]
@@ -210,7 +210,7 @@ def _outlines(centerline: FloatArray, width: float, seen: shapely.Polygon) -> li
 
 
 def _boxes(table: AgentTable, centre: FloatArray, turn: FloatArray, limits: tuple[float, float]) -> PolyCollection:
-    """Boxes of the agents that may be in view."""
+    """Returns boxes of the agents that may be in view."""
     corners = box_corners(table.x, table.y, table.yaw, table.length, table.width)
     seen = (corners - centre) @ turn
     near = np.abs(seen).max(axis=(1, 2)) < 2.0 * max(limits)

@@ -45,7 +45,7 @@ AT_ONCE |= {"conflict.release_speed": 1000.0, "conflict.release_yaw": 7.0}
 
 
 def oracles(happened: Path) -> tuple[Policy, ...]:
-    """LitSim, and LitSim with one stage at a time replaced by an oracle, from outcomes in the folder `happened`."""
+    """Returns LitSim, and LitSim with one stage at a time replaced by an oracle that reads the folder `happened`."""
     forecast = {
         "predictor.model": "oracle",
         "predictor.oracle.happened": str(happened),
@@ -90,7 +90,7 @@ CHANGES = {
 
 
 def changes() -> tuple[Policy, ...]:
-    """LitSim, LitSim with one change at a time reverted to the paper, and with all of them reverted."""
+    """Returns LitSim, LitSim with one change at a time reverted to the paper, and with all of them reverted."""
     given = setup_of(PAPER_SETUP).parameters
     taken_back = (
         PolicySetup(name=name, kind=OURS, parameters={each: given[each] for each in names})
@@ -126,7 +126,7 @@ class Experiment:
     published: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def suite(self, sets: tuple[str, ...], egos: tuple[str, ...], folder: Path, *, quick: bool) -> Suite:
-        """The campaign on the `sets` of roads with `egos`; scenarios generated for it go to `folder`.
+        """Returns the campaign on the `sets` of roads with `egos`; scenarios generated for it go to `folder`.
 
         Raises:
             InputError: see :func:`.roads.roads`.
@@ -188,7 +188,7 @@ ORACLES = "oracles"
 
 
 def of_oracles(ego: str, happened: Path) -> Experiment:
-    """LitSim with one stage at a time replaced by an oracle, for one ego, to see the loss in each stage."""
+    """Returns LitSim with one stage at a time replaced by an oracle, for one ego, to see the loss in each stage."""
     return Experiment(f"{ORACLES}_{ego}", "What is lost in each stage.", oracles(happened), (ego,))
 
 
@@ -196,7 +196,7 @@ BACKBONES = "backbones"
 
 
 def of_backbones(weights: Path) -> Experiment:
-    """SimNet with either backbone, over 10 s of a few cases; `weights` is the file of ResNet-50."""
+    """Returns SimNet with either backbone, over 10 s of a few cases; `weights` is the file of ResNet-50."""
     large = {"policy.simnet.backbone": "resnet50", "policy.simnet.weights": str(weights.resolve())}
     return Experiment(
         name=BACKBONES,

@@ -46,7 +46,7 @@ def save(canvas: Canvas, folder: Path, name: str) -> list[Path]:
 
 
 def contacts_by_fault(by_ego: Mapping[str, Methods]) -> Canvas:
-    """Contacts that are not in the log, by fault, for each method; a panel per ego."""
+    """Draws contacts that are not in the log, by fault, for each method; a panel per ego."""
     canvas = Canvas((WIDTH, 0.9 + 2.1 * len(by_ego)), layout="constrained")
     panels = canvas.subplots(len(by_ego), 1, squeeze=False)[:, 0]
     for axes, (ego, methods) in zip(panels, by_ego.items(), strict=True):
@@ -66,7 +66,7 @@ def contacts_by_fault(by_ego: Mapping[str, Methods]) -> Canvas:
 
 
 def ade_over_time(by_ego: Mapping[str, Mapping[str, Methods]]) -> Canvas:
-    """ADE over the horizon, paired over the agents that any method drives; a row per ego, a column per set."""
+    """Draws ADE over the horizon, paired over the agents that any method drives; a row per ego, a column per set."""
     canvas = Canvas((WIDTH, 0.5 + 2.4 * len(by_ego)), layout="constrained")
     sets = list(next(iter(by_ego.values())))
     grid = canvas.subplots(len(by_ego), len(sets), sharex=True, sharey="row", squeeze=False)
@@ -89,7 +89,7 @@ def ade_over_time(by_ego: Mapping[str, Mapping[str, Methods]]) -> Canvas:
 
 
 def takeovers(methods: Methods, names: Sequence[str]) -> Canvas:
-    """Time off the log and distance from it at release [s, m], as histograms for the methods `names`."""
+    """Draws time off the log and distance from it at release [s, m], as histograms for the methods `names`."""
     canvas = Canvas((WIDTH, 3.0), layout="constrained")
     for axes, (field, label) in zip(
         canvas.subplots(1, 2),
@@ -110,7 +110,7 @@ def takeovers(methods: Methods, names: Sequence[str]) -> Canvas:
 
 
 def realism(by_set: Mapping[str, Methods]) -> Canvas:
-    """Realism of the agents near the ego's log, with the spread over draws; a mark per method, grouped by set."""
+    """Draws realism of the agents near the ego's log, with its spread over draws; a mark per method, by set."""
     canvas = Canvas((WIDTH, 3.0), layout="constrained")
     axes = canvas.add_subplot()
     names = list(dict.fromkeys(name for methods in by_set.values() for name in methods))
@@ -136,7 +136,7 @@ def realism(by_set: Mapping[str, Methods]) -> Canvas:
 
 
 def _ledger(runs: Mapping[Any, Any], field: str) -> list[float]:
-    """Values of `field` over all takeovers of a method; for the residual, only those that were released."""
+    """Returns values of `field` over all takeovers of a method; for the residual, only those that were released."""
     return [
         entry[field]
         for metrics in runs.values()

@@ -55,12 +55,12 @@ class Figure:
 
 
 def key_of(case: Case) -> Key:
-    """The :data:`Key` of `case`."""
+    """Returns the :data:`Key` of `case`."""
     return case.scenario, case.ego_id, case.ego.name, case.seed
 
 
 def by_key(results: Sequence[RunResult]) -> dict[Key, Metrics | None]:
-    """Metrics of the runs of a method, by case; None for a run without metrics."""
+    """Returns metrics of the runs of a method, by case; None for a run without metrics."""
     return {key_of(result.case): result.metrics for result in results}
 
 
@@ -94,7 +94,7 @@ COUNTS: dict[str, Callable[[Metrics], int]] = {
 
 
 def run_parts(runs: Mapping[Key, Metrics | None], name: str) -> Parts:
-    """The contribution of each run of a method to the measure `name` of :data:`RUN_MEASURES` or :data:`SHARES`."""
+    """Returns what each run contributes to the measure `name` of :data:`RUN_MEASURES` or :data:`SHARES`."""
     found: Parts = {}
     for key, metrics in runs.items():
         draw = key[3] or 0
@@ -106,12 +106,12 @@ def run_parts(runs: Mapping[Key, Metrics | None], name: str) -> Parts:
 
 
 def count(runs: Mapping[Key, Metrics | None], name: str) -> int:
-    """The sum `name` of :data:`COUNTS` over the runs of a method."""
+    """Returns the sum `name` of :data:`COUNTS` over the runs of a method."""
     return sum(COUNTS[name](metrics) for metrics in runs.values() if metrics is not None)
 
 
 def ade_parts(methods: Mapping[str, Mapping[Key, Metrics | None]], horizon: int, whose: Whose) -> dict[str, Parts]:
-    """Contributions of runs to ADE up to `horizon` [s], by method; only cases that all methods ran for so long."""
+    """Returns what runs contribute to ADE up to `horizon` [s], by method, in cases that all methods ran for so long."""
     found: dict[str, Parts] = {name: {} for name in methods}
     text = str(horizon)
     for key in dict.fromkeys(key for runs in methods.values() for key in runs):
@@ -137,7 +137,7 @@ def ade_parts(methods: Mapping[str, Mapping[Key, Metrics | None]], horizon: int,
 
 
 def figure(parts: Parts) -> Figure | None:
-    """The measure over all runs, and its spread; None if there is nothing to measure."""
+    """Returns the measure over all runs, and its spread; None if there is nothing to measure."""
     value = _ratio(parts.values())
     if value is None:
         return None
@@ -148,7 +148,7 @@ def figure(parts: Parts) -> Figure | None:
 
 
 def interval(ours: Parts, theirs: Parts) -> tuple[float, float] | None:
-    """95 % interval of theirs minus ours, by paired bootstrap over cases; None for fewer than two cases."""
+    """Returns the 95 % interval of theirs minus ours, by paired bootstrap over cases; None for fewer than two cases."""
     keys = [key for key in ours if key in theirs]
     if len(keys) < 2:
         return None

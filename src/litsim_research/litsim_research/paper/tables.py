@@ -117,7 +117,7 @@ class Measure:
         return "%" if self.scale == 100.0 else "m" if self.heading.endswith(", m") else ""
 
     def text(self, value: float) -> str:
-        """`value` as the text of a cell."""
+        """Returns `value` as the text of a cell."""
         return f"{self.scale * value:.{self.digits}f}"
 
 
@@ -180,7 +180,7 @@ T = TypeVar("T")
 
 
 def methods_of(campaign: Campaign, ego: str, tag: str | None) -> dict[str, dict[Key, Metrics | None]]:
-    """Metrics of the runs of each method with `ego` on the set `tag` (None: all sets), in the campaign's order."""
+    """Returns metrics of the runs of each method with `ego` on the set `tag` (None: all), in the campaign's order."""
     found: dict[str, list[RunResult]] = {}
     for result in campaign.results:
         if result.case.ego.name == ego and (tag is None or tag in result.case.tags):
@@ -189,7 +189,7 @@ def methods_of(campaign: Campaign, ego: str, tag: str | None) -> dict[str, dict[
 
 
 def parts_of(methods: Methods, measures: Sequence[Measure]) -> dict[str, dict[str, Parts]]:
-    """Contributions of the runs to each measure, by the measure's key, then by method."""
+    """Returns contributions of the runs to each measure, by the measure's key, then by method."""
     found: dict[str, dict[str, Parts]] = {}
     for measure in measures:
         kind, _, horizon = measure.key.rpartition("_")
@@ -205,7 +205,7 @@ def parts_of(methods: Methods, measures: Sequence[Measure]) -> dict[str, dict[st
 
 
 def rows(methods: Methods, ego: str, tag: str | None) -> list[Row]:
-    """Rows of all measures and counts of `methods` with `ego` on the set `tag` (None: all sets)."""
+    """Returns rows of all measures and counts of `methods` with `ego` on the set `tag` (None: all sets)."""
     parts = parts_of(methods, MEASURES)
     where = tag or ALL_SETS
     records: list[Row] = []
@@ -226,7 +226,7 @@ def rows(methods: Methods, ego: str, tag: str | None) -> list[Row]:
 
 
 def published_rows(ego: str, values: Mapping[str, Mapping[str, float]]) -> list[Row]:
-    """Rows of the paper's own figures, by method and by the key of the measure."""
+    """Returns rows of the paper's own figures, by method and by the key of the measure."""
     return [
         Row(ego, PUBLISHED, name, measure.key, measure.unit, measure.text(of_method[measure.key]))
         for name, of_method in values.items()
@@ -236,7 +236,7 @@ def published_rows(ego: str, values: Mapping[str, Mapping[str, float]]) -> list[
 
 
 def goals(methods: Methods, ego: str) -> list[GoalRow]:
-    """LitSim beside the best of the baselines, and whether each goal is met; nothing without LitSim or baselines."""
+    """Returns LitSim beside the best baseline, and whether each goal is met; nothing without LitSim or baselines."""
     rivals = [name for name in BASELINES if name in methods]
     if OURS not in methods or not rivals:
         return []
@@ -264,13 +264,13 @@ def write_csv(path: Path, records: Sequence[Row] | Sequence[GoalRow]) -> None:
 
 
 def read_csv(path: Path, kind: type[R]) -> list[R]:
-    """Records that :func:`write_csv` wrote."""
+    """Returns records that :func:`write_csv` wrote."""
     with path.open(encoding="utf-8", newline="") as stream:
         return [kind(**record) for record in csv.DictReader(stream)]
 
 
 def summary(records: Sequence[Row]) -> list[str]:
-    """Lines of a short table: a line for each ego and method, with the sets of roads side by side in a cell.
+    """Returns lines of a short table: a line for each ego and method, with the sets of roads side by side in a cell.
 
     Clear differences from LitSim are marked; counts are summed over the sets.
     """
@@ -298,7 +298,7 @@ def summary(records: Sequence[Row]) -> list[str]:
 
 
 def goals_table(records: Sequence[GoalRow]) -> list[str]:
-    """Lines of a table of goals, with a column for each ego."""
+    """Returns lines of a table of goals, with a column for each ego."""
     egos = _different(row.ego for row in records)
     by_cell = {(row.goal, row.ego): f"{row.litsim}, {row.best}: {row.met}" for row in records}
     return [
@@ -328,7 +328,7 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def _compared(measure: Measure, ours: Parts, theirs: Parts) -> dict[str, str]:
-    """The cells of :class:`Row` that compare a method with LitSim, over the cases that both have."""
+    """Returns the cells of :class:`Row` that compare a method with LitSim, over the cases that both have."""
     bounds = interval(ours, theirs)
     both = ({key: parts[key] for key in ours if key in theirs} for parts in (ours, theirs))  # those of the bounds
     mine, other = map(figure, both)

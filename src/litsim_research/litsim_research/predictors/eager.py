@@ -12,7 +12,7 @@ from litsim_sim.core.scene import IntArray
 
 
 def load(model: str) -> EagerNetwork:
-    """The network of shipped weights or of a file of weights; the plug-in of ``litsim.networks``.
+    """Returns the network of shipped weights or of a file of weights; the plug-in of ``litsim.networks``.
 
     Raises:
         InputError: its file cannot be used.

@@ -92,7 +92,7 @@ def write_graph(model: SceneModel, provenance: Provenance, path: Path, *, weight
 
 
 def traced(model: SceneModel) -> ModelProto:
-    """The ONNX graph of `model`, with its weights."""
+    """Returns the ONNX graph of `model`, with its weights."""
     outputs = (*OUTPUTS, CODES) if isinstance(model, JointPredictor) else OUTPUTS
     scene = (
         torch.rand(AGENTS, 2),

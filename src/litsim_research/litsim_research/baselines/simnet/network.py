@@ -39,7 +39,7 @@ class SimnetNetwork(Protocol):
     source: Path
 
     def __call__(self, rasters: Rasters) -> Float32Array:
-        """Outputs (m, OUTPUTS) for rasters (m, CHANNELS, rows, columns), see :data:`.simnet_output.OUTPUTS`."""
+        """Returns outputs (m, OUTPUTS) for rasters (m, CHANNELS, rows, columns), see :data:`.simnet_output.OUTPUTS`."""
 
 
 class SmallNetwork:
@@ -183,7 +183,7 @@ def load_network(path: Path) -> SimnetNetwork:
 
 
 def shapes() -> dict[str, tuple[int, ...]]:
-    """Shapes of the weights of the small backbone."""
+    """Returns shapes of the weights of the small backbone."""
     found: dict[str, tuple[int, ...]] = {}
     before = CHANNELS
     for number, width in enumerate(SMALL_WIDTHS):

@@ -27,7 +27,7 @@ def scene_batches(
     complete: bool = True,
     roi_m: float = 0.0,
 ) -> Iterator[SceneBatch]:
-    """Scenes of `sources` in temporal order, without variations.
+    """Yields scenes of `sources` in temporal order, without variations.
 
     Args:
         sources: tracks from which scenes are cut.
@@ -49,7 +49,7 @@ def training_batches(
     augmentation: Augmentation,
     random: np.random.Generator,
 ) -> Iterator[SceneBatch]:
-    """Scenes of one epoch, shuffled and randomly varied.
+    """Yields scenes of one epoch, shuffled and randomly varied.
 
     Args:
         sources: tracks, each with the share of its scenes that an epoch contains; if that is above 1, scenes occur
@@ -107,7 +107,7 @@ def _grouped(moments: list[tuple[Tracks, int]], sizes: IntArray, agents: int) ->
 
 
 def _around_each(scene: Scene, roi_m: float) -> list[Scene]:
-    """A scene for each target of `scene`, reduced to the agents within `roi_m` [m] of it."""
+    """Returns a scene for each target of `scene`, reduced to the agents within `roi_m` [m] of it."""
     alone = np.eye(len(scene.target), dtype=np.bool_)
     return [replace(scene, target=alone[row]).around(int(row), roi_m) for row in np.flatnonzero(scene.target)]
 
@@ -131,7 +131,7 @@ def _stack(scenes: Sequence[Scene]) -> SceneBatch:
 
 
 def inputs_batch(scenes: Sequence[AgentInputs], ways: Sequence[Ways] = ()) -> SceneBatch:
-    """A batch of `scenes`, with the `ways` of each (none if empty), whose futures are unknown as in a run."""
+    """Returns a batch of `scenes`, with the `ways` of each (none if empty), whose futures are unknown as in a run."""
     size = len(scenes), max(len(scene.state) for scene in scenes)
     history = np.zeros((*size, *scenes[0].history.shape[1:]), np.float32)
     observed = np.zeros((*size, HISTORY), np.bool_)

@@ -23,7 +23,7 @@ US101_NET = packaged("nets/us101.net.xml")
 
 
 def apart_from(table: pd.DataFrame, windows: pd.DataFrame, frames: tuple[int, int], road: Us101Road) -> BoolArray:
-    """Mask (R,) of the rows of single vehicles that are in no test window, by their ids and by their positions.
+    """Returns a mask (R,) of the rows of single vehicles that are in no test window, by ids and by positions.
 
     Rows at the time of the test windows are left out as well, since their leaders may be test vehicles.
     """
@@ -41,7 +41,7 @@ def apart_from(table: pd.DataFrame, windows: pd.DataFrame, frames: tuple[int, in
 
 
 def with_leaders(table: pd.DataFrame, road: Us101Road) -> Tracks:
-    """Vehicles with full tracks, as targets, and the leaders given by their space headways, as context."""
+    """Returns vehicles with full tracks, as targets, and the leaders given by their space headways, as context."""
     runs = _Runs(table["vehicle_id"].to_numpy(np.int64), table["frame"].to_numpy(np.int64))
     along, across = table["local_y_m"].to_numpy(np.float64), table["local_x_m"].to_numpy(np.float64)
     # NGSIM's road coordinates are longer than the road, and its speeds are in these coordinates.
@@ -91,7 +91,7 @@ class _Runs:
         self._after = np.minimum(rows + RATE_FRAMES, end[self.number])
 
     def rate(self, values: FloatArray) -> FloatArray:
-        """Rates of change (R,) [1/s] of `values` (R,), over up to one second around each row; 0 in runs of one row."""
+        """Returns rates of change (R,) [1/s] of `values` (R,), over up to 1 s around each row; 0 in runs of one row."""
         span = (self._after - self._before) * STEP_S
         change = values[self._after] - values[self._before]
         return np.divide(change, span, out=np.zeros(len(values)), where=span > 0.0)
@@ -104,7 +104,7 @@ def _neutral(
     drift: FloatArray | float,
     speed: FloatArray,
 ) -> pd.DataFrame:
-    """Columns of the neutral schema for vehicles of LEADER_SIZE.
+    """Returns columns of the neutral schema for vehicles of LEADER_SIZE.
 
     `front` are the x, y [m] of their front centres and the heading of the road there [rad], (n,) each; `drift` [rad] is
     their heading relative to the road.

@@ -33,7 +33,7 @@ class Locator:
 
 
 def load_parts(config: TrainingConfig, locate: Locator) -> Parts:
-    """The tracks of all sources, by part.
+    """Returns the tracks of all sources, by part.
 
     Raises:
         InputError: see :func:`.sources.load`; or no source has anything for training or for validation.
@@ -57,7 +57,7 @@ def load_parts(config: TrainingConfig, locate: Locator) -> Parts:
 
 
 def targets_of(parts: Parts) -> dict[str, dict[str, int]]:
-    """Number of rows of target vehicles, by part and then by the name of the tracks."""
+    """Returns the number of rows of target vehicles, by part and then by the name of the tracks."""
     found: dict[str, dict[str, int]] = {}
     for part, pieces in parts.items():
         for tracks, _ in pieces:
