@@ -91,9 +91,9 @@ CHANGES = {
 
 def changes() -> tuple[Policy, ...]:
     """Returns LitSim, LitSim with one change at a time reverted to the paper, and with all of them reverted."""
-    given = setup_of(PAPER_SETUP).parameters
+    paper = setup_of(PAPER_SETUP).parameters
     taken_back = (
-        PolicySetup(name=name, kind=OURS, parameters={each: given[each] for each in names})
+        PolicySetup(name=name, kind=OURS, parameters={parameter: paper[parameter] for parameter in names})
         for name, names in CHANGES.items()
     )
     return (OURS, *taken_back, PAPER_SETUP)
@@ -131,23 +131,23 @@ class Experiment:
         Raises:
             InputError: see :func:`.roads.roads`.
         """
-        found = self.prepare(roads(sets, folder, quick=quick), folder)
+        cases = self.prepare(roads(sets, folder, quick=quick), folder)
         return Suite(
             name=self.name,
             description=self.description,
-            cases=[entry for entries in found.values() for entry in entries],
+            cases=[entry for entries in cases.values() for entry in entries],
             egos=[EgoSetup(name=ego, kind=ego) for ego in egos],
             policies=list(self.policies),
             criteria=JUDGED,
         )
 
 
-def _ten_seconds(found: Roads, folder: Path) -> Roads:
-    return {name: shortened(entries, SANITY_S, folder) for name, entries in found.items()}
+def _ten_seconds(cases: Roads, folder: Path) -> Roads:
+    return {name: shortened(entries, SANITY_S, folder) for name, entries in cases.items()}
 
 
-def _few(found: Roads, folder: Path) -> Roads:
-    return _ten_seconds({name: entries[:FEW] for name, entries in found.items()}, folder)
+def _few(cases: Roads, folder: Path) -> Roads:
+    return _ten_seconds({name: entries[:FEW] for name, entries in cases.items()}, folder)
 
 
 TABLE = Experiment(

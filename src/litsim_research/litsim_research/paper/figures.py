@@ -74,7 +74,7 @@ def ade_over_time(by_ego: Mapping[str, Mapping[str, Methods]]) -> Canvas:
         for axes, (name, methods) in zip(row, by_set.items(), strict=True):
             parts = {horizon: ade_parts(methods, horizon, "driven") for horizon in HORIZONS_S}
             for k, method in enumerate(methods):
-                points = [(h, found.value) for h in HORIZONS_S if (found := figure(parts[h][method]))]
+                points = [(h, value.value) for h in HORIZONS_S if (value := figure(parts[h][method]))]
                 if points:
                     colour = COLOURS[k % len(COLOURS)]
                     axes.plot(*zip(*points, strict=True), marker="o", ms=3, color=colour, label=method)
@@ -96,10 +96,10 @@ def takeovers(methods: Methods, names: Sequence[str]) -> Canvas:
         (("held_s", "time off the log, s"), ("residual_m", "distance from the log at release, m")),
         strict=True,
     ):
-        found = {name: _ledger(methods[name], field) for name in names if name in methods}
-        longest = max((max(values, default=0.0) for values in found.values()), default=0.0)
+        ledgers = {name: _ledger(methods[name], field) for name in names if name in methods}
+        longest = max((max(values, default=0.0) for values in ledgers.values()), default=0.0)
         edges = np.linspace(0.0, max(longest, 0.1), 21)
-        for name, values in found.items():
+        for name, values in ledgers.items():
             colour = COLOURS[list(methods).index(name) % len(COLOURS)]
             axes.hist(values, edges, histtype="step", color=colour, label=f"{name} ({len(values)})")
         axes.set_xlabel(label)
@@ -115,12 +115,13 @@ def realism(by_set: Mapping[str, Methods]) -> Canvas:
     axes = canvas.add_subplot()
     names = list(dict.fromkeys(name for methods in by_set.values() for name in methods))
     for k, name in enumerate(names):
-        found = [figure(run_parts(methods.get(name, {}), "realism")) for methods in by_set.values()]
-        marks = [(at + 0.7 * ((k + 0.5) / len(names) - 0.5), each) for at, each in enumerate(found) if each is not None]
+        figures = [figure(run_parts(methods.get(name, {}), "realism")) for methods in by_set.values()]
+        shift = 0.7 * ((k + 0.5) / len(names) - 0.5)
+        marks = [(at + shift, value) for at, value in enumerate(figures) if value is not None]
         axes.errorbar(
             [place for place, _ in marks],
-            [each.value for _, each in marks],
-            [each.spread or 0.0 for _, each in marks],
+            [value.value for _, value in marks],
+            [value.spread or 0.0 for _, value in marks],
             fmt="o",
             ms=5,
             lw=1.2,

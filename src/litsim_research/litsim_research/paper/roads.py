@@ -49,13 +49,13 @@ def roads(names: Sequence[str], folder: Path, *, quick: bool = False) -> Roads:
 
 def shortened(entries: Sequence[CaseEntry], seconds: float, folder: Path) -> list[CaseEntry]:
     """Returns `entries` with scenarios of at most `seconds` after the history, written to `folder`."""
-    found = []
+    short = []
     for entry in entries:
         path = folder / f"{Path(entry.scenario).stem}_{seconds:g}s.yaml"
         if not path.is_file():
             _write(Scenario.load(entry.scenario, simulation_s=seconds), path)
-        found.append(entry.model_copy(update={"scenario": str(path.resolve())}))
-    return found
+        short.append(entry.model_copy(update={"scenario": str(path.resolve())}))
+    return short
 
 
 def _write(scenario: Scenario, path: Path) -> None:

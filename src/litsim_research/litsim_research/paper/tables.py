@@ -181,27 +181,28 @@ T = TypeVar("T")
 
 def methods_of(campaign: Campaign, ego: str, tag: str | None) -> dict[str, dict[Key, Metrics | None]]:
     """Returns metrics of the runs of each method with `ego` on the set `tag` (None: all), in the campaign's order."""
-    found: dict[str, list[RunResult]] = {}
+    by_method: dict[str, list[RunResult]] = {}
     for result in campaign.results:
         if result.case.ego.name == ego and (tag is None or tag in result.case.tags):
-            found.setdefault(result.case.label or result.case.policy, []).append(result)
-    return {name: by_key(results) for name, results in found.items()}
+            by_method.setdefault(result.case.label or result.case.policy, []).append(result)
+    return {name: by_key(results) for name, results in by_method.items()}
 
 
 def parts_of(methods: Methods, measures: Sequence[Measure]) -> dict[str, dict[str, Parts]]:
     """Returns contributions of the runs to each measure, by the measure's key, then by method."""
-    found: dict[str, dict[str, Parts]] = {}
+    parts: dict[str, dict[str, Parts]] = {}
     for measure in measures:
         kind, _, horizon = measure.key.rpartition("_")
         if kind in ("ade", "all"):
             whose: Whose = "driven" if kind == "ade" else "all"
-            found[measure.key] = ade_parts(methods, int(horizon), whose)
+            parts[measure.key] = ade_parts(methods, int(horizon), whose)
         elif kind == "own":
-            alone = {name: ade_parts({name: runs}, int(horizon), "driven") for name, runs in methods.items()}
-            found[measure.key] = {name: parts[name] for name, parts in alone.items()}
+            parts[measure.key] = {
+                name: ade_parts({name: runs}, int(horizon), "driven")[name] for name, runs in methods.items()
+            }
         else:
-            found[measure.key] = {name: run_parts(runs, measure.key) for name, runs in methods.items()}
-    return found
+            parts[measure.key] = {name: run_parts(runs, measure.key) for name, runs in methods.items()}
+    return parts
 
 
 def rows(methods: Methods, ego: str, tag: str | None) -> list[Row]:

@@ -75,8 +75,8 @@ def varied_scene(tracks: Tracks, frame: int, augmentation: Augmentation, random:
     state[:, 2], state[:, 3] = np.maximum(history[:, -1, 3], 0.0), history[:, -1, 2]
     history[:, -1, 3] = state[:, 2]
     traffic = Traffic.of_agents(inputs.frame, history, observed).ahead_of(inputs.frame, state[:, 2])
-    seen = replace(inputs, history=history, observed=observed, state=state, traffic=traffic)
-    scene = replace(scene, inputs=seen)
+    noisy = replace(inputs, history=history, observed=observed, state=state, traffic=traffic)
+    scene = replace(scene, inputs=noisy)
     if scene.target.any() and random.random() < augmentation.crop:
         scene = scene.around(int(random.choice(np.flatnonzero(scene.target))), random.uniform(*augmentation.crop_m))
     return _mirrored(scene) if random.random() < augmentation.mirror else scene

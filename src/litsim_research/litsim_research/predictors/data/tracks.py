@@ -95,8 +95,8 @@ class Tracks:
         first.
         """
         ids = np.unique(self.vehicle[self.target])
-        kept = np.roll(ids, -int(random.integers(max(1, len(ids)))))[: max(1, round(fraction * len(ids)))]
-        return replace(self, target=self.target & np.isin(self.vehicle, kept))
+        learned = np.roll(ids, -int(random.integers(max(1, len(ids)))))[: max(1, round(fraction * len(ids)))]
+        return replace(self, target=self.target & np.isin(self.vehicle, learned))
 
     @cached_property
     def frames(self) -> IntArray:

@@ -35,8 +35,8 @@ def apart_from(table: pd.DataFrame, windows: pd.DataFrame, frames: tuple[int, in
     here = here[(table["period"] == 0) & table["frame"].between(*frames)]
     met = here.merge(pd.DataFrame({"frame": window["frame"], "front_x": front_x, "front_y": front_y}), on="frame")
     met = met[np.hypot(met["x"] - met["front_x"], met["y"] - met["front_y"]) < SAME_VEHICLE]
-    seen = set(window["vehicle_id"]) | set(met["vehicle"])
-    tested = (table["period"] == 0) & (table["vehicle_id"].isin(seen) | table["frame"].between(*frames))
+    tested_ids = set(window["vehicle_id"]) | set(met["vehicle"])
+    tested = (table["period"] == 0) & (table["vehicle_id"].isin(tested_ids) | table["frame"].between(*frames))
     return np.asarray(~tested, np.bool_)
 
 
@@ -52,16 +52,16 @@ def with_leaders(table: pd.DataFrame, road: Us101Road) -> Tracks:
 
     headway = table["space_headway_m"].to_numpy(np.float64)
     front = np.minimum(along + headway, road.end)
-    seen = (headway > LEADER_SIZE[0]) & (headway < HEADWAY_MOST) & (front < road.end)
+    leads = (headway > LEADER_SIZE[0]) & (headway < HEADWAY_MOST) & (front < road.end)
     moved = np.abs(np.diff(front, prepend=0.0) - speed * STEP_S)
-    lead = _Runs(runs.vehicle[seen], runs.frame[seen], moved[seen] > LEADER_JUMP)
-    place = road.pose(front[seen], across[seen])
+    lead = _Runs(runs.vehicle[leads], runs.frame[leads], moved[leads] > LEADER_JUMP)
+    place = road.pose(front[leads], across[leads])
     leaders = _neutral(
         LEADER_IDS + lead.number,
         lead.frame,
         place,
         0.0,
-        np.clip(lead.rate(front[seen]) * road.scale(front[seen]), 0.0, 40.0),
+        np.clip(lead.rate(front[leads]) * road.scale(front[leads]), 0.0, 40.0),
     )
     both = leaders.reset_index().merge(vehicles[["frame", "x", "y"]], on="frame", suffixes=("", "_other"))
     near = np.hypot(both["x"] - both["x_other"], both["y"] - both["y_other"]) < SAME_LEADER

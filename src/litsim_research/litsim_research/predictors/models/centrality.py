@@ -75,7 +75,7 @@ def _centralities(graphs: Tensor) -> Tensor:
     near = torch.isfinite(distance)
     degree = weight.sum(dim=-1)
     power, katz = _walks(weight, (degree[:, None, :] * near).amax(dim=-1))
-    found = [
+    measures = [
         degree,
         _closeness(distance, near),
         _eigenvector(weight, near),
@@ -83,7 +83,7 @@ def _centralities(graphs: Tensor) -> Tensor:
         power,
         katz,
     ]
-    return torch.stack(found, dim=-1)
+    return torch.stack(measures, dim=-1)
 
 
 def shortest_ways(length: Tensor) -> tuple[Tensor, Tensor]:

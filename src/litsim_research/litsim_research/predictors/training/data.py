@@ -58,9 +58,9 @@ def load_parts(config: TrainingConfig, locate: Locator) -> Parts:
 
 def targets_of(parts: Parts) -> dict[str, dict[str, int]]:
     """Returns the number of rows of target vehicles, by part and then by the name of the tracks."""
-    found: dict[str, dict[str, int]] = {}
+    rows: dict[str, dict[str, int]] = {}
     for part, pieces in parts.items():
         for tracks, _ in pieces:
-            counts = found.setdefault(part, {})
+            counts = rows.setdefault(part, {})
             counts[tracks.name] = counts.get(tracks.name, 0) + int(tracks.target.sum())
-    return found
+    return rows
