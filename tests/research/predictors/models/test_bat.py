@@ -13,7 +13,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from litsim_predictor.inference.contract import DT, HISTORY, HORIZON, MANEUVERS
+from litsim_predictor.inference.contract import DT, HISTORY, HORIZON
 from litsim_predictor.inference.joint.units import TRAFFIC_CHANNELS
 from litsim_research.predictors.data.batch import SceneBatch, maneuvers_of
 from litsim_research.predictors.models.bat import (
@@ -33,7 +33,7 @@ from litsim_research.predictors.models.centrality import (
     proximity_graph,
     shortest_ways,
 )
-from litsim_research.predictors.models.model import constant_velocity, negative_log_likelihood
+from litsim_research.predictors.models.model import negative_log_likelihood
 
 TOLERANCE = {"rtol": 1e-4, "atol": 1e-4}
 
@@ -183,10 +183,6 @@ def made(scenes: int = 2, agents: int = 7, seed: int = 0) -> SceneBatch:
     )
 
 
-def changed(batch: SceneBatch, change) -> SceneBatch:
-    return replace(batch, **{name: change(tensor) for name, tensor in batch.tensors()})
-
-
 def alone(*poses: tuple[float, float, float, float]) -> SceneBatch:
     """One scene of agents at x, y with a heading and a speed, that have always driven straight on."""
     x, y, heading, speed = torch.tensor(poses).T
@@ -259,58 +255,12 @@ def test_the_model_is_of_the_size_of_the_papers(model: Bat) -> None:
     assert 250_000 < sum(p.numel() for p in model.parameters()) < 350_000
 
 
-def test_all_maneuvers_the_best_and_given_ones(model: Bat) -> None:
-    batch = made()
-    logits, every, scale, _ = answers(model, batch)
-    assert every.shape == (2, 7, len(MANEUVERS), HORIZON, 2) and (scale > 0.0).all()
-    torch.testing.assert_close(logits.logsumexp(dim=-1), torch.zeros(2, 7), **TOLERANCE)
-    best = answers(model, batch, "best")[1][:, :, 0]
-    rows = logits.argmax(dim=-1)[..., None, None, None].expand(2, 7, 1, HORIZON, 2)
-    torch.testing.assert_close(best, every.gather(2, rows)[:, :, 0], **TOLERANCE)
-    given_maneuver = torch.full((2, 7), 4)
-    torch.testing.assert_close(answers(model, batch, given_maneuver)[1][:, :, 0], every[:, :, 4], **TOLERANCE)
-    torch.testing.assert_close(answers(model, batch, given_maneuver - 5)[1][:, :, 0], best, **TOLERANCE)
-    assert (every[:, :, 0] - every[:, :, 8]).abs().amax() > 1e-3
-
-
-def test_answers_follow_the_order_of_the_agents(model: Bat) -> None:
-    batch = made(3, 9)
-    order = torch.randperm(9, generator=torch.Generator().manual_seed(3))
-    for one, other in zip(answers(model, batch), answers(model, changed(batch, lambda v: v[:, order])), strict=True):
-        torch.testing.assert_close(one[:, order], other, **TOLERANCE)
-
-
-def test_neither_padding_nor_the_other_scenes_change_anything(model: Bat) -> None:
-    batch, more = made(3, 6), 5
-    padded = changed(
-        batch, lambda v: torch.cat([v, torch.zeros_like(v[:, :1]).repeat(1, more, *[1] * (v.ndim - 2))], 1)
-    )
-    assert padded.agent.sum() == batch.agent.sum()
-    single = changed(batch, lambda v: v[1:2])
-    for one, other, only in zip(*(answers(model, b) for b in (batch, padded, single)), strict=True):
-        torch.testing.assert_close(one, other[:, :6], **TOLERANCE)
-        torch.testing.assert_close(one[1:2], only, **TOLERANCE)
-        assert torch.isfinite(other).all()
-
-
 def test_where_on_the_earth_a_scene_is_does_not_matter(model: Bat) -> None:
     batch, angle = made(), torch.tensor(2.0)
     turn = torch.stack([angle.cos(), angle.sin(), -angle.sin(), angle.cos()]).view(2, 2)
     moved = replace(batch, position=batch.position @ turn + 300.0, heading=batch.heading + angle)
     for one, other in zip(answers(model, batch), answers(model, moved), strict=True):
         torch.testing.assert_close(one, other, rtol=1e-3, atol=2e-3)
-
-
-def test_the_future_is_not_read(model: Bat) -> None:
-    batch = made()
-    blind = replace(
-        batch,
-        future=torch.zeros_like(batch.future),
-        future_known=torch.zeros_like(batch.future_known),
-        maneuver=torch.full_like(batch.maneuver, -1),
-    )
-    for one, other in zip(answers(model, batch), answers(model, blind), strict=True):
-        assert torch.equal(one, other)
 
 
 @pytest.mark.parametrize("agents", [1, 7])
@@ -334,46 +284,3 @@ def test_neighbours_and_their_behaviour_count(model: Bat) -> None:
     whole = answers(model, batch)[1][:, :5]
     assert (answers(model, without)[1][:, :5] - whole).abs().amax() > 1e-4
     assert (answers(model, early)[1][:, :5] - whole).abs().amax() > 1e-5
-
-
-def test_a_scene_of_nobody_has_an_answer(model: Bat) -> None:
-    batch = made(2, 3)
-    nobody = answers(model, replace(batch, agent=torch.zeros_like(batch.agent)))
-    assert nobody[1].shape == (2, 3, len(MANEUVERS), HORIZON, 2) and all(torch.isfinite(n).all() for n in nobody)
-
-
-# Learning
-
-
-def test_bat_learns_motions_and_maneuvers() -> None:
-    """Four scenes by heart: a twentieth of the squared error of constant velocity, and most manoeuvres."""
-    torch.manual_seed(0)
-    model, batch = Bat(BatParameters()), made(4, 6, seed=5)
-    optimiser = torch.optim.Adam(model.parameters(), 5e-3)
-    for _ in range(60):
-        found = model(batch, batch.maneuver)
-        squared = ((found.mean[:, :, 0] - batch.future) ** 2).sum(dim=-1).mean()
-        named = torch.nn.functional.cross_entropy(found.maneuver.flatten(0, 1), batch.maneuver.flatten())
-        optimiser.zero_grad()
-        (squared + named).backward()
-        torch.nn.utils.clip_grad_norm_(model.parameters(), 10.0)
-        optimiser.step()
-    naive = ((constant_velocity(batch.state) - batch.future) ** 2).sum(dim=-1).mean()
-    assert len(batch.maneuver.unique()) > 4
-    assert squared < 0.05 * naive
-    assert (found.maneuver.argmax(dim=-1) == batch.maneuver).float().mean() > 0.8
-
-
-def test_the_likelihood_is_learnt_too() -> None:
-    torch.manual_seed(0)
-    model, batch = Bat(BatParameters()), made(4, 6, seed=6)
-    optimiser = torch.optim.Adam(model.parameters(), 5e-3)
-    losses = []
-    for _ in range(60):
-        loss = negative_log_likelihood(model(batch, batch.maneuver), batch.future).mean()
-        optimiser.zero_grad()
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(model.parameters(), 10.0)
-        optimiser.step()
-        losses.append(loss.item())
-    assert losses[0] - losses[-1] > 1.0
