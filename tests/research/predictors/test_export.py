@@ -103,9 +103,10 @@ MINE = [
     DIRECT | {"layers": 3, "neighbours": 20, "reach": 30.0, "heads": 4, "map_channels": 8, "history_width": 32},
     DIRECT | {"relative": False},
     DIRECT | {"decoder": "recurrent"},
+    {"relative": False, "pairs": True, "reach": 60.0, "neighbours": 64, "decoder": "causal"},
     {"hidden": 32, "history_channels": 2},
 ]
-"""Configurations of joint predictors of one's own; the last three have no kernels."""
+"""Configurations of joint predictors of one's own; the last four have no kernels."""
 
 
 @pytest.mark.parametrize("parameters", MINE)
@@ -119,7 +120,7 @@ def test_models_of_ones_own_run_by_kernels_or_torch_or_as_a_graph_of_their_own(
     weights = tmp_path / "mine.safetensors"
     save_model(model, provenance, weights)
     network = compiled(str(weights))
-    if parameters in MINE[-3:]:
+    if parameters in MINE[-4:]:
         assert network is None  # no graph of that shape is shipped
     else:
         assert isinstance(network, JointNetwork)

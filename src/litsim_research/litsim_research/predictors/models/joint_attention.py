@@ -149,3 +149,37 @@ class SceneAttention(nn.Module):
         weights = logits.masked_fill(~batch.agent[..., None, None, :], float("-inf")).softmax(dim=-1)
         attended = (weights @ value).transpose(-2, -3).reshape(*lead, -1, attention.embed_dim)
         return cast(Tensor, attention.out_proj(attended))
+
+
+class PairAttention(nn.Module):
+    """The paper's dynamic encoder with states relative to each agent: its own state attends to pairs with others.
+
+    Args:
+        width: of the codes.
+        heads: of the attention.
+        neighbours: greatest number of nearest others that an agent attends to, beside itself.
+        reach: distance within which these must be [m].
+    """
+
+    def __init__(self, width: int, heads: int, neighbours: int, reach: float) -> None:
+        super().__init__()
+        self.heads, self.neighbours, self.reach = heads, neighbours, reach
+        self.embed = nn.Sequential(nn.Linear(STATE_CHANNELS, width), nn.ReLU())
+        self.query = nn.Linear(width, width)
+        self.pair = nn.Sequential(
+            nn.Linear(RELATION_CHANNELS, RELATION_WIDTH), nn.ReLU(), nn.Linear(RELATION_WIDTH, 2 * width)
+        )
+        self.out = nn.Linear(width, width)
+
+    def forward(self, batch: SceneBatch) -> Tensor:
+        """Returns codes (..., N, width) of all agents of `batch`."""
+        near = Neighbours.of(batch, self.neighbours, self.reach)
+        own = self.embed[1](linear_of(batch.state, batch.state.new_tensor(STATE_UNITS), cast(nn.Linear, self.embed[0])))
+        first = cast(nn.Linear, self.pair[0])
+        pairs = self.pair[1:](linear_of(near.relation, near.relation.new_tensor(RELATION_UNITS), first))
+        size = own.shape[-1] // self.heads
+        key, value = pairs.view(*pairs.shape[:-1], 2, self.heads, size).unbind(dim=-3)  # (..., N, K, heads, size)
+        query = self.query(own).view(*own.shape[:-1], 1, self.heads, size)
+        logits = (query * key).sum(dim=-1) * size**-0.5
+        weights = logits.masked_fill(~near.seen[..., None], float("-inf")).softmax(dim=-2)
+        return cast(Tensor, own + self.out((weights[..., None] * value).sum(dim=-3).flatten(-2)))
