@@ -209,7 +209,7 @@ def test_comma_separated_values(write: Write, monkeypatch: pytest.MonkeyPatch, c
 
 
 def test_by_default_all_models_that_come_with_the_package_are_compared() -> None:
-    assert list(load_models(COMPARED, "cpu")) == [*NAMES, *SHIPPED]
+    assert list(load_models(COMPARED, "cpu", along_lanes=True)) == [*NAMES, *SHIPPED]
 
 
 # What cannot be used

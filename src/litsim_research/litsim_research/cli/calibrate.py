@@ -80,7 +80,3 @@ def main() -> None:
     for row in zip(*columns, strict=True):
         table.add_row(*row)
     Console().print(table)
-
-
-if __name__ == "__main__":
-    main()

@@ -282,7 +282,3 @@ def main(argv: list[str] | None = None) -> int:
         parts[name]()
     work.times()
     return 0
-
-
-if __name__ == "__main__":
-    main()

@@ -217,7 +217,3 @@ def main() -> None:
 
         with replacing(arguments.plot) as new:
             draw(result, new)
-
-
-if __name__ == "__main__":
-    main()

@@ -85,7 +85,3 @@ def _train(arguments: argparse.Namespace) -> int:
         print_how_to_resume()
         return EXIT_INTERRUPTED
     return 0
-
-
-if __name__ == "__main__":
-    main()

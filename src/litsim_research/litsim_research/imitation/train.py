@@ -190,7 +190,3 @@ def main(argv: list[str] | None = None) -> None:
     with training_program(arguments):
         training = run(config, arguments.out, resume=arguments.resume)
     print(f"best validation score {training.best:.4f}: {arguments.out / BEST}; curves: {arguments.out / CURVES}")
-
-
-if __name__ == "__main__":
-    main()

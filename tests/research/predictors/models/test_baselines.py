@@ -9,7 +9,8 @@ import torch
 from litsim_predictor.inference.contract import HORIZON
 from litsim_predictor.kinematic import KinematicPredictor
 from litsim_research.predictors.data.batch import SceneBatch
-from litsim_research.predictors.data.scenes import scene_batches
+from litsim_research.predictors.data.scene import cut_scene
+from litsim_research.predictors.data.scenes import inputs_batch, scene_batches
 from litsim_research.predictors.data.tracks import Tracks
 from litsim_research.predictors.evaluation.scores import ScoreBoard
 from litsim_research.predictors.models.baselines import ConstantTurnRate, ConstantVelocity
@@ -103,7 +104,8 @@ def test_the_turning_model_is_the_kinematic_predictor() -> None:
 
 def test_an_agent_that_has_just_appeared_is_expected_to_go_straight_on() -> None:
     rows = turning(1, 0.0, 0.0, 0.0, 10.0, 0.3)
-    batch = next(iter(scene_batches([Tracks.from_table("made", rows, None)], complete=False)))
+    tracks = Tracks.from_table("made", rows, None)
+    batch = inputs_batch([cut_scene(tracks, tracks.rows_at(2 * k)).inputs for k in range(NOW + 1)])
     assert batch.observed[0, 0].sum() == 1
     turning_on, straight_on = ConstantTurnRate()(batch).mean, ConstantVelocity()(batch).mean
     torch.testing.assert_close(turning_on[0], straight_on[0])

@@ -39,7 +39,7 @@ class SimnetNetwork(Protocol):
     source: Path
 
     def __call__(self, rasters: Rasters) -> Float32Array:
-        """Returns outputs (m, OUTPUTS) for rasters (m, CHANNELS, rows, columns), see :data:`.simnet_output.OUTPUTS`."""
+        """Returns outputs (m, OUTPUTS) for rasters (m, CHANNELS, rows, columns), see :data:`.output.OUTPUTS`."""
 
 
 class SmallNetwork:

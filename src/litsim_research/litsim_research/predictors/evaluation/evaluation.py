@@ -39,7 +39,7 @@ NEEDED_FRAMES = STRIDE * (HISTORY - 1 + HORIZON) + 1
 _log = logging.getLogger(__name__)
 
 
-def load_models(names: Sequence[str], device: str, *, along_lanes: bool = True) -> dict[str, SceneModel]:
+def load_models(names: Sequence[str], device: str, *, along_lanes: bool) -> dict[str, SceneModel]:
     """Returns models by name or file of weights, the reference first, ready to predict on `device`.
 
     Forecasts of learned models follow lanes that bend if `along_lanes`.
@@ -101,8 +101,8 @@ def score(
     models: Mapping[str, SceneModel],
     batches: Iterable[SceneBatch],
     seed: int,
-    device: str = "cpu",
-    done: Callable[[int], object] = lambda _: None,
+    device: str,
+    done: Callable[[int], object],
 ) -> dict[str, Scores]:
     """Returns scores of `models` on the same `batches`; see :mod:`.scores`.
 

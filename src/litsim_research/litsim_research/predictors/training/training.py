@@ -66,16 +66,16 @@ class Training:
         self.history: list[dict[str, float]] = []
         self._best: dict[str, float] = {}
 
-    def run(self, *, progress: bool = True) -> None:
+    def run(self) -> None:
         """Train for the remaining epochs; after Ctrl-C the files of the completed epochs can be used and resumed from.
 
         Raises:
             InputError: the training diverges, or no vehicle for validation has a complete history and future.
         """
-        bar = tqdm(total=self._config.epochs, initial=len(self.history), unit="epoch", disable=not progress)
+        bar = tqdm(total=self._config.epochs, initial=len(self.history), unit="epoch")
         with bar, suppress(KeyboardInterrupt):
             while len(self.history) < self._config.epochs:
-                figures = self._epoch(len(self.history), progress=progress)
+                figures = self._epoch(len(self.history))
                 if not np.isfinite(figures["val_nll"]):
                     raise InputError(
                         f"training configuration: field learning_rate is {self._config.learning_rate:g}, with which "
@@ -130,7 +130,7 @@ class Training:
         """The model that is validated and saved: the trained one, or the one with the EMA of its weights."""
         return self.model if self._averaged is None else cast(SceneModel, self._averaged.module)
 
-    def _epoch(self, epoch: int, *, progress: bool) -> dict[str, float]:
+    def _epoch(self, epoch: int) -> dict[str, float]:
         """Train for `epoch`, counted from 0; returns its means over the training part, and those of the validation."""
         config = self._config
         rate = self._learning_rate(epoch)
@@ -142,7 +142,7 @@ class Training:
         batches = training_batches(
             self._parts["train"], config.agents_per_batch, config.stride, config.augmentation, self._random
         )
-        for batch in tqdm(batches, desc=f"epoch {epoch + 1}", unit="batch", leave=False, disable=not progress):
+        for batch in tqdm(batches, desc=f"epoch {epoch + 1}", unit="batch", leave=False):
             *losses, distillation = self._losses(batch.to(self._device))
             nll, error, maneuver = losses
             warm = epoch < config.warm_epochs
