@@ -48,9 +48,9 @@ def scenes(scenario: Scenario) -> Iterator[AgentInputs]:
 
 
 def compiled_network(name: str) -> Network:
-    found = compiled(name)
-    assert found is not None
-    return found
+    network = compiled(name)
+    assert network is not None
+    return network
 
 
 def assert_answers_agree(a: Network, b: Network, scenario: Scenario, apart: float = 0.0) -> None:
@@ -140,8 +140,8 @@ def own_graph(path: Path, asked: int = TensorProto.INT64, **shapes: tuple[int, .
         nodes.append(helper.make_node("Concat", ["many", f"rest of {name}"], [f"shape of {name}"], axis=0))
         nodes.append(helper.make_node("ConstantOfShape", [f"shape of {name}"], [name]))
     given = [helper.make_tensor_value_info("asked", asked, ["n"])]
-    found = [helper.make_tensor_value_info(name, TensorProto.FLOAT, None) for name in (OWN | shapes)]
-    graph = helper.make_graph(nodes, "own", given, found, constants)
+    outputs = [helper.make_tensor_value_info(name, TensorProto.FLOAT, None) for name in (OWN | shapes)]
+    graph = helper.make_graph(nodes, "own", given, outputs, constants)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
     helper.set_model_props(model, {"format": FORMAT})
     onnx.save(model, path)

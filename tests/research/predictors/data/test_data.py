@@ -54,8 +54,8 @@ class TestManeuvers:
         share = torch.linspace(1 / HORIZON, 1, HORIZON)[:, None]
         future = share * torch.tensor([along, left])
         known = torch.ones(HORIZON, dtype=torch.bool)
-        found = maneuvers_of(future[None], known[None], torch.tensor([10.0]))
-        assert MANEUVERS[int(found)] == expected
+        maneuver = maneuvers_of(future[None], known[None], torch.tensor([10.0]))
+        assert MANEUVERS[int(maneuver)] == expected
         known[-1] = False
         assert int(maneuvers_of(future[None], known[None], torch.tensor([10.0]))) == -1
 
@@ -162,15 +162,15 @@ class TestScenes:
     def test_of_fewer_vehicles_to_learn_the_others_are_still_seen(self, straight: Straight) -> None:
         vehicles = [(k, 20.0 * k, 0.0, 10.0) for k in range(8)]
         tracks = Tracks.from_table("made", straight(*vehicles, frames=60), None)
-        found = set()
+        first_ids = set()
         for seed in range(20):
             fewer = tracks.learned_of(0.25, np.random.default_rng(seed))
             one, other = np.unique(fewer.vehicle[fewer.target])
             assert other - one in (1, 7), "neighbours, or the last and the first"
-            found.add(int(one))
+            first_ids.add(int(one))
             batch = next(training_batches([(fewer, 1.0)], 8, 10, UNVARIED, np.random.default_rng(0)))
             assert int(batch.agent.sum()) == 8 and int(batch.target.sum()) == 2
-        assert len(found) > 3
+        assert len(first_ids) > 3
         assert np.array_equal(tracks.learned_of(1.0, np.random.default_rng(0)).target, tracks.target)
         assert tracks.learned_of(0.01, np.random.default_rng(0)).target.sum() == 60
 

@@ -65,10 +65,10 @@ def measured(graph: nx.Graph) -> dict[str, np.ndarray]:
 
 
 def by_component(graph: nx.Graph, measure) -> np.ndarray:
-    found = {}
+    by_node = {}
     for component in nx.connected_components(graph):
-        found |= measure(graph.subgraph(component))
-    return np.array([found[node] for node in graph])
+        by_node |= measure(graph.subgraph(component))
+    return np.array([by_node[node] for node in graph])
 
 
 @given(graphs())
@@ -76,7 +76,7 @@ def test_centralities_are_those_of_networkx(graph: nx.Graph) -> None:
     def katz(component: nx.Graph) -> dict[int, float]:
         return nx.katz_centrality(component, ATTENUATION, tol=1e-12, normalized=False, weight="weight")
 
-    found = measured(graph)
+    values_of = measured(graph)
     expected = {
         "degree": np.array([degree for _, degree in graph.degree(weight="weight")]),
         "closeness": by_component(graph, lambda g: nx.closeness_centrality(g, distance="length")),
@@ -84,7 +84,7 @@ def test_centralities_are_those_of_networkx(graph: nx.Graph) -> None:
         "katz": by_component(graph, katz),
     }
     for name, values in expected.items():
-        np.testing.assert_allclose(found[name], values, atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(values_of[name], values, atol=1e-9, err_msg=name)
 
 
 @given(graphs())
@@ -109,9 +109,9 @@ def test_shortest_ways_are_those_of_networkx(graph: nx.Graph) -> None:
     distance, ways = (each[0] for each in shortest_ways(lengths(graph)[None]))
     for one, other in itertools.permutations(graph, 2):
         if nx.has_path(graph, one, other):
-            found = list(nx.all_shortest_paths(graph, one, other, weight="length"))
-            assert ways[one, other] == len(found)
-            assert distance[one, other] == nx.path_weight(graph, found[0], "length")
+            paths = list(nx.all_shortest_paths(graph, one, other, weight="length"))
+            assert ways[one, other] == len(paths)
+            assert distance[one, other] == nx.path_weight(graph, paths[0], "length")
         else:
             assert ways[one, other] == 0 and torch.isinf(distance[one, other])
 
@@ -119,15 +119,15 @@ def test_shortest_ways_are_those_of_networkx(graph: nx.Graph) -> None:
 @given(st.lists(graphs(), min_size=1, max_size=4))
 def test_graphs_of_a_batch_do_not_touch_each_other_nor_does_padding(many: list[nx.Graph]) -> None:
     together = centralities(torch.stack([lengths(graph, 10) for graph in many]))
-    for graph, found in zip(many, together, strict=True):
-        torch.testing.assert_close(found[: len(graph)], centralities(lengths(graph)), rtol=0.0, atol=1e-9)
-        assert (found[len(graph) :] == torch.tensor([0.0, 0.0, 1.0, 0.0, 0.0, 1.0], dtype=torch.float64)).all()
+    for graph, values in zip(many, together, strict=True):
+        torch.testing.assert_close(values[: len(graph)], centralities(lengths(graph)), rtol=0.0, atol=1e-9)
+        assert (values[len(graph) :] == torch.tensor([0.0, 0.0, 1.0, 0.0, 0.0, 1.0], dtype=torch.float64)).all()
 
 
 def test_who_stands_on_one_spot_has_finite_centralities() -> None:
     graph = proximity_graph(torch.zeros(40, 2), torch.ones(40, dtype=torch.bool), 10.0)
-    found = centralities(graph)
-    assert torch.isfinite(found).all() and (found[:, -1] < 20.0).all()
+    values = centralities(graph)
+    assert torch.isfinite(values).all() and (values[:, -1] < 20.0).all()
 
 
 def test_the_graph_joins_who_is_near_and_present() -> None:
@@ -204,8 +204,8 @@ def model() -> Bat:
 
 def answers(model: Bat, batch: SceneBatch, decode: str | Tensor = "all") -> tuple[Tensor, ...]:
     with torch.no_grad():
-        found = model(batch, decode)
-    return found.maneuver, found.mean, found.scale, found.correlation
+        prediction = model(batch, decode)
+    return prediction.maneuver, prediction.mean, prediction.scale, prediction.correlation
 
 
 def seen(batch: SceneBatch, target: int, other: int) -> Tensor:
@@ -241,11 +241,11 @@ def test_neighbours_are_those_on_the_grid_and_who_comes_close_ranks_first() -> N
         (edge + 0.1, 0.0, 0.0, 10.0),
         (0.0, -1.6 * CELL_WIDTH, 0.0, 10.0),
     )
-    found = neighbours(batch)
-    of_first = found.target == 0
-    assert found.other[of_first].tolist() == [1, 2, 3]
-    assert found.cell[of_first].tolist() == [3 * 16 + 1, 3 * 17 + 1, 3 * 26 + 2]
-    assert found.rank[of_first].tolist() == [1, 0, 2]
+    pairs = neighbours(batch)
+    of_first = pairs.target == 0
+    assert pairs.other[of_first].tolist() == [1, 2, 3]
+    assert pairs.cell[of_first].tolist() == [3 * 16 + 1, 3 * 17 + 1, 3 * 26 + 2]
+    assert pairs.rank[of_first].tolist() == [1, 0, 2]
     asked = neighbours(batch, torch.tensor([3, 0]))
     of_first = asked.target == 1
     assert asked.other[of_first].tolist() == [1, 2, 3] and asked.rank[of_first].tolist() == [1, 0, 2]
@@ -269,10 +269,10 @@ def test_who_was_seen_once_gets_a_finite_answer_and_gradients(agents: int) -> No
     model, batch = Bat(BatParameters()), made(2, agents)
     batch.observed[:, :, :-1] = False
     batch.history[:, :, :-1] = 0.0
-    found = model(batch)
-    loss = negative_log_likelihood(found, batch.future).mean() + found.maneuver.logsumexp(dim=-1).mean()
+    prediction = model(batch)
+    loss = negative_log_likelihood(prediction, batch.future).mean() + prediction.maneuver.logsumexp(dim=-1).mean()
     loss.backward()
-    assert all(torch.isfinite(each).all() for each in (found.maneuver, found.mean, found.scale, found.correlation))
+    assert all(torch.isfinite(values).all() for values in vars(prediction).values())
     assert all(p.grad is None or torch.isfinite(p.grad).all() for p in model.parameters())
 
 
