@@ -82,7 +82,7 @@ class BatchedRunner:
             begin = time.perf_counter()
             for k in running:
                 if self._world.ends[k] is not None or table.step == self.plans[k].scenario.total_steps:
-                    self.summaries[k] = self._world.summary(k, batch.told(k))
+                    self.summaries[k] = self._world.summary(k, batch.recorded_id_in(k))
                     self._world.drop(k)
             if len(self.summaries) < len(self.plans):
                 table = self._world.step_batch(together, commands)

@@ -95,11 +95,14 @@ AGENTS = tuple_type(AgentArrays)
 class AgentTable:
     """All agents at one step; every array has shape (n,) and `id` ascends.
 
+    A scene is a set of agents that can interact: those of one run at one step. A table holds one scene, unless several
+    runs are stepped together (:mod:`litsim_sim.scenario.batched`) or several steps are stacked (:mod:`.steps`).
+
     Tables are not changed once they are made. They are no frozen dataclass, which takes six times as long to make.
 
     Attributes:
         step: integer step of 0.1 s since the start of the scenario.
-        id: ids of the recording.
+        id: ids of the recording; of a batch, those of :class:`litsim_sim.scenario.batched.BatchedLog`.
         kind: :class:`litsim_sim.core.scene.Kind`.
         controller: :class:`Controller`.
         x, y: box centre in frame map [m].
@@ -108,6 +111,7 @@ class AgentTable:
         acceleration: along the heading [m/s2].
         yaw_rate: [rad/s].
         length, width: size of the box [m].
+        scene: number of the scene that each agent is in, ascending; by default all are in scene 0.
     """
 
     step: int
@@ -122,6 +126,11 @@ class AgentTable:
     yaw_rate: FloatArray
     length: FloatArray
     width: FloatArray
+    scene: IntArray = None  # type: ignore[assignment]  # never None once it is made
+
+    def __post_init__(self) -> None:
+        if self.scene is None:
+            self.scene = np.zeros(len(self.id), np.int64)
 
     def __len__(self) -> int:
         return len(self.id)
@@ -167,11 +176,6 @@ class AgentTable:
         return self.controller == _EGO
 
     @cached_property
-    def scene(self) -> IntArray:
-        """(n,) number of the scene of each agent; agents of different scenes do not interact. Here there is one."""
-        return np.zeros(len(self), np.int64)
-
-    @cached_property
     def arrays(self) -> AgentArrays:
         """The table as kernels take it."""
         return tuple_of(AgentArrays, self)
@@ -180,7 +184,7 @@ class AgentTable:
     def merged(cls, step: int, tables: Sequence[AgentTable]) -> Self:
         """The agents of several tables, which have no agent in common, as one table of `step`."""
         columns = [np.concatenate(parts) for parts in zip(*map(COLUMNS, tables), strict=True)]
-        order = columns[ARRAY_FIELDS.index("id")].argsort(kind="stable")
+        order = columns[0].argsort(kind="stable")  # by id
         return cls(step, *[values[order] for values in columns])
 
     @classmethod
@@ -189,9 +193,10 @@ class AgentTable:
         return cls(step, *(np.empty(0, DTYPES[f]) for f in ARRAY_FIELDS))
 
 
-ARRAY_FIELDS: tuple[str, ...] = tuple(f.name for f in fields(AgentTable) if f.name != "step")
-COLUMNS: Callable[[AgentTable], tuple[Any, ...]] = attrgetter(*ARRAY_FIELDS)
-"""The arrays of a table, in the order of ARRAY_FIELDS."""
+ARRAY_FIELDS: tuple[str, ...] = tuple(f.name for f in fields(AgentTable) if f.name not in {"step", "scene"})
+"""The columns that describe an agent, as in messages; `id` is the first."""
+COLUMNS: Callable[[AgentTable], tuple[Any, ...]] = attrgetter(*ARRAY_FIELDS, "scene")
+"""The arrays of a table, in the order of its fields."""
 DTYPES: dict[str, type[np.generic]] = dict.fromkeys(ARRAY_FIELDS, np.float64) | {
     "id": np.int64,
     "kind": np.uint8,

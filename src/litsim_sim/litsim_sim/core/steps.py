@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self, TypeVar, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 
@@ -15,21 +14,13 @@ from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, BoolArray, I
 T = TypeVar("T")
 
 
-@dataclass(eq=False)
 class StackedTable(AgentTable):
-    """The agents of several steps as one table of (m,) rows, those of the first step first; ids ascend in each step.
-
-    Attributes:
-        number: (m,) index of the step of each row. Steps are the scenes of the table: there is no interaction between
-            them.
-    """
-
-    number: IntArray
+    """The agents of several steps as one table of (m,) rows, those of the first step first; ids ascend in each step."""
 
     @property
-    def scene(self) -> IntArray:
-        """(m,) see the attributes."""
-        return self.number
+    def number(self) -> IntArray:
+        """(m,) index of the step of each row; each step is a scene."""
+        return self.scene
 
     def row(self, agent: int) -> int:
         """Not defined: an agent has a row in every step."""
@@ -38,11 +29,6 @@ class StackedTable(AgentTable):
     def rows(self, agents: IntArray) -> IntArray:
         """Not defined, for the same reason."""
         raise NotImplementedError
-
-    def take(self, rows: IntArray | BoolArray) -> Self:
-        """See :meth:`AgentTable.take`."""
-        at = rows.nonzero()[0] if rows.dtype == np.bool_ else rows
-        return type(self)(self.step, **{f: getattr(self, f).take(at) for f in (*ARRAY_FIELDS, "number")})
 
 
 class Steps(Sequence[AgentTable]):
@@ -90,7 +76,7 @@ class Steps(Sequence[AgentTable]):
             for f in ARRAY_FIELDS
         }
         number = np.repeat(np.arange(len(self)), np.diff(self.begin))
-        return StackedTable(int(self.step[0]) if len(self) else 0, **columns, number=number)
+        return StackedTable(int(self.step[0]) if len(self) else 0, **columns, scene=number)
 
     @cached_property
     def _agents(self) -> tuple[IntArray, IntArray]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numba.types import UniTuple
@@ -47,9 +47,6 @@ class Log:
         speed, acceleration: (n, steps) along the heading, as recorded [m/s], [m/s2].
         yaw_rate: (n, steps) change of heading since the step before (at an agent's first step: to the next) [rad/s].
     """
-
-    table_type: ClassVar[type[AgentTable]] = AgentTable
-    """Class of the tables."""
 
     ids: IntArray
     kind: ByteArray
@@ -142,7 +139,7 @@ class Log:
         x, y, yaw, speed, acceleration, yaw_rate = _logged(
             self.x, self.y, self.yaw, self.speed, self.acceleration, self.yaw_rate, rows, at
         )
-        return self.table_type(
+        return AgentTable(
             step=step,
             id=self.ids.take(rows),
             kind=self.kind.take(rows),

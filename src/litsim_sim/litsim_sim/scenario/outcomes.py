@@ -9,6 +9,7 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 from zipfile import BadZipFile
 
 import numpy as np
@@ -66,8 +67,8 @@ class RecordedOutcomes:
         Raises:
             InputError: the file of a scene in `folder` is missing or cannot be read, or is of another log.
         """
-        scenes = scenario.scenes if isinstance(scenario, BatchedScenario) else (scenario,)
-        parts = [_read(file_of(folder, scene), len(scene.log.ids)) for scene in scenes if isinstance(scene, Scenario)]
+        scenarios = scenario.scenarios if isinstance(scenario, BatchedScenario) else (cast(Scenario, scenario),)
+        parts = [_read(file_of(folder, each), len(each.log.ids)) for each in scenarios]
         steps = max(part.there.shape[1] for part in parts)
         first = np.cumsum([0, *(len(part.there) for part in parts)])
         shifts = [part.meetings + np.array([at, 0, at]) for part, at in zip(parts, first[:-1], strict=True)]

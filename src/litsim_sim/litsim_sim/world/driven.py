@@ -103,7 +103,7 @@ class DrivenVehicles:
         rows, order = rows[listed], rows[listed].argsort(kind="stable")
         now = table.take(rows[order])
         moved = self._move(now, acceleration[listed][order], yaw_rate[listed][order])
-        driven = type(table)(
+        driven = AgentTable(
             table.step + 1,
             now.id,
             now.kind,
@@ -116,6 +116,7 @@ class DrivenVehicles:
             moved.yaw_rate,
             now.length,
             now.width,
+            now.scene,
         )
         log = self._scenario.log
         stays = log.last_step[log.ids.searchsorted(driven.id)] > table.step

@@ -102,7 +102,7 @@ class Entries:
             entering.controller[0] = Controller.POLICY
             del self.waiting[agent]
             self.late.add(agent)
-            table = type(table).merged(table.step, (table, entering))
+            table = AgentTable.merged(table.step, (table, entering))
         return table
 
     def _blocked(self, entry: AgentTable, row: int, others: AgentTable) -> bool:

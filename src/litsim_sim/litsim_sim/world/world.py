@@ -71,7 +71,7 @@ class World:
     Leaving the road to the side is not leaving the net. If the scenario says so, the run is also over some time after
     the ego has touched an agent that it does not touch in the log.
 
-    Joined scenarios are stepped together, each scene as if it were alone: see :meth:`step_batch`.
+    Batched scenarios are stepped together, each scene as if it were alone: see :meth:`step_batch`.
     """
 
     def __init__(self, scenario: Setting, config: WorldConfig | None = None, mirror: Mirror | None = None) -> None:
@@ -138,7 +138,7 @@ class World:
         displaced = self._log_policy.displaced(logged)
         may_follow = self.entries.may_follow(logged, table, driven, displaced)
         following = logged.take((driven.rows(logged.id) < 0) & may_follow)
-        made = self._without_leavers(type(table).merged(step + 1, (driven, following)))
+        made = self._without_leavers(AgentTable.merged(step + 1, (driven, following)))
         self._table = self._finish(self.entries.admit(made, logged))
         self._end_after_contacts(self._table)
         return self._table
@@ -172,19 +172,19 @@ class World:
         self.catch_up()
         return self._contacts
 
-    def summary(self, scene: int = 0, told: Callable[[int], int | None] = lambda agent: agent) -> dict[str, Any]:
+    def summary(self, scene: int = 0, recorded_id: Callable[[int], int | None] = lambda agent: agent) -> dict[str, Any]:
         """Summary of the run by the world, for the recording: reason of the end, contacts, entries, deviation of SUMO.
 
         The deviation is the largest at the steps at which it is checked: one in DEVIATION_STEPS, from step 0 on.
-        `told` returns the id to report an agent by; None for an agent of another scene than `scene`.
+        `recorded_id` returns the id to report an agent by; None for an agent of another scene than `scene`.
         """
         self.catch_up()
         missing = self.entries.never_entered | self.entries.waiting.keys()
         return {
             "ended": (self.ends[scene] or RunEnd(EndReason.TIME, self._table.step)).plain(),
-            "contacts": sum(told(agent) is not None for agent, _ in self.contacts),
-            "late_entries": sorted(name for agent in self.entries.late if (name := told(agent)) is not None),
-            "never_entered": sorted(name for agent in missing if (name := told(agent)) is not None),
+            "contacts": sum(recorded_id(agent) is not None for agent, _ in self.contacts),
+            "late_entries": sorted(own for own in map(recorded_id, self.entries.late) if own is not None),
+            "never_entered": sorted(own for own in map(recorded_id, missing) if own is not None),
             "sumo_deviation_m": self._mirror_deviation if self._mirror is not None else None,
         }
 
