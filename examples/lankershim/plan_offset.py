@@ -38,7 +38,7 @@ class OffsetFit:
 
 
 def fit_offset(plan: SignalsFile, links: Sequence[SignalLink], log: Log) -> OffsetFit:
-    """The offset with the fewest passages at red and, among ties, the shortest waits at open lines.
+    """Returns the offset with the fewest passages at red and, among ties, the shortest waits at open lines.
 
     Of a range of equally good offsets the middle is taken; of several ranges, the first.
 
@@ -76,7 +76,7 @@ def _at(plan: SignalsFile, offset: float, links: Sequence[SignalLink], log: Log)
 
 
 def _cost(signals: Signals, log: Log) -> tuple[int, int]:
-    """Number of passages at red, and number of steps that vehicles stand first at a line that has long been open."""
+    """Returns numbers of passages at red, and of steps that vehicles stand first at a line that has long been open."""
     waiting = 0
     front_x = log.x + 0.5 * log.length[:, None] * np.cos(log.yaw)
     front_y = log.y + 0.5 * log.length[:, None] * np.sin(log.yaw)
