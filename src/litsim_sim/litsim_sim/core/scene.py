@@ -44,7 +44,7 @@ _BICYCLE, _PEDESTRIAN = (int(kind) for kind in OBSTACLE_KINDS)  # numpy compares
 
 
 def is_obstacle(kind: ByteArray) -> BoolArray:
-    """(n,) whether agents of these kinds (n,) are of the OBSTACLE_KINDS."""
+    """Returns whether kinds (n,) of agents are among the OBSTACLE_KINDS (n,)."""
     return np.asarray((kind == _BICYCLE) | (kind == _PEDESTRIAN), np.bool_)
 
 
@@ -61,7 +61,7 @@ _LOG, _POLICY, _EGO = (int(controller) for controller in Controller)  # plain nu
 
 @kernel(OUT_INTS(INTS, INTS))
 def index_of(ids: IntArray, agents: IntArray) -> IntArray:
-    """Indices (m,) of `agents` (m,) in the ascending `ids` (n,); -1 for those that are not there."""
+    """Returns the indices (m,) of `agents` (m,) in the ascending `ids` (n,); -1 for those that are not there."""
     index, at = np.full(len(agents), -1, np.int64), 0
     for k in range(len(agents)):
         if at == len(ids) or ids[at] != agents[k]:  # the agent is not the next of the ids
@@ -136,22 +136,22 @@ class AgentTable:
         return len(self.id)
 
     def row(self, agent: int) -> int:
-        """Row of `agent`, or -1 where it is not on the road."""
+        """Returns the row of `agent`, or -1 where it is not on the road."""
         at = int(self.id.searchsorted(agent))
         return at if at < len(self.id) and self.id[at] == agent else -1
 
     def rows(self, agents: IntArray) -> IntArray:
-        """Row of each of `agents` (m,) in this table (m,); -1 for those that are not on the road."""
+        """Returns the row of each of `agents` (m,) in this table (m,); -1 for those that are not on the road."""
         return index_of(self.id, agents)
 
     def mask(self, agents: IntArray) -> BoolArray:
-        """(n,) which of the agents of this table are among `agents` (m,)."""
-        found, rows = np.zeros(len(self), np.bool_), self.rows(agents)
-        found[rows[rows >= 0]] = True
-        return found
+        """Returns the mask (n,) of the agents of this table that are among `agents` (m,)."""
+        mask, rows = np.zeros(len(self), np.bool_), self.rows(agents)
+        mask[rows[rows >= 0]] = True
+        return mask
 
     def take(self, rows: IntArray | BoolArray) -> Self:
-        """A table of the agents in `rows`, which are ascending positions or a mask (n,)."""
+        """Returns a table of the agents in `rows`, which are ascending positions or a mask (n,)."""
         at = rows.nonzero()[0] if rows.dtype == np.bool_ else rows
         return type(self)(self.step, *[column[at] for column in COLUMNS(self)])
 
@@ -182,14 +182,14 @@ class AgentTable:
 
     @classmethod
     def merged(cls, step: int, tables: Sequence[AgentTable]) -> Self:
-        """The agents of several tables, which have no agent in common, as one table of `step`."""
+        """Returns the agents of several tables, which have no agent in common, as one table of `step`."""
         columns = [np.concatenate(parts) for parts in zip(*map(COLUMNS, tables), strict=True)]
         order = columns[0].argsort(kind="stable")  # by id
         return cls(step, *[values[order] for values in columns])
 
     @classmethod
     def empty(cls, step: int) -> AgentTable:
-        """The table of a step without agents."""
+        """Returns the table of a step without agents."""
         return cls(step, *(np.empty(0, DTYPES[f]) for f in ARRAY_FIELDS))
 
 
@@ -226,7 +226,7 @@ class ControlTable:
 
     @classmethod
     def empty(cls, step: int) -> ControlTable:
-        """The answer to `step` that lists no agents: all follow their logs."""
+        """Returns the answer to `step` that lists no agents: all follow their logs."""
         none = np.empty(0)
         return cls(step, np.empty(0, np.int64), none, none, none, np.empty(0, np.uint8))
 
@@ -234,7 +234,7 @@ class ControlTable:
     def without_slip(
         cls, table: AgentTable, rows: IntArray, acceleration: FloatArray, yaw_rate: FloatArray, source: ByteArray
     ) -> ControlTable:
-        """The answer to the step of `table` for the agents in `rows` (m,), which move without lateral slip.
+        """Returns the answer to the step of `table` for the agents in `rows` (m,), which move without lateral slip.
 
         Their lateral acceleration is speed times yaw rate; the other arguments are arrays (m,), as in the attributes.
         """

@@ -36,11 +36,11 @@ class Steps(Sequence[AgentTable]):
 
     def __init__(self, tables: Iterable[AgentTable]) -> None:
         self._tables = tuple(tables)
-        self._made: dict[Hashable, Any] = {}
+        self._results: dict[Hashable, Any] = {}
 
     @classmethod
     def of(cls, tables: Iterable[AgentTable]) -> Steps:
-        """`tables` as steps; returned unchanged if they are a :class:`Steps`."""
+        """Returns `tables` as steps, unchanged if they are a :class:`Steps`."""
         return tables if isinstance(tables, Steps) else cls(tables)
 
     @overload
@@ -97,19 +97,19 @@ class Steps(Sequence[AgentTable]):
     @cached_property
     def rows(self) -> IntArray:
         """(S, n) row in :attr:`stacked` of each of :attr:`ids` at each step; -1 where it is not on the road."""
-        found = np.full((len(self), len(self.ids)), -1, np.int64)
-        found[self.stacked.number, self.agent] = np.arange(len(self.stacked))
-        return found
+        rows = np.full((len(self), len(self.ids)), -1, np.int64)
+        rows[self.stacked.number, self.agent] = np.arange(len(self.stacked))
+        return rows
 
     def rows_of(self, ids: IntArray) -> IntArray:
-        """(S, k) row in :attr:`stacked` of each of `ids` (k,) at each step; -1 where it is not on the road."""
+        """Returns the rows (S, k) in :attr:`stacked` of `ids` (k,) at each step; -1 where one is not on the road."""
         if not len(self.ids):
             return np.full((len(self), len(ids)), -1, np.int64)
         at = np.minimum(self.ids.searchsorted(ids), len(self.ids) - 1)
         return np.where(self.ids[at] == ids, self.rows[:, at], -1)
 
     def track(self, agent: int) -> IntArray:
-        """Rows (k,) in :attr:`stacked` of `agent`, of the steps at which it is on the road."""
+        """Returns the rows (k,) in :attr:`stacked` of `agent`, of the steps at which it is on the road."""
         rows = self.rows_of(np.array([agent]))[:, 0]
         return rows[rows >= 0]
 
@@ -120,22 +120,21 @@ class Steps(Sequence[AgentTable]):
         return overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width, table.scene)
 
     def after(self, step: int) -> Steps:
-        """The steps after `step`; the same object for every call."""
-        return self.once(_after, step)
+        """Returns the steps after `step`; the same object for every call."""
+        return self.once(Steps._after, step)
 
     def once(self, function: Callable[..., T], *arguments: Hashable) -> T:
-        """The result of `function` for these steps and `arguments`, computed once and kept with the steps.
+        """Returns the result of `function` for these steps and `arguments`, computed once and kept with the steps.
 
         For intermediate results of several measures, and for those of the log, whose steps are shared by all runs of a
         scenario; see :meth:`litsim_sim.scenario.log.Log.replay`.
         """
         key = function, arguments
-        if key not in self._made:
-            self._made[key] = function(self, *arguments)
-        found: T = self._made[key]
-        return found
+        if key not in self._results:
+            self._results[key] = function(self, *arguments)
+        result: T = self._results[key]
+        return result
 
-
-def _after(steps: Steps, step: int) -> Steps:
-    """See :meth:`Steps.after`."""
-    return Steps(table for table in steps if table.step > step)
+    def _after(self, step: int) -> Steps:
+        """See :meth:`after`."""
+        return Steps(table for table in self if table.step > step)

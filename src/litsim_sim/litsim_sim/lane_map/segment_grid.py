@@ -107,13 +107,13 @@ class SegmentGrid:
         return len(self.size)
 
     def project(self, x: FloatArray, y: FloatArray, segment: IntArray) -> tuple[FloatArray, FloatArray]:
-        """How far points lie along their segments from the start, and how far to the left [m]; shapes broadcast."""
+        """Returns how far points lie along their segments, and how far to the left [m]; shapes broadcast."""
         dx, dy = x - self.start_x[segment], y - self.start_y[segment]
         cos, sin = self.cos[segment], self.sin[segment]
         return dx * cos + dy * sin, dy * cos - dx * sin
 
     def distance(self, x: FloatArray, y: FloatArray, segment: IntArray) -> FloatArray:
-        """Distance of points to segments [m]; shapes broadcast."""
+        """Returns the distance of points to segments [m]; shapes broadcast."""
         along, d = self.project(x, y, segment)
         over = np.maximum(np.maximum(-along, along - self.size[segment]), 0.0)
         return cast(FloatArray, np.hypot(over, d))
@@ -133,18 +133,18 @@ class SegmentGrid:
         return x, y, self.heading[segment]
 
     def headings_around(self, lane: IntArray, s: FloatArray, reach: float) -> FloatArray:
-        """(n, 2) headings [rad] `reach` [m] before and beyond arc lengths `s` (n,) [m] of the lanes in `lane` (n,)."""
+        """See :meth:`LaneMap.headings_around`."""
         return _headings_around(lane, s, reach, self._arrays)
 
-    def ways(self, lane: IntArray, s: FloatArray, following: IntArray, steps: int, step: float) -> FloatArray:
-        """(n, steps, 3) x, y [m] and heading [rad], each `step` [m] ahead of the one before; see :meth:`LaneMap.ways`.
+    def poses_along(self, lane: IntArray, s: FloatArray, following: IntArray, steps: int, step: float) -> FloatArray:
+        """See :meth:`LaneMap.poses_along`.
 
         Args:
-            lane, s: (n,) positions of the lanes on which the ways begin, and arc lengths there [m].
+            lane, s: (n,) positions of the lanes on which the poses begin, and arc lengths there [m].
             following: position of the lane that follows each lane, -1 where none does.
             steps, step: number of poses, and distance between them [m].
         """
-        return _ways(np.ascontiguousarray(lane), np.ascontiguousarray(s), following, steps, step, self._arrays)
+        return _poses_along(np.ascontiguousarray(lane), np.ascontiguousarray(s), following, steps, step, self._arrays)
 
     @cached_property
     def _arrays(self) -> SegmentArrays:
@@ -156,7 +156,7 @@ class SegmentGrid:
     def nearest(
         self, x: FloatArray, y: FloatArray, yaw: FloatArray, handicap: FloatArray, turn: float
     ) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Segments of least cost: distance, handicap, and `turn` times 1 - cos of the angle to the heading.
+        """Returns the segments of least cost: distance, handicap, and `turn` times 1 - cos of the angle to the heading.
 
         Of segments that cost the same, the first is taken.
 
@@ -173,7 +173,7 @@ class SegmentGrid:
         return segment, s, d
 
     def any_within(self, x: FloatArray, y: FloatArray, reach: FloatArray) -> BoolArray:
-        """(n,) whether points `x`, `y` [m] are no farther from some segment than its `reach` (k,), at most REACH."""
+        """Returns whether points `x`, `y` (n,) [m] are within `reach` (k,), at most REACH, of some segment (n,)."""
         return _any_within(x, y, self._grid, reach)
 
     @cached_property
@@ -182,7 +182,7 @@ class SegmentGrid:
         return GridArrays(self._lines, self._cells, self._bounds[0], self._bounds[1], *self._shape)
 
     def candidates(self, x: FloatArray, y: FloatArray) -> IntArray:
-        """(n, k) segments that can be within REACH of each point, padded with -1; all -1 off the grid."""
+        """Returns the segments (n, k) that can be within REACH of each point, padded with -1; all -1 off the grid."""
         columns, rows = self._shape
         column = np.floor((x - self._bounds[0] + REACH) / CELL)
         row = np.floor((y - self._bounds[1] + REACH) / CELL)
@@ -191,7 +191,7 @@ class SegmentGrid:
         return self._cells[cell]
 
     def _make_grid(self) -> tuple[IntArray, tuple[int, int]]:
-        """Candidates (cells + 1, k) by cell; the last row serves all points outside of the grid."""
+        """Returns candidates (cells + 1, k) by cell; the last row serves all points outside of the grid."""
         x_min, y_min, x_max, y_max = self._bounds
         columns = int((x_max - x_min + 2 * REACH) // CELL) + 1
         rows = int((y_max - y_min + 2 * REACH) // CELL) + 1
@@ -219,7 +219,7 @@ class SegmentGrid:
 
 @kernel(float64(float64, float64, FLOATS2, int64))
 def _distance(x: float, y: float, lines: FloatArray, segment: int) -> float:
-    """Distance [m] of a point to a segment of `lines` (k, 5): start x and y, direction x and y, length."""
+    """Returns the distance [m] of a point to a segment of `lines` (k, 5): start x and y, direction x and y, length."""
     dx, dy, cos, sin = x - lines[segment, 0], y - lines[segment, 1], lines[segment, 2], lines[segment, 3]
     along, left = dx * cos + dy * sin, dy * cos - dx * sin
     return math.hypot(max(-along, along - lines[segment, 4], 0.0), left)
@@ -227,7 +227,7 @@ def _distance(x: float, y: float, lines: FloatArray, segment: int) -> float:
 
 @kernel(int64(float64, float64, GRID))
 def _cell(x: float, y: float, grid: GridArrays) -> int:
-    """Cell of a point; the one after the last for all points off the grid."""
+    """Returns the cell of a point; the one after the last for all points off the grid."""
     column, row = np.floor((x - grid.x_min + REACH) / CELL), np.floor((y - grid.y_min + REACH) / CELL)
     inside = 0 <= column < grid.columns and 0 <= row < grid.rows
     return int(row * grid.columns + column) if inside else grid.columns * grid.rows
@@ -237,7 +237,7 @@ def _cell(x: float, y: float, grid: GridArrays) -> int:
 def _cost(
     x: float, y: float, cos: float, sin: float, turn: float, lines: FloatArray, handicap: FloatArray, segment: int
 ) -> float:
-    """What :meth:`SegmentGrid.best` compares of one pose and one segment [m]."""
+    """Returns what :meth:`SegmentGrid.nearest` minimises, for one pose and one segment [m]."""
     facing = cos * lines[segment, 2] + sin * lines[segment, 3]
     return _distance(x, y, lines, segment) + handicap[segment] + turn * (1.0 - facing)
 
@@ -258,7 +258,7 @@ def _nearest(
     Returns:
         segments (n,), and arc lengths and offsets (2, n).
     """
-    found, place = np.zeros(len(x), np.int64), np.empty((2, len(x)))
+    nearest, place = np.zeros(len(x), np.int64), np.empty((2, len(x)))
     for i in range(len(x)):
         least = np.inf
         for segment in grid.cells[_cell(x[i], y[i], grid)]:
@@ -266,37 +266,37 @@ def _nearest(
                 break
             cost = _cost(x[i], y[i], cos[i], sin[i], turn, grid.lines, handicap, segment)
             if cost < least:
-                found[i], least = segment, cost
+                nearest[i], least = segment, cost
         if not least <= REACH:
             least = np.inf
             for segment in range(len(grid.lines)):
                 cost = _cost(x[i], y[i], cos[i], sin[i], turn, grid.lines, handicap, segment)
                 if cost < least:
-                    found[i], least = segment, cost
-        line = grid.lines[found[i]]
+                    nearest[i], least = segment, cost
+        line = grid.lines[nearest[i]]
         dx, dy = x[i] - line[0], y[i] - line[1]
-        place[0, i] = start_s[found[i]] + within(dx * line[2] + dy * line[3], 0.0, line[4])
+        place[0, i] = start_s[nearest[i]] + within(dx * line[2] + dy * line[3], 0.0, line[4])
         place[1, i] = dy * line[2] - dx * line[3]
-    return found, place
+    return nearest, place
 
 
 @kernel(OUT_BOOLS(FLOATS, FLOATS, GRID, FLOATS))
 def _any_within(x: FloatArray, y: FloatArray, grid: GridArrays, reach: FloatArray) -> BoolArray:
     """See :meth:`SegmentGrid.any_within`."""
-    found = np.zeros(len(x), np.bool_)
+    near = np.zeros(len(x), np.bool_)
     for i in range(len(x)):
         for segment in grid.cells[_cell(x[i], y[i], grid)]:
             if segment < 0:
                 break
             if _distance(x[i], y[i], grid.lines, segment) <= reach[segment]:
-                found[i] = True
+                near[i] = True
                 break
-    return found
+    return near
 
 
 @kernel(int64(int64, float64, SEGMENTS))
 def _segment_at(lane: int, s: float, segments: SegmentArrays) -> int:
-    """Segment of a lane at an arc length `s` [m]; beyond its ends a lane is continued straight."""
+    """Returns the segment of a lane at an arc length `s` [m]; beyond its ends a lane is continued straight."""
     begin, end = segments.first[lane], segments.first[lane + 1]
     at = begin + np.searchsorted(segments.start_s[begin:end], within(s, 0.0, segments.length[lane]), side="right") - 1
     return int(min(max(at, begin), end - 1))
@@ -304,29 +304,29 @@ def _segment_at(lane: int, s: float, segments: SegmentArrays) -> int:
 
 @kernel(OUT_INTS(INTS, FLOATS, SEGMENTS))
 def _segments_at(lane: IntArray, s: FloatArray, segments: SegmentArrays) -> IntArray:
-    """Segments (n,) of lanes at arc lengths `lane` and `s` (n,); see :func:`_segment_at`."""
-    found = np.empty(len(s), np.int64)
+    """Returns the segments (n,) of lanes at arc lengths `lane` and `s` (n,); see :func:`_segment_at`."""
+    segment = np.empty(len(s), np.int64)
     for i in range(len(s)):
-        found[i] = _segment_at(lane[i], s[i], segments)
-    return found
+        segment[i] = _segment_at(lane[i], s[i], segments)
+    return segment
 
 
 @kernel(OUT_FLOATS2(INTS, FLOATS, float64, SEGMENTS))
 def _headings_around(lane: IntArray, s: FloatArray, reach: float, segments: SegmentArrays) -> FloatArray:
     """See :meth:`SegmentGrid.headings_around`."""
-    found = np.empty((len(s), 2))
+    heading = np.empty((len(s), 2))
     for i in range(len(s)):
-        found[i, 0] = segments.heading[_segment_at(lane[i], s[i] - reach, segments)]
-        found[i, 1] = segments.heading[_segment_at(lane[i], s[i] + reach, segments)]
-    return found
+        heading[i, 0] = segments.heading[_segment_at(lane[i], s[i] - reach, segments)]
+        heading[i, 1] = segments.heading[_segment_at(lane[i], s[i] + reach, segments)]
+    return heading
 
 
 @kernel(OUT_FLOATS3(INTS, FLOATS, INTS, int64, float64, SEGMENTS))
-def _ways(
+def _poses_along(
     lane: IntArray, s: FloatArray, following: IntArray, steps: int, step: float, segments: SegmentArrays
 ) -> FloatArray:
-    """See :meth:`SegmentGrid.ways`."""
-    found = np.empty((len(lane), steps, 3))
+    """See :meth:`SegmentGrid.poses_along`."""
+    poses = np.empty((len(lane), steps, 3))
     for i in range(len(lane)):
         here, at = lane[i], s[i]
         for k in range(steps):
@@ -335,8 +335,8 @@ def _ways(
                 here = following[here]
             segment = _segment_at(here, at, segments)
             along = at - segments.start_s[segment]
-            found[i, k, 0] = segments.start_x[segment] + along * segments.cos[segment]
-            found[i, k, 1] = segments.start_y[segment] + along * segments.sin[segment]
-            found[i, k, 2] = segments.heading[segment]
+            poses[i, k, 0] = segments.start_x[segment] + along * segments.cos[segment]
+            poses[i, k, 1] = segments.start_y[segment] + along * segments.sin[segment]
+            poses[i, k, 2] = segments.heading[segment]
             at += step
-    return found
+    return poses

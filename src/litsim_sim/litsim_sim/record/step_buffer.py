@@ -137,7 +137,7 @@ class StepBuffer:
             self._absent = {(step, name) for step, name in self._absent if step < self._next}
 
     def _placed(self, step: int) -> int:
-        """The step under which a foreign message is kept."""
+        """Returns the step under which a foreign message is kept."""
         about_now = self.newest - RECORDER_WINDOW <= step <= self.newest + AHEAD
         return min(max(step if about_now else self.newest, 0), self._last)
 

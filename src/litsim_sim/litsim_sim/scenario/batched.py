@@ -14,15 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable, ByteArray, ControlTable, IntArray
+from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable, ControlTable, IntArray
 from litsim_sim.core.takeover import Takeover
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.lane_map.signal_links import SignalLink
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
 from litsim_sim.scenario.scenario import Scenario
-from litsim_sim.scenario.signals import Signals
+from litsim_sim.scenario.signals import BatchedSignals
 
 
 @dataclass(frozen=True)
@@ -58,31 +57,6 @@ class BatchedLog(Log):
         return self.logs[self.scene[agent]], int(self.recorded_ids[agent])
 
 
-@dataclass(frozen=True)
-class BatchedSignals:
-    """The signals of several scenes on one net; see :class:`litsim_sim.scenario.signals.LinkSignals`.
-
-    Attributes:
-        links: controlled connections of the net, which all scenes share.
-        states: (scenes, links, steps of the longest) :class:`litsim_sim.core.signals.SignalState`.
-    """
-
-    links: tuple[SignalLink, ...]
-    states: ByteArray
-
-    @classmethod
-    def of(cls, signals: Sequence[Signals]) -> BatchedSignals:
-        """Join the `signals` of the scenes, one at least; beyond the last step of one, its states are those of that."""
-        of_links = [of_one.states[of_one.link_group] for of_one in signals]
-        steps = max(states.shape[1] for states in of_links)
-        padded = [np.pad(states, ((0, 0), (0, steps - states.shape[1])), "edge") for states in of_links]
-        return cls(signals[0].links, np.stack(padded))
-
-    def of_links(self, step: int) -> ByteArray:
-        """See :class:`litsim_sim.scenario.signals.LinkSignals`."""
-        return self.states[:, :, min(step, self.states.shape[2] - 1)]
-
-
 @dataclass(frozen=True, eq=False)
 class BatchedScenario:
     """Scenarios of one :func:`kind` that are stepped together.
@@ -92,7 +66,7 @@ class BatchedScenario:
         log: the batched log of all of them.
         total_steps: the last step of the longest.
 
-    The other attributes are those of :class:`.setting.Setting`.
+    The other attributes are those of :class:`.scenario.Scenario`; arrays per scene have the entries of all.
     """
 
     scenarios: tuple[Scenario, ...]
@@ -136,16 +110,16 @@ class BatchedScenario:
         )
 
     def tables(self, table: AgentTable) -> list[AgentTable]:
-        """`table` split by scene, with the ids of the recordings."""
+        """Splits `table` by scene, with the ids of the recordings."""
         return [self._own_table(table, part) for part in self._parts(table.id)]
 
     def table(self, scene: int, table: AgentTable) -> AgentTable:
-        """The agents of one scene of `table`, with the ids of its recording."""
+        """Returns the agents of one scene of `table`, with the ids of its recording."""
         begin, end = table.scene.searchsorted((scene, scene + 1)).tolist()
         return self._own_table(table, slice(begin, end))
 
     def controls(self, controls: ControlTable) -> list[ControlTable]:
-        """`controls` split likewise."""
+        """Splits `controls` likewise."""
         own, names = self.log.recorded_ids[controls.id], [field.name for field in fields(ControlTable)][2:]
         return [
             ControlTable(controls.step, own[part], *(getattr(controls, name)[part] for name in names))
@@ -153,7 +127,7 @@ class BatchedScenario:
         ]
 
     def takeovers(self, takeovers: Sequence[Takeover]) -> list[tuple[Takeover, ...]]:
-        """`takeovers`, agents ascending, split likewise."""
+        """Splits `takeovers`, agents ascending, likewise."""
         own = self.log.recorded_ids
         apart = [
             Takeover(**{**vars(t), "agent": int(own[t.agent]), "opponent": int(own[t.opponent])}) for t in takeovers
@@ -161,11 +135,11 @@ class BatchedScenario:
         return [tuple(apart[part]) for part in self._parts(np.array([t.agent for t in takeovers], np.int64))]
 
     def agent(self, scene: int, recorded_id: int) -> int:
-        """Id of the agent with `recorded_id` in the recording of `scene`."""
+        """Returns the id of the agent with `recorded_id` in the recording of `scene`."""
         return int(self.log.scene.searchsorted(scene)) + self.scenarios[scene].log.row(recorded_id)
 
     def recorded_id_in(self, scene: int) -> Callable[[int], int | None]:
-        """A function from an agent's id to its id in the recording of `scene`; None for agents of other scenes."""
+        """Returns a function from agents' ids to those in the recording of `scene`; None for agents of other scenes."""
         return lambda agent: int(self.log.recorded_ids[agent]) if self.log.scene[agent] == scene else None
 
     def _own_table(self, table: AgentTable, part: slice) -> AgentTable:
@@ -174,20 +148,20 @@ class BatchedScenario:
         return AgentTable(table.step, self.log.recorded_ids[table.id[part]], *columns)
 
     def _parts(self, ids: IntArray) -> list[slice]:
-        """Where the agents of each scene are among `ids`, which ascend."""
+        """Returns where the agents of each scene are among `ids`, which ascend."""
         ends = self.log.scene[ids].searchsorted(np.arange(len(self.scenarios) + 1)).tolist()
         return [slice(begin, end) for begin, end in pairwise(ends)]
 
 
 def kind(scenario: Scenario) -> Hashable:
-    """Key of a scenario; scenarios with equal keys can be batched, as they share all that stages query once for all."""
+    """Returns a key; scenarios with equal ones can be batched, as they share all that stages query once for all."""
     vehicle = tuple(vars(scenario.vehicle).items())
     controlled = None if scenario.signals is None else scenario.signals.link_names
     return scenario.net_path, scenario.history_steps, scenario.roi_m, controlled, vehicle
 
 
 def _stacked(parts: Sequence[np.ndarray], steps: int) -> np.ndarray:
-    """`parts` (n,) or (n, s) concatenated along the first axis, the latter padded with zeros to (n, `steps`)."""
+    """Concatenates `parts` (n,) or (n, s) along the first axis, the latter padded with zeros to (n, `steps`)."""
     if parts[0].ndim == 1:
         return np.concatenate(parts)
     return np.concatenate([np.pad(part, ((0, 0), (0, steps - part.shape[1]))) for part in parts])

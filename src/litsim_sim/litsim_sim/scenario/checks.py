@@ -65,7 +65,7 @@ def check_agents(file: ScenarioFile, log: Log, history_steps: int, where: str) -
 
 
 def coverage(lane_map: LaneMap, log: Log) -> float:
-    """Share of the recorded box centres that lie within half a lane width of some lane's centre line.
+    """Returns the share of the recorded box centres that lie within half a lane width of some lane's centre line.
 
     Pedestrians and cyclists do not count: they do not keep to lanes. NaN without other agents.
     """

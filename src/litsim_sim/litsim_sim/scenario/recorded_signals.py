@@ -16,7 +16,7 @@ PIECE = round(60 * RATE_HZ)  # frames processed at once, to bound memory
 
 
 def survey(signals: SignalsFile, net: Path, recording: Recording, where: str) -> list[str]:
-    """Lines with the numbers of vehicles that pass the stop lines of each group of `signals`, in total and at red.
+    """Returns lines with how many vehicles pass the stop lines of each group of `signals`, in total and at red.
 
     Further lines warn of groups that are green together though they conflict, see :func:`.green_conflicts`.
 
@@ -38,7 +38,7 @@ def survey(signals: SignalsFile, net: Path, recording: Recording, where: str) ->
     check_known(signals, known, (first, last), where)
     lines = [_line(group, passed, at_red) for group, (passed, at_red) in counts.items()]
     everything = shown(signals, links, last - first + 1, first, where)
-    return lines + [f"signals    WARNING: {said}" for said in green_conflicts(signals, everything, first)]
+    return lines + [f"signals    WARNING: {sentence}" for sentence in green_conflicts(signals, everything, first)]
 
 
 def _line(group: str, passed: int, at_red: int) -> str:
