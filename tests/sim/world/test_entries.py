@@ -31,7 +31,7 @@ def standing(agent_table: Callable[..., AgentTable]) -> Callable[[float], AgentT
 def begin(entries: Entries, log: Log, driven: AgentTable) -> bool:
     """Whether NEW may follow its log from its first step on."""
     logged = log.table(BEGINS)
-    may = entries.may_follow(logged, log.table(BEGINS - 1), driven)
+    may = entries.may_follow(logged, log.table(BEGINS - 1), driven, np.zeros(len(logged), np.bool_))
     assert may[logged.row(1)], "who was on the road stays on it"
     return bool(may[logged.row(NEW)])
 
@@ -51,12 +51,6 @@ def test_pedestrians_and_cyclists_wait_for_nobody(
     other = make_scenario(track(id=1, x=400.0), track(id=OTHER, x=60.0), entering).log
     entries = Entries(other)
     assert begin(entries, other, standing(0.0)) and entries.waiting == {}
-
-
-def test_without_a_guard_nobody_waits(log: Log, standing: Callable[[float], AgentTable]) -> None:
-    entries = Entries(log, guarded=False)
-    assert begin(entries, log, standing(0.0))
-    assert entries.waiting == {}
 
 
 def test_who_waits_enters_as_fast_as_the_room_allows(log: Log, standing: Callable[[float], AgentTable]) -> None:
@@ -89,7 +83,7 @@ def test_who_is_on_a_late_log_is_in_the_way_as_well(log: Log, standing: Callable
     logged = log.table(BEGINS)
     there = AgentTable.merged(BEGINS, (logged.take(logged.id != OTHER), standing(4.0)))
     late = there.id == OTHER
-    for displaced, free in ((None, True), (~late, True), (late, False)):
+    for displaced, free in ((np.zeros_like(late), True), (~late, True), (late, False)):
         entries = Entries(log)
         assert bool(entries.may_follow(there, before, nobody, displaced)[there.row(NEW)]) is free
         assert entries.waiting == ({} if free else {NEW: BEGINS})

@@ -129,7 +129,7 @@ class AgentTable:
     scene: IntArray = None  # type: ignore[assignment]  # never None once it is made
 
     def __post_init__(self) -> None:
-        if self.scene is None:
+        if vars(self)["scene"] is None:
             self.scene = np.zeros(len(self.id), np.int64)
 
     def __len__(self) -> int:

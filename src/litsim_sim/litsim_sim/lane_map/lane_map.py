@@ -67,8 +67,7 @@ class LaneMap:
         (x_min, y_min), (x_max, y_max) = points.min(axis=0) + 0.0, points.max(axis=0) + 0.0  # no -0
         self.bounds: tuple[float, float, float, float] = (float(x_min), float(y_min), float(x_max), float(y_max))
         self._segments = SegmentGrid(self.lanes, self.bounds)
-        self._half_width = 0.5 * np.array([lane.width for lane in self.lanes])[self._segments.lane]
-        self._reach = self._half_width + TOLERANCE
+        self._reach = 0.5 * np.array([lane.width for lane in self.lanes])[self._segments.lane] + TOLERANCE
         internal = np.array([lane.is_internal for lane in self.lanes])[self._segments.lane]
         self._penalty = np.where(internal, INTERNAL_PENALTY, 0.0)
         self._straightest = straightest_successors(self.lanes)
@@ -107,7 +106,7 @@ class LaneMap:
         # without a heading, all directions are alike
         turn, heading = (0.0, np.zeros(len(x))) if yaw is None else (DIRECTION_PENALTY, _column(yaw))
         segment, s, d = self._segments.nearest(x, y, heading, self._penalty, turn)
-        return LanePosition(self._segments.lane[segment], s, d, self._segments.heading[segment])
+        return LanePosition(self._segments.lane[segment], s, d, self._segments.segments.heading[segment])
 
     def pose_at(self, lane: int | IntArray, s: float | FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """x, y [m] and heading [rad] at arc length(s) `s` of the lane(s) at position(s) `lane`; shapes broadcast.
@@ -119,7 +118,7 @@ class LaneMap:
 
     def headings_around(self, lane: IntArray, s: FloatArray, reach: float) -> FloatArray:
         """Returns headings (n, 2) [rad] `reach` [m] before and beyond arc lengths `s` (n,) [m] of lanes `lane` (n,)."""
-        return self._segments.headings_around(lane, s, reach)
+        return np.column_stack([self.pose_at(lane, at)[2] for at in (s - reach, s + reach)])
 
     def poses_along(self, lane: IntArray, s: FloatArray, steps: int, step: float = 1.0) -> FloatArray:
         """Returns poses along the centre lines from arc lengths `s` (n,) [m] of the lanes at positions `lane` (n,) on.
@@ -207,10 +206,9 @@ class LaneMap:
         at = self.nearest(x, y, yaw)
         corners = box_corners(x, y, yaw, length, width)
         corner_x, corner_y = corners[..., 0].ravel(), corners[..., 1].ravel()
-        segments = self._segments.candidates(corner_x, corner_y)
-        same = self._near[np.repeat(at.lane, 4)[:, None], self._segments.lane[segments]] & (segments >= 0)
-        distance = self._segments.distance(corner_x[:, None], corner_y[:, None], segments)
-        inside = ((distance <= self._half_width[segments] + TOLERANCE) & same).any(axis=1)
+        same = self._near[np.repeat(at.lane, 4)[:, None], self._segments.lane]
+        distance = self._segments.distance(corner_x[:, None], corner_y[:, None], np.arange(len(self._reach)))
+        inside = ((distance <= self._reach) & same).any(axis=1)
         return cast(BoolArray, inside.reshape(-1, 4).all(axis=1))
 
 

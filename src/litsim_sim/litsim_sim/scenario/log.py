@@ -168,16 +168,12 @@ class Log:
         """Cached replays by last step, the most recently used at the end."""
         return {}
 
-    def lag(self, row: int, step: int, x: float, y: float) -> int:
-        """Returns the lag [steps] at which the agent's logged pose is nearest to (x, y) [m]; the smallest of ties.
-
-        0 if the agent in `row` has no logged pose up to `step`. A log that stands is near for a long time: by the
-        smallest lag, the agent does not wait again.
-        """
-        return int(self.lags(np.array([row]), step, np.array([x]), np.array([y]))[0])
-
     def lags(self, rows: IntArray, step: int, x: FloatArray, y: FloatArray) -> IntArray:
-        """Returns lags (r,), as by :meth:`lag`, of the agents in `rows` (r,) that are at `x`, `y` (r,) [m]."""
+        """Returns lags (r,) [steps] at which the logs of the agents in `rows` (r,) are nearest to `x`, `y` (r,) [m].
+
+        A lag is 0 if the agent has no logged pose up to `step`. Of ties it is the smallest: a log that stands is near
+        for a long time, and the agent does not wait again.
+        """
         return _lags(self.x, self.y, self.valid, rows, step, x, y)
 
 

@@ -9,7 +9,6 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
 from zipfile import BadZipFile
 
 import numpy as np
@@ -67,7 +66,7 @@ class RecordedOutcomes:
         Raises:
             InputError: the file of a scene in `folder` is missing or cannot be read, or is of another log.
         """
-        scenarios = scenario.scenarios if isinstance(scenario, BatchedScenario) else (cast(Scenario, scenario),)
+        scenarios = scenario.scenarios if isinstance(scenario, BatchedScenario) else (scenario,)
         parts = [_read(file_of(folder, each), len(each.log.ids)) for each in scenarios]
         steps = max(part.there.shape[1] for part in parts)
         first = np.cumsum([0, *(len(part.there) for part in parts)])

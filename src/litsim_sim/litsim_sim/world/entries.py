@@ -35,10 +35,8 @@ class Entries:
         self.late: set[int] = set()
         self.never_entered: set[int] = set()
 
-    def may_follow(
-        self, logged: AgentTable, before: AgentTable, driven: AgentTable, displaced: BoolArray | None = None
-    ) -> BoolArray:
-        """Returns who may be at their logged poses; agents that enter and may not, wait from now on.
+    def may_follow(self, logged: AgentTable, before: AgentTable, driven: AgentTable, displaced: BoolArray) -> BoolArray:
+        """Returns the mask (n,) of who may be at their logged poses; agents that enter and may not, wait from now on.
 
         Pedestrians and cyclists always may.
 
@@ -48,13 +46,10 @@ class Entries:
             driven: the agents under control, one step on; an entry must not collide with them.
             displaced: mask (n,) of those on their logs, but not at the time or at the place of the recording: with a
                 lag, or with a residual that fades. An entry must not collide with them either, unless it would in the
-                recording, too. None means no agents.
-
-        Returns:
-            Mask (n,).
+                recording, too.
         """
         here = (before.rows(logged.id) >= 0) | logged.obstacle
-        off = np.zeros(len(logged), np.bool_) if displaced is None else displaced & (driven.rows(logged.id) < 0)
+        off = displaced & (driven.rows(logged.id) < 0)
         begins = self._log.first_step[self._log.ids.searchsorted(logged.id)] == logged.step
         for row in (begins & ~here).nonzero()[0]:
             if self._blocked(logged, int(row), driven) or self._blocked_by_displaced(logged, int(row), off):

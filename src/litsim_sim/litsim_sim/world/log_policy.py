@@ -110,12 +110,12 @@ class LogPolicy:
         Args:
             table: the agents of the step.
             agent: its id.
-            with_lag: whether to replay with the lag of :meth:`litsim_sim.scenario.log.Log.lag`, or without any.
+            with_lag: whether to replay with the lag of :meth:`litsim_sim.scenario.log.Log.lags`, or without any.
         """
-        row = table.row(agent)
-        log_row = self.log.row(agent)
+        row, log_row = table.row(agent), self.log.row(agent)
         self._prepared = None
-        self._lag[log_row] = self.log.lag(log_row, table.step, table.x[row], table.y[row]) if with_lag else 0
+        at, place = np.array([log_row]), slice(row, row + 1)
+        self._lag[at] = self.log.lags(at, table.step, table.x[place], table.y[place]) if with_lag else 0
         logged = self.log.table(table.step, self._lag)
         logged_row = logged.row(agent)
         if logged_row >= 0:

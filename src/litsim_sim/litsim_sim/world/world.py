@@ -62,7 +62,7 @@ class World:
         Unless entries are guarded, agents appear where and when their logs begin, also where they collide: pure replay.
         """
         self.scenario, self._mirror, self._guard_entries = scenario, mirror, guard_entries
-        self._ego_ids = scenario.ego_ids
+        self._ego_ids, self._caught_up = scenario.ego_ids, True
         after = scenario.steps_after_contact
         self._steps_after_contact = {scene: steps for scene, steps in enumerate(after) if steps is not None}
         self.reset()
@@ -110,10 +110,9 @@ class World:
         logged = self._log_policy.table(step + 1)
         if self._gone.any():
             logged = logged.take(~self._gone[logged.scene])
-        displaced = self._log_policy.displaced(logged)
-        may_follow = self.entries.may_follow(logged, table, driven, displaced)
-        following = logged.take((driven.rows(logged.id) < 0) & may_follow)
-        moved = self._without_leavers(AgentTable.merged(step + 1, (driven, following)))
+        following = self.entries.may_follow(logged, table, driven, self._log_policy.displaced(logged))
+        following &= driven.rows(logged.id) < 0
+        moved = self._without_leavers(AgentTable.merged(step + 1, (driven, logged.take(following))))
         self._table = self._finish(self.entries.admit(moved, logged))
         self._end_after_contacts(self._table)
         return self._table
