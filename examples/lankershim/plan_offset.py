@@ -11,7 +11,7 @@ from litsim_sim.core.scene import STEP_S, BoolArray
 from litsim_sim.core.signals import STOP_STATES
 from litsim_sim.lane_map.signal_links import SignalLink
 from litsim_sim.scenario.log import Log
-from litsim_sim.scenario.signals import Signals, SignalsFile, heed, shown
+from litsim_sim.scenario.signals import Signals, SignalsFile, count_passages, signals_of
 
 TRIED_S = 0.5  # [s] step of the search over offsets
 START_S = 3.0  # [s] time of green after which the first vehicle at a stop line has begun to move
@@ -59,7 +59,7 @@ def fit_offset(plan: SignalsFile, links: Sequence[SignalLink], log: Log) -> Offs
     best = begin + np.flatnonzero(np.roll(good, -begin))
     first = offsets[np.split(best, np.flatnonzero(np.diff(best) > 1) + 1)[0] % len(offsets)]
     offset = float(first[len(first) // 2])
-    heeded = heed(_at(plan, offset, links, log), log)
+    heeded = count_passages(_at(plan, offset, links, log), log)
     return OffsetFit(
         offset,
         {group: passed for group, (passed, _) in heeded.items()},
@@ -72,7 +72,7 @@ def fit_offset(plan: SignalsFile, links: Sequence[SignalLink], log: Log) -> Offs
 def _at(plan: SignalsFile, offset: float, links: Sequence[SignalLink], log: Log) -> Signals:
     assert plan.program is not None
     moved = plan.model_copy(update={"program": plan.program.model_copy(update={"offset_s": offset})})
-    return shown(moved, links, log.steps)
+    return signals_of(moved, links, log.steps)
 
 
 def _cost(signals: Signals, log: Log) -> tuple[int, int]:
@@ -89,4 +89,4 @@ def _cost(signals: Signals, log: Log) -> tuple[int, int]:
         dx, dy = front_x - link.stop[0], front_y - link.stop[1]
         first = (np.abs(cos * dx + sin * dy) < FIRST) & (np.abs(cos * dy - sin * dx) < 0.5 * link.width)
         waiting += int((first & log.valid & (log.speed < STANDS) & long_open).sum())
-    return sum(red for _, red in heed(signals, log).values()), waiting
+    return sum(red for _, red in count_passages(signals, log).values()), waiting

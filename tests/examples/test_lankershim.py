@@ -21,7 +21,7 @@ from litsim_sim.lane_map.signal_links import read_links
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import packaged
-from litsim_sim.scenario.signals import SignalsFile, shown
+from litsim_sim.scenario.signals import SignalsFile, signals_of
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "lankershim"
 LINKS = read_links(packaged("nets/urban_like.net.xml"))
@@ -122,7 +122,7 @@ def test_the_plan_is_of_the_map(windows: ModuleType, real_data: Callable[..., Pa
         pytest.skip(str(error))
     import_commonroad(real_data(windows.MAP), tmp_path / "l.net.xml")
     plan = read_yaml(FOLDER / "plan.yaml", SignalsFile)
-    signals = shown(plan, read_links(tmp_path / "l.net.xml"), 1001)
+    signals = signals_of(plan, read_links(tmp_path / "l.net.xml"), 1001)
     assert signals.groups == ("east", "north", "south", "south_left", "west")
     assert len(signals.links) == 19  # all but the right turn from 3568_0
     assert (signals.states[:, 0] == signals.states[:, 1000]).all()  # the cycle is 100 s

@@ -55,7 +55,7 @@ class Configured:
 
     @classmethod
     def read(cls, read: ParameterReader) -> Callable[..., Any]:
-        """Read the parameters; the result makes the plug-in from what its base class says, then its configuration."""
+        """Read the parameters; the result makes the plug-in from its base class's arguments and its configuration."""
         if cls.defaults is None:
             return cls
         config = read(cls.defaults, cls.prefix)
@@ -86,7 +86,7 @@ def names(group: str) -> tuple[str, ...]:
 
 
 def load(group: str, name: str) -> Any:
-    """Returns what the entry point `name` of `group` names.
+    """Returns the object that the entry point `name` of `group` refers to.
 
     Raises:
         InputError: there is none of that name, or it cannot be imported.

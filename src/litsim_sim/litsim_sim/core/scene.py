@@ -98,7 +98,7 @@ class AgentTable:
     A scene is a set of agents that can interact: those of one run at one step. A table holds one scene, unless several
     runs are stepped together (:mod:`litsim_sim.scenario.batched`) or several steps are stacked (:mod:`.steps`).
 
-    Tables are not changed once they are made. They are no frozen dataclass, which takes six times as long to make.
+    Tables must not be changed after they are made; a frozen dataclass would enforce it, but takes six times as long.
 
     Attributes:
         step: integer step of 0.1 s since the start of the scenario.

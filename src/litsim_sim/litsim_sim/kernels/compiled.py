@@ -186,7 +186,7 @@ class Kernel:
         directory = cache_directory(self._source)
         if directory is None or not any(directory.glob(f"*-{self.stamp}.*.nbi")):
             announce()
-        _spare_blas()
+        _leave_out_scipy()
         machine_code.box_arrays_quickly()
         before = numba.config.CACHE_LOCATOR_CLASSES
         numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.{KernelLocator.__name__}"
@@ -299,11 +299,10 @@ def _writable(directory: Path) -> bool:
 
 
 @cache
-def _spare_blas() -> None:
+def _leave_out_scipy() -> None:
     """Prevent numba from importing scipy's linear algebra, which takes half as long as loading all kernels.
 
-    Numba looks for it once, when it registers numpy's functions, to compile products of matrices. Kernels must not use
-    these.
+    Numba imports it once, when it registers numpy's functions, to compile matrix products. Kernels must not use these.
     """
     if NUMBA_ARRAYS not in sys.modules:  # otherwise numba has already looked for it
         with left_out(SCIPY_BLAS):

@@ -26,7 +26,6 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema, Statistics
-from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC as MAGIC
 from zstandard import ZstdError
 
@@ -119,15 +118,6 @@ def parse(place: Place, content: bytes) -> McapRecord | None:
         return Message.read(stream, len(content))
     kind = _KINDS.get(place.opcode)
     return None if kind is None else kind.read(stream)
-
-
-def opened(chunk: Chunk) -> list[McapRecord]:
-    """Returns the records in a chunk, checked against its checksum.
-
-    Raises:
-        one of DAMAGE: they are not as they were written.
-    """
-    return breakup_chunk(chunk, validate_crc=True)
 
 
 def damage_at(path: Path, at: int, what: str) -> InputError:

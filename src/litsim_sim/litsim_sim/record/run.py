@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -191,7 +191,7 @@ class Run:
 
     @cached_property
     def logged(self) -> Steps:
-        """Logged agents of the same steps likewise; the same object for runs that have their log in common."""
+        """Logged agents of the same steps; the same object for runs that have their log in common."""
         return Steps.of(self.log)
 
     @property
@@ -201,7 +201,7 @@ class Run:
 
     @property
     def simulated(self) -> Steps:
-        """Those of the steps after the history, which the run decided."""
+        """Agents of the steps after the history, whose motion the run decided."""
         return self.steps.after(self.info.history_steps)
 
     @property
@@ -237,7 +237,7 @@ def read_run(path: Path) -> Run:
         InputError: no such file, not an MCAP file, or it does not hold a LitSim run.
     """
     reader = BagReader(path)
-    decode = _Decoder(reader.topics)
+    decode = _decoder(reader.topics)
     content = _Content()
     for message in reader.messages():
         try:
@@ -348,19 +348,16 @@ class _Content:
             self.statuses.append(_copy(Status, message, state=StageState(message.state)))
 
 
-class _Decoder:
-    """Decodes CDR by the definitions in the bag; rosbags' type system compiles one decoder per topic."""
+def _decoder(topics: Mapping[str, BagTopic]) -> Callable[[str, bytes], Any]:
+    """Returns a function that decodes the CDR of a topic by the definition in the bag."""
 
-    def __init__(self, topics: dict[str, BagTopic]) -> None:
-        self._topics = topics
-        self._stores: dict[str, Typestore] = {}
+    @cache
+    def store_of(topic: str) -> Typestore:  # one per topic: definitions of one type may differ
+        store = get_typestore(Stores.EMPTY)
+        store.register(get_types_from_msg(topics[topic].definition, topics[topic].type_name))
+        return store
 
-    def __call__(self, topic: str, data: bytes) -> Any:
-        described = self._topics[topic]
-        if topic not in self._stores:
-            self._stores[topic] = get_typestore(Stores.EMPTY)
-            self._stores[topic].register(get_types_from_msg(described.definition, described.type_name))
-        return self._stores[topic].deserialize_cdr(data, described.type_name)
+    return lambda topic, data: store_of(topic).deserialize_cdr(data, topics[topic].type_name)
 
 
 _T = TypeVar("_T")

@@ -246,12 +246,12 @@ def build(file: SignalsFile, net: Path, log: Log, start_frame: int, where: str) 
         InputError: a connection is not in the net, or is in two groups; or most vehicles pass the stop lines of a
             group at red, so that groups or times must be wrong.
     """
-    signals = shown(file, read_links(net), log.steps, start_frame, where)
-    check_heeded(heed(signals, log), where)
+    signals = signals_of(file, read_links(net), log.steps, start_frame, where)
+    check_passages(count_passages(signals, log), where)
     return signals
 
 
-def shown(
+def signals_of(
     file: SignalsFile, net_links: Sequence[SignalLink], steps: int, start_frame: int = 0, where: str = "signals"
 ) -> Signals:
     """Returns the signals for `steps` steps from `start_frame` on, without the check that vehicles heed them.
@@ -335,7 +335,7 @@ def _states(
     return states
 
 
-def heed(signals: Signals, log: Log, until: int | None = None) -> dict[str, tuple[int, int]]:
+def count_passages(signals: Signals, log: Log, until: int | None = None) -> dict[str, tuple[int, int]]:
     """Returns the numbers of vehicles of the log that pass the stop lines, in total and at red, by group.
 
     Args:
@@ -373,8 +373,8 @@ def check_known(file: SignalsFile, known: bool, frames: tuple[int, int], where: 
     )
 
 
-def check_heeded(counts: Mapping[str, tuple[int, int]], where: str) -> None:
-    """Refuse signals that most vehicles do not heed, by the counts of :func:`heed`.
+def check_passages(counts: Mapping[str, tuple[int, int]], where: str) -> None:
+    """Refuse signals that most vehicles do not heed, by the counts of :func:`count_passages`.
 
     Raises:
         InputError: a group is not heeded; `where` names the signals.
