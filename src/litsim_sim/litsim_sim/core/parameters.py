@@ -73,7 +73,7 @@ class ParameterOverrides:
 
 
 def problems(error: ValidationError, config: type, values: Mapping[str, Any]) -> list[str]:
-    """Returns descriptions of invalid fields of a configuration: name, value, and what was expected.
+    """Returns the descriptions of invalid fields of a configuration: name, value, and what was expected.
 
     Args:
         error: error that the constructor raised.

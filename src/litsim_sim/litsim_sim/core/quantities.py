@@ -111,7 +111,7 @@ def at_most(config: object, field: str, bound: str) -> None:
 
 
 def expected(annotation: Any) -> str:
-    """Returns description of the values that a field of this type may have, such as ``a number of more than 0 [s]``."""
+    """Describes the values that a field of this type may have, such as ``a number of more than 0 [s]``."""
     if get_origin(annotation) is Literal:
         return f"one of {', '.join(map(str, get_args(annotation)))}"
     if get_origin(annotation) is tuple:

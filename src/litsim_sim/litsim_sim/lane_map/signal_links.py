@@ -144,7 +144,7 @@ class Crossings:
 def crossings(
     links: Sequence[SignalLink], x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, valid: BoolArray
 ) -> Crossings:
-    """Returns passages of the stop lines of `links`.
+    """Finds the passages of the stop lines of `links`.
 
     A line is passed when the front centre gets `PASSED` beyond it, in the direction of the lane. Recorded vehicles that
     stand there rock back and forth: one passes the last time that it does so without being back at the line. The

@@ -150,7 +150,7 @@ class StepBuffer:
             self._repeat_confirmation()  # the bridge asks again
 
     def _complete(self, step: int) -> bool:
-        """Returns whether all messages of a step are here that must be, as in the class's description."""
+        """Returns whether all messages that complete a step are here; see the class's description."""
         held = self._pending.get(step, {})
         needed = OF_THE_BRIDGE if step in self._missed else self._run.per_step
         awaits_ego = step == 0 and EGO_APPLIED in self._run.per_step and self._repeated <= REPEATS_MAX

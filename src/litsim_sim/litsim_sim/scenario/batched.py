@@ -154,7 +154,7 @@ class BatchedScenario:
 
 
 def kind(scenario: Scenario) -> Hashable:
-    """Returns a key; scenarios with equal ones can be batched, as they share all that stages query once for all."""
+    """Returns a key of all that stages query once for a batch; scenarios with equal keys can be batched."""
     vehicle = tuple(vars(scenario.vehicle).items())
     controlled = None if scenario.signals is None else scenario.signals.link_names
     return scenario.net_path, scenario.history_steps, scenario.roi_m, controlled, vehicle

@@ -139,12 +139,12 @@ def driver_names() -> tuple[str, ...]:
 
 
 def ego_names() -> tuple[str, ...]:
-    """Returns what can drive the ego: :func:`driver_names`, and a stack of the user."""
+    """Returns the names of what can drive the ego: :func:`driver_names`, and a stack of the user."""
     return (*driver_names(), EXTERNAL)
 
 
 def policy_names() -> tuple[str, ...]:
-    """Returns what can move the background: the installed policies, and pure replay."""
+    """Returns the names of what can move the background: the installed policies, and pure replay."""
     return (*plugins.names(plugins.POLICIES), REPLAY)
 
 

@@ -150,7 +150,7 @@ class Signals:
         return SignalTable(step, self.groups, self.states[:, min(step, self.states.shape[1] - 1)])
 
     def of_links(self, step: int) -> ByteArray:
-        """Returns the :class:`SignalState` of connections (scenes, links) at `step`; after the last, as then."""
+        """Returns the :class:`SignalState` (scenes, links) at `step`; beyond the last step, those of the last."""
         return self.states[None, self.link_group, min(step, self.states.shape[1] - 1)]
 
     @property
