@@ -32,10 +32,10 @@ def scenario(make_scenario: Any, track: Any) -> Scenario:
 
 def test_those_nearest_to_the_ego_are_driven(scenario: Scenario) -> None:
     everybody = TrafficEpisodes([scenario], 10, 60.0)
-    assert everybody.batch.own(0, everybody.agents).tolist() == [2, 3]
+    assert everybody.batch.log.recorded_ids[everybody.agents].tolist() == [2, 3]
     assert everybody.seen.shape == (2, SIZE)
     nearest = TrafficEpisodes([scenario, scenario], 1, 60.0)
-    assert [nearest.batch.told(k)(agent) for k, agent in enumerate(nearest.agents.tolist())] == [3, 3]
+    assert [nearest.batch.recorded_id_in(k)(agent) for k, agent in enumerate(nearest.agents.tolist())] == [3, 3]
 
 
 def test_who_is_told_to_do_as_he_does_stays_on_his_log(scenario: Scenario) -> None:
