@@ -50,7 +50,7 @@ def test_the_stages_and_our_ego_share_a_process_each_with_its_parameters() -> No
     assert [node.name for node in shared] == ["recorder", "stages", "bridge"]
     one = shared[1]
     assert (one.package, one.executable) == ("litsim_policy", "stages")
-    assert one.several == {"ego": "ego", "predictor": "predictor", "conflict": "conflict", "policy": "policy"}
+    assert one.several == ("ego", "predictor", "conflict", "policy")
     given = {"predictor:model": "kinematic", "conflict:horizon": 2.5, "ego:headway": 2.0, "ego:driver": "idm"}
     assert one.parameters == given
 

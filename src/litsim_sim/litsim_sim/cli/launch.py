@@ -19,11 +19,19 @@ from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES, Interface
 from litsim_sim.io.files import Unwritable
 from litsim_sim.kernels.garbage import without_collection
 from litsim_sim.launch.domain import graph_domain
-from litsim_sim.launch.executables import find_executable
 from litsim_sim.launch.middleware import check_security
-from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphNode, GraphOptions, in_one_process, nodes_of
+from litsim_sim.launch.nodes import (
+    MODES,
+    STOP_OR_HOLD,
+    GraphNode,
+    GraphOptions,
+    find_executable,
+    in_one_process,
+    nodes_of,
+)
 from litsim_sim.launch.output import check_output, held_output
-from litsim_sim.launch.processes import Graph, GraphFailed, without_interrupts
+from litsim_sim.launch.processes import Graph, GraphFailed
+from litsim_sim.launch.signals import without_interrupts
 from litsim_sim.nodes.shared import prepare_nodes
 from litsim_sim.record.bag import make_room
 from litsim_sim.record.failure import write_failure

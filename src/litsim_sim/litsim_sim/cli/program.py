@@ -23,7 +23,7 @@ from litsim_sim.core.errors import (
     without_ros,
 )
 from litsim_sim.io.files import make_folder
-from litsim_sim.launch.child import SIGNALS
+from litsim_sim.launch.signals import SIGNALS
 
 P = ParamSpec("P")
 

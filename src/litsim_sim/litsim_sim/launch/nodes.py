@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.stage_registry import configured
-from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES, RECORDER
+from litsim_sim.core.stages import BRIDGE, EGO, POLICY, POLICY_STAGES, RECORDER
 from litsim_sim.ego_port.answer import AUTO
-from litsim_sim.launch.executables import program_of, stages_program
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 
+STAGES_PROGRAM = "stages"
+"""Executable of several stages in one process, in the package of the policy's stage; its arguments are their names."""
 MODES = ("lockstep", "realtime")
 STOP_OR_HOLD = ("stop", "hold")
 DRIVER = "driver"
@@ -62,14 +64,43 @@ class GraphNode:
         name: name of its stage, the bridge or the recorder; for several nodes, that of their program.
         package, executable: package and executable of its program.
         parameters: ROS parameters that are not left at the node's defaults, by name; for several nodes, by NODE:NAME.
-        several: executable of each node on its own by the node's name, if these are several.
+        several: names of the nodes, if these are several; also the arguments of their program.
     """
 
     name: str
     package: str
     executable: str
     parameters: Mapping[str, Any]
-    several: Mapping[str, str] = field(default_factory=dict)
+    several: Sequence[str] = ()
+
+
+def find_executable(package: str, executable: str) -> Path:
+    """The file of an executable that ``ros2 run PACKAGE EXECUTABLE`` starts.
+
+    Raises:
+        InputError: the package is not built, not sourced, or has no such executable.
+        ModuleNotFoundError: there is no ROS.
+    """
+    from ament_index_python.packages import PackageNotFoundError, get_package_prefix  # campaigns need it over DDS only
+
+    try:
+        path = Path(get_package_prefix(package)) / "lib" / package / executable
+    except PackageNotFoundError as error:
+        raise InputError(f"package {package} is not built or not sourced: {error}") from error
+    if not path.is_file():
+        raise InputError(f"{path}: no such executable; build the workspace (make build)")
+    return path
+
+
+def program_of(stage: str) -> tuple[str, str]:
+    """Package and executable of the node of a stage: of the package that registers the stage, with the stage's name.
+
+    The ego's node and the program of several stages are in the policy's package, whichever plug-in drives.
+
+    Raises:
+        InputError: no installed package has the stage.
+    """
+    return plugins.package_of(plugins.STAGES, POLICY if stage in (EGO, STAGES_PROGRAM) else stage), stage
 
 
 def nodes_of(plan: RunPlan, how: GraphOptions) -> list[GraphNode]:
@@ -99,9 +130,7 @@ def in_one_process(nodes: Sequence[GraphNode]) -> list[GraphNode]:
     if len(stages) < 2:
         return list(nodes)
     parameters = {f"{node.name}:{name}": value for node in stages.values() for name, value in node.parameters.items()}
-    executables = {node.name: node.executable for node in stages.values()}
-    program = stages_program()
-    one = GraphNode(program[1], *program, parameters, executables)
+    one = GraphNode(STAGES_PROGRAM, *program_of(STAGES_PROGRAM), parameters, tuple(stages))
     first = min(nodes.index(node) for node in stages.values())
     return [one if k == first else node for k, node in enumerate(nodes) if k == first or node.name not in stages]
 

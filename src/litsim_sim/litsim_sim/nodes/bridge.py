@@ -18,8 +18,7 @@ from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.ego_port.answer import Interface
 from litsim_sim.ego_port.port import EgoPort, Level, Remark
 from litsim_sim.kernels.compiled import load_kernels
-from litsim_sim.launch.domain import held_domain
-from litsim_sim.launch.domain_ports import EMPTY
+from litsim_sim.launch.domain import EMPTY, held_domain
 from litsim_sim.nodes import diagnostics
 from litsim_sim.nodes.bridge_options import BridgeOptions, bridge_stage
 from litsim_sim.nodes.broadcast import PUBLISHED, PUBLISHED_OF_SIGNALS, Broadcast, run_info
