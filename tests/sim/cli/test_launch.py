@@ -68,6 +68,7 @@ def test_options_that_are_wrong(
         main(list(words))
     assert stop.value.code == 2
     assert said in capsys.readouterr().err.splitlines()[-1]
+    assert not list(tmp_path.iterdir()), "nothing is left behind"
 
 
 @pytest.mark.parametrize("more", [[], ["--overwrite"]])

@@ -18,6 +18,7 @@ from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES, Interface
 from litsim_sim.io.files import Unwritable
 from litsim_sim.kernels.garbage import without_collection
+from litsim_sim.launch.child import check_program
 from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.middleware import check_security
 from litsim_sim.launch.nodes import (
@@ -53,6 +54,8 @@ def launch(arguments: argparse.Namespace) -> int:
         plan = plan_of(arguments)
         if arguments.command and plan.ego != EXTERNAL:
             raise InputError(f"{shlex.join(arguments.command)}: the ego is {plan.ego}, expected --ego {EXTERNAL}")
+        if arguments.command:
+            check_program(arguments.command)
         domain = graph_domain(arguments.domain_id, reserve=plan.ego != EXTERNAL or bool(arguments.command))
         options = _options(arguments, plan)
         nodes = nodes_of(plan, options)
