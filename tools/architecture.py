@@ -73,8 +73,8 @@ def rooms_of_the_house() -> dict[str, Room]:
         room_of[module] = name
         rooms[name].lines += len(source(module).read_text(encoding="utf-8").splitlines())
     for module, name in room_of.items():
-        found = {room_of[each] for each in graph.find_modules_directly_imported_by(module) if each in room_of}
-        rooms[name].imports |= found - {name}
+        imported = graph.find_modules_directly_imported_by(module)
+        rooms[name].imports |= {room_of[other] for other in imported if other in room_of} - {name}
     return rooms
 
 
@@ -126,11 +126,11 @@ def table(package: str, rooms: dict[str, Room], level: dict[str, int]) -> Iterat
     """The rooms of a package from the top floor down, with all that they import."""
     yield "| folder | purpose | imports |"
     yield "|---|---|---|"
-    mine = [room for room in rooms.values() if room.name.startswith(f"{package}.")]
-    for room in sorted(mine, key=lambda each: (-level[each.name], each.name)):
-        inside = sorted(rooms[each].short for each in room.imports if each.startswith(f"{package}."))
-        outside = sorted({each.partition(".")[0] for each in room.imports if not each.startswith(f"{package}.")})
-        imports = ", ".join([*inside, *(f"*{each}*" for each in outside)])
+    mine = [room for room in rooms.values() if package_of(room.name) == package]
+    for room in sorted(mine, key=lambda room: (-level[room.name], room.name)):
+        inside = sorted(rooms[name].short for name in room.imports if package_of(name) == package)
+        outside = sorted({package_of(name) for name in room.imports} - {package})
+        imports = ", ".join([*inside, *(f"*{name}*" for name in outside)])
         yield f"| {room.short} | {room.purpose} | {imports} |"
 
 
@@ -174,9 +174,9 @@ def print_largest() -> None:
         if isinstance(node, ast.ClassDef) and node.end_lineno
     ]
     folders = [(room.lines, room.name) for room in rooms_of_the_house().values()]
-    for title, found in (("classes", classes), ("folders", folders)):
+    for title, sizes in (("classes", classes), ("folders", folders)):
         print(f"largest {title}, lines:")
-        for lines, name in sorted(found, reverse=True)[:LARGEST]:
+        for lines, name in sorted(sizes, reverse=True)[:LARGEST]:
             print(f"{lines:6} {name}")
 
 

@@ -56,7 +56,7 @@ def generate_launch_description() -> LaunchDescription:
             name,
             default_value=default,
             description=text,
-            choices=[str(each) for each in choices] if choices else None,
+            choices=list(map(str, choices)) if choices else None,
         )
         for name, default, text, choices in ARGUMENTS
     ]
@@ -69,22 +69,22 @@ def graph(context: LaunchContext) -> list[object]:
     Raises:
         InputError: an argument cannot be used; found before anything is started.
     """
-    given = {name: LaunchConfiguration(name).perform(context) for name, *_ in ARGUMENTS}
+    values = {name: LaunchConfiguration(name).perform(context) for name, *_ in ARGUMENTS}
     plan = RunPlan.load(
-        given["scenario"],
-        given["ego"],
-        given["policy"],
-        predictor=given["predictor"] or None,
-        ego_id=whole("ego_id", given["ego_id"]),
-        seed=whole("seed", given["seed"]),
-        settings=settings(given["set"]),
+        values["scenario"],
+        values["ego"],
+        values["policy"],
+        predictor=values["predictor"] or None,
+        ego_id=whole("ego_id", values["ego_id"]),
+        seed=whole("seed", values["seed"]),
+        settings=settings(values["set"]),
     )
     how = GraphOptions(
-        given["scenario"],
-        Path(given["out"] or f"bags/{plan.scenario.name}"),
-        overwrite=given["overwrite"] == "true",
+        values["scenario"],
+        Path(values["out"] or f"bags/{plan.scenario.name}"),
+        overwrite=values["overwrite"] == "true",
         progress="none",
-        **{name: given[name] for name in ("mode", "on_missing", "on_invalid", "ego_interface")},
+        **{name: values[name] for name in ("mode", "on_missing", "on_invalid", "ego_interface")},
     )
     nodes = {
         node.name: Node(
@@ -122,7 +122,7 @@ def settings(text: str) -> list[tuple[str, str, Any]]:
         InputError: they are not of that form.
     """
     try:
-        return [one_setting(each) for each in shlex.split(text)]
+        return [one_setting(setting) for setting in shlex.split(text)]
     except (ArgumentTypeError, ValueError) as error:  # shlex: of quotes that are not closed
         raise InputError(f"set:={text}: {error}") from None
 

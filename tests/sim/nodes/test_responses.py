@@ -15,16 +15,8 @@ from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import Answer, Interface
 from litsim_sim.ego_port.port import EgoPort
 from litsim_sim.ego_port.tracking import TwistTarget
-from litsim_sim.nodes.responses import (
-    EgoPublisher,
-    EgoPublishers,
-    ResponseCollector,
-    RunFailed,
-    StageLiveness,
-    absence,
-    check_controls,
-    rivalry,
-)
+from litsim_sim.nodes.ego_publishers import EgoPublisher, EgoPublishers, absence, rivalry
+from litsim_sim.nodes.responses import ResponseCollector, RunFailed, StageLiveness, check_controls
 
 RUN, OTHER = "run", "another run"
 STAGES = ("predictor", "conflict", "policy", "ego", "recorder")

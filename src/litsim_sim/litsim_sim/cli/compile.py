@@ -39,13 +39,13 @@ def _packages() -> list[str]:
 def main() -> None:
     """Entry point of ``ros2 run litsim_sim compile``."""
     processes, begin = parser().parse_args().processes, time.perf_counter()
-    found = [module for package in _packages() for module in import_kernels(package)]
+    modules = [module for package in _packages() for module in import_kernels(package)]
     missing = missing_kernels()
     with tqdm(total=len(missing), unit="kernel", disable=None) as bar:  # on a terminal
         for _ in compile_kernels(missing, processes):
             bar.update()
     load_kernels()
-    print(f"compile: {len(found)} modules of kernels ready in {time.perf_counter() - begin:.1f} s")
+    print(f"compile: {len(modules)} modules of kernels ready in {time.perf_counter() - begin:.1f} s")
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
 from litsim_sim.core.stages import BRIDGE, RECORDER
-from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES, Interface
+from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES
 from litsim_sim.io.files import Unwritable
 from litsim_sim.kernels.garbage import without_collection
 from litsim_sim.launch.child import check_program
@@ -128,7 +128,7 @@ def _options(arguments: argparse.Namespace, plan: RunPlan) -> GraphOptions:
 def _announce(arguments: argparse.Namespace, plan: RunPlan, domain_id: int) -> None:
     say(arguments, f"run {plan.identity} in ROS_DOMAIN_ID {domain_id}")
     if plan.ego == EXTERNAL and not arguments.command:
-        topics = [INPUTS[each] for each in Interface if arguments.ego_interface in (AUTO, each)]
+        topics = [topic for interface, topic in INPUTS.items() if arguments.ego_interface in (AUTO, interface)]
         say(arguments, f"waiting for an external ego to answer on {' or '.join(topics)}")
 
 

@@ -40,9 +40,9 @@ def parser() -> argparse.ArgumentParser:
 @program
 def main(argv: list[str] | None = None) -> None:
     """Entry point of ``ros2 run litsim_sim replay``."""
-    words, ros = split_arguments(sys.argv[1:] if argv is None else argv)
+    own, ros = split_arguments(sys.argv[1:] if argv is None else argv)
     p = parser()
-    arguments = p.parse_args(words)
+    arguments = p.parse_args(own)
     if arguments.repair != (arguments.out is not None):
         p.error("--repair and --out go together")
     if arguments.repair:
@@ -76,10 +76,10 @@ def _repair(bag: Path, out: Path) -> None:
         print(f"lost: {loss}")
 
 
-def split_arguments(words: list[str]) -> tuple[list[str], list[str]]:
+def split_arguments(argv: list[str]) -> tuple[list[str], list[str]]:
     """Split the command line into own arguments and those of ROS."""
-    at = words.index("--ros-args") if "--ros-args" in words else len(words)
-    return words[:at], words[at:]
+    at = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
+    return argv[:at], argv[at:]
 
 
 if __name__ == "__main__":

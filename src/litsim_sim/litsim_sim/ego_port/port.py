@@ -175,9 +175,9 @@ class EgoPort:
         too_late = step < self._step and not wrong  # then what is wrong may be that the ego has moved on
         reference = None
         if not wrong and isinstance(target, Trajectory) and self._ego is not None:
-            made = Reference(target, self._ego)
-            fault = made.problem(self._ego, self._vehicle)
-            reference = None if fault else made
+            reference = Reference(target, self._ego)
+            fault = reference.problem(self._ego, self._vehicle)
+            reference = None if fault else reference
             wrong = fault if self._driven else ""  # in the history, it may be empty
         if wrong:
             self._count("invalid", Level.ERROR, f"{self.topics[0]}: {self._came(answer)} cannot be used: {wrong}")

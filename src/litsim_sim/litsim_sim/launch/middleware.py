@@ -84,14 +84,10 @@ def use_middleware_settings(program: str, argv: Sequence[str] = ()) -> None:
 @contextmanager
 def middleware_in_use(program: str) -> Iterator[None]:
     """Like :func:`use_middleware_settings`, but only within the context; restores the environment afterwards."""
-    settings = middleware_settings(os.environ) | enclave_setting(os.environ, program)
-    before = {name: os.environ.get(name) for name in settings}
-    os.environ.update(settings)
+    before = dict(os.environ)
+    use_middleware_settings(program)
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        os.environ.clear()
+        os.environ.update(before)

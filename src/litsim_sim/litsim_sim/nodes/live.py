@@ -19,13 +19,14 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 
+from litsim_sim.core.scene import STEP_NS
 from litsim_sim.nodes.live_server import LiveServer
 from litsim_sim.record.bag import BagTopic
 from litsim_sim.ros import cdr, messages
 from litsim_sim.ros.definitions import definition, type_name
 from litsim_sim.ros.endpoints import Endpoints
 from litsim_sim.ros.markers import AgentLayer, ConflictLayer, ForecastLayer, handing_back
-from litsim_sim.ros.parameters import check_given, undeclare_given
+from litsim_sim.ros.parameters import check_set, undeclare_set
 from litsim_sim.ros.process import process, serve
 from litsim_sim.ros.topics import (
     AGENTS,
@@ -54,7 +55,7 @@ class LiveNode(Node):
 
     def __init__(self, server: LiveServer | None = None) -> None:
         super().__init__(NAME, automatically_declare_parameters_from_overrides=True)
-        check_given(self, undeclare_given(self))  # it has no parameters
+        check_set(self, undeclare_set(self))  # it has no parameters
         self._server = server
         self._agents, self._forecasts, self._conflicts = AgentLayer(), ForecastLayer(), ConflictLayer()
         self._newest: dict[Topic, bytes] = {}
@@ -121,7 +122,7 @@ class LiveNode(Node):
         data = serialize_message(markers)
         self._outlets[topic].publish(data)
         if self._server is not None:
-            self._server.send(topic.name, data, messages.nanoseconds(step))
+            self._server.send(topic.name, data, step * STEP_NS)
 
 
 def live(ros_arguments: Sequence[str], rate: float, server_at: tuple[str, int] | None) -> None:

@@ -163,12 +163,13 @@ class RecorderNode(Node):
         After a finished run all of that step has been received, unless the bridge waited for another recorder; the
         recording then ends after LINGER_S.
         """
-        until, seen = time.monotonic() + LINGER_S, [-1]
+        until, newest = time.monotonic() + LINGER_S, -1
         failed = status.state == StageState.FAILED
 
         def look() -> None:
-            if seen[0] < status.step and time.monotonic() < until:
-                seen[0] = buffer.newest if failed else buffer.confirmed
+            nonlocal newest
+            if newest < status.step and time.monotonic() < until:
+                newest = buffer.newest if failed else buffer.confirmed
             elif not self.finished:
                 self._close(amid_step=failed)
                 self._say(StageState.FAILED if self.gaps else StageState.FINISHED, self.gaps)
@@ -192,7 +193,7 @@ class RecorderNode(Node):
         self._recorded.publish(messages.status(self._run_id, STAGE, StageState.RUNNING, step))
 
     def _write(self, name: str, data: bytes, step: int) -> None:
-        self._writer.write(name, data, messages.nanoseconds(step))
+        self._writer.write(name, data, step * STEP_NS)
 
     def _timer(self, period_s: float, callback: Callable[[], None]) -> Timer:
         """A timer of the wall clock, independent of simulation time."""

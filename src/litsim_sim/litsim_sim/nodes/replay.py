@@ -22,7 +22,7 @@ from litsim_sim.nodes.keyboard import Keyboard
 from litsim_sim.record.bag import BagReader, BagTopic
 from litsim_sim.record.player import Player, checked_rate, is_latched, messages_of, offered_qos, selected
 from litsim_sim.ros.definitions import type_hash
-from litsim_sim.ros.parameters import check_given, undeclare_given
+from litsim_sim.ros.parameters import check_set, undeclare_set
 from litsim_sim.ros.process import process, serve
 
 NAME = "replay"
@@ -48,7 +48,7 @@ class ReplayNode(Node):
             InputError: the bag cannot be played with these options.
         """
         super().__init__(NAME, automatically_declare_parameters_from_overrides=True)
-        given = undeclare_given(self)
+        names = undeclare_set(self)
         reader = BagReader(bag)
         if reader.problem:
             self.get_logger().warning(
@@ -63,7 +63,7 @@ class ReplayNode(Node):
         self.declare_parameter("loop", self.player.loop)
         about = "seconds from the first message; setting it seeks"
         self.declare_parameter("seek_to", nan, ParameterDescriptor(description=about))
-        check_given(self, given)
+        check_set(self, names)
         begin_s = self.get_parameter("seek_to").value
         if not isnan(begin_s) and (wrong := self._beyond(begin_s)):
             raise InputError(wrong)

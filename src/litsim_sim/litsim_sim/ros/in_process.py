@@ -67,8 +67,8 @@ class InProcessTransport:
             InputError: it cannot be read.
         """
         if self._scenario is None or self._scenario[0] != info.run_id:
-            made = Scenario.from_yaml(info.scenario_yaml, f"{RUN_INFO.name} of run {info.run_id}")
-            self._scenario = (info.run_id, made)
+            scenario = Scenario.from_yaml(info.scenario_yaml, f"{RUN_INFO.name} of run {info.run_id}")
+            self._scenario = (info.run_id, scenario)
         return self._scenario[1]
 
     def _deliver(self, topic: Topic, message: Any) -> None:

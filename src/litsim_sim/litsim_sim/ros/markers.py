@@ -108,8 +108,8 @@ class ConflictLayer(Layer):
 
     def draw(self, message: Takeovers, table: AgentTable | None) -> MarkerArray:
         """Markers of a step's takeovers; sizes and opponents as in `table`, which may be of another step."""
-        held = [each for each in message.takeovers if each.state == Takeover.HELD]
-        return self.array(message.step, (found for each in held for found in self._markers(each, table)))
+        held = [takeover for takeover in message.takeovers if takeover.state == Takeover.HELD]
+        return self.array(message.step, (marker for takeover in held for marker in self._markers(takeover, table)))
 
     def _markers(self, takeover: Takeover, table: AgentTable | None) -> Iterator[tuple[_Key, Marker]]:
         agent, at, goal = takeover.agent, takeover.conflict_pose, takeover.goal_pose
@@ -136,7 +136,7 @@ class ConflictLayer(Layer):
 
 def handing_back(message: Takeovers) -> frozenset[int]:
     """Agents that are on their way back to the log."""
-    return frozenset(each.agent for each in message.takeovers if each.state != Takeover.HELD)
+    return frozenset(takeover.agent for takeover in message.takeovers if takeover.state != Takeover.HELD)
 
 
 def _colour(text: str, alpha: float = 1.0) -> ColorRGBA:

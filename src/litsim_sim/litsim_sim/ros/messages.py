@@ -36,11 +36,6 @@ def stamp(step: int) -> Time:
     return Time(sec=seconds, nanosec=nanoseconds)
 
 
-def nanoseconds(step: int) -> int:
-    """Simulation time of a step in nanoseconds."""
-    return step * STEP_NS
-
-
 def header(step: int) -> Header:
     """Header of a message about a step, in frame map."""
     return Header(stamp=stamp(step), frame_id=FRAME)
@@ -147,7 +142,7 @@ def ego_to_message(command: EgoCommand, run_id: str) -> EgoControl:
 def ego_from_message(message: EgoControl) -> EgoCommand:
     """Command of an ``EgoControl``; raises ValueError for an unknown mode."""
     if message.mode not in [*EgoMode]:
-        raise ValueError(f"mode is {message.mode}, expected {' or '.join(f'{each} ({each.name})' for each in EgoMode)}")
+        raise ValueError(f"mode is {message.mode}, expected {' or '.join(f'{mode} ({mode.name})' for mode in EgoMode)}")
     return EgoCommand(message.step, message.acceleration, message.yaw_rate, EgoMode(message.mode))
 
 

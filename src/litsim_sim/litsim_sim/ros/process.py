@@ -137,7 +137,7 @@ def spare_from_collection() -> None:
 def _init(known: Sequence[str] = ()) -> None:
     """Initialise rclpy from the command line, which may hold ROS arguments and `known` ones only."""
     name = Path(sys.argv[0]).name
-    extra = [word for word in remove_ros_args(sys.argv)[1:] if word not in known]
+    extra = [argument for argument in remove_ros_args(sys.argv)[1:] if argument not in known]
     if extra[:1] in (["-h"], ["--help"]):
         print(USAGE.format(name=name, arguments=" ".join([*known, ""])), end="")
         sys.exit(0)

@@ -49,11 +49,11 @@ class StageNode(Node):
     outputs: Sequence[tuple[Topic, Write]]
     declared: Endpoints
 
-    def __init_subclass__(cls, **given: Any) -> None:
+    def __init_subclass__(cls, **options: Any) -> None:
         """Declare the endpoints of a stage: its own, and those of every stage."""
-        super().__init_subclass__(**given)
-        reads, writes = ([topic for topic, _ in each] for each in (cls.inputs, cls.outputs))
-        cls.declared = Endpoints(cls.stage, (*writes, STATUS, TIMING), (*reads, RUN_INFO, HELLO, STATUS))
+        super().__init_subclass__(**options)
+        hears, publishes = ([topic for topic, _ in topics] for topics in (cls.inputs, cls.outputs))
+        cls.declared = Endpoints(cls.stage, (*publishes, STATUS, TIMING), (*hears, RUN_INFO, HELLO, STATUS))
 
     def __init__(self, transport: InProcessTransport | None = None) -> None:
         """Make the node; `transport` holds the stages of its process, including all that it waits for."""
@@ -149,8 +149,8 @@ class StageNode(Node):
         """Take an input of the current run, and answer its step once it is complete."""
         start = time.perf_counter()
         try:
-            given = read()
-            inputs = self._joiner.offer(name, run_id, step, given) if self._joiner else None
+            value = read()
+            inputs = self._joiner.offer(name, run_id, step, value) if self._joiner else None
             if inputs is None:
                 return
             answers = dict(zip(self._outputs, self.answer(inputs), strict=True))
