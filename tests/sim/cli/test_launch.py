@@ -50,6 +50,9 @@ def test_neither_the_launcher_nor_its_nodes_import_a_library_that_they_do_not_ne
             "error: no stage of this run: policy; expected bridge, ",
         ),
         (("--", "true"), "the ego is idm, expected --ego external"),
+        (("--scenario", "none.yaml"), "none.yaml: no such scenario; expected a YAML file, or one of demo"),
+        (("--ego-id", "4711"), "field ego: no vehicle 4711"),
+        (("--domain-id", "233"), "error: ROS_DOMAIN_ID is '233', expected 0 to 232"),
         (
             ("--ego", "external", "--", "no_such_stack"),
             "no_such_stack: no such program, expected the command that starts",

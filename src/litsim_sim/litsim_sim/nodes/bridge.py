@@ -243,7 +243,7 @@ class BridgeNode(Node):
     def _ego_publishers(self) -> list[EgoPublisher]:
         """The announced publishers on the ego port's topics; the names of their nodes are remembered."""
         publishers = [
-            EgoPublisher(topic.name, node_of(info), _unheard(topic, info), bytes(info.endpoint_gid))
+            EgoPublisher(topic.name, node_of(info), unheard(topic, info), bytes(info.endpoint_gid))
             for topic in EGO_INPUTS.values()
             for info in self.get_publishers_info_by_topic(self.resolve_topic_name(topic.name))
         ]
@@ -263,7 +263,7 @@ class BridgeNode(Node):
         return messages.status(self.plan.run_id, BRIDGE, state, step, compute_time, text)
 
 
-def _unheard(topic: Topic, info: Any) -> str:
+def unheard(topic: Topic, info: Any) -> str:
     """Text that says why a publisher on an input of the ego port cannot be heard; empty if it can."""
     if info.topic_type != (expected := type_name(topic.type)):
         return f"has type {info.topic_type} and cannot be heard, expected {expected}"
