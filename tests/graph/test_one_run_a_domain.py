@@ -27,6 +27,7 @@ def test_a_second_launcher_is_refused_and_the_first_run_goes_on(graph: Any) -> N
     expected = f"error: ROS_DOMAIN_ID {graph.domain}: another run of yours is on there (process {first.pid}); "
     assert second.stderr.startswith(expected)
     assert second.stderr.count("\n") == 1
+    assert not (graph.folder / "second").exists()
     graph.start_script("standard_ego.py")
     done = graph.finish(first)
     assert done.returncode == 0, done.stderr

@@ -6,7 +6,7 @@ import argparse
 import os
 import shlex
 import sys
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser, positive
@@ -61,11 +61,12 @@ def launch(arguments: argparse.Namespace) -> int:
         nodes = nodes_of(plan, options)
         nodes = nodes if arguments.apart else in_one_process(nodes)
         paths = {node.name: find_executable(node.package, node.executable) for node in nodes}
-        check_output(options.out, options.overwrite)
         prepare_nodes()
-    with held_output(options.out):
-        make_room(options.out, options.overwrite)  # else an earlier recording would remain if this run fails early
-        with domain as domain_id:
+    with ExitStack() as output:
+        with domain as domain_id:  # before the folder is made, which a run that is refused would leave behind
+            check_output(options.out, options.overwrite)
+            output.enter_context(held_output(options.out))
+            make_room(options.out, options.overwrite)  # else an earlier recording would remain if this run fails early
             graph = Graph(options.out, domain_id, options.answer_timeout_s)
             _announce(arguments, plan, domain_id)
             try:
