@@ -1,9 +1,8 @@
 """Draws the imports between folders into ARCHITECTURE.md, from the code alone.
 
-    PYTHONPATH=$(printf '%s:' src/litsim_*) python tools/architecture.py [--check | --largest]
+    PYTHONPATH=$(printf '%s:' src/litsim_*) python tools/architecture.py [--check]
 
-Without an option, the part of ARCHITECTURE.md between the marks is written anew; --check says whether that would change
-it; --largest prints the largest classes and folders. `make architecture` and `make lint` call the first two.
+The part of ARCHITECTURE.md between the marks is written anew; --check only says whether that would change it.
 """
 
 from __future__ import annotations
@@ -29,7 +28,6 @@ PACKAGES = (
     "litsim_sim",
 )  # upper first
 BEGIN, END = "<!-- begin: tools/architecture.py -->", "<!-- end: tools/architecture.py -->"
-LARGEST = 12  # classes and folders that --largest prints
 
 
 @dataclass
@@ -39,13 +37,11 @@ class Room:
     Attributes:
         name: dotted name.
         purpose: first sentence of its docstring.
-        lines: number of lines of all its modules.
         imports: names of the rooms that it imports.
     """
 
     name: str
     purpose: str
-    lines: int = 0
     imports: set[str] = field(default_factory=set)
 
     @property
@@ -71,7 +67,6 @@ def rooms_of_the_house() -> dict[str, Room]:
             text = ast.get_docstring(ast.parse(source(name).read_text(encoding="utf-8"))) or ""
             rooms[name] = Room(name, text.partition("\n\n")[0].replace("\n", " "))
         room_of[module] = name
-        rooms[name].lines += len(source(module).read_text(encoding="utf-8").splitlines())
     for module, name in room_of.items():
         imported = graph.find_modules_directly_imported_by(module)
         rooms[name].imports |= {room_of[other] for other in imported if other in room_of} - {name}
@@ -165,33 +160,12 @@ def page(part: str) -> str:
     return f"{before}{BEGIN}\n{part}\n{END}{rest.partition(END)[2]}"
 
 
-def print_largest() -> None:
-    """The largest classes and folders, in lines."""
-    classes = [
-        (node.end_lineno - node.lineno + 1, f"{node.name} ({path.relative_to(ROOT / 'src')})")
-        for path in (ROOT / "src").rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.ClassDef) and node.end_lineno
-    ]
-    folders = [(room.lines, room.name) for room in rooms_of_the_house().values()]
-    for title, sizes in (("classes", classes), ("folders", folders)):
-        print(f"largest {title}, lines:")
-        for lines, name in sorted(sizes, reverse=True)[:LARGEST]:
-            print(f"{lines:6} {name}")
-
-
 def main() -> None:
-    """Write the page, or print what the option asks for."""
+    """Write the page, or check it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    what = parser.add_mutually_exclusive_group()
-    what.add_argument("--check", action="store_true", help="exit with status 1 where the page does not show the code")
-    what.add_argument("--largest", action="store_true", help="print the largest classes and folders")
-    arguments = parser.parse_args()
-    if arguments.largest:
-        print_largest()
-        return
-    text = page(drawing())
-    if not arguments.check:
+    parser.add_argument("--check", action="store_true", help="exit with status 1 where the page does not show the code")
+    check, text = parser.parse_args().check, page(drawing())
+    if not check:
         PAGE.write_text(text, encoding="utf-8")
     elif text != PAGE.read_text(encoding="utf-8"):
         sys.exit(f"error: {PAGE.name} does not show the imports of the code; run `make architecture`")

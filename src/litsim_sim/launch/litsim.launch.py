@@ -25,7 +25,7 @@ from litsim_sim.core.parameters import one_setting
 from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.ego_port.answer import AUTO, INTERFACES
 from litsim_sim.launch.domain import hold_for_this_process
-from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphOptions, nodes_of
+from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, nodes_of
 from litsim_sim.launch.output import check_output
 from litsim_sim.scenario.run_info import RunPlan, ego_names, policy_names
 
@@ -79,22 +79,17 @@ def graph(context: LaunchContext) -> list[object]:
         seed=whole("seed", values["seed"]),
         settings=settings(values["set"]),
     )
-    how = GraphOptions(
-        values["scenario"],
-        Path(values["out"] or f"bags/{plan.scenario.name}"),
-        overwrite=values["overwrite"] == "true",
-        progress="none",
-        **{name: values[name] for name in ("mode", "on_missing", "on_invalid", "ego_interface")},
-    )
+    out, overwrite = Path(values["out"] or f"bags/{plan.scenario.name}"), values["overwrite"] == "true"
+    bridge = {name: values[name] for name in ("mode", "on_missing", "on_invalid", "ego_interface")}
     nodes = {
         node.name: Node(
             package=node.package, executable=node.executable, parameters=[dict(node.parameters)], output="screen"
         )
-        for node in nodes_of(plan, how)
+        for node in nodes_of(plan, values["scenario"], out, overwrite=overwrite, progress="none", **bridge)
     }
-    check_output(how.out, how.overwrite)
+    check_output(out, overwrite)
     hold_for_this_process(whole("ROS_DOMAIN_ID", os.environ.get("ROS_DOMAIN_ID", "")) or 0)
-    over = EmitEvent(event=Shutdown(reason=f"the run is over, recorded in {how.out}"))
+    over = EmitEvent(event=Shutdown(reason=f"the run is over, recorded in {out}"))
     running = {BRIDGE, RECORDER}
     handlers = [
         RegisterEventHandler(OnProcessExit(target_action=nodes[name], on_exit=on_exit(name, running, over)))

@@ -20,11 +20,11 @@ CHECK = f"""
 import sys
 from pathlib import Path
 from litsim_sim.cli import launch
-from litsim_sim.launch.nodes import GraphOptions, nodes_of
+from litsim_sim.launch.nodes import nodes_of
 from litsim_sim.nodes.shared import prepare_nodes
 arguments = launch.parser().parse_args(["--ego", "idm", "--policy", "litsim"])
 plan = launch.plan_of(arguments)
-nodes_of(plan, GraphOptions(arguments.scenario, Path("out")))
+nodes_of(plan, arguments.scenario, Path("out"))
 plan.scenario.recording.to_parquet()
 prepare_nodes()
 import litsim_policy.driving.stages_node, litsim_policy.ego.node, litsim_sim.nodes.recorder

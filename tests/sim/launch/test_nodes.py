@@ -8,13 +8,14 @@ from pathlib import Path
 import pytest
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.launch.nodes import GraphNode, GraphOptions, in_one_process, nodes_of
+from litsim_sim.launch.nodes import GraphNode, in_one_process, nodes_of
 from litsim_sim.scenario.run_info import RunPlan
 
 
 def nodes(ego: str = "idm", policy: str = "litsim", interface: str = "auto", **plan: object) -> dict[str, GraphNode]:
-    how = GraphOptions("demo", Path("bags/a"), overwrite=True, ego_interface=interface)
-    return {node.name: node for node in nodes_of(RunPlan.load("demo", ego, policy, **plan), how)}  # type: ignore[arg-type]
+    run = RunPlan.load("demo", ego, policy, **plan)  # type: ignore[arg-type]
+    made = nodes_of(run, "demo", Path("bags/a"), overwrite=True, ego_interface=interface)
+    return {node.name: node for node in made}
 
 
 def test_the_bridge_comes_last_and_the_recorder_first() -> None:

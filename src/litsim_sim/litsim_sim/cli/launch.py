@@ -25,7 +25,6 @@ from litsim_sim.launch.nodes import (
     MODES,
     STOP_OR_HOLD,
     GraphNode,
-    GraphOptions,
     find_executable,
     in_one_process,
     nodes_of,
@@ -57,30 +56,41 @@ def launch(arguments: argparse.Namespace) -> int:
         if arguments.command:
             check_program(arguments.command)
         domain = graph_domain(arguments.domain_id, reserve=plan.ego != EXTERNAL or bool(arguments.command))
-        options = _options(arguments, plan)
-        nodes = nodes_of(plan, options)
+        out = Path(f"bags/{plan.scenario.name}" if arguments.out is None else arguments.out)
+        nodes = nodes_of(
+            plan,
+            arguments.scenario,
+            out,
+            overwrite=arguments.overwrite,
+            mode=arguments.mode,
+            on_missing=arguments.on_missing,
+            on_invalid=arguments.on_invalid,
+            ego_interface=arguments.ego_interface,
+            answer_timeout_s=arguments.answer_timeout,
+            progress="lines",
+        )
         nodes = nodes if arguments.apart else in_one_process(nodes)
         paths = {node.name: find_executable(node.package, node.executable) for node in nodes}
         prepare_nodes()
-    with ExitStack() as output:
+    with ExitStack() as held:
         with domain as domain_id:  # before the folder is made, which a run that is refused would leave behind
-            check_output(options.out, options.overwrite)
-            output.enter_context(held_output(options.out))
-            make_room(options.out, options.overwrite)  # else an earlier recording would remain if this run fails early
-            graph = Graph(options.out, domain_id, options.answer_timeout_s)
+            check_output(out, arguments.overwrite)
+            held.enter_context(held_output(out))
+            make_room(out, arguments.overwrite)  # else an earlier recording would remain if this run fails early
+            graph = Graph(out, domain_id, arguments.answer_timeout)
             _announce(arguments, plan, domain_id)
             try:
                 _run(graph, nodes, paths, arguments)
             except GraphFailed as error:
-                print_error(f"{error} (logs: {options.out / 'log'})")
+                print_error(f"{error} (logs: {out / 'log'})")
                 with suppress(Unwritable):  # as on a disk that is full, of which the run may have failed
-                    write_failure(options.out, str(error))
+                    write_failure(out, str(error))
                 if arguments.analyze:
-                    _recorded(options.out, quiet=True, failed=True)
+                    _recorded(out, quiet=True, failed=True)
                 return EXIT_FAILED
-        status = _recorded(options.out, quiet=arguments.quiet) if arguments.analyze else 0
+        status = _recorded(out, quiet=arguments.quiet) if arguments.analyze else 0
     if not status:
-        say(arguments, f"recorded in {options.out}")
+        say(arguments, f"recorded in {out}")
     return status
 
 
@@ -111,19 +121,6 @@ def _recorded(out: Path, *, quiet: bool, failed: bool = False) -> int:
     """
     functions = [plugins.load(plugins.RECORDED, name) for name in plugins.names(plugins.RECORDED)]
     return max((function(out, quiet=quiet, failed=failed) for function in functions), default=0)
-
-
-def _options(arguments: argparse.Namespace, plan: RunPlan) -> GraphOptions:
-    return GraphOptions(
-        scenario=arguments.scenario,
-        out=Path(f"bags/{plan.scenario.name}" if arguments.out is None else arguments.out),
-        overwrite=arguments.overwrite,
-        mode=arguments.mode,
-        on_missing=arguments.on_missing,
-        on_invalid=arguments.on_invalid,
-        ego_interface=arguments.ego_interface,
-        answer_timeout_s=arguments.answer_timeout,
-    )
 
 
 def _announce(arguments: argparse.Namespace, plan: RunPlan, domain_id: int) -> None:

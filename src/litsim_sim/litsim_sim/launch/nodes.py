@@ -30,33 +30,6 @@ DECIDED = {
 
 
 @dataclass(frozen=True)
-class GraphOptions:
-    """Options of a run over DDS; defaults are those of the bridge's parameters of the same names.
-
-    Attributes:
-        scenario: name or file, as the bridge is to load it.
-        out: folder of the recording.
-        overwrite: whether a recording in `out` may be replaced.
-        mode: one of :data:`MODES`.
-        on_missing: one of :data:`STOP_OR_HOLD`, for missing answers in lock-step.
-        on_invalid: one of :data:`STOP_OR_HOLD`, for answers of the ego that cannot be used.
-        ego_interface: interface of an external ego, one of :data:`litsim_sim.ego_port.answer.INTERFACES`.
-        answer_timeout_s: time limit for the answers to one step [s].
-        progress: bar, lines or none.
-    """
-
-    scenario: str
-    out: Path
-    overwrite: bool = False
-    mode: str = MODES[0]
-    on_missing: str = STOP_OR_HOLD[0]
-    on_invalid: str = STOP_OR_HOLD[0]
-    ego_interface: str = AUTO
-    answer_timeout_s: float = 5.0
-    progress: str = "lines"
-
-
-@dataclass(frozen=True)
 class GraphNode:
     """A node of a run, or several in one process.
 
@@ -103,20 +76,33 @@ def program_of(stage: str) -> tuple[str, str]:
     return plugins.package_of(plugins.STAGES, POLICY if stage in (EGO, STAGES_PROGRAM) else stage), stage
 
 
-def nodes_of(plan: RunPlan, how: GraphOptions) -> list[GraphNode]:
+def nodes_of(
+    plan: RunPlan, scenario: str, out: Path, *, overwrite: bool = False, **bridge: str | float
+) -> list[GraphNode]:
     """The nodes of a run in the order to start them in: the bridge last, since it waits for all others.
+
+    Args:
+        plan: the run.
+        scenario: name or file of the scenario, as the bridge is to load it.
+        out: folder of the recording.
+        overwrite: whether a recording in `out` may be replaced.
+        bridge: parameters of :class:`litsim_sim.nodes.bridge_options.BridgeOptions` that are not part of the plan.
 
     Raises:
         InputError: a parameter is set of a node that takes no part in this run or does not know it, or does not fit, or
             that the options of the run decide; or the interface of an ego that is not external.
     """
-    if plan.ego != EXTERNAL and how.ego_interface != AUTO:
-        raise InputError(f"--ego-interface {how.ego_interface}: the ego is {plan.ego}, expected --ego {EXTERNAL}")
+    interface = bridge.get("ego_interface", AUTO)
+    if plan.ego != EXTERNAL and interface != AUTO:
+        raise InputError(f"--ego-interface {interface}: the ego is {plan.ego}, expected --ego {EXTERNAL}")
     for node, decided in DECIDED.items():
         for name in sorted(set(decided) & set(plan.parameters.get(node, {}))):
             raise InputError(f"parameter {node}.{name} cannot be set: the options of the run decide it")
     names = (*reversed(plan.stages), BRIDGE)
-    own = {RECORDER: {"output": str(how.out), "overwrite": how.overwrite}, BRIDGE: _bridge(plan, how)}
+    own = {
+        RECORDER: {"output": str(out), "overwrite": overwrite},
+        BRIDGE: _of_bridge(plan) | {"scenario": scenario} | bridge,
+    }
     parameters = {name: own.get(name, {}) | dict(plan.parameters.get(name, {})) for name in (*own, *plan.parameters)}
     configured(names, parameters, plan.ego)
     if EGO in names:
@@ -135,22 +121,16 @@ def in_one_process(nodes: Sequence[GraphNode]) -> list[GraphNode]:
     return [one if k == first else node for k, node in enumerate(nodes) if k == first or node.name not in stages]
 
 
-def _bridge(plan: RunPlan, how: GraphOptions) -> dict[str, Any]:
-    """Parameters of the bridge."""
-    parameters = {
-        "scenario": how.scenario,
+def _of_bridge(plan: RunPlan) -> dict[str, Any]:
+    """Parameters of the bridge that follow from the plan."""
+    file = plan.scenario.file
+    end = {} if file.end_after_contact_s is None else {"end_after_contact_s": file.end_after_contact_s}
+    return {
         "ego": plan.ego,
         "policy": plan.policy,
         "ego_id": plan.scenario.ego_id,
         "seed": plan.scenario.seed,
-        "mode": how.mode,
-        "on_missing": how.on_missing,
-        "on_invalid": how.on_invalid,
-        "ego_interface": how.ego_interface,
-        "answer_timeout_s": how.answer_timeout_s,
-        "progress": how.progress,
         "stage_parameters": json.dumps(plan.stage_parameters, sort_keys=True),
+        **end,
+        **{f"vehicle.{name}": value for name, value in file.vehicle.items()},
     }
-    if (after := plan.scenario.file.end_after_contact_s) is not None:
-        parameters["end_after_contact_s"] = after
-    return parameters | {f"vehicle.{name}": value for name, value in plan.scenario.file.vehicle.items()}
