@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from typing import Any
 
 from litsim_sim.core.stages import StageState
+from litsim_sim.nodes.recorder import NICENESS
 from litsim_sim.record.run import read_run
 
 LONG = {"simulation_s": 24.0}  # for runs that are ended before it is over
@@ -15,7 +17,11 @@ def test_interrupted_run_is_recorded_up_to_there(graph: Any) -> None:
     bag = graph.folder / "run"
     launcher = graph.start_launch("--mode", "realtime", "--scenario", graph.scenario(**LONG), "--out", bag)
     graph.wait_under_way(bag)
-    assert len(graph.running()) == 4  # six nodes, of which four share a process, and the launcher
+    running = graph.running()
+    assert len(running) == 4  # six nodes, of which four share a process, and the launcher
+    (recorder,) = (pid for pid, line in running.items() if "/recorder " in line)
+    nice = os.getpriority(os.PRIO_PROCESS, recorder) - os.getpriority(os.PRIO_PROCESS, launcher.pid)
+    assert nice == NICENESS, "it lets the nodes go first that others wait for"
     status, said = graph.end(launcher)
     assert status == 130
     assert "interrupted: ending the graph" in said

@@ -47,12 +47,8 @@ def main(argv: list[str] | None = None) -> None:
         p.error("--repair and --out go together")
     if arguments.repair:
         _repair(arguments.bag, arguments.out)
-    else:
-        _play(arguments, ros)
-
-
-def _play(arguments: argparse.Namespace, ros: list[str]) -> None:
-    from litsim_sim.nodes.replay import play  # the other ways need no graph
+        return
+    from litsim_sim.nodes.replay import play  # repairs need no graph
 
     play(
         arguments.bag,
@@ -69,10 +65,10 @@ def _play(arguments: argparse.Namespace, ros: list[str]) -> None:
 def _repair(bag: Path, out: Path) -> None:
     from litsim_sim.record.repair import repair
 
-    done = repair(bag, out)
-    print(f"{done.path}: {done.messages.total()} messages on {len(done.messages)} topics", end="")
-    print(f", attachments {', '.join(done.attachments) or 'none'}")
-    for loss in done.lost or ["nothing: the bag was complete"]:
+    repaired = repair(bag, out)
+    print(f"{repaired.path}: {repaired.messages.total()} messages on {len(repaired.messages)} topics", end="")
+    print(f", attachments {', '.join(repaired.attachments) or 'none'}")
+    for loss in repaired.lost or ["nothing: the bag was complete"]:
         print(f"lost: {loss}")
 
 

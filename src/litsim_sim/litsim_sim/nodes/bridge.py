@@ -20,7 +20,7 @@ from litsim_sim.ego_port.port import EgoPort, Level, Remark
 from litsim_sim.kernels.compiled import load_kernels
 from litsim_sim.launch.domain import EMPTY, held_domain
 from litsim_sim.nodes import diagnostics
-from litsim_sim.nodes.bridge_options import BridgeOptions, bridge_stage
+from litsim_sim.nodes.bridge_options import bridge_stage
 from litsim_sim.nodes.broadcast import PUBLISHED, PUBLISHED_OF_SIGNALS, Broadcast, run_info
 from litsim_sim.nodes.diagnostics import Diagnostics
 from litsim_sim.nodes.ego_publishers import EgoPublisher, EgoPublishers, absence, rivalry
@@ -43,7 +43,7 @@ from litsim_sim.ros.topics import (
     TIMING,
     Topic,
 )
-from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
+from litsim_sim.scenario.run_info import EXTERNAL
 from litsim_sim.world.world import World, WorldConfig
 
 NOTE_PERIOD = 5.0  # [s] period of repeated lines in the log
@@ -75,7 +75,10 @@ class BridgeNode(Node):
         self.options = options = read_parameters(self, bridge_stage)
         plan = self.plan = options.plan()
         self.liveness = StageLiveness(plan.run_id, plan.stages)
-        self.port = port_of(options, plan)
+        external = plan.ego == EXTERNAL
+        interface = options.ego_interface if external else Interface.CONTROL
+        stop_on_invalid = options.on_invalid == "stop"
+        self.port = EgoPort(plan.run_id, plan.scenario.vehicle, interface, stop_on_invalid=stop_on_invalid)
         self.responses = ResponseCollector(
             self.port,
             self.liveness,
@@ -90,7 +93,6 @@ class BridgeNode(Node):
         self._ego_nodes: list[str] = []
         self._publishers_of_ego = EgoPublishers()
         self._to_meet = True  # whether a publisher of the ego may have come since they were last noted
-        external = plan.ego == EXTERNAL
         published = (HELLO, STATUS, TIMING, *((EGO_APPLIED,) if external else ()))
         self._to = {t: publisher_on(self, t) for t in published}
         self._broadcast = Broadcast(self, plan)
@@ -270,12 +272,6 @@ def unheard(topic: Topic, info: Any) -> str:
     if info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
         return "is BEST_EFFORT and cannot be heard, expected RELIABLE"
     return ""
-
-
-def port_of(options: BridgeOptions, plan: RunPlan) -> EgoPort:
-    """The port for the ego's answers: over any interface for an external ego, else commands only."""
-    interface = options.ego_interface if plan.ego == EXTERNAL else Interface.CONTROL
-    return EgoPort(plan.run_id, plan.scenario.vehicle, interface, stop_on_invalid=options.on_invalid == "stop")
 
 
 def main() -> None:

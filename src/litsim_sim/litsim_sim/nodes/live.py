@@ -66,7 +66,9 @@ class LiveNode(Node):
             topic: self.create_publisher(topic.type, topic.name, topic.qos) for topic in self.declared.publishes
         }
         for topic in DRAWN if server is None else self.declared.hears:
-            self.create_subscription(topic.type, topic.name, self._receiver(topic), _unacknowledged(topic), raw=True)
+            unacknowledged = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+            qos = topic.qos if topic.latched else unacknowledged  # the newest messages are enough
+            self.create_subscription(topic.type, topic.name, self._receiver(topic), qos, raw=True)
 
     def draw(self) -> None:
         """Publish the markers of the newest step if there is a new step or a new viewer since the last call."""
@@ -146,11 +148,6 @@ def live(ros_arguments: Sequence[str], rate: float, server_at: tuple[str, int] |
         finally:
             if server is not None:
                 server.close()
-
-
-def _unacknowledged(topic: Topic) -> QoSProfile:
-    """QoS that keeps the newest messages without acknowledgement; that of latched topics is unchanged."""
-    return topic.qos if topic.latched else QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def _described(topic: Topic) -> BagTopic:

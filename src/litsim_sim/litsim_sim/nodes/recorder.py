@@ -237,11 +237,6 @@ def step_of(topic: Topic, data: bytes) -> int:
     return 0 if topic == LANES else round(stamp_ns(data) / STEP_NS)
 
 
-def give_way() -> None:
-    """Let other processes go first; to be called before threads are started, which inherit it."""
-    os.nice(NICENESS)
-
-
 def let_other_sessions_go_first() -> None:
     """Lower the priority of this process's session, if it has its own; to be called when the run begins.
 
@@ -255,7 +250,7 @@ def let_other_sessions_go_first() -> None:
 
 def main() -> None:
     """Entry point of ``ros2 run litsim_sim recorder``."""
-    give_way()
+    os.nice(NICENESS)  # before threads are started, which inherit it
     with process():
         node = RecorderNode()
         node.get_logger().info(f"waiting for a run on {RUN_INFO.name}")

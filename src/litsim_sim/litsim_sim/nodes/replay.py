@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from math import isnan, nan
 from pathlib import Path
@@ -65,8 +66,8 @@ class ReplayNode(Node):
         self.declare_parameter("seek_to", nan, ParameterDescriptor(description=about))
         check_set(self, names)
         begin_s = self.get_parameter("seek_to").value
-        if not isnan(begin_s) and (wrong := self._beyond(begin_s)):
-            raise InputError(wrong)
+        if not isnan(begin_s) and (fault := self._beyond(begin_s)):
+            raise InputError(fault)
         self._apply(self.get_parameters(["rate", "loop", "seek_to"]))
         self.add_on_set_parameters_callback(self._check)
         self.add_post_set_parameters_callback(self._apply)
@@ -80,22 +81,26 @@ class ReplayNode(Node):
         return self.player.wait_s(time.monotonic())
 
     def press(self, key: str) -> None:
-        """Handle a key."""
+        """Handle a key; others than those of :data:`KEYS` do nothing."""
         player, now = self.player, time.monotonic()
-        playing: dict[str, Callable[[], None]] = {
-            " ": lambda: player.pause(not player.paused, now),
-            "s": lambda: player.step(now),
-            "right": lambda: player.step(now) if player.paused else player.seek(player.position_s(now) + SEEK_S, now),
-            "left": lambda: (
-                player.step_back(now) if player.paused else player.seek(player.position_s(now) - SEEK_S, now)
-            ),
-            "+": lambda: self._press_rate(player.rate * RATE_STEP),
-            "=": lambda: self._press_rate(player.rate * RATE_STEP),
-            "-": lambda: self._press_rate(player.rate / RATE_STEP),
-            "q": self._end,
-        }
-        if key in playing:
-            playing[key]()
+        match key:
+            case " ":
+                player.pause(not player.paused, now)
+            case "s":
+                player.step(now)
+            case "right" if player.paused:
+                player.step(now)
+            case "left" if player.paused:
+                player.step_back(now)
+            case "right":
+                player.seek(player.position_s(now) + SEEK_S, now)
+            case "left":
+                player.seek(player.position_s(now) - SEEK_S, now)
+            case "+" | "=" | "-":
+                with suppress(InputError):  # the limit of the rate is reached
+                    player.set_rate(player.rate / RATE_STEP if key == "-" else player.rate * RATE_STEP, now)
+            case "q":
+                self.ended = True
 
     def deliver(self) -> None:
         """Wait until the subscribers have received the last messages."""
@@ -126,16 +131,16 @@ class ReplayNode(Node):
         return True
 
     def _check(self, parameters: list[Any]) -> Any:
-        wrong = ""
+        fault = ""
         for parameter in parameters:  # rclpy has checked their types
             if parameter.name == "rate":
                 try:
                     checked_rate(parameter.value)
                 except InputError as error:
-                    wrong = str(error)
+                    fault = str(error)
             elif parameter.name == "seek_to":
-                wrong = self._beyond(parameter.value) or wrong
-        return SetParametersResult(successful=not wrong, reason=wrong)
+                fault = self._beyond(parameter.value) or fault
+        return SetParametersResult(successful=not fault, reason=fault)
 
     def _beyond(self, position_s: float) -> str:
         """Text that says that a position is not in the bag; empty if it is."""
@@ -163,15 +168,6 @@ class ReplayNode(Node):
         response.success = self.player.wait_s(time.monotonic()) == 0.0  # a message is due
         response.message = self.status().strip() if response.success else f"{before:.1f} s is the last step"
         return response
-
-    def _press_rate(self, rate: float) -> None:
-        try:
-            self.player.set_rate(rate, time.monotonic())
-        except InputError:  # the limit of the rate is reached
-            return
-
-    def _end(self) -> None:
-        self.ended = True
 
 
 def qos_of(topic: BagTopic) -> QoSProfile:

@@ -127,17 +127,13 @@ class RunLoop:
                     before = time.perf_counter()
                     table = self._advance(controls, command)
                     self._compute = time.perf_counter() - before
-                    self._announce_end(total)
+                    if (early := self._world.ended) is not None and early.step < total:
+                        bridge.say(StageState.ENDING, early.step, text=early.sentence)  # so no node waits for more
                 progress.show(step, step if ended else total)
                 if ended:
                     break
         self._report_time(step)
         return step, time.perf_counter() - start
-
-    def _announce_end(self, total: int) -> None:
-        """Announce an early end if the step just made is the last, so that no node waits for more."""
-        if (ended := self._world.ended) is not None and ended.step < total:
-            self._bridge.say(StageState.ENDING, ended.step, text=ended.sentence)
 
     def _wait_for_answers(self, table: AgentTable, due: float) -> None:
         """Publish a step and wait for the answers to it, in real time until `due`."""
@@ -156,10 +152,12 @@ class RunLoop:
         behind = self._port.behind if self._external else 0
         responses.ask()
         while True:
-            until = min(give_up, time.perf_counter() + self._patience(step))
+            patience = RESEND_FIRST if step == 0 else max(RESEND, SLACK * self._longest)
+            until = min(give_up, time.perf_counter() + patience)
             if bridge.serve_until(lambda: not responses.missing, until):
                 self._marks.setdefault("answered", time.perf_counter())
-                self._note_wait(step)
+                if self._external and step > 0:  # it may have been started late for step 0
+                    self._longest = max(self._longest, self._marks["answered"] - shown)
                 bridge.apply(responses.command())  # the recorder waits for it
                 bridge.serve_until(lambda: responses.complete, until)
             if patient and self._port.behind < behind:  # not silent: it still answers repetitions of the step before
@@ -174,15 +172,6 @@ class RunLoop:
             if over or not behind:
                 responses.ask()
                 bridge.show_again()
-
-    def _patience(self, step: int) -> float:
-        """Wait for answers after which the step is published again [s]."""
-        return RESEND_FIRST if step == 0 else max(RESEND, SLACK * self._longest)
-
-    def _note_wait(self, step: int) -> None:
-        """Note how long an external ego has taken; it may have been started late for step 0."""
-        if self._external and step > 0:
-            self._longest = max(self._longest, self._marks["answered"] - self._marks["shown"])
 
     def _ask_around(self, step: int) -> None:
         """Report missing answers; the stages repeat their timings, which show which one is silent."""
