@@ -408,7 +408,7 @@ def test_a_stack_that_is_started_again_is_told_once(
     bridge.ego(0)
     met = EgoPublishers()
     told = [text for there in looks for text in met.note(bridge.port, there, ["/mine"])]
-    assert met.met
+    assert met.any_known
     said = (
         f"/mine: its publisher on {CONTROL} was not there at step 0; a stack that has been started again in mid-run "
         "answers without what it knew before"

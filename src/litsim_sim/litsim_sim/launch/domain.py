@@ -24,7 +24,7 @@ HOLDER = "LITSIM_DOMAIN_HOLDER"
 EMPTY = "LITSIM_DOMAIN_EMPTY"
 """Variable that tells the bridge of a graph which domain was empty before any process of that graph was there."""
 FREE_TRIES = 100  # domains tried until one is free
-LETTING_GO_S = 1.0
+RELEASE_S = 1.0
 """[s] Wait for a run that is just ending: its last process releases the lock after it can no longer be seen."""
 LOOK_S = 0.02  # [s] period of attempts to take the lock
 
@@ -51,7 +51,7 @@ def graph_domain(domain_id: int | None, *, reserve: bool) -> AbstractContextMana
 
 
 @contextmanager
-def held_domain(domain_id: int, *, patience: float = LETTING_GO_S) -> Iterator[int]:
+def held_domain(domain_id: int, *, patience: float = RELEASE_S) -> Iterator[int]:
     """Hold a domain of this machine for one graph; a process that the holder has started for it may hold it, too.
 
     The lock is one of the operating system's on a file of this user: it is gone with the process, however that ends.

@@ -91,10 +91,10 @@ class BridgeNode(Node):
         self._noted = ("", 0.0)
         self._pulse = Pulse(options.progress == "lines")
         self._ego_nodes: list[str] = []
-        self._publishers_of_ego = EgoPublishers()
-        self._to_meet = True  # whether a publisher of the ego may have come since they were last noted
+        self._known_ego_publishers = EgoPublishers()
+        self._ego_publishers_changed = True  # whether a publisher of the ego may have come since they were last noted
         published = (HELLO, STATUS, TIMING, *((EGO_APPLIED,) if external else ()))
-        self._to = {t: publisher_on(self, t) for t in published}
+        self._outputs = {t: publisher_on(self, t) for t in published}
         self._broadcast = Broadcast(self, plan)
         self._diagnostics = Diagnostics(self, plan.run_id, plan.scenario.total_steps, self.port)
         ego_port.subscribe(self, self.port, tuple(Interface) if external else (Interface.CONTROL,))
@@ -152,7 +152,7 @@ class BridgeNode(Node):
 
     def greet(self) -> None:
         """Ask all stages to report their state again."""
-        self._to[HELLO].publish(Hello(header=messages.header(0), run_id=self.plan.run_id))
+        self._outputs[HELLO].publish(Hello(header=messages.header(0), run_id=self.plan.run_id))
 
     def show(self, table: AgentTable) -> None:
         """Publish a step: what the stages wait for."""
@@ -170,29 +170,29 @@ class BridgeNode(Node):
 
     def apply(self, command: EgoCommand) -> None:
         """Publish the command that the answer of an external ego was converted to."""
-        if EGO_APPLIED in self._to:
-            if self._to_meet or not self._ego_nodes:
-                self.meet_ego()
-            self._to[EGO_APPLIED].publish(messages.ego_to_message(command, self.plan.run_id))
+        if EGO_APPLIED in self._outputs:
+            if self._ego_publishers_changed or not self._ego_nodes:
+                self.note_ego_publishers()
+            self._outputs[EGO_APPLIED].publish(messages.ego_to_message(command, self.plan.run_id))
 
     def report_time(self, step: int, compute_time: float, marks: str) -> None:
         """Publish the compute time of the bridge for a step [s], and its marks."""
-        self._to[TIMING].publish(self._status(StageState.RUNNING, step, compute_time, marks))
+        self._outputs[TIMING].publish(self._status(StageState.RUNNING, step, compute_time, marks))
 
     def say(self, state: StageState, step: int, compute_time: float = 0.0, text: str = "") -> None:
         """Publish the state of the run."""
         level = Level.WARN if state == StageState.RUNNING else Level.OK
         self._diagnostics.say(step, ENDED.get(state, diagnostics.RUNNING), level, text)
-        self._to[STATUS].publish(self._status(state, max(0, step), compute_time, text))
+        self._outputs[STATUS].publish(self._status(state, max(0, step), compute_time, text))
 
-    def ask_around(self) -> None:
+    def listen_to_timings(self) -> None:
         """Start to listen to timings, to find out which stages have answered; not done by default as it costs time."""
         subscribe(self, TIMING, lambda m: self.liveness.take_timing(m.run_id, m.stage, m.step))
 
     def waiting(self, step: int, text: str) -> None:
         """Report to the user and to the ego's driver what a step waits for."""
-        about = self.silent_ego() if EGO_APPLIED in self._to else ""  # which also remembers the ego's nodes
-        self._to_meet = True
+        about = self.silent_ego() if EGO_APPLIED in self._outputs else ""  # which also remembers the ego's nodes
+        self._ego_publishers_changed = True
         self.note(f"step {step}: {text}" + (f": {about}" if about and step == 0 and self.port.missing else ""))
         self._diagnostics.say(step, diagnostics.RUNNING, Level.WARN, text)
 
@@ -205,13 +205,13 @@ class BridgeNode(Node):
             self._noted = (text, time.monotonic())
             self.get_logger().info(text)
 
-    def meet_ego(self) -> None:
+    def note_ego_publishers(self) -> None:
         """Report publishers of an external ego that were not there at step 0, which they have answered now."""
-        for text in self._publishers_of_ego.note(self.port, self._ego_publishers(), self._ego_nodes):
+        for text in self._known_ego_publishers.note(self.port, self._ego_publishers(), self._ego_nodes):
             self.port.remarks.append(Remark(self.responses.step, Level.WARN, text))
             self._pulse.note(text)
         self._diagnostics.remarks(self.responses.step)
-        self._to_meet = not self._publishers_of_ego.met
+        self._ego_publishers_changed = not self._known_ego_publishers.any_known
 
     def silent_ego(self) -> str:
         """Text that says why an external ego has not answered the current step."""
@@ -232,7 +232,7 @@ class BridgeNode(Node):
             serve(self._executor, left)
             if self.port.remarks:
                 self._diagnostics.remarks(self.responses.step)
-                if EGO_APPLIED in self._to and (rivals := rivalry(self.port, self._ego_publishers())):
+                if EGO_APPLIED in self._outputs and (rivals := rivalry(self.port, self._ego_publishers())):
                     raise RunFailed(rivalry(self.port, self._named_ego_publishers()) or rivals)  # one may have gone
             self.liveness.check()
         return True

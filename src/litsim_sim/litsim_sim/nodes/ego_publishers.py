@@ -106,8 +106,8 @@ class EgoPublishers:
         self._known: set[bytes] = set()
 
     @property
-    def met(self) -> bool:
-        """Whether any have been noted."""
+    def any_known(self) -> bool:
+        """Whether any publisher has been noted."""
         return bool(self._known)
 
     def note(self, port: EgoPort, publishers: Sequence[EgoPublisher], names: Sequence[str]) -> list[str]:

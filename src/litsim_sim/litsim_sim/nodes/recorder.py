@@ -36,7 +36,7 @@ HEARING_S = 10.0  # longest wait for READY of the other stages, which holds thei
 SETTLE_S = 0.05  # period of the checks whether all messages of a run that is over have been received
 NICENESS = 5  # gives priority to the loop where processors are scarce; the bridge waits for a recorder far behind
 WAITING = 2000  # [messages] queue of a topic: those of foreign publishers must not displace those of the run
-LAST_WORD_S = 0.2  # longest wait for the delivery of the last messages; time to report an interruption
+DELIVERY_S = 0.2  # longest wait for the delivery of the last messages; time to report an interruption
 LINGER_S = 1.0  # longest wait for messages of a run that is over; time for which a failed recorder answers greetings
 
 
@@ -57,7 +57,7 @@ class RecorderNode(Node):
         self.finished = False
         self._run_id = ""
         self._buffer: StepBuffer | None = None  # None before a run has begun
-        self._word: StageStatus | None = None  # state in the current run, repeated when the bridge greets
+        self._newest_status: StageStatus | None = None  # state in the current run, repeated when the bridge greets
         self._unheard: set[str] = set()
         self._of_this_run: set[Topic] = set()  # topics of which messages of other runs are not recorded
         self._early: dict[Topic, bytes] = {}  # latched messages received before RunInfo
@@ -83,9 +83,9 @@ class RecorderNode(Node):
         until = time.monotonic() + linger
         spin(self, lambda: time.monotonic() > until)
 
-    def be_heard(self) -> None:
+    def deliver(self) -> None:
         """Wait until the bridge and all other subscribers have received the last messages."""
-        self._status.wait_for_all_acked(Duration(seconds=LAST_WORD_S))
+        self._status.wait_for_all_acked(Duration(seconds=DELIVERY_S))
 
     def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
         special = {RUN_INFO.name: self._on_run_info, STATUS.name: self._on_status}.get(topic.name)
@@ -131,13 +131,13 @@ class RecorderNode(Node):
     def _ready(self) -> None:
         """Report READY, so that the run can begin."""
         self._hearing.cancel()
-        if self._word is None:
+        if self._newest_status is None:
             self._say(StageState.READY)
             let_other_sessions_go_first()
 
     def _on_hello(self, hello: Hello) -> None:
-        if self._word is not None and hello.run_id == self._run_id:
-            self._status.publish(self._word)
+        if self._newest_status is not None and hello.run_id == self._run_id:
+            self._status.publish(self._newest_status)
 
     def _on_status(self, data: bytes) -> bool:
         """Take the status of a node; return that it is to be recorded, as every status is."""
@@ -186,8 +186,8 @@ class RecorderNode(Node):
         self._writer.close()
 
     def _say(self, state: StageState, text: str = "") -> None:
-        self._word = messages.status(self._run_id, STAGE, state, text=text)
-        self._status.publish(self._word)
+        self._newest_status = messages.status(self._run_id, STAGE, state, text=text)
+        self._status.publish(self._newest_status)
 
     def _confirm(self, step: int) -> None:
         self._recorded.publish(messages.status(self._run_id, STAGE, StageState.RUNNING, step))
@@ -257,12 +257,12 @@ def main() -> None:
         try:
             spin(node, lambda: node.finished)
         except KeyboardInterrupt as error:
-            node.abandon(reason(error), LAST_WORD_S)
+            node.abandon(reason(error), DELIVERY_S)
             raise
         except Exception as error:
             node.abandon(reason(error), LINGER_S)
             raise
-        node.be_heard()
+        node.deliver()
         if node.gaps:
             print_error(f"the recording has gaps: {node.gaps}")
             sys.exit(EXIT_FAILED)

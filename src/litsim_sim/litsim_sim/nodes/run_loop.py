@@ -46,7 +46,7 @@ class RunLoop:
         self._port, self._liveness, self._responses = bridge.port, bridge.liveness, bridge.responses
         self._external = bridge.plan.ego == EXTERNAL
         self._realtime = bridge.options.mode == "realtime"
-        self._asked_around = False
+        self._reported_missing = False
         self._longest = 0.0  # [s] longest wait for an external ego since step 0
         self._compute = 0.0  # [s] compute time of the newest step
         self._reported = 0.0  # [s] compute time of the step that is reported next
@@ -69,15 +69,16 @@ class RunLoop:
 
     def _run(self) -> None:
         """See :meth:`run`; after RunInfo has been published."""
-        self._meet()
+        self._handshake()
         last, wall = self._all_steps(self._plan.scenario.total_steps)
         if self._external:
-            self._bridge.meet_ego()
+            self._bridge.note_ego_publishers()
         if RECORDER in self._plan.stages:
             until = time.perf_counter() + self._options.answer_timeout_s
             self._bridge.serve_until(lambda: self._liveness.recorded >= last, until)
             self._liveness.check_recorded(last)
-        self._bridge.say(StageState.FINISHED, last, wall, self._summary())
+        summary = yaml.safe_dump(self._responses.summary() | self._world.summary(), sort_keys=False)
+        self._bridge.say(StageState.FINISHED, last, wall, summary)
         self.farewell()
         if self._liveness.recorder_closing:
             raise RunFailed(f"{RECORDER}: no FINISHED on {STATUS} within {FAREWELL_S:g} s of the end of the run")
@@ -89,7 +90,7 @@ class RunLoop:
         while self._liveness.recorder_closing and time.monotonic() < until:
             self._bridge.serve()
 
-    def _meet(self) -> None:
+    def _handshake(self) -> None:
         """Greet until every stage is ready."""
         liveness, begin = self._liveness, time.monotonic()
         while not liveness.all_ready:
@@ -168,16 +169,16 @@ class RunLoop:
                 return
             if over:
                 give_up, patient = time.perf_counter() + LAST_CALL_S, False
-            self._ask_around(step)
+            self._report_missing(step)
             if over or not behind:
                 responses.ask()
                 bridge.show_again()
 
-    def _ask_around(self, step: int) -> None:
+    def _report_missing(self, step: int) -> None:
         """Report missing answers; the stages repeat their timings, which show which one is silent."""
-        if not self._asked_around:
-            self._asked_around = True
-            self._bridge.ask_around()
+        if not self._reported_missing:
+            self._reported_missing = True
+            self._bridge.listen_to_timings()
         if step > 0 or self._external:
             waiting = self._responses.missing or [f"{RECORDED} of the recorder"]
             self._bridge.waiting(step, f"waiting for {', '.join(waiting)}")
@@ -214,10 +215,6 @@ class RunLoop:
         if self._external and self._port.missing:
             silent.append(f"the external ego ({self._bridge.silent_ego()})")
         return f"; silent: {', '.join(silent)}" if silent else ""
-
-    def _summary(self) -> str:
-        """Summary of the run by the bridge, in YAML, for the recording."""
-        return yaml.safe_dump(self._responses.summary() | self._world.summary(), sort_keys=False)
 
 
 class Pulse:
