@@ -57,7 +57,7 @@ class DefaultsFormatter(argparse.ArgumentDefaultsHelpFormatter):
 
 
 def number(low: float, high: float = inf, *, above: bool = False) -> Callable[[str], float]:
-    """An argparse type of finite numbers from `low` to `high`; greater than `low` if `above`."""
+    """Returns an argparse type of finite numbers from `low` to `high`; greater than `low` if `above`."""
     least = f"more than {low:g}" if above else f"at least {low:g}"
     expected = f"a number of {least}" + (f" and at most {high:g}" if high < inf else "")
 

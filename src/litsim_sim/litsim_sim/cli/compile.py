@@ -19,7 +19,7 @@ PROCESSES_MAX = 8  # by default: the longest chain of kernels is a fifth of the 
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_sim compile``."""
+    """Returns the parser of ``ros2 run litsim_sim compile``."""
     p = Parser(prog="compile", description=__doc__)
     p.add_argument(
         "--processes",

@@ -131,7 +131,7 @@ def _announce(arguments: argparse.Namespace, plan: RunPlan, domain_id: int) -> N
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_sim launch``."""
+    """Returns the parser of ``ros2 run litsim_sim launch``."""
     p = Parser(prog="launch", description=__doc__, epilog=STATUS_HELP, formatter_class=DefaultsFormatter)
     add_run_arguments(p, ego_names())
     p.add_argument("--out", help="folder of the record; default: bags/SCENARIO")

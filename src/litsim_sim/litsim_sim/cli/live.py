@@ -15,7 +15,7 @@ PORTS = range(2**16)
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_sim live``."""
+    """Returns the parser of ``ros2 run litsim_sim live``."""
     p = Parser(prog="live", description=__doc__)
     p.add_argument(
         "--rate",

@@ -13,7 +13,7 @@ KEYS = "While it plays in a terminal: space pauses, s steps, arrows seek 1 s (pa
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_sim replay``."""
+    """Returns the parser of ``ros2 run litsim_sim replay``."""
     p = Parser(prog="replay", description=__doc__, epilog=KEYS)
     p.add_argument("bag", type=Path, metavar="BAG", help="folder of a run, or its MCAP file")
     playing = p.add_argument_group("publish its topics and /clock")

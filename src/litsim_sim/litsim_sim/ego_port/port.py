@@ -146,7 +146,7 @@ class EgoPort:
             self._accept(step, answer)
 
     def take(self) -> EgoCommand:
-        """The command for the current step; if its answer is missing, that of the newest one.
+        """Returns the command for the current step; if its answer is missing, that of the newest one.
 
         Raises:
             AnswerInvalid: the answer cannot be used, and the run must end.
@@ -188,13 +188,13 @@ class EgoPort:
         self._held = reference if isinstance(target, Trajectory) else target
 
     def _step_of(self, answer: Answer) -> int | None:
-        """The step that is answered; None if it is between two past steps."""
+        """Returns the step that is answered; None if it is between two past steps."""
         if answer.step_answered is not None:
             return answer.step_answered
         return None if answer.stamp_ns < self._step * STEP_NS else self._step + 1
 
     def _described(self, answer: Answer) -> str:
-        """A message in words."""
+        """Returns a description of a message."""
         if answer.step is not None:
             return f"the answer to step {answer.step}, at step {self._step},"
         return f"the message stamped {answer.stamp_ns * 1e-9:.3f} s, at {self._step * STEP_S:.1f} s,"
@@ -213,7 +213,7 @@ class EgoPort:
 
 
 def ego_state(table: AgentTable, ego_id: int) -> EgoState | None:
-    """State of the ego; None if it is not on the road."""
+    """Returns the state of the ego; None if it is not on the road."""
     row = table.row(ego_id)
     if row < 0:
         return None

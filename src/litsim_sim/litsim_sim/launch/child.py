@@ -83,7 +83,7 @@ class Child:
         return last if len(last) <= LINE_MAX else f"{last[:LINE_MAX]} …"
 
     def obituary(self) -> str:
-        """How the process ended, with the last error or line of its log, which may say why."""
+        """Returns how the process ended, with the last error or line of its log, which may say why."""
         status = self.process.returncode
         ending = f"has not ended within {GRACE_S:g} s" if status is None else how_it_ended(status)
         if self.command:  # the format of errors in a foreign log is unknown; the last line is the best guess
@@ -95,7 +95,7 @@ class Child:
         return f"{self} {ending}" + (f": {why}" if why else "")
 
     def _why_silent(self) -> str:
-        """The reason for its empty log; empty if unknown."""
+        """Returns the reason for its empty log; empty if unknown."""
         full = shutil.disk_usage(self.log.parent).free < ROOM_MIN
         return f"it could say nothing, as the disk of {self.log.parent} is full" if full else ""
 
@@ -110,7 +110,7 @@ class Child:
 
 
 def _readable(line: str) -> str:
-    """`line` without commands to a terminal and other characters that are no text."""
+    """Returns `line` without commands to a terminal and other characters that are no text."""
     return "".join(c if c.isprintable() else " " * c.isspace() for c in COLOUR.sub("", line)).strip()
 
 

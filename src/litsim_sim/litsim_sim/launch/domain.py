@@ -34,7 +34,7 @@ class DomainInUse(InputError):
 
 
 def graph_domain(domain_id: int | None, *, reserve: bool) -> AbstractContextManager[int]:
-    """The DDS domain of a graph, held for it: `domain_id`, else that of the environment.
+    """Returns the DDS domain of a graph, held for it: `domain_id`, else that of the environment.
 
     Where the user has chosen none: a free one that is reserved meanwhile, if `reserve`, else 0.
 
@@ -130,7 +130,7 @@ def _free_domain() -> Iterator[int]:
 
 
 def is_known_empty(domain_id: int, environment: Mapping[str, str], tables: Sequence[Path] = TABLES) -> bool:
-    """Whether it is certain that no participant is in a domain that nodes started in `environment` could hear.
+    """Returns whether it is certain that no participant is in a domain that nodes started in `environment` could hear.
 
     If the nodes are to stay on this machine, they hear only participants on it, each of which has a socket at a port of
     the domain. For other nodes, or where the system's list of sockets is unreliable, nothing is certain.
@@ -154,13 +154,13 @@ def is_known_empty(domain_id: int, environment: Mapping[str, str], tables: Seque
 
 
 def _ports(domain_id: int) -> range:
-    """The UDP ports of a domain."""
+    """Returns the UDP ports of a domain."""
     first = FIRST_PORT + DOMAIN_PORTS * domain_id
     return range(first, first + DOMAIN_PORTS)
 
 
 def _ports_in_use(tables: Sequence[Path]) -> set[int]:
-    """Local ports in lists of sockets: after a line of headings, the second word of a line is ADDRESS:PORT in hex."""
+    """Returns the local ports in lists of sockets; a line's second word is ADDRESS:PORT in hex."""
     ports: set[int] = set()
     for table in tables:
         with suppress(OSError):  # there is none of a protocol that the machine does without

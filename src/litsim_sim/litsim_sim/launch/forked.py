@@ -151,7 +151,7 @@ def keep_imports() -> None:
 
 
 def _end_of(wanted: IO[str] | int) -> tuple[IO[str] | None, IO[str] | Connection | None]:
-    """The end of an output to read here, if any, and the one that the copy writes to; None for nowhere."""
+    """Returns the end of an output to read here, if any, and the one that the copy writes to; None for nowhere."""
     if not isinstance(wanted, int):
         return None, wanted
     if wanted != subprocess.PIPE:

@@ -27,7 +27,7 @@ ENCLAVE_OPTIONS = {"--enclave", "-e"}
 
 
 def middleware_settings(environment: Mapping[str, str]) -> dict[str, str]:
-    """The variables to set in `environment` before a node is made; none if the user has chosen settings."""
+    """Returns the variables to set in `environment` before a node is made; none if the user has chosen settings."""
     if any(environment.get(name) for name in PROFILES):
         return {}
     if not environment.get("RMW_IMPLEMENTATION", FAST_DDS).startswith(FAST_DDS):
@@ -39,12 +39,12 @@ def middleware_settings(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 def enclave_of(program: str) -> str:
-    """The enclave of DDS Security that the nodes of a program are in, unless the user has chosen another."""
+    """Returns the enclave of DDS Security that the nodes of a program are in, unless the user has chosen another."""
     return f"/litsim/{program}"
 
 
 def enclave_setting(environment: Mapping[str, str], program: str, argv: Sequence[str] = ()) -> dict[str, str]:
-    """The variables to set in `environment` for `program`, with the arguments `argv`, to be in its enclave.
+    """Returns the variables to set in `environment` for `program`, with the arguments `argv`, to be in its enclave.
 
     None if security is not requested, or the user has chosen an enclave.
     """
@@ -53,7 +53,7 @@ def enclave_setting(environment: Mapping[str, str], program: str, argv: Sequence
 
 
 def is_secured(environment: Mapping[str, str]) -> bool:
-    """Whether DDS Security is requested."""
+    """Returns whether DDS Security is requested."""
     return environment.get(SECURITY, "").lower() == "true"
 
 

@@ -48,7 +48,7 @@ class GraphNode:
 
 
 def find_executable(package: str, executable: str) -> Path:
-    """The file of an executable that ``ros2 run PACKAGE EXECUTABLE`` starts.
+    """Returns the file of an executable that ``ros2 run PACKAGE EXECUTABLE`` starts.
 
     Raises:
         InputError: the package is not built, not sourced, or has no such executable.
@@ -66,7 +66,7 @@ def find_executable(package: str, executable: str) -> Path:
 
 
 def program_of(stage: str) -> tuple[str, str]:
-    """Package and executable of the node of a stage: of the package that registers the stage, with the stage's name.
+    """Returns package and executable of the node of a stage: the package registers the stage, and names it so.
 
     The ego's node and the program of several stages are in the policy's package, whichever plug-in drives.
 
@@ -79,7 +79,7 @@ def program_of(stage: str) -> tuple[str, str]:
 def nodes_of(
     plan: RunPlan, scenario: str, out: Path, *, overwrite: bool = False, **bridge: str | float
 ) -> list[GraphNode]:
-    """The nodes of a run in the order to start them in: the bridge last, since it waits for all others.
+    """Returns the nodes of a run in the order to start them in: the bridge last, since it waits for all others.
 
     Args:
         plan: the run.
@@ -111,7 +111,7 @@ def nodes_of(
 
 
 def in_one_process(nodes: Sequence[GraphNode]) -> list[GraphNode]:
-    """The same nodes, all of LitSim's stages in one process: they need not wait for messages of each other."""
+    """Returns the same nodes, all of LitSim's stages in one process: they need not wait for messages of each other."""
     stages = {node.name: node for name in (EGO, *POLICY_STAGES) for node in nodes if node.name == name}
     if len(stages) < 2:
         return list(nodes)
@@ -122,7 +122,7 @@ def in_one_process(nodes: Sequence[GraphNode]) -> list[GraphNode]:
 
 
 def _of_bridge(plan: RunPlan) -> dict[str, Any]:
-    """Parameters of the bridge that follow from the plan."""
+    """Returns the parameters of the bridge that follow from the plan."""
     file = plan.scenario.file
     end = {} if file.end_after_contact_s is None else {"end_after_contact_s": file.end_after_contact_s}
     return {

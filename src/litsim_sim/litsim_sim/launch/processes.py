@@ -143,18 +143,18 @@ class Graph:
             raise GraphFailed(f"{bridge}: no sign of life for {quiet_s:.0f} s, at step {progress.step}; {how}")
 
     def _may_leave(self, child: Child) -> bool:
-        """Whether a process may end before the bridge: a recorder that is done, or a stack after the last step."""
+        """Returns whether a process may end before the bridge: a recorder that is done, or a stack after the end."""
         if child.name == RECORDER:
             return child.process.returncode == 0
         return child.name == STACK and self._progress is not None and self._progress.complete
 
     def _heard_of_failure(self, dead: Sequence[Child]) -> bool:
-        """Whether all of `dead` have ended after the bridge announced that the run has failed."""
+        """Returns whether all of `dead` have ended after the bridge announced that the run has failed."""
         failed = self._progress.failed if self._progress else None
         return failed is not None and all(child.ended_at > failed for child in dead)
 
     def _about_the_stack(self, why: str) -> str:
-        """Text to add to the bridge's reason `why`: how the stack ended before that, or its last output, if another."""
+        """Returns a text to add to the bridge's reason `why`: how the stack ended before that, or its last output."""
         stack = self.children.get(STACK)
         if stack is None:
             return ""

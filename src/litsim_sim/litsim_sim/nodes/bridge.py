@@ -214,7 +214,7 @@ class BridgeNode(Node):
         self._ego_publishers_changed = not self._known_ego_publishers.any_known
 
     def silent_ego(self) -> str:
-        """Text that says why an external ego has not answered the current step."""
+        """Returns a text that says why an external ego has not answered the current step."""
         publishers = self._ego_publishers()  # which also remembers the names of their nodes
         return absence(self.port, publishers, self._ego_nodes, self.domain)
 
@@ -243,7 +243,7 @@ class BridgeNode(Node):
         serve(self._executor)
 
     def _ego_publishers(self) -> list[EgoPublisher]:
-        """The announced publishers on the ego port's topics; the names of their nodes are remembered."""
+        """Returns the announced publishers on the ego port's topics; the names of their nodes are remembered."""
         publishers = [
             EgoPublisher(topic.name, node_of(info), unheard(topic, info), bytes(info.endpoint_gid))
             for topic in EGO_INPUTS.values()
@@ -254,7 +254,7 @@ class BridgeNode(Node):
         return publishers
 
     def _named_ego_publishers(self) -> list[EgoPublisher]:
-        """The announced publishers on the ego port's topics, as soon as the names of all their nodes are known."""
+        """Returns the announced publishers on the ego port's topics once the names of their nodes are known."""
         publishers, give_up = self._ego_publishers(), time.perf_counter() + NAMES_S
         while not all(publisher.node for publisher in publishers) and time.perf_counter() < give_up:
             time.sleep(0.01)
@@ -266,7 +266,7 @@ class BridgeNode(Node):
 
 
 def unheard(topic: Topic, info: Any) -> str:
-    """Text that says why a publisher on an input of the ego port cannot be heard; empty if it can."""
+    """Returns a text that says why a publisher on an input of the ego port cannot be heard; empty if it can."""
     if info.topic_type != (expected := type_name(topic.type)):
         return f"has type {info.topic_type} and cannot be heard, expected {expected}"
     if info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:

@@ -104,7 +104,7 @@ def of_signals(scenario: Scenario) -> tuple[Topic, ...]:
 
 
 def route(scenario: Scenario) -> Path:
-    """The centre line of the ego's first lane and its continuation."""
+    """Returns the centre line of the ego's first lane and its continuation."""
     table = scenario.log.table(0)
     row = np.array([table.row(scenario.ego_id)])
     at = scenario.lane_map.nearest(table.x[row], table.y[row], table.yaw[row])
@@ -112,7 +112,7 @@ def route(scenario: Scenario) -> Path:
 
 
 def run_info(plan: RunPlan, mode: str, configuration: dict[str, dict[str, Any]]) -> RunInfo:
-    """``RunInfo`` of a run; `configuration` has the parameters of its stages, by stage and name."""
+    """Returns ``RunInfo`` of a run; `configuration` has the parameters of its stages, by stage and name."""
     per_step = (
         (CLOCK, AGENTS, EGO_STATE)
         + tuple(topic for topic in of_signals(plan.scenario) if topic.per_step)

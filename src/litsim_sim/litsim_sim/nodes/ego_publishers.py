@@ -36,7 +36,7 @@ class EgoPublisher:
 
 
 def absence(port: EgoPort, publishers: Sequence[EgoPublisher], known_nodes: Sequence[str], domain: str) -> str:
-    """Text that says why an external ego has not answered the current step, as far as known.
+    """Returns a text that says why an external ego has not answered the current step, as far as known.
 
     Args:
         port: port of the ego.
@@ -67,9 +67,10 @@ def absence(port: EgoPort, publishers: Sequence[EgoPublisher], known_nodes: Sequ
 
 
 def rivalry(port: EgoPort, publishers: Sequence[EgoPublisher]) -> str:
-    """Text that says that several publishers answer for the ego; empty if there is one, or every answer was asked for.
+    """Returns a text that says that several publishers answer for the ego; empty if it is one.
 
-    Answers on a second input are no matter if they are the same process's, or if the user has chosen the input.
+    Several are no matter as long as every answer was asked for. Answers on a second input are no matter if they are the
+    same process's, or if the user has chosen the input.
 
     Args:
         port: port of the ego.

@@ -49,7 +49,7 @@ class Keyboard:
 
 
 def _in_foreground(descriptor: int) -> bool:
-    """Whether this process is in the foreground: a background job that uses its terminal is stopped."""
+    """Returns whether this process is in the foreground: a background job that uses its terminal is stopped."""
     try:
         return os.tcgetpgrp(descriptor) == os.getpgrp()
     except OSError:  # a terminal without job control
@@ -57,6 +57,6 @@ def _in_foreground(descriptor: int) -> bool:
 
 
 def split_keys(text: str) -> list[str]:
-    """Keys in the output of a terminal; escape sequences other than the arrows are dropped."""
+    """Returns the keys in the output of a terminal; escape sequences other than the arrows are dropped."""
     keys = (_SEQUENCES.get(part, "") if part[0] == "\x1b" else part for part in _KEY.findall(text))
     return [key for key in keys if key]

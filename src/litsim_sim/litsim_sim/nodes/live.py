@@ -107,7 +107,7 @@ class LiveNode(Node):
         return receive
 
     def _of_run(self, topic: Topic, run_id: str) -> Any:
-        """The newest message of `topic`; an empty one if that is of another run, or there is none."""
+        """Returns the newest message of `topic`; an empty one if that is of another run, or there is none."""
         if topic in self._newest:
             message = deserialize_message(self._newest[topic], topic.type)
             if message.run_id == run_id:
@@ -115,7 +115,7 @@ class LiveNode(Node):
         return topic.type()
 
     def _count(self, topic: Topic) -> int:
-        """Number of viewers of a topic."""
+        """Returns the number of viewers of a topic."""
         return int(self._outlets[topic].get_subscription_count()) + (
             0 if self._server is None else self._server.wants(topic.name)
         )

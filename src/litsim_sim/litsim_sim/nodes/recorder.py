@@ -196,12 +196,12 @@ class RecorderNode(Node):
         self._writer.write(name, data, step * STEP_NS)
 
     def _timer(self, period_s: float, callback: Callable[[], None]) -> Timer:
-        """A timer of the wall clock, independent of simulation time."""
+        """Returns a timer of the wall clock, independent of simulation time."""
         return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 def _tells_run(topic: Topic, info: RunInfo) -> bool:
-    """Whether only LitSim publishes on `topic` in the run of `info`, and each message names its run.
+    """Returns whether only LitSim publishes on `topic` in the run of `info`, and each message names its run.
 
     Messages on /litsim/status are recorded whichever run they name.
     """
@@ -233,7 +233,7 @@ def describe(writer: BagWriter, info: RunInfo) -> None:
 
 
 def step_of(topic: Topic, data: bytes) -> int:
-    """The step of a serialised message of a recorded topic, by its stamp; 0 for the lanes, which have none."""
+    """Returns the step of a serialised message of a recorded topic, by its stamp; 0 for the lanes, which have none."""
     return 0 if topic == LANES else round(stamp_ns(data) / STEP_NS)
 
 

@@ -109,7 +109,7 @@ class ReplayNode(Node):
             outlet.wait_for_all_acked(Duration(seconds=max(0.0, until - time.monotonic())))
 
     def status(self) -> str:
-        """Time and rate in one line."""
+        """Returns time and rate in one line."""
         player = self.player
         state = "paused" if player.paused else "playing"
         at = player.position_s(time.monotonic())
@@ -143,7 +143,7 @@ class ReplayNode(Node):
         return SetParametersResult(successful=not fault, reason=fault)
 
     def _beyond(self, position_s: float) -> str:
-        """Text that says that a position is not in the bag; empty if it is."""
+        """Returns a text that says that a position is not in the bag; empty if it is."""
         inside = 0.0 <= position_s <= self.player.duration_s
         return "" if inside else f"seek_to is {position_s:g}, expected 0 to {self.player.duration_s:g} s"
 
@@ -171,7 +171,7 @@ class ReplayNode(Node):
 
 
 def qos_of(topic: BagTopic) -> QoSProfile:
-    """The recorded QoS, with rclpy's defaults for missing and system-dependent policies."""
+    """Returns the recorded QoS, with rclpy's defaults for missing and system-dependent policies."""
     offered = offered_qos(topic)
     depth = int(offered.get("depth") or 0) or 10
     keep_all = offered.get("history") == "keep_all"

@@ -126,7 +126,7 @@ class StageLiveness:
             )
 
     def recorder_keeps_up(self, step: int) -> bool:
-        """Whether the recorder is not too far behind `step`; step 0 must be confirmed."""
+        """Returns whether the recorder is not too far behind `step`; step 0 must be confirmed."""
         return self.recorded >= max(0, step - RECORDER_WINDOW)
 
     def silent(self, step: int, missing: Sequence[str]) -> list[str]:
@@ -214,7 +214,7 @@ class ResponseCollector:
         self._gate.offer(CONTROLS, run_id, step, message)
 
     def command(self) -> EgoCommand:
-        """The ego's command for the current step; the newest one if its answer is missing.
+        """Returns the ego's command for the current step; the newest one if its answer is missing.
 
         Raises:
             RunFailed: its answer cannot be used.
@@ -246,7 +246,7 @@ class ResponseCollector:
         return missing
 
     def controls(self) -> ControlTable:
-        """The controls for the current step; if the answer is missing, the newest ones, or none.
+        """Returns the controls for the current step; if the answer is missing, the newest ones, or none.
 
         Raises:
             RunFailed: they cannot be used.

@@ -189,7 +189,7 @@ class RunLoop:
         self._reported = self._compute
 
     def _take(self, step: int) -> tuple[ControlTable, EgoCommand]:
-        """The answers to `step`; if one is missing, the newest one stays in force, or the run ends."""
+        """Returns the answers to `step`; if one is missing, the newest one stays in force, or the run ends."""
         missed = self._responses.settle(self._timeout(step), lambda: self._silent(step))
         if missed:  # the recorder need not wait for them
             self._bridge.say(StageState.RUNNING, step, text=f"missed {', '.join(missed)}")
@@ -204,13 +204,13 @@ class RunLoop:
             raise RunFailed(str(error)) from error
 
     def _timeout(self, step: int) -> float:
-        """Time limit for the answers to a step [s]; at step 0 that of an external ego."""
+        """Returns the time limit for the answers to a step [s]; at step 0 that of an external ego."""
         if step > 0:
             return self._options.answer_timeout_s
         return self._options.external_timeout_s if self._external else self._options.handshake_timeout_s
 
     def _silent(self, step: int) -> str:
-        """Text that names the stages that have not answered `step`, as far as known."""
+        """Returns a text that names the stages that have not answered `step`, as far as known."""
         silent = self._liveness.silent(step, self._responses.missing)
         if self._external and self._port.missing:
             silent.append(f"the external ego ({self._bridge.silent_ego()})")

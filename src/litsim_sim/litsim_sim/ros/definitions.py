@@ -15,13 +15,13 @@ _PRIMITIVE = re.compile(r"^(bool|byte|char|float32|float64|u?int(8|16|32|64)|w?s
 
 
 def type_name(message_type: Any) -> str:
-    """`package/msg/Name` of a message class."""
+    """Returns `package/msg/Name` of a message class."""
     package, kind, _ = message_type.__module__.split(".", 2)
     return f"{package}/{kind}/{message_type.__name__}"
 
 
 def definition(name: str) -> str:
-    """The definition of `package/msg/Name` with those of all its types, in the `ros2msg` encoding of MCAP."""
+    """Returns the definition of `package/msg/Name` with those of all its types, in the `ros2msg` encoding of MCAP."""
     package, _, short = name.split("/")
     types = [(package, short)]
     for package, short in types:  # which grows meanwhile
@@ -47,7 +47,7 @@ def _read(package: str, short: str) -> str:
 
 
 def _dependencies(package: str, text: str) -> list[tuple[str, str]]:
-    """Types other than primitives that a definition names, in its order."""
+    """Returns the types other than primitives that a definition names, in its order."""
     types = []
     for line in text.splitlines():
         field_type = line.split("#", 1)[0].strip().split(" ", 1)[0].split("[", 1)[0]

@@ -64,13 +64,13 @@ def check_set(node: Node, names: frozenset[str]) -> None:
 
 
 def parameters(node: Node) -> dict[str, Any]:
-    """The parameters of `node` by name, without those that rclpy declares; arrays as lists."""
+    """Returns the parameters of `node` by name, without those that rclpy declares; arrays as lists."""
     by_name = sorted(node.get_parameters_by_prefix("").items())
     return {name: _plain(parameter.value) for name, parameter in by_name if name not in OF_EVERY_NODE}
 
 
 def parameters_yaml(node: Node) -> str:
-    """The node's current parameters by name, in YAML."""
+    """Returns the node's current parameters by name, in YAML."""
     return yaml.safe_dump(parameters(node))
 
 

@@ -47,7 +47,7 @@ def spin(node: Node, done: Callable[[], bool] = lambda: False) -> None:
 
 
 def executor_of(*nodes: Node) -> Executor:
-    """An executor for nodes.
+    """Returns an executor for nodes.
 
     Other executors iterate over all entities of a node, in Python, whenever they wait; the events executor is notified
     by DDS. Without it a step takes 1.17 times as long (1.07 to 1.31, 4 pairs).

@@ -50,7 +50,7 @@ def stack_endpoints(node: str, interface: Interface) -> Endpoints:
 
 
 def policy_xml(nodes: Mapping[str, Sequence[Endpoints]]) -> str:
-    """The policy with one enclave per program.
+    """Returns the policy with one enclave per program.
 
     Args:
         nodes: endpoints of the nodes of each program, see :func:`litsim_sim.launch.middleware.enclave_of`.

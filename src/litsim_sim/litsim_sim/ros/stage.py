@@ -83,7 +83,7 @@ class StageNode(Node):
         raise NotImplementedError
 
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
-        """The answers for `outputs`, in order, to the converted inputs of a step, by topic name."""
+        """Returns the answers for `outputs`, in order, to the converted inputs of a step, by topic name."""
         raise NotImplementedError
 
     def leave(self) -> None:
@@ -108,7 +108,7 @@ class StageNode(Node):
         self.get_logger().info(f"ready for run {info.run_id}; waiting for its steps on {self.inputs[0][0].name}")
 
     def _busy(self, run_id: str) -> bool:
-        """Whether another run with a live bridge is active, which a new run must not displace."""
+        """Returns whether another run with a live bridge is active, which a new run must not displace."""
         on = self._joiner is not None and self._joiner.run_id != run_id and self._joiner.answered >= 0
         return on and time.monotonic() < self._asked + BRIDGE_QUIET_S
 
