@@ -31,13 +31,13 @@ BEGIN, END = "<!-- begin: tools/architecture.py -->", "<!-- end: tools/architect
 
 
 @dataclass
-class Room:
+class Folder:
     """A folder of a package, or a module that lies beside its folders.
 
     Attributes:
         name: dotted name.
         purpose: first sentence of its docstring.
-        imports: names of the rooms that it imports.
+        imports: names of the folders that it imports.
     """
 
     name: str
@@ -51,36 +51,36 @@ class Room:
 
 
 def source(module: str) -> Path:
-    """The file of a module."""
+    """Returns the file of a module."""
     path = ROOT / "src" / module.partition(".")[0] / Path(*module.split("."))
     return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
 
 
-def rooms_of_the_house() -> dict[str, Room]:
-    """Every room by name, with what it imports."""
+def read_folders() -> dict[str, Folder]:
+    """Returns every folder by name, with what it imports."""
     graph = grimp.build_graph(*PACKAGES, cache_dir=None)
-    rooms: dict[str, Room] = {}
-    room_of: dict[str, str] = {}
+    folders: dict[str, Folder] = {}
+    folder_of: dict[str, str] = {}
     for module in sorted(graph.modules - set(PACKAGES)):
         name = ".".join(module.split(".")[:2])
-        if name not in rooms:
+        if name not in folders:
             text = ast.get_docstring(ast.parse(source(name).read_text(encoding="utf-8"))) or ""
-            rooms[name] = Room(name, text.partition("\n\n")[0].replace("\n", " "))
-        room_of[module] = name
-    for module, name in room_of.items():
+            folders[name] = Folder(name, text.partition("\n\n")[0].replace("\n", " "))
+        folder_of[module] = name
+    for module, name in folder_of.items():
         imported = graph.find_modules_directly_imported_by(module)
-        rooms[name].imports |= {room_of[other] for other in imported if other in room_of} - {name}
-    return rooms
+        folders[name].imports |= {folder_of[other] for other in imported if other in folder_of} - {name}
+    return folders
 
 
-def floors(rooms: dict[str, Room]) -> dict[str, int]:
-    """Floor of each room: 1 if it imports no other, else one above the highest that it imports.
+def levels(folders: dict[str, Folder]) -> dict[str, int]:
+    """Returns the level of each folder: 1 if it imports no other, else one above the highest that it imports.
 
     Raises:
-        SystemExit: rooms import each other in a circle, so there are no floors.
+        SystemExit: folders import each other in a circle, so there are no levels.
     """
-    graph = nx.DiGraph([(room.name, other) for room in rooms.values() for other in room.imports])
-    graph.add_nodes_from(rooms)
+    graph = nx.DiGraph([(folder.name, other) for folder in folders.values() for other in folder.imports])
+    graph.add_nodes_from(folders)
     try:
         order = list(nx.topological_sort(graph))
     except nx.NetworkXUnfeasible:
@@ -88,12 +88,12 @@ def floors(rooms: dict[str, Room]) -> dict[str, int]:
         sys.exit(f"error: folders import each other in a circle: {circle}")
     level: dict[str, int] = {}
     for name in reversed(order):
-        level[name] = 1 + max((level[other] for other in rooms[name].imports), default=0)
+        level[name] = 1 + max((level[other] for other in folders[name].imports), default=0)
     return level
 
 
 def figure(imports: Iterable[tuple[str, str]], labels: Mapping[str, str]) -> Iterator[str]:
-    """Pairs of importer and imported as a Mermaid graph; an import that follows from others is not drawn.
+    """Yields pairs of importer and imported as a Mermaid graph, without imports that follow from others.
 
     Args:
         imports: pairs of names.
@@ -108,43 +108,43 @@ def figure(imports: Iterable[tuple[str, str]], labels: Mapping[str, str]) -> Ite
 
 
 def arrows(lines: Iterable[str]) -> int:
-    """Number of the arrows of figures."""
+    """Returns the number of arrows in figures."""
     return sum(" --> " in line for line in lines)
 
 
-def package_of(room: str) -> str:
-    """The package of a room."""
-    return room.partition(".")[0]
+def package_of(folder: str) -> str:
+    """Returns the package of a folder."""
+    return folder.partition(".")[0]
 
 
-def table(package: str, rooms: dict[str, Room], level: dict[str, int]) -> Iterator[str]:
-    """The rooms of a package from the top floor down, with all that they import."""
+def table(package: str, folders: dict[str, Folder], level: dict[str, int]) -> Iterator[str]:
+    """Yields the folders of a package from the top level down, with all that they import."""
     yield "| folder | purpose | imports |"
     yield "|---|---|---|"
-    mine = [room for room in rooms.values() if package_of(room.name) == package]
-    for room in sorted(mine, key=lambda room: (-level[room.name], room.name)):
-        inside = sorted(rooms[name].short for name in room.imports if package_of(name) == package)
-        outside = sorted({package_of(name) for name in room.imports} - {package})
+    mine = [folder for folder in folders.values() if package_of(folder.name) == package]
+    for folder in sorted(mine, key=lambda folder: (-level[folder.name], folder.name)):
+        inside = sorted(folders[name].short for name in folder.imports if package_of(name) == package)
+        outside = sorted({package_of(name) for name in folder.imports} - {package})
         imports = ", ".join([*inside, *(f"*{name}*" for name in outside)])
-        yield f"| {room.short} | {room.purpose} | {imports} |"
+        yield f"| {folder.short} | {folder.purpose} | {imports} |"
 
 
 def drawing() -> str:
-    """The generated part of the page."""
-    rooms = rooms_of_the_house()
-    level = floors(rooms)
-    imports = [(room.name, other) for room in rooms.values() for other in room.imports]
+    """Returns the generated part of the page."""
+    folders = read_folders()
+    level = levels(folders)
+    imports = [(folder.name, other) for folder in folders.values() for other in folder.imports]
     between = {(package_of(a), package_of(b)) for a, b in imports if package_of(a) != package_of(b)}
     whole = list(figure(between, {package: package for package in PACKAGES}))
     parts = []
     for package in PACKAGES:
-        mine = {room.name: room.short for room in rooms.values() if package_of(room.name) == package}
+        mine = {folder.name: folder.short for folder in folders.values() if package_of(folder.name) == package}
         inside = [(a, b) for a, b in imports if a in mine and b in mine]
-        parts += ["", f"### {package}", "", *figure(inside, mine), "", *table(package, rooms, level)]
+        parts += ["", f"### {package}", "", *figure(inside, mine), "", *table(package, folders, level)]
     drawn = f"{arrows(whole)} arrows between packages and {arrows(parts)} between folders of one package are drawn"
     return "\n".join(
         [
-            f"{len(rooms)} folders and modules beside them, with {len(imports)} imports between them, none upwards.",
+            f"{len(folders)} folders and modules beside them, with {len(imports)} imports between them, none upwards.",
             f"{drawn}; imports that others imply are left out.",
             "",
             *whole,
@@ -154,7 +154,7 @@ def drawing() -> str:
 
 
 def page(part: str) -> str:
-    """ARCHITECTURE.md with `part` between the marks."""
+    """Returns ARCHITECTURE.md with `part` between the marks."""
     text = PAGE.read_text(encoding="utf-8")
     before, _, rest = text.partition(BEGIN)
     return f"{before}{BEGIN}\n{part}\n{END}{rest.partition(END)[2]}"
