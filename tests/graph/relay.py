@@ -22,7 +22,7 @@ from litsim_sim.ros.topics import AGENTS, CONTROLS, EGO_CONTROL, FORECASTS, TAKE
 
 BEFORE = "/before"
 TOPICS = (AGENTS, FORECASTS, TAKEOVERS, CONTROLS, EGO_CONTROL)
-LATE_S = 0.4  # [s]
+LATE_S = 0.2  # [s]
 
 
 class Relay(Node):

@@ -31,7 +31,7 @@ FAULTS = (
     "slow",
     "steady",
 )
-SLOW_S, SLOW_STEPS = 1.3, 3  # [s] for an answer, and the number of steps, from 0 on, for which it takes so long
+SLOW_S, SLOW_STEPS = 1.3, 2  # [s] for an answer, and the number of steps, from 0 on, for which it takes so long
 STEADY_S = 0.1  # [s] for every step, but not for its repetitions
 
 

@@ -14,7 +14,7 @@ from litsim_sim.record.run import read_run
 
 AT = 20  # step at which the run waits for its ego while somebody is stopped
 PAUSE_S = 3.0  # [s]; who does not read for 1 s has been given up by Fast DDS's shared memory
-PATIENT, IMPATIENT = 60.0, 10.0  # [s] for answers: where all come, however busy the machine; where one does not
+PATIENT, IMPATIENT = 60.0, 7.0  # [s] for answers: where all come, however busy the machine; where one does not
 
 
 def stop_amid_run(graph: Any, executable: str, timeout: float) -> Any:
@@ -48,7 +48,7 @@ def test_who_is_stopped_and_goes_on_in_time_does_not_end_the_run(graph: Any, exe
         ("bridge", "node bridge: no sign of life for "),
         (
             "conflict",
-            "no answer to step 21 on /litsim/controls within 10 s; silent: conflict; stopped, by a signal or ",
+            "no answer to step 21 on /litsim/controls within 7 s; silent: conflict; stopped, by a signal or ",
         ),
         ("recorder", "recorder: has confirmed only step "),
     ],
@@ -79,7 +79,7 @@ def test_an_ego_of_its_own_that_is_stopped_for_good_ends_the_run(graph: Any) -> 
     done = graph.finish(bridge)
     assert done.returncode == 1
     (line,) = (line for line in done.stderr.splitlines() if line.startswith("error: "))
-    assert re.fullmatch(r"error: no answer to step \d+ on /litsim/ego/control within 10 s(; silent: ego)?", line), line
+    assert re.fullmatch(r"error: no answer to step \d+ on /litsim/ego/control within 7 s(; silent: ego)?", line), line
     assert graph.finish(recorder).returncode == 0
     assert read_run(graph.folder / "run").complete
     ego.send_signal(signal.SIGCONT)
