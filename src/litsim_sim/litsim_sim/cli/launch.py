@@ -14,7 +14,6 @@ from litsim_sim.cli.program import interrupt_on_signals, program
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
-from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES
 from litsim_sim.io.files import Unwritable
 from litsim_sim.kernels.garbage import without_collection
@@ -37,8 +36,6 @@ from litsim_sim.record.bag import make_room
 from litsim_sim.record.failure import write_failure
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan, ego_names
 
-FIRST = {BRIDGE: 0, RECORDER: 1}
-"""Order of start: the bridge takes longest to get ready, and late stages wait for its next greeting."""
 STATUS_HELP = "Exit status: 0, the run is valid; 1, it failed or is not valid, and stderr says why; 2, bad input."
 
 
@@ -104,7 +101,7 @@ def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], arguments
     try:
         if arguments.command:  # first: it may take long to get ready
             graph.start_stack(arguments.command)
-        for node in sorted(nodes, key=lambda node: FIRST.get(node.name, len(FIRST))):
+        for node in nodes:
             graph.start(node.name, paths[node.name], node.parameters, forked=True, several=node.several)
         graph.watch(arguments.quiet)
     except KeyboardInterrupt:

@@ -13,7 +13,6 @@ some, can handle that.
 
 from __future__ import annotations
 
-import gc
 import multiprocessing
 import os
 import runpy
@@ -140,14 +139,6 @@ def _follow(target: Callable[..., None], *arguments: Any) -> None:
 
     threading.Thread(target=follow, daemon=True).start()
     target(*arguments)
-
-
-def keep_imports() -> None:
-    """Share all present objects with copies made from here on; else the garbage collector would touch them all.
-
-    Without it a run of 2 s takes 1.18 times the processor time (1.08 to 1.32, 5 pairs).
-    """
-    gc.freeze()  # without collecting first: that takes longer than the copies of what little garbage there is
 
 
 def _end_of(wanted: IO[str] | int) -> tuple[IO[str] | None, IO[str] | Connection | None]:

@@ -79,7 +79,9 @@ def program_of(stage: str) -> tuple[str, str]:
 def nodes_of(
     plan: RunPlan, scenario: str, out: Path, *, overwrite: bool = False, **bridge: str | float
 ) -> list[GraphNode]:
-    """Returns the nodes of a run in the order to start them in: the bridge last, since it waits for all others.
+    """Returns the nodes of a run in the order to start them in.
+
+    The bridge is the first: it takes longest to get ready, and stages that are late wait for its next greeting.
 
     Args:
         plan: the run.
@@ -98,7 +100,7 @@ def nodes_of(
     for node, decided in DECIDED.items():
         for name in sorted(set(decided) & set(plan.parameters.get(node, {}))):
             raise InputError(f"parameter {node}.{name} cannot be set: the options of the run decide it")
-    names = (*reversed(plan.stages), BRIDGE)
+    names = (BRIDGE, *reversed(plan.stages))
     own = {
         RECORDER: {"output": str(out), "overwrite": overwrite},
         BRIDGE: _of_bridge(plan) | {"scenario": scenario} | bridge,
@@ -112,13 +114,13 @@ def nodes_of(
 
 def in_one_process(nodes: Sequence[GraphNode]) -> list[GraphNode]:
     """Returns the same nodes, all of LitSim's stages in one process: they need not wait for messages of each other."""
-    stages = {node.name: node for name in (EGO, *POLICY_STAGES) for node in nodes if node.name == name}
+    stages = [node for name in (EGO, *POLICY_STAGES) for node in nodes if node.name == name]
     if len(stages) < 2:
         return list(nodes)
-    parameters = {f"{node.name}:{name}": value for node in stages.values() for name, value in node.parameters.items()}
-    one = GraphNode(STAGES_PROGRAM, *program_of(STAGES_PROGRAM), parameters, tuple(stages))
-    first = min(nodes.index(node) for node in stages.values())
-    return [one if k == first else node for k, node in enumerate(nodes) if k == first or node.name not in stages]
+    parameters = {f"{node.name}:{name}": value for node in stages for name, value in node.parameters.items()}
+    names = tuple(node.name for node in stages)
+    shared = GraphNode(STAGES_PROGRAM, *program_of(STAGES_PROGRAM), parameters, names)
+    return [*(node for node in nodes if node not in stages), shared]
 
 
 def _of_bridge(plan: RunPlan) -> dict[str, Any]:
