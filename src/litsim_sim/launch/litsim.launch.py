@@ -50,7 +50,7 @@ ARGUMENTS = (
 
 
 def generate_launch_description() -> LaunchDescription:
-    """The arguments, and the graph that follows from them."""
+    """Returns the arguments, and the graph that follows from them."""
     declared = [
         DeclareLaunchArgument(
             name,
@@ -64,7 +64,7 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def graph(context: LaunchContext) -> list[object]:
-    """The nodes, and what happens when the bridge or the recorder ends.
+    """Returns the nodes, and what happens when the bridge or the recorder ends.
 
     Raises:
         InputError: an argument cannot be used; found before anything is started.
@@ -99,7 +99,7 @@ def graph(context: LaunchContext) -> list[object]:
 
 
 def whole(name: str, text: str) -> int | None:
-    """The whole number that an argument holds; None where it is empty.
+    """Returns the whole number that an argument holds; None where it is empty.
 
     Raises:
         InputError: it holds something else.
@@ -111,7 +111,7 @@ def whole(name: str, text: str) -> int | None:
 
 
 def settings(text: str) -> list[tuple[str, str, Any]]:
-    """Stage, name and value of each parameter in `set`, split as a shell splits words.
+    """Returns stage, name and value of each parameter in `set`, which is split as a shell does.
 
     Raises:
         InputError: they are not of that form.
@@ -123,24 +123,15 @@ def settings(text: str) -> list[tuple[str, str, Any]]:
 
 
 def on_exit(name: str, running: set[str], over: EmitEvent) -> Callable[[Any, object], EmitEvent | None]:
-    """What is done when the node `name` ends: `over` once it is the last of those that are `running`.
+    """Returns what is done when the node `name` ends: `over` once it is the last of those that are `running`.
 
     The bridge is still closing when the recorder has ended, and a node that is sent SIGINT does not end with 0.
     """
 
     def ended(event: Any, _: object) -> EmitEvent | None:
-        if event.returncode != 0:
-            failed(name, event.returncode)
+        if event.returncode != 0:  # only an exception ends the launch with an exit status that is not 0
+            raise RuntimeError(f"node {name} ended with exit status {event.returncode}; the run is not complete")
         running.discard(name)
         return None if running else over
 
     return ended
-
-
-def failed(name: str, status: int) -> None:
-    """End the launch with an exit status that is not 0, which only an exception does.
-
-    Raises:
-        RuntimeError: always.
-    """
-    raise RuntimeError(f"node {name} ended with exit status {status}; the run is not complete")
