@@ -31,7 +31,7 @@ class StageLiveness:
     """
 
     def __init__(self, run_id: str, stages: Sequence[str]) -> None:
-        """`stages` are those that take part, including the recorder if it does."""
+        """`stages` are those that take part, including the recorder."""
         self.recorded = -1
         self.recorder_done = False
         self._run_id = run_id
@@ -105,12 +105,12 @@ class StageLiveness:
             raise RunFailed("; ".join(self._failures))
 
     def check_recorded(self, last: int) -> None:
-        """Check that the recorder, if there is one, has confirmed step `last`.
+        """Check that the recorder has confirmed step `last`.
 
         Raises:
             RunFailed: it has not.
         """
-        if RECORDER in self._stages and self.recorded < last:
+        if self.recorded < last:
             raise RunFailed(f"{RECORDER}: has confirmed {self._confirmed} of {last} on {RECORDED}")
 
     def check_recorder_keeps_up(self, step: int) -> None:

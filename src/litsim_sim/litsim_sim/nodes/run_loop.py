@@ -73,10 +73,9 @@ class RunLoop:
         last, wall = self._all_steps(self._plan.scenario.total_steps)
         if self._external:
             self._bridge.note_ego_publishers()
-        if RECORDER in self._plan.stages:
-            until = time.perf_counter() + self._options.answer_timeout_s
-            self._bridge.serve_until(lambda: self._liveness.recorded >= last, until)
-            self._liveness.check_recorded(last)
+        until = time.perf_counter() + self._options.answer_timeout_s
+        self._bridge.serve_until(lambda: self._liveness.recorded >= last, until)
+        self._liveness.check_recorded(last)
         summary = yaml.safe_dump(self._responses.summary() | self._world.summary(), sort_keys=False)
         self._bridge.say(StageState.FINISHED, last, wall, summary)
         self.farewell()
