@@ -20,14 +20,7 @@ from litsim_sim.kernels.garbage import without_collection
 from litsim_sim.launch.child import check_program
 from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.middleware import check_security
-from litsim_sim.launch.nodes import (
-    MODES,
-    STOP_OR_HOLD,
-    GraphNode,
-    find_executable,
-    in_one_process,
-    nodes_of,
-)
+from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphNode, find_executable, in_one_process, nodes_of
 from litsim_sim.launch.output import check_output, held_output
 from litsim_sim.launch.processes import Graph, GraphFailed
 from litsim_sim.launch.signals import without_interrupts
