@@ -144,7 +144,7 @@ def test_nobody_is_there_until_somebody_has_a_socket(domain: int) -> None:
         assert is_known_empty(domain, HERE)
 
 
-@pytest.mark.parametrize("discovery", ["LOCALHOST", "SUBNET", "SYSTEM_DEFAULT"])
+@pytest.mark.parametrize("discovery", ["LOCALHOST", "SUBNET"])
 def test_a_node_is_somebody(domain: int, discovery: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(RANGE, discovery)
     monkeypatch.delenv(PROFILES[0], raising=False)
