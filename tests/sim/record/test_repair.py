@@ -158,9 +158,7 @@ def test_steps_of_a_run_that_are_not_there_are_counted(tmp_path: Path) -> None:
         for step in [*range(20), 22]:
             message = messages.agents_to_message(table, "run", 30, 1)
             message.step = step
-            writer.write(
-                topics.AGENTS.name, without_padding(AgentStates)(serialize_message(message)), messages.nanoseconds(step)
-            )
+            writer.write(topics.AGENTS.name, without_padding(AgentStates)(serialize_message(message)), step * STEP_NS)
     done = repair(tmp_path / "bag", tmp_path / "whole")
     assert done.lost == ["10 of 31 steps are missing, from step 20 on (the last is 22)"]
     assert BagReader(tmp_path / "whole").metadata["lost"] == done.lost[0]

@@ -55,7 +55,7 @@ def traffic_pairs(
     people = np.repeat([scenario.name in real for scenario in scenarios], [len(columns[0]) for columns in pairs])
     tensors = [tensor(np.concatenate(column)) for column in zip(*pairs, strict=True)]
     weight = torch.as_tensor(share_weights(people, config.real_share))
-    return TrafficPairs(Demonstrations(*tensors[:2], weight), Demonstrations(*tensors[2:], weight))
+    return TrafficPairs(Demonstrations(tensors[0], tensors[1], weight), Demonstrations(tensors[2], tensors[3], weight))
 
 
 def _of_scenario(scenario: Scenario, config: PairsConfig, random: np.random.Generator) -> tuple[FloatArray, ...]:

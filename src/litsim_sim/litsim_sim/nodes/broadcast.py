@@ -45,7 +45,7 @@ class Broadcast:
 
     def __init__(self, node: Node, plan: RunPlan) -> None:
         self._plan = plan
-        topics = (*PUBLISHED, *of_signals(plan.scenario))
+        topics = PUBLISHED if plan.scenario.signals is None else (*PUBLISHED, *PUBLISHED_OF_SIGNALS)
         self._publishers = {topic: publisher_on(node, topic) for topic in topics}
         self._scene: list[tuple[Topic, Any]] = []
         self._without_objects: AgentTable | None = None  # the last step shown, if its objects have not been published
@@ -98,13 +98,8 @@ class Broadcast:
         return topic, message
 
 
-def of_signals(scenario: Scenario) -> tuple[Topic, ...]:
-    """Topics of the signals; empty if the scenario has none."""
-    return PUBLISHED_OF_SIGNALS if scenario.signals is not None else ()
-
-
 def route(scenario: Scenario) -> Path:
-    """The centre line of the ego's first lane and its continuation."""
+    """Returns the centre line of the ego's first lane and its continuation."""
     table = scenario.log.table(0)
     row = np.array([table.row(scenario.ego_id)])
     at = scenario.lane_map.nearest(table.x[row], table.y[row], table.yaw[row])
@@ -112,10 +107,10 @@ def route(scenario: Scenario) -> Path:
 
 
 def run_info(plan: RunPlan, mode: str, configuration: dict[str, dict[str, Any]]) -> RunInfo:
-    """``RunInfo`` of a run; `configuration` has the parameters of its stages, by stage and name."""
+    """Returns ``RunInfo`` of a run; `configuration` has the parameters of its stages, by stage and name."""
     per_step = (
         (CLOCK, AGENTS, EGO_STATE)
-        + tuple(topic for topic in of_signals(plan.scenario) if topic.per_step)
+        + (() if plan.scenario.signals is None else (SIGNALS,))
         + (() if plan.policy == "replay" else (FORECASTS, TAKEOVERS, CONTROLS))
         + ((EGO_APPLIED,) if plan.ego == EXTERNAL else (EGO_CONTROL,))
     )
