@@ -91,7 +91,7 @@ def test_json_keeps_a_case() -> None:
     ego = {"name": "mine", "kind": "external", "command": ["python3", "mine.py"], "ready_s": 3.0}
     case = one(egos=[ego], seeds=[3], parameters={"conflict.horizon": [2.0]}, end_after_contact_s=0.5)
     assert Case.from_json(json.loads(json.dumps(case.to_json()))) == case
-    assert case.shell == "graph"
+    assert case.execution_mode == "graph"
 
 
 def test_parameters_of_ego_and_row_go_together() -> None:

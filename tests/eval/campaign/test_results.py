@@ -62,8 +62,8 @@ def test_json_keeps_a_result(case: Case) -> None:
     ("text", "said"),
     [
         ("{", "cannot be read"),
-        ("[]", "format None, expected 1"),
-        ('{"format": 2}', "format 2"),
+        ("[]", "format None, expected 2"),
+        ('{"format": 3}', "format 3"),
         ('{"format": 1}', "not a"),
     ],
 )

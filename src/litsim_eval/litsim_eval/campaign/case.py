@@ -26,9 +26,9 @@ MODEL = "model"  # a parameter that labels of rows name by its value alone
 NOT_OF_THE_RESULT = ("commit",)
 """Versions that reports show but that do not affect identities: the digest of the sources does."""
 
-Shell = Literal["graph", "process"]
-GRAPH: Shell = "graph"
-PROCESS: Shell = "process"
+ExecutionMode = Literal["graph", "process"]
+GRAPH: ExecutionMode = "graph"
+PROCESS: ExecutionMode = "process"
 Settings = tuple[tuple[str, Any], ...]
 
 
@@ -49,7 +49,7 @@ class Case:
         seed: seed of all randomness; None for the scenario's.
         end_after_contact_s: time after the ego's first contact at which the run ends [s]; None for the scenario's.
         parameters: `stage.name` and value of each parameter set by the row; those of the ego are in `ego`.
-        shell: whether it is run over DDS or in process.
+        execution_mode: whether it is run over DDS or in process.
         tags, events: as the suite gives them.
     """
 
@@ -64,7 +64,7 @@ class Case:
     seed: int | None
     end_after_contact_s: float | None
     parameters: Settings
-    shell: Shell
+    execution_mode: ExecutionMode
     tags: tuple[str, ...] = ()
     events: tuple[Mapping[str, Any], ...] = ()
 
@@ -104,7 +104,7 @@ class Case:
             "seed": self.seed,
             "end_after_contact_s": self.end_after_contact_s,
             "parameters": dict(self.parameters),
-            "shell": self.shell,
+            "execution_mode": self.execution_mode,
             "tags": list(self.tags),
             "events": [dict(event) for event in self.events],
         }
@@ -112,10 +112,11 @@ class Case:
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Case:
         """The inverse of :meth:`to_json`; raises KeyError or ValueError for other values."""
-        apart = ("ego", "parameters", "end_after_contact_s")  # the last was not always there
+        apart = ("ego", "parameters", "end_after_contact_s", "execution_mode")
         own = {field: values[field] for field in cls.__dataclass_fields__ if field not in apart}
         own |= {
-            "end_after_contact_s": values.get("end_after_contact_s"),
+            "end_after_contact_s": values.get("end_after_contact_s"),  # was not always there
+            "execution_mode": values.get("execution_mode") or values["shell"],  # its name in format 1
             "tags": tuple(values["tags"]),
             "events": tuple(values["events"]),
         }
@@ -265,12 +266,12 @@ def _case(
     ends = road.end if end is None else end
     if ends is not None:  # questions of before runs could end so stay the same
         question["end_after_contact_s"] = ends
-    shell = GRAPH if graph or ego.kind == EXTERNAL else PROCESS
+    mode = GRAPH if graph or ego.kind == EXTERNAL else PROCESS
     given = [*ego.command, *ego.parameters.values(), *dict(row.parameters).values()]
     setup = {"ego": ego.model_dump(mode="json"), "files": _files(given)}
     name = "/".join((short, str(road.ego_id), ego.name, row.policy, *([] if seed is None else [str(seed)])))
     return Case(
-        id=_digest({"question": question, "setup": setup, "shell": shell, "versions": deciding}),
+        id=_digest({"question": question, "setup": setup, "execution_mode": mode, "versions": deciding}),
         key=_digest(question),
         name=", ".join(part for part in (name, row.label) if part),
         scenario=road.entry.scenario,
@@ -281,7 +282,7 @@ def _case(
         seed=seed,
         end_after_contact_s=end,
         parameters=row.parameters,
-        shell=shell,
+        execution_mode=mode,
         tags=tuple(road.entry.tags),
         events=tuple(road.entry.events),
     )

@@ -15,7 +15,8 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import validate_yaml
 from litsim_sim.launch.output import OF_MANY_RUNS
 
-FORMAT = 1
+FORMAT = 2
+READABLE = (1, FORMAT)  # in format 1, `variant` is called `row`, and `execution_mode` is `shell`
 CAMPAIGN_FILE = OF_MANY_RUNS
 RESULT_FILE = "result.json"
 RESULTS_FILE = "results.json"
@@ -200,7 +201,7 @@ def _read(path: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
     found = values.get("format") if isinstance(values, dict) else None
-    if found != FORMAT:
+    if found not in READABLE:
         raise InputError(f"{path}: format {found}, expected {FORMAT}")
     return dict(values)
 

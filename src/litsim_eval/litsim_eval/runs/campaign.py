@@ -52,8 +52,8 @@ class LocalRuns:
         ends the runs in progress without storing them.
         """
         portions = batches(cases, self.processes)
-        preload(PRELOADED if any(case.shell == GRAPH for case in cases) else Workers.__module__)
-        here = sum(portion[0].shell != GRAPH for portion in portions)
+        preload(PRELOADED if any(case.execution_mode == GRAPH for case in cases) else Workers.__module__)
+        here = sum(portion[0].execution_mode != GRAPH for portion in portions)
         with Workers(min(here, self.processes)) as workers, ThreadPoolExecutor(self.processes) as threads:
             pending = [threads.submit(self._run, portion, workers) for portion in portions]
             try:
@@ -77,7 +77,7 @@ class LocalRuns:
         """
         folders = [self.folder.clear(case) for case in cases]
         try:
-            over_graph = cases[0].shell == GRAPH
+            over_graph = cases[0].execution_mode == GRAPH
             outcomes = [self._over_graph(cases[0])] if over_graph else workers.run_batch(cases, folders)
         except RunStopped:
             raise

@@ -99,7 +99,7 @@ def check_cases(cases: Iterable[Case]) -> None:
     Raises:
         CaseRefused: see :func:`check_case`.
     """
-    for case in {(each.row, each.shell): each for each in cases}.values():
+    for case in {(each.row, each.execution_mode): each for each in cases}.values():
         try:
             check_case(case)
         except InputError as error:
@@ -123,7 +123,7 @@ def check_case(case: Case) -> None:
         InputError: a parameter is unknown to its stage or invalid, or there is no such program, or no launcher.
         ModuleNotFoundError: it is to run over DDS, and there is no ROS.
     """
-    if case.shell != GRAPH:
+    if case.execution_mode != GRAPH:
         configured(case.ego.kind, case.policy, case.stage_parameters)
         return
     find_executable(*LAUNCHER)

@@ -127,7 +127,7 @@ def run_task(case: Mapping[str, Any], folder: str, sources: str, time_limit_s: f
         else:
             made = Case.from_json(case)
             where = _cleared(CampaignFolder(Path(folder)), made)
-            if made.shell == GRAPH:
+            if made.execution_mode == GRAPH:
                 with chdir(cwd):
                     return run_over_graph(made, where, time_limit_s=time_limit_s)
             return RunOutcome(run_in_process(made, where), wall_s=time.monotonic() - begin)
