@@ -136,9 +136,9 @@ def test_a_suite_told_more_since_tells_it_of_old_results(tmp_path: Path) -> None
 def test_all_results_in_one_file(tmp_path: Path, case: Case) -> None:
     folder = CampaignFolder(tmp_path)
     result = RunResult.judged(case, metrics(), CRITERIA)
-    path = folder.write_results([result], rows={"idm, litsim": {"runs": 1}})
+    path = folder.write_results([result], variants={"idm, litsim": {"runs": 1}})
     values = json.loads(path.read_text())
-    assert values["rows"] == {"idm, litsim": {"runs": 1}}
+    assert values["variants"] == {"idm, litsim": {"runs": 1}}
     assert [RunResult.from_json(each) for each in values["runs"]] == [result]
 
 

@@ -33,7 +33,9 @@ def test_another_reader_finds_every_case_and_why_it_did_not_pass(campaign: Campa
     read = Junit(str(path))
     assert [found.name for found in read.suites] == ["idm, litsim", "idm, replay", "campaign night & day"]
     tests = {(test.testclass.name, test.name): test for found in read.suites for test in found.all()}
-    assert {name for name in tests if not name[0].startswith("campaign")} == {(c.row, c.name) for c in campaign.cases}
+    assert {name for name in tests if not name[0].startswith("campaign")} == {
+        (c.variant, c.name) for c in campaign.cases
+    }
 
     passed, failed, error, gap = (tests["idm, litsim", f"demo/{EGO}/idm/litsim/{seed}"] for seed in (1, 2, 3, 4))
     assert not passed.failed() and passed.duration == 1.25
@@ -52,7 +54,7 @@ def test_rows_are_in_the_order_of_the_table(tmp_path: Path) -> None:
     campaign = read_campaign(tmp_path)
     write_junit(campaign, tmp_path / "junit.xml")
     found = [each.attrib["name"] for each in ET.parse(tmp_path / "junit.xml").getroot()]
-    assert found == [*campaign.rows, "campaign some"] and found[:2] == ["log, replay", "log, litsim"]
+    assert found == [*campaign.variants, "campaign some"] and found[:2] == ["log, replay", "log, litsim"]
 
 
 def test_counts_and_times_of_suites_and_kinds_of_failures(campaign: Campaign, tmp_path: Path) -> None:

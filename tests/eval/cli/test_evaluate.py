@@ -57,7 +57,7 @@ def results(out: Path) -> dict[str, Any]:
     [
         (
             ["--policy", "replay", "--set", "conflct.horizon=2"],
-            "row idm, replay: no stage of this run: conflct; expected ego",
+            "variant idm, replay: no stage of this run: conflct; expected ego",
         ),
         (
             ["--policy", "yield", "--set", "conflict.horizon=2,-1"],
@@ -88,19 +88,19 @@ def test_what_is_wrong_is_said_before_the_first_run(
         ("", "line 2, field cases.0: egos: 99999 not there at the start of "),
         (
             "parameters: {conflict.horizon: [2, -1]}",
-            "line 5, field parameters.conflict.horizon: row idm, litsim, horizon=-1: conflict: parameter horizon is",
+            "line 5, field parameters.conflict.horizon: variant idm, litsim, horizon=-1: conflict: parameter horizon",
         ),
         (
             "policies: [replay, {name: a, kind: litsim,\nparameters: {conflict.horizn: 1}}]",
-            "line 5, field policies.1.parameters.conflict.horizn: row idm, litsim, a: conflict: unknown parameter",
+            "line 5, field policies.1.parameters.conflict.horizn: variant idm, litsim, a: conflict: unknown parameter",
         ),
         (
             "policies: [replay]\nparameters:\n  predictor.model: cv\n  ego.kind: brake",
-            "line 7, field parameters.ego.kind: row idm, replay: ego: unknown parameter kind",
+            "line 7, field parameters.ego.kind: variant idm, replay: ego: unknown parameter kind",
         ),
         (
             "egos:\n- {name: own, kind: external, command: [no_such_stack], parameters: {bridge.patience: 1}}",
-            "row own, litsim: bridge: unknown parameter patience",
+            "variant own, litsim: bridge: unknown parameter patience",
         ),
     ],
 )
@@ -164,7 +164,7 @@ def test_policies_and_egos_can_be_chosen_by_their_names_in_the_suite(tmp_path, s
     suite.write_text(yaml.safe_dump({"name": "some", "cases": cases, "egos": egos, "policies": policies}))
     called("--suite", suite, "--policy", "short", "replay", "--ego", "brake", "--out", tmp_path / "out")
     found = [each["case"] for each in results(tmp_path / "out")["runs"]]
-    assert sorted(each["row"] for each in found) == ["brake, replay", "brake, yield, short"]
+    assert sorted(each["variant"] for each in found) == ["brake, replay", "brake, yield, short"]
     assert [each["parameters"] for each in found if each["policy"] == "yield"] == [{"conflict.horizon": 1.5}]
 
 
@@ -188,9 +188,9 @@ def test_several_egos_and_values_are_rows_of_the_table(capsys, tmp_path, criteri
     words = ["--policy", "replay", "yield", "--set", "conflict.handback=catch_up,time_shift", "--egos", "ego"]
     words += ["--scenario", scenario_file(tmp_path, "waves", **waves)]
     called("--ego", "idm", "log", *words, "--out", tmp_path / "out", "--criteria", criteria)
-    found = results(tmp_path / "out")["rows"]
-    rows = ["replay", "yield, handback=catch_up", "yield, handback=time_shift"]
-    assert list(found) == [f"{ego}, {row}" for ego in ("idm", "log") for row in rows]
+    found = results(tmp_path / "out")["variants"]
+    variants = ["replay", "yield, handback=catch_up", "yield, handback=time_shift"]
+    assert list(found) == [f"{ego}, {variant}" for ego in ("idm", "log") for variant in variants]
     assert found["idm, yield, handback=time_shift"]["held_s"] < found["idm, yield, handback=catch_up"]["held_s"]
     printed = capsys.readouterr().out
     assert "time under control s" in printed and "  6  log, yield, handback=time_shift\n" in printed
@@ -216,7 +216,7 @@ def test_the_exit_status_is_the_verdict_by_the_criteria(tmp_path, capsys, limit:
     assert f"{1 - status} passed, {status} failed, 0 errors" in said.out
     found = results(tmp_path / "out")
     assert found["verdict"] == ("failed" if status else "passed")
-    assert found["rows"]["idm, replay"]["colliding_runs"] == 1
+    assert found["variants"]["idm, replay"]["colliding_runs"] == 1
     page = tmp_path / "out/experiment.html"
     assert f"report: {page}\n" in said.out
     assert ('<span class="badge bad">not passed</span>' in page.read_text()) == bool(status)

@@ -185,8 +185,8 @@ def test_what_is_no_campaign(text: str, tmp_path: Path) -> None:
 
 def test_rows_without_a_result_yet_are_there(campaign: Write, tmp_path: Path) -> None:
     data = packed(page_of(campaign(tmp_path, done=2)))
-    assert data["rows"] == ["idm, replay", "idm, litsim"]
-    assert [run["row"] for run in data["runs"]] == [0, 0]
+    assert data["variants"] == ["idm, replay", "idm, litsim"]
+    assert [run["variant"] for run in data["runs"]] == [0, 0]
 
 
 def test_the_page_keeps_what_the_campaign_says(campaign: Write, tmp_path: Path) -> None:

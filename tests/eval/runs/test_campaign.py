@@ -163,7 +163,7 @@ def test_the_conclusion_is_by_the_criteria_of_the_suite(tmp_path: Path, share: f
     assert len(found.results) == 3
     written = json.loads((tmp_path / "results.json").read_text())
     assert (written["name"], written["verdict"]) == ("some", verdict)
-    row = written["rows"]["idm, replay"]
-    assert (row["runs"], row["measured"], row["failed"]) == (3, 2, 1)
-    assert (row["passed"], row["not_passed"], row["errors"]) == (1, 1, 1)
+    variant = written["variants"]["idm, replay"]
+    assert (variant["runs"], variant["measured"], variant["failed"]) == (3, 2, 1)
+    assert (variant["passed"], variant["not_passed"], variant["errors"]) == (1, 1, 1)
     assert "3 runs" in (tmp_path / "experiment.html").read_text()

@@ -1,4 +1,4 @@
-"""Summary of several runs: one row of the table that compares policies."""
+"""Summary of the runs of one variant: its column in the table that compares policies."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def added(name: str) -> Figure:
 
 
 def summarise(runs: Iterable[Metrics], failed: int = 0) -> dict[str, Any]:
-    """One row of the table: sums, means and maxima over the measured runs; None where there are no values.
+    """Returns the sums, means and maxima over the measured runs; None where there are no values.
 
     Args:
         runs: metrics of the measured runs, valid or not.

@@ -22,7 +22,7 @@ from litsim_sim.scenario.scenario import Scenario
 
 ID_LENGTH = 16
 SCENARIOS_KEPT = 4  # most scenarios in memory while cases are made
-MODEL = "model"  # a parameter that labels of rows name by its value alone
+MODEL = "model"  # a parameter that labels of variants name by its value alone
 NOT_OF_THE_RESULT = ("commit",)
 """Versions that reports show but that do not affect identities: the digest of the sources does."""
 
@@ -45,10 +45,10 @@ class Case:
         ego_id: id of the vehicle that is the ego.
         ego: driver of the ego.
         policy: what moves the background.
-        label: distinguishes its row from others of the same ego and policy; may be empty.
+        label: distinguishes the variant from others of the same ego and policy; may be empty.
         seed: seed of all randomness; None for the scenario's.
         end_after_contact_s: time after the ego's first contact at which the run ends [s]; None for the scenario's.
-        parameters: `stage.name` and value of each parameter set by the row; those of the ego are in `ego`.
+        parameters: `stage.name` and value of each parameter set by the variant; those of the ego are in `ego`.
         execution_mode: whether it is run over DDS or in process.
         tags, events: as the suite gives them.
     """
@@ -78,8 +78,8 @@ class Case:
         return self.scenario, self.ego_id
 
     @property
-    def row(self) -> str:
-        """Name of the row of tables that the run is counted in: ego, policy and label."""
+    def variant(self) -> str:
+        """Name of what campaigns compare, by which runs are counted together: ego, policy and label."""
         return ", ".join(part for part in (self.ego.name, self.policy, self.label) if part)
 
     @property
@@ -100,7 +100,7 @@ class Case:
             "ego_setup": self.ego.model_dump(mode="json"),
             "policy": self.policy,
             "label": self.label,
-            "row": self.row,
+            "variant": self.variant,
             "seed": self.seed,
             "end_after_contact_s": self.end_after_contact_s,
             "parameters": dict(self.parameters),
@@ -124,7 +124,7 @@ class Case:
 
 
 def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, str] | None = None) -> list[Case]:
-    """Every case of a suite, sorted by row, seed and entry.
+    """Every case of a suite, sorted by variant, seed and entry.
 
     Entries that give the same run are one case, with the tags and events of all.
 
@@ -135,7 +135,7 @@ def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, s
 
     Raises:
         InputError: a scenario cannot be used, an ego is not in it, or two scenarios have the same name; it names file
-            and line of the entry, where it has them. Or two rows are of the same runs.
+            and line of the entry, where it has them. Or two variants are of the same runs.
     """
     _check_scenario_names(suite)
     found = code_versions() if with_versions is None else with_versions
@@ -144,13 +144,13 @@ def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, s
     roads = [road for entry in suite.cases for road in _roads(entry, load)]
     seeds: list[int | None] = [*suite.seeds] or [None]
     cases: dict[str, Case] = {}
-    for row, seed, road in product(_rows(suite), seeds, roads):
-        case = _case(row, seed, suite.end_after_contact_s, road, graph=graph, deciding=deciding)
+    for variant, seed, road in product(_variants(suite), seeds, roads):
+        case = _case(variant, seed, suite.end_after_contact_s, road, graph=graph, deciding=deciding)
         same = cases.get(case.id)
-        if same is not None and same.row != case.row:
+        if same is not None and same.variant != case.variant:
             raise InputError(
-                f"suite {suite.name}: rows {same.row!r} and {case.row!r} ask for the same runs, expected different "
-                f"policies or parameters; those of the suite replace those of a policy or an ego"
+                f"suite {suite.name}: variants {same.variant!r} and {case.variant!r} ask for the same runs, "
+                f"expected different policies or parameters; those of the suite replace those of a policy or an ego"
             )
         cases[case.id] = case if same is None else _merged(same, case)
     return list(cases.values())
@@ -183,8 +183,8 @@ def code_versions() -> dict[str, str]:
 
 
 @dataclass(frozen=True)
-class _Row:
-    """The common properties of all runs of a row of tables."""
+class _Variant:
+    """The common properties of all runs of a variant."""
 
     ego: EgoSetup
     policy: str
@@ -203,10 +203,10 @@ class _Road:
     content: Mapping[str, Any]
 
 
-def _rows(suite: Suite) -> Iterator[_Row]:
-    """Ego, policy, parameters and label of every row: each ego with each policy and combination of parameters.
+def _variants(suite: Suite) -> Iterator[_Variant]:
+    """Ego, policy, parameters and label of every variant: each ego with each policy and combination of parameters.
 
-    Parameters of the policy's stages make no rows of a replay, which has none of these stages. Labels tell the
+    Parameters of the policy's stages make no variants of a replay, which has none of these stages. Labels tell the
     parameters that have several values, and those of the ego or the policy that the suite replaces.
     """
     for ego, setup in product(suite.egos, suite.setups):
@@ -225,7 +225,7 @@ def _rows(suite: Suite) -> Iterator[_Row]:
                 if len(mine[name]) > 1 or short == MODEL or own.get(name, value) != value
             ]
             label = ", ".join(part for part in (setup.label, *told) if part)
-            yield _Row(ego, setup.kind, tuple({**setup.parameters, **varied}.items()), label)
+            yield _Variant(ego, setup.kind, tuple({**setup.parameters, **varied}.items()), label)
 
 
 def _roads(entry: CaseEntry, load: Callable[[str], Scenario]) -> list[_Road]:
@@ -251,37 +251,37 @@ def _roads_of(entry: CaseEntry, scenario: Scenario) -> Iterator[_Road]:
 
 
 def _case(
-    row: _Row, seed: int | None, end: float | None, road: _Road, *, graph: bool, deciding: Mapping[str, str]
+    variant: _Variant, seed: int | None, end: float | None, road: _Road, *, graph: bool, deciding: Mapping[str, str]
 ) -> Case:
-    short, ego = Path(road.entry.scenario).stem, row.ego
+    short, ego = Path(road.entry.scenario).stem, variant.ego
     seed = road.entry.seed if seed is None else seed
     question = {
         "scenario": [short, road.content],
         "ego_id": str(road.ego_id),
         "ego": ego.name,
-        "policy": row.policy,
-        "parameters": dict(row.parameters),
+        "policy": variant.policy,
+        "parameters": dict(variant.parameters),
         "seed": road.seed if seed is None else seed,
     }
     ends = road.end if end is None else end
     if ends is not None:  # questions of before runs could end so stay the same
         question["end_after_contact_s"] = ends
     mode = GRAPH if graph or ego.kind == EXTERNAL else PROCESS
-    given = [*ego.command, *ego.parameters.values(), *dict(row.parameters).values()]
+    given = [*ego.command, *ego.parameters.values(), *dict(variant.parameters).values()]
     setup = {"ego": ego.model_dump(mode="json"), "files": _files(given)}
-    name = "/".join((short, str(road.ego_id), ego.name, row.policy, *([] if seed is None else [str(seed)])))
+    name = "/".join((short, str(road.ego_id), ego.name, variant.policy, *([] if seed is None else [str(seed)])))
     return Case(
         id=_digest({"question": question, "setup": setup, "execution_mode": mode, "versions": deciding}),
         key=_digest(question),
-        name=", ".join(part for part in (name, row.label) if part),
+        name=", ".join(part for part in (name, variant.label) if part),
         scenario=road.entry.scenario,
         ego_id=road.ego_id,
         ego=ego,
-        policy=row.policy,
-        label=row.label,
+        policy=variant.policy,
+        label=variant.label,
         seed=seed,
         end_after_contact_s=end,
-        parameters=row.parameters,
+        parameters=variant.parameters,
         execution_mode=mode,
         tags=tuple(road.entry.tags),
         events=tuple(road.entry.events),

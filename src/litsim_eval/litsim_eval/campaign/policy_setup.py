@@ -17,7 +17,7 @@ Name = Annotated[str, Field(min_length=1)]
 
 
 class PolicySetup(BaseModel):
-    """A policy with a name of its own, as a row of tables.
+    """A policy with parameters and a name of its own: a variant of it that campaigns compare.
 
     Attributes:
         name: name in tables.
@@ -40,7 +40,7 @@ class PolicySetup(BaseModel):
 
     @property
     def label(self) -> str:
-        """What tells its row from that of the policy as it comes; empty for that one."""
+        """Label of its variants; empty for the policy as it comes."""
         return "" if self.name == self.kind else self.name
 
 

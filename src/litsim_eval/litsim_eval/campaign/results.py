@@ -124,12 +124,12 @@ class Campaign:
         return all(each.passed for each in self.judged)
 
     @property
-    def rows(self) -> dict[str, list[RunResult]]:
-        """The finished runs of each row of its tables, in the order of the cases; a row may have none yet."""
-        rows: dict[str, list[RunResult]] = {case.row: [] for case in self.cases}
+    def variants(self) -> dict[str, list[RunResult]]:
+        """The finished runs of each variant, in the order of the cases; a variant may have none yet."""
+        variants: dict[str, list[RunResult]] = {case.variant: [] for case in self.cases}
         for result in self.results:
-            rows[result.case.row].append(result)
-        return rows
+            variants[result.case.variant].append(result)
+        return variants
 
     @property
     def missing(self) -> tuple[Case, ...]:

@@ -161,7 +161,7 @@ class Suite(BaseModel):
         policies: of :func:`litsim_sim.scenario.run_info.policy_names`, names of packaged setups, or setups.
         seeds: seeds, with a run for each; default: the scenario's seed.
         end_after_contact_s: time after the first contact of its ego at which a run ends [s]; null for the scenario's.
-        parameters: values to try, by `stage.name`; several values of one make several rows.
+        parameters: values to try, by `stage.name`; several values of one make several variants.
         criteria: criteria for each run, and for the campaign as a whole.
     """
 

@@ -16,9 +16,9 @@ from litsim_eval.campaign.case import Case, cases_of, code_versions
 from litsim_eval.campaign.criteria import Verdict
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RESULTS_FILE, Campaign, RunResult
-from litsim_eval.campaign.row_bounds import row_bounds
-from litsim_eval.campaign.row_summary import row_summary
 from litsim_eval.campaign.suite import place_of
+from litsim_eval.campaign.variant_bounds import variant_bounds
+from litsim_eval.campaign.variant_summary import variant_summary
 from litsim_eval.cli.suite_arguments import add_suite_arguments, suite_of
 from litsim_eval.runs.campaign import LocalRuns, conclude
 from litsim_eval.runs.case_run import TIME_LIMIT_S, CaseRefused, check_cases
@@ -157,9 +157,9 @@ def _counted(results: Collection[RunResult]) -> str:
 
 def _print(campaign: Campaign, *, intervals: bool) -> None:
     """Print the table, the criteria that the campaign fails, and the runs that have not passed, with reasons."""
-    summary = {row: row_summary(results) for row, results in campaign.rows.items()}
+    summary = {variant: variant_summary(results) for variant, results in campaign.variants.items()}
     replayed = all(case.policy == REPLAY for case in campaign.cases)
-    bounds = {row: row_bounds(results) for row, results in campaign.rows.items()} if intervals else None
+    bounds = {variant: variant_bounds(results) for variant, results in campaign.variants.items()} if intervals else None
     print_summary(campaign.name, summary, Console(), replayed=replayed, bounds=bounds)
     print(f"{_counted(campaign.results)}; every run: {campaign.folder / RESULTS_FILE}")
     for criterion in campaign.judged:

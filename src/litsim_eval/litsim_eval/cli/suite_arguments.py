@@ -39,7 +39,7 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
         nargs="+",
         help=f"what moves the background: {', '.join(_usual_policies())}, or one of the suite (default: replay litsim)",
     )
-    p.add_argument("--predictor", nargs="+", metavar="MODEL", help="forecasting model; a row for each")
+    p.add_argument("--predictor", nargs="+", metavar="MODEL", help="forecasting model; a variant for each")
     p.add_argument("--seeds", nargs="+", type=int, help="a run for each seed; default: the scenario's")
     p.add_argument("--end-after-contact", **END_AFTER_CONTACT)
     p.add_argument(
@@ -48,7 +48,7 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[],
         metavar="STAGE.NAME=VALUE[,VALUE]",
-        help=f"{SET_HELP}; a row for each of several values",
+        help=f"{SET_HELP}; a variant for each of several values",
     )
     p.add_argument("--criteria", metavar="FILE", help="criteria that judge the runs (YAML); default: the packaged ones")
     p.add_argument(

@@ -62,20 +62,20 @@ def pack_campaign(campaign: Campaign, pictures: Mapping[str, Mapping[str, Any]],
         beside: folder of the page, to which links are relative.
     """
     results = campaign.results
-    rows = list(campaign.rows)
+    variants = list(campaign.variants)
     criteria = criteria_of(campaign)
     tags = sorted({tag for result in results for tag in result.case.tags})
     content = {
         "dt": STEP_S,
         "picture_turn": UNIT_RAD,
-        "rows": rows,
+        "variants": variants,
         "criteria": [{"name": name, "field": field, "limit": limit} for name, field, limit in criteria],
         "tags": tags,
         "fields": fields_of(campaign),
         "runs": [
             {
                 **_case(result),
-                "row": rows.index(result.case.row),
+                "variant": variants.index(result.case.variant),
                 "tags": [tags.index(tag) for tag in result.case.tags],
                 "criteria": [
                     {

@@ -1,4 +1,4 @@
-"""A campaign as one HTML file: verdicts, rows side by side, distributions of measures, and every run."""
+"""A campaign as one HTML file: verdicts, variants side by side, distributions of measures, and every run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tqdm import tqdm
 from litsim_eval.analysis.metric import ADDED, Better, added_metrics
 from litsim_eval.campaign.criteria import CriterionResult, Verdict
 from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RUNS_FOLDER, Campaign, RunResult
-from litsim_eval.campaign.row_summary import row_summary
+from litsim_eval.campaign.variant_summary import variant_summary
 from litsim_eval.report.campaign_content import criteria_of, pack_campaign
 from litsim_eval.report.pages import render_page
 from litsim_eval.report.run_report import save
@@ -31,7 +31,7 @@ NAMES_MAX = 4  # most scenarios, egos or policies that a heading names; of more 
 
 @dataclass(frozen=True)
 class Column:
-    """One measure: its name, its value in a row, its text, and the function that selects the better of values.
+    """One measure: its name, its value in a variant, its text, and the function that selects the better of values.
 
     `of_all`: runs without measures count in it.
     """
@@ -44,7 +44,7 @@ class Column:
 
 
 def _key(name: str) -> Callable[[dict[str, Any]], Any]:
-    return lambda row: row[name]
+    return lambda variant: variant[name]
 
 
 SUMMARY = (
@@ -120,8 +120,8 @@ def _folder(campaign: Campaign, result: RunResult) -> Path:
 
 
 def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Path) -> str:
-    by_row = campaign.rows
-    summary = {row: row_summary(results) for row, results in by_row.items()}
+    by_variant = campaign.variants
+    summary = {variant: variant_summary(results) for variant, results in by_variant.items()}
     return render_page(
         "experiment.html.j2",
         title=campaign.name,
@@ -130,13 +130,13 @@ def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Pat
         judged=[_suite_criterion(each) for each in campaign.judged],
         passed=campaign.passes,
         missing=len(campaign.missing),
-        rows=[_verdicts(name, results) for name, results in by_row.items()],
-        names=list(by_row),
-        criteria=_criteria(campaign, by_row),
-        tags=_tags(by_row),
+        variants=[_verdicts(name, results) for name, results in by_variant.items()],
+        names=list(by_variant),
+        criteria=_criteria(campaign, by_variant),
+        tags=_tags(by_variant),
         summary=_side_by_side(summary, (*SUMMARY, *_added())),
         displacement=_side_by_side(summary, _displacement(summary)),
-        unmeasured=any(row["failed"] for row in summary.values()),
+        unmeasured=any(variant["failed"] for variant in summary.values()),
         about=[("begun", campaign.begun_at), *((name, str(version)) for name, version in campaign.versions.items())],
         pictured=bool(pictures),
         footnote=f"Everything on this page comes from the folder {campaign.folder.resolve().name}; a dash stands where "
@@ -160,10 +160,10 @@ def _subtitle(campaign: Campaign) -> str:
 
 
 def _verdicts(name: str, results: list[RunResult]) -> dict[str, Any]:
-    """Numbers of runs of a row that passed, failed and could not be judged; the share that passed is that of all."""
+    """Numbers of runs of a variant that passed, failed and could not be judged, and the share of all that passed."""
     counts = Counter(each.verdict for each in results)
     parts = [
-        {"verdict": verdict.value, "count": counts[verdict], "filter": _filter(row=name, verdict=verdict.value)}
+        {"verdict": verdict.value, "count": counts[verdict], "filter": _filter(variant=name, verdict=verdict.value)}
         for verdict in Verdict
     ]
     share = percent(counts[Verdict.PASSED] / len(results) if results else None)
@@ -192,13 +192,13 @@ def _filter(**fields: str) -> str:
     return json.dumps(fields)
 
 
-def _criteria(campaign: Campaign, by_row: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
-    """Number of runs of each row that missed each criterion, of those judged by it."""
+def _criteria(campaign: Campaign, by_variant: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
+    """Number of runs of each variant that missed each criterion, of those judged by it."""
     judged: Counter[tuple[Any, ...]] = Counter()
     missed: Counter[tuple[Any, ...]] = Counter()
     for result in campaign.results:
         for each in result.criteria:
-            key = (result.case.row, each.name, each.field, each.limit)
+            key = (result.case.variant, each.name, each.field, each.limit)
             judged[key] += 1
             missed[key] += not each.passed
     return [
@@ -206,32 +206,40 @@ def _criteria(campaign: Campaign, by_row: dict[str, list[RunResult]]) -> list[di
             "name": name,
             "rule": _rule(name, field, limit),
             "cells": [
-                _cell(missed[row, name, field, limit], judged[row, name, field, limit], row=row, criterion=name)
-                for row in by_row
+                _cell(
+                    missed[variant, name, field, limit],
+                    judged[variant, name, field, limit],
+                    variant=variant,
+                    criterion=name,
+                )
+                for variant in by_variant
             ],
         }
         for name, field, limit in criteria_of(campaign)
     ]
 
 
-def _tags(by_row: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
-    """Number of runs of each row that have not passed, of those with a tag, by tag; the worst tags first."""
+def _tags(by_variant: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
+    """Number of runs of each variant that have not passed, of those with a tag, by tag; the worst tags first."""
     tagged: Counter[tuple[str, str]] = Counter()
     missed: Counter[tuple[str, str]] = Counter()
-    for row, results in by_row.items():
+    for variant, results in by_variant.items():
         for result in results:
             for tag in result.case.tags:
-                tagged[row, tag] += 1
-                missed[row, tag] += result.verdict != Verdict.PASSED
+                tagged[variant, tag] += 1
+                missed[variant, tag] += result.verdict != Verdict.PASSED
     shares = {}
     for tag in {tag for _, tag in tagged}:
-        shares[tag] = sum(missed[row, tag] for row in by_row) / sum(tagged[row, tag] for row in by_row)
+        shares[tag] = sum(missed[variant, tag] for variant in by_variant) / sum(
+            tagged[variant, tag] for variant in by_variant
+        )
     return [
         {
             "name": tag,
             "rule": "",
             "cells": [
-                _cell(missed[row, tag], tagged[row, tag], row=row, tag=tag, verdict=NOT_PASSED) for row in by_row
+                _cell(missed[variant, tag], tagged[variant, tag], variant=variant, tag=tag, verdict=NOT_PASSED)
+                for variant in by_variant
             ],
         }
         for tag in sorted(shares, key=lambda tag: (-shares[tag], tag))[:TAGS_MAX]
@@ -251,8 +259,8 @@ def _added() -> Iterator[Column]:
         yield Column(f"{name} [{metric.unit}]" if metric.unit else name, find, better=better.get(metric.better))
 
 
-def _added_mean(row: dict[str, Any], name: str) -> float | None:
-    value: float | None = row[ADDED][name]
+def _added_mean(variant: dict[str, Any], name: str) -> float | None:
+    value: float | None = variant[ADDED][name]
     return value
 
 
@@ -265,22 +273,22 @@ def _displacement(summary: dict[str, dict[str, Any]]) -> Iterator[Column]:
             yield Column(f"{name}, {horizon} s [m]", find, lambda found: found or NOTHING)
 
 
-def _displaced(row: dict[str, Any], field: str, horizon: str) -> str | None:
-    """The displacement of a row up to `horizon`, with the number of its runs that lasted as long, if not all did."""
-    value, runs, every = row[field][horizon], row["ade_runs"][horizon], row["measured"]
+def _displaced(variant: dict[str, Any], field: str, horizon: str) -> str | None:
+    """Displacement of a variant up to `horizon`, with the number of its runs that lasted as long, if not all did."""
+    value, runs, every = variant[field][horizon], variant["ade_runs"][horizon], variant["measured"]
     return None if value is None else number(value) + (f" ({runs} of {every})" if runs < every else "")
 
 
 def _side_by_side(summary: dict[str, dict[str, Any]], columns: Iterable[Column]) -> list[dict[str, Any]]:
-    """A row for each measure that any row of the campaign has, with a cell for each; the best of several is marked.
+    """A row for each measure that any variant of the campaign has, with a cell for each; the best of several is marked.
 
     Values that leave out runs without measures have an asterisk. They are never marked as the best, as those runs might
     have changed them.
     """
     found = []
     for column in columns:
-        values = [column.find(row) for row in summary.values()]
-        marks = ["*" if row["failed"] and not column.of_all else "" for row in summary.values()]
+        values = [column.find(variant) for variant in summary.values()]
+        marks = ["*" if variant["failed"] and not column.of_all else "" for variant in summary.values()]
         whole = [value for value, mark in zip(values, marks, strict=True) if value is not None and not mark]
         best = column.better(whole) if column.better and whole and min(whole) < max(whole) else None
         cells = [

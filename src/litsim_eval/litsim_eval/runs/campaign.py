@@ -12,7 +12,7 @@ from litsim_eval.campaign.criteria import Criteria, Verdict
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.junit import JUNIT_FILE, write_junit
 from litsim_eval.campaign.results import Campaign, RunResult, read_campaign
-from litsim_eval.campaign.row_summary import row_summary
+from litsim_eval.campaign.variant_summary import variant_summary
 from litsim_eval.report.experiment import write_experiment_report
 from litsim_eval.runs.case_batch import batches
 from litsim_eval.runs.case_run import PRELOADED, TIME_LIMIT_S, RunOutcome, RunStopped, is_elsewhere, run_over_graph
@@ -111,7 +111,7 @@ def conclude(folder: CampaignFolder) -> Campaign:
         name=campaign.name,
         verdict=str(Verdict.PASSED if campaign.passes else Verdict.FAILED),
         suite=[asdict(each) for each in campaign.judged],
-        rows={row: row_summary(results) for row, results in campaign.rows.items()},
+        variants={variant: variant_summary(results) for variant, results in campaign.variants.items()},
     )
     write_junit(campaign, folder.path / JUNIT_FILE)
     write_experiment_report(campaign, quiet=False)

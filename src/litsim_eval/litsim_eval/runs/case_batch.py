@@ -31,7 +31,9 @@ def batches(cases: Sequence[Case], processes: int) -> list[tuple[Case, ...]]:
     """
     groups: dict[Hashable, list[Case]] = {}
     for case in sorted(cases, key=lambda case: case.policy == REPLAY):
-        groups.setdefault(case.id if case.execution_mode == GRAPH else (case.policy, str(case.parameters)), []).append(case)
+        groups.setdefault(case.id if case.execution_mode == GRAPH else (case.policy, str(case.parameters)), []).append(
+            case
+        )
     most = max(1, min(BATCH_MAX, -(-len(cases) // (2 * processes))))
     return [portion for group in groups.values() for portion in _portions(_by_scenario(group), most)]
 

@@ -46,14 +46,14 @@ class RunFailed(Exception):
 
 
 class CaseRefused(InputError):
-    """A case cannot be run; the message names its row.
+    """A case cannot be run; the message names its variant.
 
     Attributes:
         setting: `stage.name` and value of the first of its parameters that is the reason by itself; None if none is.
     """
 
     def __init__(self, case: Case, error: InputError) -> None:
-        super().__init__(f"row {case.row}: {error}")
+        super().__init__(f"variant {case.variant}: {error}")
         given = () if _is_refused(case, None) else (case.ego.parameters | dict(case.parameters)).items()
         self.setting = next((setting for setting in given if _is_refused(case, setting)), None)
 
@@ -94,12 +94,12 @@ class RunOutcome:
 
 
 def check_cases(cases: Iterable[Case]) -> None:
-    """Check one case of each row before the first run.
+    """Check one case of each variant before the first run.
 
     Raises:
         CaseRefused: see :func:`check_case`.
     """
-    for case in {(each.row, each.execution_mode): each for each in cases}.values():
+    for case in {(each.variant, each.execution_mode): each for each in cases}.values():
         try:
             check_case(case)
         except InputError as error:

@@ -1,4 +1,4 @@
-"""How far the figures of a row of a campaign's tables are from chance: bounds by the bootstrap."""
+"""How far the figures of a variant are from chance: bounds by the bootstrap."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from litsim_eval.analysis.displacement import HORIZONS_S
 from litsim_eval.analysis.summary import DISPLACEMENTS, MEANS, RATIOS, SUMS, Figure, displacement
 from litsim_eval.campaign.bootstrap import percentile_bounds, ratios, times_drawn
 from litsim_eval.campaign.results import RunResult
-from litsim_eval.campaign.row_summary import VERDICTS
+from litsim_eval.campaign.variant_summary import VERDICTS
 from litsim_sim.core.scene import FloatArray
 
 Bounds = dict[str, tuple[float, float]]
-"""Bounds by the name of the figure in the summary of its row; `ade_all_m.5` is that of a horizon."""
+"""Bounds by the name of the figure in the summary of its variant; `ade_all_m.5` is that of a horizon."""
 
 
-def row_bounds(results: Sequence[RunResult]) -> Bounds:
-    """Bounds of the sums, means and shares of :func:`litsim_eval.campaign.row_summary.row_summary`.
+def variant_bounds(results: Sequence[RunResult]) -> Bounds:
+    """Bounds of the sums, means and shares of :func:`litsim_eval.campaign.variant_summary.variant_summary`.
 
     They are 95 % intervals by the bootstrap over the vehicles that are the ego: all runs of one vehicle of a scenario
     are drawn together, since its seeds resemble each other. There are no bounds of maxima, of figures that are the same
     in all draws (no contact in all runs does not mean that there never is one), and none with fewer than two vehicles.
 
     Args:
-        results: of the runs of a row.
+        results: of the runs of a variant.
     """
     vehicles = list(dict.fromkeys(result.case.vehicle for result in results))
     if len(vehicles) < 2:

@@ -1,4 +1,4 @@
-"""Summary of the runs of one row of a campaign's tables."""
+"""Summary of the runs of one variant of a campaign."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ VERDICTS = {"passed": Verdict.PASSED, "not_passed": Verdict.FAILED, "errors": Ve
 """Verdicts by the names of their numbers of runs."""
 
 
-def row_summary(results: Sequence[RunResult]) -> dict[str, Any]:
+def variant_summary(results: Sequence[RunResult]) -> dict[str, Any]:
     """Measures as of :func:`litsim_eval.analysis.summary.summarise`, and how many of the runs have which verdict.
 
     Verdicts are counted as `passed`, `not_passed` (by a criterion) and `errors`; `passed_share` is that of all runs,
