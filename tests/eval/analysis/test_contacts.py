@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from litsim_eval.analysis.collision import Verdict, collisions
-from litsim_eval.analysis.contacts import Contact, contacts
+from litsim_eval.analysis.collision import Contact, Verdict, collisions, contacts
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_sim.core.scene import AgentTable, Kind
 from litsim_sim.core.takeover import TakeoverState

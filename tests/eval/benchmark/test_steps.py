@@ -14,6 +14,10 @@ import pytest
 
 from litsim_eval.benchmark import steps as benchmark
 from litsim_eval.benchmark.steps import (
+    LANES,
+    SPACING,
+    SPEED,
+    columns_of_traffic,
     execute,
     graph_sample,
     straight_road,
@@ -24,7 +28,6 @@ from litsim_eval.benchmark.steps import (
     time_recording,
     write_scenario,
 )
-from litsim_eval.benchmark.traffic import LANES, SPACING, SPEED, columns_of_traffic
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import overlapping_pairs
 from litsim_sim.record.bag import BagReader, BagWriter

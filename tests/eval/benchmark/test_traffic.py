@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from litsim_eval.benchmark.traffic import columns_of_traffic
+from litsim_eval.benchmark.steps import columns_of_traffic
 from litsim_sim.core.geometry import overlapping_pairs
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.scenario.log import Log

@@ -66,7 +66,7 @@ def test_what_has_become_of_a_case(tmp_path: Path, before: Any, after: Any, kind
     found = compared(tmp_path, [before], [after])
     assert len(found.pairs) == 1
     every = ("newly_failing", "newly_passing", "still_failing")
-    assert [kind for kind in every if getattr(found, kind)] == kinds
+    assert [kind for kind in every if found.those(kind)] == kinds
     told = found.to_json()
     assert [kind for kind in every if told[kind]] == kinds
 
@@ -76,7 +76,7 @@ def test_cases_are_matched_by_all_that_is_no_version(tmp_path: Path) -> None:
     before = campaign(tmp_path / "a", [GOOD, GOOD], egos=[ego[0]])
     after = campaign(tmp_path / "b", [BAD, GOOD, GOOD], sources="c", egos=[ego[1]])
     found = compare_campaigns(before, after)
-    assert [pair.case.name for pair in found.newly_failing] == [f"demo/{EGO}/mine/litsim/0"]
+    assert [pair.case.name for pair in found.those("newly_failing")] == [f"demo/{EGO}/mine/litsim/0"]
     assert [case.name for case in found.only_after] == [f"demo/{EGO}/mine/litsim/2"] and found.only_before == ()
     assert found.other_versions == {"sources": ("b", "c")}
 
@@ -119,7 +119,7 @@ def test_changes_are_of_the_runs_that_both_have_measured(tmp_path: Path) -> None
     progress = changes["progress_m"]
     assert (progress.pairs, progress.differs) == (3, 3)
     assert (progress.before, progress.after, progress.change) == (20.0, 22.0, 2.0)
-    assert progress.clear and 1.0 <= progress.low < 2.0 < progress.high <= 3.0
+    assert progress.clear and 1.0 <= progress.interval[0] < 2.0 < progress.interval[1] <= 3.0
     passed = changes["passed"]
     assert (passed.pairs, passed.before, passed.after) == (4, 1.0, 0.75)
     assert changes["collision.ego_at_fault"].differs == 0 and not changes["collision.ego_at_fault"].clear
@@ -134,7 +134,7 @@ def test_lists_count_their_entries_and_texts_and_wall_times_are_left_out(tmp_pat
 
 def test_one_pair_has_no_interval(tmp_path: Path) -> None:
     change = compared(tmp_path, [metrics(progress_m=1.0)], [metrics(progress_m=2.0)]).changes[-1]
-    assert (change.low, change.high, change.clear) == (None, None, False)
+    assert (change.interval, change.clear) == (None, False)
 
 
 def test_runs_that_only_repeat_others_narrow_no_interval(tmp_path: Path) -> None:
@@ -146,14 +146,14 @@ def test_runs_that_only_repeat_others_narrow_no_interval(tmp_path: Path) -> None
     found = compared(tmp_path / "repeated", before * 8, after * 8, **repeated)
     change = found.changes[-1]
     assert (change.name, change.pairs, found.vehicles) == ("progress_m", 40, 5)
-    assert (change.low, change.high) == pytest.approx((alone.low, alone.high))
-    assert not change.clear and change.low < 0.0 < change.high
+    assert change.interval == pytest.approx(alone.interval)
+    assert not change.clear and change.interval[0] < 0.0 < change.interval[1]
 
 
 def test_seeds_of_one_vehicle_have_no_interval(tmp_path: Path) -> None:
     before, after = ([metrics(progress_m=base + k) for k in (0.0, 0.5, 2.0)] for base in (1.0, 3.0))
     change = compared(tmp_path, before, after).changes[-1]
-    assert (change.pairs, change.low, change.high, change.clear) == (3, None, None, False)
+    assert (change.pairs, change.interval, change.clear) == (3, None, False)
 
 
 def test_the_interval_covers_the_true_mean_about_as_often_as_it_says() -> None:

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from litsim_eval.check_ads.feasibility import is_clipped, motion
 from litsim_eval.check_ads.plot import plot_latency
-from litsim_eval.check_ads.requirements import Clause, Limits, Verdict, judge
+from litsim_eval.check_ads.requirements import Clause, Limits, Verdict, is_clipped, judge, motion
 from litsim_eval.check_ads.trace import Ending, Endpoint, Evidence, Heard, summarised
 from litsim_sim.core.scene import STEP_NS, EgoCommand
 from litsim_sim.core.vehicle import VehicleModel

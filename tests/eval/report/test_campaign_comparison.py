@@ -95,7 +95,7 @@ def test_what_a_case_that_failed_before_fails_by_newly_is_told(tmp_path: Path) -
     assert f"demo/{EGO}/idm/litsim/2\n    is error: no answer to step 3\n" in said and "litsim/1\n" not in said
     told = compare_campaigns(*both).to_json()["worse"]
     assert [each["newly_missed"] for each in told] == [["progress_m at least 5"], []]
-    assert "fail by more" not in printed(*both[::-1]) and compare_campaigns(*both[::-1]).worse == []
+    assert "fail by more" not in printed(*both[::-1]) and compare_campaigns(*both[::-1]).those("worse") == []
 
 
 def test_measures_that_have_hardly_changed_are_shown_on_request(tmp_path: Path) -> None:

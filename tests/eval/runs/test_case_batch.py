@@ -11,8 +11,7 @@ import pytest
 import campaigns
 from litsim_eval.report.thumbnails import read_thumbnail
 from litsim_eval.runs import case_batch
-from litsim_eval.runs.batched import record_batch
-from litsim_eval.runs.case_batch import BATCH_MAX, batches, run_batch
+from litsim_eval.runs.batched import BATCH_MAX, batches, record_batch, run_batch
 from litsim_eval.runs.case_run import run_in_process
 
 ROADS = [{"scenario": "demo", "egos": [7, 3]}]

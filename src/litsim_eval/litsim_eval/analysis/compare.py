@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from litsim_eval.analysis.metrics import compute_metrics
+from litsim_eval.analysis.metrics_tree import leaves
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.bag import find_mcap
 from litsim_sim.record.run import read_run
@@ -74,7 +75,7 @@ def compare(metrics: dict[str, dict[str, Any]]) -> Comparison:
 
     A branch of one run that is null in another has rows for its leaves alone.
     """
-    columns = [dict(leaves(tree)) for tree in metrics.values()]
+    columns = [leaves(tree) for tree in metrics.values()]
     names = list(dict.fromkeys(name for column in columns for name in column))
     branches = {name[:dot] for name in names for dot, letter in enumerate(name) if letter == "."}
     rows = []
@@ -112,13 +113,6 @@ def names_of(paths: list[Path]) -> list[str]:
         if len(set(names)) == len(names):
             return names
     return [f"{index + 1}: {path.name}" for index, path in enumerate(paths)]
-
-
-def leaves(tree: Any, name: str = "") -> list[tuple[str, Any]]:
-    """The leaves of a tree, each with its path joined by dots; a list is a leaf."""
-    if isinstance(tree, dict):
-        return [leaf for key, below in tree.items() for leaf in leaves(below, f"{name}.{key}" if name else str(key))]
-    return [(name, tree)]
 
 
 def _number(value: Any) -> bool:

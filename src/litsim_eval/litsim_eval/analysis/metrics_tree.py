@@ -5,7 +5,7 @@ A value of None means that there was nothing to measure. docs/metrics.md defines
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
@@ -302,6 +302,14 @@ class MetricField:
         if not star:
             return name == self.name
         return name.startswith(before) and name.endswith(after) and len(name) > len(before) + len(after)
+
+
+def leaves(tree: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Returns the leaves of a tree of measures by their paths, joined by dots; a list is a leaf."""
+    by_path: dict[str, Any] = {}
+    for key, value in tree.items():
+        by_path |= leaves(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}": value}
+    return by_path
 
 
 @cache

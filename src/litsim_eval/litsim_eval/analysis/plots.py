@@ -165,9 +165,9 @@ def telling_moment(run: Run, entries: list[LedgerEntry]) -> Moment:
     """The first contact that pure replay would have had, else the first takeover, the first contact, or the middle."""
     dt = run.info.dt
     for entry in entries:
-        if entry.replay is not None and entry.replay.step <= entry.detected_step + entry.held_s / dt:
-            other = "the ego" if entry.replay.opponent == run.info.ego_id else f"agent {entry.replay.opponent}"
-            step = min(entry.replay.step + LATER, run.tables[-1].step)
+        if entry.replay_step is not None and entry.replay_step <= entry.detected_step + entry.held_s / dt:
+            other = "the ego" if entry.replay_opponent == run.info.ego_id else f"agent {entry.replay_opponent}"
+            step = min(entry.replay_step + LATER, run.tables[-1].step)
             return Moment(step, f"the log of agent {entry.agent} has run into {other}; the agent itself is taken over")
     if entries:
         entry = entries[0]

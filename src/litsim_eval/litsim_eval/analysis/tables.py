@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 from litsim_data.surrogates.encroachment import times_since_others
 from litsim_data.surrogates.safety import following, times_to_collision
 from litsim_eval.analysis.comfort import BOUNDS, motion_values
-from litsim_eval.analysis.takeover import LedgerEntry, ledger
+from litsim_eval.analysis.takeover import ledger
 from litsim_sim.core.scene import AgentTable, Controller
 from litsim_sim.core.steps import Steps
 from litsim_sim.io.files import replacing
@@ -81,7 +81,7 @@ TAKEOVERS = pa.schema(
         ("ego_distance_m", pa.float64()),
     ]
 )
-"""Columns of the takeovers: the fields of `ledger` in `metrics.json`."""
+"""Columns of the takeovers: the fields of :class:`litsim_eval.analysis.takeover.LedgerEntry`."""
 
 _MOTION = {  # bounded quantity of comfort: column
     "lateral_acceleration": "lateral_acceleration_mps2",
@@ -113,33 +113,7 @@ def series_table(run: Run) -> pa.Table:
 
 def takeovers_table(run: Run) -> pa.Table:
     """One row per takeover, in order of detection; columns as TAKEOVERS."""
-    rows = [ledger_row(entry) for entry in ledger(run)]
-    return _about(run, pa.Table.from_pylist(rows, schema=TAKEOVERS))
-
-
-def ledger_row(entry: LedgerEntry) -> dict[str, Any]:
-    """A takeover as a row of TAKEOVERS, and of `ledger` in `metrics.json`."""
-    return {
-        "agent": entry.agent,
-        "opponent": entry.opponent,
-        "reason": entry.reason.name.lower(),
-        "detected_step": entry.detected_step,
-        "handback_step": entry.handback_step,
-        "released_step": entry.released_step,
-        "outcome": None if entry.outcome is None else str(entry.outcome),
-        "held_s": entry.held_s,
-        "time_to_conflict_s": entry.time_to_conflict,
-        "overlap_probability": entry.overlap_probability,
-        "log_collision_predicted": entry.log_collision_predicted,
-        "replay_would_collide": entry.replay is not None,
-        "replay_step": entry.replay.step if entry.replay else None,
-        "replay_opponent": entry.replay.opponent if entry.replay else None,
-        "false_alarm": entry.false_alarm,
-        "residual_m": entry.residual_position,
-        "residual_mps": entry.residual_speed,
-        "time_shift_s": entry.time_shift,
-        "ego_distance_m": entry.ego_distance,
-    }
+    return _about(run, pa.Table.from_pylist([asdict(entry) for entry in ledger(run)], schema=TAKEOVERS))
 
 
 def write_tables(run: Run, folder: Path) -> None:

@@ -15,21 +15,28 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import yaml
 
-from litsim_eval.analysis.step_path import step_path
-from litsim_eval.benchmark.traffic import LANE_WIDTH, LANES, columns_of_traffic
+from litsim_eval.analysis.timing import step_path
 from litsim_eval.runs.runner import Runner
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
+from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, Kind
 from litsim_sim.core.stages import BRIDGE
 from litsim_sim.launch.executables import find_executable
 from litsim_sim.record.bag import BagReader, BagWriter
 from litsim_sim.record.run import Run, read_run
+from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.sumo import SumoMirror
 
+LANES = 5
+LANE_WIDTH = 3.66  # [m]
+SPACING = 10.0  # [m] between vehicles of a lane
+SPEED = 8.0  # [m/s]
+SIZE = (4.5, 1.8)  # [m]
 EGO, POLICY = "idm", "litsim"
 LOOP = ("predictor", "conflict", "policy")  # stages that wait for each other; the ego answers in parallel
 FREE_ROAD = 400.0  # [m] of road ahead of the foremost vehicle
@@ -47,11 +54,32 @@ RATIOS = {
 }
 
 PATH = "graph: "
-"""Prefix of the parts of a step's way through the graph, see :mod:`litsim_eval.analysis.step_path`."""
+"""Prefix of the parts of a step's way through the graph, see :mod:`litsim_eval.analysis.timing`."""
 
 Sample = dict[str, float]
 """Times of a step in one repetition [ms], by name: :data:`PARTS` (medians over the steps of the run, except transport,
 which is the rest of a step), parts of its way through the graph (medians), and whole steps (means)."""
+
+
+def columns_of_traffic(agents: int, seconds: float, first_id: int = 1) -> Recording:
+    """A recording of `agents` vehicles in five lanes, all at 8 m/s and 10 m apart, for `seconds` [s].
+
+    They are on the net of the demo; the ids go up from `first_id`, lane by lane and then back along the road.
+    """
+    frames = round(seconds / STEP_S) + 1
+    number = np.arange(agents)
+    x0 = 15.0 + SPACING * (number // LANES) + 2.0 * (number % LANES)
+    y0 = -LANE_WIDTH * (number % LANES + 0.5)
+    frame, vehicle = (grid.ravel() for grid in np.meshgrid(np.arange(frames), number, indexing="ij"))
+    table = pd.DataFrame({"vehicle_id": vehicle + first_id, "frame": frame})
+    table["x"] = x0[vehicle] + SPEED * STEP_S * frame
+    table["y"] = y0[vehicle]
+    table["yaw"] = table["acceleration"] = 0.0
+    table["speed"] = SPEED
+    table["length"], table["width"] = SIZE
+    table["kind"] = int(Kind.CAR)
+    table["lane"] = vehicle % LANES + 1
+    return Recording.from_table(RecordingHeader("columns", source="generated for the benchmark"), table, "benchmark")
 
 
 def write_scenario(folder: Path, agents: int, seconds: float) -> Path:

@@ -25,6 +25,8 @@ SCENARIOS_KEPT = 4  # most scenarios in memory while cases are made
 MODEL = "model"  # a parameter that labels of variants name by its value alone
 NOT_OF_THE_RESULT = ("commit",)
 """Versions that reports show but that do not affect identities: the digest of the sources does."""
+OF_NO_RUN = {"name", "description", "ego", "egos", "tuning", "seed", "end_after_contact_s"}
+"""Fields of a scenario that do not affect its runs, or that a case states itself."""
 
 ExecutionMode = Literal["graph", "process"]
 GRAPH: ExecutionMode = "graph"
@@ -152,7 +154,11 @@ def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, s
                 f"suite {suite.name}: variants {same.variant!r} and {case.variant!r} ask for the same runs, "
                 f"expected different policies or parameters; those of the suite replace those of a policy or an ego"
             )
-        cases[case.id] = case if same is None else _merged(same, case)
+        if same is not None:
+            events = [*same.events, *(event for event in case.events if event not in same.events)]
+            tags = dict.fromkeys((*same.tags, *case.tags))
+            case = replace(same, tags=tuple(tags), events=tuple(events))
+        cases[case.id] = case
     return list(cases.values())
 
 
@@ -229,25 +235,21 @@ def _variants(suite: Suite) -> Iterator[_Variant]:
 
 
 def _roads(entry: CaseEntry, load: Callable[[str], Scenario]) -> list[_Road]:
-    """What happens on the road, once for each vehicle that is the ego.
+    """Returns an entry of the suite for each vehicle that is the ego.
 
     Raises:
         InputError: the scenario cannot be used, or an ego is not in it.
     """
     try:
-        return list(_roads_of(entry, load(entry.scenario)))
+        scenario = load(entry.scenario)
+        egos = chosen_egos(entry.chosen, scenario)
     except InputError as error:
         raise InputError(": ".join(filter(None, (entry.place, str(error))))) from error
-
-
-def _roads_of(entry: CaseEntry, scenario: Scenario) -> Iterator[_Road]:
-    """The same for a scenario that has been read."""
-    of_no_run = {"name", "description", "ego", "egos", "tuning", "seed", "end_after_contact_s"}
-    content = scenario.file.model_dump(mode="json", exclude=of_no_run)
-    files = {field: Path(getattr(scenario.file, field)) for field in ("recording", "net")}
+    file = scenario.file
+    content = file.model_dump(mode="json", exclude=OF_NO_RUN)
+    files = {field: Path(getattr(file, field)) for field in ("recording", "net")}
     content |= {field: [path.name, file_digest(path)] for field, path in files.items()}
-    for ego_id in chosen_egos(entry.chosen, scenario):
-        yield _Road(entry, ego_id, scenario.seed, scenario.file.end_after_contact_s, content)
+    return [_Road(entry, ego_id, scenario.seed, file.end_after_contact_s, content) for ego_id in egos]
 
 
 def _case(
@@ -302,12 +304,6 @@ def _check_scenario_names(suite: Suite) -> None:
             raise InputError(f"suite {suite.name}: scenarios {', '.join(sorted(files))} are all called {name}")
 
 
-def _merged(one: Case, other: Case) -> Case:
-    """One case of two for the same run, with the tags and events of both."""
-    events = [*one.events, *(event for event in other.events if event not in one.events)]
-    return replace(one, tags=tuple(dict.fromkeys((*one.tags, *other.tags))), events=tuple(events))
-
-
 @lru_cache(maxsize=1)
 def _sources() -> str:
     groups = (plugins.STAGES, plugins.POLICIES, plugins.EGOS, plugins.PREDICTORS, plugins.METRICS)
@@ -324,7 +320,7 @@ def _sources() -> str:
 
 
 def file_digest(path: Path) -> str:
-    """SHA-256 of the file at `path`, in hexadecimal digits."""
+    """Returns the SHA-256 of the file at `path`, in hexadecimal digits."""
     status = path.stat()
     return _file_digest(path, status.st_size, status.st_mtime_ns)
 

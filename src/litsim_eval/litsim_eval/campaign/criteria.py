@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from litsim_eval.analysis.metrics_tree import COUNT, SHARE, MetricField, find_field
+from litsim_eval.analysis.metrics_tree import COUNT, SHARE, MetricField, find_field, leaves
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.scenario import packaged
 
@@ -162,7 +162,7 @@ class Criterion(Limits):
 
     def of_run(self, metrics: Mapping[str, Any]) -> CriterionResult:
         """Judge one run by its measures."""
-        return self.judge(value_at(metrics, self.field))
+        return self.judge(counted(leaves(metrics).get(self.field)))
 
 
 class SuiteCriterion(Limits):
@@ -208,10 +208,10 @@ class SuiteCriterion(Limits):
         """Judge all runs of a campaign."""
         if self.aggregate is None:
             return self.judge(_counts(outcomes)[self.field])
-        found = [value_at(outcome.metrics or {}, self.field) for outcome in outcomes]
-        known = [float(value) for value in found if value is not None and not isinstance(value, str)]
-        if len(known) < len(found) and self.when_missing == "fail":
-            reason = f"{self.field} is missing in {len(found) - len(known)} of {len(found)} runs"
+        values = [counted(leaves(outcome.metrics or {}).get(self.field)) for outcome in outcomes]
+        known = [float(value) for value in values if value is not None and not isinstance(value, str)]
+        if len(known) < len(values) and self.when_missing == "fail":
+            reason = f"{self.field} is missing in {len(values) - len(known)} of {len(values)} runs"
             return CriterionResult(self.title, self.measure, None, self.limit, passed=False, reason=reason)
         return self.judge(_AGGREGATES[self.aggregate](known) if known else None)
 
@@ -307,18 +307,9 @@ class CriterionResult:
     reason: str
 
 
-def value_at(metrics: Mapping[str, Any], field: str) -> Value | None:
-    """The value at a dotted path, the length for a list; None if there is none.
-
-    A key may itself contain dots, like the limits of `safety.ttc_below`.
-    """
-    if field in metrics:
-        found = metrics[field]
-        return float(len(found)) if isinstance(found, list) else found if isinstance(found, Value) else None
-    for key, inner in metrics.items():
-        if isinstance(inner, Mapping) and field.startswith(f"{key}."):
-            return value_at(inner, field.removeprefix(f"{key}."))
-    return None
+def counted(value: Any) -> Value | None:
+    """Returns the value of a measure for criteria and tables: the length of a list; None for what is none."""
+    return float(len(value)) if isinstance(value, list) else value if isinstance(value, Value) else None
 
 
 def _equal(a: Value, b: Value | None) -> bool:

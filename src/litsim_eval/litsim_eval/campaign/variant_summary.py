@@ -1,14 +1,22 @@
-"""Summary of the runs of one variant of a campaign."""
+"""Summary of the runs of one variant of a campaign, and how far its figures are from chance."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
-from litsim_eval.analysis.summary import summarise
+import numpy as np
+
+from litsim_eval.analysis.displacement import HORIZONS_S
+from litsim_eval.analysis.summary import DISPLACEMENTS, MEANS, RATIOS, SUMS, Figure, displacement, summarise
+from litsim_eval.campaign.bootstrap import percentile_bounds, ratios, times_drawn
 from litsim_eval.campaign.criteria import PASSED_SHARE, Verdict
 from litsim_eval.campaign.results import RunResult
+from litsim_sim.core.scene import FloatArray
+
+Bounds = dict[str, tuple[float, float]]
+"""Bounds by the name of the figure in the summary of its variant; `ade_all_m.5` is that of a horizon."""
 
 VERDICTS = {"passed": Verdict.PASSED, "not_passed": Verdict.FAILED, "errors": Verdict.ERROR}
 """Verdicts by the names of their numbers of runs."""
@@ -26,3 +34,50 @@ def variant_summary(results: Sequence[RunResult]) -> dict[str, Any]:
         **{name: counts[verdict] for name, verdict in VERDICTS.items()},
         PASSED_SHARE: counts[Verdict.PASSED] / len(results) if results else None,
     }
+
+
+def variant_bounds(results: Sequence[RunResult]) -> Bounds:
+    """Bounds of the sums, means and shares of :func:`variant_summary`.
+
+    They are 95 % intervals by the bootstrap over the vehicles that are the ego: all runs of one vehicle of a scenario
+    are drawn together, since its seeds resemble each other. There are no bounds of maxima, of figures that are the same
+    in all draws (no contact in all runs does not mean that there never is one), and none with fewer than two vehicles.
+
+    Args:
+        results: of the runs of a variant.
+    """
+    vehicles = list(dict.fromkeys(result.case.vehicle for result in results))
+    if len(vehicles) < 2:
+        return {}
+    own = [vehicles.index(result.case.vehicle) for result in results]
+    times = times_drawn(len(vehicles))[:, own]
+    found = {
+        name: percentile_bounds(times @ above if below is None else ratios(times @ above, times @ below))
+        for name, above, below in _figures(results)
+    }
+    return {name: bounds for name, bounds in found.items() if bounds is not None and bounds[0] < bounds[1]}
+
+
+def _figures(results: Sequence[RunResult]) -> Iterator[tuple[str, FloatArray, FloatArray | None]]:
+    """Each figure: its name, and what each run (n,) adds to its numerator and its denominator; None for a sum."""
+    measured = np.array([result.metrics is not None for result in results])
+
+    def values(figure: Figure) -> FloatArray:
+        known = (None if result.metrics is None else figure(result.metrics) for result in results)
+        return np.array([np.nan if value is None else value for value in known])
+
+    for name, verdict in VERDICTS.items():
+        yield name, np.array([float(result.verdict == verdict) for result in results]), None
+    yield "reactive", np.nan_to_num(values(lambda run: run["reactive"])), np.ones(len(results))
+    for name, figures in RATIOS.items():
+        above, below = map(values, figures)
+        if not np.isnan(below[measured]).any():
+            yield name, np.nan_to_num(above), np.nan_to_num(below)
+    for name, figure in SUMS.items():
+        addends = values(figure)
+        if not np.isnan(addends[measured]).any():
+            yield name, np.nan_to_num(addends), None
+    means = MEANS | {f"{name}.{h}": displacement(name, str(h)) for name in DISPLACEMENTS for h in HORIZONS_S}
+    for name, figure in means.items():
+        addends = values(figure)
+        yield name, np.nan_to_num(addends), (~np.isnan(addends)).astype(float)

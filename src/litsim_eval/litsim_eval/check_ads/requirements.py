@@ -9,16 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from litsim_eval.check_ads.feasibility import is_clipped
 from litsim_eval.check_ads.trace import FINISHED, Endpoint, Evidence, Heard
 from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.core.scene import STEP_S, FloatArray
+from litsim_sim.core.scene import STEP_S, EgoCommand, FloatArray
+from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import BODY_FRAMES, INPUTS, MAP_FRAME, Answer, Interface, problem
-from litsim_sim.ego_port.tracking import CRAWL, OFFSET_MAX, Reference, Trajectory
+from litsim_sim.ego_port.tracking import CRAWL, OFFSET_MAX, EgoState, Reference, Trajectory, TwistTarget
 
 ALONG = np.deg2rad(60.0)  # [rad] largest angle between a heading along the road and the lane's
 STRAY = 0.05  # share of a trajectory's headings that may deviate by more
 QUIET_S = 1.0  # [s] without a message, after which a stack counts as idle
+SLACK = 1.05  # factor by which a demand may exceed a limit before it counts as clipped
+SMALL = 1e-2  # [m/s2], [rad/s] excess that never counts as clipped
 
 
 class Verdict(StrEnum):
@@ -289,3 +291,40 @@ def _stray(answer: Answer, seen: Evidence) -> float | None:
     heading = np.arctan2(step[1], step[0])[moving]
     lane = seen.lane_map.nearest(target.x[1:][moving], target.y[1:][moving])
     return float(np.mean(np.abs(wrap_angle(heading - lane.heading)) > ALONG))
+
+
+def is_clipped(target: EgoCommand | TwistTarget | Trajectory, ego: EgoState, vehicle: VehicleModel) -> bool:
+    """Whether `target`, of finite values, asks for more than the vehicle can do.
+
+    Args:
+        target: acceleration and yaw rate; or speed and yaw rate to be reached within a step; or a trajectory, judged by
+            its motion from pose to pose.
+        ego: state of the ego at the step that is answered.
+        vehicle: with the limits.
+    """
+    if isinstance(target, EgoCommand):
+        return _exceeds(target.acceleration, target.yaw_rate, ego.speed, vehicle)
+    if isinstance(target, TwistTarget):
+        acceleration = (target.speed - ego.speed) / (STEP_S + 3.0 * vehicle.reaction_s)
+        return _exceeds(acceleration, target.yaw_rate, ego.speed + STEP_S * max(acceleration, 0.0), vehicle)
+    asked = np.stack(motion(target), axis=1).tolist()
+    return any(_exceeds(acceleration, yaw_rate, speed, vehicle) for speed, acceleration, yaw_rate in asked)
+
+
+def motion(trajectory: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Speed [m/s], acceleration [m/s2] and yaw rate [rad/s] about the inner poses of a trajectory, (m - 2,) each.
+
+    The yaw rate is 0 where two poses are too close to each other to define a direction.
+    """
+    took = np.diff(trajectory.time)
+    x, y = np.diff(trajectory.x), np.diff(trajectory.y)
+    speed, heading = np.hypot(x, y) / took, np.arctan2(y, x)
+    apart = 0.5 * (took[1:] + took[:-1])
+    turn = np.remainder(np.diff(heading) + np.pi, 2.0 * np.pi) - np.pi
+    moving = np.minimum(speed[1:], speed[:-1]) > CRAWL
+    return np.maximum(speed[1:], speed[:-1]), np.diff(speed) / apart, np.where(moving, turn / apart, 0.0)
+
+
+def _exceeds(acceleration: float, yaw_rate: float, speed: float, vehicle: VehicleModel) -> bool:
+    cut = vehicle.within(acceleration, yaw_rate, speed)
+    return any(abs(asked) > SLACK * abs(can) + SMALL for asked, can in zip((acceleration, yaw_rate), cut, strict=True))

@@ -123,7 +123,7 @@ def _campaigns(arguments: argparse.Namespace) -> int:
         print(json.dumps(comparison.to_json(), indent=2))
     else:
         print_campaigns(comparison, everything=arguments.all)
-    return EXIT_FAILED if comparison.newly_failing else 0
+    return EXIT_FAILED if comparison.those("newly_failing") else 0
 
 
 if __name__ == "__main__":

@@ -17,8 +17,7 @@ from litsim_eval.campaign.criteria import Verdict
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RESULTS_FILE, Campaign, RunResult
 from litsim_eval.campaign.suite import place_of
-from litsim_eval.campaign.variant_bounds import variant_bounds
-from litsim_eval.campaign.variant_summary import variant_summary
+from litsim_eval.campaign.variant_summary import variant_bounds, variant_summary
 from litsim_eval.cli.suite_arguments import add_suite_arguments, suite_of
 from litsim_eval.runs.campaign import LocalRuns, conclude
 from litsim_eval.runs.case_run import TIME_LIMIT_S, CaseRefused, check_cases

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os.path
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from litsim_eval.analysis.metrics_tree import leaves
 from litsim_eval.campaign.results import RUNS_FOLDER, Campaign, RunResult
 from litsim_eval.report.packing import Packer
 from litsim_eval.report.thumbnails import UNIT_RAD
@@ -49,7 +50,7 @@ MAIN = (
 """Measures that the table shows first, after those of criteria, up to :data:`SHOWN` in all."""
 
 SHOWN = 10
-TOO_FINE = ("timing.stage_ms", "timing.path_ms", "lockstep.missed_by_topic", "lockstep.ego_port")
+TOO_FINE = ("timing.stage_ms.", "timing.path_ms.", "lockstep.missed_by_topic.", "lockstep.ego_port.")
 """Branches of the measures that are left out, as their fields differ from run to run."""
 
 
@@ -110,8 +111,8 @@ def fields_of(campaign: Campaign) -> list[dict[str, Any]]:
         For each its path, title, digits, the limits that criteria set on it, whether it is shown from the start, and
         its values in the order of the runs, None where a run has none. Those of criteria come first.
     """
-    leaves = [dict(_leaves(result.metrics or {})) for result in campaign.results]
-    known = dict.fromkeys(path for each in leaves for path in each)
+    runs = [_numbers(result) for result in campaign.results]
+    known = dict.fromkeys(path for run in runs for path in run)
     judged = dict.fromkeys(each.field for each in campaign.criteria.runs)
     shown = [path for path in judged if path in known]
     more = [path for path in MAIN if path in known and path not in judged]
@@ -124,7 +125,7 @@ def fields_of(campaign: Campaign) -> list[dict[str, Any]]:
             "digits": NAMED.get(path, (path, None))[1],
             "limits": limits.get(path, []),
             "main": path in main,
-            "values": [each.get(path) for each in leaves],
+            "values": [run.get(path) for run in runs],
         }
         for path in dict.fromkeys((*main, *(path for path in NAMED if path in known), *sorted(known)))
     ]
@@ -135,20 +136,14 @@ def _limits(campaign: Campaign, path: str) -> list[float]:
     return [bound for each in own for bound in (each.min, each.max) if bound is not None]
 
 
-def _leaves(metrics: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, float | bool]]:
-    """Path and value of all numbers and booleans; a list counts by its length, as for criteria."""
-    for name, value in metrics.items():
-        path = f"{above}{name}"
-        if path in TOO_FINE:
-            continue
-        if isinstance(value, Mapping):
-            yield from _leaves(value, f"{path}.")
-        elif isinstance(value, list):
-            yield path, len(value)
-        elif isinstance(value, float):
-            yield path, float(f"{value:.{DIGITS}g}")
-        elif isinstance(value, int):
-            yield path, value
+def _numbers(result: RunResult) -> dict[str, float | bool]:
+    """Returns all numbers and booleans of a run by path; a list counts by its length, as for criteria."""
+    numbers: dict[str, float | bool] = {}
+    for path, measure in leaves(result.metrics or {}).items():
+        value = len(measure) if isinstance(measure, list) else measure
+        if isinstance(value, int | float) and not path.startswith(TOO_FINE):
+            numbers[path] = float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+    return numbers
 
 
 def _case(result: RunResult) -> dict[str, Any]:

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import shapely
 
+from litsim_data.surrogates.safety import following
 from litsim_eval.report.forecasts import Forecasts
 from litsim_eval.report.packing import Packer
-from litsim_eval.report.series import counts, deviations, speeds, times_to_leader
 from litsim_eval.report.tracks import Tracks, ghosts_of, tracks_of
 from litsim_sim.core.colours import Mode
 from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.core.scene import FloatArray, Kind
+from litsim_sim.core.scene import Controller, FloatArray, Kind
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.takeover import Takeover
 from litsim_sim.lane_map.net_lanes import Lane
@@ -36,6 +36,8 @@ SURROUNDINGS = 150.0  # [m] of road beyond where agents drive
 ORIGIN_GRID = 1000.0  # [m]
 IN_MAP = np.zeros(2)
 """Origin of places in frame map."""
+TTC_MAX = 12.0  # [s] largest time to collision that is plotted
+ON_LOG = 0.005  # [m]
 
 
 def pack_run(run: Run, metrics: dict[str, Any], forecasts: Forecasts, every: int) -> str:
@@ -214,3 +216,46 @@ def _values(series: FloatArray) -> list[float | None]:
 
 def _plain(value: float, digits: int = 2) -> float | None:
     return round(float(value), digits) if np.isfinite(value) else None
+
+
+def speeds(tracks: Tracks, agent: int) -> FloatArray:
+    """Speed of `agent` at every step (frames,) [m/s]."""
+    row = tracks.row(agent)
+    return np.full(tracks.frames, np.nan) if row < 0 else np.where(tracks.present[row], tracks.speed[row], np.nan)
+
+
+def deviations(tracks: Tracks, logged: Tracks) -> FloatArray:
+    """(agents of `logged`, frames) distance of each from its log [m]; NaN while it follows its log exactly."""
+    out = np.full(logged.present.shape, np.nan)
+    for i, agent in enumerate(logged.id.tolist()):
+        j = tracks.row(agent)
+        if j >= 0:
+            far = np.hypot(tracks.x[j] - logged.x[i], tracks.y[j] - logged.y[i])
+            apart = (far > ON_LOG) | (tracks.mode[j] != Mode.LOG)
+            out[i] = np.where(tracks.present[j] & logged.present[i] & apart, far, np.nan)
+    return out
+
+
+def times_to_leader(run: Run, first: int, frames: int) -> tuple[FloatArray, FloatArray]:
+    """Time to collision [s] with the leader: of the ego, and the smallest among agents off their logs.
+
+    The leader is that of :func:`litsim_data.surrogates.safety.following`; both keep their speeds. NaN where there is no
+    leader, the gap does not close, or the time exceeds TTC_MAX.
+    """
+    ego, others = np.full(frames, np.nan), np.full(frames, np.nan)
+    for table in run.tables:
+        driven = np.flatnonzero(table.off_log)
+        if not len(driven):
+            continue
+        ttc = following(table, driven).time_to_leader
+        is_ego = table.controller[driven] == Controller.EGO
+        at = table.step - first
+        for series, values in ((ego, ttc[is_ego]), (others, ttc[~is_ego])):
+            smallest = float(values.min(initial=np.inf))
+            series[at] = smallest if smallest <= TTC_MAX else np.nan
+    return ego, others
+
+
+def counts(tracks: Tracks, mode: int) -> FloatArray:
+    """Number of agents in a mode of :class:`litsim_sim.core.colours.Mode`."""
+    return np.asarray((tracks.mode == mode).sum(axis=0), np.float64)

@@ -14,7 +14,7 @@ from litsim_eval.campaign.junit import JUNIT_FILE, write_junit
 from litsim_eval.campaign.results import Campaign, RunResult, read_campaign
 from litsim_eval.campaign.variant_summary import variant_summary
 from litsim_eval.report.experiment import write_experiment_report
-from litsim_eval.runs.case_batch import batches
+from litsim_eval.runs.batched import batches
 from litsim_eval.runs.case_run import PRELOADED, TIME_LIMIT_S, RunOutcome, RunStopped, is_elsewhere, run_over_graph
 from litsim_eval.runs.workers import Workers
 from litsim_sim.core.errors import reason

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from litsim_eval.analysis.displacement import HORIZONS_S
 from litsim_eval.analysis.metric import ADDED, title_of
-from litsim_eval.campaign.variant_bounds import Bounds
+from litsim_eval.campaign.variant_summary import Bounds
 
 MEASURES = {
     "runs": "runs",

@@ -14,7 +14,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from litsim_eval.campaign.case import Case
-from litsim_eval.runs.case_batch import Found, run_batch
+from litsim_eval.runs.batched import Found, run_batch
 from litsim_eval.runs.case_run import RunFailed, RunOutcome
 from litsim_sim.launch.child import SIGNALS, how_it_ended
 from litsim_sim.launch.forked import forget_signals, start_forked, start_preloaded
