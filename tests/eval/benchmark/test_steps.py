@@ -17,7 +17,6 @@ from litsim_eval.benchmark.steps import (
     LANES,
     SPACING,
     SPEED,
-    columns_of_traffic,
     execute,
     graph_sample,
     straight_road,
@@ -63,10 +62,6 @@ def test_an_ego_that_keeps_more_distance_makes_the_benchmark_work(tmp_path: Path
     assert run.world.contacts == {}
 
 
-def test_columns_can_be_generated_twice_the_same() -> None:
-    assert columns_of_traffic(20, 5.0).table.equals(columns_of_traffic(20, 5.0).table)
-
-
 def test_figures_are_said_as_median_and_range_of_the_repetitions() -> None:
     samples = [{"in process": 2.0, "graph / in process": 5.0}, {"in process": 1.0, "graph / in process": 4.0}]
     samples.append({"in process": 4.0, "graph / in process": 3.0})
@@ -96,7 +91,7 @@ def test_a_step_in_process_is_told_apart_by_stage(tmp_path: Path) -> None:
 
 
 def test_a_step_without_sumo_is_timed_as_a_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(benchmark, "SumoMirror", None)  # calling it would fail
+    monkeypatch.setattr(benchmark, "TimedMirror", None)  # calling it would fail
     sample = time_in_process(write_scenario(tmp_path, 20, seconds=5.0), sumo=False)
     assert set(sample) == {"in process without SUMO"} and min(sample.values()) > 0.0
 

@@ -66,11 +66,9 @@ def measure_memory(agents: int, minutes: float) -> dict[str, Memory]:
 
 def memory_in_process(scenario_file: Path) -> Memory:
     """Memory of this process while it runs a scenario and keeps no results."""
-    scenario = Scenario.load(scenario_file)
-    memory = Memory()
-    for now in Runner(
-        RunPlan(scenario, EGO, POLICY), SumoMirror(scenario.net_path, scenario.seed, scenario.signals)
-    ).steps():
+    scenario, memory = Scenario.load(scenario_file), Memory()
+    mirror = SumoMirror(scenario.net_path, scenario.seed, scenario.signals)
+    for now in Runner(RunPlan(scenario, EGO, POLICY), mirror).steps():
         if now.table.step % EVERY == 0:
             memory.share.append(now.table.step / scenario.total_steps)
             memory.resident.append(resident_mb(os.getpid()))

@@ -61,17 +61,17 @@ Sample = dict[str, float]
 which is the rest of a step), parts of its way through the graph (medians), and whole steps (means)."""
 
 
-def columns_of_traffic(agents: int, seconds: float, first_id: int = 1) -> Recording:
+def columns_of_traffic(agents: int, seconds: float) -> Recording:
     """A recording of `agents` vehicles in five lanes, all at 8 m/s and 10 m apart, for `seconds` [s].
 
-    They are on the net of the demo; the ids go up from `first_id`, lane by lane and then back along the road.
+    They are on the net of the demo; the ids go up from 1, lane by lane and then back along the road.
     """
     frames = round(seconds / STEP_S) + 1
     number = np.arange(agents)
     x0 = 15.0 + SPACING * (number // LANES) + 2.0 * (number % LANES)
     y0 = -LANE_WIDTH * (number % LANES + 0.5)
     frame, vehicle = (grid.ravel() for grid in np.meshgrid(np.arange(frames), number, indexing="ij"))
-    table = pd.DataFrame({"vehicle_id": vehicle + first_id, "frame": frame})
+    table = pd.DataFrame({"vehicle_id": vehicle + 1, "frame": frame})
     table["x"] = x0[vehicle] + SPEED * STEP_S * frame
     table["y"] = y0[vehicle]
     table["yaw"] = table["acceleration"] = 0.0
@@ -127,35 +127,31 @@ def straight_road(length: float) -> str:
     )
 
 
-class TimedMirror:
+class TimedMirror(SumoMirror):
     """SUMO with the time it takes in each step, `seconds` [s]."""
 
-    def __init__(self, mirror: SumoMirror) -> None:
-        self._mirror = mirror
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario.net_path, scenario.seed, scenario.signals)
         self.seconds: list[float] = []
 
     def show(self, table: AgentTable) -> None:
         """See :class:`litsim_sim.world.world.Mirror`."""
         begin = time.perf_counter()
-        self._mirror.show(table)
+        super().show(table)
         self.seconds.append(time.perf_counter() - begin)
 
     def deviation(self, table: AgentTable) -> FloatArray:
         """See :class:`litsim_sim.world.world.Mirror`; its time counts as well."""
         begin = time.perf_counter()
-        deviation = self._mirror.deviation(table)
+        deviation = super().deviation(table)
         self.seconds[-1] += time.perf_counter() - begin
         return deviation
-
-    def close(self) -> None:
-        """See :class:`litsim_sim.world.world.Mirror`."""
-        self._mirror.close()
 
 
 def time_in_process(scenario_file: Path, *, sumo: bool) -> Sample:
     """Time the steps after the history in a run in this process; by stage with SUMO, as a whole without."""
     scenario = Scenario.load(scenario_file)
-    mirror = TimedMirror(SumoMirror(scenario.net_path, scenario.seed, scenario.signals)) if sumo else None
+    mirror = TimedMirror(scenario) if sumo else None
     runner = Runner(RunPlan(scenario, EGO, POLICY), mirror)
     parts: dict[str, list[float]] = {}
     begin, steps = 0.0, 0
@@ -181,9 +177,18 @@ def time_graph(scenario_file: Path, bag: Path, options: Sequence[str] = ()) -> S
     Raises:
         InputError: the run failed.
     """
-    command = ["--quiet", "--overwrite", "--out", str(bag), "--scenario", str(scenario_file)]
-    execute(find_executable("litsim_sim", "launch"), *command, "--ego", EGO, "--policy", POLICY, *options)
+    launch(scenario_file, bag, *options)
     return graph_sample(read_run(bag))
+
+
+def launch(scenario_file: Path, bag: Path, *options: str) -> None:
+    """Makes a run over DDS, recorded to `bag`, with further `options` of the launcher.
+
+    Raises:
+        InputError: the run failed.
+    """
+    words = ["--quiet", "--overwrite", "--out", str(bag), "--scenario", str(scenario_file)]
+    execute(find_executable("litsim_sim", "launch"), *words, "--ego", EGO, "--policy", POLICY, *options)
 
 
 def graph_sample(run: Run) -> Sample:
@@ -285,13 +290,11 @@ def execute(program: Path, *arguments: str, environment: Mapping[str, str] | Non
     Raises:
         InputError: it cannot be run, or fails.
     """
-    given = os.environ if environment is None else environment
-    environment = {key: value for key, value in given.items() if key != "ROS_DOMAIN_ID"}
+    own = {key: value for key, value in (environment or os.environ).items() if key != "ROS_DOMAIN_ID"}
     try:
-        ended = subprocess.run([program, *arguments], capture_output=True, text=True, check=False, env=environment)
+        ended = subprocess.run([program, *arguments], capture_output=True, text=True, check=False, env=own)
     except OSError as error:
         raise InputError(f"{program}: cannot be run: {error.strerror or error}") from error
     if ended.returncode != 0:
-        said = ended.stderr.strip()[-500:]
-        raise InputError(f"{program.name} ended with status {ended.returncode}: {said}")
+        raise InputError(f"{program.name} ended with status {ended.returncode}: {ended.stderr.strip()[-500:]}")
     return ended.stdout

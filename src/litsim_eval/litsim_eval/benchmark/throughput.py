@@ -119,15 +119,8 @@ def time_evaluation(side: Side, scenarios: Sequence[str], egos: str, processes: 
     options = ["--scenario", *scenarios, "--ego", "idm", "--policy", *POLICIES, "--egos", egos, "--out", str(out)]
     shutil.rmtree(out, ignore_errors=True)  # an existing campaign there would be resumed
     rates = side.rates("litsim_eval.cli.evaluate", *options, "--processes", str(processes), answers_no=True)
-    return rates(EVALUATE, STEP_S * sum(_steps(out)))
-
-
-def _steps(out: Path) -> list[int]:
-    """Steps of each run of `evaluate`, also from the file of checkouts older than campaigns."""
-    if (results := out / RESULTS_FILE).is_file():
-        return [run["metrics"]["steps"] for run in json.loads(results.read_text())["runs"]]
-    rows = json.loads((out / "evaluation.json").read_text())["runs"].values()
-    return [run["steps"] for row in rows for run in row.values()]
+    steps = [run["metrics"]["steps"] for run in json.loads((out / RESULTS_FILE).read_text())["runs"]]
+    return rates(EVALUATE, STEP_S * sum(steps))
 
 
 def generated_data(side: Side, out: Path) -> Path:
