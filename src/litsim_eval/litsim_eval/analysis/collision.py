@@ -96,12 +96,12 @@ def _contacts_in(steps: Steps, dt: float) -> tuple[Contact, ...]:
     merge = round(TOLERANCE_S / dt)
     by_pair: dict[Pair, list[list[int]]] = {}
     for step, pair in steps.once(_overlaps):
-        found = by_pair.setdefault(pair, [])
-        if found and step - found[-1][1] <= merge:
-            found[-1][1] = step
+        stretches = by_pair.setdefault(pair, [])
+        if stretches and step - stretches[-1][1] <= merge:
+            stretches[-1][1] = step
         else:
-            found.append([step, step])
-    every = (Contact(pair, first, last) for pair, found in by_pair.items() for first, last in found)
+            stretches.append([step, step])
+    every = (Contact(pair, first, last) for pair, stretches in by_pair.items() for first, last in stretches)
     return tuple(sorted(every, key=lambda contact: contact.first))
 
 
@@ -179,14 +179,14 @@ class Collisions:
 def collisions(run: Run) -> Collisions:
     """Returns the collisions of a run; without lanes the ego counts as outside its lane in lateral contacts."""
     tables, ego = run.simulated, run.info.ego_id
-    made, logged = tuple(contacts(tables, run.info.dt)), LogContacts(run)
-    in_log = tuple(map(logged.excuse, made))
+    touching, logged = tuple(contacts(tables, run.info.dt)), LogContacts(run)
+    in_log = tuple(map(logged.excuse, touching))
     by_step, axle = {table.step: table for table in tables}, _rear_axle_of(run)
-    telling = _first(each for _, each in sorted(zip(in_log, made, strict=True), key=lambda pair: pair[0]))
+    telling = _first(each for _, each in sorted(zip(in_log, touching, strict=True), key=lambda pair: pair[0]))
     of_ego = sorted((step, sum(pair) - ego) for pair, step in telling.items() if ego in pair)
     lane_map = lane_map_of(run) if of_ego else None
     return Collisions(
-        contacts=made,
+        contacts=touching,
         in_log=in_log,
         log=logged.first,
         agents=frozenset(tables.ids.tolist()) | frozenset(run.simulated_log.ids.tolist()),

@@ -82,9 +82,9 @@ def compare(metrics: dict[str, dict[str, Any]]) -> Comparison:
     for name in names:
         if name in branches:
             continue
-        found = [column.get(name) for column in columns]
-        shown = tuple(len(value) if isinstance(value, list) else value for value in found)
-        rows.append(Row(name, shown, any(not _same(found[0], value) for value in found[1:])))
+        values = [column.get(name) for column in columns]
+        shown = tuple(len(value) if isinstance(value, list) else value for value in values)
+        rows.append(Row(name, shown, any(not _same(values[0], value) for value in values[1:])))
     return Comparison(tuple(metrics), tuple(rows))
 
 
@@ -97,12 +97,12 @@ def load(path: Path) -> dict[str, Any]:
     if path.suffix != _SUFFIX:
         return compute_metrics(read_run(find_mcap(path)))
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        metrics = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: not a readable file of measures: {error}") from error
-    if not isinstance(found, dict) or "run_id" not in found:
+    if not isinstance(metrics, dict) or "run_id" not in metrics:
         raise InputError(f"{path}: not measures of a run: no field run_id")
-    return found
+    return metrics
 
 
 def names_of(paths: list[Path]) -> list[str]:

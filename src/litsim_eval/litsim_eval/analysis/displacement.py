@@ -67,7 +67,7 @@ class Displacements:
         """Agent-steps up to `horizon` [s] without the ego's: the denominator of :meth:`ade_all`."""
         return int(np.count_nonzero((self.step <= self._last(horizon)) & (self.id != self.ego_id)))
 
-    def apart(self) -> list[dict[str, Any]]:
+    def by_agent(self) -> list[dict[str, Any]]:
         """Returns each agent that is ever under control or displaced from its log, but the ego, ids ascending.
 
         `controlled_s` is the time after the history of its first step under control [s], None if there is none;
@@ -77,8 +77,8 @@ class Displacements:
         return [self._of(agent) for agent in np.unique(self.id[off]).tolist()]
 
     def _of(self, agent: int) -> dict[str, Any]:
-        mine = self.id == agent
-        step, distance, controlled = self.step[mine], self.distance[mine], self.controlled[mine]
+        of_agent = self.id == agent
+        step, distance, controlled = self.step[of_agent], self.distance[of_agent], self.controlled[of_agent]
         within = {str(horizon): distance[step <= self._last(horizon)] for horizon in self.horizons}
         first = int(step[controlled][0]) if controlled.any() else None
         return {

@@ -52,11 +52,11 @@ def compute_metrics(run: Run) -> dict[str, Any]:
     Measures cover the steps after the history. Rates are shares between 0 and 1; a measure with nothing to measure is
     None. Agents exclude the ego, except in `collision` and in progress.
     """
-    hits, far, entries = collisions(run), displacements(run), ledger(run)
+    hits, apart, entries = collisions(run), displacements(run), ledger(run)
     driven, logged = (steps.after(run.info.history_steps - 1) for steps in (run.steps, run.logged))
     verdicts = contact_verdicts(run, hits)
     background = hits.agents - {run.info.ego_id}
-    taken = {entry.agent for entry in entries}
+    taken_over = {entry.agent for entry in entries}
     near = {
         entry.agent for entry in entries if entry.ego_distance_m is not None and entry.ego_distance_m <= roi_of(run)
     }
@@ -78,20 +78,20 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "collision": _collision(run, hits, verdicts),
         "reactive": not hits.excess,
         "collision_free": not hits.first,
-        "ade_controlled_m": _by_horizon(far, far.ade_controlled),
-        "ade_all_m": _by_horizon(far, far.ade_all),
-        "ade_ego_m": _by_horizon(far, far.ade_ego),
+        "ade_controlled_m": _by_horizon(apart, apart.ade_controlled),
+        "ade_all_m": _by_horizon(apart, apart.ade_all),
+        "ade_ego_m": _by_horizon(apart, apart.ade_ego),
         "displacement": {
-            "agent_steps": {str(horizon): far.agent_steps(horizon) for horizon in far.horizons},
-            "agents": far.apart(),
+            "agent_steps": {str(horizon): apart.agent_steps(horizon) for horizon in apart.horizons},
+            "agents": apart.by_agent(),
         },
         "ego_motion": ego_motion(run),
         "off_road_controlled": _off_road_controlled(run),
-        "replay_error_max_m": max(far.replay_error().values(), default=None),
+        "replay_error_max_m": max(apart.replay_error().values(), default=None),
         "progress_m": mean_progress(driven, logged),
         "progress_controlled_m": mean_progress(driven, logged, hits.controlled),
         "progress_log_m": mean_progress(logged, logged),
-        "relevant_ratio": _share(len(taken & background), len(background)),
+        "relevant_ratio": _share(len(taken_over & background), len(background)),
         "relevant_ratio_roi": _share(len(near & background), len(background)),
         "takeovers": len(entries),
         "false_alarms": sum(entry.false_alarm for entry in entries),
@@ -161,11 +161,11 @@ def _not_finite(value: Any, name: str = "") -> Iterator[str]:
 
 def _ended(run: Run) -> EndMetrics | None:
     """Why and when the run ended; None if the recording does not say."""
-    found = run.ended
-    if found is None:
+    end = run.ended
+    if end is None:
         return None
-    time_s = round(found.step * run.info.dt, 6)
-    return {"reason": str(found.reason), "step": found.step, "time_s": time_s, "lane": found.lane}
+    time_s = round(end.step * run.info.dt, 6)
+    return {"reason": str(end.reason), "step": end.step, "time_s": time_s, "lane": end.lane}
 
 
 def _share(part: int, whole: int) -> float | None:
@@ -265,7 +265,7 @@ def _comfort(run: Run, hits: Collisions) -> ComfortMetrics:
     tables, dt = run.simulated, run.info.dt
     ego = comfort(tables, run.info.ego_id, dt)
     controlled = sorted(hits.controlled)
-    others = [found for agent in controlled if (found := comfort(tables, agent, dt)) is not None]
+    others = [felt for agent in controlled if (felt := comfort(tables, agent, dt)) is not None]
     return {
         "ego": {"within": ego.within, "hard_brakes": ego.hard_brakes} if ego else None,
         "controlled": {
@@ -304,15 +304,15 @@ def _naturalness(run: Run, agents: Set[int]) -> Naturalness:
 
 def _realism(natural: Naturalness, controlled: Set[int], *, signals: bool) -> RealismMetrics | None:
     """Likelihood of the agents ever under control, under the histograms of the log."""
-    found = natural.of(controlled)
-    if found is None:
+    likelihood = natural.of(controlled)
+    if likelihood is None:
         return None
-    lights = "judged" if "traffic_light_violation" in found.features else "no stop line passed"
+    lights = "judged" if "traffic_light_violation" in likelihood.features else "no stop line passed"
     return {
-        "score": found.score,
-        "features": found.features,
+        "score": likelihood.score,
+        "features": likelihood.features,
         "traffic_lights": lights if signals else "no signals",
-        "agent_steps": found.steps,
+        "agent_steps": likelihood.steps,
     }
 
 
@@ -359,15 +359,15 @@ def _mean(values: np.ndarray) -> float | None:
 
 
 def _handback(back: list[Handback]) -> HandbackMetrics:
-    found, noise = Jump(), Jump()
+    largest, noise = Jump(), Jump()
     for each in back:
-        found, noise = found.largest(each.jump), noise.largest(each.log_jump)
+        largest, noise = largest.largest(each.jump), noise.largest(each.log_jump)
     residuals = [each.residual for each in back if each.residual is not None]
     return {
         "count": len(back),
-        "max_position_jump_m": found.position,
-        "max_speed_jump_mps": found.speed,
-        "max_yaw_jump_rad": found.yaw,
+        "max_position_jump_m": largest.position,
+        "max_speed_jump_mps": largest.speed,
+        "max_yaw_jump_rad": largest.yaw,
         "residual_m": float(np.mean(residuals)) if residuals else None,
         "max_residual_m": max(residuals, default=None),
         "log_position_jump_m": noise.position,

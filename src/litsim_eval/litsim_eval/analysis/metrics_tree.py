@@ -337,8 +337,8 @@ def _near(name: str) -> str:
     alike = get_close_matches(last, {each.rsplit(".", 1)[-1] for each in names}, NEAR_MAX, 0.75)
     same_end = [each for each in names if each.rsplit(".", 1)[-1] in alike]
     below = [each for each in names if each.startswith(f"{name}.")]
-    found = dict.fromkeys(chain(below, get_close_matches(name, names, NEAR_MAX), same_end))
-    return f" (near: {', '.join(list(found)[:NEAR_MAX])})" if found else "; docs/metrics.md has all"
+    nearest = dict.fromkeys(chain(below, get_close_matches(name, names, NEAR_MAX), same_end))
+    return f" (near: {', '.join(list(nearest)[:NEAR_MAX])})" if nearest else "; docs/metrics.md has all"
 
 
 def _fields(annotation: Any, name: str) -> Iterator[MetricField]:

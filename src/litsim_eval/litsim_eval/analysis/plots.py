@@ -287,8 +287,8 @@ def _space_time(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) 
     axes.add_collection(LineCollection(lines.get(LOG_BESIDE, []), colors=FAINT, linewidths=0.8))
     drawn = ((Controller.LOG, 1.4), (Controller.POLICY, 2.4), (Controller.EGO, 2.6))
     for controller, width in drawn:
-        found = lines.get(controller.value, [])
-        axes.add_collection(LineCollection(found, colors=COLOURS[controller], linewidths=width))
+        segments = lines.get(controller.value, [])
+        axes.add_collection(LineCollection(segments, colors=COLOURS[controller], linewidths=width))
     extent = s[ego[:until]]
     ego_log = _logged_ego(run)
     if len(ego_log):
@@ -329,8 +329,8 @@ def _along(route: shapely.LineString, x: FloatArray, y: FloatArray) -> tuple[Flo
 def _logged_ego(run: Run) -> FloatArray:
     """(k, 4) time [s], x, y [m] and speed [m/s] of the ego in the log."""
     rows = [(table, table.row(run.info.ego_id)) for table in run.log]
-    found = [(t.step * run.info.dt, t.x[i], t.y[i], t.speed[i]) for t, i in rows if i >= 0]
-    return np.array(found).reshape(-1, 4)
+    states = [(t.step * run.info.dt, t.x[i], t.y[i], t.speed[i]) for t, i in rows if i >= 0]
+    return np.array(states).reshape(-1, 4)
 
 
 def _speed(axes: Axes, run: Run, step: int) -> None:

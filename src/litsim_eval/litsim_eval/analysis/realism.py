@@ -103,9 +103,9 @@ class Naturalness:
         if not count or not logged["linear_speed"].count:
             return None
         names = [n for n in FEATURES if len(judged[n]) and logged[n].count]
-        found = {name: logged[name].relative_likelihood(judged[name]) for name in names}
+        likelihoods = {name: logged[name].relative_likelihood(judged[name]) for name in names}
         total = sum(FEATURES[name].weight for name in names)
-        return Realism(sum(FEATURES[n].weight * found[n] for n in names) / total, found, count)
+        return Realism(sum(FEATURES[n].weight * likelihoods[n] for n in names) / total, likelihoods, count)
 
 
 def _at_red(passed: Iterable[Passage]) -> FloatArray:
@@ -162,23 +162,23 @@ def _values(
     rows = np.flatnonzero(looked_at)
     before = steps.rows[number[rows] - 1, steps.agent[rows]]
     rows, before = rows[before >= 0], before[before >= 0]
-    found = dict.fromkeys(FEATURES, np.empty(0))
+    features = dict.fromkeys(FEATURES, np.empty(0))
     if not len(rows):
-        return np.empty(0, np.int64), found
+        return np.empty(0, np.int64), features
     turn = _turn(table, rows, before, dt)
     first = steps.rows[number[before] - 1, steps.agent[before]]
-    found["linear_speed"] = table.speed[rows]
-    found["linear_acceleration"] = (table.speed[rows] - table.speed[before]) / dt
-    found["angular_speed"] = turn
+    features["linear_speed"] = table.speed[rows]
+    features["linear_acceleration"] = (table.speed[rows] - table.speed[before]) / dt
+    features["angular_speed"] = turn
     known = (first >= 0) & steps.follows[number[before]]
-    found["angular_acceleration"] = np.where(known, (turn - _turn(table, before, first, dt)) / dt, 0.0)
-    found["distance_to_nearest"] = _distances_to_nearest(steps, rows)
-    found["collision"] = np.isin(rows, steps.overlaps).astype(np.float64)
-    found["time_to_collision"] = np.minimum(times_to_collision(table, rows), TTC_HORIZON_S)
+    features["angular_acceleration"] = np.where(known, (turn - _turn(table, before, first, dt)) / dt, 0.0)
+    features["distance_to_nearest"] = _distances_to_nearest(steps, rows)
+    features["collision"] = np.isin(rows, steps.overlaps).astype(np.float64)
+    features["time_to_collision"] = np.minimum(times_to_collision(table, rows), TTC_HORIZON_S)
     if lane_map is not None:
         edge = _distance_to_edge(table, rows, lane_map)
-        found["distance_to_road_edge"], found["off_road"] = edge, (edge < 0.0).astype(np.float64)
-    return table.id[rows], found
+        features["distance_to_road_edge"], features["off_road"] = edge, (edge < 0.0).astype(np.float64)
+    return table.id[rows], features
 
 
 def _turn(table: AgentTable, rows: IntArray, before: IntArray, dt: float) -> FloatArray:
@@ -189,9 +189,11 @@ def _turn(table: AgentTable, rows: IntArray, before: IntArray, dt: float) -> Flo
 def _distances_to_nearest(steps: Steps, rows: IntArray) -> FloatArray:
     """:func:`_distance_to_nearest` of the agents in `rows` (m,), ascending, of the stacked table."""
     number = steps.stacked.number[rows]
-    each, first = np.unique(number, return_index=True)
+    steps_of_rows, first = np.unique(number, return_index=True)
     parts = np.split(rows - steps.begin[number], first[1:])
-    return np.concatenate([_distance_to_nearest(steps[k], part) for k, part in zip(each.tolist(), parts, strict=True)])
+    return np.concatenate(
+        [_distance_to_nearest(steps[k], part) for k, part in zip(steps_of_rows.tolist(), parts, strict=True)]
+    )
 
 
 def _distance_to_nearest(table: AgentTable, rows: np.ndarray) -> FloatArray:

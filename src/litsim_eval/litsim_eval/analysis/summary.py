@@ -110,8 +110,8 @@ def summarise(runs: Iterable[Metrics], failed: int = 0) -> dict[str, Any]:
 
 def _known_sum(values: Iterable[float | None]) -> float | None:
     """Sum of `values`; None if there are none, or if one is None."""
-    found = list(values)
-    return None if None in found or not found else sum(value for value in found if value is not None)
+    addends = list(values)
+    return None if None in addends or not addends else sum(value for value in addends if value is not None)
 
 
 def _ratio(above: float | None, below: float | None) -> float | None:

@@ -145,14 +145,14 @@ def _surroundings(tables: Steps) -> dict[str, np.ndarray]:
     """Measures between each agent and the others; missing values are infinite, missing ids -1."""
     every = tables.stacked
     rows = np.arange(len(every))
-    found = following(every, rows)
-    there = found.leader >= 0
+    leaders = following(every, rows)
+    there = leaders.leader >= 0
     pet, other = times_since_others(tables)
     return {
-        "leader": np.where(there, every.id[found.leader], -1),
-        "gap_m": found.gap,
-        "headway_s": found.headway,
-        "drac_mps2": np.where(there, found.drac, np.inf),
+        "leader": np.where(there, every.id[leaders.leader], -1),
+        "gap_m": leaders.gap,
+        "headway_s": leaders.headway,
+        "drac_mps2": np.where(there, leaders.drac, np.inf),
         "ttc_s": times_to_collision(every, rows),
         "pet_s": pet,
         "pet_agent": other,
@@ -179,7 +179,7 @@ def _motion(columns: dict[str, np.ndarray], dt: float) -> dict[str, np.ndarray]:
     agent, step = columns["agent"][order], columns["step"][order]
     speed, acceleration, yaw_rate = (columns[n][order] for n in ("speed_mps", "acceleration_mps2", "yaw_rate_radps"))
     follows = (np.diff(agent) == 0) & (np.diff(step) == 1)
-    found, comfortable = {}, np.ones(len(order), np.bool_)
+    columns_of_motion, comfortable = {}, np.ones(len(order), np.bool_)
     for name, values in motion_values(speed, acceleration, yaw_rate, dt).items():
         low, high = BOUNDS[name]
         column = np.full(len(order), np.nan)
@@ -188,9 +188,9 @@ def _motion(columns: dict[str, np.ndarray], dt: float) -> dict[str, np.ndarray]:
         else:
             column[order[1:]] = np.where(follows, values, np.nan)
         comfortable &= ~((column < low) | (column > high))
-        found[_MOTION.get(name, "")] = column
-    found.pop("")  # recorded quantities, which have columns already
-    return found | {"comfortable": comfortable}
+        columns_of_motion[_MOTION.get(name, "")] = column
+    columns_of_motion.pop("")  # recorded quantities, which have columns already
+    return columns_of_motion | {"comfortable": comfortable}
 
 
 def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:

@@ -277,20 +277,20 @@ def _outcome(run: Run, agent: int, last_step: int, *, released: bool) -> Outcome
 def _handback(run: Run, index: int, agent: int) -> Handback:
     """The return of `agent`, with its last step under control in the table at `index`."""
     lag = _lag(run, run.tables[index].step, agent)
-    found, noise = Jump(), Jump()
+    largest, noise = Jump(), Jump()
     for k in range(index, min(index + SETTLING_MAX, len(run.tables) - 1)):
         before, after = run.tables[k], run.tables[k + 1]
         row = after.row(agent)
         if row < 0 or after.controller[row] != Controller.LOG or not run.steps.follows[k + 1]:
             break
-        found = found.largest(jump(before, after, agent, run.info.dt))
+        largest = largest.largest(jump(before, after, agent, run.info.dt))
         logged = _logged(run, k, agent, lag), _logged(run, k + 1, agent, lag)
         if logged[0] is not None and logged[1] is not None:
             noise = noise.largest(jump(logged[0], logged[1], agent, run.info.dt))
         apart = _from_log(run, k + 1, agent, lag)
         if apart is not None and apart < SETTLED:
             break
-    return Handback(agent, run.tables[index].step, _from_log(run, index, agent, lag), found, noise, lag)
+    return Handback(agent, run.tables[index].step, _from_log(run, index, agent, lag), largest, noise, lag)
 
 
 def _lag(run: Run, step: int, agent: int) -> int:

@@ -84,7 +84,7 @@ def memory_of_graph(scenario_file: Path, bag: Path) -> dict[str, Memory]:
     command = [find_executable("litsim_sim", LAUNCHER), "--no-analyze", "--out", bag, "--scenario", scenario_file]
     environment = {key: value for key, value in os.environ.items() if key != "ROS_DOMAIN_ID"}
     log = bag.with_suffix(".log")
-    looks: list[tuple[float, dict[str, float]]] = []
+    samples: list[tuple[float, dict[str, float]]] = []
     with log.open("w") as stream:
         launcher = subprocess.Popen(
             [*map(str, command), "--ego", EGO, "--policy", POLICY], stdout=stream, stderr=stream, env=environment
@@ -92,24 +92,30 @@ def memory_of_graph(scenario_file: Path, bag: Path) -> dict[str, Memory]:
         try:
             while launcher.poll() is None:
                 if "step/s" in log.read_text(errors="replace"):  # its progress bar
-                    found = {name: resident_mb(process) for name, process in children(launcher.pid).items()}
-                    looks.append((time.monotonic(), found))
+                    resident = {name: resident_mb(process) for name, process in children(launcher.pid).items()}
+                    samples.append((time.monotonic(), resident))
                 time.sleep(PERIOD_S)
         finally:
             launcher.terminate()
             launcher.wait()
-    if launcher.returncode != 0 or not looks:
+    if launcher.returncode != 0 or not samples:
         raise InputError(f"launch ended with status {launcher.returncode}: {log.read_text()[-500:]}")
-    whole = {name for name in looks[0][1] if all(name in found for _, found in looks[: len(looks) * 9 // 10])}
-    looks = [(when, found) for when, found in looks if whole <= found.keys() and all(found[name] for name in whole)]
-    first, last = looks[0][0], looks[-1][0]
-    share = [(when - first) / (last - first) for when, _ in looks]
-    return {name: Memory(share, [found[name] for _, found in looks]) for name in sorted(whole)}
+    whole = {
+        name for name in samples[0][1] if all(name in resident for _, resident in samples[: len(samples) * 9 // 10])
+    }
+    samples = [
+        (when, resident)
+        for when, resident in samples
+        if whole <= resident.keys() and all(resident[name] for name in whole)
+    ]
+    first, last = samples[0][0], samples[-1][0]
+    share = [(when - first) / (last - first) for when, _ in samples]
+    return {name: Memory(share, [resident[name] for _, resident in samples]) for name in sorted(whole)}
 
 
 def children(parent: int) -> dict[str, int]:
     """Ids of the LitSim processes that the process `parent` has started, by the name of their executable."""
-    found = {}
+    processes = {}
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             fields = (folder / "stat").read_text().rsplit(")", 1)[1].split()
@@ -118,8 +124,8 @@ def children(parent: int) -> dict[str, int]:
             continue
         program = next((word for word in words if NODES in word), "")
         if int(fields[1]) == parent and program:
-            found[Path(program).name] = int(folder.name)
-    return found
+            processes[Path(program).name] = int(folder.name)
+    return processes
 
 
 def resident_mb(process: int) -> float:

@@ -87,8 +87,8 @@ class Case:
     @property
     def stage_parameters(self) -> Parameters:
         """All parameters of the run, the ego's own included, by stage and name."""
-        given = {**self.ego.parameters, **dict(self.parameters)}
-        return by_stage((*name.split(".", 1), value) for name, value in given.items())
+        values = {**self.ego.parameters, **dict(self.parameters)}
+        return by_stage((*name.split(".", 1), value) for name, value in values.items())
 
     def to_json(self) -> dict[str, Any]:
         """The case as values for JSON; the inverse of :meth:`from_json`."""
@@ -140,8 +140,8 @@ def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, s
             and line of the entry, where it has them. Or two variants are of the same runs.
     """
     _check_scenario_names(suite)
-    found = code_versions() if with_versions is None else with_versions
-    deciding = {name: version for name, version in found.items() if name not in NOT_OF_THE_RESULT}
+    versions_of_all = code_versions() if with_versions is None else with_versions
+    deciding = {name: version for name, version in versions_of_all.items() if name not in NOT_OF_THE_RESULT}
     load = lru_cache(maxsize=SCENARIOS_KEPT)(Scenario.load)  # entries of one scenario follow each other
     roads = [road for entry in suite.cases for road in _roads(entry, load)]
     seeds: list[int | None] = [*suite.seeds] or [None]
@@ -217,20 +217,20 @@ def _variants(suite: Suite) -> Iterator[_Variant]:
     """
     for ego, setup in product(suite.egos, suite.setups):
         own = {**ego.parameters, **setup.parameters}
-        mine = {
+        varied_by = {
             name: values
             for name, values in suite.parameters.items()
             if setup.kind != REPLAY or name.split(".")[0] not in POLICY_STAGES
         }
-        for values in product(*mine.values()):
-            varied = dict(zip(mine, values, strict=True))
-            told = [
+        for values in product(*varied_by.values()):
+            varied = dict(zip(varied_by, values, strict=True))
+            labels = [
                 str(value) if short == MODEL else f"{short}={value}"
                 for name, value in varied.items()
                 for short in [name.split(".", 1)[1]]
-                if len(mine[name]) > 1 or short == MODEL or own.get(name, value) != value
+                if len(varied_by[name]) > 1 or short == MODEL or own.get(name, value) != value
             ]
-            label = ", ".join(part for part in (setup.label, *told) if part)
+            label = ", ".join(part for part in (setup.label, *labels) if part)
             yield _Variant(ego, setup.kind, tuple({**setup.parameters, **varied}.items()), label)
 
 
@@ -269,8 +269,8 @@ def _case(
     if ends is not None:  # questions of before runs could end so stay the same
         question["end_after_contact_s"] = ends
     mode = GRAPH if graph or ego.kind == EXTERNAL else PROCESS
-    given = [*ego.command, *ego.parameters.values(), *dict(variant.parameters).values()]
-    setup = {"ego": ego.model_dump(mode="json"), "files": _files(given)}
+    settings = [*ego.command, *ego.parameters.values(), *dict(variant.parameters).values()]
+    setup = {"ego": ego.model_dump(mode="json"), "files": _files(settings)}
     name = "/".join((short, str(road.ego_id), ego.name, variant.policy, *([] if seed is None else [str(seed)])))
     return Case(
         id=_digest({"question": question, "setup": setup, "execution_mode": mode, "versions": deciding}),

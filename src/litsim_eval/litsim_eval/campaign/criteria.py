@@ -69,11 +69,11 @@ class Limits(BaseModel):
 
     @model_validator(mode="after")
     def _check_limits(self) -> Limits:
-        given = [name for name in ("min", "max", "equals", "one_of") if getattr(self, name) is not None]
-        if not given:
+        limits = [name for name in ("min", "max", "equals", "one_of") if getattr(self, name) is not None]
+        if not limits:
             raise ValueError(f"criterion on {self.field}: no limit, expected min, max, equals or one_of")
-        if len(given) > 1 and given != ["min", "max"]:
-            raise ValueError(f"criterion on {self.field}: {' and '.join(given)}, expected one of them, or min and max")
+        if len(limits) > 1 and limits != ["min", "max"]:
+            raise ValueError(f"criterion on {self.field}: {' and '.join(limits)}, expected one of them, or min and max")
         if self.min is not None and self.max is not None and self.min > self.max:
             raise ValueError(f"criterion on {self.field}: min is {self.min:g}, expected at most max, {self.max:g}")
         return self
@@ -102,11 +102,11 @@ class Limits(BaseModel):
         """Check `value` against the limits; None stands for a missing measure."""
         if value is None:
             passed = self.when_missing == "pass"
-            said = "is missing"
+            fault = "is missing"
         else:
             passed = self._keeps(value)
-            said = f"is {_said(value)}, expected {self.limit}"
-        reason = "" if passed else f"{self.measure} {said}"
+            fault = f"is {_said(value)}, expected {self.limit}"
+        reason = "" if passed else f"{self.measure} {fault}"
         return CriterionResult(self.title, self.measure, value, self.limit, passed, reason)
 
     def _keeps(self, value: Value) -> bool:
@@ -143,9 +143,9 @@ def _check_between(criterion: Limits, field: MetricField, values: Sequence[Value
     """
     if (between := field.between) is None:
         return
-    given: list[tuple[str, Value | None]] = [("min", criterion.min), ("max", criterion.max)]
-    given += [("equals" if criterion.one_of is None else "one_of", value) for value in values]
-    for name, value in given:
+    limits: list[tuple[str, Value | None]] = [("min", criterion.min), ("max", criterion.max)]
+    limits += [("equals" if criterion.one_of is None else "one_of", value) for value in values]
+    for name, value in limits:
         if isinstance(value, int | float) and not between.low <= value <= between.high:
             share = between == SHARE
             expected = "a share from 0 to 1" if share else f"{between.low:g} or more"
@@ -247,9 +247,9 @@ class Criteria(BaseModel):
         Runs that are errors fail it, unless :attr:`suite` limits the number of passes or errors; so do cases that have
         not been run, unless it limits their number.
         """
-        asked = {criterion.field for criterion in self.suite}
-        more = [] if asked & {"passed", PASSED_SHARE, "errors"} else [NO_ERRORS]
-        more += [] if "unfinished" in asked else [NO_GAPS]
+        limited = {criterion.field for criterion in self.suite}
+        more = [] if limited & {"passed", PASSED_SHARE, "errors"} else [NO_ERRORS]
+        more += [] if "unfinished" in limited else [NO_GAPS]
         return tuple(criterion.of_runs(outcomes) for criterion in (*self.suite, *more))
 
     def check_counts(self, runs: int) -> None:
@@ -260,8 +260,8 @@ class Criteria(BaseModel):
         """
         for number, criterion in enumerate(self.suite):
             if criterion.aggregate is None and criterion.field != PASSED_SHARE and criterion.least > runs:
-                said = f"{criterion.field} is at most {runs}, the number of runs, expected {criterion.limit}"
-                raise ValueError(f"suite.{number}: {said}")
+                fault = f"{criterion.field} is at most {runs}, the number of runs, expected {criterion.limit}"
+                raise ValueError(f"suite.{number}: {fault}")
 
     @model_validator(mode="after")
     def _check_names(self) -> Criteria:

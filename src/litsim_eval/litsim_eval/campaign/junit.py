@@ -57,8 +57,8 @@ def _run(case: Case, result: RunResult | None) -> TestCase:
     if result is None:
         test.result = [_with_text(Error(NOT_RUN, TYPE_OF_GAP), NOT_RUN)]
     elif result.verdict == Verdict.FAILED:
-        said = [f"{each.name}: {each.reason}" for each in result.criteria if not each.passed]
-        test.result = [_with_text(Failure(_clean(said[0]), TYPE_OF_FAILURE), "\n".join([*said, *_files(result)]))]
+        faults = [f"{each.name}: {each.reason}" for each in result.criteria if not each.passed]
+        test.result = [_with_text(Failure(_clean(faults[0]), TYPE_OF_FAILURE), "\n".join([*faults, *_files(result)]))]
     elif result.verdict == Verdict.ERROR:
         text = "\n".join([result.reason, *_files(result)])
         test.result = [_with_text(Error(_clean(result.reason), TYPE_OF_ERROR), text)]

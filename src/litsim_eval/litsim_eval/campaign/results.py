@@ -55,16 +55,16 @@ class RunResult:
         """The result of a run that was measured; `files` are further fields. One that is not valid is an error."""
         if not metrics["valid"]:
             return cls.error(case, f"the run is not valid: {metrics['why']}", metrics=metrics, **files)
-        found = tuple(criterion.of_run(metrics) for criterion in criteria.runs)
-        reason = "; ".join(f"{each.name}: {each.reason}" for each in found if not each.passed)
+        judged = tuple(criterion.of_run(metrics) for criterion in criteria.runs)
+        reason = "; ".join(f"{each.name}: {each.reason}" for each in judged if not each.passed)
         verdict = Verdict.FAILED if reason else Verdict.PASSED
-        return cls(case, verdict, reason, found, metrics, **({"finished_at": now()} | files))
+        return cls(case, verdict, reason, judged, metrics, **({"finished_at": now()} | files))
 
     @classmethod
     def error(cls, case: Case, reason: str, metrics: Mapping[str, Any] | None = None, **files: Any) -> RunResult:
         """The result of a run that could not be judged, and why; `files` are further fields."""
-        said = " ".join(reason.split())
-        return cls(case, Verdict.ERROR, said, (), metrics, **({"finished_at": now()} | files))
+        one_line = " ".join(reason.split())
+        return cls(case, Verdict.ERROR, one_line, (), metrics, **({"finished_at": now()} | files))
 
     def judged_again(self, criteria: Criteria) -> RunResult:
         """The same run judged by other criteria; an error stays one."""
@@ -115,8 +115,8 @@ class Campaign:
     def judged(self) -> tuple[CriterionResult, ...]:
         """Results of the criteria of the suite for the campaign."""
         by_id = {result.case.id: result for result in self.results}
-        found = (by_id.get(case.id) for case in self.cases)
-        return self.criteria.of_runs([Outcome(*((r.verdict, r.metrics) if r else (None, None))) for r in found])
+        results = (by_id.get(case.id) for case in self.cases)
+        return self.criteria.of_runs([Outcome(*((r.verdict, r.metrics) if r else (None, None))) for r in results])
 
     @property
     def passes(self) -> bool:
@@ -174,20 +174,20 @@ def read_results(path: Path, cases: Iterable[Case]) -> list[RunResult]:
     Raises:
         InputError: one cannot be read.
     """
-    found = []
+    results = []
     for case in cases:
         file = path / RUNS_FOLDER / case.id / RESULT_FILE
         if not file.is_file():
             continue
         try:
             values = _read(file)
-            found.append(replace(RunResult.from_json(values), case=case))
+            results.append(replace(RunResult.from_json(values), case=case))
         except InputError as error:
             raise InputError(f"{error}{_again(file)}") from error
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            said = f"{file}: not a result of a run: {type(error).__name__}: {error}"
-            raise InputError(f"{said}{_again(file)}") from error
-    return found
+            fault = f"{file}: not a result of a run: {type(error).__name__}: {error}"
+            raise InputError(f"{fault}{_again(file)}") from error
+    return results
 
 
 def _again(file: Path) -> str:
@@ -200,9 +200,9 @@ def _read(path: Path) -> dict[str, Any]:
         values = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
-    found = values.get("format") if isinstance(values, dict) else None
-    if found not in READABLE:
-        raise InputError(f"{path}: format {found}, expected {FORMAT}")
+    written = values.get("format") if isinstance(values, dict) else None
+    if written not in READABLE:
+        raise InputError(f"{path}: format {written}, expected {FORMAT}")
     return dict(values)
 
 

@@ -243,12 +243,14 @@ def place_of(name: str | Path, setting: tuple[str, Any] | None) -> str:
     if setting is None:
         return str(name)
     suite, (parameter, value) = Suite.load(name), setting
-    given: list[tuple[tuple[str | int, ...], Any]]
-    given = [(("parameters", parameter), each) for each in suite.parameters.get(parameter, [])]
+    places: list[tuple[tuple[str | int, ...], Any]]
+    places = [(("parameters", parameter), each) for each in suite.parameters.get(parameter, [])]
     for field, entries in (("policies", suite.policies), ("egos", suite.egos)):
         setups = [(number, each) for number, each in enumerate(entries) if not isinstance(each, str)]
-        given += [((field, number, "parameters", parameter), each.parameters.get(parameter)) for number, each in setups]
-    place = next((place for place, each in given if each == value), None)
+        places += [
+            ((field, number, "parameters", parameter), each.parameters.get(parameter)) for number, each in setups
+        ]
+    place = next((place for place, each in places if each == value), None)
     return place_in(_suite_file(name), *place) if place else str(name)
 
 
@@ -274,10 +276,10 @@ def _files(scenario: str, suite: Path) -> list[str]:
     one = located(scenario, suite.parent)
     if not has_magic(scenario) or Path(one).exists():
         return [one]
-    found = sorted(glob(scenario, root_dir=suite.parent, recursive=True))  # noqa: PTH207 - takes absolute ones, too
-    if not found:
+    names = sorted(glob(scenario, root_dir=suite.parent, recursive=True))  # noqa: PTH207 - takes absolute ones, too
+    if not names:
         raise InputError(f"{suite}: field cases: scenario {scenario}: no file has such a name")
-    return [located(name, suite.parent) for name in found]
+    return [located(name, suite.parent) for name in names]
 
 
 def _suite_file(name: str | Path) -> Path:

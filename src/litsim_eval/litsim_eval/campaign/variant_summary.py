@@ -51,11 +51,11 @@ def variant_bounds(results: Sequence[RunResult]) -> Bounds:
         return {}
     own = [vehicles.index(result.case.vehicle) for result in results]
     times = times_drawn(len(vehicles))[:, own]
-    found = {
+    intervals = {
         name: percentile_bounds(times @ above if below is None else ratios(times @ above, times @ below))
         for name, above, below in _figures(results)
     }
-    return {name: bounds for name, bounds in found.items() if bounds is not None and bounds[0] < bounds[1]}
+    return {name: bounds for name, bounds in intervals.items() if bounds is not None and bounds[0] < bounds[1]}
 
 
 def _figures(results: Sequence[RunResult]) -> Iterator[tuple[str, FloatArray, FloatArray | None]]:

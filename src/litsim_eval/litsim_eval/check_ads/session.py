@@ -84,9 +84,9 @@ def observe(check: Check) -> Evidence:
                 _end(stack)
         return Evidence(
             wait_s=check.wait_s,
-            found=bystander.found,
+            discovered_s=bystander.discovered_s,
             endpoints=bystander.endpoints,
-            asked=bystander.asked,
+            published_ns=bystander.published_ns,
             heard=tuple(bystander.heard),
             interface=bystander.interface,
             counts=bystander.counts,
@@ -143,9 +143,9 @@ def _discover(check: Check, bystander: Bystander, stack: Child | None) -> None:
     """Wait for a publisher of the stack; the run has not begun yet, so its answers are heard from step 0 on."""
     bystander.start()
     until = time.monotonic() + check.wait_s
-    while not bystander.found and time.monotonic() < until and (stack is None or stack.running):
+    while not bystander.discovered_s and time.monotonic() < until and (stack is None or stack.running):
         bystander.listen(TICK_S)
-    if bystander.found:
+    if bystander.discovered_s:
         bystander.listen(3 * TICK_S)  # for the stack to find the bystander, too
 
 
@@ -163,13 +163,13 @@ def _follow(bridge: Child, bystander: Bystander, stack: Child | None) -> int | N
     hopeless = time.monotonic() + LAZY_S
     while bridge.running:
         bystander.listen(TICK_S)
-        if not bystander.found and time.monotonic() > hopeless:
+        if not bystander.discovered_s and time.monotonic() > hopeless:
             break
-        gone = (stack is not None and not stack.running) or (bool(bystander.found) and not bystander.present)
+        gone = (stack is not None and not stack.running) or (bool(bystander.discovered_s) and not bystander.present)
         if gone and not bystander.over:
             bystander.listen(5 * TICK_S)  # the stack may have heard of the end of the run before this program
             if not bystander.over:
-                return max(bystander.asked, default=0)
+                return max(bystander.published_ns, default=0)
     bystander.listen(TICK_S)
     return None
 
@@ -192,14 +192,14 @@ def _watch_end(check: Check, bystander: Bystander, stack: Child | None, left: in
     A silent stack that was started elsewhere is watched until DDS would have noticed its death.
     """
     began_ns, began = time.time_ns(), time.monotonic()
-    silent = bystander.state != FINISHED and left is None and stack is None and bool(bystander.found)
+    silent = bystander.state != FINISHED and left is None and stack is None and bool(bystander.discovered_s)
     watch = max(check.end_wait_s, LEASE_S) if silent else check.end_wait_s
     while (watched := time.monotonic() - began) < watch:
         bystander.listen(TICK_S)
         if not bystander.present and (stack is None or not stack.running):
             break
     if silent and not bystander.present and bystander.state in (FAILED, ""):
-        left = max(bystander.asked, default=0)
+        left = max(bystander.published_ns, default=0)
     after = [each.received_ns for each in bystander.heard if each.received_ns > began_ns]
     last_s = 1e-9 * (after[-1] - began_ns) if after else None
     gone = stack is not None and not stack.running

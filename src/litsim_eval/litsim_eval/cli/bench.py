@@ -103,8 +103,8 @@ def run_table(arguments: argparse.Namespace) -> Content:
             if arguments.highway_env is not None and agents <= HIGHWAY_ENV_MOST:
                 python, script = arguments.highway_env / ".venv/bin/python", arguments.highway_env / "step_time.py"
                 beside = partial(time_highway_env, python.absolute(), script, steps=HIGHWAY_ENV_STEPS)
-            given = (Path(folder), agents, arguments.seconds, arguments.repeats, beside, bar.update)
-            samples[agents] = measure(*given, ["--apart"] if arguments.apart else [])
+            settings = (Path(folder), agents, arguments.seconds, arguments.repeats, beside, bar.update)
+            samples[agents] = measure(*settings, ["--apart"] if arguments.apart else [])
     title = f"a step, median (minimum to maximum) of {arguments.repeats} repetitions"
     return title, ["", *(f"{agents} agents" for agents in samples)], table_rows(samples)
 

@@ -106,17 +106,17 @@ def check_ads(arguments: argparse.Namespace, console: Console) -> int:
             answer_timeout_s=arguments.answer_timeout,
             end_wait_s=arguments.end_wait,
         )
-        seen = observe(check)
-        clauses = judge(seen, limits)
+        evidence = observe(check)
+        clauses = judge(evidence, limits)
         if arguments.out:
-            plot_latency(seen, out / PLOT_FILE)
+            plot_latency(evidence, out / PLOT_FILE)
     passed = all(clause.verdict == Verdict.PASS for clause in clauses)
     console.print(_table(clauses))
-    for remark in seen.remarks:
+    for remark in evidence.remarks:
         console.print(f"/diagnostics: {remark}", highlight=False, markup=False, soft_wrap=True)
     if arguments.json:
         described = {"passed": passed, "scenario": scenario.name, "steps": scenario.total_steps}
-        _write(described | {"clauses": _as_json(clauses), "remarks": list(seen.remarks)}, arguments.json)
+        _write(described | {"clauses": _as_json(clauses), "remarks": list(evidence.remarks)}, arguments.json)
     return 0 if passed else EXIT_FAILED
 
 

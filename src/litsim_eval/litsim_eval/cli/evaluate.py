@@ -129,8 +129,8 @@ class Progress:
         self._show()
 
     def _show(self) -> None:
-        told = {name: self._counts[verdict] for verdict, name in TOLD_AS.items()}
-        self._bar.set_postfix(told, refresh=False)
+        counts = {name: self._counts[verdict] for verdict, name in TOLD_AS.items()}
+        self._bar.set_postfix(counts, refresh=False)
 
 
 def _tell(cases: Sequence[Case], folder: CampaignFolder, arguments: argparse.Namespace) -> int:

@@ -38,26 +38,26 @@ def rerun(arguments: argparse.Namespace) -> bool:
         InputError: the record cannot be used, or the file cannot be written.
     """
     with open_record(arguments.bag) as record:
-        found: dict[str, Any] = {"run_id": record.info.run_id}
+        report: dict[str, Any] = {"run_id": record.info.run_id}
         if arguments.resimulate:
             result = resimulate(record)
             tally, equal = result.tally, result.recorded == result.computed and not result.tally.different
-            found |= {"steps": result.steps, "digest_recorded": result.recorded, "digest_computed": result.computed}
+            report |= {"steps": result.steps, "digest_recorded": result.recorded, "digest_computed": result.computed}
             lines = [f"run {record.info.run_id}: {result.steps} steps repeated: {'equal' if equal else 'DIFFERENT'}"]
             lines += [f"digest recorded {result.recorded}", f"       computed {result.computed}"]
         else:
             tally = rerun_stage(record, arguments.node)
             equal = not tally.different
-            found |= {"stage": arguments.node}
+            report |= {"stage": arguments.node}
             verdict = "equal" if equal else f"DIFFERENT, {tally.different} of them"
             lines = [f"{arguments.node}: {tally.compared} answers compared with the record: {verdict}"]
         notes = record.notes
-    found |= {"equal": equal, "notes": notes} | asdict(tally)
+    report |= {"equal": equal, "notes": notes} | asdict(tally)
     for line in (*(f"note: {note}" for note in notes), *lines, *_where(tally)):
         print(line)
     if arguments.json:
         try:
-            arguments.json.write_text(json.dumps(found, indent=2) + "\n")
+            arguments.json.write_text(json.dumps(report, indent=2) + "\n")
         except OSError as error:
             raise InputError(f"{arguments.json}: cannot be written: {error.strerror or error}") from error
     return equal

@@ -66,22 +66,22 @@ def suite_of(arguments: argparse.Namespace) -> Suite:
         InputError: a file cannot be used, or the arguments do not fit together.
     """
     base = None if arguments.suite is None else Suite.load(arguments.suite)
-    given: dict[str, Any] = {"cases": _cases(arguments, base), "egos": _setups(arguments, base)}
+    fields: dict[str, Any] = {"cases": _cases(arguments, base), "egos": _setups(arguments, base)}
     if base is None:
         names = arguments.scenario or DEFAULTS["scenario"]
-        given["name"] = Path(names[0]).stem if len(names) == 1 else f"{len(names)} scenarios"
-    asked = {
+        fields["name"] = Path(names[0]).stem if len(names) == 1 else f"{len(names)} scenarios"
+    options = {
         "policies": None if arguments.policy is None else _policies(arguments.policy, base),
         "seeds": arguments.seeds,
         "end_after_contact_s": arguments.end_after_contact,
     }
-    given |= {name: value for name, value in asked.items() if value is not None}
+    fields |= {name: value for name, value in options.items() if value is not None}
     varied = {"predictor.model": arguments.predictor} if arguments.predictor else {}
     varied |= {f"{stage}.{name}": values for stage, name, values in arguments.set}
-    given["parameters"] = (base.parameters if base else {}) | varied
+    fields["parameters"] = (base.parameters if base else {}) | varied
     if arguments.criteria is not None:
-        given["criteria"] = Criteria.load(arguments.criteria)
-    return validate_yaml((base.model_dump() if base else {}) | given, Suite, arguments.suite or "options", "")
+        fields["criteria"] = Criteria.load(arguments.criteria)
+    return validate_yaml((base.model_dump() if base else {}) | fields, Suite, arguments.suite or "options", "")
 
 
 def _cases(arguments: argparse.Namespace, base: Suite | None) -> list[CaseEntry]:

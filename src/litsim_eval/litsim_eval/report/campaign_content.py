@@ -148,7 +148,7 @@ def _numbers(result: RunResult) -> dict[str, float | bool]:
 
 def _case(result: RunResult) -> dict[str, Any]:
     case = result.case
-    given = {**case.ego.parameters, **dict(case.parameters)}
+    parameters = {**case.ego.parameters, **dict(case.parameters)}
     return {
         "id": case.id,
         "name": case.name,
@@ -160,7 +160,7 @@ def _case(result: RunResult) -> dict[str, Any]:
         "ego_id": case.ego_id,
         "policy": case.policy,
         "seed": case.seed,
-        "parameters": [(name, leaf(value)) for name, value in given.items()],
+        "parameters": [(name, leaf(value)) for name, value in parameters.items()],
         "events": [[(str(name), leaf(value)) for name, value in event.items()] for event in case.events],
         "wall": None if result.wall_s is None else round(result.wall_s, 2),
     }
@@ -169,11 +169,11 @@ def _case(result: RunResult) -> dict[str, Any]:
 def _links(result: RunResult, folder: Path, beside: Path) -> dict[str, str | None]:
     """Addresses of the report and the log of a run relative to `beside`, None if missing; and that of its folder."""
     own = folder / RUNS_FOLDER / result.case.id
-    found = {
+    paths = {
         name: own / file if file and (own / file).exists() else None
         for name, file in (("report", result.report), ("log", result.log))
     }
-    links = {name: None if path is None else address(path, beside) for name, path in found.items()}
+    links = {name: None if path is None else address(path, beside) for name, path in paths.items()}
     return {**links, "folder": f"{RUNS_FOLDER}/{result.case.id}"}
 
 

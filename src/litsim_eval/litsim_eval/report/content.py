@@ -84,18 +84,18 @@ def origin_of(tracks: Tracks) -> FloatArray:
 
     Browsers draw in single precision, which is half a metre 5000 km from the origin, as UTM's northings are.
     """
-    seen = tracks.present
-    middle = np.array([np.median(tracks.x[seen]), np.median(tracks.y[seen])]) if seen.any() else IN_MAP
+    present = tracks.present
+    middle = np.array([np.median(tracks.x[present]), np.median(tracks.y[present])]) if present.any() else IN_MAP
     return np.asarray(np.round(middle / ORIGIN_GRID) * ORIGIN_GRID)
 
 
 def road(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> dict[str, Any]:
     """Surfaces and painted lines of the lanes near the agents: flat lists x0, y0, x1, y1, ... from `origin` [m]."""
     lane_map = lane_map_of(run)
-    seen = tracks.present
-    if lane_map is None or not seen.any():
+    present = tracks.present
+    if lane_map is None or not present.any():
         return {"lanes": [], "lines": []}
-    x, y = tracks.x[seen], tracks.y[seen]
+    x, y = tracks.x[present], tracks.y[present]
     area = shapely.box(*(v - SURROUNDINGS for v in (x.min(), y.min())), *(v + SURROUNDINGS for v in (x.max(), y.max())))
     near = [lane for lane in lane_map.lanes if area.intersects(shapely.LineString(lane.centerline))]
     lanes = [{"width": lane.width, "line": _flat(shapely.LineString(lane.centerline), origin)} for lane in near]
@@ -112,7 +112,7 @@ def signals(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> list[dict[
         return []
     frames = np.arange(tracks.first, tracks.first + tracks.frames)
     frames = frames[frames < run.signals.states.shape[1]]
-    found = []
+    lines = []
     for link, group in zip(run.signals.links, run.signals.link_group.tolist(), strict=True):
         lane = sorted(
             (other for other in run.signals.links if other.from_lane == link.from_lane),
@@ -123,19 +123,19 @@ def signals(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> list[dict[
         ends = [link.stop - origin + left * link.width * (0.5 - (place + side) / len(lane)) for side in (0.05, 0.95)]
         lights = [LIGHTS.get(SignalState(state), "") for state in run.signals.states[group, frames].tolist()]
         shown = [[k, light] for k, light in enumerate(lights) if k == 0 or light != lights[k - 1]]
-        found.append({"line": np.round(np.concatenate(ends), 2).tolist(), "shown": shown})
-    return found
+        lines.append({"line": np.round(np.concatenate(ends), 2).tolist(), "shown": shown})
+    return lines
 
 
 def _lines(lane: Lane, origin: FloatArray) -> list[dict[str, Any]]:
     """The right border, dashed where a lane of the same edge lies beyond, and the left one where none does."""
     sides = [(-0.5, lane.right is not None)] + ([(0.5, False)] if lane.left is None else [])
-    found = []
+    borders = []
     for side, dashed in sides:
         border = shapely.LineString(lane.centerline).offset_curve(side * lane.width)
         parts = [part for part in shapely.get_parts(border) if part.geom_type == "LineString" and not part.is_empty]
-        found += [{"dashed": dashed, "line": _flat(part, origin)} for part in parts]
-    return found
+        borders += [{"dashed": dashed, "line": _flat(part, origin)} for part in parts]
+    return borders
 
 
 def _flat(line: shapely.LineString, origin: FloatArray) -> list[float]:

@@ -104,11 +104,11 @@ def _verdict(contact: dict[str, Any], careful: dict[str, Any]) -> str:
     kind = str(contact["verdict"]).replace("_", " ")
     fault = "ego at fault" if contact["ego_at_fault"] else "ego not at fault"
     fault = "no fault" if contact["in_log"] else fault
-    found = f"{kind}: {fault}; the careful driver {'avoids it' if careful['avoided'] else 'hits too'}"
+    text = f"{kind}: {fault}; the careful driver {'avoids it' if careful['avoided'] else 'hits too'}"
     other = careful.get("other_avoids")
     if other is None:
-        return found
-    return f"{found}, in the other's place {'avoids it' if other else 'hits too'}"
+        return text
+    return f"{text}, in the other's place {'avoids it' if other else 'hits too'}"
 
 
 def _who(agent: int, ego: int) -> str:

@@ -95,12 +95,12 @@ def write_experiment_report(campaign: Campaign, out: Path | None = None, quiet: 
 
 def _pictures(campaign: Campaign, quiet: bool) -> dict[str, dict[str, Any]]:
     """Pictures of runs by id: those made when they ended, and others made from their recordings, if available."""
-    found = {}
+    pictures = {}
     lacking = []
     for result in campaign.results:
         picture = read_thumbnail(_folder(campaign, result))
         if picture is not None:
-            found[result.case.id] = picture
+            pictures[result.case.id] = picture
         elif result.recording is not None and result.metrics is not None:
             lacking.append(result)
     for result in tqdm(lacking, unit="picture", disable=quiet or not lacking, dynamic_ncols=True):
@@ -111,8 +111,8 @@ def _pictures(campaign: Campaign, quiet: bool) -> dict[str, dict[str, Any]]:
             continue
         picture = read_thumbnail(own)
         if picture is not None:
-            found[result.case.id] = picture
-    return found
+            pictures[result.case.id] = picture
+    return pictures
 
 
 def _folder(campaign: Campaign, result: RunResult) -> Path:
@@ -152,11 +152,11 @@ def _subtitle(campaign: Campaign) -> str:
         ("egos", "ego by", [case.ego.name for case in cases]),
         ("policies", "background by", [case.policy for case in cases]),
     )
-    told = [f"{len(campaign.results)} of {len(cases)} runs" if campaign.missing else f"{len(cases)} runs"]
+    texts = [f"{len(campaign.results)} of {len(cases)} runs" if campaign.missing else f"{len(cases)} runs"]
     for several, one, names in parts:
-        found = list(dict.fromkeys(names))
-        told.append(f"{one} {', '.join(found)}" if len(found) <= NAMES_MAX else f"{len(found)} {several}")
-    return " · ".join(told)
+        different = list(dict.fromkeys(names))
+        texts.append(f"{one} {', '.join(different)}" if len(different) <= NAMES_MAX else f"{len(different)} {several}")
+    return " · ".join(texts)
 
 
 def _verdicts(name: str, results: list[RunResult]) -> dict[str, Any]:
@@ -285,7 +285,7 @@ def _side_by_side(summary: dict[str, dict[str, Any]], columns: Iterable[Column])
     Values that leave out runs without measures have an asterisk. They are never marked as the best, as those runs might
     have changed them.
     """
-    found = []
+    lines = []
     for column in columns:
         values = [column.find(variant) for variant in summary.values()]
         marks = ["*" if variant["failed"] and not column.of_all else "" for variant in summary.values()]
@@ -299,5 +299,5 @@ def _side_by_side(summary: dict[str, dict[str, Any]], columns: Iterable[Column])
             for value, mark in zip(values, marks, strict=True)
         ]
         if any(value is not None for value in values):
-            found.append({"name": column.name, "cells": cells})
-    return found
+            lines.append({"name": column.name, "cells": cells})
+    return lines

@@ -141,8 +141,11 @@ def _driving_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     ego, others = metrics["comfort"]["ego"], metrics["comfort"]["controlled"]
     yield "hard brakes", f"ego {ego['hard_brakes'] if ego else NOTHING}, agents under control {others['hard_brakes']}"
     within = _percent(min(ego["within"].values())) if ego else NOTHING
-    kept = _percent(others["comfortable"])
-    yield "comfort", f"ego {within} of steps within the bound least kept; controlled agents that keep all: {kept}"
+    comfortable = _percent(others["comfortable"])
+    yield (
+        "comfort",
+        f"ego {within} of steps within the bound least kept; controlled agents that keep all: {comfortable}",
+    )
     guarded = others["guarded"]
     yield "guarded", f"{guarded['count']} of the policy's agent-steps ({_percent(guarded['share'])})"
     realism = metrics["realism"]

@@ -75,10 +75,10 @@ def write_thumbnail(run: Run, metrics: dict[str, Any], folder: Path) -> None:
 def read_thumbnail(folder: Path) -> dict[str, Any] | None:
     """The picture of a run written by :func:`write_thumbnail`; None without one of the current format."""
     try:
-        found = json.loads((folder / THUMBNAIL_FILE).read_text())
+        picture = json.loads((folder / THUMBNAIL_FILE).read_text())
     except (OSError, ValueError):
         return None
-    return found if isinstance(found, dict) and found.get("format") == FORMAT else None
+    return picture if isinstance(picture, dict) and picture.get("format") == FORMAT else None
 
 
 @dataclass(frozen=True)
@@ -149,13 +149,13 @@ def _boxes(tracks: Tracks, frame: int, pose: tuple[float, float, float], window:
     here = np.flatnonzero(tracks.present[:, frame])
     at = _seen(np.column_stack([tracks.x[here, frame], tracks.y[here, frame]]), pose)
     inside = shapely.contains_xy(window, at[:, 0], at[:, 1])
-    found = []
+    boxes = []
     for row, (x, y) in zip(here[inside], at[inside], strict=True):
         yaw = (tracks.yaw[row, frame] - pose[2] + np.pi) % (2.0 * np.pi) - np.pi
         metres = (round(float(v) / UNIT_M) for v in (tracks.length[row], tracks.width[row]))
         turned = round(float(yaw) / UNIT_RAD)
-        found.append([*_whole(np.array([[x, y]])), turned, *metres, int(tracks.mode[row, frame])])
-    return found
+        boxes.append([*_whole(np.array([[x, y]])), turned, *metres, int(tracks.mode[row, frame])])
+    return boxes
 
 
 def _path(steps: Steps, agent: int, pose: tuple[float, float, float], window: shapely.Polygon) -> list[list[int]]:

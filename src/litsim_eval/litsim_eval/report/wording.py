@@ -45,10 +45,10 @@ def lockstep_text(lockstep: Mapping[str, Any]) -> str:
     own = ("interface", "answered", "joined")
     port = {name: count for name, count in lockstep["ego_port"].items() if name not in own}
     unused = "".join(f", {count} {name}" for name, count in port.items() if count)
-    told = f"{lockstep['missed']} missed answers, {lockstep['gaps']} gaps"
-    told += f"; of the ego's messages{unused[1:]}" if unused else ""
+    text = f"{lockstep['missed']} missed answers, {lockstep['gaps']} gaps"
+    text += f"; of the ego's messages{unused[1:]}" if unused else ""
     joined = lockstep["ego_port"].get("joined", 0)
-    return f"{told}; {joined} publishers of the ego joined in mid-run" if joined else told
+    return f"{text}; {joined} publishers of the ego joined in mid-run" if joined else text
 
 
 def leaf(value: Any) -> str:

@@ -84,8 +84,8 @@ class BatchedRunner:
             controls: Sequence[ControlTable | None] = [None] * len(tables)
             together = ControlTable.empty(table.step)
             if self._pipeline is not None:
-                taken, together = self._pipeline.to(table, marks)
-                takeovers, controls = self._apart(taken, self._pipeline), batch.controls(together)
+                takeover_table, together = self._pipeline.to(table, marks)
+                takeovers, controls = self._apart(takeover_table, self._pipeline), batch.controls(together)
             begin = time.perf_counter()
             running = [k for k in range(len(tables)) if k not in self.summaries]
             commands = self._egos.plan(table, running)
@@ -160,18 +160,18 @@ def run_batch(cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Fou
     Runs that were stepped together with a failing one are repeated one by one.
     """
     plans: dict[int, RunPlan] = {}
-    found: dict[int, Found] = {}
+    outcomes: dict[int, Found] = {}
     for k, case in enumerate(cases):
         try:
             plans[k] = plan_of(case)
         except Exception as error:  # noqa: BLE001 - any error: the other runs go on, and the table reports it
-            found[k] = reason(error)
+            outcomes[k] = reason(error)
     for together in _batchable(plans):
-        found |= _run_batched({k: plans[k] for k in together}, folders)
+        outcomes |= _run_batched({k: plans[k] for k in together}, folders)
     for k, case in enumerate(cases):
-        if k not in found:
-            found[k] = _alone(case, folders[k])
-    return [found[k] for k in range(len(cases))]
+        if k not in outcomes:
+            outcomes[k] = _alone(case, folders[k])
+    return [outcomes[k] for k in range(len(cases))]
 
 
 def _portions(of: Sequence[T], most: int) -> Iterator[tuple[T, ...]]:

@@ -54,8 +54,8 @@ class CaseRefused(InputError):
 
     def __init__(self, case: Case, error: InputError) -> None:
         super().__init__(f"variant {case.variant}: {error}")
-        given = () if _is_refused(case, None) else (case.ego.parameters | dict(case.parameters)).items()
-        self.setting = next((setting for setting in given if _is_refused(case, setting)), None)
+        settings = () if _is_refused(case, None) else (case.ego.parameters | dict(case.parameters)).items()
+        self.setting = next((setting for setting in settings if _is_refused(case, setting)), None)
 
 
 class RunStopped(Exception):
@@ -192,7 +192,7 @@ def run_over_graph(
     launcher = ForkedProcess(
         _launch(case, out), environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, preloaded=True
     )
-    said = _Reader(launcher)
+    errors = _Reader(launcher)
     late = False
     while launcher.wait(TICK_S) is None:
         late = time.monotonic() > begin + time_limit_s
@@ -201,7 +201,7 @@ def run_over_graph(
             break
     if stopped():
         raise RunStopped
-    failure = f"time limit of {time_limit_s:g} s exceeded" if late else said.reason(launcher.returncode)
+    failure = f"time limit of {time_limit_s:g} s exceeded" if late else errors.reason(launcher.returncode)
     metrics = json.loads((out / METRICS_FILE).read_text()) if (out / METRICS_FILE).is_file() and not late else None
     log = out / LOG_FOLDER / f"{STACK}.log"
     recorded = any(out.glob("*.mcap"))

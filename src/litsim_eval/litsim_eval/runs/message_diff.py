@@ -68,12 +68,12 @@ class DiffSummary:
     def add(self, topic: str, step: int, recorded: Any, computed: Any) -> None:
         """Compare two messages of a topic and step."""
         self.compared += 1
-        found = differences(topic, step, recorded, computed)
-        if not found:
+        apart = differences(topic, step, recorded, computed)
+        if not apart:
             return
         self.different += 1
-        self.first = self.first or next((each for each in found if each.agent is not None), found[0])
-        for each in found:
+        self.first = self.first or next((each for each in apart if each.agent is not None), apart[0])
+        for each in apart:
             if each.amount is not None and not each.field.startswith(LENGTH):
                 name = f"{topic} {each.field.split('[')[0]}"
                 self.largest[name] = max(each.amount, self.largest.get(name, 0.0))
@@ -106,20 +106,20 @@ def _differences(recorded: Any, computed: Any, place: _Place) -> list[Difference
     ids = tuple(_ids(message) for message in (recorded, computed))
     if ids[0] is not None and ids[1] is not None and not np.array_equal(ids[0], ids[1]):
         return _one_sided("id", ids[0].tolist(), ids[1].tolist(), place)  # the other arrays are parallel to the ids
-    found: list[Difference] = []
+    apart: list[Difference] = []
     for name in recorded.get_fields_and_field_types():
         a, b = getattr(recorded, name), getattr(computed, name)
         if hasattr(a, "get_fields_and_field_types"):
-            found += _differences(a, b, place.within(name))
+            apart += _differences(a, b, place.within(name))
         elif _of_messages(a) or _of_messages(b):
-            found += _records(name, a, b, place)
+            apart += _records(name, a, b, place)
         elif isinstance(a, str):
-            found += [] if a == b else [place.at(name, a, b)]
+            apart += [] if a == b else [place.at(name, a, b)]
         elif isinstance(a, list | array | np.ndarray | bytes):
-            found += _arrays(name, np.asarray(a), np.asarray(b), ids[0], place)
+            apart += _arrays(name, np.asarray(a), np.asarray(b), ids[0], place)
         elif np.asarray(a).tobytes() != np.asarray(b, np.asarray(a).dtype).tobytes():
-            found.append(place.at(name, a, b))
-    return found
+            apart.append(place.at(name, a, b))
+    return apart
 
 
 def _arrays(name: str, a: np.ndarray, b: np.ndarray, ids: np.ndarray | None, place: _Place) -> list[Difference]:
@@ -133,12 +133,12 @@ def _arrays(name: str, a: np.ndarray, b: np.ndarray, ids: np.ndarray | None, pla
     if a.dtype.kind == "f":
         gaps = np.abs(a[apart].astype(np.float64) - b[apart].astype(np.float64))
         chosen.append(int(apart[int(np.argmax(np.nan_to_num(gaps)))]))
-    found = []
+    differing = []
     for at in dict.fromkeys(chosen):
         agent = int(ids[at // width]) if ids is not None and width else None
         label = f"{name}[{at % width}]" if width > 1 else name if width else f"{name}[{at}]"
-        found.append(place.at(label, a[at], b[at], agent))
-    return found
+        differing.append(place.at(label, a[at], b[at], agent))
+    return differing
 
 
 def _records(name: str, a: list[Any], b: list[Any], place: _Place) -> list[Difference]:
@@ -147,10 +147,10 @@ def _records(name: str, a: list[Any], b: list[Any], place: _Place) -> list[Diffe
     if keys_a != keys_b:
         return _one_sided(name, keys_a, keys_b, place)
     named = bool(a) and hasattr(a[0], AGENT_FIELDS[1])
-    found = []
+    apart = []
     for key, x, y in zip(keys_a, a, b, strict=True):
-        found += _differences(x, y, place.within(name, key) if named else place.within(f"{name}[{key}]"))
-    return found
+        apart += _differences(x, y, place.within(name, key) if named else place.within(f"{name}[{key}]"))
+    return apart
 
 
 def _keys(records: list[Any]) -> list[int]:

@@ -73,11 +73,11 @@ class RayRuns:
 
     def _connect(self, ray: Any) -> None:
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no usage statistics
-        given: dict[str, Any] = (
+        options: dict[str, Any] = (
             {"num_cpus": self.processes, "include_dashboard": False} if self.address == LOCAL else {}
         )
         try:
-            ray.init(address=self.address, log_to_driver=False, logging_level="error", **given)
+            ray.init(address=self.address, log_to_driver=False, logging_level="error", **options)
         except (ConnectionError, RuntimeError, ValueError, OSError) as error:
             raise InputError(f"--ray {self.address}: no connection: {reason(error)}") from error
 
@@ -89,8 +89,8 @@ class RayRuns:
         pending: dict[Any, Case] = {}
         while True:
             for case in islice(left, WAITING_MAX - len(pending)):
-                given = (case.to_json(), folder, sources, self.time_limit_s, str(Path.cwd()))
-                pending[task.options(name=case.name).remote(*given)] = case
+                arguments = (case.to_json(), folder, sources, self.time_limit_s, str(Path.cwd()))
+                pending[task.options(name=case.name).remote(*arguments)] = case
             if not pending:
                 return
             (ready, *_), _ = ray.wait(list(pending), num_returns=1)
@@ -125,12 +125,12 @@ def run_task(case: Mapping[str, Any], folder: str, sources: str, time_limit_s: f
         if (here := code_versions()[SOURCES]) != sources:
             failure = f"this node has other LitSim packages: sources {here}, expected {sources}"
         else:
-            made = Case.from_json(case)
-            where = _cleared(CampaignFolder(Path(folder)), made)
-            if made.execution_mode == GRAPH:
+            this = Case.from_json(case)
+            where = _cleared(CampaignFolder(Path(folder)), this)
+            if this.execution_mode == GRAPH:
                 with chdir(cwd):
-                    return run_over_graph(made, where, time_limit_s=time_limit_s)
-            return RunOutcome(run_in_process(made, where), wall_s=time.monotonic() - begin)
+                    return run_over_graph(this, where, time_limit_s=time_limit_s)
+            return RunOutcome(run_in_process(this, where), wall_s=time.monotonic() - begin)
     except Exception as error:  # noqa: BLE001 - any error: the other runs go on, and the table reports it
         failure = reason(error)
     return RunOutcome(None, failure, wall_s=time.monotonic() - begin)

@@ -60,8 +60,8 @@ def open_record(bag: Path) -> Iterator[Record]:
         InputError: it is not a bag or not a LitSim run, lacks attachments, or has messages of another version.
     """
     reader = BagReader(bag)
-    found = _decoded(reader)
-    info = found[RUN_INFO.name].get(0)
+    messages = _decoded(reader)
+    info = messages[RUN_INFO.name].get(0)
     if info is None:
         raise InputError(f"{reader.path}: no LitSim run: no message on {RUN_INFO.name}")
     with tempfile.TemporaryDirectory(prefix="litsim-rerun-") as folder:
@@ -69,8 +69,8 @@ def open_record(bag: Path) -> Iterator[Record]:
             reader.path,
             info,
             _scenario(reader, Path(folder)),
-            found,
-            _parameters(info, found[STATUS.name]),
+            messages,
+            _parameters(info, messages[STATUS.name]),
         )
         _note(record, reader)
         yield record
@@ -83,23 +83,23 @@ def _decoded(reader: BagReader) -> dict[str, dict[int, Any]]:
         here, there = type_hash(type_name(topic.type)), reader.topics[name].type_hash if name in reader.topics else ""
         if here and there and here != there:
             raise InputError(f"{reader.path}: {name} was recorded with another version of {type_name(topic.type)}")
-    found: dict[str, dict[int, Any]] = {name: {} for name in wanted}
+    messages: dict[str, dict[int, Any]] = {name: {} for name in wanted}
     for message in reader.messages(wanted):
-        kept = found[message.topic]
+        of_topic = messages[message.topic]
         try:
             decoded = deserialize_message(message.data, wanted[message.topic].type)
         except Exception as error:  # rclpy exports no class of the middleware's exceptions
             where = f"{reader.path}: {message.topic} at {message.log_time_ns * 1e-9:.1f} s"
             what = f"{type(error).__name__}: {' '.join(str(error).split())}"
             raise InputError(f"{where}: not a readable {type_name(wanted[message.topic].type)}: {what}") from error
-        info = found[RUN_INFO.name].get(0)
+        info = messages[RUN_INFO.name].get(0)
         if message.topic in (RUN_INFO.name, STATUS.name):
-            kept.setdefault(0 if message.topic == RUN_INFO.name else len(kept), decoded)
+            of_topic.setdefault(0 if message.topic == RUN_INFO.name else len(of_topic), decoded)
         elif info is None or decoded.run_id == info.run_id:
-            kept.setdefault(decoded.step, decoded)
-    if applied := found.pop(EGO_APPLIED.name):  # for an external ego, the commands that the bridge has applied
-        found[EGO_CONTROL.name] = applied
-    return found
+            of_topic.setdefault(decoded.step, decoded)
+    if applied := messages.pop(EGO_APPLIED.name):  # for an external ego, the commands that the bridge has applied
+        messages[EGO_CONTROL.name] = applied
+    return messages
 
 
 def _scenario(reader: BagReader, folder: Path) -> Scenario:
@@ -118,12 +118,14 @@ def _scenario(reader: BagReader, folder: Path) -> Scenario:
 
 def _parameters(info: Any, statuses: dict[int, Any]) -> dict[str, dict[str, Any]]:
     """Parameters by stage, from the run's configuration and from the stages' status when ready."""
-    told = {name: _flat(values) for name, values in _mapping(info.configuration).items() if isinstance(values, dict)}
+    parameters = {
+        name: _flat(values) for name, values in _mapping(info.configuration).items() if isinstance(values, dict)
+    }
     for status in statuses.values():
         if status.state == StageStatus.READY and (values := _mapping(status.text)):
             inner = values.get(status.stage)
-            told[status.stage] = _flat(inner if isinstance(inner, dict) else values)
-    return told
+            parameters[status.stage] = _flat(inner if isinstance(inner, dict) else values)
+    return parameters
 
 
 def _mapping(text: str) -> dict[str, Any]:
@@ -135,10 +137,10 @@ def _mapping(text: str) -> dict[str, Any]:
 
 
 def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    flat: dict[str, Any] = {}
     for name, value in values.items():
-        found |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
-    return found
+        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
+    return flat
 
 
 def _note(record: Record, reader: BagReader) -> None:

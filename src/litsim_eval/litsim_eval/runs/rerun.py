@@ -155,9 +155,9 @@ class Stage:
 
 def _core(record: Record, stage: str) -> Any:
     """The core of a stage, made by the function that its package registers, with the recorded parameters."""
-    made = configured((stage,), {stage: record.parameters.get(stage, {})}, record.info.ego)
+    cores = configured((stage,), {stage: record.parameters.get(stage, {})}, record.info.ego)
     of_run = () if stage == EGO else (record.info.policy,)
-    return made[stage](*of_run, record.scenario)
+    return cores[stage](*of_run, record.scenario)
 
 
 def _predictor(record: Record) -> Callable[..., Any]:

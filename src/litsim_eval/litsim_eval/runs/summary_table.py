@@ -143,24 +143,26 @@ def _table(headings: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]]
     table.add_column("", no_wrap=True)
     for heading in headings.values():
         table.add_column(heading, justify="right", no_wrap=True)
-    mine = [summary[variant] for variant in headings]
+    columns = [summary[variant] for variant in headings]
     for name, key in MEASURES.items():
-        if all(key in variant for variant in mine):
+        if all(key in variant for variant in columns):
             table.add_row(
                 name,
-                *(_cell(key, variant[key]) + _mark(key, variant) + _between(key, key, variant) for variant in mine),
+                *(_cell(key, variant[key]) + _mark(key, variant) + _between(key, key, variant) for variant in columns),
             )
     for horizon in map(str, HORIZONS_S):
         if any(variant["ade_all_m"][horizon] is not None for variant in summary.values()):
-            for key, whose in ((key, whose) for key, whose in DISPLACEMENTS if key in mine[0]):
+            for key, whose in ((key, whose) for key, whose in DISPLACEMENTS if key in columns[0]):
                 cells = (
                     f"{_cell(key, variant[key][horizon])}{_mark(key, variant)}"
                     f"{_between(key, f'{key}.{horizon}', variant)}{_reached(key, horizon, variant)}"
-                    for variant in mine
+                    for variant in columns
                 )
                 table.add_row(f"ADE@{horizon} s m, {whose}", *cells)
-    for name in mine[0].get(ADDED, {}):
-        table.add_row(title_of(name), *(_cell(name, variant[ADDED][name]) + _mark(name, variant) for variant in mine))
+    for name in columns[0].get(ADDED, {}):
+        table.add_row(
+            title_of(name), *(_cell(name, variant[ADDED][name]) + _mark(name, variant) for variant in columns)
+        )
     return table
 
 

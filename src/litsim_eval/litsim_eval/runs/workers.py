@@ -75,15 +75,15 @@ class Workers:
         """
         begin = time.monotonic()
         try:
-            found = self._ask(cases, folders)
+            outcomes = self._ask(cases, folders)
         except RunFailed as error:
             if len(cases) > 1:
                 return [self.run(case, folder) for case, folder in zip(cases, folders, strict=True)]
-            found = [str(error)]
+            outcomes = [str(error)]
         share = (time.monotonic() - begin) / len(cases)
         return [
             RunOutcome(None, each, wall_s=share) if isinstance(each, str) else RunOutcome(each, wall_s=share)
-            for each in found
+            for each in outcomes
         ]
 
     def _ask(self, cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Found]:
@@ -100,14 +100,14 @@ class Workers:
         worker: Worker = self._mine.worker
         try:
             worker.pipe.send((cases, folders))
-            found: list[Found] = worker.pipe.recv()
+            outcomes: list[Found] = worker.pipe.recv()
         except (EOFError, OSError):
             worker.process.join()
             status = worker.process.exitcode
             assert status is not None
             del self._mine.worker
             raise RunFailed(f"its process {how_it_ended(status)}") from None
-        return found
+        return outcomes
 
     def _started(self, start: Callable[..., BaseProcess]) -> Worker:
         """A new process."""
