@@ -42,7 +42,7 @@ class Contact:
 
 
 def contacts(tables: Iterable[AgentTable], dt: float) -> list[Contact]:
-    """The contacts in `tables`, ascending steps of `dt` [s], sorted by first step.
+    """Returns the contacts in `tables`, ascending steps of `dt` [s], sorted by first step.
 
     Touching edges do not count, nor do contacts among pedestrians and cyclists, which always follow the recording.
     """
@@ -72,19 +72,19 @@ class LogContacts:
                 self._lags.setdefault(each.agent, []).append((step, round(each.time_shift / run.info.dt)))
 
     def excuse(self, contact: Contact) -> bool:
-        """Whether the log has a contact of the pair at about that time, with or without the lag of either log."""
+        """Returns whether the log has a contact of the pair at about that time, with or without a lag of either log."""
         shifts = {0, *(self._lag(agent, contact.first) for agent in contact.pair)}
         logged: Sequence[Contact] = self._by_pair.get(contact.pair, ())
         first, last = contact.first - self._tolerance, contact.last + self._tolerance
         return any(each.first <= last - shift and first - shift <= each.last for shift in shifts for each in logged)
 
     def _lag(self, agent: int, step: int) -> int:
-        """Lag [steps] of the log of `agent` at `step`, as left by its last takeover until then."""
+        """Returns the lag [steps] of the log of `agent` at `step`, as left by its last takeover until then."""
         return next((lag for at, lag in reversed(self._lags.get(agent, [])) if at <= step), 0)
 
 
 def _overlaps(steps: Steps) -> list[tuple[int, Pair]]:
-    """Step and ids of each pair of overlapping boxes, except where both are pedestrians or cyclists."""
+    """Returns step and ids of each pair of overlapping boxes, except where both are pedestrians or cyclists."""
     table, pairs = steps.stacked, steps.overlaps
     pairs = pairs[~table.obstacle[pairs].all(axis=1)]
     at = steps.step[table.number[pairs[:, 0]]].tolist()
@@ -196,7 +196,7 @@ def collisions(run: Run) -> Collisions:
 
 
 def _rear_axle_of(run: Run) -> float:
-    """Distance of the ego's rear axle behind its box centre, as a share of its length, by the run's scenario."""
+    """Returns how far the ego's rear axle is behind its box centre by the run's scenario, as a share of its length."""
     vehicle = run.scenario.get("vehicle")
     return float(vehicle.get("rear_axle", REAR_AXLE)) if isinstance(vehicle, dict) else REAR_AXLE
 
@@ -212,7 +212,7 @@ def _first(made: Iterable[Contact]) -> dict[Pair, int]:
 def judge(
     table: AgentTable, ego: int, agent: int, lane_map: LaneMap | None = None, rear_axle: float = REAR_AXLE
 ) -> EgoContact:
-    """Kind and attribution of the contact between `ego` and `agent` in `table`.
+    """Returns kind and attribution of the contact between `ego` and `agent` in `table`.
 
     Order of tests, thresholds and attribution are those of nuPlan's no-at-fault-collision metric (Caesar et al. 2021,
     nuplan-devkit): the ego is at fault in contacts with a stopped track, in contacts of its front bumper, and in
@@ -253,7 +253,7 @@ def _verdict(table: AgentTable, e: int, a: int, rear_axle: float) -> Verdict:
 
 
 def _delta_v(table: AgentTable, e: int, a: int) -> float:
-    """Half the relative velocity [m/s]: a perfectly inelastic impact of equal masses."""
+    """Returns half the relative velocity [m/s]: a perfectly inelastic impact of equal masses."""
     yaw, speed = table.yaw[[e, a]], table.speed[[e, a]]
     difference = np.diff(np.stack([speed * np.cos(yaw), speed * np.sin(yaw)], axis=1), axis=0)
     return 0.5 * float(np.hypot(*difference[0]))

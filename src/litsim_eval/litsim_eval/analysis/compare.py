@@ -65,13 +65,13 @@ class Comparison:
         return not any(row.differs for row in self.rows if row.of_the_run)
 
     def to_json(self) -> dict[str, Any]:
-        """Names of the runs, whether they are equal, and all rows, as values for JSON."""
+        """Returns names of the runs, whether they are equal, and all rows, as values for JSON."""
         rows = [{"name": row.name, "values": list(row.values), "differs": row.differs} for row in self.rows]
         return {"runs": list(self.names), "equal": self.equal, "rows": rows}
 
 
 def compare(metrics: dict[str, dict[str, Any]]) -> Comparison:
-    """Compare trees of :func:`litsim_eval.analysis.metrics.compute_metrics`, keyed by name of the run.
+    """Compares trees of :func:`litsim_eval.analysis.metrics.compute_metrics`, keyed by name of the run.
 
     A branch of one run that is null in another has rows for its leaves alone.
     """
@@ -89,7 +89,7 @@ def compare(metrics: dict[str, dict[str, Any]]) -> Comparison:
 
 
 def load(path: Path) -> dict[str, Any]:
-    """Measures of a run, read from a JSON file or computed from a bag (a `metrics.json` beside it is ignored).
+    """Returns measures of a run, read from a JSON file or computed from a bag (a `metrics.json` beside it is ignored).
 
     Raises:
         InputError: `path` is neither.
@@ -106,7 +106,7 @@ def load(path: Path) -> dict[str, Any]:
 
 
 def names_of(paths: list[Path]) -> list[str]:
-    """Short unique names: as many of the last parts of the paths as it takes."""
+    """Returns short unique names: as many of the last parts of the paths as it takes."""
     parts = [path.resolve().with_suffix("").parts for path in paths]
     for count in range(1, max(map(len, parts)) + 1):
         names = ["/".join(p[-count:]) for p in parts]

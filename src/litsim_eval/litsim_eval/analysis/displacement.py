@@ -52,19 +52,19 @@ class Displacements:
         return tuple(h for h in HORIZONS_S if self._last(h) <= self.last_step)
 
     def ade_all(self, horizon: int) -> float | None:
-        """ADE [m] up to `horizon` [s] over all agents but the ego; None without agents."""
+        """Returns ADE [m] up to `horizon` [s] over all agents but the ego; None without agents."""
         return self._mean(horizon, lambda ids, _: ids != self.ego_id)
 
     def ade_controlled(self, horizon: int) -> float | None:
-        """ADE [m] up to `horizon` [s] over the agents under control at any step until then; all their steps count."""
+        """Returns ADE [m] up to `horizon` [s] over the agents under control until then; all their steps count."""
         return self._mean(horizon, lambda ids, controlled: np.isin(ids, ids[controlled]))
 
     def ade_ego(self, horizon: int) -> float | None:
-        """ADE [m] of the ego up to `horizon` [s]."""
+        """Returns ADE [m] of the ego up to `horizon` [s]."""
         return self._mean(horizon, lambda ids, _: ids == self.ego_id)
 
     def agent_steps(self, horizon: int) -> int:
-        """Agent-steps up to `horizon` [s] without the ego's: the denominator of :meth:`ade_all`."""
+        """Returns agent-steps up to `horizon` [s] without the ego's: the denominator of :meth:`ade_all`."""
         return int(np.count_nonzero((self.step <= self._last(horizon)) & (self.id != self.ego_id)))
 
     def by_agent(self) -> list[dict[str, Any]]:
@@ -89,7 +89,7 @@ class Displacements:
         }
 
     def replay_error(self) -> dict[int, float]:
-        """Largest distance [m] of each agent that was never under control, the ego excluded."""
+        """Returns the largest distance [m] of each agent that was never under control, the ego excluded."""
         apart = np.isin(self.id, self.id[self.controlled]) | (self.id == self.ego_id) | ~self.present
         ids, inverse = np.unique(self.id[~apart], return_inverse=True)
         largest = np.zeros(len(ids))

@@ -29,7 +29,7 @@ class ContactVerdict:
 
 
 def contact_verdicts(run: Run, hits: Collisions) -> list[ContactVerdict]:
-    """Verdicts on the ego's contacts, in the order of `hits`, the collisions of `run`."""
+    """Returns verdicts on the ego's contacts, in the order of `hits`, the collisions of `run`."""
     ego = run.info.ego_id
     return [
         ContactVerdict(

@@ -47,7 +47,7 @@ ROI_M = 30.0  # [m] default of a scenario without `roi_m`
 
 
 def compute_metrics(run: Run) -> dict[str, Any]:
-    """Every measure of a run: the tree of :class:`litsim_eval.analysis.metrics_tree.Metrics`.
+    """Returns every measure of a run: the tree of :class:`litsim_eval.analysis.metrics_tree.Metrics`.
 
     Measures cover the steps after the history. Rates are shares between 0 and 1; a measure with nothing to measure is
     None. Agents exclude the ego, except in `collision` and in progress.
@@ -121,12 +121,12 @@ def compute_metrics(run: Run) -> dict[str, Any]:
 
 
 def roi_of(run: Run) -> float:
-    """Radius [m] of the region of interest of the run's scenario."""
+    """Returns the radius [m] of the region of interest of the run's scenario."""
     return float(run.scenario.get("roi_m", ROI_M))
 
 
 def digest(run: Run) -> str:
-    """Digest of a run; equals the in-process runner's for an equal run."""
+    """Returns the digest of a run; equals the in-process runner's for an equal run."""
     total = RunDigest()
     for table in run.tables:
         total.update(table, run.controls.get(table.step), run.ego_commands.get(table.step))
@@ -134,7 +134,7 @@ def digest(run: Run) -> str:
 
 
 def write_metrics(metrics: dict[str, Any], path: Path) -> None:
-    """Write `metrics` as JSON.
+    """Writes `metrics` as JSON.
 
     Raises:
         InputError: `path` cannot be written, or a measure is not finite.
@@ -151,7 +151,7 @@ def write_metrics(metrics: dict[str, Any], path: Path) -> None:
 
 
 def _not_finite(value: Any, name: str = "") -> Iterator[str]:
-    """Paths of the numbers in the tree `value`, which is at `name`, that are not finite, joined by dots."""
+    """Yields paths of the numbers in the tree `value`, which is at `name`, that are not finite, joined by dots."""
     if isinstance(value, dict | list):
         for key, below in value.items() if isinstance(value, dict) else enumerate(value):
             yield from _not_finite(below, f"{name}.{key}" if name else str(key))
@@ -160,7 +160,7 @@ def _not_finite(value: Any, name: str = "") -> Iterator[str]:
 
 
 def _ended(run: Run) -> EndMetrics | None:
-    """Why and when the run ended; None if the recording does not say."""
+    """Returns why and when the run ended; None if the recording does not say."""
     end = run.ended
     if end is None:
         return None
@@ -215,7 +215,7 @@ def _collision(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> Co
 
 
 def _safety(run: Run, verdicts: list[ContactVerdict]) -> SafetyMetrics:
-    """Surrogate measures of the ego, and the verdicts of the careful driver on each of its contacts."""
+    """Returns surrogate measures of the ego, and the verdicts of the careful driver on each of its contacts."""
     tables, ego = run.simulated, run.info.ego_id
     series = safety_series(tables, ego)
     near = encroachments(tables, ego)
@@ -242,9 +242,10 @@ def _safety(run: Run, verdicts: list[ContactVerdict]) -> SafetyMetrics:
 
 
 def _own_ttc(run: Run, verdicts: list[ContactVerdict], shortest: float) -> float | None:
-    """Shortest time to collision [s] that the ego causes: 0 if a contact is its fault; others count until contact.
+    """Returns the shortest time to collision [s] that the ego causes: 0 for a contact at its fault.
 
-    Agents that the ego touches in the log too do not count: their recorded boxes are too large, or too close.
+    Other agents count until their contact. Those that the ego touches in the log too do not count: their recorded
+    boxes are too large, or too close.
 
     Args:
         run: the run.
@@ -258,7 +259,7 @@ def _own_ttc(run: Run, verdicts: list[ContactVerdict], shortest: float) -> float
 
 
 def _comfort(run: Run, hits: Collisions) -> ComfortMetrics:
-    """Comfort of the ego and, summarised, of the agents ever under control, with their guarded commands.
+    """Returns the comfort of the ego and, summarised, of the agents ever under control, with their guarded commands.
 
     Of the agents' hard brakes only those begun under control count; the others are the recording's.
     """
@@ -297,13 +298,13 @@ def _off_road_controlled(run: Run) -> float | None:
 
 
 def _naturalness(run: Run, agents: Set[int]) -> Naturalness:
-    """The judge of `agents` under the histograms of the log."""
+    """Returns the judge of `agents` under the histograms of the log."""
     lines = run_passages(run) or (), log_passages(run)
     return Naturalness(run.simulated, run.simulated_log, agents, lane_map_of(run), run.info.dt, *lines)
 
 
 def _realism(natural: Naturalness, controlled: Set[int], *, signals: bool) -> RealismMetrics | None:
-    """Likelihood of the agents ever under control, under the histograms of the log."""
+    """Returns the likelihood of the agents ever under control, under the histograms of the log."""
     likelihood = natural.of(controlled)
     if likelihood is None:
         return None
@@ -317,7 +318,7 @@ def _realism(natural: Naturalness, controlled: Set[int], *, signals: bool) -> Re
 
 
 def _near_ego_in_log(run: Run) -> set[int]:
-    """Agents whose logs enter the region of interest around the ego's log; the same for every policy."""
+    """Returns agents whose logs enter the region of interest around the ego's log; the same for every policy."""
     logged = run.simulated_log
     table = logged.stacked
     ego = logged.rows_of(np.array([run.info.ego_id]))[table.number, 0]
@@ -327,7 +328,7 @@ def _near_ego_in_log(run: Run) -> set[int]:
 
 
 def _signals(run: Run) -> SignalMetrics | None:
-    """Stop lines passed by all agents, and passed at red by the ego, by agents under control, and in the recording."""
+    """Stops lines passed by all agents, and passed at red by the ego, by agents under control, and in the recording."""
     passed = run_passages(run)
     if passed is None:
         return None

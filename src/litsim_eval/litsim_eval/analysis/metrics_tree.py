@@ -297,7 +297,7 @@ class MetricField:
         return bool(self.kinds & {int, float, list})
 
     def covers(self, name: str) -> bool:
-        """Whether `name` names this field."""
+        """Returns whether `name` names this field."""
         before, star, after = self.name.partition(ANY_KEY)
         if not star:
             return name == self.name
@@ -314,13 +314,13 @@ def leaves(tree: Mapping[str, Any], above: str = "") -> dict[str, Any]:
 
 @cache
 def metric_fields() -> tuple[MetricField, ...]:
-    """Every field that a run may have, in the order of `metrics.json`; of added measures, those that are installed."""
+    """Returns every field that a run may have, in the order of `metrics.json`, with the installed added measures."""
     own = tuple(field for field in _fields(Metrics, "") if not field.name.startswith(f"{ADDED}."))
     return (*own, *(MetricField(f"{ADDED}.{name}", frozenset({float})) for name in plugins.names(plugins.METRICS)))
 
 
 def find_field(name: str) -> MetricField:
-    """The field called `name`.
+    """Returns the field called `name`.
 
     Raises:
         ValueError: there is none; the message suggests similar names.
@@ -342,7 +342,7 @@ def _near(name: str) -> str:
 
 
 def _fields(annotation: Any, name: str) -> Iterator[MetricField]:
-    """The leaves of a type; a dictionary with unknown keys has one leaf."""
+    """Yields the leaves of a type; a dictionary with unknown keys has one leaf."""
     kind: Any = annotation
     keys: tuple[str, ...] = (ANY_KEY,)
     between = None

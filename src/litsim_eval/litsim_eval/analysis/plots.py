@@ -61,7 +61,7 @@ PAINT = "#ffffff"
 
 
 def overview(run: Run, path: Path) -> None:
-    """Draw a run as a PNG of 1600 x 1120 px: the scene at a telling moment, the ego's speed and its logged speed, and
+    """Draws a run as a PNG of 1600 x 1120 px: the scene at a telling moment, the ego's speed and its logged speed, and
     the number of agents off their logs.
 
     If the ego crosses an intersection, the scene is a plan view of it with the paths of all agents, above a diagram of
@@ -91,7 +91,7 @@ def overview(run: Run, path: Path) -> None:
 
 
 def _way(run: Run) -> FloatArray:
-    """(k, 2) positions of the ego [m]."""
+    """Returns (k, 2) positions of the ego [m]."""
     rows = [(table, table.row(run.info.ego_id)) for table in run.tables]
     return np.array([(table.x[row], table.y[row]) for table, row in rows if row >= 0]).reshape(-1, 2)
 
@@ -99,7 +99,7 @@ def _way(run: Run) -> FloatArray:
 def _intersection(
     figure: Figure, run: Run, moment: Moment, lane_map: LaneMap, crossings: FloatArray
 ) -> tuple[Axes, Axes]:
-    """Draw the intersection and its signals; return axes for the ego's speed and for the agents off their logs."""
+    """Draws the intersection and its signals; returns axes for the ego's speed and for the agents off their logs."""
     area = Area.around(np.concatenate([_way(run), crossings]))
     signals = run.signals
     passed = [each for each in run_passages(run) or [] if each.agent == run.info.ego_id]
@@ -127,7 +127,7 @@ def _intersection(
 
 
 def _plan(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap, area: Area) -> None:
-    """Draw the paths of all agents over the intersection, and their boxes at `moment`."""
+    """Draws the paths of all agents over the intersection, and their boxes at `moment`."""
     table, _ = _at(run, moment.step)
     draw_lanes(axes, lane_map)
     if run.signals is not None:
@@ -162,7 +162,7 @@ class Moment:
 
 
 def telling_moment(run: Run, entries: list[LedgerEntry]) -> Moment:
-    """The first contact that pure replay would have had, else the first takeover, the first contact, or the middle."""
+    """Returns the first contact that replay would have had, else the first takeover or contact, else the middle."""
     dt = run.info.dt
     for entry in entries:
         if entry.replay_step is not None and entry.replay_step <= entry.detected_step + entry.held_s / dt:
@@ -186,13 +186,13 @@ def _title(run: Run, entries: list[LedgerEntry]) -> str:
 
 
 def _at(run: Run, step: int) -> tuple[AgentTable, AgentTable | None]:
-    """The agents at the recorded step nearest to `step`, and those of the log."""
+    """Returns the agents at the recorded step nearest to `step`, and those of the log."""
     index = int(np.argmin([abs(table.step - step) for table in run.tables]))
     return run.tables[index], run.log[index] if run.log else None
 
 
 def _bird_view(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -> None:
-    """Draw the boxes around the ego in a frame whose x axis points along its lane."""
+    """Draws the boxes around the ego in a frame whose x axis points along its lane."""
     table, logged = _at(run, moment.step)
     row = table.row(run.info.ego_id)
     x, y, yaw = (
@@ -234,7 +234,7 @@ def _bird_view(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -
 
 
 def _legend_below(axes: Axes, handles: list[Any]) -> None:
-    """Draw a legend below the name of the x axis, however low the axes are."""
+    """Draws a legend below the name of the x axis, however low the axes are."""
     figure = axes.get_figure(root=True)
     assert figure is not None
     anchor = axes.transAxes + ScaledTranslation(0.0, -LEGEND_BELOW_PT / 72.0, figure.dpi_scale_trans)
@@ -247,7 +247,7 @@ def _fill(axes: Axes, boxes: FloatArray, **style: Any) -> None:
 
 
 def _draw_road(axes: Axes, lane_map: LaneMap, to_view: Any) -> tuple[float, float]:
-    """Draw the lanes with painted borders; return the lower and upper limit of the view's y axis [m]."""
+    """Draws the lanes with painted borders; returns the lower and upper limit of the view's y axis [m]."""
     window = shapely.box(-BEHIND, -60.0, AHEAD, 60.0)
     low, high = -6.0, 6.0
     for lane in lane_map.lanes:
@@ -270,7 +270,7 @@ def _boxes(table: AgentTable) -> FloatArray:
 
 
 def _space_time(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -> None:
-    """Draw the paths of the agents in the ego's lane and beside it over time, coloured by controller."""
+    """Draws the paths of the agents in the ego's lane and beside it over time, coloured by controller."""
     steps, route = run.steps, _route(run, lane_map)
     table = steps.stacked
     s, d = _along(route, table.x, table.y)
@@ -305,7 +305,7 @@ def _space_time(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) 
 
 
 def _route(run: Run, lane_map: LaneMap | None) -> shapely.LineString:
-    """The line along which positions are measured: from the ego's first pose along its lane, or straight ahead."""
+    """Returns the line along which positions are measured: the ego's lane from its first pose, or straight ahead."""
     table = next((t for t in run.tables if t.row(run.info.ego_id) >= 0), run.tables[0])
     row = max(0, table.row(run.info.ego_id))
     x, y, yaw = (values[row : row + 1] for values in (table.x, table.y, table.yaw))
@@ -317,7 +317,7 @@ def _route(run: Run, lane_map: LaneMap | None) -> shapely.LineString:
 
 
 def _along(route: shapely.LineString, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Positions of points along `route`, and their distances to its left [m]."""
+    """Returns positions of points along `route`, and their distances to its left [m]."""
     points = shapely.points(x, y)
     s = shapely.line_locate_point(route, points)
     foot, ahead = shapely.line_interpolate_point(route, s), shapely.line_interpolate_point(route, s + 1.0)
@@ -327,7 +327,7 @@ def _along(route: shapely.LineString, x: FloatArray, y: FloatArray) -> tuple[Flo
 
 
 def _logged_ego(run: Run) -> FloatArray:
-    """(k, 4) time [s], x, y [m] and speed [m/s] of the ego in the log."""
+    """Returns (k, 4) time [s], x, y [m] and speed [m/s] of the ego in the log."""
     rows = [(table, table.row(run.info.ego_id)) for table in run.log]
     states = [(t.step * run.info.dt, t.x[i], t.y[i], t.speed[i]) for t, i in rows if i >= 0]
     return np.array(states).reshape(-1, 4)
@@ -365,12 +365,12 @@ def _off_log(axes: Axes, run: Run, step: int) -> None:
 
 
 def _end(run: Run) -> float:
-    """Time [s] of the last recorded step, at least that of step 1, so that the time axis is never empty."""
+    """Returns the time [s] of the last recorded step, at least that of step 1, so that the time axis is never empty."""
     return max(run.tables[-1].step, 1) * run.info.dt
 
 
 def _mark(axes: Axes, run: Run, step: int) -> None:
-    """Mark the history, and the moment of the scene."""
+    """Marks the history, and the moment of the scene."""
     axes.axvspan(0.0, run.info.history_steps * run.info.dt, color="#f4f5f7", zorder=0)
     axes.axvline(step * run.info.dt, color=INK, lw=0.9, ls=":")
 

@@ -42,7 +42,7 @@ class Passage:
 
 
 def passages(signals: Signals, tables: Sequence[AgentTable]) -> list[Passage]:
-    """Passages of stop lines by vehicles in `tables`, which are consecutive steps; sorted by agent and step.
+    """Returns passages of stop lines by vehicles in `tables`, which are consecutive steps; sorted by agent and step.
 
     Pedestrians and cyclists are left out: they do not keep to lanes.
     """
@@ -72,15 +72,15 @@ def passages(signals: Signals, tables: Sequence[AgentTable]) -> list[Passage]:
 
 
 def run_passages(run: Run) -> list[Passage] | None:
-    """Passages after the history of a run; None if the scenario has no signals."""
+    """Returns passages after the history of a run; None if the scenario has no signals."""
     return None if run.signals is None else passages(run.signals, _driven(run, run.tables))
 
 
 def log_passages(run: Run) -> list[Passage]:
-    """Passages in the recording at the same steps; empty if the scenario has no signals."""
+    """Returns passages in the recording at the same steps; empty if the scenario has no signals."""
     return [] if run.signals is None else passages(run.signals, _driven(run, run.log))
 
 
 def _driven(run: Run, tables: Sequence[AgentTable]) -> list[AgentTable]:
-    """The tables from the last step of the history on: a passage needs the step before it."""
+    """Returns the tables from the last step of the history on: a passage needs the step before it."""
     return [table for table in tables if table.step >= run.info.history_steps]

@@ -68,12 +68,12 @@ RATIOS: dict[str, tuple[Figure, Figure]] = {
 
 
 def displacement(name: str, horizon: str) -> Figure:
-    """The figure `name` of :data:`DISPLACEMENTS` up to `horizon` [s]."""
+    """Returns the figure `name` of :data:`DISPLACEMENTS` up to `horizon` [s]."""
     return lambda run: run[name].get(horizon)
 
 
 def added(name: str) -> Figure:
-    """The figure of an added measure, see :mod:`litsim_eval.analysis.metric`."""
+    """Returns the figure of an added measure, see :mod:`litsim_eval.analysis.metric`."""
     return lambda run: run.get(ADDED, {}).get(name)
 
 
@@ -109,7 +109,7 @@ def summarise(runs: Iterable[Metrics], failed: int = 0) -> dict[str, Any]:
 
 
 def _known_sum(values: Iterable[float | None]) -> float | None:
-    """Sum of `values`; None if there are none, or if one is None."""
+    """Returns the sum of `values`; None if there are none, or if one is None."""
     addends = list(values)
     return None if None in addends or not addends else sum(value for value in addends if value is not None)
 

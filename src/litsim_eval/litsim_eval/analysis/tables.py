@@ -92,7 +92,7 @@ _MOTION = {  # bounded quantity of comfort: column
 
 
 def series_table(run: Run) -> pa.Table:
-    """One row per agent and step after the history, sorted by step and id; columns as SERIES.
+    """Returns one row per agent and step after the history, sorted by step and id; columns as SERIES.
 
     Missing values are null, never NaN or infinite.
     """
@@ -112,12 +112,12 @@ def series_table(run: Run) -> pa.Table:
 
 
 def takeovers_table(run: Run) -> pa.Table:
-    """One row per takeover, in order of detection; columns as TAKEOVERS."""
+    """Returns one row per takeover, in order of detection; columns as TAKEOVERS."""
     return _about(run, pa.Table.from_pylist([asdict(entry) for entry in ledger(run)], schema=TAKEOVERS))
 
 
 def write_tables(run: Run, folder: Path) -> None:
-    """Write :data:`SERIES_FILE` and :data:`TAKEOVERS_FILE` to `folder`.
+    """Writes :data:`SERIES_FILE` and :data:`TAKEOVERS_FILE` to `folder`.
 
     Raises:
         InputError: they cannot be written.
@@ -142,7 +142,7 @@ _CONTROLLERS = {each.value: each.name.lower() for each in Controller}
 
 
 def _surroundings(tables: Steps) -> dict[str, np.ndarray]:
-    """Measures between each agent and the others; missing values are infinite, missing ids -1."""
+    """Returns measures between each agent and the others; missing values are infinite, missing ids -1."""
     every = tables.stacked
     rows = np.arange(len(every))
     leaders = following(every, rows)
@@ -160,7 +160,7 @@ def _surroundings(tables: Steps) -> dict[str, np.ndarray]:
 
 
 def _deviations(run: Run, tables: Sequence[AgentTable]) -> dict[str, np.ndarray]:
-    """Distance from the logged pose, and speed minus the logged one; NaN where the log lacks the agent."""
+    """Returns the distance from the logged pose, and speed minus the logged one; NaN where the log lacks the agent."""
     far: list[np.ndarray] = []
     faster: list[np.ndarray] = []
     for table, logged in zip(tables, run.simulated_log or [AgentTable.empty(t.step) for t in tables], strict=True):
@@ -174,7 +174,7 @@ def _deviations(run: Run, tables: Sequence[AgentTable]) -> dict[str, np.ndarray]
 
 
 def _motion(columns: dict[str, np.ndarray], dt: float) -> dict[str, np.ndarray]:
-    """The quantities bounded by comfort; derivatives are NaN at an agent's first step."""
+    """Returns the quantities bounded by comfort; derivatives are NaN at an agent's first step."""
     order = np.lexsort((columns["step"], columns["agent"]))
     agent, step = columns["agent"][order], columns["step"][order]
     speed, acceleration, yaw_rate = (columns[n][order] for n in ("speed_mps", "acceleration_mps2", "yaw_rate_radps"))
@@ -198,13 +198,13 @@ def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _array(values: np.ndarray, kind: pa.DataType) -> pa.Array:
-    """A column with null for values that are not finite and for negative ids."""
+    """Returns a column with null for values that are not finite and for negative ids."""
     nothing = ~np.isfinite(values) if pa.types.is_floating(kind) else values < 0
     return pa.array(values, mask=nothing & (values.dtype != np.bool_)).cast(kind)
 
 
 def _about(run: Run, table: pa.Table) -> pa.Table:
-    """`table` with the run id as its first column, and RUN_KEYS as metadata."""
+    """Returns `table` with the run id as its first column, and RUN_KEYS as metadata."""
     about = {key: str(getattr(run.info, key)) for key in RUN_KEYS}
     run_id = pa.array([run.info.run_id] * len(table), TEXT)
     return table.add_column(0, "run_id", run_id).replace_schema_metadata(about)

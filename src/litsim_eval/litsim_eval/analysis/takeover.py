@@ -163,7 +163,7 @@ def _replay_contacts(run: Run, episodes: Sequence[Episode]) -> list[tuple[int, i
 
 
 def _away_from_log(run: Run) -> BoolArray:
-    """(m,) rows of the steps after the history with agents off their logs, or on them with a lag that still shows."""
+    """Returns (m,) whether each row after the history is of an agent off its log, or on it with a visible lag."""
     steps, table, log = run.simulated, run.simulated.stacked, run.simulated_log.stacked
     then = run.simulated_log.rows_of(steps.ids)[table.number, steps.agent]
     there = then >= 0
@@ -186,7 +186,7 @@ def handbacks(run: Run) -> list[Handback]:
 
 
 def jump(before: AgentTable, after: AgentTable, agent: int, dt: float) -> Jump:
-    """Jump of `agent` between consecutive steps `dt` [s] apart, by the limits of the vehicle model."""
+    """Returns the jump of `agent` between consecutive steps `dt` [s] apart, by the limits of the vehicle model."""
     i, j = before.row(agent), after.row(agent)
     limits = VehicleLimits()
     v0, v1 = _velocity(before, i), _velocity(after, j)
@@ -253,7 +253,7 @@ def _entry(run: Run, episode: Episode, contact: tuple[int, int] | None) -> Ledge
 
 
 def _ego_distance(run: Run, agent: int, step: int) -> float | None:
-    """Distance [m] between the centres of `agent` and the ego at `step`; None if either or the step is missing."""
+    """Returns the distance [m] between the centres of `agent` and the ego at `step`; None if either is missing."""
     at = int(run.steps.step.searchsorted(step))
     if at == len(run.tables) or run.tables[at].step != step:
         return None
@@ -263,7 +263,7 @@ def _ego_distance(run: Run, agent: int, step: int) -> float | None:
 
 
 def _outcome(run: Run, agent: int, last_step: int, *, released: bool) -> Outcome | None:
-    """Outcome of the takeover of `agent` with its last record at `last_step`."""
+    """Returns the outcome of the takeover of `agent` with its last record at `last_step`."""
     after = next((table for table in run.tables if table.step > last_step), None)
     if after is None:
         outlived = bool(run.log) and run.log[-1].row(agent) < 0
@@ -275,7 +275,7 @@ def _outcome(run: Run, agent: int, last_step: int, *, released: bool) -> Outcome
 
 
 def _handback(run: Run, index: int, agent: int) -> Handback:
-    """The return of `agent`, with its last step under control in the table at `index`."""
+    """Returns the return of `agent`, with its last step under control in the table at `index`."""
     lag = _lag(run, run.tables[index].step, agent)
     largest, noise = Jump(), Jump()
     for k in range(index, min(index + SETTLING_MAX, len(run.tables) - 1)):
@@ -294,13 +294,13 @@ def _handback(run: Run, index: int, agent: int) -> Handback:
 
 
 def _lag(run: Run, step: int, agent: int) -> int:
-    """Lag [steps] of the log of `agent` as of its takeover at `step`; 0 if no takeover was recorded."""
+    """Returns the lag [steps] of the log of `agent` as of its takeover at `step`; 0 if no takeover was recorded."""
     shift = next((t.time_shift for t in run.takeovers.get(step, ()) if t.agent == agent), 0.0)
     return round(shift / run.info.dt)
 
 
 def _logged(run: Run, index: int, agent: int, lag: int) -> AgentTable | None:
-    """The log `lag` steps before the table at `index`; None if it is missing or lacks `agent`."""
+    """Returns the log `lag` steps before the table at `index`; None if it is missing or lacks `agent`."""
     at = index - lag
     if not run.log or at < 0 or run.log[at].step != run.tables[index].step - lag:
         return None
@@ -308,7 +308,7 @@ def _logged(run: Run, index: int, agent: int, lag: int) -> AgentTable | None:
 
 
 def _from_log(run: Run, index: int, agent: int, lag: int) -> float | None:
-    """Distance [m] of `agent` in the table at `index` from its log `lag` steps before; None if unknown."""
+    """Returns the distance [m] of `agent` in the table at `index` from its log `lag` steps before; None if unknown."""
     logged, table = _logged(run, index, agent, lag), run.tables[index]
     if logged is None or table.row(agent) < 0:
         return None

@@ -37,18 +37,18 @@ class Memory:
     resident: list[float] = field(default_factory=list)
 
     def at(self, share: float) -> float:
-        """Resident memory [MB] after `share` of the run."""
+        """Returns the resident memory [MB] after `share` of the run."""
         return float(np.interp(share, self.share, self.resident))
 
     def slope(self, minutes: float) -> float:
-        """Growth [MB per simulated minute] after SETTLED in a run of `minutes`, by a fitted line."""
+        """Returns the growth [MB per simulated minute] after SETTLED in a run of `minutes`, by a fitted line."""
         share, resident = np.array(self.share), np.array(self.resident)
         settled = share >= SETTLED
         return float(np.polyfit(share[settled] * minutes, resident[settled], 1)[0])
 
 
 def measure_memory(agents: int, minutes: float) -> dict[str, Memory]:
-    """Run benchmark traffic for `minutes` in process, keeping no results, then over the graph with recording.
+    """Runs benchmark traffic for `minutes` in process, keeping no results, then over the graph with recording.
 
     Returns:
         memory by process.
@@ -65,7 +65,7 @@ def measure_memory(agents: int, minutes: float) -> dict[str, Memory]:
 
 
 def memory_in_process(scenario_file: Path) -> Memory:
-    """Memory of this process while it runs a scenario and keeps no results."""
+    """Returns memory of this process while it runs a scenario and keeps no results."""
     scenario, memory = Scenario.load(scenario_file), Memory()
     mirror = SumoMirror(scenario.net_path, scenario.seed, scenario.signals)
     for now in Runner(RunPlan(scenario, EGO, POLICY), mirror).steps():
@@ -76,7 +76,7 @@ def memory_in_process(scenario_file: Path) -> Memory:
 
 
 def memory_of_graph(scenario_file: Path, bag: Path) -> dict[str, Memory]:
-    """Memory of each process of a graph from step 0 of a run on, recorded to `bag`.
+    """Returns memory of each process of a graph from step 0 of a run on, recorded to `bag`.
 
     Raises:
         InputError: the run failed.
@@ -114,7 +114,7 @@ def memory_of_graph(scenario_file: Path, bag: Path) -> dict[str, Memory]:
 
 
 def children(parent: int) -> dict[str, int]:
-    """Ids of the LitSim processes that the process `parent` has started, by the name of their executable."""
+    """Returns ids of the LitSim processes that the process `parent` has started, by the name of their executable."""
     processes = {}
     for folder in Path("/proc").glob("[0-9]*"):
         try:
@@ -129,7 +129,7 @@ def children(parent: int) -> dict[str, int]:
 
 
 def resident_mb(process: int) -> float:
-    """Resident memory of a process [MB]; 0 if it has ended."""
+    """Returns the resident memory of a process [MB]; 0 if it has ended."""
     try:
         pages = int((Path("/proc") / str(process) / "statm").read_text().split()[1])
     except (OSError, IndexError):
@@ -138,7 +138,7 @@ def resident_mb(process: int) -> float:
 
 
 def memory_rows(found: Mapping[str, Memory], minutes: float) -> Iterator[list[str]]:
-    """Rows of the table: process, memory [MB] at the start, when settled, at the end; growth [MB per minute]."""
+    """Yields rows of the table: process, memory [MB] at the start, when settled, at the end; growth [MB per minute]."""
     for name, memory in found.items():
         figures = (memory.at(0.0), memory.at(SETTLED), memory.at(1.0))
         yield [name, *(f"{figure:.1f}" for figure in figures), f"{memory.slope(minutes):+.2f}"]

@@ -62,7 +62,7 @@ which is the rest of a step), parts of its way through the graph (medians), and 
 
 
 def columns_of_traffic(agents: int, seconds: float) -> Recording:
-    """A recording of `agents` vehicles in five lanes, all at 8 m/s and 10 m apart, for `seconds` [s].
+    """Returns a recording of `agents` vehicles in five lanes, all at 8 m/s and 10 m apart, for `seconds` [s].
 
     They are on the net of the demo; the ids go up from 1, lane by lane and then back along the road.
     """
@@ -83,7 +83,7 @@ def columns_of_traffic(agents: int, seconds: float) -> Recording:
 
 
 def write_scenario(folder: Path, agents: int, seconds: float) -> Path:
-    """Write a scenario of :func:`columns_of_traffic` on a straight road, with the ego in the middle.
+    """Writes a scenario of :func:`columns_of_traffic` on a straight road, with the ego in the middle.
 
     The ego keeps a longer headway than its log and falls back, so that agents behind it are taken over.
     """
@@ -105,7 +105,7 @@ def write_scenario(folder: Path, agents: int, seconds: float) -> Path:
 
 
 def straight_road(length: float) -> str:
-    """A SUMO net of one straight road along +x, `length` [m] long, whose leftmost lane has its left edge at y = 0."""
+    """Returns a SUMO net of a straight road along +x, `length` [m] long, whose left edge is at y = 0."""
     centres = [-LANE_WIDTH * (LANES - lane - 0.5) for lane in range(LANES)]  # SUMO counts from the right
     lanes = "".join(
         f'<lane id="road_{lane}" index="{lane}" speed="36.00" length="{length:.2f}" width="{LANE_WIDTH}" '
@@ -149,7 +149,7 @@ class TimedMirror(SumoMirror):
 
 
 def time_in_process(scenario_file: Path, *, sumo: bool) -> Sample:
-    """Time the steps after the history in a run in this process; by stage with SUMO, as a whole without."""
+    """Times the steps after the history in a run in this process; by stage with SUMO, as a whole without."""
     scenario = Scenario.load(scenario_file)
     mirror = TimedMirror(scenario) if sumo else None
     runner = Runner(RunPlan(scenario, EGO, POLICY), mirror)
@@ -172,7 +172,7 @@ def time_in_process(scenario_file: Path, *, sumo: bool) -> Sample:
 
 
 def time_graph(scenario_file: Path, bag: Path, options: Sequence[str] = ()) -> Sample:
-    """Time the steps after the history in a run over DDS, recorded to `bag`, with further `options` of the launcher.
+    """Times the steps after the history in a run over DDS, recorded to `bag`, with further `options` of the launcher.
 
     Raises:
         InputError: the run failed.
@@ -192,7 +192,7 @@ def launch(scenario_file: Path, bag: Path, *options: str) -> None:
 
 
 def graph_sample(run: Run) -> Sample:
-    """Times of the steps after the history in a run over DDS, from the recorded marks of bridge and stages."""
+    """Returns times of the steps after the history in a run over DDS, from the recorded marks of bridge and stages."""
     begins = {step: at["begin"] for step, at in run.marks[BRIDGE].items() if step >= run.info.history_steps}
     first, last = min(begins), max(begins)
     whole = 1e3 * (begins[last] - begins[first]) / (last - first)
@@ -206,7 +206,7 @@ def graph_sample(run: Run) -> Sample:
 
 
 def time_recording(bag: Path, folder: Path) -> Sample:
-    """Time the writing of the messages of `bag`: the work of the recorder per step without receiving them."""
+    """Times the writing of the messages of `bag`: the work of the recorder per step without receiving them."""
     reader = BagReader(bag)
     messages = list(reader.messages())
     steps = 1 + round(max(message.log_time_ns for message in messages) * 1e-9 / STEP_S)
@@ -220,7 +220,7 @@ def time_recording(bag: Path, folder: Path) -> Sample:
 
 
 def time_highway_env(python: Path, script: Path, agents: int, steps: int) -> Sample:
-    """Time highway-env with as many vehicles, at the same 10 Hz, with `python` of its own environment.
+    """Times highway-env with as many vehicles, at the same 10 Hz, with `python` of its own environment.
 
     Raises:
         InputError: it cannot be run.
@@ -237,7 +237,7 @@ def measure(
     done: Callable[[], object],
     options: Sequence[str] = (),
 ) -> list[Sample]:
-    """Measure everything `repeats` times with one number of agents.
+    """Measures everything `repeats` times with one number of agents.
 
     Args:
         folder: for the scenario and the records.
@@ -268,13 +268,13 @@ def measure(
 
 
 def spread(samples: Sequence[Sample], name: str) -> str:
-    """The figure `name` over the repetitions, as `median (minimum to maximum)`."""
+    """Returns the figure `name` over the repetitions, as `median (minimum to maximum)`."""
     values = [sample[name] for sample in samples]
     return f"{statistics.median(values):.2f} ({min(values):.2f} to {max(values):.2f})"
 
 
 def table_rows(by_agents: dict[int, list[Sample]]) -> Iterator[list[str]]:
-    """Rows of the table: name, and figure for each number of agents; a dash if it was not measured."""
+    """Yields rows of the table: name, and figure for each number of agents; a dash if it was not measured."""
     path = dict.fromkeys(name for each in by_agents.values() for name in each[0] if name.startswith(PATH))
     for name in (*PARTS, IN_PROCESS, WITHOUT_SUMO, GRAPH, *path, HIGHWAY_ENV, *RATIOS):
         if any(name in samples[0] for samples in by_agents.values()):
@@ -283,7 +283,7 @@ def table_rows(by_agents: dict[int, list[Sample]]) -> Iterator[list[str]]:
 
 
 def execute(program: Path, *arguments: str, environment: Mapping[str, str] | None = None) -> str:
-    """Run a program, outside of this process's ROS domain, and return its standard output.
+    """Runs a program, outside of this process's ROS domain, and returns its standard output.
 
     `environment` replaces the environment of this process; None keeps it.
 

@@ -75,12 +75,12 @@ class Side:
 
     @classmethod
     def here(cls) -> Side:
-        """The checkout of this process."""
+        """Returns the checkout of this process."""
         return cls((sys.executable,), os.environ)
 
     @classmethod
     def beside(cls, checkout: Path) -> Side:
-        """Another checkout of this layout, which must be built.
+        """Returns another checkout of this layout, which must be built.
 
         Raises:
             InputError: it is not a checkout of LitSim.
@@ -91,7 +91,7 @@ class Side:
         return cls((str(checkout.absolute() / "litsim"), "exec", "python"), environment)
 
     def rates(self, module: str, *arguments: str, answers_no: bool = False) -> Callable[[str, float], Sample]:
-        """Run and time a program of the checkout.
+        """Runs and times a program of the checkout.
 
         Args:
             module, arguments: the program.
@@ -111,7 +111,7 @@ class Side:
 
 
 def time_evaluation(side: Side, scenarios: Sequence[str], egos: str, processes: int, out: Path) -> Sample:
-    """Time `evaluate` with :data:`POLICIES` on `egos` of `scenarios`, in process.
+    """Times `evaluate` with :data:`POLICIES` on `egos` of `scenarios`, in process.
 
     Raises:
         InputError: it fails.
@@ -124,7 +124,7 @@ def time_evaluation(side: Side, scenarios: Sequence[str], egos: str, processes: 
 
 
 def generated_data(side: Side, out: Path) -> Path:
-    """Let `train` generate its segments, and return their folder; each checkout reads its own.
+    """Lets `train` generate its segments, and returns their folder; each checkout reads its own.
 
     Raises:
         InputError: it fails.
@@ -134,7 +134,7 @@ def generated_data(side: Side, out: Path) -> Path:
 
 
 def _train(side: Side, out: Path) -> Callable[[str, float], Sample]:
-    """Run and time `train`; see :meth:`Side.rates`."""
+    """Runs and times `train`; see :meth:`Side.rates`."""
     out.mkdir(parents=True, exist_ok=True)
     config = out / "config.yaml"
     config.write_text(yaml.safe_dump(TRAINING))
@@ -142,7 +142,7 @@ def _train(side: Side, out: Path) -> Callable[[str, float], Sample]:
 
 
 def time_training(side: Side, data: Path, out: Path) -> Sample:
-    """Time `train` on the generated segments in `data`, including its start-up and its warm start.
+    """Times `train` on the generated segments in `data`, including its start-up and its warm start.
 
     Raises:
         InputError: it fails.
@@ -164,7 +164,7 @@ def measure_throughput(
     pairs: int,
     done: Callable[[], object],
 ) -> dict[str, list[Sample]]:
-    """Time this checkout and the one `beside` alternately.
+    """Times this checkout and the one `beside` alternately.
 
     Args:
         folder: for the output of the programs.
@@ -195,6 +195,6 @@ def measure_throughput(
 
 
 def throughput_rows(found: Mapping[str, Sequence[Sample]]) -> Iterator[list[str]]:
-    """Rows of the table: name, and median (minimum to maximum) for each side and for the ratio."""
+    """Yields rows of the table: name, and median (minimum to maximum) for each side and for the ratio."""
     for figure in FIGURES:
         yield [figure, *(spread(samples, figure) for samples in found.values())]

@@ -91,7 +91,7 @@ class Case:
         return by_stage((*name.split(".", 1), value) for name, value in values.items())
 
     def to_json(self) -> dict[str, Any]:
-        """The case as values for JSON; the inverse of :meth:`from_json`."""
+        """Returns the case as values for JSON; the inverse of :meth:`from_json`."""
         return {
             "id": self.id,
             "key": self.key,
@@ -113,7 +113,7 @@ class Case:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Case:
-        """The inverse of :meth:`to_json`; raises KeyError or ValueError for other values."""
+        """Returns what :meth:`to_json` was made of; raises KeyError or ValueError for other values."""
         apart = ("ego", "parameters", "end_after_contact_s", "execution_mode")
         own = {field: values[field] for field in cls.__dataclass_fields__ if field not in apart}
         own |= {
@@ -126,7 +126,7 @@ class Case:
 
 
 def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, str] | None = None) -> list[Case]:
-    """Every case of a suite, sorted by variant, seed and entry.
+    """Returns every case of a suite, sorted by variant, seed and entry.
 
     Entries that give the same run are one case, with the tags and events of all.
 
@@ -163,7 +163,7 @@ def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, s
 
 
 def chosen_egos(choice: EgoChoice | Sequence[int], scenario: Scenario) -> tuple[int, ...]:
-    """Ids of the vehicles of `scenario` that are the ego, one run each.
+    """Returns ids of the vehicles of `scenario` that are the ego, one run each.
 
     Raises:
         InputError: the scenario lists none, or one that was chosen is not present at its start.
@@ -184,7 +184,7 @@ def chosen_egos(choice: EgoChoice | Sequence[int], scenario: Scenario) -> tuple[
 
 
 def code_versions() -> dict[str, str]:
-    """Versions of the dependencies of a run, and as `sources` a digest of all files of the packages with stages."""
+    """Returns versions of the dependencies of a run, and as `sources` a digest of the packages with stages."""
     return {**versions(), "sources": _sources()}
 
 
@@ -210,7 +210,7 @@ class _Road:
 
 
 def _variants(suite: Suite) -> Iterator[_Variant]:
-    """Ego, policy, parameters and label of every variant: each ego with each policy and combination of parameters.
+    """Yields every variant: each ego with each policy and combination of parameters.
 
     Parameters of the policy's stages make no variants of a replay, which has none of these stages. Labels tell the
     parameters that have several values, and those of the ego or the policy that the suite replaces.
@@ -291,7 +291,7 @@ def _case(
 
 
 def _check_scenario_names(suite: Suite) -> None:
-    """Check that the scenarios' files have unique names, by which runs are distinguished.
+    """Checks that the scenarios' files have unique names, by which runs are distinguished.
 
     Raises:
         InputError: two files have the same name.
@@ -332,7 +332,7 @@ def _file_digest(path: Path, size: int, changed_ns: int) -> str:  # noqa: ARG001
 
 
 def _files(values: Sequence[Any]) -> dict[str, str]:
-    """Digests of those of `values` that are paths of files, such as scripts of a command and weights."""
+    """Returns digests of those of `values` that are paths of files, such as scripts of a command and weights."""
     paths = [Path(value) for value in values if isinstance(value, str) and value]
     return {str(path): file_digest(path.resolve()) for path in paths if path.is_file()}
 

@@ -172,7 +172,7 @@ class CampaignComparison:
 
 
 def compare_campaigns(before: Campaign, after: Campaign) -> CampaignComparison:
-    """Compare two campaigns; their cases are matched by :attr:`litsim_eval.campaign.case.Case.key`.
+    """Compares two campaigns; their cases are matched by :attr:`litsim_eval.campaign.case.Case.key`.
 
     Raises:
         InputError: they have no case in common.

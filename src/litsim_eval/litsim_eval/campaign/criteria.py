@@ -99,7 +99,7 @@ class Limits(BaseModel):
         return self.name or f"{self.measure} {self.limit}"
 
     def judge(self, value: Value | None) -> CriterionResult:
-        """Check `value` against the limits; None stands for a missing measure."""
+        """Checks `value` against the limits; None stands for a missing measure."""
         if value is None:
             passed = self.when_missing == "pass"
             fault = "is missing"
@@ -118,7 +118,7 @@ class Limits(BaseModel):
 
 
 def _check_kinds(criterion: Limits, field: MetricField) -> None:
-    """Check that the limits are of the type of the field.
+    """Checks that the limits are of the type of the field.
 
     Raises:
         ValueError: one is not.
@@ -136,7 +136,7 @@ def _check_kinds(criterion: Limits, field: MetricField) -> None:
 
 
 def _check_between(criterion: Limits, field: MetricField, values: Sequence[Value]) -> None:
-    """Check that the limits are within the range of the field: others would be met never, or always.
+    """Checks that the limits are within the range of the field: others would be met never, or always.
 
     Raises:
         ValueError: one is not.
@@ -161,7 +161,7 @@ class Criterion(Limits):
         return self
 
     def of_run(self, metrics: Mapping[str, Any]) -> CriterionResult:
-        """Judge one run by its measures."""
+        """Judges one run by its measures."""
         return self.judge(counted(leaves(metrics).get(self.field)))
 
 
@@ -205,7 +205,7 @@ class SuiteCriterion(Limits):
         return min((float(value) for value in values), default=-inf if self.min is None else self.min)
 
     def of_runs(self, outcomes: Sequence[Outcome]) -> CriterionResult:
-        """Judge all runs of a campaign."""
+        """Judges all runs of a campaign."""
         if self.aggregate is None:
             return self.judge(_counts(outcomes)[self.field])
         values = [counted(leaves(outcome.metrics or {}).get(self.field)) for outcome in outcomes]
@@ -242,7 +242,7 @@ class Criteria(BaseModel):
     suite: Annotated[list[SuiteCriterion], Field(min_length=1)] = [ALL_PASS]
 
     def of_runs(self, outcomes: Sequence[Outcome]) -> tuple[CriterionResult, ...]:
-        """Judge all cases of a campaign, whether they were run or not.
+        """Judges all cases of a campaign, whether they were run or not.
 
         Runs that are errors fail it, unless :attr:`suite` limits the number of passes or errors; so do cases that have
         not been run, unless it limits their number.
@@ -253,7 +253,7 @@ class Criteria(BaseModel):
         return tuple(criterion.of_runs(outcomes) for criterion in (*self.suite, *more))
 
     def check_counts(self, runs: int) -> None:
-        """Refuse limits on :data:`COUNTS` that a campaign of `runs` runs can never meet.
+        """Refuses limits on :data:`COUNTS` that a campaign of `runs` runs can never meet.
 
         Raises:
             ValueError: there is one; the message begins with its place among these fields.
@@ -273,7 +273,7 @@ class Criteria(BaseModel):
 
     @classmethod
     def load(cls, name_or_path: str = DEFAULT, folder: Path | None = None) -> Criteria:
-        """Read the packaged set :data:`DEFAULT`, or a file, relative to `folder`.
+        """Reads the packaged set :data:`DEFAULT`, or a file, relative to `folder`.
 
         Raises:
             InputError: the file cannot be read, or a field does not fit.

@@ -20,7 +20,7 @@ _NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def write_junit(campaign: Campaign, path: Path) -> None:
-    """Write the verdicts of `campaign` to `path`.
+    """Writes the verdicts of `campaign` to `path`.
 
     A test suite is a variant, a test one of its cases; a criterion that is not met is a failure, a run that could not
     be judged or was not run an error. The last test suite holds the criteria of the campaign as a whole.
@@ -73,7 +73,7 @@ def _criterion(criterion: CriterionResult, of: str) -> TestCase:
 
 
 def _files(result: RunResult) -> list[str]:
-    """Files with details of a run, relative to the folder of the campaign."""
+    """Returns files with details of a run, relative to the folder of the campaign."""
     folder = f"{RUNS_FOLDER}/{result.case.id}"
     return [f"{what}: {folder}/{name}" for what, name in (("report", result.report), ("log", result.log)) if name]
 
@@ -84,5 +84,5 @@ def _with_text(element: Failure | Error, text: str) -> Failure | Error:
 
 
 def _clean(text: str) -> str:
-    """`text` without the control characters that XML cannot hold, as logs of stacks have them."""
+    """Returns `text` without the control characters that XML cannot hold, as logs of stacks have them."""
     return _NO_XML.sub("", text)

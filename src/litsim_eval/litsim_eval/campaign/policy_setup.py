@@ -45,12 +45,12 @@ class PolicySetup(BaseModel):
 
 
 def packaged_setups() -> tuple[str, ...]:
-    """Names of the packaged setups, sorted."""
+    """Returns names of the packaged setups, sorted."""
     return tuple(sorted(path.stem for path in packaged(SETUPS, PACKAGE).glob("*.yaml")))
 
 
 def setup_of(policy: str | PolicySetup) -> PolicySetup:
-    """The setup that an entry of a suite means: itself, a packaged one by its name, or a policy as it comes."""
+    """Returns the setup that an entry of a suite means: itself, a packaged one by its name, or a policy as it comes."""
     if isinstance(policy, PolicySetup):
         return policy
     return PolicySetup(name=policy, kind=policy) if policy in policy_names() else _packaged(policy)
@@ -64,7 +64,7 @@ def _packaged(name: str) -> PolicySetup:
 
 
 def stage_and_name(name: Any) -> str:
-    """Check that `name` has the form of a parameter, such as conflict.horizon, and return it.
+    """Checks that `name` has the form of a parameter, such as conflict.horizon, and returns it.
 
     Raises:
         ValueError: it is not.

@@ -52,7 +52,7 @@ class RunResult:
 
     @classmethod
     def judged(cls, case: Case, metrics: Mapping[str, Any], criteria: Criteria, **files: Any) -> RunResult:
-        """The result of a run that was measured; `files` are further fields. One that is not valid is an error."""
+        """Returns the result of a run that was measured, an error if it is not valid; `files` are further fields."""
         if not metrics["valid"]:
             return cls.error(case, f"the run is not valid: {metrics['why']}", metrics=metrics, **files)
         judged = tuple(criterion.of_run(metrics) for criterion in criteria.runs)
@@ -62,19 +62,19 @@ class RunResult:
 
     @classmethod
     def error(cls, case: Case, reason: str, metrics: Mapping[str, Any] | None = None, **files: Any) -> RunResult:
-        """The result of a run that could not be judged, and why; `files` are further fields."""
+        """Returns the result of a run that could not be judged, and why; `files` are further fields."""
         one_line = " ".join(reason.split())
         return cls(case, Verdict.ERROR, one_line, (), metrics, **({"finished_at": now()} | files))
 
     def judged_again(self, criteria: Criteria) -> RunResult:
-        """The same run judged by other criteria; an error stays one."""
+        """Returns the same run judged by other criteria; an error stays one."""
         if self.verdict == Verdict.ERROR or self.metrics is None:
             return self
         files = {name: getattr(self, name) for name in ("recording", "report", "log", "wall_s", "finished_at")}
         return RunResult.judged(self.case, self.metrics, criteria, **files)
 
     def to_json(self) -> dict[str, Any]:
-        """The result as values for JSON; the inverse of :meth:`from_json`."""
+        """Returns the result as values for JSON; the inverse of :meth:`from_json`."""
         own = {name: getattr(self, name) for name in self.__dataclass_fields__}
         own |= {"case": self.case.to_json(), "verdict": self.verdict.value}
         own |= {"criteria": [asdict(each) for each in self.criteria]}
@@ -82,7 +82,7 @@ class RunResult:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> RunResult:
-        """The inverse of :meth:`to_json`; raises KeyError, TypeError or ValueError for other values."""
+        """Returns what :meth:`to_json` was made of; raises KeyError, TypeError or ValueError for other values."""
         own = {name: values[name] for name in cls.__dataclass_fields__}
         own |= {"case": Case.from_json(values["case"]), "verdict": Verdict(values["verdict"])}
         own |= {"criteria": tuple(CriterionResult(**each) for each in values["criteria"])}
@@ -139,12 +139,12 @@ class Campaign:
 
 
 def is_campaign(path: Path) -> bool:
-    """Whether `path` is the folder of a campaign."""
+    """Returns whether `path` is the folder of a campaign."""
     return (path / CAMPAIGN_FILE).is_file()
 
 
 def read_campaign(path: Path) -> Campaign:
-    """Read the campaign in the folder `path`, finished or not.
+    """Reads the campaign in the folder `path`, finished or not.
 
     Raises:
         InputError: there is none, or one of its files is damaged or of another format.
@@ -167,7 +167,7 @@ def read_campaign(path: Path) -> Campaign:
 
 
 def read_results(path: Path, cases: Iterable[Case]) -> list[RunResult]:
-    """Results of those of `cases` that are finished, in their order, from the folder `path`.
+    """Returns results of those of `cases` that are finished, in their order, from the folder `path`.
 
     Name, tags and events are those of `cases`: they may have been added to the suite since.
 
@@ -191,7 +191,7 @@ def read_results(path: Path, cases: Iterable[Case]) -> list[RunResult]:
 
 
 def _again(file: Path) -> str:
-    """A hint on the `file` of a result that cannot be used."""
+    """Returns a hint on the `file` of a result that cannot be used."""
     return f"; once the folder {file.parent} is removed, evaluate runs this case again"
 
 
@@ -207,5 +207,5 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def now() -> str:
-    """Date and time, ISO 8601, UTC."""
+    """Returns date and time, ISO 8601, UTC."""
     return datetime.now(UTC).isoformat(timespec="seconds")

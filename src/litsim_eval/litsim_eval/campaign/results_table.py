@@ -35,7 +35,7 @@ OF_THE_RUN = pa.schema(
 
 
 def write_results_table(results: Sequence[RunResult], path: Path) -> None:
-    """Write :func:`results_table` to `path`.
+    """Writes :func:`results_table` to `path`.
 
     Raises:
         Unwritable: it cannot be written.
@@ -45,7 +45,7 @@ def write_results_table(results: Sequence[RunResult], path: Path) -> None:
 
 
 def results_table(results: Sequence[RunResult]) -> pa.Table:
-    """The results as a table: :data:`OF_THE_RUN`, then each measure that is a number, a boolean or a list.
+    """Returns the results as a table: :data:`OF_THE_RUN`, then each measure that is a number, a boolean or a list.
 
     A column is called by the dotted path of its measure in `metrics.json`. Of a list it has the length, as in criteria.
     A value is null if a run does not have the measure, or could not be measured.

@@ -71,7 +71,7 @@ class CaseEntry(BaseModel):
     _place: tuple[Path, int] | None = PrivateAttr(None)
 
     def within(self, suite: Path, number: int) -> CaseEntry:
-        """The same, as entry `number` of the file of a `suite`, which :attr:`place` names."""
+        """Returns the same, as entry `number` of the file of a `suite`, which :attr:`place` names."""
         entry = self.model_copy()
         entry._place = suite, number  # noqa: SLF001 - of this class
         return entry
@@ -181,7 +181,7 @@ class Suite(BaseModel):
     @field_validator("parameters", mode="before")
     @classmethod
     def _check_parameters(cls, values: Any) -> Any:
-        """A single value is a list of one."""
+        """Makes a single value a list of one."""
         if not isinstance(values, dict):
             return values
         return {stage_and_name(name): v if isinstance(v, list) else [v] for name, v in values.items()}
@@ -208,7 +208,7 @@ class Suite(BaseModel):
 
     @classmethod
     def load(cls, name: str | Path, among: Sequence[Path] = ()) -> Suite:
-        """Read a suite; scenarios, a file of criteria and suites that it includes are found relative to its file.
+        """Reads a suite; scenarios, a file of criteria and suites that it includes are found relative to its file.
 
         Args:
             name: a packaged name, or a YAML file.
@@ -236,7 +236,7 @@ class Suite(BaseModel):
 
 
 def place_of(name: str | Path, setting: tuple[str, Any] | None) -> str:
-    """Where a suite, by its name or file, gives a parameter, `stage.name`, this value: by file, line and field.
+    """Returns where a suite, by its name or file, gives a parameter, `stage.name`, this value: by file, line and field.
 
     The suite alone if it does not, or without a `setting`.
     """
@@ -255,12 +255,12 @@ def place_of(name: str | Path, setting: tuple[str, Any] | None) -> str:
 
 
 def packaged_suites() -> tuple[str, ...]:
-    """Names of the packaged suites, sorted."""
+    """Returns names of the packaged suites, sorted."""
     return tuple(sorted(path.stem for path in packaged(SUITES, PACKAGE).glob("*.yaml")))
 
 
 def located(scenario: str, folder: Path) -> str:
-    """A scenario as :meth:`litsim_sim.scenario.scenario.Scenario.load` finds it from anywhere.
+    """Returns a scenario as :meth:`litsim_sim.scenario.scenario.Scenario.load` finds it from anywhere.
 
     A packaged name stays as it is; the path of a file, relative to `folder`, becomes absolute.
     """
@@ -268,7 +268,7 @@ def located(scenario: str, folder: Path) -> str:
 
 
 def _files(scenario: str, suite: Path) -> list[str]:
-    """The scenarios of an entry of a `suite`, sorted: one, or as many as there are files of the pattern.
+    """Returns the scenarios of an entry of a `suite`, sorted: one, or as many as there are files of the pattern.
 
     Raises:
         InputError: it is a pattern, and there is none.
@@ -283,7 +283,7 @@ def _files(scenario: str, suite: Path) -> list[str]:
 
 
 def _suite_file(name: str | Path) -> Path:
-    """The file of a suite, packaged or not.
+    """Returns the file of a suite, packaged or not.
 
     Raises:
         InputError: there is no such suite.

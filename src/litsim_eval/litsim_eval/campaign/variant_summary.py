@@ -23,7 +23,7 @@ VERDICTS = {"passed": Verdict.PASSED, "not_passed": Verdict.FAILED, "errors": Ve
 
 
 def variant_summary(results: Sequence[RunResult]) -> dict[str, Any]:
-    """Measures as of :func:`litsim_eval.analysis.summary.summarise`, and how many of the runs have which verdict.
+    """Returns measures as :func:`litsim_eval.analysis.summary.summarise` does, and how many runs have which verdict.
 
     Verdicts are counted as `passed`, `not_passed` (by a criterion) and `errors`; `passed_share` is that of all runs,
     None without runs.
@@ -37,7 +37,7 @@ def variant_summary(results: Sequence[RunResult]) -> dict[str, Any]:
 
 
 def variant_bounds(results: Sequence[RunResult]) -> Bounds:
-    """Bounds of the sums, means and shares of :func:`variant_summary`.
+    """Returns bounds of the sums, means and shares of :func:`variant_summary`.
 
     They are 95 % intervals by the bootstrap over the vehicles that are the ego: all runs of one vehicle of a scenario
     are drawn together, since its seeds resemble each other. There are no bounds of maxima, of figures that are the same
@@ -59,7 +59,7 @@ def variant_bounds(results: Sequence[RunResult]) -> Bounds:
 
 
 def _figures(results: Sequence[RunResult]) -> Iterator[tuple[str, FloatArray, FloatArray | None]]:
-    """Each figure: its name, and what each run (n,) adds to its numerator and its denominator; None for a sum."""
+    """Yields each figure: name, and what each run (n,) adds to numerator and denominator, which is None for a sum."""
     measured = np.array([result.metrics is not None for result in results])
 
     def values(figure: Figure) -> FloatArray:

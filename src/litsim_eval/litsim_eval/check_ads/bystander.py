@@ -85,7 +85,7 @@ class Bystander:
         rclpy.shutdown(context=self._context)
 
     def start(self) -> None:
-        """Reset the time from which :attr:`discovered_s` counts."""
+        """Resets the time from which :attr:`discovered_s` counts."""
         self._began = time.monotonic()
 
     @property
@@ -105,14 +105,14 @@ class Bystander:
         return all(self._node.count_publishers(topic.name) for topic in (EGO_STATE, DIAGNOSTICS))
 
     def listen(self, seconds: float) -> None:
-        """Process messages for `seconds`, then look at the endpoints of the graph."""
+        """Processes messages for `seconds`, then look at the endpoints of the graph."""
         until = time.monotonic() + seconds
         while (left := until - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left)
         self._look()
 
     def _look(self) -> None:
-        """Record the endpoints; any publisher on a topic of the port counts as the stack's."""
+        """Records the endpoints; any publisher on a topic of the port counts as the stack's."""
         present = False
         for interface, topic in EGO_INPUTS.items():
             for info in self._node.get_publishers_info_by_topic(topic.name):
@@ -149,7 +149,7 @@ class Bystander:
 
 
 def _mismatch(topic: Topic, info: Any, *, publishes: bool) -> str:
-    """Why an endpoint of the stack and the bridge's on the same topic do not match; empty if they do."""
+    """Returns why an endpoint of the stack and the bridge's on the same topic do not match; empty if they do."""
     kind = info.topic_type
     package, name = topic.type.__module__.split(".")[0], topic.type.__name__
     expected = f"{package}/msg/{name}"

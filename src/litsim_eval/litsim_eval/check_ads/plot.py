@@ -15,7 +15,7 @@ from litsim_sim.io.files import replacing
 
 
 def plot_latency(evidence: Evidence, path: Path) -> bool:
-    """Write a PNG of the latency by step and its distribution; without answers, return False and write none.
+    """Writes a PNG of the latency by step and its distribution; returns False without answers, and writes none.
 
     Raises:
         InputError: the file cannot be written.

@@ -53,7 +53,7 @@ class Limits:
 
 
 def judge(evidence: Evidence, limits: Limits) -> list[Clause]:
-    """Judge all clauses, in the order of a run."""
+    """Judges all clauses, in the order of a run."""
     return [
         discovery(evidence),
         qos(evidence),
@@ -98,7 +98,7 @@ def qos(evidence: Evidence) -> Clause:
 
 
 def _by_topic(endpoints: Sequence[Endpoint]) -> dict[str, str]:
-    """First mismatch by topic; an empty text if there is none."""
+    """Returns the first mismatch by topic; an empty text if there is none."""
     mismatches: dict[str, str] = {}
     for each in sorted(endpoints, key=lambda e: e.topic):
         mismatches[each.topic] = mismatches.get(each.topic) or each.problem
@@ -143,7 +143,7 @@ def answers(evidence: Evidence) -> Clause:
 
 
 def latencies(evidence: Evidence) -> tuple[list[int], FloatArray]:
-    """Steps after step 0, and their latencies [ms] from the step's first publication to its first answer."""
+    """Returns steps after step 0, and their latencies [ms] from the step's first publication to its first answer."""
     first: dict[int, int] = {}
     for each in evidence.used:
         if each.answer.step_answered is not None:
@@ -266,12 +266,12 @@ def _frame_is_right(answer: Answer) -> bool:
 
 
 def _in_frame(answer: Answer) -> Answer:
-    """`answer` with the right frame, so that a wrong one, which another clause judges, is not reported again."""
+    """Returns `answer` with the right frame, so that a wrong one, which another clause judges, is reported once."""
     return replace(answer, frame=MAP_FRAME if answer.interface == Interface.TRAJECTORY else BODY_FRAMES[0])
 
 
 def _offset(heard: Heard, evidence: Evidence) -> float | None:
-    """Distance [m] from the ego to the trajectory of `heard` at the time of the step that it answers.
+    """Returns the distance [m] from the ego to the trajectory of `heard` at the time of the step that it answers.
 
     None if the answer is not a trajectory, does not cover that time, or does not drive the ego.
     """
@@ -285,7 +285,7 @@ def _offset(heard: Heard, evidence: Evidence) -> float | None:
 
 
 def _stray(answer: Answer, evidence: Evidence) -> float | None:
-    """Share (0 to 1) of the segments of a trajectory that do not lead along their lane; None where it does not move."""
+    """Returns the share of the segments of a trajectory that do not lead along their lane; None if it does not move."""
     target = answer.target
     if not isinstance(target, Trajectory) or len(target.time) < 2:
         return None
@@ -299,7 +299,7 @@ def _stray(answer: Answer, evidence: Evidence) -> float | None:
 
 
 def is_clipped(target: EgoCommand | TwistTarget | Trajectory, ego: EgoState, vehicle: VehicleModel) -> bool:
-    """Whether `target`, of finite values, asks for more than the vehicle can do.
+    """Returns whether `target`, of finite values, asks for more than the vehicle can do.
 
     Args:
         target: acceleration and yaw rate; or speed and yaw rate to be reached within a step; or a trajectory, judged by
@@ -317,7 +317,7 @@ def is_clipped(target: EgoCommand | TwistTarget | Trajectory, ego: EgoState, veh
 
 
 def motion(trajectory: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Speed [m/s], acceleration [m/s2] and yaw rate [rad/s] about the inner poses of a trajectory, (m - 2,) each.
+    """Returns speed [m/s], acceleration [m/s2] and yaw rate [rad/s] at the inner poses of a trajectory, (m - 2,) each.
 
     The yaw rate is 0 where two poses are too close to each other to define a direction.
     """

@@ -57,7 +57,7 @@ class Check:
 
 
 def observe(check: Check) -> Evidence:
-    """Make the run, to its end or as far as the stack allows.
+    """Makes the run, to its end or as far as the stack allows.
 
     Raises:
         InputError: the command cannot be started, or the workspace is not complete.
@@ -104,12 +104,12 @@ def observe(check: Check) -> Evidence:
 
 
 def _names_an_input(remark: str) -> bool:
-    """Whether a remark of the ego port is about a topic of the stack's answers."""
+    """Returns whether a remark of the ego port is about a topic of the stack's answers."""
     return any(topic in remark for topic in INPUTS.values())
 
 
 def _bridge(check: Check, plan: RunPlan, file: Path) -> dict[str, object]:
-    """Parameters of the bridge: invalid answers are counted, and only missing ones end the run."""
+    """Returns parameters of the bridge: invalid answers are counted, and only missing ones end the run."""
     return {
         "scenario": str(file),
         "ego": plan.ego,
@@ -124,7 +124,7 @@ def _bridge(check: Check, plan: RunPlan, file: Path) -> dict[str, object]:
 
 
 def _meet(bridge: Child, bystander: Bystander) -> None:
-    """Wait until the bystander hears the bridge, which itself waits for the recorder, so that no step is missed.
+    """Waits until the bystander hears the bridge, which itself waits for the recorder, so that no step is missed.
 
     Raises:
         InputError: the bridge has ended, or is not discovered.
@@ -140,7 +140,7 @@ def _meet(bridge: Child, bystander: Bystander) -> None:
 
 
 def _discover(check: Check, bystander: Bystander, stack: Child | None) -> None:
-    """Wait for a publisher of the stack; the run has not begun yet, so its answers are heard from step 0 on."""
+    """Waits for a publisher of the stack; the run has not begun yet, so its answers are heard from step 0 on."""
     bystander.start()
     until = time.monotonic() + check.wait_s
     while not bystander.discovered_s and time.monotonic() < until and (stack is None or stack.running):
@@ -150,7 +150,7 @@ def _discover(check: Check, bystander: Bystander, stack: Child | None) -> None:
 
 
 def _start(check: Check) -> Child:
-    """Start the stack in the domain of the graph."""
+    """Starts the stack in the domain of the graph."""
     log = check.out / "log" / f"{STACK}.log"
     environment = os.environ | {"ROS_DOMAIN_ID": str(check.domain_id)} | enclave_setting(os.environ, ADS, check.command)
     with log.open("w") as stream, held_back():
@@ -159,7 +159,7 @@ def _start(check: Check) -> Child:
 
 
 def _follow(bridge: Child, bystander: Bystander, stack: Child | None) -> int | None:
-    """Listen until the bridge ends, the stack leaves or none is found; return the step at which it left, or None."""
+    """Listens until the bridge ends, the stack leaves or none is found; returns the step at which it left, or None."""
     hopeless = time.monotonic() + LAZY_S
     while bridge.running:
         bystander.listen(TICK_S)
@@ -175,7 +175,7 @@ def _follow(bridge: Child, bystander: Bystander, stack: Child | None) -> int | N
 
 
 def _failure(graph: Graph, left: int | None) -> str:
-    """Why the run failed; empty if it did not."""
+    """Returns why the run failed; empty if it did not."""
     if left is not None or graph.children[BRIDGE].running:
         graph.stop()
         return "no stack answers" if left is None else "the stack left"
@@ -187,7 +187,7 @@ def _failure(graph: Graph, left: int | None) -> str:
 
 
 def _watch_end(check: Check, bystander: Bystander, stack: Child | None, left: int | None) -> tuple[Ending, int | None]:
-    """Watch the stack after the run; return its ending, and the step at which it left the run, if it did.
+    """Watches the stack after the run; returns its ending, and the step at which it left the run, if it did.
 
     A silent stack that was started elsewhere is watched until DDS would have noticed its death.
     """
@@ -216,7 +216,7 @@ def _watch_end(check: Check, bystander: Bystander, stack: Child | None, left: in
 
 
 def _end(stack: Child) -> None:
-    """End the stack and its child processes."""
+    """Ends the stack and its child processes."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
         if not stack.running:
             return
@@ -227,7 +227,7 @@ def _end(stack: Child) -> None:
 
 
 def _states(check: Check) -> dict[int, EgoState]:
-    """States of the ego by step, from the record; empty if there is none."""
+    """Returns states of the ego by step, from the record; empty if there is none."""
     try:
         run = read_run(check.out)
     except InputError:

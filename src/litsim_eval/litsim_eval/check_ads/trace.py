@@ -108,7 +108,7 @@ class Evidence:
     ending: Ending = field(default_factory=lambda: Ending(0.0, None, present=False))
 
     def driven(self, step: int) -> EgoState | None:
-        """State of the ego at a step; None if the answer to that step does not drive it, or the state is unknown."""
+        """Returns the state of the ego at a step; None if it is unknown, or the answer does not drive the ego."""
         return self.states.get(step) if step >= self.history_steps else None
 
     @property
@@ -123,5 +123,5 @@ class Evidence:
 
 
 def summarised(remarks: Iterable[str]) -> tuple[str, ...]:
-    """The last of all remarks that differ only in numbers, which contains their count; in order of the first ones."""
+    """Returns, of remarks that differ only in numbers, the last one, which holds their count."""
     return tuple({NUMBER.sub("#", text): text for text in remarks}.values())

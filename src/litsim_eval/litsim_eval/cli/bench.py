@@ -30,7 +30,7 @@ Content = tuple[str, Sequence[str], Iterable[Sequence[str]]]
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_eval bench``."""
+    """Returns the parser of ``ros2 run litsim_eval bench``."""
     p = Parser(prog="bench", description=__doc__, formatter_class=DefaultsFormatter)
     p.add_argument("--agents", type=int, nargs="+", default=[50, 150, 250, 1000], help="numbers of agents")
     p.add_argument("--seconds", type=float, default=13.0, help="simulated time of a run, 3 s of history included")
@@ -63,7 +63,7 @@ def parser() -> argparse.ArgumentParser:
 
 @program
 def main() -> None:
-    """Entry point of ``ros2 run litsim_eval bench``."""
+    """Runs ``ros2 run litsim_eval bench``."""
     arguments = parser().parse_args()
     if arguments.memory is not None:
         content = memory_table(arguments)
@@ -75,7 +75,7 @@ def main() -> None:
 
 
 def show(title: str, head: Sequence[str], body: Iterable[Sequence[str]], markdown: Path | None) -> None:
-    """Print a table, and write it to the file `markdown` unless that is None."""
+    """Prints a table, and writes it to the file `markdown` unless that is None."""
     title = f"{title}, {os.cpu_count()} CPU cores, Python {platform.python_version()}"
     rows = list(body)
     table = Table(title=title, title_justify="left")

@@ -30,7 +30,7 @@ PLOT_FILE = "latency.png"
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_eval check_ads``."""
+    """Returns the parser of ``ros2 run litsim_eval check_ads``."""
     p = Parser(
         prog="check_ads",
         description=__doc__,
@@ -84,7 +84,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def check_ads(arguments: argparse.Namespace, console: Console) -> int:
-    """Check a stack and return the exit status.
+    """Checks a stack and returns the exit status.
 
     Raises:
         InputError: an argument or a file cannot be used.
@@ -140,7 +140,7 @@ def _write(result: dict[str, Any], path: Path) -> None:
 
 
 def _writable(out: Path) -> Path:
-    """Create the folder `out` for the record, or fail before anything is started."""
+    """Creates the folder `out` for the record, or fail before anything is started."""
     if any(out.glob("*.mcap")):
         raise InputError(f"{out}: holds a recording already; give another --out")
     make_folder(out / "log")
@@ -149,7 +149,7 @@ def _writable(out: Path) -> Path:
 
 @program
 def main() -> int:
-    """Entry point of ``ros2 run litsim_eval check_ads``."""
+    """Runs ``ros2 run litsim_eval check_ads``."""
     arguments = parser().parse_args()
     interrupt_on_signals()  # so that child processes are ended
     return check_ads(arguments, Console())

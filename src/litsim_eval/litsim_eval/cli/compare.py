@@ -29,7 +29,7 @@ STATUS_HELP = "Exit status: 0; of campaigns 1 where a case passed and does not a
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_eval compare``."""
+    """Returns the parser of ``ros2 run litsim_eval compare``."""
     p = Parser(prog="compare", description=__doc__, epilog=STATUS_HELP)
     p.add_argument(
         "runs",
@@ -45,7 +45,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def print_comparison(comparison: Comparison, only_differences: bool = False, console: Console | None = None) -> None:
-    """Print a table; wall times are never marked."""
+    """Prints a table; wall times are never marked."""
     console = console or Console(width=None if sys.stdout.isatty() else WIDTH)
     two = len(comparison.names) == 2
     table = Table(box=None, pad_edge=False)
@@ -91,7 +91,7 @@ def _text(value: Any) -> str:
 
 @program
 def main(argv: list[str] | None = None) -> int:
-    """Entry point of ``ros2 run litsim_eval compare``."""
+    """Runs ``ros2 run litsim_eval compare``."""
     p = parser()
     arguments = p.parse_args(argv)
     if len(arguments.runs) < 2:
@@ -108,7 +108,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _campaigns(arguments: argparse.Namespace) -> int:
-    """Compare two campaigns; return the exit status.
+    """Compares two campaigns; returns the exit status.
 
     Raises:
         InputError: they are not two, or cannot be compared.

@@ -40,7 +40,7 @@ TOLD_MAX = 20  # most runs that have not passed and are printed with their reaso
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_eval evaluate``."""
+    """Returns the parser of ``ros2 run litsim_eval evaluate``."""
     p = Parser(prog="evaluate", description=__doc__, epilog=STATUS_HELP, formatter_class=DefaultsFormatter)
     add_suite_arguments(p)
     p.add_argument("--graph", action="store_true", help="run LitSim's own egos over DDS, too, and record them")
@@ -64,7 +64,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def evaluate(arguments: argparse.Namespace) -> int:
-    """Run the campaign that the arguments describe, or the rest of it, and return the exit status.
+    """Runs the campaign that the arguments describe, or the rest of it, and returns the exit status.
 
     Raises:
         InputError: an argument or a file cannot be used; raised before the first run.
@@ -123,7 +123,7 @@ class Progress:
         self._bar.close()
 
     def add(self, result: RunResult) -> None:
-        """Count a finished run."""
+        """Counts a finished run."""
         self._counts[result.verdict] += 1
         self._bar.update()
         self._show()
@@ -134,7 +134,7 @@ class Progress:
 
 
 def _tell(cases: Sequence[Case], folder: CampaignFolder, arguments: argparse.Namespace) -> int:
-    """Print for every case its verdict, or that it is to be run; return the exit status."""
+    """Prints for every case its verdict, or that it is to be run; returns the exit status."""
     done = {result.case.id: result for result in folder.finished(cases)}
     if arguments.retry_errors:
         done = _judged(done)
@@ -145,7 +145,7 @@ def _tell(cases: Sequence[Case], folder: CampaignFolder, arguments: argparse.Nam
 
 
 def _judged(results: Mapping[str, RunResult]) -> dict[str, RunResult]:
-    """The `results` without those that are errors."""
+    """Returns the `results` without those that are errors."""
     return {each: result for each, result in results.items() if result.verdict != Verdict.ERROR}
 
 
@@ -155,7 +155,7 @@ def _counted(results: Collection[RunResult]) -> str:
 
 
 def _print(campaign: Campaign, *, intervals: bool) -> None:
-    """Print the table, the criteria that the campaign fails, and the runs that have not passed, with reasons."""
+    """Prints the table, the criteria that the campaign fails, and the runs that have not passed, with reasons."""
     summary = {variant: variant_summary(results) for variant, results in campaign.variants.items()}
     replayed = all(case.policy == REPLAY for case in campaign.cases)
     bounds = {variant: variant_bounds(results) for variant, results in campaign.variants.items()} if intervals else None
@@ -173,7 +173,7 @@ def _print(campaign: Campaign, *, intervals: bool) -> None:
 
 @program
 def main(argv: list[str] | None = None) -> int:
-    """Entry point of ``ros2 run litsim_eval evaluate``."""
+    """Runs ``ros2 run litsim_eval evaluate``."""
     arguments = parser().parse_args(argv)
     interrupt_on_signals()
     return evaluate(arguments)

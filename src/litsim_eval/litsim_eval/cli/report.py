@@ -12,7 +12,7 @@ from litsim_sim.core.errors import InputError
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_eval report``."""
+    """Returns the parser of ``ros2 run litsim_eval report``."""
     p = Parser(prog="report", description=__doc__)
     p.add_argument("run", type=Path, help="folder of a run, its MCAP file, or the folder of a campaign")
     p.add_argument("--out", type=Path, metavar="HTML", help="default: report.html (experiment.html) in the folder")
@@ -24,7 +24,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def report(arguments: argparse.Namespace) -> list[Path]:
-    """Write the files that the arguments request; return their paths.
+    """Writes the files that the arguments request; returns their paths.
 
     Raises:
         InputError: the input cannot be read, or a file cannot be written.
@@ -62,7 +62,7 @@ def _write_picture(arguments: argparse.Namespace) -> list[Path]:
 
 @program
 def main(argv: list[str] | None = None) -> None:
-    """Entry point of ``ros2 run litsim_eval report``."""
+    """Runs ``ros2 run litsim_eval report``."""
     arguments = parser().parse_args(argv)
     written = report(arguments)
     for path in () if arguments.quiet else written:

@@ -19,7 +19,7 @@ SHOWN = 5  # most fields in the summary of a difference
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_eval rerun``."""
+    """Returns the parser of ``ros2 run litsim_eval rerun``."""
     p = Parser(prog="rerun", description=__doc__)
     p.add_argument("bag", type=Path, metavar="BAG", help="folder of a run, or its MCAP file")
     kind = p.add_mutually_exclusive_group(required=True)
@@ -32,7 +32,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def rerun(arguments: argparse.Namespace) -> bool:
-    """Repeat a stage or the run, print the result, and return whether it is equal to the record.
+    """Repeats a stage or the run, prints the result, and returns whether it is equal to the record.
 
     Raises:
         InputError: the record cannot be used, or the file cannot be written.
@@ -73,7 +73,7 @@ def _where(tally: DiffSummary) -> list[str]:
 
 @program
 def main(argv: list[str] | None = None) -> int:
-    """Entry point of ``ros2 run litsim_eval rerun``."""
+    """Runs ``ros2 run litsim_eval rerun``."""
     arguments = parser().parse_args(argv)
     return 0 if rerun(arguments) else EXIT_FAILED
 

@@ -22,7 +22,7 @@ DEFAULTS: dict[str, Any] = {"scenario": ["demo"], "ego": ["idm"]}
 
 
 def add_suite_arguments(p: argparse.ArgumentParser) -> None:
-    """Add the arguments that define the runs, most with several values; :func:`suite_of` reads them."""
+    """Adds the arguments that define the runs, most with several values; :func:`suite_of` reads them."""
     p.add_argument("--suite", help=f"YAML file, or packaged: {', '.join(packaged_suites())}; options override it")
     p.add_argument("--scenario", nargs="+", help="names of packaged scenarios, or YAML files (default: demo)")
     p.add_argument(
@@ -60,7 +60,7 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
 
 
 def suite_of(arguments: argparse.Namespace) -> Suite:
-    """The suite that the arguments describe.
+    """Returns the suite that the arguments describe.
 
     Raises:
         InputError: a file cannot be used, or the arguments do not fit together.
@@ -97,7 +97,7 @@ def _cases(arguments: argparse.Namespace, base: Suite | None) -> list[CaseEntry]
 
 
 def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]:
-    """The ego drivers; the command of the arguments becomes that of the external one."""
+    """Returns the ego drivers; the command of the arguments becomes that of the external one."""
     known = {setup.name: setup for setup in (base.egos if base else [])}
     names: Sequence[str] = arguments.ego or (tuple(known) if base else DEFAULTS["ego"])
     _check_names("--ego", names, {*known, *ego_names()})
@@ -115,19 +115,19 @@ def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]
 
 
 def _usual_policies() -> tuple[str, ...]:
-    """Names of policies that need no suite."""
+    """Returns names of policies that need no suite."""
     return (*policy_names(), *packaged_setups())
 
 
 def _policies(names: Sequence[str], base: Suite | None) -> list[str | PolicySetup]:
-    """The policies of these names, as the suite has them where it has them."""
+    """Returns the policies of these names, as the suite has them where it has them."""
     known = {setup_of(policy).name: policy for policy in (base.policies if base else [])}
     _check_names("--policy", names, {*known, *_usual_policies()})
     return [known.get(name, name) for name in names]
 
 
 def _check_names(option: str, names: Sequence[str], known: Collection[str]) -> None:
-    """Check that an option was given `known` names only.
+    """Checks that an option was given `known` names only.
 
     Raises:
         InputError: it was given others.

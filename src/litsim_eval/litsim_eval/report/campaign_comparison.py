@@ -24,7 +24,7 @@ FEW = 20  # vehicles below which the bootstrap's bounds hold in less than nine o
 def print_campaigns(
     comparison: CampaignComparison, *, everything: bool = False, console: Console | None = None
 ) -> None:
-    """Print the changed verdicts, with both reports of each run, and the measures that have changed.
+    """Prints the changed verdicts, with both reports of each run, and the measures that have changed.
 
     Args:
         comparison: the comparison of two campaigns.
@@ -53,7 +53,7 @@ def print_campaigns(
 
 
 def _print_heading(console: Console, comparison: CampaignComparison) -> None:
-    """Print the folders, and in what the campaigns differ: versions of dependencies, and criteria of runs."""
+    """Prints the folders, and in what the campaigns differ: versions of dependencies, and criteria of runs."""
     _say(console, f"{comparison.before.folder} -> {comparison.after.folder}")
     for name, (before, after) in comparison.other_versions.items():
         _say(console, f"  {name}: {before} -> {after}", "dim")
@@ -64,7 +64,7 @@ def _print_heading(console: Console, comparison: CampaignComparison) -> None:
 def _print_cases(
     console: Console, title: str, style: str | None, cases: Sequence[Sequence[str]], limit: int | None
 ) -> None:
-    """Print a title and the lines of up to `limit` cases."""
+    """Prints a title and the lines of up to `limit` cases."""
     _say(console, title, style)
     for line in chain.from_iterable(cases[:limit]):
         _say(console, f"  {line}")
@@ -129,5 +129,5 @@ def _text(value: float) -> str:
 
 
 def _say(console: Console, text: str, style: str | None = None) -> None:
-    """Print a line without wrapping: paths stay in one piece, to be copied or clicked on."""
+    """Prints a line without wrapping: paths stay in one piece, to be copied or clicked on."""
     console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)

@@ -55,7 +55,7 @@ TOO_FINE = ("timing.stage_ms.", "timing.path_ms.", "lockstep.missed_by_topic.", 
 
 
 def pack_campaign(campaign: Campaign, pictures: Mapping[str, Mapping[str, Any]], beside: Path) -> str:
-    """The runs of a campaign as a container of :mod:`litsim_eval.report.packing`.
+    """Returns the runs of a campaign as a container of :mod:`litsim_eval.report.packing`.
 
     Args:
         campaign: the campaign.
@@ -98,14 +98,14 @@ def pack_campaign(campaign: Campaign, pictures: Mapping[str, Mapping[str, Any]],
 
 
 def criteria_of(campaign: Campaign) -> list[tuple[str, str, str]]:
-    """Name, field and limit of every criterion: those of the campaign, and all others that a result was judged by."""
+    """Returns name, field and limit of the criteria of the campaign, and of all others that a result was judged by."""
     own = [(each.title, each.field, each.limit) for each in campaign.criteria.runs]
     judged = [(each.name, each.field, each.limit) for result in campaign.results for each in result.criteria]
     return list(dict.fromkeys((*own, *judged)))
 
 
 def fields_of(campaign: Campaign) -> list[dict[str, Any]]:
-    """Every measure that is a number or a boolean in any run, with its value in each.
+    """Returns every measure that is a number or a boolean in any run, with its value in each.
 
     Returns:
         For each its path, title, digits, the limits that criteria set on it, whether it is shown from the start, and
@@ -167,7 +167,7 @@ def _case(result: RunResult) -> dict[str, Any]:
 
 
 def _links(result: RunResult, folder: Path, beside: Path) -> dict[str, str | None]:
-    """Addresses of the report and the log of a run relative to `beside`, None if missing; and that of its folder."""
+    """Returns addresses of report and log of a run relative to `beside`, None if missing; and that of its folder."""
     own = folder / RUNS_FOLDER / result.case.id
     paths = {
         name: own / file if file and (own / file).exists() else None
@@ -178,12 +178,12 @@ def _links(result: RunResult, folder: Path, beside: Path) -> dict[str, str | Non
 
 
 def address(path: Path, beside: Path) -> str:
-    """Address of a file relative to a page in the folder `beside`."""
+    """Returns the address of a file relative to a page in the folder `beside`."""
     return quote(Path(os.path.relpath(path.resolve(), beside.resolve())).as_posix())
 
 
 def _happenings(metrics: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Begin and end of each takeover, and steps with contacts that are not in the log, of all `steps`."""
+    """Returns begin and end of each takeover, and the steps with contacts that are not in the log, of all `steps`."""
     if metrics is None:
         return {"steps": 0, "takeovers": [], "contacts": []}
     contacts = [each["step"] for each in metrics["collision"]["contacts"] if not each["in_log"]]

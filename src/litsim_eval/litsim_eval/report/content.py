@@ -41,7 +41,7 @@ ON_LOG = 0.005  # [m]
 
 
 def pack_run(run: Run, metrics: dict[str, Any], forecasts: Forecasts, every: int) -> str:
-    """The run as a container of :mod:`litsim_eval.report.packing`; `every` is the steps between forecasts."""
+    """Returns the run as a container of :mod:`litsim_eval.report.packing`; `every` is the steps between forecasts."""
     tracks, ghosts = tracks_of(run), ghosts_of(run)
     origin = origin_of(tracks)
     packer = Packer(
@@ -80,7 +80,7 @@ def pack_run(run: Run, metrics: dict[str, Any], forecasts: Forecasts, every: int
 
 
 def origin_of(tracks: Tracks) -> FloatArray:
-    """Place (2,) in frame map from which the page measures all others: the whole kilometres nearest to the agents [m].
+    """Returns the place (2,) in frame map from which the page measures all others [m]: the nearest kilometre.
 
     Browsers draw in single precision, which is half a metre 5000 km from the origin, as UTM's northings are.
     """
@@ -90,7 +90,7 @@ def origin_of(tracks: Tracks) -> FloatArray:
 
 
 def road(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> dict[str, Any]:
-    """Surfaces and painted lines of the lanes near the agents: flat lists x0, y0, x1, y1, ... from `origin` [m]."""
+    """Returns surfaces and painted lines of lanes near the agents: flat lists x0, y0, x1, y1, ... from `origin` [m]."""
     lane_map = lane_map_of(run)
     present = tracks.present
     if lane_map is None or not present.any():
@@ -103,7 +103,7 @@ def road(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> dict[str, Any
 
 
 def signals(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> list[dict[str, Any]]:
-    """Stop lines: for each controlled connection its part of the line, from `origin` [m], and its signal by frame.
+    """Stops lines: for each controlled connection its part of the line, from `origin` [m], and its signal by frame.
 
     The connections of a lane share its line from left to right, as they turn. `shown` lists [frame, light] of every
     change; lights are those of LIGHTS, or empty if unknown.
@@ -128,7 +128,7 @@ def signals(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> list[dict[
 
 
 def _lines(lane: Lane, origin: FloatArray) -> list[dict[str, Any]]:
-    """The right border, dashed where a lane of the same edge lies beyond, and the left one where none does."""
+    """Returns the right border, dashed where a lane of the same edge lies beyond, and the left one where none does."""
     sides = [(-0.5, lane.right is not None)] + ([(0.5, False)] if lane.left is None else [])
     borders = []
     for side, dashed in sides:
@@ -161,7 +161,7 @@ def _add_motion(packer: Packer, prefix: str, tracks: Tracks, names: tuple[str, .
 
 
 def _takeovers(run: Run, tracks: Tracks, origin: FloatArray) -> dict[str, Any]:
-    """Agents off their logs by frame, and the reference paths, which the entries name by index."""
+    """Returns agents off their logs by frame, and the reference paths, which the entries name by index."""
     paths: dict[bytes, int] = {}
     frames: list[list[dict[str, Any]]] = [[] for _ in range(tracks.frames)]
     lines: list[list[float]] = []
@@ -219,13 +219,13 @@ def _plain(value: float, digits: int = 2) -> float | None:
 
 
 def speeds(tracks: Tracks, agent: int) -> FloatArray:
-    """Speed of `agent` at every step (frames,) [m/s]."""
+    """Returns the speed of `agent` at every step (frames,) [m/s]."""
     row = tracks.row(agent)
     return np.full(tracks.frames, np.nan) if row < 0 else np.where(tracks.present[row], tracks.speed[row], np.nan)
 
 
 def deviations(tracks: Tracks, logged: Tracks) -> FloatArray:
-    """(agents of `logged`, frames) distance of each from its log [m]; NaN while it follows its log exactly."""
+    """Returns (agents of `logged`, frames) distance of each from its log [m]; NaN while it follows its log exactly."""
     out = np.full(logged.present.shape, np.nan)
     for i, agent in enumerate(logged.id.tolist()):
         j = tracks.row(agent)
@@ -237,7 +237,7 @@ def deviations(tracks: Tracks, logged: Tracks) -> FloatArray:
 
 
 def times_to_leader(run: Run, first: int, frames: int) -> tuple[FloatArray, FloatArray]:
-    """Time to collision [s] with the leader: of the ego, and the smallest among agents off their logs.
+    """Returns the time to collision [s] with the leader: of the ego, and the smallest among agents off their logs.
 
     The leader is that of :func:`litsim_data.surrogates.safety.following`; both keep their speeds. NaN where there is no
     leader, the gap does not close, or the time exceeds TTC_MAX.
@@ -257,5 +257,5 @@ def times_to_leader(run: Run, first: int, frames: int) -> tuple[FloatArray, Floa
 
 
 def counts(tracks: Tracks, mode: int) -> FloatArray:
-    """Number of agents in a mode of :class:`litsim_sim.core.colours.Mode`."""
+    """Returns the number of agents in a mode of :class:`litsim_sim.core.colours.Mode`."""
     return np.asarray((tracks.mode == mode).sum(axis=0), np.float64)

@@ -75,7 +75,7 @@ SUMMARY = (
 
 
 def write_experiment_report(campaign: Campaign, out: Path | None = None, quiet: bool = True) -> Path:
-    """Write the page of a campaign, finished or not.
+    """Writes the page of a campaign, finished or not.
 
     Args:
         campaign: see :func:`litsim_eval.campaign.results.read_campaign`.
@@ -94,7 +94,7 @@ def write_experiment_report(campaign: Campaign, out: Path | None = None, quiet: 
 
 
 def _pictures(campaign: Campaign, quiet: bool) -> dict[str, dict[str, Any]]:
-    """Pictures of runs by id: those made when they ended, and others made from their recordings, if available."""
+    """Returns pictures of runs by id, made when they ended or else from their recordings, if available."""
     pictures = {}
     lacking = []
     for result in campaign.results:
@@ -160,7 +160,7 @@ def _subtitle(campaign: Campaign) -> str:
 
 
 def _verdicts(name: str, results: list[RunResult]) -> dict[str, Any]:
-    """Numbers of runs of a variant that passed, failed and could not be judged, and the share of all that passed."""
+    """Returns how many runs of a variant passed, failed and could not be judged, and the share of all that passed."""
     counts = Counter(each.verdict for each in results)
     parts = [
         {"verdict": verdict.value, "count": counts[verdict], "filter": _filter(variant=name, verdict=verdict.value)}
@@ -171,7 +171,7 @@ def _verdicts(name: str, results: list[RunResult]) -> dict[str, Any]:
 
 
 def _suite_criterion(found: CriterionResult) -> dict[str, Any]:
-    """One criterion of the whole campaign."""
+    """Returns one criterion of the whole campaign."""
     return {
         "name": found.name,
         "rule": _rule(found.name, found.field, found.limit),
@@ -182,18 +182,18 @@ def _suite_criterion(found: CriterionResult) -> dict[str, Any]:
 
 
 def _rule(name: str, field: str, limit: str) -> str:
-    """The limit of a criterion; empty if its name says it already."""
+    """Returns the limit of a criterion; empty if its name says it already."""
     rule = f"{field} {limit}"
     return "" if rule == name else rule
 
 
 def _filter(**fields: str) -> str:
-    """Filters of the table of runs, which a button of the page sets."""
+    """Returns filters of the table of runs, which a button of the page sets."""
     return json.dumps(fields)
 
 
 def _criteria(campaign: Campaign, by_variant: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
-    """Number of runs of each variant that missed each criterion, of those judged by it."""
+    """Returns the number of runs of each variant that missed each criterion, of those judged by it."""
     judged: Counter[tuple[Any, ...]] = Counter()
     missed: Counter[tuple[Any, ...]] = Counter()
     for result in campaign.results:
@@ -220,7 +220,7 @@ def _criteria(campaign: Campaign, by_variant: dict[str, list[RunResult]]) -> lis
 
 
 def _tags(by_variant: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
-    """Number of runs of each variant that have not passed, of those with a tag, by tag; the worst tags first."""
+    """Returns how many runs of each variant have not passed, of those with a tag, by tag; the worst tags first."""
     tagged: Counter[tuple[str, str]] = Counter()
     missed: Counter[tuple[str, str]] = Counter()
     for variant, results in by_variant.items():
@@ -247,12 +247,12 @@ def _tags(by_variant: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
 
 
 def _cell(count: int, total: int, **fields: str) -> dict[str, Any]:
-    """How many of all, and the filters that show them."""
+    """Returns how many of all, and the filters that show them."""
     return {"count": count, "total": total, "filter": _filter(**fields)}
 
 
 def _added() -> Iterator[Column]:
-    """Means of the measures that other packages add."""
+    """Yields means of the measures that other packages add."""
     better: dict[Better, Callable[[Iterable[float]], float]] = {Better.LOWER: min, Better.HIGHER: max}
     for name, metric in added_metrics().items():
         find: Callable[[dict[str, Any]], Any] = partial(_added_mean, name=name)
@@ -265,7 +265,7 @@ def _added_mean(variant: dict[str, Any], name: str) -> float | None:
 
 
 def _displacement(summary: dict[str, dict[str, Any]]) -> Iterator[Column]:
-    """Average displacement from the log by horizon, of controlled agents and of all."""
+    """Yields the average displacement from the log by horizon, of controlled agents and of all."""
     horizons = list(next(iter(summary.values()), {}).get("ade_all_m") or {})
     for name, field in (("controlled", "ade_controlled_m"), ("all", "ade_all_m")):
         for horizon in horizons:
@@ -274,13 +274,13 @@ def _displacement(summary: dict[str, dict[str, Any]]) -> Iterator[Column]:
 
 
 def _displaced(variant: dict[str, Any], field: str, horizon: str) -> str | None:
-    """Displacement of a variant up to `horizon`, with the number of its runs that lasted as long, if not all did."""
+    """Returns the displacement of a variant up to `horizon`, and how many runs lasted as long, if not all did."""
     value, runs, every = variant[field][horizon], variant["ade_runs"][horizon], variant["measured"]
     return None if value is None else number(value) + (f" ({runs} of {every})" if runs < every else "")
 
 
 def _side_by_side(summary: dict[str, dict[str, Any]], columns: Iterable[Column]) -> list[dict[str, Any]]:
-    """A row for each measure that any variant of the campaign has, with a cell for each; the best of several is marked.
+    """Returns a row for each measure that any variant has, with a cell for each variant; the best of several is marked.
 
     Values that leave out runs without measures have an asterisk. They are never marked as the best, as those runs might
     have changed them.

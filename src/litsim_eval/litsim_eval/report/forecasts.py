@@ -40,13 +40,13 @@ class Forecasts:
         return len(self.agent)
 
     def every(self, steps: int) -> Forecasts:
-        """The forecasts made at those steps that are multiples of `steps`."""
+        """Returns the forecasts made at those steps that are multiples of `steps`."""
         chosen = self.step % steps == 0
         return Forecasts(self.agent[chosen], self.step[chosen], self.time, self.mean[chosen], self.spread[chosen])
 
 
 def read_forecasts(run: Run) -> Forecasts:
-    """Forecasts recorded in the bag of `run`; none if the run had no predictor.
+    """Returns forecasts recorded in the bag of `run`; none if the run had no predictor.
 
     Raises:
         InputError: the topic cannot be read as joint forecasts of one length.
@@ -80,7 +80,7 @@ def read_forecasts(run: Run) -> Forecasts:
 
 
 def _messages(run: Run) -> Iterator[Any]:
-    """Decoded messages of the run itself, the first of each step."""
+    """Yields decoded messages of the run itself, the first of each step."""
     reader, steps = BagReader(run.path), set()
     if FORECASTS not in reader.topics:
         return
@@ -95,6 +95,6 @@ def _messages(run: Run) -> Iterator[Any]:
 
 
 def _picked(points: int) -> IntArray:
-    """Indices of at most POINTS_MAX of the points of a forecast, evenly spaced, including the last."""
+    """Returns indices of at most POINTS_MAX of the points of a forecast, evenly spaced, including the last."""
     stride = -(-points // POINTS_MAX)
     return np.arange(points - 1, -1, -stride)[::-1].copy()

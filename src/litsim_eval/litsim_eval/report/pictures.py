@@ -29,7 +29,7 @@ Pose = tuple[FloatArray, float]
 
 
 def write_png(run: Run, step: int, path: Path) -> None:
-    """Draw one step of a run as a PNG of 1280 x 480 px; the road lies across the picture, driving to the right.
+    """Draws one step of a run as a PNG of 1280 x 480 px; the road lies across the picture, driving to the right.
 
     Raises:
         InputError: the run has no such step, or `path` cannot be written.
@@ -79,7 +79,7 @@ def _view(points: FloatArray, pose: Pose) -> FloatArray:
 
 
 def _draw_road(axes: Axes, run: Run, tracks: Tracks, pose: Pose) -> None:
-    """Draw the surface and the paint of the road."""
+    """Draws the surface and the paint of the road."""
     points_per_metre = SIZE_PX[0] / (2.0 * AROUND) * POINTS_PER_INCH / DPI
     content = road(run, tracks)
     lanes, lines = ([_view(np.reshape(e["line"], (-1, 2)), pose) for e in content[kind]] for kind in ("lanes", "lines"))
@@ -93,7 +93,7 @@ def _draw_road(axes: Axes, run: Run, tracks: Tracks, pose: Pose) -> None:
 
 
 def _draw_agents(axes: Axes, tracks: Tracks, frame: int, pose: Pose) -> None:
-    """Draw vehicles as boxes with a bold front, pedestrians and cyclists as ellipses."""
+    """Draws vehicles as boxes with a bold front, pedestrians and cyclists as ellipses."""
     here = tracks.present[:, frame]
     boxes = _view(_corners(tracks, here, frame), pose)
     colours = np.array([COLOURS[Mode(m)][0] for m in tracks.mode[here, frame]], object)
@@ -106,7 +106,7 @@ def _draw_agents(axes: Axes, tracks: Tracks, frame: int, pose: Pose) -> None:
 
 
 def _draw_ghosts(axes: Axes, tracks: Tracks, ghosts: Tracks, frame: int, pose: Pose) -> None:
-    """Draw outlines where the log has the agents that are off it."""
+    """Draws outlines where the log has the agents that are off it."""
     mode = tracks.mode[np.array([tracks.row(agent) for agent in ghosts.id.tolist()], np.int64), frame]
     off_log = ghosts.present[:, frame] & (mode != Mode.LOG) & (mode != Mode.ABSENT)
     boxes = _view(_corners(ghosts, off_log, frame), pose)

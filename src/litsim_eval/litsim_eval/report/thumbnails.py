@@ -31,7 +31,7 @@ AFTER_DETECTION = 10  # [steps] after which a takeover is visible
 
 
 def thumbnail_of(run: Run, metrics: dict[str, Any]) -> dict[str, Any]:
-    """A scene of the run around the ego, seen from above, driving to the right.
+    """Returns a scene of the run around the ego, seen from above, driving to the right.
 
     Args:
         run: with at least one step.
@@ -62,7 +62,7 @@ def thumbnail_of(run: Run, metrics: dict[str, Any]) -> dict[str, Any]:
 
 
 def write_thumbnail(run: Run, metrics: dict[str, Any], folder: Path) -> None:
-    """Write the picture of a run into `folder`, for the page of a campaign.
+    """Writes the picture of a run into `folder`, for the page of a campaign.
 
     Raises:
         InputError: it cannot be written.
@@ -73,7 +73,7 @@ def write_thumbnail(run: Run, metrics: dict[str, Any], folder: Path) -> None:
 
 
 def read_thumbnail(folder: Path) -> dict[str, Any] | None:
-    """The picture of a run written by :func:`write_thumbnail`; None without one of the current format."""
+    """Returns the picture of a run written by :func:`write_thumbnail`; None without one of the current format."""
     try:
         picture = json.loads((folder / THUMBNAIL_FILE).read_text())
     except (OSError, ValueError):
@@ -92,7 +92,7 @@ class _Moment:
 
 
 def _moment(run: Run, metrics: dict[str, Any]) -> _Moment:
-    """The first contact that is not in the log, the ego's if any, else a takeover, else the ego at its nearest."""
+    """Returns the first contact that is not in the log, the ego's if any, else a takeover or the ego's shortest TTC."""
     ego, last = run.info.ego_id, run.tables[-1].step
     touching = [(c["step"], tuple(c["pair"])) for c in metrics["collision"]["contacts"] if not c["in_log"]]
     for step, pair in sorted(touching, key=lambda each: (ego not in each[1], each[0])):
@@ -107,7 +107,7 @@ def _moment(run: Run, metrics: dict[str, Any]) -> _Moment:
 
 
 def _focus(tracks: Tracks, ego: int, agents: tuple[int, ...], frame: int) -> int:
-    """Row of the agent in the centre: the ego, unless it is far from the first of `agents`; -1 for none."""
+    """Returns the row of the agent in the centre: the ego, unless it is far from the first of `agents`; -1 for none."""
     rows = [tracks.row(agent) for agent in (ego, *agents[:1])]
     here = [row for row in rows if row >= 0 and tracks.mode[row, frame] != Mode.ABSENT]
     if len(here) == 2:
@@ -121,7 +121,7 @@ def _half() -> list[int]:
 
 
 def _road(run: Run, pose: tuple[float, float, float], window: shapely.Polygon) -> list[list[int]]:
-    """Outlines and holes of the road's surface inside the window."""
+    """Returns outlines and holes of the road's surface inside the window."""
     lane_map = lane_map_of(run)
     if lane_map is None:
         return []
@@ -159,7 +159,7 @@ def _boxes(tracks: Tracks, frame: int, pose: tuple[float, float, float], window:
 
 
 def _path(steps: Steps, agent: int, pose: tuple[float, float, float], window: shapely.Polygon) -> list[list[int]]:
-    """Where an agent goes in the window, as lines."""
+    """Returns where an agent goes in the window, as lines."""
     rows, table = steps.track(agent), steps.stacked
     places = np.column_stack([table.x[rows], table.y[rows]])
     if len(places := places[np.isfinite(places).all(axis=1)]) < 2:
@@ -170,7 +170,7 @@ def _path(steps: Steps, agent: int, pose: tuple[float, float, float], window: sh
 
 
 def _contact(tracks: Tracks, agents: tuple[int, ...], frame: int, pose: tuple[float, float, float]) -> list[int] | None:
-    """The point half way between the agents that touch."""
+    """Returns the point half way between the agents that touch."""
     rows = [tracks.row(agent) for agent in agents]
     if not rows or min(rows) < 0:
         return None
@@ -179,14 +179,14 @@ def _contact(tracks: Tracks, agents: tuple[int, ...], frame: int, pose: tuple[fl
 
 
 def _in_map(points: FloatArray, pose: tuple[float, float, float]) -> FloatArray:
-    """Points (n, 2) in frame map of points relative to a pose; the inverse of :func:`_seen`."""
+    """Returns points (n, 2) in frame map of points relative to a pose; the inverse of :func:`_seen`."""
     x, y, yaw = pose
     cos, sin = np.cos(yaw), np.sin(yaw)
     return np.column_stack([x + cos * points[:, 0] - sin * points[:, 1], y + sin * points[:, 0] + cos * points[:, 1]])
 
 
 def _seen(points: FloatArray, pose: tuple[float, float, float]) -> FloatArray:
-    """Points (n, 2) in frame map relative to a pose: x ahead, y to the left [m]."""
+    """Returns points (n, 2) in frame map relative to a pose: x ahead, y to the left [m]."""
     return np.column_stack(to_body(points[:, 0] - pose[0], points[:, 1] - pose[1], np.asarray(pose[2])))
 
 

@@ -70,7 +70,7 @@ class BatchedRunner:
         load_kernels()
 
     def steps(self) -> Iterator[dict[int, StepResult]]:
-        """Yield each step of the runs that are not over, with its answers, by number of the plan.
+        """Yields each step of the runs that are not over, with its answers, by number of the plan.
 
         Wall times of stages are divided equally among the runs.
         """
@@ -101,7 +101,7 @@ class BatchedRunner:
                 table = self._world.step_batch(together, commands)
 
     def _apart(self, takeovers: TakeoverTable, pipeline: Pipeline) -> list[TakeoverTable]:
-        """The takeovers by scene."""
+        """Returns the takeovers by scene."""
         rounds = pipeline.manager.iterations.tolist(), pipeline.manager.converged.tolist()
         return [
             TakeoverTable(takeovers.step, own, iterations, converged)
@@ -110,7 +110,7 @@ class BatchedRunner:
 
 
 def can_batch(policy: str, parameters: Parameters) -> bool:
-    """Whether the policy and the predictor of a run can drive and forecast the agents of several scenes at once."""
+    """Returns whether policy and predictor of a run can drive and forecast the agents of several scenes at once."""
     if policy == REPLAY:
         return True
     model = str(parameters.get(PREDICTOR, {}).get("model", DEFAULT_MODEL))
@@ -119,12 +119,12 @@ def can_batch(policy: str, parameters: Parameters) -> bool:
 
 
 def common_parameters(plan: RunPlan) -> Parameters:
-    """Parameters of the stages that batched runs share: all but the ego."""
+    """Returns parameters of the stages that batched runs share: all but the ego."""
     return {stage: values for stage, values in plan.parameters.items() if stage != EGO}
 
 
 def record_batch(plans: Sequence[RunPlan]) -> list[RecordedRun]:
-    """Run `plans` together and return the runs as if read from recordings.
+    """Runs `plans` together and returns the runs as if read from recordings.
 
     Raises:
         ValueError, InputError: as :class:`BatchedRunner`.
@@ -140,7 +140,7 @@ def record_batch(plans: Sequence[RunPlan]) -> list[RecordedRun]:
 
 
 def batches(cases: Sequence[Case], processes: int) -> list[tuple[Case, ...]]:
-    """Divide `cases` into batches for processes, of runs that may be stepped together.
+    """Divides `cases` into batches for processes, of runs that may be stepped together.
 
     Runs over DDS get batches of their own. With enough cases there are about two batches per process or more, so that
     all processes end at about the same time; those of pure replay, which are fast, come last.
@@ -155,7 +155,7 @@ def batches(cases: Sequence[Case], processes: int) -> list[tuple[Case, ...]]:
 
 
 def run_batch(cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Found]:
-    """Run `cases` in this process, and write their pictures to `folders`; a failure never affects other cases.
+    """Runs `cases` in this process, and writes their pictures to `folders`; a failure never affects other cases.
 
     Runs that were stepped together with a failing one are repeated one by one.
     """
@@ -175,7 +175,7 @@ def run_batch(cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Fou
 
 
 def _portions(of: Sequence[T], most: int) -> Iterator[tuple[T, ...]]:
-    """`of` in order, in portions of `most` items; the last one may be smaller."""
+    """Yields `of` in order, in portions of `most` items; the last one may be smaller."""
     return (tuple(of[begin : begin + most]) for begin in range(0, len(of), most))
 
 
@@ -184,7 +184,7 @@ def _by_scenario(cases: Sequence[Case]) -> list[Case]:
 
 
 def _batchable(plans: dict[int, RunPlan]) -> Iterator[tuple[int, ...]]:
-    """Groups of two or more of the keys of `plans` that can be stepped together."""
+    """Yields groups of two or more of the keys of `plans` that can be stepped together."""
     groups: dict[Hashable, list[int]] = {}
     for k, plan in plans.items():
         if not can_batch(plan.policy, plan.parameters):
@@ -197,7 +197,7 @@ def _batchable(plans: dict[int, RunPlan]) -> Iterator[tuple[int, ...]]:
 
 
 def _run_batched(plans: dict[int, RunPlan], folders: Sequence[Path | None]) -> dict[int, Found]:
-    """Results of the runs of `plans`, by their keys; empty if one of them fails."""
+    """Returns results of the runs of `plans`, by their keys; empty if one of them fails."""
     try:
         runs = record_batch(list(plans.values()))
         return {k: measured(run, folders[k]) for k, run in zip(plans, runs, strict=True)}

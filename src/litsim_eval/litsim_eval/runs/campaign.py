@@ -43,10 +43,10 @@ class LocalRuns:
     _meeting: threading.Lock = field(default_factory=threading.Lock)
 
     def check(self, cases: Sequence[Case]) -> None:
-        """Do nothing, since any cases can be run on this machine; see :meth:`.ray_runs.RayRuns.check`."""
+        """Does nothing, since any cases can be run on this machine; see :meth:`.ray_runs.RayRuns.check`."""
 
     def run(self, cases: Sequence[Case]) -> Generator[RunResult, None, None]:
-        """Run `cases` and yield the result of each once it is stored.
+        """Runs `cases` and yields the result of each once it is stored.
 
         Runs in process are stepped together where possible, and then end together. An interruption, such as Ctrl-C,
         ends the runs in progress without storing them.
@@ -70,7 +70,7 @@ class LocalRuns:
         threads.shutdown()
 
     def _run(self, cases: Sequence[Case], workers: Workers) -> list[RunResult]:
-        """Run `cases`, one over DDS or several in process, and store and return their results.
+        """Runs `cases`, one over DDS or several in process, and stores and returns their results.
 
         Raises:
             RunStopped: the campaign was interrupted.
@@ -100,7 +100,7 @@ class LocalRuns:
 
 
 def conclude(folder: CampaignFolder) -> Campaign:
-    """Write results, JUnit file and page of the campaign in `folder`, finished or not, and return it.
+    """Writes results, JUnit file and page of the campaign in `folder`, finished or not, and returns it.
 
     Raises:
         InputError: a file cannot be read or written.

@@ -81,7 +81,7 @@ class RunOutcome:
     wall_s: float | None = None
 
     def judged(self, case: Case, criteria: Criteria) -> RunResult:
-        """The result of `case`, judged by `criteria`."""
+        """Returns the result of `case`, judged by `criteria`."""
         files: dict[str, Any] = {
             "recording": self.recording,
             "report": self.report,
@@ -94,7 +94,7 @@ class RunOutcome:
 
 
 def check_cases(cases: Iterable[Case]) -> None:
-    """Check one case of each variant before the first run.
+    """Checks one case of each variant before the first run.
 
     Raises:
         CaseRefused: see :func:`check_case`.
@@ -107,7 +107,7 @@ def check_cases(cases: Iterable[Case]) -> None:
 
 
 def _is_refused(case: Case, setting: tuple[str, Any] | None) -> bool:
-    """Whether `case` is refused with this parameter alone, or none, and all others at their defaults."""
+    """Returns whether `case` is refused with this parameter alone, or none, and all others at their defaults."""
     ego = case.ego.model_copy(update={"parameters": {}})
     try:
         check_case(replace(case, ego=ego, parameters=() if setting is None else (setting,)))
@@ -117,7 +117,7 @@ def _is_refused(case: Case, setting: tuple[str, Any] | None) -> bool:
 
 
 def check_case(case: Case) -> None:
-    """Check the parameters of a case, and the program of its stack.
+    """Checks the parameters of a case, and the program of its stack.
 
     Raises:
         InputError: a parameter is unknown to its stage or invalid, or there is no such program, or no launcher.
@@ -134,7 +134,7 @@ def check_case(case: Case) -> None:
 
 
 def run_in_process(case: Case, folder: Path | None = None) -> dict[str, Any]:
-    """Metrics of a run in this process, without SUMO, which would only mirror it.
+    """Returns metrics of a run in this process, without SUMO, which would only mirror it.
 
     Args:
         case: to run.
@@ -147,7 +147,7 @@ def run_in_process(case: Case, folder: Path | None = None) -> dict[str, Any]:
 
 
 def plan_of(case: Case) -> RunPlan:
-    """The plan of a case, with its scenario loaded.
+    """Returns the plan of a case, with its scenario loaded.
 
     Raises:
         InputError: the scenario cannot be used.
@@ -157,7 +157,7 @@ def plan_of(case: Case) -> RunPlan:
 
 
 def measured(run: Run, folder: Path | None) -> dict[str, Any]:
-    """Metrics of a run; its picture is written to `folder` unless that is None.
+    """Returns metrics of a run; its picture is written to `folder` unless that is None.
 
     Raises:
         InputError: metrics cannot be computed, or `folder` cannot be written.
@@ -171,7 +171,7 @@ def measured(run: Run, folder: Path | None) -> dict[str, Any]:
 def run_over_graph(
     case: Case, folder: Path, stopped: Callable[[], bool] = lambda: False, time_limit_s: float = TIME_LIMIT_S
 ) -> RunOutcome:
-    """Run a case over DDS by the launcher, in a domain reserved for it.
+    """Runs a case over DDS by the launcher, in a domain reserved for it.
 
     With a stack that was started elsewhere, the domain is that of the environment, or 0.
 
@@ -222,24 +222,24 @@ def run_over_graph(
 
 
 def _draw(recording: Path, metrics: dict[str, Any], folder: Path) -> None:
-    """Write the picture of a recorded run to `folder`; a failure of this does not fail the run."""
+    """Writes the picture of a recorded run to `folder`; a failure of this does not fail the run."""
     with suppress(InputError):
         write_thumbnail(read_run(recording), metrics, folder)
 
 
 def is_elsewhere(case: Case) -> bool:
-    """Whether the user starts the stack of a case; its runs are made one at a time, in the stack's domain."""
+    """Returns whether the user starts the stack of a case; its runs are made one at a time, in the stack's domain."""
     return case.ego.kind == EXTERNAL and not case.ego.command
 
 
 @lru_cache(maxsize=8)
 def _scenario(name: str) -> Scenario:
-    """The scenario called `name`, cached for all its egos and policies."""
+    """Returns the scenario called `name`, cached for all its egos and policies."""
     return Scenario.load(name)
 
 
 def _graph_parameters(case: Case) -> dict[str, dict[str, Any]]:
-    """Parameters of the nodes, including the time for which the bridge waits for an external ego."""
+    """Returns parameters of the nodes, including the time for which the bridge waits for an external ego."""
     parameters = {stage: dict(values) for stage, values in case.stage_parameters.items()}
     if case.ego.ready_s is not None:
         parameters.setdefault("bridge", {})["external_timeout_s"] = case.ego.ready_s
@@ -247,7 +247,7 @@ def _graph_parameters(case: Case) -> dict[str, dict[str, Any]]:
 
 
 def _launch(case: Case, out: Path) -> list[str]:
-    """The launcher's command line."""
+    """Returns the launcher's command line."""
     argv = [str(find_executable(*LAUNCHER)), "--quiet", "--overwrite", "--out", str(out)]
     argv += ["--scenario", case.scenario, "--ego", case.ego.kind, "--policy", case.policy]
     argv += ["--ego-id", str(case.ego_id), "--ego-interface", case.ego.interface]
@@ -277,7 +277,7 @@ class _Reader(threading.Thread):
             self._said = self._stream.read()
 
     def reason(self, status: int) -> str:
-        """Why the launcher has failed: the last error on stderr, the last line, or its exit `status`."""
+        """Returns why the launcher has failed: the last error on stderr, the last line, or its exit `status`."""
         self.join(TICK_S)
         lines = [line for line in self._said.splitlines() if line.strip()]
         errors = [line.removeprefix("error: ") for line in lines if line.startswith("error: ")]
@@ -285,7 +285,7 @@ class _Reader(threading.Thread):
 
 
 def _end(launcher: ForkedProcess) -> None:
-    """Interrupt a launcher, so that it ends its graph; kill it after END_S."""
+    """Interrupts a launcher, so that it ends its graph; kills it after END_S."""
     with suppress(ProcessLookupError):
         os.kill(launcher.pid, signal.SIGINT)
         if launcher.wait(END_S) is None:

@@ -66,7 +66,7 @@ class DiffSummary:
     largest: dict[str, float] = field(default_factory=dict)
 
     def add(self, topic: str, step: int, recorded: Any, computed: Any) -> None:
-        """Compare two messages of a topic and step."""
+        """Compares two messages of a topic and step."""
         self.compared += 1
         apart = differences(topic, step, recorded, computed)
         if not apart:
@@ -80,7 +80,7 @@ class DiffSummary:
 
 
 def differences(topic: str, step: int, recorded: Any, computed: Any) -> list[Difference]:
-    """All fields that differ in two messages of one type, in order; of an array, the first and the largest difference.
+    """Returns all fields that differ in two messages of one type; of an array, the first and the largest difference.
 
     Floats are compared by their bits: 0.0 and -0.0 differ, and a NaN equals itself.
     """
@@ -142,7 +142,7 @@ def _arrays(name: str, a: np.ndarray, b: np.ndarray, ids: np.ndarray | None, pla
 
 
 def _records(name: str, a: list[Any], b: list[Any], place: _Place) -> list[Difference]:
-    """Differences between two lists of messages, matched by agent if they have one, else by index."""
+    """Returns differences between two lists of messages, matched by agent if they have one, else by index."""
     keys_a, keys_b = _keys(a), _keys(b)
     if keys_a != keys_b:
         return _one_sided(name, keys_a, keys_b, place)
@@ -158,7 +158,7 @@ def _keys(records: list[Any]) -> list[int]:
 
 
 def _one_sided(name: str, a: list[int], b: list[int], place: _Place) -> list[Difference]:
-    """Differences of two unequal lists of agents: those in only one of them, or the order if there are none."""
+    """Returns differences of two unequal lists of agents: those in only one of them, or the order if there are none."""
     alone = sorted(set(a) ^ set(b))
     if not alone:
         return [place.at(f"order of {name}", str(a), str(b))]

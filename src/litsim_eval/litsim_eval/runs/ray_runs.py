@@ -46,7 +46,7 @@ class RayRuns:
     time_limit_s: float = TIME_LIMIT_S
 
     def check(self, cases: Sequence[Case]) -> None:
-        """Check that `cases` can be run on a cluster.
+        """Checks that `cases` can be run on a cluster.
 
         Raises:
             InputError: Ray is not installed, or a stack is started by the user, where no node can reach it.
@@ -56,7 +56,7 @@ class RayRuns:
             raise InputError(f"--ray: ego {elsewhere[0]} has no command; nodes of a cluster start their own stacks")
 
     def run(self, cases: Sequence[Case]) -> Generator[RunResult, None, None]:
-        """Run `cases` and yield the result of each once it is stored.
+        """Runs `cases` and yields the result of each once it is stored.
 
         Raises:
             InputError: the cluster cannot be reached.
@@ -82,7 +82,7 @@ class RayRuns:
             raise InputError(f"--ray {self.address}: no connection: {reason(error)}") from error
 
     def _outcomes(self, ray: Any, cases: Sequence[Case]) -> Iterator[tuple[Case, RunOutcome]]:
-        """Outcomes in order of completion; at most :data:`WAITING_MAX` tasks are submitted at a time."""
+        """Yields outcomes in order of completion; at most :data:`WAITING_MAX` tasks are submitted at a time."""
         task = ray.remote(max_retries=RETRIES, num_cpus=1)(run_task)
         sources, folder = code_versions()[SOURCES], str(self.folder.path.resolve())
         left = iter(cases)
@@ -101,7 +101,7 @@ class RayRuns:
                 yield case, RunOutcome(None, f"the worker was lost {RETRIES + 1} times: {reason(error)}")
 
     def _present(self, case: Case, outcome: RunOutcome) -> RunOutcome:
-        """`outcome` without files that are only on another node's disk."""
+        """Returns `outcome` without files that are only on another node's disk."""
         where = self.folder.run_folder(case)
         files = {name: getattr(outcome, name) for name in ("recording", "report", "log")}
         absent = [name for name, file in files.items() if file is not None and not (where / file).exists()]
@@ -110,7 +110,7 @@ class RayRuns:
 
 
 def run_task(case: Mapping[str, Any], folder: str, sources: str, time_limit_s: float, cwd: str) -> RunOutcome:
-    """The task of one run: run a case on this node; an error becomes an outcome.
+    """Runs a case on this node, as the task of one run; an error becomes an outcome.
 
     Args:
         case: by :meth:`Case.to_json`.
@@ -137,7 +137,7 @@ def run_task(case: Mapping[str, Any], folder: str, sources: str, time_limit_s: f
 
 
 def _cleared(folder: CampaignFolder, case: Case) -> Path:
-    """Empty the folder of a run, possibly after the launcher of a lost worker has closed its record there."""
+    """Empties the folder of a run, possibly after the launcher of a lost worker has closed its record there."""
     until = time.monotonic() + LEAVING_S
     while True:
         try:
@@ -149,7 +149,7 @@ def _cleared(folder: CampaignFolder, case: Case) -> Path:
 
 
 def _ray() -> Any:
-    """Import Ray.
+    """Imports Ray.
 
     Raises:
         InputError: it is not installed.

@@ -54,7 +54,7 @@ class Record:
 
 @contextmanager
 def open_record(bag: Path) -> Iterator[Record]:
-    """Read a bag; the files of its scenario are in a temporary folder until the context is left.
+    """Reads a bag; the files of its scenario are in a temporary folder until the context is left.
 
     Raises:
         InputError: it is not a bag or not a LitSim run, lacks attachments, or has messages of another version.
@@ -77,7 +77,7 @@ def open_record(bag: Path) -> Iterator[Record]:
 
 
 def _decoded(reader: BagReader) -> dict[str, dict[int, Any]]:
-    """Messages by topic and step; run information as step 0, stage states numbered in order."""
+    """Returns messages by topic and step; run information as step 0, stage states numbered in order."""
     wanted = {topic.name: topic for topic in (RUN_INFO, STATUS, *PER_STEP, EGO_APPLIED)}
     for name, topic in wanted.items():
         here, there = type_hash(type_name(topic.type)), reader.topics[name].type_hash if name in reader.topics else ""
@@ -103,7 +103,7 @@ def _decoded(reader: BagReader) -> dict[str, dict[int, Any]]:
 
 
 def _scenario(reader: BagReader, folder: Path) -> Scenario:
-    """The scenario with recording and net from the bag; the attached recording is already cropped."""
+    """Returns the scenario with recording and net from the bag; the attached recording is already cropped."""
     lacking = [name for name in (SCENARIO_FILE, *ATTACHED.values()) if name not in reader.attachments]
     if lacking:
         raise InputError(f"{reader.path}: cannot be repeated without attachment {', '.join(lacking)}")
@@ -117,7 +117,7 @@ def _scenario(reader: BagReader, folder: Path) -> Scenario:
 
 
 def _parameters(info: Any, statuses: dict[int, Any]) -> dict[str, dict[str, Any]]:
-    """Parameters by stage, from the run's configuration and from the stages' status when ready."""
+    """Returns parameters by stage, from the run's configuration and from the stages' status when ready."""
     parameters = {
         name: _flat(values) for name, values in _mapping(info.configuration).items() if isinstance(values, dict)
     }

@@ -34,7 +34,7 @@ from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 
 
 def rerun_stage(record: Record, name: str) -> DiffSummary:
-    """Feed a stage its recorded inputs, step by step, and compare its answers with the recorded ones.
+    """Feeds a stage its recorded inputs, step by step, and compares its answers with the recorded ones.
 
     Raises:
         InputError: the stage `name` does not exist, took no part in the run, is external, or fails.
@@ -80,7 +80,7 @@ class Resimulated:
 
 
 def resimulate(record: Record) -> Resimulated:
-    """Repeat the run in this process, as far as the record goes; an external ego answers as recorded.
+    """Repeats the run in this process, as far as the record goes; an external ego answers as recorded.
 
     Raises:
         InputError: the record cannot be used.
@@ -115,7 +115,7 @@ def resimulate(record: Record) -> Resimulated:
 
 
 def _again(record: Record) -> Runner:
-    """A runner of the recorded plan, with the recorded parameters."""
+    """Returns a runner of the recorded plan, with the recorded parameters."""
     info = record.info
     external = info.ego == EXTERNAL
     silent = [name for name in STAGES if name in info.stages and name not in record.parameters]
@@ -154,7 +154,7 @@ class Stage:
 
 
 def _core(record: Record, stage: str) -> Any:
-    """The core of a stage, made by the function that its package registers, with the recorded parameters."""
+    """Returns the core of a stage, made by the function that its package registers, with the recorded parameters."""
     cores = configured((stage,), {stage: record.parameters.get(stage, {})}, record.info.ego)
     of_run = () if stage == EGO else (record.info.policy,)
     return cores[stage](*of_run, record.scenario)
@@ -193,7 +193,7 @@ STAGES = {
 
 
 def _digest(digest: RunDigest, messages: dict[str, dict[int, Any]], step: int) -> None:
-    """Add the recorded messages of `step` to `digest`."""
+    """Adds the recorded messages of `step` to `digest`."""
     agents, controls, ego = (messages[topic.name].get(step) for topic in (AGENTS, CONTROLS, EGO_CONTROL))
     if agents is not None:
         digest.update(

@@ -85,7 +85,7 @@ def print_summary(
     replayed: bool = False,
     bounds: Mapping[str, Bounds] | None = None,
 ) -> None:
-    """Print the variants of a campaign side by side.
+    """Prints the variants of a campaign side by side.
 
     If their names are too wide, they are numbered and listed below; if that is still too wide, the variants are divided
     over several tables. Figures measured on only some of the runs are marked.
@@ -119,7 +119,7 @@ def print_summary(
 
 
 def _numbered(numbers: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]], console: Console) -> list[Table]:
-    """Tables with as many variants as fit, but at least one each."""
+    """Returns tables with as many variants as fit, but at least one each."""
     count = len(numbers)
     while count > 1 and not all(_fits(table, console) for table in _spread(numbers, summary, count)):
         count -= 1
@@ -127,7 +127,7 @@ def _numbered(numbers: Mapping[str, str], summary: Mapping[str, Mapping[str, Any
 
 
 def _spread(numbers: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]], most: int) -> list[Table]:
-    """As few tables as possible with at most `most` variants, evenly distributed."""
+    """Returns as few tables as possible with at most `most` variants, evenly distributed."""
     variants, tables = list(numbers), -(-len(numbers) // most)
     parts = [variants[len(variants) * i // tables : len(variants) * (i + 1) // tables] for i in range(tables)]
     return [_table({variant: numbers[variant] for variant in part}, summary) for part in parts]
@@ -138,7 +138,7 @@ def _fits(table: Table, console: Console) -> bool:
 
 
 def _table(headings: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]]) -> Table:
-    """The table of some variants; `headings` are the names of the columns by variant."""
+    """Returns the table of some variants; `headings` are the names of the columns by variant."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("", no_wrap=True)
     for heading in headings.values():
@@ -167,18 +167,18 @@ def _table(headings: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]]
 
 
 def _mark(key: str, variant: Mapping[str, Any]) -> str:
-    """The mark of a figure over fewer than all runs: any but OF_ALL_RUNS in a variant with failed runs."""
+    """Returns the mark of a figure over fewer than all runs: any but OF_ALL_RUNS in a variant with failed runs."""
     return MARK if variant["failed"] and key not in OF_ALL_RUNS else ""
 
 
 def _reached(key: str, horizon: str, variant: Mapping[str, Any]) -> str:
-    """The number of runs that last to `horizon`, in brackets, as a suffix of their ADE; empty if all of them do."""
+    """Returns the number of runs that last to `horizon`, as a suffix of their ADE; empty if all of them do."""
     runs, every = variant["ade_runs"][horizon], variant["measured"]
     return f" ({runs} of {every})" if runs < every and variant[key][horizon] is not None else ""
 
 
 def _between(key: str, name: str, variant: Mapping[str, Any]) -> str:
-    """The bounds `name` of the measure `key`, in brackets, as a suffix of its figure; empty if there are none."""
+    """Returns the bounds `name` of the measure `key`, as a suffix of its figure; empty if there are none."""
     if name not in variant[BOUNDS]:
         return ""
     low, high = (round(bound) if isinstance(variant[key], int) else bound for bound in variant[BOUNDS][name])

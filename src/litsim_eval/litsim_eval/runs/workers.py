@@ -56,19 +56,19 @@ class Workers:
             worker.process.join()  # else files that this process had open, such as locks, would still be open in copies
 
     def close(self) -> None:
-        """Kill all processes, which also ends stopped ones, and start no further ones."""
+        """Kills all processes, which also ends stopped ones, and starts no further ones."""
         with self._starting:
             self._closed = True
             for worker in self._all:
                 worker.process.kill()
 
     def run(self, case: Case, folder: Path | None = None) -> RunOutcome:
-        """Run a case in this thread's process; its picture is written to `folder`."""
+        """Runs a case in this thread's process; its picture is written to `folder`."""
         (outcome,) = self.run_batch([case], [folder])
         return outcome
 
     def run_batch(self, cases: Sequence[Case], folders: Sequence[Path | None]) -> list[RunOutcome]:
-        """Run cases in this thread's process, together where possible; their pictures are written to their `folders`.
+        """Runs cases in this thread's process, together where possible; their pictures are written to their `folders`.
 
         The wall time is divided equally among the cases. If the process ends, the cases are repeated one by one to find
         the one that ends it.
@@ -87,7 +87,7 @@ class Workers:
         ]
 
     def _ask(self, cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Found]:
-        """Metrics of cases from this thread's process, or the reasons for their absence.
+        """Returns metrics of cases from this thread's process, or the reasons for their absence.
 
         Raises:
             RunFailed: the process has ended, or the workers are closed.
@@ -110,7 +110,7 @@ class Workers:
         return outcomes
 
     def _started(self, start: Callable[..., BaseProcess]) -> Worker:
-        """A new process."""
+        """Returns a new process."""
         ours, theirs = Pipe()
         process = start(_serve, theirs)
         theirs.close()  # so that the end of the process closes the pipe
