@@ -83,17 +83,6 @@ def answers(run: Any) -> dict[int, ControlTable]:
     return found
 
 
-def test_collisions_show(run: Any, moved: Make) -> None:
-    hit = [t if t.step < 50 else moved([t], 3, y=3.66, x=-12.0)[0] for t in run.tables]
-    metrics = compute_metrics(replace(run, tables=hit))
-    assert not metrics["reactive"]
-    collision = metrics["collision"]
-    assert collision["pairs"] == collision["excess"] == 1
-    assert collision["contacts"] == [{"pair": [2, 3], "step": 50, "last_step": STEPS, "in_log": False}]
-    assert collision["rate_all"] == pytest.approx(2 / 3)
-    assert collision["rate_controlled"] == 1.0
-
-
 @pytest.mark.parametrize(("ahead", "at_fault", "own"), [(3.5, 1, 0.0), (-3.5, 0, None)])
 def test_only_contacts_at_the_egos_fault_spoil_its_own_ttc(
     run: Any, moved: Make, ahead: float, at_fault: int, own: float | None
@@ -263,15 +252,6 @@ def test_a_run_that_is_not_valid_is_measured_and_said_to_be(
     said = capsys.readouterr()
     assert said.err == f"error: {folder}: the run is not valid: {metrics['why']}\n" and "step 60" in metrics["why"]
     assert said.out == ""
-
-
-def test_errors_are_one_line_and_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as stop:
-        main([str(tmp_path / "none")])
-    assert stop.value.code == 2
-    captured = capsys.readouterr()
-    assert captured.err == f"error: {tmp_path / 'none'}: no such bag\n"
-    assert captured.out == ""
 
 
 @pytest.mark.parametrize("name", [*FILES, "file"])

@@ -81,12 +81,6 @@ def test_takeover_without_need_is_a_false_alarm(table: Make, make_run: Make) -> 
     assert entry.false_alarm
 
 
-def test_blocked_entry_is_never_a_false_alarm(table: Make, make_run: Make) -> None:
-    log = follower_log(table)
-    (entry,) = ledger(make_run(log, log, takeovers={5: [record(2, reason=TakeoverReason.BLOCKED_ENTRY)]}))
-    assert not entry.false_alarm
-
-
 def test_what_no_forecast_predicted_has_no_time_to_conflict(table: Make, make_run: Make) -> None:
     """The message holds placeholders: 0 s, as if the overlap were now, and a probability of 0 or 1."""
     log = follower_log(table)
@@ -96,6 +90,7 @@ def test_what_no_forecast_predicted_has_no_time_to_conflict(table: Make, make_ru
         (entry,) = ledger(run)
         expected = (0.0, 1.0) if reason == TakeoverReason.CONFLICT else (None, None)
         assert (entry.time_to_conflict_s, entry.overlap_probability) == expected
+        assert entry.false_alarm == (reason == TakeoverReason.CONFLICT)
         rows = takeovers_table(run).to_pylist()
         assert (rows[0]["time_to_conflict_s"], rows[0]["overlap_probability"]) == expected
 

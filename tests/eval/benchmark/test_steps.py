@@ -21,7 +21,6 @@ from litsim_eval.benchmark.steps import (
     graph_sample,
     straight_road,
     table_rows,
-    time_graph,
     time_highway_env,
     time_in_process,
     time_recording,
@@ -140,16 +139,3 @@ def test_the_straight_road_is_one_that_sumo_loads(tmp_path: Path) -> None:
     net.write_text(straight_road(2500.0))
     program = "import libsumo, sys; libsumo.start(['sumo', '-n', sys.argv[1]]); print(libsumo.lane.getLength('road_4'))"
     assert execute(Path(sys.executable), "-c", program, str(net)).split()[-1] == "2500.0"
-
-
-def test_what_the_launcher_is_told_beside_the_run_is_up_to_who_asks(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    told: list[tuple[Any, ...]] = []
-    monkeypatch.setattr(benchmark, "find_executable", lambda *_: tmp_path)
-    monkeypatch.setattr(benchmark, "execute", lambda *words: told.append(words))
-    monkeypatch.setattr(benchmark, "read_run", lambda bag: bag)
-    monkeypatch.setattr(benchmark, "graph_sample", lambda run: {"of": run})
-    assert time_graph(tmp_path / "150.yaml", tmp_path / "bag") == {"of": tmp_path / "bag"}
-    time_graph(tmp_path / "150.yaml", tmp_path / "bag", ["--apart"])
-    assert told[1] == (*told[0], "--apart") and str(tmp_path / "150.yaml") in told[0]

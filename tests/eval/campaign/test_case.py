@@ -54,11 +54,6 @@ def test_which_vehicles_are_the_ego(choice: Any) -> None:
     assert tuple(case.ego_id for case in found) == (wanted[choice] if isinstance(choice, str) else (1, 3))
 
 
-def test_an_ego_that_is_not_there() -> None:
-    with pytest.raises(InputError, match="egos: 99999 not there at the start of demo"):
-        cases(cases=[{"scenario": "demo", "ego_id": 99999}])
-
-
 def test_an_entry_that_cannot_be_used_is_told_by_file_line_and_field(tmp_path: Path) -> None:
     inner, outer = tmp_path / "inner.yaml", tmp_path / "outer.yaml"
     inner.write_text(
@@ -94,12 +89,6 @@ def test_json_keeps_a_case() -> None:
     case = one(egos=[ego], seeds=[3], parameters={"conflict.horizon": [2.0]}, end_after_contact_s=0.5)
     assert Case.from_json(json.loads(json.dumps(case.to_json()))) == case
     assert case.execution_mode == "graph"
-
-
-def test_parameters_of_ego_and_row_go_together() -> None:
-    ego = {"name": "braker", "kind": "perturbed", "parameters": {"ego.kind": "brake"}}
-    case = one(egos=[ego], parameters={"conflict.horizon": [2.0]})
-    assert case.stage_parameters == {"ego": {"kind": "brake"}, "conflict": {"horizon": 2.0}}
 
 
 def test_equal_runs_have_equal_ids_wherever_their_files_lie(tmp_path: Path) -> None:

@@ -77,15 +77,3 @@ def test_counts_and_times_of_suites_and_kinds_of_failures(campaign: Campaign, tm
     assert len(set(names)) == len(names)
     assert litsim.get("timestamp") == campaign.begun_at
     assert {each.get("name"): each.get("value") for each in litsim.iter("property")} == VERSIONS
-
-
-def test_a_campaign_that_passes_has_no_failures(tmp_path: Path) -> None:
-    made = cases()
-    folder = CampaignFolder(tmp_path)
-    folder.begin(suite(), made, VERSIONS)
-    for case in made:
-        folder.store(RunResult.judged(case, metrics(), CRITERIA))
-    write_junit(read_campaign(tmp_path), tmp_path / "junit.xml")
-    read = Junit(str(tmp_path / "junit.xml"))
-    assert [len(found.passed()) for found in read.suites] == [1, 1, 2]
-    assert not any(found.failed() for found in read.suites)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -37,14 +36,6 @@ def test_a_case_is_run_without_sumo_and_measured() -> None:
     found = run_in_process(case())
     assert found["valid"] and found["collision"]["excess"] == 0 and found["policy"] == "replay"
     assert found["world"]["sumo_deviation_m"] is None
-
-
-def test_its_picture_is_left_in_the_folder(tmp_path: Path) -> None:
-    metrics = run_in_process(case("idm", 3), tmp_path)
-    picture = read_thumbnail(tmp_path)
-    assert picture is not None and picture["contact"] is not None
-    first = min(each["step"] for each in metrics["collision"]["contacts"] if not each["in_log"])
-    assert picture["step"] == first and picture["what"].endswith("touch")
 
 
 def test_over_dds_the_picture_comes_from_the_record(
@@ -205,8 +196,3 @@ def test_only_a_stack_that_runs_already_is_met_in_its_own_domain(
     folder = launcher("echo $ROS_DOMAIN_ID > domain; exit 1")
     over_graph(case(ego), folder)
     assert (folder / "domain").read_text().strip() == domain
-
-
-def test_a_vehicle_that_is_not_there_is_an_input_error() -> None:
-    with pytest.raises(InputError, match="99999"):
-        run_in_process(replace(case(), ego_id=99999))
