@@ -37,7 +37,7 @@ def test_every_ego_policy_seed_and_value_is_a_case() -> None:
     ]
 
 
-def test_a_replay_has_no_rows_of_the_stages_of_the_policy() -> None:
+def test_a_replay_has_no_variants_of_the_stages_of_the_policy() -> None:
     made = cases(policies=["replay"], parameters={"conflict.horizon": [2.0, 3.0], "ego.headway": [1.0]})
     assert [case.parameters for case in made] == [(("ego.headway", 1.0),)]
 
@@ -195,7 +195,7 @@ def test_graph_or_not_is_part_of_the_run() -> None:
     assert len(ids) == 2
 
 
-def test_a_setup_makes_a_row_with_its_parameters() -> None:
+def test_a_setup_makes_a_variant_with_its_parameters() -> None:
     near = {"name": "near", "kind": "litsim", "parameters": {"conflict.roi_m": 15.0}}
     made = cases(policies=["replay", "litsim", near], parameters={"conflict.horizon": [2.0]})
     assert [case.variant for case in made] == ["idm, replay", "idm, litsim", "idm, litsim, near"]
@@ -203,7 +203,7 @@ def test_a_setup_makes_a_row_with_its_parameters() -> None:
     assert made[2].policy == "litsim" and len({case.id for case in made}) == 3
 
 
-def test_a_row_tells_which_of_its_own_parameters_the_suite_replaces() -> None:
+def test_a_variant_tells_which_of_its_own_parameters_the_suite_replaces() -> None:
     """A variant named for a long horizon was run with another one, and nothing said so."""
     long = {"name": "long", "kind": "litsim", "parameters": {"conflict.horizon": 5.0, "conflict.passing": False}}
     ego = {"name": "mine", "kind": "perturbed", "parameters": {"ego.kind": "brake"}}

@@ -48,7 +48,7 @@ def test_another_reader_finds_every_case_and_why_it_did_not_pass(campaign: Campa
     assert whole.failure == "passed_share is 0.4, expected at least 1"
 
 
-def test_rows_are_in_the_order_of_the_table(tmp_path: Path) -> None:
+def test_variants_are_in_the_order_of_the_table(tmp_path: Path) -> None:
     asked = {"policies": ["replay", "litsim"], "egos": ["log", "bat"], "seeds": [1, 2]}
     CampaignFolder(tmp_path).begin(suite(**asked), cases(**asked), VERSIONS)
     campaign = read_campaign(tmp_path)

@@ -155,7 +155,7 @@ def test_intervals_stand_behind_the_figures_on_demand(capsys, tmp_path) -> None:
     assert re.search(r"colliding agents +\d+ *\n", capsys.readouterr().out)
 
 
-def test_several_egos_and_values_are_rows_of_the_table(capsys, tmp_path, criteria) -> None:
+def test_several_egos_and_values_are_variants(capsys, tmp_path, criteria) -> None:
     """In this scene those behind the ego are under control for less time if their logs may be shifted."""
     waves = {"recording": str(packaged("scenarios/us101_like.parquet")), "ego": 7, "egos": [7]}
     words = ["--policy", "replay", "yield", "--set", "conflict.handback=catch_up,time_shift", "--egos", "ego"]

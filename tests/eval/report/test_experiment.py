@@ -175,7 +175,7 @@ def test_command_line(campaign: Write, tmp_path: Path, capsys: pytest.CaptureFix
     assert "a campaign, expected one run for --png" in capsys.readouterr().err
 
 
-def test_rows_without_a_result_yet_are_there(campaign: Write, tmp_path: Path) -> None:
+def test_variants_without_a_result_yet_are_there(campaign: Write, tmp_path: Path) -> None:
     data = packed(page_of(campaign(tmp_path, done=2)))
     assert data["variants"] == ["idm, replay", "idm, litsim"]
     assert [run["variant"] for run in data["runs"]] == [0, 0]

@@ -65,7 +65,7 @@ def test_a_case_is_the_run_of_its_own_scenario_whatever_was_run_before() -> None
     assert len({metrics["run_id"] for metrics in found}) == len(cases)
 
 
-def test_parameters_of_row_and_ego_reach_the_run() -> None:
+def test_parameters_of_variant_and_ego_reach_the_run() -> None:
     own = {"name": "braker", "kind": "perturbed", "parameters": {"ego.kind": "brake", "ego.time": [0.0, 0.0]}}
     found = run_in_process(case(own, 3, parameters={"ego.deceleration": [3.0]}))
     settings = [("ego", "kind", "brake"), ("ego", "time", (0.0, 0.0)), ("ego", "deceleration", 3.0)]

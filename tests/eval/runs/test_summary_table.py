@@ -24,7 +24,7 @@ def variant(**values: Any) -> dict[str, Any]:
 
 
 def variants(count: int) -> dict[str, dict[str, Any]]:
-    """Rows with the names that six of them have in `docs/results.md`."""
+    """Variants with the names that six of them have in `docs/results.md`."""
     egos, policies = ("perturbed", "external"), ("replay", "yield, kinematic", "litsim, default, handback=time_shift")
     names = [f"{ego}, {policy}" for ego in egos for policy in policies]
     return {names[i % 6] + (f", horizon={i}" if i > 5 else ""): variant(runs=10 + i) for i in range(count)}
@@ -43,7 +43,7 @@ def cells(lines: list[str], name: str) -> list[str]:
     return [word for line in lines if line.strip().startswith(f"{name} ") for word in line.strip()[len(name) :].split()]
 
 
-def test_few_rows_are_named_above_their_columns() -> None:
+def test_few_variants_are_named_above_their_columns() -> None:
     lines = printed({"idm, replay": variant(), "idm, litsim": variant(takeovers=55)})
     assert any("idm, replay" in line and "idm, litsim" in line for line in lines)
     assert cells(lines, "takeovers")[1] == "55"
@@ -58,7 +58,7 @@ def test_where_nobody_can_be_taken_over_nothing_is_said_of_it(count: int) -> Non
         assert cells(short, name) == cells(whole, name) != []
 
 
-def test_six_rows_are_one_table_with_their_names_below() -> None:
+def test_six_variants_are_one_table_with_their_names_below() -> None:
     summary = variants(6)
     lines = printed(summary)
     assert cells(lines, "runs") == ["10", "11", "12", "13", "14", "15"]
@@ -70,7 +70,7 @@ def test_six_rows_are_one_table_with_their_names_below() -> None:
 
 
 @pytest.mark.parametrize("count", [7, 12, 31])
-def test_more_rows_are_spread_over_tables(count: int) -> None:
+def test_more_variants_are_spread_over_tables(count: int) -> None:
     lines = printed(variants(count))
     assert cells(lines, "runs") == [str(10 + i) for i in range(count)]
     per_table = [len(line.split()) - 1 for line in lines if line.strip().startswith("runs ")]

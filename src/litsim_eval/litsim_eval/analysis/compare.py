@@ -42,9 +42,10 @@ class Row:
         return self.name.split(".")[0] not in OF_AN_EXECUTION
 
     @property
-    def changes(self) -> tuple[float | None, ...]:
-        """Difference of each value from that of the first run; None where either is not a number."""
-        return tuple(_minus(value, self.values[0]) for value in self.values)
+    def change(self) -> float | None:
+        """Difference of the second run's value from the first one's; None where either is not a number."""
+        first, second = self.values[:2]
+        return second - first if _number(first) and _number(second) else None
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,3 @@ def _same(a: Any, b: Any) -> bool:
     if _number(a) and _number(b):
         return bool(abs(a - b) <= SAME_RELATIVE * max(abs(a), abs(b)))
     return bool(a == b) and type(a) is type(b)
-
-
-def _minus(value: Any, base: Any) -> float | None:
-    return value - base if _number(value) and _number(base) else None

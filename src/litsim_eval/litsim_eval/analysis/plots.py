@@ -37,6 +37,7 @@ from litsim_eval.analysis.takeover import LedgerEntry, ledger
 from litsim_sim.core.colours import FAINT, INK, ROAD, colour_of
 from litsim_sim.core.geometry import box_corners, to_body
 from litsim_sim.core.scene import AgentTable, Controller, FloatArray
+from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.record.lanes import lane_map_of
 from litsim_sim.record.run import Run
@@ -76,7 +77,7 @@ def overview(run: Run, path: Path) -> None:
     entries, lane_map = ledger(run), lane_map_of(run)
     moment = telling_moment(run, entries)
     figure.suptitle(_title(run, entries), x=0.012, ha="left", fontsize=15, color=INK)
-    crossings = crossed(lane_map, _way(run))
+    crossings = crossed(lane_map, _ego_track(run, run.steps)[:, 1:3])
     if lane_map is not None and len(crossings):
         speed, off_log = _intersection(figure, run, moment, lane_map, crossings)
     else:
@@ -90,17 +91,11 @@ def overview(run: Run, path: Path) -> None:
     figure.savefig(path, dpi=DPI)
 
 
-def _way(run: Run) -> FloatArray:
-    """Returns (k, 2) positions of the ego [m]."""
-    rows = [(table, table.row(run.info.ego_id)) for table in run.tables]
-    return np.array([(table.x[row], table.y[row]) for table, row in rows if row >= 0]).reshape(-1, 2)
-
-
 def _intersection(
     figure: Figure, run: Run, moment: Moment, lane_map: LaneMap, crossings: FloatArray
 ) -> tuple[Axes, Axes]:
     """Draws the intersection and its signals; returns axes for the ego's speed and for the agents off their logs."""
-    area = Area.around(np.concatenate([_way(run), crossings]))
+    area = Area.around(np.concatenate([_ego_track(run, run.steps)[:, 1:3], crossings]))
     signals = run.signals
     passed = [each for each in run_passages(run) or [] if each.agent == run.info.ego_id]
     names = [each.group for each in passed]
@@ -118,9 +113,8 @@ def _intersection(
             axes.plot(each.step * run.info.dt, row, "D", color=COLOURS[Controller.EGO], mec="white", ms=9, zorder=5)
         title = f"{len(groups)} of {len(known)} signals" if len(groups) < len(known) else "Signals"
         title += "; the diamond is the ego at the stop line" if passed else ""
-        axes.set_title(title, loc="left", fontsize=12, color=INK)
         axes.axvline(moment.step * run.info.dt, color=INK, lw=0.9, ls=":")
-        _plain(axes)
+        _finish(axes, title)
     below = right.add_gridspec(2, 1)
     speed = right.add_subplot(below[0])
     return speed, right.add_subplot(below[1], sharex=speed)
@@ -138,7 +132,7 @@ def _plan(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap, area: Area) -
     axes.add_collection(
         LineCollection(driven[Controller.EGO], colors=COLOURS[Controller.EGO], linewidths=2.8, zorder=5)
     )
-    logged = _logged_ego(run)
+    logged = _ego_track(run, run.logged)
     axes.plot(logged[:, 1], logged[:, 2], color=INK, lw=1.1, ls=DASHED, zorder=5)
     here = table.take(area.holds(np.stack([table.x, table.y], axis=-1)))
     draw_boxes(axes, here, [COLOURS[Controller(c)] for c in here.controller])
@@ -149,8 +143,7 @@ def _plan(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap, area: Area) -
     handles.append(line_handle(INK, "ego's log", lw=1.1, ls=DASHED))
     _legend_below(axes, handles)
     none = "" if run.signals is not None else " (no signals are known)"
-    axes.set_title(f"{table.step * run.info.dt:.1f} s: {moment.why}{none}", loc="left", fontsize=12, color=INK)
-    _plain(axes)
+    _finish(axes, f"{table.step * run.info.dt:.1f} s: {moment.why}{none}")
 
 
 @dataclass(frozen=True)
@@ -225,12 +218,11 @@ def _bird_view(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -
             axes.text(ahead, left, str(table.id[i]), ha="center", va="center", fontsize=8, color="white", zorder=7)
     axes.set(xlim=(-BEHIND, AHEAD), ylim=(low, high), aspect="equal", xlabel="along the road from the ego [m]")
     axes.set_ylabel("to the left [m]")
-    axes.set_title(f"{table.step * run.info.dt:.1f} s: {moment.why}", loc="left", fontsize=12, color=INK)
     shown = [c for c in COLOURS if c in table.controller]
     handles: list[Any] = [Patch(facecolor=COLOURS[c], edgecolor=INK, label=NAMES[c]) for c in shown]
     handles.append(Patch(facecolor="none", edgecolor=INK, linestyle=DASHED, label="where the log has it"))
     _legend_below(axes, handles)
-    _plain(axes)
+    _finish(axes, f"{table.step * run.info.dt:.1f} s: {moment.why}")
 
 
 def _legend_below(axes: Axes, handles: list[Any]) -> None:
@@ -290,7 +282,7 @@ def _space_time(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) 
         segments = lines.get(controller.value, [])
         axes.add_collection(LineCollection(segments, colors=COLOURS[controller], linewidths=width))
     extent = s[ego[:until]]
-    ego_log = _logged_ego(run)
+    ego_log = _ego_track(run, run.logged)
     if len(ego_log):
         axes.plot(ego_log[:, 0], _along(route, ego_log[:, 1], ego_log[:, 2])[0], color=INK, lw=1.1, ls=DASHED)
     handles = [Line2D([], [], color=COLOURS[c], lw=2.5, label=NAMES[c]) for c in COLOURS if c.value in lines]
@@ -299,9 +291,8 @@ def _space_time(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) 
     axes.legend(handles=handles, loc="upper left", fontsize=10, framealpha=0.92, edgecolor="none")
     axes.set(xlim=(0.0, _end(run)), ylim=(min(extent, default=0.0) - AHEAD, max(extent, default=0.0) + AHEAD))
     axes.set(xlabel="time [s]", ylabel="along the ego's lane [m]")
-    axes.set_title("Traffic in the ego's lane and beside it", loc="left", fontsize=12, color=INK)
     _mark(axes, run, moment.step)
-    _plain(axes)
+    _finish(axes, "Traffic in the ego's lane and beside it")
 
 
 def _route(run: Run, lane_map: LaneMap | None) -> shapely.LineString:
@@ -326,25 +317,22 @@ def _along(route: shapely.LineString, x: FloatArray, y: FloatArray) -> tuple[Flo
     return s, left
 
 
-def _logged_ego(run: Run) -> FloatArray:
-    """Returns (k, 4) time [s], x, y [m] and speed [m/s] of the ego in the log."""
-    rows = [(table, table.row(run.info.ego_id)) for table in run.log]
-    states = [(t.step * run.info.dt, t.x[i], t.y[i], t.speed[i]) for t, i in rows if i >= 0]
-    return np.array(states).reshape(-1, 4)
+def _ego_track(run: Run, steps: Steps) -> FloatArray:
+    """Returns (k, 4) time [s], x, y [m] and speed [m/s] of the ego in the run or in its log."""
+    rows, table = steps.track(run.info.ego_id), steps.stacked
+    time = steps.step[table.number[rows]] * run.info.dt
+    return np.column_stack([time, table.x[rows], table.y[rows], table.speed[rows]])
 
 
 def _speed(axes: Axes, run: Run, step: int) -> None:
-    rows = [(table, table.row(run.info.ego_id)) for table in run.tables]
-    driven = np.array([(t.step * run.info.dt, t.speed[i]) for t, i in rows if i >= 0]).reshape(-1, 2)
-    logged = _logged_ego(run)
+    driven, logged = (_ego_track(run, steps) for steps in (run.steps, run.logged))
     axes.plot(logged[:, 0], logged[:, 3], color=INK, lw=1.1, ls=DASHED, label="log")
-    axes.plot(driven[:, 0], driven[:, 1], color=COLOURS[Controller.EGO], lw=2.0, label=f"ego ({run.info.ego})")
+    axes.plot(driven[:, 0], driven[:, 3], color=COLOURS[Controller.EGO], lw=2.0, label=f"ego ({run.info.ego})")
     axes.set_ylim(bottom=0.0)
     axes.set(ylabel="speed [m/s]")
     axes.legend(loc="best", frameon=False, fontsize=10)
-    axes.set_title("Speed of the ego", loc="left", fontsize=12, color=INK)
     _mark(axes, run, step)
-    _plain(axes)
+    _finish(axes, "Speed of the ego")
 
 
 def _off_log(axes: Axes, run: Run, step: int) -> None:
@@ -359,9 +347,8 @@ def _off_log(axes: Axes, run: Run, step: int) -> None:
     axes.set(xlim=(0.0, _end(run)), xlabel="time [s]", ylabel="agents")
     axes.set_ylim(0.0, max(1.0, 1.15 * float(counts.max())))
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_title("Background off its log", loc="left", fontsize=12, color=INK)
     _mark(axes, run, step)
-    _plain(axes)
+    _finish(axes, "Background off its log")
 
 
 def _end(run: Run) -> float:
@@ -375,7 +362,9 @@ def _mark(axes: Axes, run: Run, step: int) -> None:
     axes.axvline(step * run.info.dt, color=INK, lw=0.9, ls=":")
 
 
-def _plain(axes: Axes) -> None:
+def _finish(axes: Axes, title: str) -> None:
+    """Gives axes a title, and lines and ticks that do not catch the eye."""
+    axes.set_title(title, loc="left", fontsize=12, color=INK)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color("#9aa0a8")
     axes.tick_params(colors=INK, labelsize=10)

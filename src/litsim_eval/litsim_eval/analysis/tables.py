@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from litsim_data.surrogates.encroachment import times_since_others
 from litsim_data.surrogates.safety import following, times_to_collision
 from litsim_eval.analysis.comfort import BOUNDS, motion_values
 from litsim_eval.analysis.takeover import ledger
-from litsim_sim.core.scene import AgentTable, Controller
+from litsim_sim.core.scene import Controller
 from litsim_sim.core.steps import Steps
 from litsim_sim.io.files import replacing
 from litsim_sim.record.run import Run
@@ -96,15 +95,15 @@ def series_table(run: Run) -> pa.Table:
 
     Missing values are null, never NaN or infinite.
     """
-    tables = run.simulated
-    columns = {name: _joined([getattr(t, field) for t in tables]) for name, field in _STATES.items()}
-    columns["step"] = np.repeat(np.array([t.step for t in tables], np.int64), [len(t) for t in tables])
+    steps = run.simulated
+    table = steps.stacked
+    columns = {name: getattr(table, field) for name, field in _STATES.items()}
+    columns["step"] = steps.step[table.number]
     columns["time_s"] = columns["step"] * run.info.dt
-    columns |= _surroundings(tables) | _deviations(run, tables)
+    columns |= _surroundings(steps) | _deviations(run)
     columns |= _motion(columns, run.info.dt)
     arrays = {name: _array(values, SERIES.field(name).type) for name, values in columns.items()}
-    controllers = _joined([t.controller for t in tables]).tolist()
-    arrays["controller"] = pa.array([_CONTROLLERS.get(each) for each in controllers], TEXT)
+    arrays["controller"] = pa.array([_CONTROLLERS.get(each) for each in table.controller.tolist()], TEXT)
     states = {(step, t.agent): t.state.name.lower() for step, found in run.takeovers.items() for t in found}
     keys = zip(columns["step"].tolist(), columns["agent"].tolist(), strict=True)
     arrays["takeover"] = pa.array([states.get(key) for key in keys], TEXT)
@@ -159,18 +158,16 @@ def _surroundings(tables: Steps) -> dict[str, np.ndarray]:
     }
 
 
-def _deviations(run: Run, tables: Sequence[AgentTable]) -> dict[str, np.ndarray]:
+def _deviations(run: Run) -> dict[str, np.ndarray]:
     """Returns the distance from the logged pose, and speed minus the logged one; NaN where the log lacks the agent."""
-    far: list[np.ndarray] = []
-    faster: list[np.ndarray] = []
-    for table, logged in zip(tables, run.simulated_log or [AgentTable.empty(t.step) for t in tables], strict=True):
-        rows = logged.rows(table.id)
-        both = rows >= 0
-        now, then = table.take(both), logged.take(rows[both])
-        for part, values in ((far, np.hypot(now.x - then.x, now.y - then.y)), (faster, now.speed - then.speed)):
-            part.append(np.full(len(table), np.nan))
-            part[-1][both] = values
-    return {"deviation_m": _joined(far), "speed_deviation_mps": _joined(faster)}
+    steps, log = run.simulated, run.simulated_log
+    table = steps.stacked
+    rows = log.rows_of(steps.ids)[table.number, steps.agent] if len(log) else np.full(len(table), -1)
+    both = rows >= 0
+    now, then = table.take(both), log.stacked.take(rows[both])
+    far, faster = np.full((2, len(table)), np.nan)
+    far[both], faster[both] = np.hypot(now.x - then.x, now.y - then.y), now.speed - then.speed
+    return {"deviation_m": far, "speed_deviation_mps": faster}
 
 
 def _motion(columns: dict[str, np.ndarray], dt: float) -> dict[str, np.ndarray]:
@@ -191,10 +188,6 @@ def _motion(columns: dict[str, np.ndarray], dt: float) -> dict[str, np.ndarray]:
         columns_of_motion[_MOTION.get(name, "")] = column
     columns_of_motion.pop("")  # recorded quantities, which have columns already
     return columns_of_motion | {"comfortable": comfortable}
-
-
-def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
-    return np.concatenate(parts) if parts else np.empty(0)
 
 
 def _array(values: np.ndarray, kind: pa.DataType) -> pa.Array:

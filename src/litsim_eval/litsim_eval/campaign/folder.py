@@ -114,14 +114,6 @@ class CampaignFolder:
                 self.store(again)
         return done
 
-    def finished(self, cases: Sequence[Case]) -> list[RunResult]:
-        """Returns results of those of `cases` that are in this folder, as they were judged; changes nothing.
-
-        Raises:
-            InputError: one cannot be read.
-        """
-        return read_results(self.path, cases)
-
     def run_folder(self, case: Case) -> Path:
         """Returns the folder of the files of the run of `case`."""
         return self.path / RUNS_FOLDER / case.id

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from litsim_sim.core.quantities import OneOf
 from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
@@ -14,6 +14,26 @@ from litsim_sim.scenario.scenario import packaged
 
 PACKAGE, SETUPS = "litsim_eval", "setups"  # folder of the packaged ones
 Name = Annotated[str, Field(min_length=1)]
+
+
+def stage_and_name(name: str) -> str:
+    """Checks that `name` has the form of a parameter, such as conflict.horizon, and returns it.
+
+    Raises:
+        ValueError: it is not.
+    """
+    stage, _, rest = name.partition(".")
+    if not (stage and rest):
+        raise ValueError(f"{name!r}, expected STAGE.NAME, such as conflict.horizon")
+    return name
+
+
+def _checked(values: dict[str, Any]) -> dict[str, Any]:
+    return {stage_and_name(name): value for name, value in values.items()}
+
+
+Parameters = Annotated[dict[str, Any], AfterValidator(_checked)]
+"""Values of parameters by `stage.name`."""
 
 
 class PolicySetup(BaseModel):
@@ -31,12 +51,7 @@ class PolicySetup(BaseModel):
     name: Name
     kind: Annotated[str, OneOf(policy_names)]
     description: str = ""
-    parameters: dict[str, Any] = {}
-
-    @field_validator("parameters")
-    @classmethod
-    def _check_parameters(cls, values: dict[str, Any]) -> dict[str, Any]:
-        return {stage_and_name(name): value for name, value in values.items()}
+    parameters: Parameters = {}
 
     @property
     def label(self) -> str:
@@ -61,15 +76,3 @@ def _packaged(name: str) -> PolicySetup:
     path = packaged(f"{SETUPS}/{name}.yaml", PACKAGE)
     text = read_text(path)
     return validate_yaml(parse_yaml(text, str(path), PolicySetup), PolicySetup, str(path), text)
-
-
-def stage_and_name(name: Any) -> str:
-    """Checks that `name` has the form of a parameter, such as conflict.horizon, and returns it.
-
-    Raises:
-        ValueError: it is not.
-    """
-    stage, _, rest = str(name).partition(".")
-    if not (stage and rest):
-        raise ValueError(f"{name!r}, expected STAGE.NAME, such as conflict.horizon")
-    return str(name)

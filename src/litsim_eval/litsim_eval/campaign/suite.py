@@ -19,7 +19,7 @@ from pydantic import (
 )
 
 from litsim_eval.campaign.criteria import Criteria
-from litsim_eval.campaign.policy_setup import PolicySetup, packaged_setups, setup_of, stage_and_name
+from litsim_eval.campaign.policy_setup import Name, Parameters, PolicySetup, packaged_setups, setup_of, stage_and_name
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import OneOf
 from litsim_sim.ego_port.answer import AUTO, INTERFACES
@@ -28,7 +28,6 @@ from litsim_sim.scenario.run_info import EXTERNAL, REPLAY, ego_names, policy_nam
 from litsim_sim.scenario.scenario import packaged, packaged_scenarios
 from litsim_sim.scenario.scenario_file import SEEDS
 
-Name = Annotated[str, Field(min_length=1)]
 EgoChoice = Literal["egos", "tuning", "ego", "all"]
 """Which vehicles of a scenario are the ego, one run each: those that its fields `egos`, `tuning` or `ego` list, or all
 that are there from step 0 through the first simulated step."""
@@ -116,7 +115,7 @@ class EgoSetup(BaseModel):
 
     name: Name
     kind: Annotated[str, OneOf(ego_names)]
-    parameters: dict[str, Any] = {}
+    parameters: Parameters = {}
     command: list[Name] = []
     interface: Annotated[str, OneOf(INTERFACES)] = AUTO
     ready_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
@@ -127,11 +126,6 @@ class EgoSetup(BaseModel):
         if isinstance(values, str):
             values = {"kind": values}
         return {"name": values.get("kind"), **values} if isinstance(values, dict) else values
-
-    @field_validator("parameters")
-    @classmethod
-    def _check_parameters(cls, values: dict[str, Any]) -> dict[str, Any]:
-        return {stage_and_name(name): value for name, value in values.items()}
 
     @model_validator(mode="after")
     def _check_command(self) -> EgoSetup:
@@ -184,7 +178,7 @@ class Suite(BaseModel):
         """Makes a single value a list of one."""
         if not isinstance(values, dict):
             return values
-        return {stage_and_name(name): v if isinstance(v, list) else [v] for name, v in values.items()}
+        return {stage_and_name(str(name)): v if isinstance(v, list) else [v] for name, v in values.items()}
 
     @model_validator(mode="after")
     def _check_cases(self) -> Suite:

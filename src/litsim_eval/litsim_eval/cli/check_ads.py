@@ -8,7 +8,6 @@ import os
 import tempfile
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -115,8 +114,15 @@ def check_ads(arguments: argparse.Namespace, console: Console) -> int:
     for remark in evidence.remarks:
         console.print(f"/diagnostics: {remark}", highlight=False, markup=False, soft_wrap=True)
     if arguments.json:
-        described = {"passed": passed, "scenario": scenario.name, "steps": scenario.total_steps}
-        _write(described | {"clauses": _as_json(clauses), "remarks": list(evidence.remarks)}, arguments.json)
+        result = {
+            "passed": passed,
+            "scenario": scenario.name,
+            "steps": scenario.total_steps,
+            "clauses": {each.name: {"verdict": each.verdict, "why": each.text, **each.figures} for each in clauses},
+            "remarks": evidence.remarks,
+        }
+        with replacing(arguments.json) as new:
+            new.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     return 0 if passed else EXIT_FAILED
 
 
@@ -128,15 +134,6 @@ def _table(clauses: list[Clause]) -> Table:
     for clause in clauses:
         table.add_row(clause.name, f"[{COLOURS[clause.verdict]}]{clause.verdict}[/]", clause.text.replace("[", r"\["))
     return table
-
-
-def _as_json(clauses: list[Clause]) -> dict[str, Any]:
-    return {each.name: {"verdict": str(each.verdict), "why": each.text, **each.figures} for each in clauses}
-
-
-def _write(result: dict[str, Any], path: Path) -> None:
-    with replacing(path) as new:
-        new.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
 
 
 def _writable(out: Path) -> Path:

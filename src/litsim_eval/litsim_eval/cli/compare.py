@@ -61,20 +61,15 @@ def print_comparison(comparison: Comparison, only_differences: bool = False, con
             if marked:
                 table.rows[-1].style = "bold yellow"
     console.print(table)
-    console.print("equal but for wall times" if comparison.equal else _count(comparison), highlight=False)
-
-
-def _count(comparison: Comparison) -> str:
-    differing = [row for row in comparison.rows if row.differs and row.of_the_run]
-    return f"{len(differing)} measures differ"
+    differing = sum(row.differs and row.of_the_run for row in comparison.rows)
+    console.print(f"{differing} measures differ" if differing else "equal but for wall times", highlight=False)
 
 
 def _cells(row: Row, with_change: bool) -> list[str]:
     mark = "* " if row.differs and row.of_the_run else "  "  # also without colours
     cells = [mark + row.name, *(_text(value) for value in row.values)]
     if with_change:
-        change = row.changes[1]
-        cells.append(f"{change:+.{DIGITS}g}" if row.differs and change is not None else "")
+        cells.append(f"{row.change:+.{DIGITS}g}" if row.differs and row.change is not None else "")
     return cells
 
 

@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Self
 
 from rich.console import Console
 from tqdm import tqdm
@@ -15,7 +14,7 @@ from tqdm import tqdm
 from litsim_eval.campaign.case import Case, cases_of, code_versions
 from litsim_eval.campaign.criteria import Verdict
 from litsim_eval.campaign.folder import CampaignFolder
-from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RESULTS_FILE, Campaign, RunResult
+from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RESULTS_FILE, Campaign, RunResult, read_results
 from litsim_eval.campaign.suite import place_of
 from litsim_eval.campaign.variant_summary import variant_bounds, variant_summary
 from litsim_eval.cli.suite_arguments import add_suite_arguments, suite_of
@@ -86,18 +85,15 @@ def evaluate(arguments: argparse.Namespace) -> int:
     runs: LocalRuns | RayRuns = LocalRuns(folder, suite.criteria, arguments.processes, arguments.time_limit)
     if arguments.ray is not None:
         runs = RayRuns(folder, suite.criteria, arguments.ray, arguments.processes, arguments.time_limit)
-    runs.check(cases)
+        runs.check(cases)
     if arguments.dry_run:
         return _tell(cases, folder, arguments)
     with folder.alone():
         done = folder.begin(suite, cases, versions, overwrite=arguments.overwrite)
         if arguments.retry_errors:
             done = _judged(done)
-        to_run = [case for case in cases if case.id not in done]
         try:
-            with Progress(len(cases), done.values()) as progress, closing(runs.run(to_run)) as results:
-                for result in results:
-                    progress.add(result)
+            _run_the_rest(runs, cases, done)
         except BaseException:  # finished runs are kept
             without_interrupts(lambda: conclude(folder))
             print_error("the campaign ended before all runs were done; the same command resumes it")
@@ -108,34 +104,29 @@ def evaluate(arguments: argparse.Namespace) -> int:
     return 0 if campaign.passes else EXIT_FAILED
 
 
-class Progress:
-    """A progress bar with the numbers of runs that have passed, failed and were errors."""
+def _run_the_rest(runs: LocalRuns | RayRuns, cases: Sequence[Case], done: Mapping[str, RunResult]) -> None:
+    """Runs those of `cases` that are not `done`, with a progress bar that counts the verdicts."""
+    results = list(done.values())
+    with (
+        tqdm(total=len(cases), initial=len(done), unit="run", dynamic_ncols=True, smoothing=SMOOTHING) as bar,
+        closing(runs.run([case for case in cases if case.id not in done])) as running,
+    ):
+        bar.set_postfix(_counts(results), refresh=False)
+        for result in running:
+            results.append(result)
+            bar.set_postfix(_counts(results), refresh=False)
+            bar.update()
 
-    def __init__(self, total: int, done: Collection[RunResult]) -> None:
-        self._counts = Counter(result.verdict for result in done)
-        self._bar = tqdm(total=total, initial=len(done), unit="run", dynamic_ncols=True, smoothing=SMOOTHING)
-        self._show()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.close()
-
-    def add(self, result: RunResult) -> None:
-        """Counts a finished run."""
-        self._counts[result.verdict] += 1
-        self._bar.update()
-        self._show()
-
-    def _show(self) -> None:
-        counts = {name: self._counts[verdict] for verdict, name in TOLD_AS.items()}
-        self._bar.set_postfix(counts, refresh=False)
+def _counts(results: Collection[RunResult]) -> dict[str, int]:
+    """Returns how many runs have passed, failed and were errors."""
+    verdicts = Counter(result.verdict for result in results)
+    return {name: verdicts[verdict] for verdict, name in TOLD_AS.items()}
 
 
 def _tell(cases: Sequence[Case], folder: CampaignFolder, arguments: argparse.Namespace) -> int:
     """Prints for every case its verdict, or that it is to be run; returns the exit status."""
-    done = {result.case.id: result for result in folder.finished(cases)}
+    done = {result.case.id: result for result in read_results(folder.path, cases)}
     if arguments.retry_errors:
         done = _judged(done)
     for case in cases:
@@ -150,8 +141,7 @@ def _judged(results: Mapping[str, RunResult]) -> dict[str, RunResult]:
 
 
 def _counted(results: Collection[RunResult]) -> str:
-    counts = Counter(result.verdict for result in results)
-    return ", ".join(f"{counts[verdict]} {name}" for verdict, name in TOLD_AS.items())
+    return ", ".join(f"{count} {name}" for name, count in _counts(results).items())
 
 
 def _print(campaign: Campaign, *, intervals: bool) -> None:

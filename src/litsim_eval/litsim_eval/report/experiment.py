@@ -6,13 +6,14 @@ import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
+from litsim_eval.analysis.displacement import HORIZONS_S
 from litsim_eval.analysis.metric import ADDED, Better, added_metrics
+from litsim_eval.analysis.metrics_tree import leaves
 from litsim_eval.campaign.criteria import CriterionResult, Verdict
 from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RUNS_FOLDER, Campaign, RunResult
 from litsim_eval.campaign.variant_summary import variant_summary
@@ -20,7 +21,7 @@ from litsim_eval.report.campaign_content import criteria_of, pack_campaign
 from litsim_eval.report.pages import render_page
 from litsim_eval.report.run_report import save
 from litsim_eval.report.thumbnails import read_thumbnail, write_thumbnail
-from litsim_eval.report.wording import NOTHING, leaf, number, percent
+from litsim_eval.report.wording import leaf, number, percent
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.run import read_run
 
@@ -31,46 +32,42 @@ NAMES_MAX = 4  # most scenarios, egos or policies that a heading names; of more 
 
 @dataclass(frozen=True)
 class Column:
-    """One measure: its name, its value in a variant, its text, and the function that selects the better of values.
+    """One measure: its name, its path in the summary of a variant, its text, and which of several values is better.
 
     `of_all`: runs without measures count in it.
     """
 
     name: str
-    find: Callable[[dict[str, Any]], Any]
+    path: str
     text: Callable[[Any], str] = number
     better: Callable[[Iterable[float]], float] | None = None
     of_all: bool = False
 
 
-def _key(name: str) -> Callable[[dict[str, Any]], Any]:
-    return lambda variant: variant[name]
-
-
 SUMMARY = (
-    Column("runs", _key("runs"), of_all=True),
-    Column("passed", _key("passed_share"), percent, max, of_all=True),
-    Column("not judged", _key("errors"), better=min, of_all=True),
-    Column("without measures", _key("failed"), better=min, of_all=True),
-    Column("not valid", _key("invalid"), better=min, of_all=True),
-    Column("agents", _key("agents")),
-    Column("agents that collide", _key("colliding_agents"), better=min),
-    Column("runs with collisions", _key("colliding_runs"), better=min),
-    Column("pairs not in the log", _key("excess_pairs"), better=min),
-    Column("contacts of the ego", _key("ego_contacts"), better=min),
-    Column("at a background agent's fault", _key("background_faults"), better=min),
-    Column("at the ego's fault, the other could avoid it", _key("ego_faults_avoidable"), better=min),
-    Column("at the ego's fault, the other could not", _key("ego_faults_unavoidable")),
-    Column("collision rate, all", _key("rate_all"), percent, min),
-    Column("collision rate, controlled", _key("rate_controlled"), percent, min),
-    Column("reactive runs", _key("reactive"), percent, max, of_all=True),
-    Column("takeovers", _key("takeovers")),
-    Column("false alarms", _key("false_alarms"), better=min),
-    Column("relevant agents", _key("relevant_ratio"), percent),
-    Column("progress [m]", _key("progress_m"), lambda v: number(v, 1)),
-    Column("largest jump [m]", _key("max_position_jump_m"), lambda v: number(v, 3), min),
-    Column("largest residual [m]", _key("max_residual_m"), lambda v: number(v, 3), min),
-    Column("× real time", _key("realtime_factor"), lambda v: number(v, 1), max),
+    Column("runs", "runs", of_all=True),
+    Column("passed", "passed_share", percent, max, of_all=True),
+    Column("not judged", "errors", better=min, of_all=True),
+    Column("without measures", "failed", better=min, of_all=True),
+    Column("not valid", "invalid", better=min, of_all=True),
+    Column("agents", "agents"),
+    Column("agents that collide", "colliding_agents", better=min),
+    Column("runs with collisions", "colliding_runs", better=min),
+    Column("pairs not in the log", "excess_pairs", better=min),
+    Column("contacts of the ego", "ego_contacts", better=min),
+    Column("at a background agent's fault", "background_faults", better=min),
+    Column("at the ego's fault, the other could avoid it", "ego_faults_avoidable", better=min),
+    Column("at the ego's fault, the other could not", "ego_faults_unavoidable"),
+    Column("collision rate, all", "rate_all", percent, min),
+    Column("collision rate, controlled", "rate_controlled", percent, min),
+    Column("reactive runs", "reactive", percent, max, of_all=True),
+    Column("takeovers", "takeovers"),
+    Column("false alarms", "false_alarms", better=min),
+    Column("relevant agents", "relevant_ratio", percent),
+    Column("progress [m]", "progress_m", lambda v: number(v, 1)),
+    Column("largest jump [m]", "max_position_jump_m", lambda v: number(v, 3), min),
+    Column("largest residual [m]", "max_residual_m", lambda v: number(v, 3), min),
+    Column("× real time", "realtime_factor", lambda v: number(v, 1), max),
 )
 
 
@@ -135,7 +132,7 @@ def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Pat
         criteria=_criteria(campaign, by_variant),
         tags=_tags(by_variant),
         summary=_side_by_side(summary, (*SUMMARY, *_added())),
-        displacement=_side_by_side(summary, _displacement(summary)),
+        displacement=_side_by_side(summary, _displacement()),
         unmeasured=any(variant["failed"] for variant in summary.values()),
         about=[("begun", campaign.begun_at), *((name, str(version)) for name, version in campaign.versions.items())],
         pictured=bool(pictures),
@@ -255,28 +252,21 @@ def _added() -> Iterator[Column]:
     """Yields means of the measures that other packages add."""
     better: dict[Better, Callable[[Iterable[float]], float]] = {Better.LOWER: min, Better.HIGHER: max}
     for name, metric in added_metrics().items():
-        find: Callable[[dict[str, Any]], Any] = partial(_added_mean, name=name)
-        yield Column(f"{name} [{metric.unit}]" if metric.unit else name, find, better=better.get(metric.better))
+        title = f"{name} [{metric.unit}]" if metric.unit else name
+        yield Column(title, f"{ADDED}.{name}", better=better.get(metric.better))
 
 
-def _added_mean(variant: dict[str, Any], name: str) -> float | None:
-    value: float | None = variant[ADDED][name]
-    return value
-
-
-def _displacement(summary: dict[str, dict[str, Any]]) -> Iterator[Column]:
+def _displacement() -> Iterator[Column]:
     """Yields the average displacement from the log by horizon, of controlled agents and of all."""
-    horizons = list(next(iter(summary.values()), {}).get("ade_all_m") or {})
     for name, field in (("controlled", "ade_controlled_m"), ("all", "ade_all_m")):
-        for horizon in horizons:
-            find: Callable[[dict[str, Any]], Any] = partial(_displaced, field=field, horizon=horizon)
-            yield Column(f"{name}, {horizon} s [m]", find, lambda found: found or NOTHING)
+        for horizon in HORIZONS_S:
+            yield Column(f"{name}, {horizon} s [m]", f"{field}.{horizon}")
 
 
-def _displaced(variant: dict[str, Any], field: str, horizon: str) -> str | None:
-    """Returns the displacement of a variant up to `horizon`, and how many runs lasted as long, if not all did."""
-    value, runs, every = variant[field][horizon], variant["ade_runs"][horizon], variant["measured"]
-    return None if value is None else number(value) + (f" ({runs} of {every})" if runs < every else "")
+def _reached(row: dict[str, Any], path: str) -> str:
+    """Returns how many runs lasted up to the horizon of a displacement, as a suffix of it; empty if all of them did."""
+    runs = row.get(f"ade_runs.{path.rpartition('.')[2]}", row["measured"])
+    return f" ({runs} of {row['measured']})" if runs < row["measured"] else ""
 
 
 def _side_by_side(summary: dict[str, dict[str, Any]], columns: Iterable[Column]) -> list[dict[str, Any]]:
@@ -286,17 +276,18 @@ def _side_by_side(summary: dict[str, dict[str, Any]], columns: Iterable[Column])
     have changed them.
     """
     lines = []
+    rows = [leaves(variant) for variant in summary.values()]
     for column in columns:
-        values = [column.find(variant) for variant in summary.values()]
-        marks = ["*" if variant["failed"] and not column.of_all else "" for variant in summary.values()]
+        values = [row[column.path] for row in rows]
+        marks = ["*" if row["failed"] and not column.of_all else "" for row in rows]
         whole = [value for value, mark in zip(values, marks, strict=True) if value is not None and not mark]
         best = column.better(whole) if column.better and whole and min(whole) < max(whole) else None
         cells = [
             {
-                "text": column.text(value) + (mark if value is not None else ""),
+                "text": column.text(value) + ("" if value is None else _reached(row, column.path) + mark),
                 "best": best is not None and value == best and not mark,
             }
-            for value, mark in zip(values, marks, strict=True)
+            for row, value, mark in zip(rows, values, marks, strict=True)
         ]
         if any(value is not None for value in values):
             lines.append({"name": column.name, "cells": cells})

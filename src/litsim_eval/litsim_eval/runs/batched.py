@@ -151,7 +151,11 @@ def batches(cases: Sequence[Case], processes: int) -> list[tuple[Case, ...]]:
             case
         )
     most = max(1, min(BATCH_MAX, -(-len(cases) // (2 * processes))))
-    return [portion for group in groups.values() for portion in _portions(_by_scenario(group), most)]
+    return [
+        portion
+        for group in groups.values()
+        for portion in _portions(sorted(group, key=lambda case: case.scenario), most)
+    ]
 
 
 def run_batch(cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Found]:
@@ -177,10 +181,6 @@ def run_batch(cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Fou
 def _portions(of: Sequence[T], most: int) -> Iterator[tuple[T, ...]]:
     """Yields `of` in order, in portions of `most` items; the last one may be smaller."""
     return (tuple(of[begin : begin + most]) for begin in range(0, len(of), most))
-
-
-def _by_scenario(cases: Sequence[Case]) -> list[Case]:
-    return sorted(cases, key=lambda case: case.scenario)
 
 
 def _batchable(plans: dict[int, RunPlan]) -> Iterator[tuple[int, ...]]:

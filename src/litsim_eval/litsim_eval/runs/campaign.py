@@ -42,9 +42,6 @@ class LocalRuns:
     _stopped: threading.Event = field(default_factory=threading.Event)
     _meeting: threading.Lock = field(default_factory=threading.Lock)
 
-    def check(self, cases: Sequence[Case]) -> None:
-        """Does nothing, since any cases can be run on this machine; see :meth:`.ray_runs.RayRuns.check`."""
-
     def run(self, cases: Sequence[Case]) -> Generator[RunResult, None, None]:
         """Runs `cases` and yields the result of each once it is stored.
 

@@ -82,12 +82,7 @@ class RunOutcome:
 
     def judged(self, case: Case, criteria: Criteria) -> RunResult:
         """Returns the result of `case`, judged by `criteria`."""
-        files: dict[str, Any] = {
-            "recording": self.recording,
-            "report": self.report,
-            "log": self.log,
-            "wall_s": self.wall_s,
-        }
+        files = {name: getattr(self, name) for name in ("recording", "report", "log", "wall_s")}
         if self.metrics is None:
             return RunResult.error(case, self.failure, **files)
         return RunResult.judged(case, self.metrics, criteria, **files)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -29,10 +29,19 @@ class Difference:
 
     topic: str
     step: int
-    field: str
-    agent: int | None
-    recorded: Value
-    computed: Value
+    field: str = ""
+    agent: int | None = None
+    recorded: Value = None
+    computed: Value = None
+
+    def at(self, name: str, recorded: Any, computed: Any, agent: int | None = None) -> Difference:
+        """Returns a difference in the field `name` of what this one stands for."""
+        return replace(self.within(name, agent), recorded=_plain(recorded), computed=_plain(computed))
+
+    def within(self, name: str, agent: int | None = None) -> Difference:
+        """Returns what stands for the field `name` of this one; the agent stays the same unless it is given."""
+        field = f"{self.field}.{name}" if self.field else name
+        return replace(self, field=field, agent=self.agent if agent is None else agent)
 
     @property
     def amount(self) -> float | None:
@@ -84,25 +93,10 @@ def differences(topic: str, step: int, recorded: Any, computed: Any) -> list[Dif
 
     Floats are compared by their bits: 0.0 and -0.0 differ, and a NaN equals itself.
     """
-    return _differences(recorded, computed, _Place(topic, step))
+    return _differences(recorded, computed, Difference(topic, step))
 
 
-@dataclass(frozen=True)
-class _Place:
-    topic: str
-    step: int
-    prefix: str = ""
-    agent: int | None = None
-
-    def at(self, name: str, recorded: Any, computed: Any, agent: int | None = None) -> Difference:
-        about = self.agent if agent is None else agent
-        return Difference(self.topic, self.step, self.prefix + name, about, _plain(recorded), _plain(computed))
-
-    def within(self, name: str, agent: int | None = None) -> _Place:
-        return _Place(self.topic, self.step, f"{self.prefix}{name}.", self.agent if agent is None else agent)
-
-
-def _differences(recorded: Any, computed: Any, place: _Place) -> list[Difference]:
+def _differences(recorded: Any, computed: Any, place: Difference) -> list[Difference]:
     ids = tuple(_ids(message) for message in (recorded, computed))
     if ids[0] is not None and ids[1] is not None and not np.array_equal(ids[0], ids[1]):
         return _one_sided("id", ids[0].tolist(), ids[1].tolist(), place)  # the other arrays are parallel to the ids
@@ -122,7 +116,7 @@ def _differences(recorded: Any, computed: Any, place: _Place) -> list[Difference
     return apart
 
 
-def _arrays(name: str, a: np.ndarray, b: np.ndarray, ids: np.ndarray | None, place: _Place) -> list[Difference]:
+def _arrays(name: str, a: np.ndarray, b: np.ndarray, ids: np.ndarray | None, place: Difference) -> list[Difference]:
     if len(a) != len(b):
         return [place.at(f"{LENGTH}{name}", len(a), len(b))]
     if a.dtype == b.dtype and a.tobytes() == b.tobytes():
@@ -141,7 +135,7 @@ def _arrays(name: str, a: np.ndarray, b: np.ndarray, ids: np.ndarray | None, pla
     return differing
 
 
-def _records(name: str, a: list[Any], b: list[Any], place: _Place) -> list[Difference]:
+def _records(name: str, a: list[Any], b: list[Any], place: Difference) -> list[Difference]:
     """Returns differences between two lists of messages, matched by agent if they have one, else by index."""
     keys_a, keys_b = _keys(a), _keys(b)
     if keys_a != keys_b:
@@ -157,7 +151,7 @@ def _keys(records: list[Any]) -> list[int]:
     return [int(getattr(record, AGENT_FIELDS[1], index)) for index, record in enumerate(records)]
 
 
-def _one_sided(name: str, a: list[int], b: list[int], place: _Place) -> list[Difference]:
+def _one_sided(name: str, a: list[int], b: list[int], place: Difference) -> list[Difference]:
     """Returns differences of two unequal lists of agents: those in only one of them, or the order if there are none."""
     alone = sorted(set(a) ^ set(b))
     if not alone:

@@ -13,6 +13,7 @@ import yaml
 from litsim_msgs.msg import StageStatus
 from rclpy.serialization import deserialize_message
 
+from litsim_eval.analysis.metrics_tree import leaves
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.stages import StageState
 from litsim_sim.core.yaml_loader import load_yaml
@@ -119,12 +120,12 @@ def _scenario(reader: BagReader, folder: Path) -> Scenario:
 def _parameters(info: Any, statuses: dict[int, Any]) -> dict[str, dict[str, Any]]:
     """Returns parameters by stage, from the run's configuration and from the stages' status when ready."""
     parameters = {
-        name: _flat(values) for name, values in _mapping(info.configuration).items() if isinstance(values, dict)
+        name: leaves(values) for name, values in _mapping(info.configuration).items() if isinstance(values, dict)
     }
     for status in statuses.values():
         if status.state == StageStatus.READY and (values := _mapping(status.text)):
             inner = values.get(status.stage)
-            parameters[status.stage] = _flat(inner if isinstance(inner, dict) else values)
+            parameters[status.stage] = leaves(inner if isinstance(inner, dict) else values)
     return parameters
 
 
@@ -134,13 +135,6 @@ def _mapping(text: str) -> dict[str, Any]:
     except yaml.YAMLError:
         return {}
     return values if isinstance(values, dict) else {}
-
-
-def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for name, value in values.items():
-        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
-    return flat
 
 
 def _note(record: Record, reader: BagReader) -> None:
