@@ -15,7 +15,7 @@ import litsim_sim
 from litsim_eval.analysis.analyze import FILES, analyze
 from litsim_eval.analysis.lockstep import problems
 from litsim_eval.analysis.metrics import compute_metrics, write_metrics
-from litsim_eval.analysis.plots import telling_moment
+from litsim_eval.analysis.plots import notable_moment
 from litsim_eval.analysis.timing import timing
 from litsim_eval.cli.analyze import main
 from litsim_eval.report.terminal import print_ledger, print_metrics
@@ -286,7 +286,7 @@ def test_metrics_without_numbers_are_refused(tmp_path: Path) -> None:
 
 
 def test_the_picture_shows_where_replay_would_have_failed(run: Any) -> None:
-    assert telling_moment(run, []).why == "the middle of the run"
+    assert notable_moment(run, []).why == "the middle of the run"
 
 
 def test_rates_with_and_without_the_contacts_of_the_log(table: Make, make_run: Make) -> None:

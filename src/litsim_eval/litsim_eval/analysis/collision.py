@@ -101,8 +101,8 @@ def _contacts_in(steps: Steps, dt: float) -> tuple[Contact, ...]:
             stretches[-1][1] = step
         else:
             stretches.append([step, step])
-    every = (Contact(pair, first, last) for pair, stretches in by_pair.items() for first, last in stretches)
-    return tuple(sorted(every, key=lambda contact: contact.first))
+    made_contacts = (Contact(pair, first, last) for pair, stretches in by_pair.items() for first, last in stretches)
+    return tuple(sorted(made_contacts, key=lambda contact: contact.first))
 
 
 class Verdict(StrEnum):

@@ -75,7 +75,7 @@ def overview(run: Run, path: Path) -> None:
     figure = Figure(figsize=(SIZE_PX[0] / DPI, SIZE_PX[1] / DPI), dpi=DPI, layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
     entries, lane_map = ledger(run), lane_map_of(run)
-    moment = telling_moment(run, entries)
+    moment = notable_moment(run, entries)
     figure.suptitle(_title(run, entries), x=0.012, ha="left", fontsize=15, color=INK)
     crossings = crossed(lane_map, _ego_track(run, run.steps)[:, 1:3])
     if lane_map is not None and len(crossings):
@@ -154,7 +154,7 @@ class Moment:
     why: str
 
 
-def telling_moment(run: Run, entries: list[LedgerEntry]) -> Moment:
+def notable_moment(run: Run, entries: list[LedgerEntry]) -> Moment:
     """Returns the first contact that replay would have had, else the first takeover or contact, else the middle."""
     dt = run.info.dt
     for entry in entries:

@@ -87,14 +87,14 @@ def summarise(runs: Iterable[Metrics], failed: int = 0) -> dict[str, Any]:
             to a horizon of those that lasted that long: as many as `ade_runs` says.
     """
     runs = list(runs)
-    every = len(runs) + failed
+    total = len(runs) + failed
     horizons = [str(horizon) for horizon in HORIZONS_S]
     return {
-        "runs": every,
+        "runs": total,
         "failed": failed,
         "measured": len(runs),
         "invalid": sum(not run["valid"] for run in runs),
-        "reactive": sum(run["reactive"] for run in runs) / every if every else None,
+        "reactive": sum(run["reactive"] for run in runs) / total if total else None,
         "ade_runs": {horizon: sum(horizon in run["ade_all_m"] for run in runs) for horizon in horizons},
         **{name: _known_sum(map(figure, runs)) for name, figure in SUMS.items()},
         **{

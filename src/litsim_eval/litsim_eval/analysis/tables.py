@@ -142,17 +142,17 @@ _CONTROLLERS = {each.value: each.name.lower() for each in Controller}
 
 def _surroundings(tables: Steps) -> dict[str, np.ndarray]:
     """Returns measures between each agent and the others; missing values are infinite, missing ids -1."""
-    every = tables.stacked
-    rows = np.arange(len(every))
-    leaders = following(every, rows)
+    stacked = tables.stacked
+    rows = np.arange(len(stacked))
+    leaders = following(stacked, rows)
     there = leaders.leader >= 0
     pet, other = times_since_others(tables)
     return {
-        "leader": np.where(there, every.id[leaders.leader], -1),
+        "leader": np.where(there, stacked.id[leaders.leader], -1),
         "gap_m": leaders.gap,
         "headway_s": leaders.headway,
         "drac_mps2": np.where(there, leaders.drac, np.inf),
-        "ttc_s": times_to_collision(every, rows),
+        "ttc_s": times_to_collision(stacked, rows),
         "pet_s": pet,
         "pet_agent": other,
     }

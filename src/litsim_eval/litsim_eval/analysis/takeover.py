@@ -152,9 +152,10 @@ def _replay_contacts(run: Run, episodes: Sequence[Episode]) -> list[tuple[int, i
     rows = logged.rows_of(agent)[np.where(recorded, at, 0), np.arange(len(replays))]
     number, which = np.nonzero(recorded & (rows >= 0) & (steps.step[:, None] > after))
     ghosts, movers = logged.stacked.take(rows[number, which]), steps.stacked.take(_away_from_log(run))
-    columns = ("x", "y", "yaw", "length", "width")
-    boxes = (np.concatenate([getattr(ghosts, name), getattr(movers, name)]) for name in columns)
-    pairs = overlapping_pairs(*boxes, scene=np.concatenate([number, movers.number]))
+    x, y, yaw, length, width = (
+        np.concatenate([getattr(ghosts, name), getattr(movers, name)]) for name in ("x", "y", "yaw", "length", "width")
+    )
+    pairs = overlapping_pairs(x, y, yaw, length, width, np.concatenate([number, movers.number]))
     for i, k in pairs[(pairs[:, 0] < len(ghosts)) & (pairs[:, 1] >= len(ghosts))].tolist():
         other = int(movers.id[k - len(ghosts)])
         if contacts[which[i]] is None and ghosts.id[i] != other:

@@ -85,7 +85,7 @@ class Limits(BaseModel):
             f"{said} {bound:g}" for said, bound in (("at least", self.min), ("at most", self.max)) if bound is not None
         ]
         return " and ".join(bounds) or (
-            _said(self.equals) if self.one_of is None else f"one of {', '.join(map(_said, self.one_of))}"
+            _as_text(self.equals) if self.one_of is None else f"one of {', '.join(map(_as_text, self.one_of))}"
         )
 
     @property
@@ -105,7 +105,7 @@ class Limits(BaseModel):
             fault = "is missing"
         else:
             passed = self._keeps(value)
-            fault = f"is {_said(value)}, expected {self.limit}"
+            fault = f"is {_as_text(value)}, expected {self.limit}"
         reason = "" if passed else f"{self.measure} {fault}"
         return CriterionResult(self.title, self.measure, value, self.limit, passed, reason)
 
@@ -132,7 +132,7 @@ def _check_kinds(criterion: Limits, field: MetricField) -> None:
     for value in values:
         if type(value) not in kinds:
             wanted = " or ".join(sorted({_KINDS[kind] for kind in kinds if kind in _KINDS}))
-            raise ValueError(f"field {criterion.field} never is {_said(value)}, expected {wanted}")
+            raise ValueError(f"field {criterion.field} never is {_as_text(value)}, expected {wanted}")
 
 
 def _check_between(criterion: Limits, field: MetricField, values: Sequence[Value]) -> None:
@@ -149,7 +149,7 @@ def _check_between(criterion: Limits, field: MetricField, values: Sequence[Value
         if isinstance(value, int | float) and not between.low <= value <= between.high:
             share = between == SHARE
             expected = "a share from 0 to 1" if share else f"{between.low:g} or more"
-            raise ValueError(f"field {criterion.measure}: {name} is {_said(value)}, expected {expected}")
+            raise ValueError(f"field {criterion.measure}: {name} is {_as_text(value)}, expected {expected}")
 
 
 class Criterion(Limits):
@@ -316,7 +316,7 @@ def _equal(a: Value, b: Value | None) -> bool:
     return a == b and isinstance(a, bool) == isinstance(b, bool)
 
 
-def _said(value: Value | None) -> str:
+def _as_text(value: Value | None) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     return f"{value:.6g}" if isinstance(value, float | int) else str(value)
@@ -324,7 +324,7 @@ def _said(value: Value | None) -> str:
 
 def _counts(outcomes: Sequence[Outcome]) -> dict[str, float | int | None]:
     verdicts = Counter(outcome.verdict for outcome in outcomes)
-    passed, every = verdicts[Verdict.PASSED], len(outcomes)
-    share = passed / every if every else None
-    counts = (every, passed, verdicts[Verdict.FAILED], verdicts[Verdict.ERROR], verdicts[None], share)
+    passed, total = verdicts[Verdict.PASSED], len(outcomes)
+    share = passed / total if total else None
+    counts = (total, passed, verdicts[Verdict.FAILED], verdicts[Verdict.ERROR], verdicts[None], share)
     return dict(zip(COUNTS, counts, strict=True))

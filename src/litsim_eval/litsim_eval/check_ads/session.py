@@ -90,7 +90,7 @@ def observe(check: Check) -> Evidence:
             heard=tuple(bystander.heard),
             interface=bystander.interface,
             counts=bystander.counts,
-            remarks=summarised(filter(_names_an_input, bystander.remarks)),
+            remarks=summarised(text for text in bystander.remarks if any(topic in text for topic in INPUTS.values())),
             states=_states(check),
             history_steps=check.scenario.history_steps,
             lane_map=check.scenario.lane_map,
@@ -101,11 +101,6 @@ def observe(check: Check) -> Evidence:
             left=left,
             ending=ending,
         )
-
-
-def _names_an_input(remark: str) -> bool:
-    """Returns whether a remark of the ego port is about a topic of the stack's answers."""
-    return any(topic in remark for topic in INPUTS.values())
 
 
 def _bridge(check: Check, plan: RunPlan, file: Path) -> dict[str, object]:

@@ -33,9 +33,9 @@ STATUS_HELP = (
     "and stderr says why; 2, bad input; 130, interrupted; the same command resumes it."
 )
 DEFAULT_OUT = "bags/evaluation"
-TOLD_AS = {Verdict.PASSED: "passed", Verdict.FAILED: "failed", Verdict.ERROR: "errors"}
+VERDICT_NAMES = {Verdict.PASSED: "passed", Verdict.FAILED: "failed", Verdict.ERROR: "errors"}
 SMOOTHING = 0.02  # of tqdm's time left: low, since the durations of runs vary widely
-TOLD_MAX = 20  # most runs that have not passed and are printed with their reasons
+REASONS_MAX = 20  # most runs that have not passed and are printed with their reasons
 
 
 def parser() -> argparse.ArgumentParser:
@@ -87,7 +87,7 @@ def evaluate(arguments: argparse.Namespace) -> int:
         runs = RayRuns(folder, suite.criteria, arguments.ray, arguments.processes, arguments.time_limit)
         runs.check(cases)
     if arguments.dry_run:
-        return _tell(cases, folder, arguments)
+        return _list_cases(cases, folder, arguments)
     with folder.alone():
         done = folder.begin(suite, cases, versions, overwrite=arguments.overwrite)
         if arguments.retry_errors:
@@ -121,10 +121,10 @@ def _run_the_rest(runs: LocalRuns | RayRuns, cases: Sequence[Case], done: Mappin
 def _counts(results: Collection[RunResult]) -> dict[str, int]:
     """Returns how many runs have passed, failed and were errors."""
     verdicts = Counter(result.verdict for result in results)
-    return {name: verdicts[verdict] for verdict, name in TOLD_AS.items()}
+    return {name: verdicts[verdict] for verdict, name in VERDICT_NAMES.items()}
 
 
-def _tell(cases: Sequence[Case], folder: CampaignFolder, arguments: argparse.Namespace) -> int:
+def _list_cases(cases: Sequence[Case], folder: CampaignFolder, arguments: argparse.Namespace) -> int:
     """Prints for every case its verdict, or that it is to be run; returns the exit status."""
     done = {result.case.id: result for result in read_results(folder.path, cases)}
     if arguments.retry_errors:
@@ -155,10 +155,10 @@ def _print(campaign: Campaign, *, intervals: bool) -> None:
         if not criterion.passed:
             print_error(f"{criterion.name}: {criterion.reason}")
     bad = [result for result in campaign.results if result.verdict != Verdict.PASSED]
-    for result in bad[:TOLD_MAX]:
+    for result in bad[:REASONS_MAX]:
         print_error(f"{result.case.name}: {result.verdict}: {result.reason}")
-    if len(bad) > TOLD_MAX:
-        print_error(f"and {len(bad) - TOLD_MAX} more, in {campaign.folder / RESULTS_FILE}")
+    if len(bad) > REASONS_MAX:
+        print_error(f"and {len(bad) - REASONS_MAX} more, in {campaign.folder / RESULTS_FILE}")
 
 
 @program

@@ -49,13 +49,13 @@ def _write_picture(arguments: argparse.Namespace) -> list[Path]:
         raise InputError(f"--png {arguments.png}: expected a name that ends in .png")
     if is_campaign(arguments.run):
         raise InputError(f"{arguments.run}: a campaign, expected one run for --png")
-    from litsim_eval.analysis.plots import telling_moment  # matplotlib takes half a second to load
+    from litsim_eval.analysis.plots import notable_moment  # matplotlib takes half a second to load
     from litsim_eval.analysis.takeover import ledger
     from litsim_eval.report.pictures import write_png
     from litsim_sim.record.run import read_run
 
     run = read_run(arguments.run)
-    step = telling_moment(run, ledger(run)).step if arguments.step is None else arguments.step
+    step = notable_moment(run, ledger(run)).step if arguments.step is None else arguments.step
     write_png(run, step, arguments.png)
     return [arguments.png]
 

@@ -40,36 +40,38 @@ def print_campaigns(
         title = f"{len(pairs)} of {len(comparison.pairs)} {verdict.replace('_', ' ')}"
         _print_cases(console, title, style if pairs else None, [_both(comparison, pair) for pair in pairs], limit)
     if failing := comparison.those("still_failing"):
-        _say(console, f"{len(failing)} pass in neither")
+        _print(console, f"{len(failing)} pass in neither")
     if worse := comparison.those("worse"):
         title = f"{len(worse)} of these fail by more than before"
         _print_cases(console, title, "bold red", [_worse(comparison.after, pair) for pair in worse], limit)
     for campaign, cases in ((comparison.before, comparison.only_before), (comparison.after, comparison.only_after)):
         if cases:
-            _say(console, f"only in {campaign.folder}: {len(cases)}, such as {cases[0].name}")
+            _print(console, f"only in {campaign.folder}: {len(cases)}, such as {cases[0].name}")
     if comparison.renamed:
-        _say(console, f"{len(comparison.renamed)} of one name are not the same case: the scenario is another", "yellow")
+        _print(
+            console, f"{len(comparison.renamed)} of one name are not the same case: the scenario is another", "yellow"
+        )
     _print_changes(console, comparison, everything=everything)
 
 
 def _print_heading(console: Console, comparison: CampaignComparison) -> None:
     """Prints the folders, and in what the campaigns differ: versions of dependencies, and criteria of runs."""
-    _say(console, f"{comparison.before.folder} -> {comparison.after.folder}")
+    _print(console, f"{comparison.before.folder} -> {comparison.after.folder}")
     for name, (before, after) in comparison.other_versions.items():
-        _say(console, f"  {name}: {before} -> {after}", "dim")
+        _print(console, f"  {name}: {before} -> {after}", "dim")
     if others := comparison.other_criteria:
-        _say(console, f"  judged by other criteria, so that equal runs may differ: {', '.join(others)}", "yellow")
+        _print(console, f"  judged by other criteria, so that equal runs may differ: {', '.join(others)}", "yellow")
 
 
 def _print_cases(
     console: Console, title: str, style: str | None, cases: Sequence[Sequence[str]], limit: int | None
 ) -> None:
     """Prints a title and the lines of up to `limit` cases."""
-    _say(console, title, style)
+    _print(console, title, style)
     for line in chain.from_iterable(cases[:limit]):
-        _say(console, f"  {line}")
+        _print(console, f"  {line}")
     if (left := len(cases) - len(cases[:limit])) > 0:
-        _say(console, f"  and {left} more (--all)")
+        _print(console, f"  and {left} more (--all)")
 
 
 def _both(comparison: CampaignComparison, pair: Pair) -> list[str]:
@@ -105,11 +107,11 @@ def _print_changes(console: Console, comparison: CampaignComparison, *, everythi
         table.add_row(*_cells(change), style="bold" if change.clear else None)
     console.print(table)
     how = f"paired bootstrap over {comparison.vehicles} vehicles, {RESAMPLES} resamples"
-    _say(console, f"{MARK} the interval ({how}) leaves out 0", "dim")
+    _print(console, f"{MARK} the interval ({how}) leaves out 0", "dim")
     if comparison.vehicles < FEW:
-        _say(console, f"  of fewer than {FEW} vehicles it is too narrow: see docs/campaigns.md", "dim")
+        _print(console, f"  of fewer than {FEW} vehicles it is too narrow: see docs/campaigns.md", "dim")
     if len(shown) < len(differing):
-        _say(console, f"{len(differing) - len(shown)} more measures differ (--all)", "dim")
+        _print(console, f"{len(differing) - len(shown)} more measures differ (--all)", "dim")
 
 
 def _cells(change: Change) -> tuple[str, ...]:
@@ -128,6 +130,6 @@ def _text(value: float) -> str:
     return f"{value:.{DIGITS if value == 0.0 or abs(value) >= SMALL else 2}g}"
 
 
-def _say(console: Console, text: str, style: str | None = None) -> None:
+def _print(console: Console, text: str, style: str | None = None) -> None:
     """Prints a line without wrapping: paths stay in one piece, to be copied or clicked on."""
     console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)

@@ -54,8 +54,8 @@ def save(html: str, path: Path) -> None:
 def render(run: Run, metrics: dict[str, Any]) -> str:
     """Returns the page of a run as HTML."""
     info = run.info
-    data, every = _packed(run, metrics)
-    thinned = "" if every == 1 else f" Forecasts are shown every {every * info.dt:.1f} s to keep this file small."
+    data, stride = _packed(run, metrics)
+    thinned = "" if stride == 1 else f" Forecasts are shown every {stride * info.dt:.1f} s to keep this file small."
     beside = f" and {FAILURE_FILE}" if run.failure else ""
     return render_page(
         "report.html.j2",
@@ -79,10 +79,10 @@ def _packed(run: Run, metrics: dict[str, Any]) -> tuple[str, int]:
     """Returns packed data, and the number of steps between forecasts."""
     forecasts = read_forecasts(run)
     data = ""
-    for every in THINNING:
-        data = pack_run(run, metrics, forecasts.every(every), every)
+    for stride in THINNING:
+        data = pack_run(run, metrics, forecasts.every(stride), stride)
         if len(data) <= DATA_MAX:
-            return data, every
+            return data, stride
     raise InputError(
         f"{run.path}: too long for one page: {len(data) / 1e6:.1f} MB of data, at most {DATA_MAX / 1e6:.1f}"
     )

@@ -134,7 +134,7 @@ def _road(run: Run, pose: tuple[float, float, float], window: shapely.Polygon) -
     # cut out in frame map: what is turned is rounded, and may then be no surface that can be cut
     framed = shapely.transform(window, lambda points: _in_map(points, pose))
     part = shapely.union_all(surfaces).intersection(framed).simplify(ROAD_TOLERANCE_M)
-    parts = shapely.get_parts(shapely.transform(part, lambda points: _seen(points, pose)))
+    parts = shapely.get_parts(shapely.transform(part, lambda points: _in_view(points, pose)))
     rings = [
         ring
         for part in parts
@@ -147,7 +147,7 @@ def _road(run: Run, pose: tuple[float, float, float], window: shapely.Polygon) -
 
 def _boxes(tracks: Tracks, frame: int, pose: tuple[float, float, float], window: shapely.Polygon) -> list[list[int]]:
     here = np.flatnonzero(tracks.present[:, frame])
-    at = _seen(np.column_stack([tracks.x[here, frame], tracks.y[here, frame]]), pose)
+    at = _in_view(np.column_stack([tracks.x[here, frame], tracks.y[here, frame]]), pose)
     inside = shapely.contains_xy(window, at[:, 0], at[:, 1])
     boxes = []
     for row, (x, y) in zip(here[inside], at[inside], strict=True):
@@ -164,7 +164,7 @@ def _path(steps: Steps, agent: int, pose: tuple[float, float, float], window: sh
     places = np.column_stack([table.x[rows], table.y[rows]])
     if len(places := places[np.isfinite(places).all(axis=1)]) < 2:
         return []
-    line = shapely.LineString(_seen(places, pose))
+    line = shapely.LineString(_in_view(places, pose))
     parts = shapely.get_parts(line.intersection(window).simplify(PATH_TOLERANCE_M))
     return [_whole(np.asarray(part.coords)) for part in parts if part.geom_type == "LineString" and part.length > 0]
 
@@ -175,17 +175,17 @@ def _contact(tracks: Tracks, agents: tuple[int, ...], frame: int, pose: tuple[fl
     if not rows or min(rows) < 0:
         return None
     middle = [float(np.mean(values[rows, frame])) for values in (tracks.x, tracks.y)]
-    return _whole(_seen(np.array([middle]), pose))
+    return _whole(_in_view(np.array([middle]), pose))
 
 
 def _in_map(points: FloatArray, pose: tuple[float, float, float]) -> FloatArray:
-    """Returns points (n, 2) in frame map of points relative to a pose; the inverse of :func:`_seen`."""
+    """Returns points (n, 2) in frame map of points relative to a pose; the inverse of :func:`_in_view`."""
     x, y, yaw = pose
     cos, sin = np.cos(yaw), np.sin(yaw)
     return np.column_stack([x + cos * points[:, 0] - sin * points[:, 1], y + sin * points[:, 0] + cos * points[:, 1]])
 
 
-def _seen(points: FloatArray, pose: tuple[float, float, float]) -> FloatArray:
+def _in_view(points: FloatArray, pose: tuple[float, float, float]) -> FloatArray:
     """Returns points (n, 2) in frame map relative to a pose: x ahead, y to the left [m]."""
     return np.column_stack(to_body(points[:, 0] - pose[0], points[:, 1] - pose[1], np.asarray(pose[2])))
 

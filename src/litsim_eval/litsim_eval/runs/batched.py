@@ -36,7 +36,7 @@ STEPS_MAX = 6000
 """Most steps of such runs in total, which bounds the memory of long runs."""
 
 T = TypeVar("T")
-Found = dict[str, Any] | str
+MetricsOrReason = dict[str, Any] | str
 """Metrics of a run, or the reason for their absence in one line."""
 
 
@@ -158,13 +158,13 @@ def batches(cases: Sequence[Case], processes: int) -> list[tuple[Case, ...]]:
     ]
 
 
-def run_batch(cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Found]:
+def run_batch(cases: Sequence[Case], folders: Sequence[Path | None]) -> list[MetricsOrReason]:
     """Runs `cases` in this process, and writes their pictures to `folders`; a failure never affects other cases.
 
     Runs that were stepped together with a failing one are repeated one by one.
     """
     plans: dict[int, RunPlan] = {}
-    outcomes: dict[int, Found] = {}
+    outcomes: dict[int, MetricsOrReason] = {}
     for k, case in enumerate(cases):
         try:
             plans[k] = plan_of(case)
@@ -196,7 +196,7 @@ def _batchable(plans: dict[int, RunPlan]) -> Iterator[tuple[int, ...]]:
         yield from (some for some in _portions(group, max(1, min(BATCH_MAX, STEPS_MAX // longest))) if len(some) > 1)
 
 
-def _run_batched(plans: dict[int, RunPlan], folders: Sequence[Path | None]) -> dict[int, Found]:
+def _run_batched(plans: dict[int, RunPlan], folders: Sequence[Path | None]) -> dict[int, MetricsOrReason]:
     """Returns results of the runs of `plans`, by their keys; empty if one of them fails."""
     try:
         runs = record_batch(list(plans.values()))
@@ -205,7 +205,7 @@ def _run_batched(plans: dict[int, RunPlan], folders: Sequence[Path | None]) -> d
         return {}
 
 
-def _alone(case: Case, folder: Path | None) -> Found:
+def _alone(case: Case, folder: Path | None) -> MetricsOrReason:
     try:
         return run_in_process(case, folder)
     except Exception as error:  # noqa: BLE001 - any error: the other runs go on, and the table reports it

@@ -173,8 +173,8 @@ def _mark(key: str, variant: Mapping[str, Any]) -> str:
 
 def _reached(key: str, horizon: str, variant: Mapping[str, Any]) -> str:
     """Returns the number of runs that last to `horizon`, as a suffix of their ADE; empty if all of them do."""
-    runs, every = variant["ade_runs"][horizon], variant["measured"]
-    return f" ({runs} of {every})" if runs < every and variant[key][horizon] is not None else ""
+    runs, measured = variant["ade_runs"][horizon], variant["measured"]
+    return f" ({runs} of {measured})" if runs < measured and variant[key][horizon] is not None else ""
 
 
 def _between(key: str, name: str, variant: Mapping[str, Any]) -> str:

@@ -14,7 +14,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from litsim_eval.campaign.case import Case
-from litsim_eval.runs.batched import Found, run_batch
+from litsim_eval.runs.batched import MetricsOrReason, run_batch
 from litsim_eval.runs.case_run import RunFailed, RunOutcome
 from litsim_sim.launch.child import SIGNALS, how_it_ended
 from litsim_sim.launch.forked import forget_signals, start_forked, start_preloaded
@@ -86,7 +86,7 @@ class Workers:
             for each in outcomes
         ]
 
-    def _ask(self, cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Found]:
+    def _ask(self, cases: Sequence[Case], folders: Sequence[Path | None]) -> list[MetricsOrReason]:
         """Returns metrics of cases from this thread's process, or the reasons for their absence.
 
         Raises:
@@ -100,7 +100,7 @@ class Workers:
         worker: Worker = self._mine.worker
         try:
             worker.pipe.send((cases, folders))
-            outcomes: list[Found] = worker.pipe.recv()
+            outcomes: list[MetricsOrReason] = worker.pipe.recv()
         except (EOFError, OSError):
             worker.process.join()
             status = worker.process.exitcode
