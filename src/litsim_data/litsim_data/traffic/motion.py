@@ -86,8 +86,8 @@ def smooth_motion(front: FloatArray, sumo_speed: FloatArray, length: float, smoo
     odometer = np.concatenate([[0.0], np.cumsum(moved)])
     if len(front) < 3 or odometer[-1] < 2.0 * PATH_STEP:
         return None
-    kept = np.concatenate([[True], moved > 0.0])
-    grid, x, y = _path(odometer[kept], front[kept], length, smoothness)
+    moves = np.concatenate([[True], moved > 0.0])
+    grid, x, y = _path(odometer[moves], front[moves], length, smoothness)
     centre = smooth(odometer, TIME_FILTER_S / STEP_S)
     centre = np.maximum.accumulate(centre + _unsteady(np.gradient(centre, STEP_S), smoothness)) - 0.5 * length
     way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
