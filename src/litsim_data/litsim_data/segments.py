@@ -172,7 +172,7 @@ def cut(
             f"ego_min_s is {settings.ego_min_s:g}, expected at most simulation_s, which is {settings.simulation_s:g}: "
             f"no ego is there for longer than its segment"
         )
-    sources = [_source(*each) for each in recordings]
+    sources = [_source(*recording_of_file) for recording_of_file in recordings]
     segments: list[Segment] = []
     without_ego = 0
     for number, (source, (*_, recording)) in enumerate(zip(sources, recordings, strict=True)):

@@ -199,7 +199,7 @@ def test_plot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG")
     data.main(["plot", str(EMBEDDED), str(tmp_path / "out.html"), *crop, "--net", "us101_like"])
     page = (tmp_path / "out.html").read_text()
-    assert page.count("data:image/png;base64,") == 2
+    assert page.count("data:image/png;base64,") == 1
     assert not re.search(r'(src|href)="(?!data:)', page)  # needs no other file
     assert "us101_like" in page
 

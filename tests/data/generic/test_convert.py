@@ -12,9 +12,10 @@ import pytest
 import yaml
 
 from litsim_data.generic.convert import convert
-from litsim_data.generic.mapping import Mapping, read_mapping
+from litsim_data.generic.mapping import Mapping
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Kind
+from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.recording import Recording
 
 FRONT = {
@@ -363,23 +364,23 @@ def test_times_that_no_frame_falls_into(tmp_path: Path) -> None:
 def test_mappings_with_defects(tmp_path: Path, change: dict[str, Any], message: str) -> None:
     path = tmp_path / "mapping.yaml"
     path.write_text(yaml.safe_dump(FRONT))
-    assert read_mapping(path) == Mapping.model_validate(FRONT)
+    assert read_yaml(path, Mapping) == Mapping.model_validate(FRONT)
     path.write_text(yaml.safe_dump(FRONT | change))
     pattern = re.escape(message.removesuffix("$")) + "$" * message.endswith("$")
     with pytest.raises(InputError, match=rf"{re.escape(str(path))}: (line \d+, )?field {pattern}"):
-        read_mapping(path)
+        read_yaml(path, Mapping)
 
 
 def test_mappings_that_are_no_yaml(tmp_path: Path) -> None:
     path = tmp_path / "mapping.yaml"
     with pytest.raises(InputError, match="cannot be read"):
-        read_mapping(path)
+        read_yaml(path, Mapping)
     path.write_text("a: [1")
     with pytest.raises(InputError, match="malformed YAML"):
-        read_mapping(path)
+        read_yaml(path, Mapping)
     path.write_text("just text")
     with pytest.raises(InputError, match=r"expected fields such as name, .* found 'just text'"):
-        read_mapping(path)
+        read_yaml(path, Mapping)
 
 
 def test_the_documented_examples(tmp_path: Path) -> None:

@@ -6,16 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from litsim_data.mining.events import Event, EventKind
-from litsim_data.mining.selection import Found, choose, hardest, spread
+from litsim_data.mining.selection import MinedEvent, choose, hardest, spread
 
 CUT_IN, MERGE = EventKind.CUT_IN, EventKind.MERGE
 
 
-def found(ego: int, severity: float, kind: EventKind = CUT_IN, scenario: str = "a", step: int = 50) -> Found:
-    return Found(scenario, Event(kind, ego, None, step, step, step, severity))
+def found(ego: int, severity: float, kind: EventKind = CUT_IN, scenario: str = "a", step: int = 50) -> MinedEvent:
+    return MinedEvent(scenario, Event(kind, ego, None, step, step, step, severity))
 
 
-def severities(chosen: list[Found]) -> list[float]:
+def severities(chosen: list[MinedEvent]) -> list[float]:
     return [each.event.severity for each in chosen]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from litsim_data.description import describe
-from litsim_data.ngsim import formats as ngsim_format
+from litsim_data.ngsim.formats import is_official
 from litsim_sim.scenario.load import load_recording
 
 
@@ -24,10 +24,9 @@ def run(arguments: argparse.Namespace) -> None:
     Raises:
         InputError: it is no recording, or a line of an official file cannot be used.
     """
-    path: Path = arguments.file
-    if path.is_file() and ngsim_format.detect(path) is not None:
+    if is_official(arguments.file):
         from litsim_data.ngsim.summary import summary
 
-        print(summary(path, progress=True))
+        print(summary(arguments.file))
     else:
-        print(describe(load_recording(path)))
+        print(describe(load_recording(arguments.file)))

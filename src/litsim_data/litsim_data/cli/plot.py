@@ -65,12 +65,12 @@ def _signals(recording: Recording, net: Path | None, arguments: argparse.Namespa
             raise InputError(f"{named}: signals need a net: name it with --net")
         return None
     where = str(named or arguments.recording)
-    given = recorded_signals(recording.header, net, where) if named is None else read_signals(named)
-    if given is None:
+    signals = recorded_signals(recording.header, net, where) if named is None else read_signals(named)
+    if signals is None:
         return None
     frames = recording.table["frame"]
     first, count = int(frames.min()), int(frames.max() - frames.min()) + 1
-    return build(given, net, Log.from_recording(recording, first, count), first, where)
+    return build(signals, net, Log.from_recording(recording, first, count), first, where)
 
 
 def _net(recording: Recording, path: Path, named: str | None) -> Path | None:

@@ -70,16 +70,16 @@ def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
         InputError: checks failed; the message has the figure of each.
     """
     step = _steps(table, 1)["dt"].to_numpy()
-    found = {"time": _time(step, mapping), "size": _size(table, mapping)}
-    if not found["time"] or "time" in mapping.accept:  # the others depend on times
+    texts = {"time": _time(step, mapping), "size": _size(table, mapping)}
+    if not texts["time"] or "time" in mapping.accept:  # the others depend on times
         steps = _steps(table, rows_apart(float(np.median(step))) if len(step) else 1)
-        found |= {
+        texts |= {
             "speed": _speed(table, steps, mapping),
             "acceleration": _acceleration(table, mapping),
             "heading": _across(steps, mapping) or _heading(table, steps, mapping),
             "side": _mirrored(table),
         }
-    problems = [f"{text} (check {name})" for name, text in found.items() if text and name not in mapping.accept]
+    problems = [f"{text} (check {name})" for name, text in texts.items() if text and name not in mapping.accept]
     if problems:
         raise InputError(
             f"{where}: {'; '.join(problems)}; nothing was written: correct the mapping, or list a check in its field "
@@ -95,12 +95,12 @@ def _time(step: FloatArray, mapping: Mapping) -> str:
     low, high = STEP_RANGE_S
     if low <= median <= high:
         return ""
-    said = f"rows of a vehicle follow each other by {median:.4g} s (median), expected {low:g} to {high:g} s"
+    finding = f"rows of a vehicle follow each other by {median:.4g} s (median), expected {low:g} to {high:g} s"
     if mapping.columns.time is None:
-        return f"{said}: is rate_hz, which is {mapping.rate_hz:g}, right?"
+        return f"{finding}: is rate_hz, which is {mapping.rate_hz:g}, right?"
     fits = [unit for unit in ("s", "ms", "us", "ns") if _fit((median,), (STEP_RANGE_S,), mapping.units.time, unit)]
     would = f"; units.time {' or '.join(fits)} would fit" if fits else ""
-    return f"{said}, units.time being {mapping.units.time}{would}"
+    return f"{finding}, units.time being {mapping.units.time}{would}"
 
 
 def _speed(table: pd.DataFrame, steps: pd.DataFrame, mapping: Mapping) -> str:
@@ -121,21 +121,21 @@ def _speed(table: pd.DataFrame, steps: pd.DataFrame, mapping: Mapping) -> str:
             f"column {mapping.columns.speed!r} is below -{REVERSE_MAX:g} m/s in {back.mean():.0%} of the rows, down to "
             f"{table['speed'].min():.3g} m/s, expected speeds along the heading: is it that along an axis?"
         )
-    said = steps["speed"].to_numpy()
-    moving = (np.abs(said) > 0.05) & ((driven > 0.05) | (np.abs(said) > MOVING))
+    speed = steps["speed"].to_numpy()
+    moving = (np.abs(speed) > 0.05) & ((driven > 0.05) | (np.abs(speed) > MOVING))
     if moving.sum() < ROWS_MIN:
         return ""
-    ratio = float(np.median(driven[moving] / np.abs(said[moving])))
+    ratio = float(np.median(driven[moving] / np.abs(speed[moving])))
     if 1.0 / AGREEMENT <= ratio <= AGREEMENT:
-        return _closer_unit(said[moving], driven[moving], mapping)
+        return _closer_unit(speed[moving], driven[moving], mapping)
     fits = [
         f"{field} {unit}"
-        for field, given, units in (
+        for field, ours, units in (
             ("units.position", mapping.units.position, ("m", "ft", "cm")),
             ("units.speed", mapping.units.speed, SPEED_UNITS),
         )
         for unit in units
-        if unit != given and _agrees(ratio, FACTORS[unit] / FACTORS[given], field == "units.speed")
+        if unit != ours and _agrees(ratio, FACTORS[unit] / FACTORS[ours], field == "units.speed")
     ]
     if mapping.columns.time is None and STEP_RANGE_S[0] <= ratio / mapping.rate_hz <= STEP_RANGE_S[1]:
         fits.append(f"rate_hz {mapping.rate_hz / ratio:.3g}")
@@ -143,9 +143,9 @@ def _speed(table: pd.DataFrame, steps: pd.DataFrame, mapping: Mapping) -> str:
     return f"positions change {ratio:.3g} times as fast as column {mapping.columns.speed!r} says (median){would}"
 
 
-def _closer_unit(said: FloatArray, driven: FloatArray, mapping: Mapping) -> str:
+def _closer_unit(speed: FloatArray, driven: FloatArray, mapping: Mapping) -> str:
     """Check that speeds (n,) do not agree better in a unit close to that of the mapping: km/h is 0.91 ft/s."""
-    ratio = pace(said, driven)
+    ratio = pace(speed, driven)
     off = abs(np.log(ratio))
     for unit in SPEED_UNITS:
         would = abs(np.log(ratio * FACTORS[mapping.units.speed] / FACTORS[unit]))
@@ -157,29 +157,29 @@ def _closer_unit(said: FloatArray, driven: FloatArray, mapping: Mapping) -> str:
     return ""
 
 
-def pace(said: FloatArray, driven: FloatArray) -> float:
+def pace(speed: FloatArray, driven: FloatArray) -> float:
     """How many times as fast as speeds (n,) say positions change: the median of the fastest quarter by what is said.
 
     Noise of positions a few hundredths of a second apart makes slow vehicles seem faster, but hardly fast ones.
     """
-    fast = np.abs(said) >= np.quantile(np.abs(said), 0.75)
-    return float(np.median(driven[fast] / np.maximum(np.abs(said[fast]), 1e-9)))
+    fast = np.abs(speed) >= np.quantile(np.abs(speed), 0.75)
+    return float(np.median(driven[fast] / np.maximum(np.abs(speed[fast]), 1e-9)))
 
 
 def _acceleration(table: pd.DataFrame, mapping: Mapping) -> str:
     """Check that accelerations agree with the change of positions."""
     if "acceleration" not in table:
         return ""
-    said, driven = _changes(table)
+    published, driven = _changes(table)
     clear = np.abs(driven) > CHANGE_MIN
     if clear.sum() < ROWS_MIN:
         return ""
-    said, driven = said[clear], driven[clear]
-    ratio, same = float(np.median(said / driven)), float((said * driven > 0.0).mean())
+    published, driven = published[clear], driven[clear]
+    ratio, same = float(np.median(published / driven)), float((published * driven > 0.0).mean())
     where = f"column {mapping.columns.acceleration!r} says"
     if same < SAME_SIGN and ratio != 0.0:
         return (
-            f"{where} the opposite of how speeds change in {1.0 - same:.0%} of {len(said)} clear changes: is it an "
+            f"{where} the opposite of how speeds change in {1.0 - same:.0%} of {len(published)} clear changes: is it an "
             f"acceleration along an axis, or is braking positive? Without field columns.acceleration it is derived "
             f"from the speeds"
         )
@@ -204,19 +204,19 @@ def _changes(table: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
     Both are second differences of the distance travelled, the former of accelerations integrated twice; noise of
     positions has little weight in them.
     """
-    vehicle, t, x, y, given = (table[name].to_numpy() for name in ("vehicle_id", "t", "x", "y", "acceleration"))
+    vehicle, t, x, y, acceleration = (table[name].to_numpy() for name in ("vehicle_id", "t", "x", "y", "acceleration"))
     begins = np.flatnonzero((vehicle[1:] != vehicle[:-1]) | (np.diff(t) > STEP_RANGE_S[1])) + 1
-    said, driven = [np.zeros(0)], [np.zeros(0)]
+    published, driven = [np.zeros(0)], [np.zeros(0)]
     for first, last in zip(np.r_[0, begins], np.r_[begins, len(t)], strict=True):
         rows = slice(first, last)
         at = np.arange(t[first], t[last - 1] + 1e-9, CHANGE_S)
         step = np.diff(t[rows])
-        speed = np.r_[0.0, np.cumsum(0.5 * (given[rows][1:] + given[rows][:-1]) * step)]
+        speed = np.r_[0.0, np.cumsum(0.5 * (acceleration[rows][1:] + acceleration[rows][:-1]) * step)]
         way = np.r_[0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * step)]
-        said.append(np.diff(np.interp(at, t[rows], way), 2) / CHANGE_S**2)
+        published.append(np.diff(np.interp(at, t[rows], way), 2) / CHANGE_S**2)
         gone = np.hypot(*(np.diff(np.interp(at, t[rows], values[rows])) for values in (x, y)))
         driven.append(np.diff(gone) / CHANGE_S**2)
-    return np.concatenate(said), np.concatenate(driven)
+    return np.concatenate(published), np.concatenate(driven)
 
 
 def _degrees(table: pd.DataFrame, mapping: Mapping) -> str:
@@ -314,9 +314,9 @@ def _size(table: pd.DataFrame, mapping: Mapping) -> str:
         return ""
     vehicles = wide.groupby("vehicle_id")[["length", "width"]].median()
     length, width = (float(vehicles[name].median()) for name in ("length", "width"))
-    said = f"half of the vehicles are longer than {length:.3g} m and wider than {width:.3g} m"
+    finding = f"half of the vehicles are longer than {length:.3g} m and wider than {width:.3g} m"
     if width > length:
-        return f"{said}: are columns length and width swapped?"
+        return f"{finding}: are columns length and width swapped?"
     bounds = (LENGTH_RANGE, WIDTH_RANGE)
     fits = [unit for unit in ("m", "ft", "cm") if _fit((length, width), bounds, mapping.units.size, unit)]
     if mapping.units.size in fits:
@@ -327,7 +327,7 @@ def _size(table: pd.DataFrame, mapping: Mapping) -> str:
     elif not fits and width < WIDTH_RANGE[0]:
         would = "; are most of them motorcycles or people, whom field columns.kind would tell apart?"
     expected = " and ".join(f"{low:g} to {high:g}" for low, high in bounds)
-    return f"{said}, expected {expected}{would}"
+    return f"{finding}, expected {expected}{would}"
 
 
 def heading(angle: FloatArray, zero: str, positive: str) -> FloatArray:
@@ -350,11 +350,11 @@ def _steps(table: pd.DataFrame, apart: int) -> pd.DataFrame:
     same = vehicle[apart:] == vehicle[:-apart]
 
     def change(column: str) -> FloatArray:
-        given = table[column].to_numpy()
-        return np.asarray((given[apart:] - given[:-apart])[same], np.float64)
+        values = table[column].to_numpy()
+        return np.asarray((values[apart:] - values[:-apart])[same], np.float64)
 
-    values = {name: change(column) for name, column in (("dt", "t"), ("dx", "x"), ("dy", "y"))}
-    steps = pd.DataFrame(values).assign(way=np.hypot(values["dx"], values["dy"]))
+    changes = {name: change(column) for name, column in (("dt", "t"), ("dx", "x"), ("dy", "y"))}
+    steps = pd.DataFrame(changes).assign(way=np.hypot(changes["dx"], changes["dy"]))
     if "speed" in table:
         speed = table["speed"].to_numpy()
         steps["speed"] = (0.5 * (speed[apart:] + speed[:-apart]))[same]
@@ -379,9 +379,9 @@ def _off(angles: FloatArray, others: FloatArray) -> float:
     return float((np.abs(wrap_angle(angles - others)) > HEADING_MAX).mean())
 
 
-def _fit(values: tuple[float, ...], bounds: tuple[tuple[float, float], ...], given: str, unit: str) -> bool:
-    """Whether all values, read in `unit` instead of `given`, are within their bounds."""
-    factor = FACTORS[unit] / FACTORS[given]
+def _fit(values: tuple[float, ...], bounds: tuple[tuple[float, float], ...], ours: str, unit: str) -> bool:
+    """Whether all values, read in `unit` instead of `ours`, are within their bounds."""
+    factor = FACTORS[unit] / FACTORS[ours]
     return all(low <= value * factor <= high for value, (low, high) in zip(values, bounds, strict=True))
 
 
@@ -421,24 +421,24 @@ class Sides:
 
 def _mirrored(table: pd.DataFrame) -> str:
     """Check that a table is not mirrored."""
-    sides, said = Sides.of(table), []
+    sides, findings = Sides.of(table), []
     near = sides.oncoming[np.abs(sides.oncoming) < BESIDE[1]]
     oncoming = near if len(near) >= PAIRS_MIN else sides.oncoming
     right = oncoming < 0.0
     if len(right) >= PAIRS_MIN and right.mean() >= SHARE:
-        said.append(
+        findings.append(
             f"oncoming vehicles pass on the right, {-np.median(oncoming):.1f} m beside, in {right.mean():.0%} of "
             f"{len(right)} encounters: {DOWN}, or traffic keeps to the left there"
         )
     left = sides.next_lane > 0.0
     if len(left) >= PAIRS_MIN and left.mean() > 1.0 - SHARE:
         mirrored = f"{DOWN}, or " if left.mean() >= SHARE else ""
-        said.append(
+        findings.append(
             f"the lane of the next higher number is {np.median(sides.next_lane[left]):.1f} m to the left for "
             f"{left.mean():.0%} of {len(left)} pairs of vehicles, expected to the right: {mirrored}lanes are not "
             f"counted from the left in either direction, and field columns.lane has to go"
         )
-    return "; ".join(said)
+    return "; ".join(findings)
 
 
 def _moving(table: pd.DataFrame) -> pd.DataFrame:

@@ -30,16 +30,16 @@ def obstacle_rows(table: pd.DataFrame) -> BoolArray:
     return np.asarray(table["kind"].isin(NAMES), np.bool_)
 
 
-def without_unused(given: pd.DataFrame) -> pd.DataFrame:
-    """`given`, as read, with 0 for the unused columns of pedestrians and cyclists and for their missing sizes."""
-    rows = obstacle_rows(given)
+def without_unused(table: pd.DataFrame) -> pd.DataFrame:
+    """`table`, as read, with 0 for the unused columns of pedestrians and cyclists and for their missing sizes."""
+    rows = obstacle_rows(table)
     if not rows.any():
-        return given
-    given = given.assign(**{name: given[name].astype(object).mask(rows, 0) for name in UNUSED if name in given})
-    for name in {"length", "width"} & {*given.columns}:
-        missing = rows & ~np.isfinite(pd.to_numeric(given[name], errors="coerce").to_numpy(np.float64, na_value=np.nan))
-        given[name] = given[name].astype(object).mask(missing, 0)
-    return given
+        return table
+    table = table.assign(**{name: table[name].astype(object).mask(rows, 0) for name in UNUSED if name in table})
+    for name in {"length", "width"} & {*table.columns}:
+        missing = rows & ~np.isfinite(pd.to_numeric(table[name], errors="coerce").to_numpy(np.float64, na_value=np.nan))
+        table[name] = table[name].astype(object).mask(missing, 0)
+    return table
 
 
 def with_usual_sizes(table: pd.DataFrame, mapping: Mapping, counts: Counts) -> pd.DataFrame:

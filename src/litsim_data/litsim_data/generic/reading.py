@@ -123,8 +123,8 @@ def plain(value: object) -> str:
 
 
 def _values(column: pd.Series) -> str:
-    found = [str(value) for value in column.dropna().unique()[: SHOWN + 1]]
-    return ", ".join(found[:SHOWN]) + (" and more" if len(found) > SHOWN else "")
+    values = [str(value) for value in column.dropna().unique()[: SHOWN + 1]]
+    return ", ".join(values[:SHOWN]) + (" and more" if len(values) > SHOWN else "")
 
 
 def _words(rule: Value | list[Value] | Span) -> str:

@@ -52,9 +52,9 @@ def in_order(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.Data
     Raises:
         InputError: a vehicle has two different rows at one time.
     """
-    kept = table.drop_duplicates([name for name in table.columns if name != "row"])
-    counts.leave_out("exact copy of another", len(table) - len(kept))
-    table = kept.sort_values(["vehicle_id", "t", "row"], ignore_index=True)
+    single = table.drop_duplicates([name for name in table.columns if name != "row"])
+    counts.leave_out("exact copy of another", len(table) - len(single))
+    table = single.sort_values(["vehicle_id", "t", "row"], ignore_index=True)
     vehicle, step = table["vehicle_id"].to_numpy(), np.diff(table["t"].to_numpy())
     twice = (vehicle[1:] == vehicle[:-1]) & (step <= 1e-9)
     if twice.any():
@@ -161,9 +161,9 @@ def resampled(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.Dat
         pieces.append(pd.DataFrame(values))
     if not pieces:
         raise InputError(f"{source}: no vehicle is seen at a frame of 10 Hz: are times in the unit of the mapping?")
-    made = pd.concat(pieces, ignore_index=True)
-    counts.rows = len(made)
-    return made
+    tracks = pd.concat(pieces, ignore_index=True)
+    counts.rows = len(tracks)
+    return tracks
 
 
 def count_leaps(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None:

@@ -100,10 +100,10 @@ def align(lane_map: LaneMap, table: pd.DataFrame) -> Alignment:
     best, determined = _descended(lane_map, (x, y, yaw), np.zeros(3), centre)
     after = _share(lane_map, *_moved(x, y, best, centre), yaw + best[2])
     for start in _starts(lane_map, (x, y, yaw), centre) if after < 1.0 - BETTER else ():
-        found, known = _descended(lane_map, (x, y, yaw), start, centre)
-        share = _share(lane_map, *_moved(x, y, found, centre), yaw + found[2])
+        motion, complete = _descended(lane_map, (x, y, yaw), start, centre)
+        share = _share(lane_map, *_moved(x, y, motion, centre), yaw + motion[2])
         if share > after + BETTER:
-            best, after, determined = found, share, known
+            best, after, determined = motion, share, complete
     points = np.concatenate([lane.centerline for lane in lane_map.lanes])
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     shift, net_centre = (float(best[0]), float(best[1])), (float(middle[0]), float(middle[1]))
@@ -179,8 +179,8 @@ def _descended(
         values, vectors = np.linalg.eigh(design.T @ (weight[:, None] * design))
         usable = values > UNDETERMINED * values[-1]
         towards = (vectors.T @ (design.T @ (weight * -at.d)))[usable] / values[usable]
-        kept = vectors[:, usable] @ (vectors[:, usable].T @ (motion * scaled))
-        motion = (kept + vectors[:, usable] @ towards) / scaled
+        unchanged = vectors[:, usable] @ (vectors[:, usable].T @ (motion * scaled))
+        motion = (unchanged + vectors[:, usable] @ towards) / scaled
     return motion, bool(usable.all())
 
 
@@ -204,5 +204,5 @@ def _moved(
 def _share(lane_map: LaneMap, x: FloatArray, y: FloatArray, yaw: FloatArray) -> float:
     """Share of poses (n,) on a lane that leads about where they head."""
     distance, facing, lane = _on_lanes(lane_map, x, y, yaw)
-    half = 0.5 * np.array([each.width for each in lane_map.lanes])[lane]
+    half = 0.5 * np.array([lane_of_net.width for lane_of_net in lane_map.lanes])[lane]
     return float(((distance <= half) & facing).mean())

@@ -133,7 +133,7 @@ def cad_distance(lane_map: LaneMap, table: pd.DataFrame, cad: list[CenterLine]) 
     counts: dict[str, int] = {}
     for lane in lane_map.lanes:
         counts[lane.edge_id] = counts.get(lane.edge_id, 0) + 1
-    by_number = {int(found[0]): line for line in cad if (found := re.findall(r"\d+$", line.name))}
+    by_number = {int(digits[0]): line for line in cad if (digits := re.findall(r"\d+$", line.name))}
     others = [line for line in cad if line not in by_number.values()]
     found_by_line: dict[str, list[FloatArray]] = {}
     for row, (lane, number) in enumerate(zip(lane_map.lanes, lane_numbers(lane_map).tolist(), strict=True)):
@@ -158,8 +158,8 @@ def cad_distance(lane_map: LaneMap, table: pd.DataFrame, cad: list[CenterLine]) 
 def load_warnings(net: Path) -> tuple[str, ...]:
     """What SUMO says when it loads the net, in a process of its own (libsumo is one per process)."""
     done = subprocess.run([sys.executable, "-c", _LOAD, str(net)], capture_output=True, text=True, check=False)
-    said = [line.strip() for line in (done.stdout + done.stderr).splitlines()]
-    said = [line for line in said if line.startswith(("Warning", "Error"))]
-    if done.returncode != 0 and not said:
-        said = [f"SUMO ended with status {done.returncode}"]
-    return tuple(said)
+    lines = [line.strip() for line in (done.stdout + done.stderr).splitlines()]
+    lines = [line for line in lines if line.startswith(("Warning", "Error"))]
+    if done.returncode != 0 and not lines:
+        lines = [f"SUMO ended with status {done.returncode}"]
+    return tuple(lines)

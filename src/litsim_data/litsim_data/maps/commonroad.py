@@ -7,23 +7,11 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from litsim_data.maps.lanelets import SPEED_LIMIT, Lanelet, write_lanelets
+from litsim_data.maps.lanelets import SPEED_LIMIT, Lanelet
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 
 SPEED_MIN = 1.0  # [m/s] smaller "limits" are defects of a map
-
-
-def import_commonroad(source: Path, path: Path) -> list[str]:
-    """Convert the CommonRoad file `source` to the net at `path`; the frame is that of the file.
-
-    Returns:
-        netconvert's warnings.
-
-    Raises:
-        InputError: `source` cannot be read, or netconvert is missing or refuses it.
-    """
-    return write_lanelets(read_lanelets(source), path)
 
 
 def read_lanelets(path: Path) -> list[Lanelet]:

@@ -15,16 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from litsim_data.maps.highway import (
-    I80_LANE_7_END,
-    I80_LANES,
-    I80_ON_RAMP_GORE,
-    LANE_WIDTH,
-    MARGIN,
-    VERTEX_SPACING,
-    HighwayPlan,
-    Ramp,
-)
+from litsim_data.maps.highway import LANE_WIDTH, MARGIN, VERTEX_SPACING, HighwayPlan, Ramp
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray, IntArray
 
@@ -59,7 +50,9 @@ class Layout:
 LAYOUTS = {
     # 579 ft and 1277 ft in the description of the site.
     "us101": Layout(lanes=5, on_ramp_x=177.0, off_ramp_x=388.0),
-    "i80": Layout(lanes=I80_LANES, on_ramp_x=I80_ON_RAMP_GORE, auxiliary_end_x=I80_LANE_7_END),
+    # Lane 1 is for high-occupancy vehicles. 420 ft in the site plan as remembered, not looked up: the CAD ramp is then
+    # 2.3 m off. Lane 7 ends where none of its 644 vehicles is in it any more.
+    "i80": Layout(lanes=6, on_ramp_x=128.0, auxiliary_end_x=203.0),
 }
 
 
@@ -100,12 +93,11 @@ def fit_plan(table: pd.DataFrame, layout: Layout) -> HighwayPlan:
     def along(x: float) -> float:
         return float(np.interp(x, left_edge[:, 0], s))
 
-    plan = HighwayPlan(left_edge, lanes=layout.lanes, lane_width=float(np.round(np.mean(widths), 3)))
-    plan = replace(plan, lane_widths=tuple(float(np.round(width, 3)) for width in widths))
+    plan = HighwayPlan(left_edge, widths=tuple(float(np.round(width, 3)) for width in widths))
     if layout.on_ramp_x is None:
         return plan
     on_ramp = Ramp(along(layout.on_ramp_x), _fit_taper(layout.on_ramp_x - at, beyond))
-    plan = replace(plan, on_ramp=on_ramp, auxiliary_width=LANE_WIDTH)
+    plan = replace(plan, on_ramp=on_ramp)
     if layout.off_ramp_x is not None:
         off_ramp = Ramp(along(layout.off_ramp_x), _fit_taper(at - layout.off_ramp_x, beyond))
         return replace(plan, off_ramp=off_ramp)

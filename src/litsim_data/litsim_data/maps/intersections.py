@@ -11,16 +11,15 @@ The result is a lanelet map of our own, of which :mod:`litsim_data.maps.lanelets
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from litsim_data.maps.fitting import fit_lanes, lane_widths
-from litsim_data.maps.lanelets import Lanelet, write_lanelets
+from litsim_data.maps.lanelets import Lanelet
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 
@@ -58,11 +57,6 @@ class _Arm:
     lane: IntArray
     vehicle: IntArray
     lanelets: dict[int, list[Lanelet]] = field(default_factory=dict)
-
-
-def write_net(lanelets: Iterable[Lanelet], path: Path) -> list[str]:
-    """Build the net of fitted streets at `path`; return netconvert's warnings."""
-    return write_lanelets(lanelets, path)
 
 
 def fit_streets(table: pd.DataFrame) -> list[Lanelet]:
@@ -257,7 +251,7 @@ def _movements(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> list[t
     """Movements as lanelets, each with the id of the lanelet from which it begins."""
     x, y = rows["x"].to_numpy(np.float64), rows["y"].to_numpy(np.float64)
     vehicle, label = rows["vehicle_id"].to_numpy(np.int64), _labels(rows, arms, arm_of)
-    said = rows["movement"].to_numpy(np.int64)
+    movement = rows["movement"].to_numpy(np.int64)
     crossing = rows["intersection"].to_numpy(np.int64)
     paths: dict[tuple[int, int, int, int], list[FloatArray]] = {}
     turns: dict[tuple[int, int, int, int], list[int]] = {}
@@ -270,11 +264,11 @@ def _movements(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> list[t
             key = (int(arm_of[before]), int(label[before]), int(arm_of[after]), int(label[after]))
             between = np.arange(before, after + 1)
             paths.setdefault(key, []).append(np.column_stack([x[between], y[between]]))
-            told = said[between][said[between] > 0]
-            turns.setdefault(key, []).append(int(np.bincount(told).argmax()) if len(told) else 0)
+            turn = movement[between][movement[between] > 0]
+            turns.setdefault(key, []).append(int(np.bincount(turn).argmax()) if len(turn) else 0)
             named = crossing[between][crossing[between] > 0]
             places[key] = int(named[0]) if len(named) else 0
-    found = []
+    movements = []
     for (from_arm, from_lane, to_arm, to_lane), ways in sorted(paths.items()):
         key = (from_arm, from_lane, to_arm, to_lane)
         starts, ends = arms[from_arm].lanelets.get(from_lane), arms[to_arm].lanelets.get(to_lane)
@@ -282,7 +276,7 @@ def _movements(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> list[t
             continue
         turn = _turn(arms[from_arm].along, arms[to_arm].along)
         # A way that contradicts the column is a mistake of one or the other.
-        agreeing = [way for way, told in zip(ways, turns[key], strict=True) if told in (0, turn)]
+        agreeing = [way for way, column in zip(ways, turns[key], strict=True) if column in (0, turn)]
         if len(agreeing) < MOVEMENTS_MIN:
             continue
         start, end = starts[-1], ends[0]
@@ -291,8 +285,8 @@ def _movements(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> list[t
         normal = _left_normals(line)
         name = f"i{places[key]}_{start.id}_{end.id}"
         sides = line + half[:, None] * normal, line - half[:, None] * normal
-        found.append((Lanelet(name, *sides, successors=(end.id,), junction=True), start.id))
-    return found
+        movements.append((Lanelet(name, *sides, successors=(end.id,), junction=True), start.id))
+    return movements
 
 
 def _labels(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> IntArray:

@@ -19,6 +19,7 @@ import shapely
 from litsim_data.maps.netconvert import DECIMALS, build_net
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
+from litsim_sim.lane_map.lane_crossings import crossing_pairs, crossing_points
 
 SPEED_LIMIT = 13.89  # [m/s] 50 km/h, where the map gives none
 INNER_LENGTH_MAX = 60.0  # [m] longer lanelets that split or join are ramps, not turns
@@ -140,13 +141,13 @@ class _Plan:
     def _first_inner(self) -> set[str]:
         """Lanelets inside intersections: as the map says, or that cross others, or that split or join and are short."""
         self.kept_outer: set[str] = set()
-        found = {name for name, lanelet in self.by_id.items() if lanelet.junction}
-        found |= {name for pair in self.crossing for name in pair}
+        inner = {name for name, lanelet in self.by_id.items() if lanelet.junction}
+        inner |= {name for pair in self.crossing for name in pair}
         for following in (self.after, self.before):
             for names in following.values():
                 if len(names) > 1:
-                    found |= {name for name in names if self.by_id[name].length < INNER_LENGTH_MAX}
-        return {name for name in found if self.after[name] and self.before[name]}
+                    inner |= {name for name in names if self.by_id[name].length < INNER_LENGTH_MAX}
+        return {name for name in inner if self.after[name] and self.before[name]}
 
     def _groups(self) -> list[list[str]]:
         """The outer lanelets that lie side by side, group by group, each with the rightmost first."""
@@ -163,7 +164,7 @@ class _Plan:
             if left in has_right:
                 del left_of[name]
             has_right.add(left)
-        groups, seen = [], set()
+        groups, grouped = [], set()
         for name in outer:
             if name in has_right:
                 continue
@@ -171,8 +172,8 @@ class _Plan:
             while group[-1] in left_of and left_of[group[-1]] not in group:
                 group.append(left_of[group[-1]])
             groups.append(group)
-            seen |= set(group)
-        return groups + [[name] for name in outer if name not in seen]
+            grouped |= set(group)
+        return groups + [[name] for name in outer if name not in grouped]
 
     def _links(self) -> Iterator[_Link]:
         for name in self.group_of:
@@ -310,39 +311,17 @@ def _connection(plan: _Plan, link: _Link) -> ET.Element:
 
 
 def _crossing_pairs(lanelets: list[Lanelet], after: dict[str, tuple[str, ...]]) -> list[tuple[str, str]]:
-    """Pairs of lanelets whose centre lines cross, other than where one leads into the other."""
-    boxes = [(line.min(axis=0), line.max(axis=0)) for line in (lanelet.centerline for lanelet in lanelets)]
+    """Returns pairs of lanelets whose centre lines cross off their ends, other than where one leads into the other."""
+    lines = [shapely.LineString(lanelet.centerline) for lanelet in lanelets]
     pairs = []
-    for row, one in enumerate(lanelets):
-        for column in range(row + 1, len(lanelets)):
-            other = lanelets[column]
-            (low, high), (low_other, high_other) = boxes[row], boxes[column]
-            if (low > high_other).any() or (low_other > high).any():
-                continue
-            if other.id in after[one.id] or one.id in after[other.id]:
-                continue
-            if _cross(one.centerline, other.centerline):
-                pairs.append((one.id, other.id))
+    for row, column in sorted(crossing_pairs(lines)):
+        one, other = lanelets[row].id, lanelets[column].id
+        if row > column or other in after[one] or one in after[other]:
+            continue
+        ends = shapely.union(lines[row].boundary, lines[column].boundary)
+        if any(ends.distance(point) > ENDS_APART for point in crossing_points(lines[row], lines[column])):
+            pairs.append((one, other))
     return pairs
-
-
-def _cross(one: FloatArray, other: FloatArray) -> bool:
-    """Whether two polylines cross at least ENDS_APART from their ends."""
-    a, b = one[:-1, None], other[None, :-1]
-    da, db = np.diff(one, axis=0)[:, None], np.diff(other, axis=0)[None]
-    cross = da[..., 0] * db[..., 1] - da[..., 1] * db[..., 0]
-    parallel = np.abs(cross) < 1e-9
-    safe = np.where(parallel, 1.0, cross)
-    gap = b - a
-    t = (gap[..., 0] * db[..., 1] - gap[..., 1] * db[..., 0]) / safe
-    u = (gap[..., 0] * da[..., 1] - gap[..., 1] * da[..., 0]) / safe
-    hit = ~parallel & (t >= 0) & (t <= 1) & (u >= 0) & (u <= 1)
-    for i, j in zip(*np.nonzero(hit), strict=True):
-        point = one[i] + t[i, j] * (one[i + 1] - one[i])
-        ends = np.stack([one[0], one[-1], other[0], other[-1]])
-        if np.hypot(*(ends - point).T).min() > ENDS_APART:
-            return True
-    return False
 
 
 def _length(line: FloatArray) -> float:

@@ -108,15 +108,15 @@ def _convert(options: Sequence[str], path: Path, folder: Path, outlines: Mapping
         *("--offset.disable-normalization", "--no-turnarounds"),
     ]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    made = folder / "made.net.xml"
-    if done.returncode != 0 or not made.is_file():
+    net_file = folder / "made.net.xml"
+    if done.returncode != 0 or not net_file.is_file():
         why = " ".join((done.stderr or done.stdout).split())
         raise InputError(f"netconvert refused {source}: {why}")
     # netconvert heads the file with the date and its command line, which would make every regeneration differ.
-    net = re.sub(r"<!--.*?-->\n*", "", made.read_text(encoding="UTF-8"), count=1, flags=re.DOTALL)
+    net = re.sub(r"<!--.*?-->\n*", "", net_file.read_text(encoding="UTF-8"), count=1, flags=re.DOTALL)
     for junction, outline in outlines.items():
         net = re.sub(rf'(<junction id="{re.escape(junction)}"[^>]*? shape=")[^"]*', rf"\g<1>{outline}", net, count=1)
     with replacing(path) as new:
         new.write_text(net, encoding="UTF-8")
-    said = (done.stdout + done.stderr).splitlines()
-    return [line.removeprefix("Warning: ").strip() for line in said if line.startswith("Warning")]
+    output = (done.stdout + done.stderr).splitlines()
+    return [line.removeprefix("Warning: ").strip() for line in output if line.startswith("Warning")]

@@ -99,8 +99,10 @@ def placement(lane_map: LaneMap, table: pd.DataFrame) -> Placement:
         missing=len(worst),
         past_end=float(past_end.mean()) if len(past_end) else 0.0,
         worst=tuple(
-            Miss(int(each), int(frame), float(at_x), float(at_y), float(far), lane_map.lanes[int(lane)].id, bool(past))
-            for each, frame, far, lane, past, at_x, at_y in worst.head(WORST).to_numpy(object)
+            Miss(
+                int(vehicle), int(frame), float(at_x), float(at_y), float(far), lane_map.lanes[int(lane)].id, bool(past)
+            )
+            for vehicle, frame, far, lane, past, at_x, at_y in worst.head(WORST).to_numpy(object)
         ),
         against=float((inside & at.against(yaw)).mean()),
     )

@@ -40,8 +40,8 @@ def encounters(situation: Situation) -> Iterator[Event]:
     Crossing: all others. Each gives one event per vehicle, with its role.
     """
     by_junction: dict[str, list[Passage]] = {}
-    for each in situation.passages:
-        by_junction.setdefault(each.junction, []).append(each)
+    for passage in situation.passages:
+        by_junction.setdefault(passage.junction, []).append(passage)
     for _, inside in sorted(by_junction.items()):
         for a, b in combinations(inside, 2):
             if _comparable(situation, a, b):
@@ -50,14 +50,14 @@ def encounters(situation: Situation) -> Iterator[Event]:
 
 def _comparable(situation: Situation, a: Passage, b: Passage) -> bool:
     """Whether two passages are of different vehicles, from different roads, and close in time."""
-    roads = {situation.lane_map.lanes[each.from_lane].edge_id for each in (a, b)}
+    roads = {situation.lane_map.lanes[passage.from_lane].edge_id for passage in (a, b)}
     apart = max(a.first - b.last, b.first - a.last) - 2 * MARGIN
     return a.agent != b.agent and len(roads) == 2 and apart * STEP_S <= PET_HORIZON_S
 
 
 def _encounter(situation: Situation, a: Passage, b: Passage) -> Iterator[Event]:
     steps_a, steps_b = _steps(situation, a), _steps(situation, b)
-    ways = (boxes(situation.log, each.agent, *steps) for each, steps in ((a, steps_a), (b, steps_b)))
+    ways = (boxes(situation.log, passage.agent, *steps) for passage, steps in ((a, steps_a), (b, steps_b)))
     at_a, at_b = (np.arange(first, last + 1) for first, last in (steps_a, steps_b))
     way_a, way_b = ways
     use = closest_use(at_a, way_a, at_b, way_b)

@@ -172,15 +172,15 @@ def _merging(situation: Situation, change: LaneChange) -> bool:
 def _upstream(situation: Situation, lane: int) -> set[str]:
     """Ids of the edges that lead to a lane without lane changes, within 300 m upstream."""
     lanes = situation.lane_map.lanes
-    waiting, found, seen = [(lane, 0.0)], set[str](), set[int]()
+    waiting, edges, visited = [(lane, 0.0)], set[str](), set[int]()
     while waiting:
         here, way = waiting.pop()
         for before in situation.ways.predecessors[here]:
-            if before in seen:
+            if before in visited:
                 continue
-            seen.add(before)
+            visited.add(before)
             if not lanes[before].is_internal:
-                found.add(lanes[before].edge_id)
+                edges.add(lanes[before].edge_id)
             if way + lanes[before].length < ORIGIN_M:
                 waiting.append((before, way + lanes[before].length))
-    return found
+    return edges

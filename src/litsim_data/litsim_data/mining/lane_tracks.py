@@ -90,17 +90,19 @@ class Ways:
         self.successors = [tuple(row[name] for name in lane.successors) for lane in lanes]
         self.predecessors: list[list[int]] = [[] for _ in lanes]
         for number, following in enumerate(self.successors):
-            for each in following:
-                self.predecessors[each].append(number)
+            for lane_after in following:
+                self.predecessors[lane_after].append(number)
         self._edge: dict[str, list[int]] = {}
         for number, lane in enumerate(lanes):
             self._edge.setdefault(lane.edge_id, []).append(number)
         self._reached = [frozenset(self._through_junction(number)) for number in range(len(lanes))]
-        self.straightest = [NOWHERE if each is None else each for each in straightest_successors(lanes)]
+        self.straightest = [
+            NOWHERE if lane_after is None else lane_after for lane_after in straightest_successors(lanes)
+        ]
 
     def angle(self, before: int, after: int) -> float:
         """Angle from the end of one lane to the beginning of another, positive to the left [rad]."""
-        end, begin = (np.diff(self._lanes[each].centerline, axis=0) for each in (before, after))
+        end, begin = (np.diff(self._lanes[lane_after].centerline, axis=0) for lane_after in (before, after))
         turn = np.arctan2(begin[0, 1], begin[0, 0]) - np.arctan2(end[-1, 1], end[-1, 0])
         return float(wrap_angle(np.asarray(turn)))
 
@@ -141,7 +143,9 @@ class Ways:
         if lanes[before].edge_id == lanes[after].edge_id:
             return lanes[after].index - lanes[before].index
         beside = self._edge[lanes[before].edge_id]
-        steps = [lanes[each].index - lanes[before].index for each in beside if after in self._reached[each]]
+        steps = [
+            lanes[lane_after].index - lanes[before].index for lane_after in beside if after in self._reached[lane_after]
+        ]
         step = min(steps, key=abs, default=None)
         return None if step and abs(self.angle(before, after)) > TURN_RAD else step
 
@@ -149,14 +153,14 @@ class Ways:
         """The lanes outside junctions that follow a lane, directly or through lanes inside a junction."""
         waiting, seen = list(self.successors[lane]), set[int]()
         while waiting:
-            each = waiting.pop()
-            if each in seen:
+            lane_after = waiting.pop()
+            if lane_after in seen:
                 continue
-            seen.add(each)
-            if self._lanes[each].is_internal:
-                waiting += self.successors[each]
+            seen.add(lane_after)
+            if self._lanes[lane_after].is_internal:
+                waiting += self.successors[lane_after]
             else:
-                yield each
+                yield lane_after
 
 
 def runs(values: IntArray | BoolArray) -> list[tuple[int, int]]:

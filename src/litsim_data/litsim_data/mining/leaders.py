@@ -55,10 +55,15 @@ def _look_ahead(
         if not len(agent):
             return
         ahead = nearest[step, lane]
-        found = (ahead != NOWHERE) & (ahead != agent)
-        leader[agent[found], step[found]] = ahead[found]
-        distance[agent[found], step[found]] = (way + tracks.s[ahead, step])[found]
-        agent, step, lane, way = agent[~found], step[~found], lane[~found], (way + length[lane])[~found]
+        has_leader = (ahead != NOWHERE) & (ahead != agent)
+        leader[agent[has_leader], step[has_leader]] = ahead[has_leader]
+        distance[agent[has_leader], step[has_leader]] = (way + tracks.s[ahead, step])[has_leader]
+        agent, step, lane, way = (
+            agent[~has_leader],
+            step[~has_leader],
+            lane[~has_leader],
+            (way + length[lane])[~has_leader],
+        )
 
 
 def _followed(log: Log, along: FloatArray, leader: IntArray, distance: FloatArray) -> Following:

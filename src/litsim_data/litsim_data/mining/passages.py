@@ -77,10 +77,10 @@ def passages(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> list[Passage]:
     the agent waited at the border.
     """
     lanes = lane_map.lanes
-    found = []
+    through = []
     for row in range(len(log.ids)):
         pieces = [(begin, end, int(tracks.lane[row, begin])) for begin, end in runs(tracks.lane[row])]
-        roads = [each for each in pieces if each[2] != NOWHERE and not lanes[each[2]].is_internal]
+        roads = [piece for piece in pieces if piece[2] != NOWHERE and not lanes[piece[2]].is_internal]
         for (_, leaves, before), (enters, _, after) in pairwise(roads):
             inside = tracks.lane[row, leaves:enters]
             if lanes[before].edge_id == lanes[after].edge_id or not len(inside) or (inside == NOWHERE).any():
@@ -89,13 +89,15 @@ def passages(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> list[Passage]:
             first, last = max(leaves - MARGIN, int(log.first_step[row])), min(enters + MARGIN, int(log.last_step[row]))
             yaw = np.unwrap(log.yaw[row, first : last + 1])
             turned = float(yaw[-1] - yaw[0])
-            found.append(Passage(row, junction, leaves, enters - 1, before, after, turned, float(log.yaw[row, leaves])))
-    return found
+            through.append(
+                Passage(row, junction, leaves, enters - 1, before, after, turned, float(log.yaw[row, leaves]))
+            )
+    return through
 
 
 def turns(log: Log) -> list[Turn]:
     """The turns of all agents, sorted by agent and time; waiting in the middle of a turn does not end it."""
-    found = []
+    all_turns = []
     for row in range(len(log.ids)):
         first, last = int(log.first_step[row]), int(log.last_step[row])
         yaw = np.unwrap(log.yaw[row, first : last + 1])
@@ -107,8 +109,8 @@ def turns(log: Log) -> list[Turn]:
                 angle = float(yaw[end - 1] - yaw[begin])
                 if side * angle > TURN_RAD:
                     most = float((speed * np.abs(rate))[begin:end].max())
-                    found.append(Turn(row, first + begin, first + end - 1, angle, most))
-    return sorted(found, key=lambda turn: (turn.agent, turn.begin))
+                    all_turns.append(Turn(row, first + begin, first + end - 1, angle, most))
+    return sorted(all_turns, key=lambda turn: (turn.agent, turn.begin))
 
 
 def _bridged(turning: BoolArray, standing: BoolArray) -> BoolArray:

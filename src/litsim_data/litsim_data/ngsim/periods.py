@@ -105,10 +105,10 @@ class Clocks:
             pieces = np.split(minutes, np.flatnonzero(np.diff(minutes) > 2) + 1)
             stretches += [(clock.site, int(piece[0]), int(piece[-1]), code) for piece in pieces]
         order = list(SITES)
-        found: list[Period] = []
+        periods: list[Period] = []
         for name, first, last, code in sorted(stretches, key=lambda s: (order.index(s[0]), s[1], s[3])):
             site = SITES[name]
             title = f"{name}_{site.period(first * MINUTE_MS)}"
-            same = sum(period.name == title or period.name.startswith(f"{title}_") for period in found)
-            found.append(Period(f"{title}_{same + 1}" if same else title, site, code, (first, last)))
-        return found
+            same = sum(period.name == title or period.name.startswith(f"{title}_") for period in periods)
+            periods.append(Period(f"{title}_{same + 1}" if same else title, site, code, (first, last)))
+        return periods

@@ -73,7 +73,7 @@ class RepairCounts:
 
 
 def tracks_of(raw: pd.DataFrame, site: Site, where: str) -> tuple[pd.DataFrame, RepairCounts]:
-    """Make tracks of the rows of one recording.
+    """Makes tracks of the rows of one recording.
 
     Args:
         raw: columns NEEDED (SI units, global axes) and `line`; rows in any order.
@@ -106,26 +106,22 @@ def tracks_of(raw: pd.DataFrame, site: Site, where: str) -> tuple[pd.DataFrame, 
     return _filled(table, site, counts), counts
 
 
-def neutral(
-    tracks: pd.DataFrame, *, cleaned: bool, progress: bool = False
-) -> tuple[pd.DataFrame, CleaningReport | None]:
-    """Tracks in the columns of the neutral schema.
+def neutral(tracks: pd.DataFrame, *, cleaned: bool) -> tuple[pd.DataFrame, CleaningReport | None]:
+    """Returns tracks in the columns of the neutral schema, and the report on their cleaning (None without).
 
     Args:
         tracks: see :func:`tracks_of`.
         cleaned: whether headings, speeds and accelerations are derived from smoothed positions; else speed and
             acceleration stay as published, and yaw is the direction of motion over a second.
-        progress: show a bar on stderr.
 
     Raises:
         InputError: the tracks cannot be cleaned.
     """
     if cleaned:
-        columns = [name for name in tracks.columns if name != "hint"]
-        table = tracks[columns]
+        table = tracks.drop(columns="hint")
         if tracks["hint"].notna().all():
             table = table.assign(yaw=tracks["hint"])
-        return clean(table, progress=progress)
+        return clean(table)
     yaw = direction_of_motion(
         tracks["vehicle_id"].to_numpy(), tracks["x"].to_numpy(), tracks["y"].to_numpy(), tracks["hint"].to_numpy()
     )
@@ -151,22 +147,22 @@ def direction_of_motion(
     last = np.r_[first[1:], len(vehicle)] - 1
     before, after = np.maximum(index - SMOOTHED, first[track]), np.minimum(index + SMOOTHED, last[track])
     dx, dy = x[after] - x[before], y[after] - y[before]
-    seen = np.hypot(dx, dy) >= least
-    yaw = pd.Series(np.where(seen, np.arctan2(dy, dx), np.nan))
+    moves = np.hypot(dx, dy) >= least
+    yaw = pd.Series(np.where(moves, np.arctan2(dy, dx), np.nan))
     held = yaw.groupby(track).ffill().groupby(track).bfill().to_numpy()
     return np.where(np.isnan(held), np.nan_to_num(hint), held)
 
 
 def _without_duplicates(raw: pd.DataFrame, counts: RepairCounts, where: str) -> pd.DataFrame:
     content = [name for name in raw.columns if name != "line"]
-    kept = raw.drop_duplicates(content)
-    counts.duplicates = len(raw) - len(kept)
-    if (kept["vehicle_id"].abs() >= PIECE).any():
-        at = kept.loc[kept["vehicle_id"].abs() >= PIECE].iloc[0]
+    single = raw.drop_duplicates(content)
+    counts.duplicates = len(raw) - len(single)
+    if (single["vehicle_id"].abs() >= PIECE).any():
+        at = single.loc[single["vehicle_id"].abs() >= PIECE].iloc[0]
         raise InputError(
             f"{where}: line {at['line']:.0f}: Vehicle_ID is {at['vehicle_id']:.0f}, expected below {PIECE}"
         )
-    return kept.sort_values(["vehicle_id", "frame", "line"], ignore_index=True)
+    return single.sort_values(["vehicle_id", "frame", "line"], ignore_index=True)
 
 
 def _without_contradictions(table: pd.DataFrame, counts: RepairCounts, where: str) -> pd.DataFrame:

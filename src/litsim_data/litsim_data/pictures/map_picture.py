@@ -121,7 +121,7 @@ def _extent(lane_map: LaneMap, tables: list[pd.DataFrame]) -> tuple[FloatArray, 
 def _places(misses: list[Miss]) -> list[Miss]:
     """The worst misses at up to DETAILS places at least PLACES_APART apart."""
     chosen: list[Miss] = []
-    for miss in sorted(misses, key=lambda each: -each.beyond):
+    for miss in sorted(misses, key=lambda one: -one.beyond):
         if len(chosen) < DETAILS and all(
             math.hypot(miss.x - other.x, miss.y - other.y) > PLACES_APART for other in chosen
         ):
@@ -144,15 +144,21 @@ def _scene(axes: Axes, lane_map: LaneMap, tables: list[pd.DataFrame], check: Net
             axes.add_collection(_lines(*fitted.apply(x, y), new, FITTED, 3))
         off = ~lane_map.inside_road(x, y)
         axes.plot(x[off], y[off], ".", ms=2.5, color=MISS, zorder=4)
-    found = check.connectivity
+    connectivity = check.connectivity
     for names, marker, colour, vertex in (
-        ((*(gap.lane for gap in found.gaps), *found.unreached), ">", NO_WAY_IN, 0),
-        (found.stuck, "s", NO_EXIT, -1),
+        ((*(gap.lane for gap in connectivity.gaps), *connectivity.unreached), ">", NO_WAY_IN, 0),
+        (connectivity.stuck, "s", NO_EXIT, -1),
     ):
         points = np.array([lane_map.lanes[lane_map.row(name)].centerline[vertex] for name in names]).reshape(-1, 2)
         axes.plot(*points.T, marker, ms=8, mfc=colour, mec="white", ls="none", zorder=5)
     axes.plot(
-        [c.x for c in found.crossings], [c.y for c in found.crossings], "x", ms=9, mew=2.5, color=CROSSES, zorder=5
+        [c.x for c in connectivity.crossings],
+        [c.y for c in connectivity.crossings],
+        "x",
+        ms=9,
+        mew=2.5,
+        color=CROSSES,
+        zorder=5,
     )
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(colors=INK, labelsize=8)
@@ -173,7 +179,7 @@ def _title(check: NetCheck) -> str:
 
 def _legend(check: NetCheck) -> list[Line2D | Patch]:
     """What is drawn, and how much of it."""
-    found = check.connectivity
+    connectivity = check.connectivity
     missing = sum(part.missing for part in check.placements.values())
     entries: list[Line2D | Patch] = [
         Patch(fc=LANE, ec=EDGE, label="lane"),
@@ -181,12 +187,12 @@ def _legend(check: NetCheck) -> list[Line2D | Patch]:
         Line2D([], [], color=TRACK, label="track"),
         Line2D([], [], color=MISS, marker=".", ls="none", label=f"centre on no lane ({missing} vehicles)"),
     ]
-    if any(not each.in_place for each in check.alignments.values()):
+    if any(not alignment.in_place for alignment in check.alignments.values()):
         entries.append(Line2D([], [], color=FITTED, label="tracks, moved to their best fit"))
     for count, marker, colour, text in (
-        (len(found.gaps) + len(found.unreached), ">", NO_WAY_IN, "lane without a way in"),
-        (len(found.stuck), "s", NO_EXIT, "lane without exit"),
-        (len(found.crossings), "x", CROSSES, "edges cross"),
+        (len(connectivity.gaps) + len(connectivity.unreached), ">", NO_WAY_IN, "lane without a way in"),
+        (len(connectivity.stuck), "s", NO_EXIT, "lane without exit"),
+        (len(connectivity.crossings), "x", CROSSES, "edges cross"),
     ):
         if count:
             entries.append(Line2D([], [], color=colour, marker=marker, ls="none", ms=8, label=f"{text} ({count})"))

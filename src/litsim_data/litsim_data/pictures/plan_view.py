@@ -106,8 +106,8 @@ def paths(steps: Steps, area: Area) -> dict[Controller, list[FloatArray]]:
     order, follows = tracks(steps)
     inside = area.holds(points[order])
     follows[1:] &= inside[1:] | inside[:-1]
-    found = pieces(points[order], follows, table.controller[order].astype(np.int64))
-    return {controller: found.get(controller.value, []) for controller in Controller}
+    lines = pieces(points[order], follows, table.controller[order].astype(np.int64))
+    return {controller: lines.get(controller.value, []) for controller in Controller}
 
 
 def tracks(steps: Steps) -> tuple[IntArray, BoolArray]:
@@ -132,10 +132,10 @@ def pieces(points: FloatArray, follows: BoolArray, kind: IntArray) -> dict[int, 
     begins[1:] &= ~follows[:-1] | (np.diff(kind) != 0)
     ends = follows.copy()
     ends[:-1] &= ~follows[1:] | begins[1:]
-    found: dict[int, list[FloatArray]] = {}
+    lines: dict[int, list[FloatArray]] = {}
     for begin, end in zip(np.flatnonzero(begins).tolist(), np.flatnonzero(ends).tolist(), strict=True):
-        found.setdefault(int(kind[begin]), []).append(points[begin - 1 : end + 1])
-    return found
+        lines.setdefault(int(kind[begin]), []).append(points[begin - 1 : end + 1])
+    return lines
 
 
 def draw_boxes(axes: Axes, table: AgentTable, colours: list[str], **style: Any) -> None:

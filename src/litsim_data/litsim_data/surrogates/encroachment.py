@@ -50,7 +50,7 @@ def encroachments(tables: Sequence[AgentTable], agent: int) -> list[Encroachment
     own_step, own = steps.step[table.number[own_rows]], boxes[own_rows]
     in_time = (steps.step >= own_step[0] - PET_HORIZON) & (steps.step <= own_step[-1] + PET_HORIZON)
     near = (steps.rows[in_time] >= 0).any(axis=0)
-    found = []
+    encounters = []
     for k in np.flatnonzero(near & (steps.ids != agent)).tolist():
         other, rows = int(steps.ids[k]), steps.rows[:, k]
         rows = rows[rows >= 0]
@@ -59,8 +59,8 @@ def encroachments(tables: Sequence[AgentTable], agent: int) -> list[Encroachment
         if entry is not None:
             i, j, gap = entry
             first, step = (agent, other_step[j]) if own_step[i] < other_step[j] else (other, own_step[i])
-            found.append(Encroachment(other, gap * STEP_S, first, int(step)))
-    return sorted(found, key=lambda e: (e.pet, e.agent))
+            encounters.append(Encroachment(other, gap * STEP_S, first, int(step)))
+    return sorted(encounters, key=lambda e: (e.pet, e.agent))
 
 
 def closest_use(step_a: IntArray, a: FloatArray, step_b: IntArray, b: FloatArray) -> tuple[int, int, int] | None:
