@@ -134,10 +134,9 @@ def test_generic_recording_through_the_command(tmp_path: Path, capsys: pytest.Ca
 def test_official_files_are_fitted_by_their_raw_columns(tmp_path: Path) -> None:
     made = made_ngsim.table(made_ngsim.Traffic(SITES["i80"], "1600", rows=20_000))
     made_ngsim.write_text(made, tmp_path / "made.txt")
-    found = for_fitting(tmp_path / "made.txt")
-    assert found.site == "i80"
-    lanes = int(found.table["lane"].max())
-    plan = fit_plan(found.table, Layout(lanes))
+    table, site = for_fitting(tmp_path / "made.txt")
+    assert site == "i80"
+    plan = fit_plan(table, Layout(int(table["lane"].max())))
     assert np.abs(plan.left_edge[5:-5, 1]).max() < 0.2  # frame map: y is 0 where local_x is
     np.testing.assert_allclose(plan.widths, 3.66, atol=0.1)
 
@@ -191,7 +190,6 @@ def test_distance_to_cad_lines_by_their_numbers() -> None:
     table = pd.DataFrame({"x": [30.0], "y": [-2.0]})
     found = cad_distance(two_lanes(), table, lines)
     assert found.by_line == {"centerline1": pytest.approx(0.1), "centerline2": pytest.approx(0.2)}
-    assert found.samples == 20  # 20 m of two lanes at 2 m
     swapped = [CenterLine(f"centerline{3 - n}", line.points) for n, line in enumerate(lines, 1)]
     assert cad_distance(two_lanes(), table, swapped).median > 3.0  # not simply the nearest line
     with pytest.raises(InputError, match="is it the right site"):

@@ -16,7 +16,7 @@ from litsim_sim.scenario.recording import Recording
 
 
 def add(subparsers: Any) -> None:
-    """Add the parser of the command."""
+    """Adds the parser of the command."""
     command = subparsers.add_parser("clean", help="smooth the motion of a recording, and report the changes")
     command.add_argument("source", type=Path, metavar="IN", help="recording of any known format (crop it with convert)")
     command.add_argument("out", type=Path, metavar="OUT.parquet")

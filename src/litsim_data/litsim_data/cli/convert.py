@@ -24,7 +24,7 @@ NOT_DRAFTED = ("mapping", "vehicles", "clip", "crop", "raw")  # options that do 
 
 
 def add(subparsers: Any) -> None:
-    """Add the parser of the command."""
+    """Adds the parser of the command."""
     command = subparsers.add_parser(
         "convert",
         help="any known format to the neutral schema",

@@ -12,14 +12,14 @@ from litsim_sim.scenario.load import load_recording
 
 
 def add(subparsers: Any) -> None:
-    """Add the parser of the command."""
+    """Adds the parser of the command."""
     command = subparsers.add_parser("info", help="describe a recording; official NGSIM files are read, not converted")
     command.add_argument("file", type=Path, help="recording of any known format")
     command.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Describe the file.
+    """Describes the file.
 
     Raises:
         InputError: it is no recording, or a line of an official file cannot be used.

@@ -11,18 +11,18 @@ from litsim_sim.scenario.scenario import packaged, packaged_nets, packaged_scena
 
 
 def add(subparsers: Any) -> None:
-    """Add the parser of the command."""
+    """Adds the parser of the command."""
     command = subparsers.add_parser("list", help="packaged scenarios and nets")
     command.set_defaults(run=run)
 
 
 def run(_arguments: argparse.Namespace) -> None:
-    """Print what is packaged."""
+    """Prints what is packaged."""
     print(listing())
 
 
 def listing() -> str:
-    """Packaged scenarios and nets, as text."""
+    """Returns the packaged scenarios and nets, as text."""
     lines = ["scenarios:"]
     for name in packaged_scenarios():
         fields = yaml.safe_load(packaged(f"scenarios/{name}.yaml").read_text(encoding="utf-8"))

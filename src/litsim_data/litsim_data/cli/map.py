@@ -19,7 +19,7 @@ SITES = ("us101", "i80", "lankershim", "peachtree", "generic")
 
 
 def add(subparsers: Any) -> None:
-    """Add the parser of the command."""
+    """Adds the parser of the command."""
     command = subparsers.add_parser("map", help="build a net with netconvert, or check one", description=__doc__)
     what = command.add_mutually_exclusive_group()
     for name, known in _formats().items():
@@ -76,24 +76,24 @@ def _build(arguments: argparse.Namespace) -> list[str]:
     if arguments.recording is None:
         raise InputError("data map: name the recording to fit lanes to with --recording")
     site = arguments.site or ""
-    recorded = positions.for_fitting(arguments.recording, "" if site == "generic" else site)
-    name = site or recorded.site or "generic"
+    table, known_site = positions.for_fitting(arguments.recording, "" if site == "generic" else site)
+    name = site or known_site or "generic"
     if name in fitting.LAYOUTS:
-        highway.write_net(fitting.fit_plan(recorded.table, fitting.LAYOUTS[name]), out)
+        highway.write_net(fitting.fit_plan(table, fitting.LAYOUTS[name]), out)
     elif name == "generic":
-        highway.write_net(fitting.fit_generic_plan(recorded.table), out)
+        highway.write_net(fitting.fit_generic_plan(table), out)
     else:
-        return lanelets.write_lanelets(intersections.fit_streets(recorded.table), out)
+        return lanelets.write_lanelets(intersections.fit_streets(table), out)
     return []
 
 
 def _formats() -> dict[str, type[MapFormat]]:
-    """The installed formats of maps, by name."""
+    """Returns the installed formats of maps, by name."""
     return {name: plugins.load(plugins.MAPS, name) for name in plugins.names(plugins.MAPS)}
 
 
 def _chosen(name: str) -> str:
-    """Where the arguments hold the map in the format `name`."""
+    """Returns where the arguments hold the map in the format `name`."""
     return f"map_{name}"
 
 
@@ -126,7 +126,7 @@ def check(arguments: argparse.Namespace) -> bool:
 
 
 def _parts(arguments: argparse.Namespace) -> tuple[dict[str, pd.DataFrame], dict[str, Any] | None]:
-    """What is checked against the net, by name; and the transform by which the recording was mapped, if it was.
+    """Returns what is checked against the net, by name; and the transform by which the recording was mapped, if it was.
 
     Without a recording, scenarios are those of LitSim, whatever of them lies on their net.
     """

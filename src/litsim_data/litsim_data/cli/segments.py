@@ -22,7 +22,7 @@ from litsim_sim.scenario.usability import Usability, describe, survey
 
 
 def add(subparsers: Any) -> None:
-    """Add the parser of the command."""
+    """Adds the parser of the command."""
     command = subparsers.add_parser("segments", help="cut recordings into scenarios of 28 s, split 70/10/20")
     command.add_argument("recordings", nargs="*", type=Path, metavar="RECORDING", help="of any known format")
     command.add_argument("--manifest", type=Path, help="instead: reproduce this manifest and its scenario files")
@@ -124,7 +124,9 @@ def _reproduce(path: Path, out: Path) -> tuple[segments.Manifest, list[Recording
 
 
 def _stored(path: Path, folder: Path) -> str:
-    """Returns `path` in the form of the manifest in `folder`: relative to $LITSIM_DATA if below it, else to the folder."""
+    """Returns `path` in the form of the manifest in `folder`: relative to $LITSIM_DATA if below it, else to the
+    folder.
+    """
     data = os.environ.get(DATA_VARIABLE)
     if data and path.resolve().is_relative_to(Path(data).resolve()):
         return f"${{{DATA_VARIABLE}}}/{path.resolve().relative_to(Path(data).resolve()).as_posix()}"

@@ -29,7 +29,7 @@ LASTING = (EventKind.FOLLOWING, EventKind.TURN)
 
 
 def add(subparsers: Any) -> None:
-    """Add the parser of the command."""
+    """Adds the parser of the command."""
     command = subparsers.add_parser(
         "suite",
         help="find scenarios by what happens in them: cut-ins, braking, lane changes, merges, crossings ...",

@@ -14,7 +14,7 @@ NETS = ("us101_like", "urban_like")
 
 
 def add(subparsers: Any) -> None:
-    """Add the parser of the command."""
+    """Adds the parser of the command."""
     command = subparsers.add_parser("synthesize", help="generate recordings with SUMO on a packaged net")
     command.add_argument("--net", choices=NETS, default=NETS[0], help="default %(default)s")
     command.add_argument("--seed", type=int, default=17, help="default %(default)s, that of us101_like.parquet")

@@ -48,7 +48,8 @@ DERIVED = ("yaw", "speed", "acceleration")  # optional columns
 
 
 def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, Counts]:
-    """The table at `paths` (CSV or Parquet, one file or several) as a recording, and the counts of the conversion.
+    """Returns the table at `paths` (CSV or Parquet, one file or several) as a recording, and the counts of the
+    conversion.
 
     Raises:
         InputError: a column is missing, a cell is not a number, a vehicle is at two places at a time or jumps too
@@ -98,8 +99,8 @@ def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, 
 
 
 def _in_si(raw: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Columns in SI units and frame map: vehicle_id, t [s], x, y, length, width, kind, lane, row, and yaw, speed and
-    acceleration where given; and notes on ids and clock for the header.
+    """Returns columns in SI units and frame map: vehicle_id, t [s], x, y, length, width, kind, lane, row, and yaw,
+    speed and acceleration where given; and notes on ids and clock for the header.
     """
     units, columns = mapping.units, mapping.columns
     row = raw["row"].to_numpy()
@@ -167,7 +168,7 @@ def _in_si(raw: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[pd.
 
 
 def _never_backwards(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
-    """`table` with negative speeds, of reversing vehicles or noise around 0, set to 0."""
+    """Returns `table` with negative speeds, of reversing vehicles or noise around 0, set to 0."""
     if "speed" not in table:
         return table
     counts.backwards = int((table["speed"] < 0.0).sum())
@@ -175,7 +176,7 @@ def _never_backwards(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
 
 
 def _count_assumptions(table: pd.DataFrame, mapping: Mapping, counts: Counts) -> None:
-    """Count the vehicles whose kind nobody knows, and those whose size is that of other kinds."""
+    """Counts the vehicles whose kind nobody knows, and those whose size is that of other kinds."""
     columns = mapping.columns
     if columns.kind is None:
         counts.kindless = int(table["vehicle_id"].nunique())
@@ -185,7 +186,7 @@ def _count_assumptions(table: pd.DataFrame, mapping: Mapping, counts: Counts) ->
 
 
 def _ids(column: pd.Series, row: IntArray, source: TableFiles) -> tuple[IntArray, dict[str, Any]]:
-    """Ids as integers: small integers stay; others are numbered on from the largest of these, or from 1.
+    """Returns ids as integers: small integers stay; others are numbered on from the largest of these, or from 1.
 
     Raises:
         InputError: an id is missing, or there are too many.
@@ -210,7 +211,7 @@ def _ids(column: pd.Series, row: IntArray, source: TableFiles) -> tuple[IntArray
 
 
 def _without_dropped_kinds(raw: pd.DataFrame, mapping: Mapping, source: TableFiles, counts: Counts) -> pd.DataFrame:
-    """The rows of kinds that the mapping keeps, with column `kind` translated by it."""
+    """Returns the rows of kinds that the mapping keeps, with column `kind` translated by it."""
     if "kind" not in raw:
         return raw
     kind_names, kinds = texts(raw["kind"]), {plain(name): ours for name, ours in mapping.kinds.items()}
@@ -239,7 +240,7 @@ def _without_dropped_kinds(raw: pd.DataFrame, mapping: Mapping, source: TableFil
 
 
 def _of_whole_tracks(row_kind: pd.Series, raw: pd.DataFrame, mapping: Mapping, counts: Counts) -> pd.Series:
-    """For each row of `raw` the kind that most rows of its track have, as trackers change their minds.
+    """Returns, for each row of `raw`, the kind that most rows of its track have, as trackers change their minds.
 
     Tracks end at long holes: trackers use an id again for another object.
     """
@@ -259,7 +260,7 @@ def _of_whole_tracks(row_kind: pd.Series, raw: pd.DataFrame, mapping: Mapping, c
 
 
 def _seconds(raw: pd.DataFrame, mapping: Mapping) -> FloatArray:
-    """Time (n,) of each row of a table as read [s]; NaN for cells that are no time."""
+    """Returns the time (n,) of each row of a table as read [s]; NaN for cells that are no time."""
     if mapping.columns.time is not None and is_stamped(raw["time"]):
         return since_1970(raw["time"]).to_numpy(np.float64)
     by_frame = mapping.columns.time is None
@@ -274,7 +275,7 @@ def _kinds(raw: pd.DataFrame) -> IntArray:
 
 
 def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
-    """`table` with box centres, and with heading, speed and acceleration derived where the file lacks them."""
+    """Returns `table` with box centres, and with heading, speed and acceleration derived where the file lacks them."""
     vehicle, x, y = (table[name].to_numpy() for name in ("vehicle_id", "x", "y"))
     walking = obstacle_rows(table)
     if "yaw" not in table:
@@ -298,7 +299,9 @@ def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
 
 
 def _headings(table: pd.DataFrame, mapping: Mapping) -> FloatArray:
-    """Headings (n,) [rad] of vehicles by the motion of their reference points; see :func:`.headings.headings`."""
+    """Returns headings (n,) [rad] of vehicles by the motion of their reference points; see
+    :func:`.headings.headings`.
+    """
     vehicle, x, y, length = (table[name].to_numpy() for name in ("vehicle_id", "x", "y", "length"))
     levers = VehicleLimits.rear_axle - AHEAD[mapping.reference]
     lever = np.zeros(len(table)) if mapping.reference == "box_corner" else levers * length
@@ -306,7 +309,7 @@ def _headings(table: pd.DataFrame, mapping: Mapping) -> FloatArray:
 
 
 def _check_walking(table: pd.DataFrame, ids: dict[str, int], source: TableFiles) -> None:
-    """Refuse pedestrians and cyclists, rows of 10 Hz, who jump; `ids` are names of the file by vehicle_id's numbers.
+    """Refuses pedestrians and cyclists, rows of 10 Hz, who jump; `ids` are names of the file by vehicle_id's numbers.
 
     Raises:
         InputError: one does.
@@ -325,7 +328,9 @@ def _check_walking(table: pd.DataFrame, ids: dict[str, int], source: TableFiles)
 
 
 def _moved(raw: pd.DataFrame, cleaned: pd.DataFrame, ahead: float) -> dict[int, float]:
-    """Largest displacement [m], if over FAR, by vehicle, of the point `ahead` lengths ahead of the centre."""
+    """Returns the largest displacement [m], if over FAR, by vehicle, of the point `ahead` lengths ahead of the
+    centre.
+    """
     both = raw.merge(cleaned, on=["vehicle_id", "frame"], suffixes=("", "_cleaned"))
     lever, yaw = ahead * both["length"], both["yaw_cleaned" if "yaw" in raw else "yaw"]
     dx = both["x_cleaned"] + lever * np.cos(yaw) - both["x"]
@@ -335,7 +340,9 @@ def _moved(raw: pd.DataFrame, cleaned: pd.DataFrame, ahead: float) -> dict[int, 
 
 
 def _overlaps(table: pd.DataFrame) -> dict[tuple[int, int], float]:
-    """How long [s] the boxes of two vehicles overlap, if for OVERLAP_S or more, by their ids; `table` is at 10 Hz."""
+    """Returns how long [s] the boxes of two vehicles overlap, if for OVERLAP_S or more, by their ids; `table` is at 10
+    Hz.
+    """
     x, y, yaw, length, width = (table[name].to_numpy() for name in ("x", "y", "yaw", "length", "width"))
     pairs = overlapping_pairs(x, y, yaw, length, width, table["frame"].to_numpy())
     who, frames = np.unique(np.sort(table["vehicle_id"].to_numpy()[pairs], axis=1), axis=0, return_counts=True)
@@ -344,7 +351,9 @@ def _overlaps(table: pd.DataFrame) -> dict[tuple[int, int], float]:
 
 
 def _rate(vehicle: IntArray, values: FloatArray) -> FloatArray:
-    """Time derivative (n,) of `values` (n,) by central differences within each vehicle; 0 for a single row."""
+    """Returns the time derivative (n,) of `values` (n,) by central differences within each vehicle; 0 for a single
+    row.
+    """
     index = np.arange(len(vehicle))
     begins = np.r_[True, vehicle[1:] != vehicle[:-1]]
     ends = np.r_[begins[1:], True]

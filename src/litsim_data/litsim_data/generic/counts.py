@@ -58,12 +58,12 @@ class Counts:
     rows: int = 0
 
     def leave_out(self, reason: str, rows: int) -> None:
-        """Count `rows` that are left out for `reason`; does nothing for 0."""
+        """Counts `rows` that are left out for `reason`; does nothing for 0."""
         if rows:
             self.left_out[reason] = self.left_out.get(reason, 0) + int(rows)
 
     def note(self) -> dict[str, Any]:
-        """The counts as notes for the header of the recording."""
+        """Returns the counts as notes for the header of the recording."""
         if_any = {
             "jumps": self.jumps,
             "tracks_of_usual_size": self.usual_sizes,
@@ -84,7 +84,7 @@ class Counts:
         }
 
     def text(self) -> str:
-        """The counts as text, one line per event."""
+        """Returns the counts as text, one line per event."""
         used = self.read - sum(self.left_out.values())
         lines = [f"rows       {self.read} read, {used} used, {self.rows} at 10 Hz"]
         lines += [f"left out   {rows} rows: {reason}" for reason, rows in self.left_out.items()]

@@ -101,7 +101,7 @@ class _Draft:
 
 
 def draft(paths: Path | Sequence[Path]) -> str:
-    """Text of a mapping file for the table at `paths` (CSV or Parquet); guesses are marked by comments.
+    """Returns the text of a mapping file for the table at `paths` (CSV or Parquet); guesses are marked by comments.
 
     Raises:
         InputError: the file cannot be read, or has no columns for id, position and time.
@@ -160,7 +160,7 @@ def draft(paths: Path | Sequence[Path]) -> str:
 
 
 def _numbers(column: pd.Series, row: pd.Series, name: str, source: TableFiles) -> pd.Series:
-    """The numbers of a column, NaN where cells are empty.
+    """Returns the numbers of a column, NaN where cells are empty.
 
     Raises:
         InputError: a cell holds something else; `name` is the column, `row` (n,) the places of the cells.
@@ -176,7 +176,9 @@ def _numbers(column: pd.Series, row: pd.Series, name: str, source: TableFiles) -
 
 
 def _incomplete(table: pd.DataFrame) -> list[str]:
-    """Our names of the columns that a file need not have, and that lack numbers in some rows where they are needed."""
+    """Returns our names of the columns that a file need not have, and that lack numbers in rows where they are
+    needed.
+    """
     vehicles = table  # of people no heading or speed is read
     if "kind" in table:
         vehicles = table[texts(table["kind"]).map(likely_kind) != "drop"]
@@ -187,7 +189,7 @@ def _incomplete(table: pd.DataFrame) -> list[str]:
 
 
 def _named(source: TableFiles) -> dict[str, str]:
-    """The file's columns by our names; the first of several that match."""
+    """Returns the file's columns by our names; the first of several that match."""
     named: dict[str, str] = {}
     for ours, pattern in NAMES.items():
         for theirs in source.columns:
@@ -232,7 +234,7 @@ class _Steps:
 
     @classmethod
     def of(cls, table: pd.DataFrame, apart: int) -> _Steps:
-        """The steps from each row of a vehicle to its row `apart` rows later."""
+        """Returns the steps from each row of a vehicle to its row `apart` rows later."""
         clock = "time" if "time" in table else "frame"
         known = table.dropna(subset=[name for name in (clock, "x", "y", "yaw", "speed") if name in table])
         ordered = known.sort_values(["vehicle_id", clock])
@@ -243,7 +245,7 @@ class _Steps:
 
 
 def _clock(mapping: _Draft, steps: _Steps) -> None:
-    """Guess the unit of times; for frame numbers, put a placeholder for their rate."""
+    """Guesses the unit of times; for frame numbers, puts a placeholder for their rate."""
     if steps.clock == "frame":
         mapping.fields["rate_hz"] = 10.0
         mapping.remarks["rate_hz"] = "a guess: frames per second of the camera"
@@ -255,7 +257,9 @@ def _clock(mapping: _Draft, steps: _Steps) -> None:
 
 
 def _rows_apart(mapping: _Draft, steps: _Steps) -> int:
-    """How many rows apart positions are for the guesses on motion, by the consecutive `steps`, see :data:`SPAN_S`."""
+    """Returns how many rows apart positions are for the guesses on motion, by the consecutive `steps`, see
+    :data:`SPAN_S`.
+    """
     median = float(np.median(steps.dt)) if len(steps.dt) else 0.0
     if steps.clock == "frame" or median <= 0.0:
         return FRAMES_APART
@@ -263,7 +267,7 @@ def _rows_apart(mapping: _Draft, steps: _Steps) -> int:
 
 
 def _sizes(mapping: _Draft, table: pd.DataFrame) -> None:
-    """Guess the unit of sizes by the median width of the vehicles."""
+    """Guesses the unit of sizes by the median width of the vehicles."""
     if "width" not in table:
         return
     width = float(table.groupby("vehicle_id")["width"].median().median())
@@ -274,7 +278,7 @@ def _sizes(mapping: _Draft, table: pd.DataFrame) -> None:
 
 
 def _motion(mapping: _Draft, steps: _Steps) -> None:
-    """Guess the units of positions, speeds and angles such that they agree with each other."""
+    """Guesses the units of positions, speeds and angles such that they agree with each other."""
     units, columns = mapping.fields.setdefault("units", {}), mapping.fields["columns"]
     in_feet = re.search(FEET, columns["x"].lower())
     units["position"] = "ft" if in_feet else "m"
@@ -321,7 +325,7 @@ def _agrees(column: str | list[str]) -> str:
 
 
 def _angles(mapping: _Draft, angle: FloatArray, motion: FloatArray) -> None:
-    """Guess the convention by which headings `angle` (n,) agree best with the directions of `motion` (n,) [rad]."""
+    """Guesses the convention by which headings `angle` (n,) agree best with the directions of `motion` (n,) [rad]."""
     errors = {
         (unit, zero, positive): float(
             np.median(np.abs(wrap_angle(heading(angle * FACTORS[unit], zero, positive) - motion)))
@@ -336,7 +340,7 @@ def _angles(mapping: _Draft, angle: FloatArray, motion: FloatArray) -> None:
 
 
 def likely_kind(name: str) -> str:
-    """What a file most probably means by a kind, as field `kinds` of a mapping has it."""
+    """Returns what a file most probably means by a kind, as field `kinds` of a mapping has it."""
     return next((ours for ours, like in KINDS.items() if re.fullmatch(like, name.lower())), "unknown")
 
 

@@ -20,7 +20,7 @@ BEND_MAX = 0.9  # sine of the largest angle between heading and direction of mot
 
 
 def headings(vehicle: IntArray, x: FloatArray, y: FloatArray, lever: FloatArray) -> FloatArray:
-    """Headings (n,) [rad] of vehicles that do not slip; held where they creep or stand.
+    """Returns headings (n,) [rad] of vehicles that do not slip; held where they creep or stand.
 
     Args:
         vehicle: (n,) ids; rows of one vehicle are consecutive frames.
@@ -39,7 +39,7 @@ def headings(vehicle: IntArray, x: FloatArray, y: FloatArray, lever: FloatArray)
 
 
 def _up_to_the_ends(direction: FloatArray) -> FloatArray:
-    """Directions of motion (k,) [rad] of a track at its rows, of those of the ways around the rows.
+    """Returns directions of motion (k,) [rad] of a track at its rows, of those of the ways around the rows.
 
     At the ends of a track these ways reach to one side only, so that their directions are those in the middle of them:
     to the ends they are continued as they change over the second next to these.
@@ -56,7 +56,9 @@ def _up_to_the_ends(direction: FloatArray) -> FloatArray:
 
 
 def _ways(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Way (k,) [m] from each row of a track to the next, as of its speed over a second; 0 where it creeps."""
+    """Returns the way (k,) [m] from each row of a track to the next, as of its speed over a second; 0 where it
+    creeps.
+    """
     index = np.arange(len(x))
     before, after = np.maximum(index - SMOOTHED, 0), np.minimum(index + SMOOTHED, len(x) - 1)
     way = np.hypot(x[after] - x[before], y[after] - y[before])
@@ -64,7 +66,8 @@ def _ways(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _drawn(direction: FloatArray, way: FloatArray, lever: float) -> FloatArray:
-    """Headings (k,) [rad] of a vehicle whose point `lever` [m] ahead of the rear axle moves along `direction` (k,).
+    """Returns headings (k,) [rad] of a vehicle whose point `lever` [m] ahead of the rear axle moves along `direction`
+    (k,).
 
     From row to row the direction is taken as constant, its mean: then the tangent of half the angle between it and the
     heading falls by the factor exp(-way / lever).

@@ -115,7 +115,7 @@ class Columns(_Strict):
         return self
 
     def named(self) -> dict[str, str]:
-        """The file's columns by our names; components of speed are ``speed_x`` and ``speed_y``."""
+        """Returns the file's columns by our names; components of speed are ``speed_x`` and ``speed_y``."""
         columns = self.model_dump()
         if isinstance(self.speed, tuple):
             columns |= {"speed_x": self.speed[0], "speed_y": self.speed[1]}

@@ -22,7 +22,9 @@ UNUSED = ("yaw", "speed", "speed_x", "speed_y", "acceleration")
 
 
 def obstacle_rows(table: pd.DataFrame) -> BoolArray:
-    """Mask (n,) of the rows of pedestrians and cyclists; column `kind` holds names or numbers, and may be absent."""
+    """Returns the mask (n,) of the rows of pedestrians and cyclists; column `kind` holds names or numbers, and may be
+    absent.
+    """
     if "kind" not in table:
         return np.zeros(len(table), np.bool_)
     if pd.api.types.is_numeric_dtype(table["kind"]):
@@ -31,7 +33,9 @@ def obstacle_rows(table: pd.DataFrame) -> BoolArray:
 
 
 def without_unused(table: pd.DataFrame) -> pd.DataFrame:
-    """`table`, as read, with 0 for the unused columns of pedestrians and cyclists and for their missing sizes."""
+    """Returns `table`, as read, with 0 for the unused columns of pedestrians and cyclists and for their missing
+    sizes.
+    """
     rows = obstacle_rows(table)
     if not rows.any():
         return table
@@ -43,7 +47,7 @@ def without_unused(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def with_usual_sizes(table: pd.DataFrame, mapping: Mapping, counts: Counts) -> pd.DataFrame:
-    """`table`, in SI units, with default sizes for pedestrians and cyclists without a size.
+    """Returns `table`, in SI units, with default sizes for pedestrians and cyclists without a size.
 
     They have none if the mapping gives one size for all vehicles, or if their median size is below BOUNDS.
     """

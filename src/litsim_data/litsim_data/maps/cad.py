@@ -26,7 +26,7 @@ class CenterLine:
 
 
 def read_center_lines(path: Path, site: Site | None = None) -> tuple[list[CenterLine], Site]:
-    """The lines of the file at `path` in frame map of the site on which they lie.
+    """Returns the lines of the file at `path` in frame map of the site on which they lie.
 
     Args:
         path: the file.
@@ -56,7 +56,9 @@ def read_center_lines(path: Path, site: Site | None = None) -> tuple[list[Center
 
 
 def _center_line(lines: list[str]) -> CenterLine:
-    """The line that begins with the first of `lines`, in metres; ValueError or IndexError if it is malformed."""
+    """Returns the line that begins with the first of `lines`, in metres; ValueError or IndexError if it is
+    malformed.
+    """
     if lines[0] != "CENTERLINE":
         raise ValueError(f"expected CENTERLINE, found {lines[0]!r}")
     name, count = lines[1], int(lines[2])

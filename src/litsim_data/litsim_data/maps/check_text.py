@@ -15,7 +15,7 @@ from litsim_data.maps.placement import Placement
 def describe(
     check: NetCheck, transform: Mapping[str, Any] | None = None, origin: tuple[float, float] | None = None
 ) -> str:
-    """The result as lines of text: tables of placements and of the worst misses, and what else was found.
+    """Returns the result as lines of text: tables of placements and of the worst misses, and what else was found.
 
     Args:
         check: the result.
@@ -96,6 +96,7 @@ def _connectivity(lanes: int, connectivity: Connectivity) -> list[str]:
     begins = f"; beginning late: {', '.join(connectivity.beginning)}" if connectivity.beginning else ""
     crossings = ", ".join(f"{crossing.one} and {crossing.other}" for crossing in connectivity.crossings) or "none"
     return [
-        f"lanes: {lanes}, without exit: {', '.join(connectivity.stuck) or 'none'}, without a way in: {without}{ends}{begins}",
+        f"lanes: {lanes}, without exit: {', '.join(connectivity.stuck) or 'none'}, without a way in: {without}{ends}"
+        f"{begins}",
         f"edges that cross without a junction: {crossings}",
     ]

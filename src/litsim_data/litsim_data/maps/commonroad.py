@@ -15,7 +15,7 @@ SPEED_MIN = 1.0  # [m/s] smaller "limits" are defects of a map
 
 
 def read_lanelets(path: Path) -> list[Lanelet]:
-    """The lanelets of a CommonRoad file.
+    """Returns the lanelets of a CommonRoad file.
 
     Raises:
         InputError: the file is missing, no XML, or a lanelet is malformed.
@@ -75,7 +75,7 @@ def _neighbour(element: ET.Element, name: str) -> str | None:
 
 
 def _speed_limits(root: ET.Element) -> dict[str, float]:
-    """Speed limits [m/s] by the id of their sign."""
+    """Returns the speed limits [m/s] by the id of their sign."""
     limits = {}
     for sign in root.findall("trafficSign"):
         for value in sign.iter("additionalValue"):

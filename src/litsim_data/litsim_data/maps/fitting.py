@@ -57,7 +57,7 @@ LAYOUTS = {
 
 
 def fit_plan(table: pd.DataFrame, layout: Layout) -> HighwayPlan:
-    """The plan of a carriageway that runs roughly along +x.
+    """Returns the plan of a carriageway that runs roughly along +x.
 
     Args:
         table: columns x, y [m] in frame map and lane; where it has one, column local_x [m], the distance of (front_x,
@@ -105,7 +105,7 @@ def fit_plan(table: pd.DataFrame, layout: Layout) -> HighwayPlan:
 
 
 def fit_generic_plan(table: pd.DataFrame) -> HighwayPlan:
-    """The plan of any carriageway whose lanes are numbered from 1 at the left.
+    """Returns the plan of any carriageway whose lanes are numbered from 1 at the left.
 
     Args:
         table: columns x, y [m], yaw [rad] and lane.
@@ -139,7 +139,7 @@ def fit_generic_plan(table: pd.DataFrame) -> HighwayPlan:
 
 
 def fit_lanes(x: FloatArray, y: FloatArray, lane: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Fit parallel lanes to labelled positions on a road that runs roughly along +x.
+    """Fits parallel lanes to labelled positions on a road that runs roughly along +x.
 
     Args:
         x, y: (n,) positions [m].
@@ -156,7 +156,7 @@ def fit_lanes(x: FloatArray, y: FloatArray, lane: IntArray) -> tuple[FloatArray,
 
 
 def fit_left_edge(table: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
-    """The line on which NGSIM's lateral coordinate is 0: the left edge of the road.
+    """Returns the line on which NGSIM's lateral coordinate is 0: the left edge of the road.
 
     Args:
         table: columns front_x, front_y, local_x [m]; local_x may be stretched against the other two.
@@ -171,7 +171,7 @@ def fit_left_edge(table: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
 
 
 def lane_widths(offsets: FloatArray) -> FloatArray:
-    """Widths (k,) of lanes side by side from their centres' offsets (k,): as equal as the offsets allow."""
+    """Returns widths (k,) of lanes side by side from their centres' offsets (k,): as equal as the offsets allow."""
     if len(offsets) == 1:
         return np.array([LANE_WIDTH])
     apart = np.diff(offsets)
@@ -184,7 +184,7 @@ def lane_widths(offsets: FloatArray) -> FloatArray:
 def _fit_line(
     x: FloatArray, y: FloatArray, features: FloatArray, cells: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Fit y = line(x) - stretch * features @ coefficients; `stretch` turns metres across the road into metres of y.
+    """Fits y = line(x) - stretch * features @ coefficients; `stretch` turns metres across the road into metres of y.
 
     Args:
         x, y: (n,) [m].
@@ -231,7 +231,9 @@ def _fit_line(
 
 
 def _fit_taper(away: FloatArray, offset: FloatArray) -> float:
-    """Robust `taper` of offset = taper * away, from (n,) distances from the gore [m]; those before it do not count."""
+    """Returns the robust `taper` of offset = taper * away, from (n,) distances from the gore [m]; those before it do
+    not count.
+    """
     away, offset = away[away > 0.0], offset[away > 0.0]
     if len(away) < RAMP_ROWS_MIN:
         raise InputError(f"cannot fit a ramp: {len(away)} rows lie on it, expected {RAMP_ROWS_MIN}")
@@ -243,7 +245,7 @@ def _fit_taper(away: FloatArray, offset: FloatArray) -> float:
 
 
 def _extend(line: FloatArray) -> FloatArray:
-    """Vertices every VERTEX_SPACING along `line` (k, 2), lengthened straight at both ends."""
+    """Returns vertices every VERTEX_SPACING along `line` (k, 2), lengthened straight at both ends."""
     keep = line[:: round(VERTEX_SPACING / GRID)]
     back = min(round(END_TANGENT / VERTEX_SPACING), len(keep) - 1)
     head, tail = keep[0] - keep[back], keep[-1] - keep[-1 - back]
@@ -253,7 +255,7 @@ def _extend(line: FloatArray) -> FloatArray:
 
 
 def _shift_left(line: FloatArray, distance: float) -> FloatArray:
-    """The vertices of `line` (k, 2) moved `distance` metres to its left."""
+    """Returns the vertices of `line` (k, 2) moved `distance` metres to its left."""
     tangent = np.gradient(line, axis=0)
     tangent /= np.hypot(tangent[:, 0], tangent[:, 1])[:, None]
     return line + distance * np.column_stack([-tangent[:, 1], tangent[:, 0]])

@@ -127,7 +127,7 @@ def _edge(plan: HighwayPlan, name: str, ends: tuple[str, str], lanes: int, shape
 
 
 def _links(plan: HighwayPlan, shapes: dict[str, FloatArray]) -> list[tuple[str, int, str, int]]:
-    """From edge and lane to edge and lane; lanes count from the right."""
+    """Returns the links, from edge and lane to edge and lane; lanes count from the right."""
     if "weave" not in shapes:
         return []
     links = [("on_ramp", 0, "weave", 0)]
@@ -142,7 +142,7 @@ def _number(value: float) -> str:
 
 
 def _edge_shapes(plan: HighwayPlan) -> dict[str, FloatArray]:
-    """The left edge (k, 2) [m] of every SUMO edge, by its name."""
+    """Returns the left edge (k, 2) [m] of every SUMO edge, by its name."""
     edge = plan.left_edge
     steps = np.hypot(*np.diff(edge, axis=0).T)
     s = np.concatenate([[0.0], np.cumsum(steps)])
@@ -174,7 +174,7 @@ def _edge_shapes(plan: HighwayPlan) -> dict[str, FloatArray]:
 
 
 def _offset_to_right(line: FloatArray, s_line: FloatArray, s: FloatArray, lateral: FloatArray) -> FloatArray:
-    """Points (m, 2) at arc lengths `s` (m,) of `line`, `lateral` (m,) metres to its right."""
+    """Returns points (m, 2) at arc lengths `s` (m,) of `line`, `lateral` (m,) metres to its right."""
     reach = 1.0  # [m] over which the tangent is taken, so that a vertex has the mean of its two segments
     ahead, behind = np.minimum(s + reach, s_line[-1]), np.maximum(s - reach, 0.0)
 

@@ -60,7 +60,7 @@ class _Arm:
 
 
 def fit_streets(table: pd.DataFrame) -> list[Lanelet]:
-    """The lanes and movements under a table of positions.
+    """Returns the lanes and movements under a table of positions.
 
     Args:
         table: COLUMNS, in frame map and SI units; `vehicle_id` names one track.
@@ -94,7 +94,7 @@ def fit_streets(table: pd.DataFrame) -> list[Lanelet]:
 
 
 def _arms(rows: pd.DataFrame) -> tuple[list[_Arm], IntArray]:
-    """Arms with their rows, and the arm of every row (n,), -1 within intersections."""
+    """Returns arms with their rows, and the arm of every row (n,), -1 within intersections."""
     x, y = rows["x"].to_numpy(np.float64), rows["y"].to_numpy(np.float64)
     vehicle = rows["vehicle_id"].to_numpy(np.int64)
     section, direction = rows["section"].to_numpy(np.int64), rows["direction"].to_numpy(np.int64)
@@ -143,7 +143,9 @@ def _arms(rows: pd.DataFrame) -> tuple[list[_Arm], IntArray]:
 
 
 def _main_direction(vehicle: IntArray, x: FloatArray, y: FloatArray) -> FloatArray | None:
-    """Unit vector of the prevailing direction of displacements over about a second; None if no vehicle moves."""
+    """Returns the unit vector of the prevailing direction of displacements over about a second; None if no vehicle
+    moves.
+    """
     ahead = 10
     if len(x) <= ahead:
         return None
@@ -161,7 +163,9 @@ def _main_direction(vehicle: IntArray, x: FloatArray, y: FloatArray) -> FloatArr
 
 
 def _quadrants(vehicle: IntArray, x: FloatArray, y: FloatArray) -> IntArray:
-    """(n,) quarter of the compass in which a vehicle is heading, 0: along +x; by its way over the next metres."""
+    """Returns the quarter (n,) of the compass in which a vehicle is heading, 0: along +x; by its way over the next
+    metres.
+    """
     result = np.zeros(len(x), np.int64)
     for rows in _tracks(vehicle):
         track = np.column_stack([x[rows], y[rows]])
@@ -173,7 +177,9 @@ def _quadrants(vehicle: IntArray, x: FloatArray, y: FloatArray) -> IntArray:
 
 
 def _straight_part(vehicle: IntArray, u: FloatArray, v: FloatArray, *, leaving: bool) -> tuple[IntArray, IntArray]:
-    """Rows of an approach (or, `leaving`, an exit) that are not turning yet (any more), and their lanes from 1."""
+    """Returns rows of an approach (or, `leaving`, an exit) that are not turning yet (any more), and their lanes from
+    1.
+    """
     towards = -u if leaving else u  # grows towards the intersection
     border = float(np.quantile([towards[rows].min() for rows in _tracks(vehicle)], 0.5))
     outer = np.flatnonzero(towards < border + STUB[0])
@@ -196,7 +202,7 @@ def _straight_part(vehicle: IntArray, u: FloatArray, v: FloatArray, *, leaving: 
 
 
 def _fit_arm(arm: _Arm) -> None:
-    """Fill `arm.lanelets`: by lane, its parts along the road."""
+    """Fills `arm.lanelets`: by lane, its parts along the road."""
     labels = [
         int(label)
         for label in np.unique(arm.lane[arm.lane > 0])
@@ -248,7 +254,7 @@ def _fit_arm(arm: _Arm) -> None:
 
 
 def _movements(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> list[tuple[Lanelet, str]]:
-    """Movements as lanelets, each with the id of the lanelet from which it begins."""
+    """Returns movements as lanelets, each with the id of the lanelet from which it begins."""
     x, y = rows["x"].to_numpy(np.float64), rows["y"].to_numpy(np.float64)
     vehicle, label = rows["vehicle_id"].to_numpy(np.int64), _labels(rows, arms, arm_of)
     movement = rows["movement"].to_numpy(np.int64)
@@ -290,7 +296,7 @@ def _movements(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> list[t
 
 
 def _labels(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> IntArray:
-    """Lane number (n,) of each of the `rows` within the arm that `arm_of` (n,) gives."""
+    """Returns the lane number (n,) of each of the `rows` within the arm that `arm_of` (n,) gives."""
     label = np.zeros(len(rows), np.int64)
     for number, arm in enumerate(arms):
         label[np.flatnonzero(arm_of == number)] = arm.lane
@@ -303,7 +309,7 @@ def _turn(before: FloatArray, after: FloatArray) -> int:
 
 
 def _median_path(ways: list[FloatArray], start: FloatArray, end: FloatArray) -> FloatArray:
-    """(PATH_POINTS, 2) the median of polylines at equal shares of their length, led from `start` to `end`."""
+    """Returns the median (PATH_POINTS, 2) of polylines at equal shares of their length, led from `start` to `end`."""
     share = np.linspace(0.0, 1.0, PATH_POINTS)
     sampled = []
     for way in ways:
@@ -323,11 +329,11 @@ def _left_normals(line: FloatArray) -> FloatArray:
 
 
 def _in_map(arm: _Arm, u: FloatArray, v: FloatArray) -> FloatArray:
-    """Points (m, 2) in frame map [m] that lie `u` (m,) along an arm and `v` (m,) to its left [m]."""
+    """Returns points (m, 2) in frame map [m] that lie `u` (m,) along an arm and `v` (m,) to its left [m]."""
     across = np.array([-arm.along[1], arm.along[0]])
     return arm.origin + u[:, None] * arm.along + v[:, None] * across
 
 
 def _tracks(vehicle: IntArray) -> Iterator[IntArray]:
-    """The rows of each vehicle in turn, of the column `vehicle` (n,), by which the rows are sorted."""
+    """Yields the rows of each vehicle in turn, of the column `vehicle` (n,), by which the rows are sorted."""
     yield from np.split(np.arange(len(vehicle)), np.flatnonzero(np.diff(vehicle)) + 1)

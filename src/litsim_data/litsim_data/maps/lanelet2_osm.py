@@ -18,7 +18,7 @@ TURNS = ("left", "right", "straight")
 
 
 def read_lanelets(source: Path, origin: tuple[float, float]) -> list[Lanelet]:
-    """The lanelets of a Lanelet2 file that vehicles may use, in metres from `origin`.
+    """Returns the lanelets of a Lanelet2 file that vehicles may use, in metres from `origin`.
 
     Raises:
         InputError: the lanelet2 package is missing, or `source` cannot be used.
@@ -47,7 +47,7 @@ def read_lanelets(source: Path, origin: tuple[float, float]) -> list[Lanelet]:
 
 
 def _why(error: str, origin: tuple[float, float]) -> str:
-    """The text of an error of the lanelet2 package, which has a line for each node of the file, in one line."""
+    """Returns the text of an error of the lanelet2 package, which has a line for each node of the file, in one line."""
     lines = error.splitlines()
     text = " ".join(" ".join(lines[:2]).split()) + (f"; {len(lines) - 2} more such lines" if len(lines) > 2 else "")
     question = f"; is --origin {origin[0]:g} {origin[1]:g}, latitude and longitude, near the map?"

@@ -70,7 +70,7 @@ class Lanelet:
         return 0.5 * (left + right)
 
     def ends(self, at: int) -> FloatArray:
-        """The points (2, 2) [m] of the left and the right bound at the start (`at` 0) or the end (`at` -1)."""
+        """Returns the points (2, 2) [m] of the left and the right bound at the start (`at` 0) or the end (`at` -1)."""
         return np.stack([self.left[at], self.right[at]])
 
     @cached_property
@@ -139,7 +139,9 @@ class _Plan:
         raise InputError("the lanelets do not add up to roads and junctions")
 
     def _first_inner(self) -> set[str]:
-        """Lanelets inside intersections: as the map says, or that cross others, or that split or join and are short."""
+        """Returns the lanelets inside intersections: as the map says, or that cross others, or that split or join and
+        are short.
+        """
         self.kept_outer: set[str] = set()
         inner = {name for name, lanelet in self.by_id.items() if lanelet.junction}
         inner |= {name for pair in self.crossing for name in pair}
@@ -150,7 +152,7 @@ class _Plan:
         return {name for name in inner if self.after[name] and self.before[name]}
 
     def _groups(self) -> list[list[str]]:
-        """The outer lanelets that lie side by side, group by group, each with the rightmost first."""
+        """Returns the outer lanelets that lie side by side, group by group, each with the rightmost first."""
         outer = [name for name in self.by_id if name not in self.inner]
         left_of: dict[str, str] = {}
         for name in outer:
@@ -186,7 +188,9 @@ class _Plan:
                     stack += [(*path, other) for other in self.after[path[-1]] if other not in path]
 
     def _nodes(self) -> dict[tuple[int, int], int]:
-        """Junction of each group's start (row, 0) and end (row, 1): ends meet that are linked, or whose links cross."""
+        """Returns the junction of each group's start (row, 0) and end (row, 1): ends meet that are linked, or whose
+        links cross.
+        """
         parent: dict[tuple[int, int] | str, tuple[int, int] | str] = {}
 
         def root(item: tuple[int, int] | str) -> tuple[int, int] | str:
@@ -212,7 +216,7 @@ class _Plan:
 
 
 def write_lanelets(lanelets: Iterable[Lanelet], path: Path) -> list[str]:
-    """Build the SUMO net of a lanelet map at `path`, in the frame of the map.
+    """Builds the SUMO net of a lanelet map at `path`, in the frame of the map.
 
     Returns:
         netconvert's warnings.
@@ -225,7 +229,7 @@ def write_lanelets(lanelets: Iterable[Lanelet], path: Path) -> list[str]:
 
 
 def lanelets_plain_xml(lanelets: Iterable[Lanelet]) -> tuple[dict[str, ET.Element], dict[str, str]]:
-    """The map as SUMO's plain XML.
+    """Returns the map as SUMO's plain XML.
 
     Edges are named by the id of their rightmost lanelet, junctions by a number.
 
@@ -274,7 +278,8 @@ def lanelets_plain_xml(lanelets: Iterable[Lanelet]) -> tuple[dict[str, ET.Elemen
 
 
 def _clear_place(corners: FloatArray, lines: list[FloatArray]) -> FloatArray:
-    """A triangle (3, 2) of a centimetre which neither the centre lines of a junction's lanes nor their extensions hit.
+    """Returns a triangle (3, 2) of a centimetre which neither the centre lines of a junction's lanes nor their
+    extensions hit.
 
     netconvert cuts or lengthens lanes to where they meet the outline of their junction. Ours are already as long as
     they should be, so it is given an outline that they do not meet.
@@ -289,7 +294,7 @@ def _clear_place(corners: FloatArray, lines: list[FloatArray]) -> FloatArray:
 
 
 def _extended(line: FloatArray) -> FloatArray:
-    """`line` (k, 2), straight on at both ends for as far as netconvert looks."""
+    """Returns `line` (k, 2), straight on at both ends for as far as netconvert looks."""
     head, tail = line[0] - line[1], line[-1] - line[-2]
     before, after = (end + EXTENSION * way / np.hypot(*way) for end, way in ((line[0], head), (line[-1], tail)))
     return np.vstack([before, line, after])
@@ -329,7 +334,7 @@ def _length(line: FloatArray) -> float:
 
 
 def _at_shares(line: FloatArray, share: FloatArray) -> FloatArray:
-    """Points (m, 2) of a polyline at shares (m,) of its length."""
+    """Returns points (m, 2) of a polyline at shares (m,) of its length."""
     s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
     return np.column_stack([np.interp(share * s[-1], s, line[:, axis]) for axis in (0, 1)])
 

@@ -22,7 +22,7 @@ class MapFormat(ABC):
 
     @abstractmethod
     def write_net(self, path: Path, origin: tuple[float, float] | None, out: Path) -> list[str]:
-        """Write the map at `path` as a SUMO net to `out`; return netconvert's warnings.
+        """Writes the map at `path` as a SUMO net to `out`; returns netconvert's warnings.
 
         Args:
             path: file of this format.

@@ -24,17 +24,13 @@ PLAIN_OPTIONS = {
     ".nod.xml": "--node-files",
     ".edg.xml": "--edge-files",
     ".con.xml": "--connection-files",
-    ".tll.xml": "--tllogic-files",
 }
 WITHOUT_INTERNAL_LANES = ("--no-internal-links",)
 """For nets whose lanes follow each other without a gap: no lanes are put between them."""
 
-PlainXml = Mapping[str, ET.Element]
-"""Root elements by the file name that they get; the ending of the name says what they are."""
-
 
 def find_netconvert() -> Path:
-    """The netconvert program: beside this Python, inside the ``eclipse-sumo`` package, or on the PATH.
+    """Returns the netconvert program: beside this Python, inside the ``eclipse-sumo`` package, or on the PATH.
 
     Raises:
         InputError: it is in none of these places.
@@ -52,12 +48,12 @@ def find_netconvert() -> Path:
 
 
 def build_net(
-    plain: PlainXml, path: Path, options: Sequence[str] = (), outlines: Mapping[str, str] | None = None
+    plain: Mapping[str, ET.Element], path: Path, options: Sequence[str] = (), outlines: Mapping[str, str] | None = None
 ) -> list[str]:
-    """Assemble `plain` to the net at `path`, in the frame of its coordinates.
+    """Assembles `plain` to the net at `path`, in the frame of its coordinates.
 
     Args:
-        plain: what to build.
+        plain: root elements of SUMO's plain XML by file name, whose ending says what they are.
         path: file of the net.
         options: options of netconvert.
         outlines: shapes of junctions in SUMO's format by their id, to replace those of netconvert.
@@ -79,7 +75,7 @@ def build_net(
 
 
 def import_opendrive(source: Path, path: Path) -> list[str]:
-    """Convert the OpenDRIVE file `source` to the net at `path`; the frame is that of the file.
+    """Converts the OpenDRIVE file `source` to the net at `path`; the frame is that of the file.
 
     Returns:
         netconvert's warnings.

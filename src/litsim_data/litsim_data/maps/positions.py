@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,26 +23,16 @@ URBAN_COLUMNS = ("intersection", "section", "direction", "movement", "lane")
 COMMONROAD_WINDOWS = ("scenario", "vehicle_id", "frame", "x_m", "y_m", "heading_rad")
 
 
-@dataclass(frozen=True)
-class Positions:
-    """Positions in frame map.
-
-    Attributes:
-        table: columns x, y [m] and lane; yaw [rad] in recordings; front_x, front_y, local_x [m] where known; the
-            URBAN_COLUMNS with vehicle_id and frame in official files of streets.
-        site: name of the NGSIM site, empty if unknown.
-    """
-
-    table: pd.DataFrame
-    site: str
-
-
-def for_fitting(path: Path, site: str = "") -> Positions:
-    """Positions of the recording at `path`, to fit lanes to.
+def for_fitting(path: Path, site: str = "") -> tuple[pd.DataFrame, str]:
+    """Returns positions of the recording at `path`, to fit lanes to, and the name of its NGSIM site, empty if unknown.
 
     Args:
         path: the US-101 windows file, an official NGSIM file, or any other recording.
         site: name of the site to which to keep; official files that hold several need it.
+
+    Returns:
+        Columns x, y [m] in frame map and lane; yaw [rad] in recordings; front_x, front_y, local_x [m] where known; the
+        URBAN_COLUMNS with vehicle_id and frame in official files of streets.
 
     Raises:
         InputError: the file cannot be used, or holds no or several sites.
@@ -56,16 +45,16 @@ def for_fitting(path: Path, site: str = "") -> Positions:
         front = SITES["us101"].map_from_global(*(raw[f"global_{axis}_m"].to_numpy(np.float64) for axis in "xy"))
         table["front_x"], table["front_y"] = front
         table["local_x"] = raw["local_x_m"].to_numpy(np.float64)
-        return Positions(table, "us101")
+        return table, "us101"
     if not columns and is_official(path):
         return _official(path, site)
     recording = load_recording(path)
     known = recording.header.net.removesuffix(".net.xml")
-    return Positions(vehicles_of(recording.table, str(path)), site or (known if known in SITES else ""))
+    return vehicles_of(recording.table, str(path)), site or (known if known in SITES else "")
 
 
 def vehicles_of(table: pd.DataFrame, where: str) -> pd.DataFrame:
-    """The rows of a neutral table without pedestrians and cyclists, which do not keep to lanes.
+    """Returns the rows of a neutral table without pedestrians and cyclists, which do not keep to lanes.
 
     Raises:
         InputError: no other agents are left; `where` names the recording.
@@ -77,7 +66,7 @@ def vehicles_of(table: pd.DataFrame, where: str) -> pd.DataFrame:
 
 
 def for_checking(path: Path, scenarios: Sequence[str] = ()) -> dict[str, pd.DataFrame]:
-    """Parts of a recording's vehicles in the neutral columns vehicle_id, frame, x, y, yaw, lane, by name.
+    """Returns parts of a recording's vehicles in the neutral columns vehicle_id, frame, x, y, yaw, lane, by name.
 
     Args:
         path: as :func:`for_fitting`; or windows of CommonRoad scenarios, each in a frame of its own.
@@ -95,7 +84,9 @@ def for_checking(path: Path, scenarios: Sequence[str] = ()) -> dict[str, pd.Data
 
 
 def mapped_by(path: Path) -> dict[str, Any] | None:
-    """Field `transform` of the mapping that the recording at `path` was converted with; None without a mapping."""
+    """Returns the field `transform` of the mapping that the recording at `path` was converted with; None without a
+    mapping.
+    """
     if HEADER_KEY not in (read_schema(path).metadata or {} if is_parquet(path) else {}):
         return None
     mapping = Recording.read(path).header.notes.get("mapping")
@@ -111,7 +102,7 @@ def _commonroad_windows(path: Path, scenarios: Sequence[str]) -> dict[str, pd.Da
     return {name: raw[raw["scenario"] == name].rename(columns=names).assign(lane=-1) for name in scenarios}
 
 
-def _official(path: Path, site: str) -> Positions:
+def _official(path: Path, site: str) -> tuple[pd.DataFrame, str]:
     table = ngsim.read(path, ("local_x", *URBAN_COLUMNS), site or None)
     sites = sorted({str(name).partition("_")[0] for name in table["recording"].unique()})
     if len(sites) != 1:
@@ -121,11 +112,11 @@ def _official(path: Path, site: str) -> Positions:
     table["vehicle_id"] = table["vehicle_id"].to_numpy(np.int64) + 1_000_000 * period
     # x and y are front centres: along the road that is half a vehicle off, across it nothing.
     table["front_x"], table["front_y"] = table["x"], table["y"]
-    return Positions(table, sites[0])
+    return table, sites[0]
 
 
 def _parquet_columns(path: Path) -> list[str]:
-    """Names of the columns of a Parquet file; none of anything else."""
+    """Returns names of the columns of a Parquet file; none of anything else."""
     if not path.is_file():
         raise InputError(f"{path}: no such recording")
     return list(read_schema(path).names) if is_parquet(path) else []

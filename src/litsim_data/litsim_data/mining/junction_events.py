@@ -19,7 +19,7 @@ TURN_PET_S = 3.0  # [s] largest post-encroachment time of a turn across oncoming
 
 
 def turn_events(situation: Situation) -> Iterator[Event]:
-    """The ego turns by more than 45 degrees at more than 5 degrees per second."""
+    """Yields turns of the ego by more than 45 degrees at more than 5 degrees per second."""
     for turn in situation.turns:
         most = turn.lateral_acceleration
         numbers: dict[str, Number] = {
@@ -33,7 +33,8 @@ def turn_events(situation: Situation) -> Iterator[Event]:
 
 
 def encounters(situation: Situation) -> Iterator[Event]:
-    """Two vehicles that enter a junction from two roads use one place of it within 5 s of each other.
+    """Yields encounters: two vehicles that enter a junction from two roads use one place of it within 5 s of each
+    other.
 
     Left turn: one turns left across the path of an oncoming vehicle that goes straight, within 3 s, without a protected
     signal. Right turn: the same to the right, where traffic keeps to the left. Merge: they leave in the same lane.
@@ -49,7 +50,7 @@ def encounters(situation: Situation) -> Iterator[Event]:
 
 
 def _comparable(situation: Situation, a: Passage, b: Passage) -> bool:
-    """Whether two passages are of different vehicles, from different roads, and close in time."""
+    """Returns whether two passages are of different vehicles, from different roads, and close in time."""
     roads = {situation.lane_map.lanes[passage.from_lane].edge_id for passage in (a, b)}
     apart = max(a.first - b.last, b.first - a.last) - 2 * MARGIN
     return a.agent != b.agent and len(roads) == 2 and apart * STEP_S <= PET_HORIZON_S
@@ -86,12 +87,12 @@ def _encounter(situation: Situation, a: Passage, b: Passage) -> Iterator[Event]:
 
 
 def _speed(situation: Situation, row: int, step: int) -> float | None:
-    """Speed [m/s] of the agent in `row` at `step`; None if it is not on the road."""
+    """Returns the speed [m/s] of the agent in `row` at `step`; None if it is not on the road."""
     return measured(situation.log.speed[row, step]) if situation.log.valid[row, step] else None
 
 
 def _kind(situation: Situation, a: Passage, b: Passage, pet: float) -> tuple[EventKind, Protection | None]:
-    """Kind of an encounter with post-encroachment time `pet` [s], and the protection of one that turns."""
+    """Returns the kind of an encounter with post-encroachment time `pet` [s], and the protection of one that turns."""
     if a.to_lane == b.to_lane:
         return EventKind.MERGE, None
     for turning, straight in ((a, b), (b, a)):
@@ -110,7 +111,7 @@ def _lanes(situation: Situation, passage: Passage) -> Way:
 
 
 def _steps(situation: Situation, passage: Passage) -> tuple[int, int]:
-    """First and last step of a passage, extended by the approach and the exit."""
+    """Returns the first and last step of a passage, extended by the approach and the exit."""
     log, row = situation.log, passage.agent
     return max(passage.first - MARGIN, int(log.first_step[row])), min(passage.last + MARGIN, int(log.last_step[row]))
 

@@ -45,7 +45,7 @@ class LaneChange:
 
 
 def lane_changes(tracks: LaneTracks) -> list[LaneChange]:
-    """The lane changes of all agents, sorted by agent and time.
+    """Returns the lane changes of all agents, sorted by agent and time.
 
     A lane counts as taken if the agent comes within 0.375 m of its centre line, stays in it for 2 s, or is first seen
     in it; excursions to other lanes are not changes, nor are crossings of two borders at once, nor turns at junctions.
@@ -59,7 +59,7 @@ def lane_changes(tracks: LaneTracks) -> list[LaneChange]:
 
 
 def _changes(tracks: LaneTracks, row: int, first: int, last: int) -> list[LaneChange]:
-    """Changes of the agent in `row` within one stretch, the steps from `first` to `last` (exclusive)."""
+    """Returns changes of the agent in `row` within one stretch, the steps from `first` to `last` (exclusive)."""
     level, centred = tracks.level[row], np.abs(tracks.d[row]) <= CENTRE_M
     lanes_taken = [
         (first + begin, first + end)
@@ -81,7 +81,9 @@ def _changes(tracks: LaneTracks, row: int, first: int, last: int) -> list[LaneCh
 
 
 def _borders(centred: BoolArray, speed: FloatArray, steps: tuple[int, int, int]) -> tuple[int, int]:
-    """First and last step of a change that crosses at the second of `steps`, bounded by the first and the third."""
+    """Returns the first and last step of a change that crosses at the second of `steps`, bounded by the first and the
+    third.
+    """
     low, cross, high = steps
     still: BoolArray = centred | (speed < LATERAL_SPEED_MIN)
     before: IntArray = np.flatnonzero(still[low:cross])

@@ -14,7 +14,8 @@ HOPS_MAX = 64  # most lanes searched ahead; more than fit into 100 m
 
 
 def leaders(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> Following:
-    """Leader of every agent at every step, and how it is followed; arrays (n, steps), `leader` as rows of the log.
+    """Returns the leader of every agent at every step, and how it is followed; arrays (n, steps), `leader` as rows of
+    the log.
 
     The leader is the nearest agent ahead within 100 m with its centre in the same lane, or in the lanes that the agent
     takes next (as recorded; beyond its log the straightest). The gap is measured along the lanes from bumper to bumper;
@@ -40,7 +41,7 @@ def leaders(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> Following:
 def _look_ahead(
     tracks: LaneTracks, lane_map: LaneMap, reach: float, nearest: IntArray, leader: IntArray, distance: FloatArray
 ) -> None:
-    """Fill `leader` and `distance` (n, steps) for the foremost agents of each lane, from the lanes that follow.
+    """Fills `leader` and `distance` (n, steps) for the foremost agents of each lane, from the lanes that follow.
 
     Those that begin farther away than `reach` [m] are left out.
     """
@@ -67,7 +68,9 @@ def _look_ahead(
 
 
 def _followed(log: Log, along: FloatArray, leader: IntArray, distance: FloatArray) -> Following:
-    """The measures from speeds `along` lanes [m/s], leaders, and distances to their centres [m]; all (n, steps)."""
+    """Returns the measures from speeds `along` lanes [m/s], leaders, and distances to their centres [m]; all (n,
+    steps).
+    """
     steps = np.arange(leader.shape[1])
     gap = distance - 0.5 * (log.length[:, None] + log.length[leader])
     leader = np.where(gap < SIGHT_M, leader, NOWHERE)

@@ -71,7 +71,7 @@ class Turn:
 
 
 def passages(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> list[Passage]:
-    """The passages of all agents through junctions, sorted by agent and time.
+    """Returns the passages of all agents through junctions, sorted by agent and time.
 
     Passages of agents that appear or disappear inside a junction are left out, and so are those back to the same road:
     the agent waited at the border.
@@ -96,7 +96,7 @@ def passages(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> list[Passage]:
 
 
 def turns(log: Log) -> list[Turn]:
-    """The turns of all agents, sorted by agent and time; waiting in the middle of a turn does not end it."""
+    """Returns the turns of all agents, sorted by agent and time; waiting in the middle of a turn does not end it."""
     all_turns = []
     for row in range(len(log.ids)):
         first, last = int(log.first_step[row]), int(log.last_step[row])
@@ -114,7 +114,7 @@ def turns(log: Log) -> list[Turn]:
 
 
 def _bridged(turning: BoolArray, standing: BoolArray) -> BoolArray:
-    """`turning` (k,) with gaps closed that are short, or in which the agent stands."""
+    """Returns `turning` (k,) with gaps closed that are short, or in which the agent stands."""
     closed = turning.copy()
     for begin, end in true_runs(~turning):
         inner = begin > 0 and end < len(turning)
@@ -124,7 +124,7 @@ def _bridged(turning: BoolArray, standing: BoolArray) -> BoolArray:
 
 
 def boxes(log: Log, row: int, first: int, last: int) -> FloatArray:
-    """Boxes (k, 5) of an agent on the road from step `first` to `last`: x, y, yaw, length, width."""
+    """Returns boxes (k, 5) of an agent on the road from step `first` to `last`: x, y, yaw, length, width."""
     piece = slice(first, last + 1)
     size = np.broadcast_to([log.length[row], log.width[row]], (last + 1 - first, 2))
     return np.column_stack([log.x[row, piece], log.y[row, piece], log.yaw[row, piece], size])

@@ -45,12 +45,12 @@ class Chosen:
 
 
 def hardest(events: Sequence[MinedEvent], count: int) -> list[MinedEvent]:
-    """The `count` most severe of `events`, in descending order; ties in the order of `events`."""
+    """Returns the `count` most severe of `events`, in descending order; ties in the order of `events`."""
     return sorted(events, key=lambda one: -one.event.severity)[:count]
 
 
 def spread(events: Sequence[MinedEvent], count: int) -> list[MinedEvent]:
-    """`count` of `events` with severities spread as evenly as possible over their range.
+    """Returns `count` of `events` with severities spread as evenly as possible over their range.
 
     For each of `count` evenly spaced severities, in descending order, the nearest event that is left.
     """
@@ -65,7 +65,7 @@ def spread(events: Sequence[MinedEvent], count: int) -> list[MinedEvent]:
 
 
 def worst_of_each(events: Iterable[MinedEvent]) -> list[MinedEvent]:
-    """The most severe event of every scenario and ego, the first of ties; in the order of `events`."""
+    """Returns the most severe event of every scenario and ego, the first of ties; in the order of `events`."""
     best: dict[tuple[str, int], MinedEvent] = {}
     for one in events:
         if one.seat not in best or one.event.severity > best[one.seat].event.severity:
@@ -76,7 +76,7 @@ def worst_of_each(events: Iterable[MinedEvent]) -> list[MinedEvent]:
 def choose(
     events: Sequence[MinedEvent], wanted: Mapping[EventKind, int | None], *, evenly: bool = False
 ) -> list[Chosen]:
-    """Cases for each kind of `wanted`, as many as it says (None: all), the most severe or `evenly` spread.
+    """Returns cases for each kind of `wanted`, as many as it says (None: all), the most severe or `evenly` spread.
 
     An ego counts once for a kind, with its most severe event; one chosen for several kinds is one case. Deterministic;
     in the order of `events`.

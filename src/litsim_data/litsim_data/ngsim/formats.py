@@ -87,7 +87,7 @@ def is_official(path: Path) -> bool:
 
 
 def detect(path: Path) -> Layout | None:
-    """Layout of the file at `path`, from its first bytes; None if it is not NGSIM's.
+    """Returns the layout of the file at `path`, from its first bytes; None if it is not NGSIM's.
 
     Raises:
         InputError: it cannot be read, or it resembles NGSIM's but columns are missing, unknown or of the wrong number.

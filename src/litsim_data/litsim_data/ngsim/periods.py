@@ -55,7 +55,7 @@ class Period:
     minutes: tuple[int, int]
 
     def holds(self, time_ms: IntArray) -> np.ndarray:
-        """Mask (n,) of the times `time_ms` (n,) [ms] of its clock that belong to this period."""
+        """Returns the mask (n,) of the times `time_ms` (n,) [ms] of its clock that belong to this period."""
         minute = time_ms // MINUTE_MS
         return (minute >= self.minutes[0]) & (minute <= self.minutes[1])
 
@@ -98,7 +98,7 @@ class Clocks:
         return len(self.clocks) - 1
 
     def periods(self) -> list[Period]:
-        """The recordings, sorted by site and time, with unique names."""
+        """Returns the recordings, sorted by site and time, with unique names."""
         stretches = []
         for code, clock in enumerate(self.clocks):
             minutes = np.array(sorted(clock.minutes))

@@ -1,7 +1,7 @@
 """The four NGSIM sites: location, dates, periods, and frame ``map`` of each.
 
-NGSIM publishes positions in feet of the NAD 83 State Plane zone of the site ("global") and along the road ("local"). Frame
-``map`` is a RIGID transform of the global positions in metres, one per site, fixed here, and shared by converted
+NGSIM publishes positions in feet of the NAD 83 State Plane zone of the site ("global") and along the road ("local").
+Frame ``map`` is a RIGID transform of the global positions in metres, one per site, fixed here, and shared by converted
 recordings and the nets that :mod:`litsim_data.maps` builds. x points along the main direction of the site (US-101:
 downstream, south-east; I-80: downstream, north; Lankershim and Peachtree: northbound), y to its left.
 """
@@ -64,11 +64,13 @@ class Site:
         return (np.abs(x - self.global_anchor[0]) < EXTENT) & (np.abs(y - self.global_anchor[1]) < EXTENT)
 
     def local_time(self, time_ms: int) -> datetime:
-        """Local time at the site of a Global_Time [ms since 1970, UTC]."""
+        """Returns the local time at the site of a Global_Time [ms since 1970, UTC]."""
         return datetime.fromtimestamp(time_ms / 1000.0, UTC) + timedelta(hours=self.utc_offset_h)
 
     def period(self, time_ms: int) -> str:
-        """Name "HHMM" of the published period that begins at about `time_ms`; without one, the local time."""
+        """Returns the name "HHMM" of the published period that begins at about `time_ms`; without one, the local
+        time.
+        """
         begin = self.local_time(time_ms)
         for period in self.periods:
             nominal = begin.replace(hour=int(period[:2]), minute=int(period[2:]), second=0, microsecond=0)
@@ -88,8 +90,8 @@ US101 = Site(
     date="2005-06-15",
     utc_offset_h=-7,
     periods=("0750", "0805", "0820"),
-    # Least-squares rigid fit of (Local_Y, -Local_X) to the global positions of frames 316-543, Local_Y 180-415 m. Fixed,
-    # because nets/us101.net.xml lies in this frame.
+    # Least-squares rigid fit of (Local_Y, -Local_X) to the global positions of frames 316-543, Local_Y 180-415 m.
+    # Fixed, because nets/us101.net.xml lies in this frame.
     yaw=0.718612,
     global_anchor=(1966511.071, 570797.706),
     map_anchor=(297.468, -9.641),
@@ -145,13 +147,13 @@ SITES: dict[str, Site] = {site.name: site for site in (US101, I80, LANKERSHIM, P
 
 
 def site_at(location: str) -> Site | None:
-    """The site of a value of column Location, in any spelling ("us-101", "US 101", "i80"); None if unknown."""
+    """Returns the site of a value of column Location, in any spelling ("us-101", "US 101", "i80"); None if unknown."""
     plain = "".join(c for c in location.lower() if c.isalnum())
     return SITES.get(plain)
 
 
 def site_of(time_ms: float, x: float, y: float, *, urban: bool) -> Site | None:
-    """The site at State Plane position x, y [m], or None.
+    """Returns the site at State Plane position x, y [m], or None.
 
     US-101 and Lankershim are close to each other: the date of `time_ms` [ms since 1970] decides between them, or else
     whether the file has the columns of an `urban` site.

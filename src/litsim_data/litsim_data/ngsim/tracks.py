@@ -66,7 +66,7 @@ class RepairCounts:
     incomplete: int = 0
 
     def text(self) -> str:
-        """The non-zero counts with their names, as one line."""
+        """Returns the non-zero counts with their names, as one line."""
         return ", ".join(
             f"{field.name} {getattr(self, field.name)}" for field in fields(self) if getattr(self, field.name)
         )
@@ -133,7 +133,7 @@ def neutral(tracks: pd.DataFrame, *, cleaned: bool) -> tuple[pd.DataFrame, Clean
 def direction_of_motion(
     vehicle: IntArray, x: FloatArray, y: FloatArray, hint: FloatArray, least: float = DIRECTION_MIN
 ) -> FloatArray:
-    """Heading [rad] (n,) from the way between half a second before and after; held where a vehicle stands.
+    """Returns the heading [rad] (n,) from the way between half a second before and after; held where a vehicle stands.
 
     Args:
         vehicle: (n,) ids; rows of one vehicle are consecutive frames.
@@ -166,7 +166,7 @@ def _without_duplicates(raw: pd.DataFrame, counts: RepairCounts, where: str) -> 
 
 
 def _without_contradictions(table: pd.DataFrame, counts: RepairCounts, where: str) -> pd.DataFrame:
-    """One row per vehicle and frame: rows at the same place are merged, contradicting ones are all left out."""
+    """Returns one row per vehicle and frame: rows at the same place are merged, contradicting ones are all left out."""
     vehicle, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
     again = np.r_[False, (vehicle[1:] == vehicle[:-1]) & (frame[1:] == frame[:-1])]
     if not again.any():
@@ -190,7 +190,7 @@ def _without_contradictions(table: pd.DataFrame, counts: RepairCounts, where: st
 
 
 def _sized(table: pd.DataFrame, counts: RepairCounts, where: str) -> pd.DataFrame:
-    """`table` with kinds, and one plausible size per vehicle: its median, or that of its class."""
+    """Returns `table` with kinds, and one plausible size per vehicle: its median, or that of its class."""
     kind = table["vehicle_class"].map(KINDS).fillna(int(Kind.UNKNOWN)).astype("uint8")
     table = table.assign(kind=kind)
     vehicles = table.groupby("vehicle_id")[["length", "width", "kind"]].median()
@@ -213,7 +213,7 @@ def _sized(table: pd.DataFrame, counts: RepairCounts, where: str) -> pd.DataFram
 
 
 def _split(table: pd.DataFrame, counts: RepairCounts) -> pd.DataFrame:
-    """Tracks cut at long holes and jumps, with the pieces renumbered and short ones left out."""
+    """Returns tracks cut at long holes and jumps, with the pieces renumbered and short ones left out."""
     vehicle, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
     same = vehicle[1:] == vehicle[:-1]
     step = np.diff(frame)
@@ -233,7 +233,7 @@ def _split(table: pd.DataFrame, counts: RepairCounts) -> pd.DataFrame:
 
 
 def _filled(table: pd.DataFrame, site: Site, counts: RepairCounts) -> pd.DataFrame:
-    """The columns of :func:`tracks_of`, with short holes interpolated."""
+    """Returns the columns of :func:`tracks_of`, with short holes interpolated."""
     vehicle, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
     begins = np.r_[True, vehicle[1:] != vehicle[:-1]]
     step = np.r_[np.diff(frame), 1]
@@ -269,7 +269,9 @@ def _filled(table: pd.DataFrame, site: Site, counts: RepairCounts) -> pd.DataFra
 
 
 def _hints(table: pd.DataFrame, site: Site) -> FloatArray:
-    """Usual heading (n,) [rad] in frame map by Direction; the vehicle's median or 0 if unknown; NaN on motorways."""
+    """Returns the usual heading (n,) [rad] in frame map by Direction; the vehicle's median or 0 if unknown; NaN on
+    motorways.
+    """
     if "direction" not in table or len(site.headings) < 2:
         return np.full(len(table), np.nan)
     hint = table["direction"].map(site.headings).astype(np.float64)
@@ -280,10 +282,10 @@ def _hints(table: pd.DataFrame, site: Site) -> FloatArray:
 
 
 def frames_of(time_ms: IntArray, origin_ms: int) -> IntArray:
-    """Frame numbers (n,) of the times `time_ms` (n,) [ms], with frame 0 at `origin_ms` [ms]."""
+    """Returns the frame numbers (n,) of the times `time_ms` (n,) [ms], with frame 0 at `origin_ms` [ms]."""
     return np.round((time_ms - origin_ms) / (1000.0 * STEP_S)).astype(np.int64)
 
 
 def origins_of(time_ms: IntArray, frame: IntArray) -> IntArray:
-    """Time (n,) [ms] of frame 0 by the clock of each row; every period has its own."""
+    """Returns the time (n,) [ms] of frame 0 by the clock of each row; every period has its own."""
     return time_ms - np.round(1000.0 / RATE_HZ * frame).astype(np.int64)

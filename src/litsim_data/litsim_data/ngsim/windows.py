@@ -53,12 +53,13 @@ WINDOW_SOURCES = 2  # src 0 and 1 are the windows with all vehicles; others are 
 
 
 def is_windows(columns: Sequence[str]) -> bool:
-    """Whether a table with these columns has this format."""
+    """Returns whether a table with these columns has this format."""
     return set(MARKERS) <= set(columns)
 
 
 def read_table(path: Path) -> pd.DataFrame:
-    """All windows of the file at `path`, in the columns of the neutral schema; tracks may have holes between windows.
+    """Returns all windows of the file at `path`, in the columns of the neutral schema; tracks may have holes between
+    windows.
 
     Raises:
         InputError: the file is missing or not of this format.
@@ -67,7 +68,7 @@ def read_table(path: Path) -> pd.DataFrame:
 
 
 def load(path: Path, crop: Crop | None = None) -> Recording:
-    """The windows of the file at `path` within `crop` as a recording.
+    """Returns the windows of the file at `path` within `crop` as a recording.
 
     Raises:
         InputError: the file is missing or not of this format, `crop` does not fit it, vehicles are missing between
@@ -97,7 +98,7 @@ def load(path: Path, crop: Crop | None = None) -> Recording:
 
 
 def neutral_table(table: pd.DataFrame, where: str) -> pd.DataFrame:
-    """A windows table in the columns of the neutral schema; tracks may have holes between the windows.
+    """Returns a windows table in the columns of the neutral schema; tracks may have holes between the windows.
 
     Raises:
         InputError: as :func:`neutral_columns`.
@@ -108,7 +109,7 @@ def neutral_table(table: pd.DataFrame, where: str) -> pd.DataFrame:
 
 
 def neutral_columns(columns: Mapping[str, Any], where: str) -> dict[str, np.ndarray]:
-    """Columns of a windows table, arrays or pandas series (n,), as arrays in the neutral schema.
+    """Returns columns of a windows table, arrays or pandas series (n,), as arrays in the neutral schema.
 
     Raises:
         InputError: a column is missing, unknown or not numeric, or no row is of a window.

@@ -40,7 +40,7 @@ TRACK, MISS, FITTED, NO_WAY_IN, NO_EXIT, CROSSES = "#3b7dd8", "#d62728", "#2a9d5
 
 
 def draw(path: Path, lane_map: LaneMap, parts: Mapping[str, pd.DataFrame], check: NetCheck) -> None:
-    """Draw the lanes, the tracks of all `parts` and the findings of `check` to a PNG file.
+    """Draws the lanes, the tracks of all `parts` and the findings of `check` to a PNG file.
 
     Raises:
         InputError: `path` has another suffix or cannot be written.
@@ -75,7 +75,9 @@ def draw(path: Path, lane_map: LaneMap, parts: Mapping[str, pd.DataFrame], check
 
 
 def _panels(ratio: float, details: int) -> tuple[Figure, Axes, list[Axes]]:
-    """A figure with an overview of an extent of a height-to-width `ratio`, and panels for `details` below or beside."""
+    """Returns a figure with an overview of an extent of a height-to-width `ratio`, and panels for `details` below or
+    beside.
+    """
     spans: tuple[int | slice, int | slice]
     if ratio < BESIDE_RATIO:
         height = min(max(WIDTH * ratio, HEIGHTS[0]), HEIGHTS[1])
@@ -93,7 +95,7 @@ def _panels(ratio: float, details: int) -> tuple[Figure, Axes, list[Axes]]:
 
 
 def lane_outline(lane: Lane) -> FloatArray:
-    """Corners (m, 2) of the area of a lane, along its right side and back along its left [m]."""
+    """Returns corners (m, 2) of the area of a lane, along its right side and back along its left [m]."""
     step = np.diff(lane.centerline, axis=0)
     direction = np.vstack([step[:1], step[:-1] + step[1:], step[-1:]])
     direction /= np.maximum(np.hypot(*direction.T), 1e-9)[:, None]
@@ -102,13 +104,13 @@ def lane_outline(lane: Lane) -> FloatArray:
 
 
 def _thinned(table: pd.DataFrame) -> pd.DataFrame:
-    """Rows of a table, sorted by vehicle and frame; of more than POINTS_MAX, every n-th."""
+    """Returns rows of a table, sorted by vehicle and frame; of more than POINTS_MAX, every n-th."""
     ordered = table.sort_values(["vehicle_id", "frame"], ignore_index=True)
     return ordered.iloc[:: max(1, len(ordered) // POINTS_MAX)]
 
 
 def _extent(lane_map: LaneMap, tables: list[pd.DataFrame]) -> tuple[FloatArray, FloatArray]:
-    """Corners (2,) of the extent drawn: the tracks with a margin; without tracks the net."""
+    """Returns corners (2,) of the extent drawn: the tracks with a margin; without tracks the net."""
     if not tables:
         bounds = np.array(lane_map.bounds)
         return bounds[:2] - MARGIN, bounds[2:] + MARGIN
@@ -119,7 +121,7 @@ def _extent(lane_map: LaneMap, tables: list[pd.DataFrame]) -> tuple[FloatArray, 
 
 
 def _places(misses: list[Miss]) -> list[Miss]:
-    """The worst misses at up to DETAILS places at least PLACES_APART apart."""
+    """Returns the worst misses at up to DETAILS places at least PLACES_APART apart."""
     chosen: list[Miss] = []
     for miss in sorted(misses, key=lambda one: -one.beyond):
         if len(chosen) < DETAILS and all(
@@ -130,7 +132,7 @@ def _places(misses: list[Miss]) -> list[Miss]:
 
 
 def _scene(axes: Axes, lane_map: LaneMap, tables: list[pd.DataFrame], check: NetCheck) -> None:
-    """Lanes, tracks, misses and marks."""
+    """Draws lanes, tracks, misses and marks."""
     for internal, colour in ((True, INSIDE), (False, LANE)):
         areas = [lane_outline(lane) for lane in lane_map.lanes if lane.is_internal == internal]
         axes.add_collection(
@@ -165,7 +167,7 @@ def _scene(axes: Axes, lane_map: LaneMap, tables: list[pd.DataFrame], check: Net
 
 
 def _lines(x: FloatArray, y: FloatArray, new: np.ndarray, colour: str, order: int) -> LineCollection:
-    """Tracks; `new` are the rows at which another vehicle begins."""
+    """Returns tracks as lines; `new` are the rows at which another vehicle begins."""
     return LineCollection(
         np.split(np.column_stack([x, y]), new), colors=colour, linewidths=0.6, alpha=0.55, zorder=order
     )
@@ -178,7 +180,7 @@ def _title(check: NetCheck) -> str:
 
 
 def _legend(check: NetCheck) -> list[Line2D | Patch]:
-    """What is drawn, and how much of it."""
+    """Returns the entries of the legend: what is drawn, and how much of it."""
     connectivity = check.connectivity
     missing = sum(part.missing for part in check.placements.values())
     entries: list[Line2D | Patch] = [

@@ -93,7 +93,9 @@ def draw(
 
 
 def _main_direction(table: pd.DataFrame) -> float:
-    """Returns the direction [rad] of most of the way driven, there or back: as clearly more of it goes, else nearer to +x."""
+    """Returns the direction [rad] of most of the way driven, there or back: as clearly more of it goes, else nearer to
+    +x.
+    """
     yaw, weight = table["yaw"].to_numpy(), table["speed"].to_numpy() + 1e-3
     axis = 0.5 * float(np.arctan2((weight * np.sin(2 * yaw)).sum(), (weight * np.cos(2 * yaw)).sum()))
     ahead = float((weight * np.cos(yaw - axis)).sum() / weight.sum())
@@ -244,7 +246,9 @@ def _tracks(axes: Axes, table: pd.DataFrame, lane_map: LaneMap | None) -> None:
 
 
 def _pieces(table: pd.DataFrame, rows: BoolArray, points: FloatArray) -> tuple[FloatArray, np.ndarray]:
-    """Returns pieces (k, 2, 2) of tracks between consecutive `points` of chosen rows, and the row (k,) where each begins."""
+    """Returns pieces (k, 2, 2) of tracks between consecutive `points` of chosen rows, and the row (k,) where each
+    begins.
+    """
     vehicle, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
     chosen = np.flatnonzero(rows)
     stride = max(1, len(chosen) // PIECES_MAX)

@@ -36,7 +36,7 @@ class Encroachment:
 
 
 def encroachments(tables: Sequence[AgentTable], agent: int) -> list[Encroachment]:
-    """Post-encroachment times of up to 5 s of `agent` with every other agent, shortest first.
+    """Returns the post-encroachment times of up to 5 s of `agent` with every other agent, shortest first.
 
     Each is the time between two steps at which their boxes overlap in space, to the resolution of a step; the two need
     not be on the road at the same time. Following in the same lane counts too: the time is the headway to the rear of
@@ -64,7 +64,7 @@ def encroachments(tables: Sequence[AgentTable], agent: int) -> list[Encroachment
 
 
 def closest_use(step_a: IntArray, a: FloatArray, step_b: IntArray, b: FloatArray) -> tuple[int, int, int] | None:
-    """The two uses of one place by two tracks that are closest in time.
+    """Returns the two uses of one place by two tracks that are closest in time.
 
     Args:
         step_a, step_b: (n,), (m,) steps of the tracks.
@@ -102,7 +102,7 @@ def _closest_use(
 
 
 def times_since_others(tables: Sequence[AgentTable]) -> tuple[FloatArray, IntArray]:
-    """For every agent at every step, the time since another agent's box covered a place that its box covers now.
+    """Returns, for every agent at every step, the time since another agent covered a place that its own box covers now.
 
     Returns:
         Time (m,) [s], 0 in contact and inf beyond :data:`PET_HORIZON_S`, and id (m,) of the other agent, the lowest of

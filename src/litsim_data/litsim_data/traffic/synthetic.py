@@ -47,7 +47,7 @@ def synthesize(seed: int = DEFAULT_SEED, seconds: float = DEFAULT_SECONDS, site:
 def synthesize_segments(site: Site, segments: int, seed: int) -> Iterator[Recording]:
     """Generates recordings for `segments` segments of 28 s, at most SEGMENTS_PER_RECORDING in each.
 
-    If a seed gives overlaps, others are tried in a fixed order; the header of the recording names the one that was used.
+    If a seed gives overlaps, others are tried in a fixed order; the header of a recording names the one that was used.
 
     Raises:
         InputError: as :func:`synthesize`.
