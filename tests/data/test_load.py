@@ -190,34 +190,6 @@ def test_generated_traffic_resembles_the_site(embedded: Recording) -> None:
     assert table["x"].between(*US101_LIKE.window[::2]).all()
 
 
-def test_some_generated_vehicles_are_motorcycles() -> None:
-    """They are one in a hundred, so that a recording as short as the demo's may have none."""
-    assert Kind.MOTORCYCLE in set(load_recording(EMBEDDED).table["kind"])
-
-
-def test_generated_motion_is_sound(embedded: Recording) -> None:
-    table = embedded.table.sort_values(["vehicle_id", "frame"])
-    same = np.diff(table["vehicle_id"]) == 0
-    dx, dy, dyaw = (np.diff(table[name])[same] for name in ("x", "y", "yaw"))
-    pairs = {
-        n: (table[n].to_numpy()[:-1][same], table[n].to_numpy()[1:][same]) for n in ("speed", "acceleration", "yaw")
-    }
-    moved = np.hypot(dx, dy)
-    np.testing.assert_allclose(moved / STEP_S, sum(pairs["speed"]) / 2, atol=0.02)
-    np.testing.assert_allclose(np.diff(table["speed"])[same] / STEP_S, sum(pairs["acceleration"]) / 2, atol=0.5)
-    moving = moved > 0.1
-    np.testing.assert_allclose(np.arctan2(dy, dx)[moving], (sum(pairs["yaw"]) / 2)[moving], atol=2e-3)  # no slip
-    assert np.abs(dyaw).max() / STEP_S < 0.15
-    assert (np.abs(dyaw) <= 0.02 * moved + 2e-4).all()  # turning takes way: none at standstill
-    assert table["acceleration"].between(-5.0, 3.0).all()
-    assert_no_overlaps(embedded)
-
-
-def test_generated_traffic_is_on_the_road(embedded: Recording) -> None:
-    lane_map = LaneMap.from_net(packaged("nets/us101_like.net.xml"))
-    assert lane_map.inside_road(embedded.table["x"].to_numpy(), embedded.table["y"].to_numpy()).all()
-
-
 def test_a_crop_that_cuts_holes_into_tracks_is_named(embedded: Recording, tmp_path: Path) -> None:
     path = tmp_path / "swerving.parquet"
     Recording(embedded.header, {**embedded.columns, "y": embedded.columns["frame"] % 20.0}).write(path)

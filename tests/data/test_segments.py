@@ -71,13 +71,6 @@ def test_segments_keep_to_their_part_of_the_split() -> None:
     assert not any(segment.shortened for segment in manifest.segments)
 
 
-def test_stride() -> None:
-    whole = cut_one(long_recording(), split=(1.0, 0.0, 0.0), stride_s=5.0)
-    starts = [segment.frames[0] for segment in whole.segments]
-    assert starts[:3] == [0, 50, 100]
-    assert max(starts) + 280 <= 2809 < max(starts) + 280 + 50
-
-
 def test_short_parts_are_shortened_segments_and_shorter_ones_none() -> None:
     manifest = cut_one(long_recording(600))  # parts of 42, 6 and 12 s
     assert [(s.part, s.frames, s.shortened) for s in manifest.segments] == [("train", (0, 280), False)]

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from litsim_data import cli as data
-from litsim_data.cleaning.cleaning import CleaningConfig, clean, front_centres, smoothed
-from litsim_data.cleaning.track_fit import fit_law
+from litsim_data.cleaning.cleaning import clean, front_centres, smoothed
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S
@@ -143,17 +142,6 @@ def test_headings_of_who_stands_are_not_believed_where_it_moves() -> None:
 # Symmetries
 
 
-def test_time_has_no_direction() -> None:
-    places = np.cumsum(np.maximum(0.0, np.cumsum(np.random.default_rng(3).normal(size=150)))) * 0.1
-    law = fit_law(places, 3.0).at_frames()
-    back = fit_law(-places[::-1], 3.0).at_frames()
-    np.testing.assert_allclose(-back[::-1], law, atol=1e-4)
-    raw = lane_change() + noise(120, 0.1, seed=5)
-    forth, reverse = (fronts(clean(tracks(front))[0]) for front in (raw, raw[::-1]))
-    assert np.abs(reverse[::-1, 0] - forth[:, 0]).max() < 0.01
-    assert np.abs(reverse[::-1, 1] - forth[:, 1])[10:-10].max() < 0.05  # a vehicle's front leads whichever way it goes
-
-
 def test_the_order_of_rows_and_vehicles_is_of_no_importance() -> None:
     lanes = [
         lane_change(80, speed) + np.array([0, 4.0 * k]) + noise(80, 0.1, k) for k, speed in enumerate((9.0, 12.0, 16.0))
@@ -194,16 +182,6 @@ def test_a_vehicle_that_stops_neither_creeps_nor_turns() -> None:
         assert report.flips[0] > 5  # of raw steps
         assert np.abs(table["yaw"]).max() < 0.12
         assert rms(table["speed"] - speed) < 0.35
-
-
-def test_stop_and_go_keeps_its_heading_and_never_reverses() -> None:
-    t = STEP_S * np.arange(600)
-    speed = np.maximum(0.0, 2.0 * np.sin(0.35 * t) + 0.7)
-    x = np.cumsum(speed) * STEP_S
-    table, _ = clean(tracks(np.column_stack([x, 0.0 * x]) + noise(600, 0.2, 8)))
-    assert (table["speed"] >= 0).all()
-    assert np.abs(table["yaw"]).max() < 0.15
-    assert rms(table["speed"] - speed) < 0.3
 
 
 def test_who_never_moves_points_as_those_around_or_as_published() -> None:
@@ -326,11 +304,6 @@ def test_the_report_tells_published_from_raw_figures() -> None:
 def test_tracks_that_cannot_be_used(change: object, message: str) -> None:
     with pytest.raises(InputError, match=message):
         clean(change(tracks(straight(10, 10.0))))  # type: ignore[operator]
-
-
-def test_configurations_that_cannot_be_used() -> None:
-    with pytest.raises(InputError, match="longitudinal_period_s is -1"):
-        CleaningConfig(longitudinal_period_s=-1)
 
 
 def test_no_heading_is_taken_from_the_last_step_of_one_vehicle_to_the_first_of_the_next() -> None:

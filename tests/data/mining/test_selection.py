@@ -51,10 +51,6 @@ def test_without_a_number_all_are_taken_and_kinds_that_are_not_asked_for_are_not
     assert [case.ego for case in choose(every, {CUT_IN: None})] == [1, 2]
 
 
-def test_the_same_ego_of_another_scenario_is_another() -> None:
-    assert len(choose([found(1, 0.3), found(1, 0.3, scenario="b")], {CUT_IN: 5})) == 2
-
-
 def test_equal_severities_are_chosen_in_their_order() -> None:
     every = [found(number, 0.5) for number in (4, 2, 9)]
     assert [each.event.ego for each in hardest(every, 2)] == [4, 2]

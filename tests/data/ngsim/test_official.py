@@ -421,11 +421,6 @@ def test_a_full_disk_is_named_and_leaves_nothing(portal: Path, tmp_path: Path, m
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["out", "portal.csv"]
 
 
-def test_a_place_that_cannot_be_written(text: Path) -> None:
-    with pytest.raises(InputError, match="cannot be written"):
-        ngsim.convert(text, Path("/dev/null/out.parquet"))
-
-
 # Reading for maps, and as a scenario does
 
 

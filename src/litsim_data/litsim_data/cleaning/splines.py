@@ -29,11 +29,6 @@ class Knots:
     step: float
     pieces: int
 
-    @classmethod
-    def covering(cls, low: float, high: float, step: float) -> Knots:
-        """Returns the fewest knots from `low` on, `step` apart, that reach `high`."""
-        return cls(low, step, max(1, int(np.ceil((high - low) / step - 1e-9))))
-
     @property
     def size(self) -> int:
         """Number of coefficients of a spline on these knots."""

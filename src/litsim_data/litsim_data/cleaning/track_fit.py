@@ -188,7 +188,8 @@ def fit_path(
         headings: (n, 2) measured directions, or None.
         previous: path of the previous round, or None.
     """
-    knots = Knots.covering(float(places.min()) - MARGIN, float(places.max()) + MARGIN, KNOT)
+    low, high = float(places.min()) - MARGIN, float(places.max()) + MARGIN
+    knots = Knots(low, KNOT, max(1, int(np.ceil((high - low) / KNOT - 1e-9))))
     speed, travel = law.at_frames(1), law.at_frames()
     middles = knots.places()[:-1] + 0.5 * KNOT
     pace = np.maximum(np.interp(middles, travel, speed), PATH_SPEED)

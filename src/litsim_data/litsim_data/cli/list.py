@@ -18,15 +18,10 @@ def add(subparsers: Any) -> None:
 
 def run(_arguments: argparse.Namespace) -> None:
     """Prints what is packaged."""
-    print(listing())
-
-
-def listing() -> str:
-    """Returns the packaged scenarios and nets, as text."""
-    lines = ["scenarios:"]
+    print("scenarios:")
     for name in packaged_scenarios():
         fields = yaml.safe_load(packaged(f"scenarios/{name}.yaml").read_text(encoding="utf-8"))
-        lines.append(f"  {name:<16}{fields['description']}")
-    lines.append("nets:")
-    lines += [f"  {name:<16}{packaged(f'nets/{name}.net.xml')}" for name in packaged_nets()]
-    return "\n".join(lines)
+        print(f"  {name:<16}{fields['description']}")
+    print("nets:")
+    for name in packaged_nets():
+        print(f"  {name:<16}{packaged(f'nets/{name}.net.xml')}")

@@ -73,7 +73,8 @@ def run(arguments: argparse.Namespace) -> int | None:
     count = arguments.hardest or arguments.spread
     wanted = {kind: own or count for kind, own in counts.items()}
     chosen = choose(events, wanted, evenly=arguments.spread is not None)
-    severities = _severities(events), _severities(_reasons(chosen))
+    reasons = [MinedEvent(case.scenario, event) for case in chosen for event in case.events[: len(case.kinds)]]
+    severities = _severities(events), _severities(reasons)
     Console().print(_table(events, chosen, *severities))
     if not events:
         print_error("no event is found" + (f": {arguments.out} is not written" if arguments.out else ""))
@@ -164,11 +165,6 @@ def _table(
     table.add_section()
     table.add_row("all", str(len(events)), str(len({one.seat for one in events})), *[""] * 6, str(len(chosen)))
     return table
-
-
-def _reasons(chosen: Sequence[Chosen]) -> list[MinedEvent]:
-    """Returns the events for which cases were chosen."""
-    return [MinedEvent(case.scenario, event) for case in chosen for event in case.events[: len(case.kinds)]]
 
 
 def _severities(events: Sequence[MinedEvent]) -> dict[EventKind, list[float]]:

@@ -62,7 +62,10 @@ def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, 
     check_clock(table, source)
     table = in_order(table, source, counts)
     check_plausible(table[~obstacle_rows(table)], mapping, str(source))
-    table = with_usual_sizes(_never_backwards(table, counts), mapping, counts)
+    if "speed" in table:  # below 0 of reversing vehicles, or of noise around 0
+        counts.backwards = int((table["speed"] < 0.0).sum())
+        table = table.assign(speed=table["speed"].clip(lower=0.0))
+    table = with_usual_sizes(table, mapping, counts)
     _count_assumptions(table, mapping, counts)
     table = without_outliers(table, source, counts)
     count_leaps(table[~obstacle_rows(table)], source, counts)
@@ -165,14 +168,6 @@ def _in_si(raw: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[pd.
     if columns.acceleration is not None:
         table["acceleration"] = numbers("acceleration", units.acceleration)
     return table, names
-
-
-def _never_backwards(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
-    """Returns `table` with negative speeds, of reversing vehicles or noise around 0, set to 0."""
-    if "speed" not in table:
-        return table
-    counts.backwards = int((table["speed"] < 0.0).sum())
-    return table.assign(speed=table["speed"].clip(lower=0.0))
 
 
 def _count_assumptions(table: pd.DataFrame, mapping: Mapping, counts: Counts) -> None:
@@ -279,7 +274,9 @@ def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
     vehicle, x, y = (table[name].to_numpy() for name in ("vehicle_id", "x", "y"))
     walking = obstacle_rows(table)
     if "yaw" not in table:
-        table = table.assign(yaw=_headings(table, mapping))
+        lever = (VehicleLimits.rear_axle - AHEAD[mapping.reference]) * table["length"].to_numpy()
+        lever = np.zeros(len(table)) if mapping.reference == "box_corner" else lever
+        table = table.assign(yaw=headings(vehicle, x, y, lever))
     if walking.any():
         along = direction_of_motion(vehicle, x, y, np.full(len(table), np.nan))
         table = table.assign(yaw=np.where(walking, along, table["yaw"]))
@@ -296,16 +293,6 @@ def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
             acceleration=np.where(walking, rate, table["acceleration"]) if "acceleration" in table else rate
         )
     return table
-
-
-def _headings(table: pd.DataFrame, mapping: Mapping) -> FloatArray:
-    """Returns headings (n,) [rad] of vehicles by the motion of their reference points; see
-    :func:`.headings.headings`.
-    """
-    vehicle, x, y, length = (table[name].to_numpy() for name in ("vehicle_id", "x", "y", "length"))
-    levers = VehicleLimits.rear_axle - AHEAD[mapping.reference]
-    lever = np.zeros(len(table)) if mapping.reference == "box_corner" else levers * length
-    return headings(vehicle, x, y, lever)
 
 
 def _check_walking(table: pd.DataFrame, ids: dict[str, int], source: TableFiles) -> None:

@@ -94,9 +94,9 @@ def _connectivity(lanes: int, connectivity: Connectivity) -> list[str]:
     without = ", ".join((*(gap.lane for gap in connectivity.gaps), *connectivity.unreached)) or "none"
     ends = f"; ending early: {', '.join(connectivity.ending)}" if connectivity.ending else ""
     begins = f"; beginning late: {', '.join(connectivity.beginning)}" if connectivity.beginning else ""
+    stuck = ", ".join(connectivity.stuck) or "none"
     crossings = ", ".join(f"{crossing.one} and {crossing.other}" for crossing in connectivity.crossings) or "none"
     return [
-        f"lanes: {lanes}, without exit: {', '.join(connectivity.stuck) or 'none'}, without a way in: {without}{ends}"
-        f"{begins}",
+        f"lanes: {lanes}, without exit: {stuck}, without a way in: {without}{ends}{begins}",
         f"edges that cross without a junction: {crossings}",
     ]

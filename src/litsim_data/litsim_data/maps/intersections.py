@@ -256,7 +256,9 @@ def _fit_arm(arm: _Arm) -> None:
 def _movements(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> list[tuple[Lanelet, str]]:
     """Returns movements as lanelets, each with the id of the lanelet from which it begins."""
     x, y = rows["x"].to_numpy(np.float64), rows["y"].to_numpy(np.float64)
-    vehicle, label = rows["vehicle_id"].to_numpy(np.int64), _labels(rows, arms, arm_of)
+    vehicle, label = rows["vehicle_id"].to_numpy(np.int64), np.zeros(len(rows), np.int64)
+    for number, arm in enumerate(arms):
+        label[arm_of == number] = arm.lane
     movement = rows["movement"].to_numpy(np.int64)
     crossing = rows["intersection"].to_numpy(np.int64)
     paths: dict[tuple[int, int, int, int], list[FloatArray]] = {}
@@ -288,19 +290,13 @@ def _movements(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> list[t
         start, end = starts[-1], ends[0]
         line = _median_path(agreeing, start.centerline[-1], end.centerline[0])
         half = 0.5 * np.linspace(start.width, end.width, len(line))
-        normal = _left_normals(line)
+        tangent = np.gradient(line, axis=0)
+        tangent /= np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-9)[:, None]
+        normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
         name = f"i{places[key]}_{start.id}_{end.id}"
         sides = line + half[:, None] * normal, line - half[:, None] * normal
         movements.append((Lanelet(name, *sides, successors=(end.id,), junction=True), start.id))
     return movements
-
-
-def _labels(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> IntArray:
-    """Returns the lane number (n,) of each of the `rows` within the arm that `arm_of` (n,) gives."""
-    label = np.zeros(len(rows), np.int64)
-    for number, arm in enumerate(arms):
-        label[np.flatnonzero(arm_of == number)] = arm.lane
-    return label
 
 
 def _turn(before: FloatArray, after: FloatArray) -> int:
@@ -320,12 +316,6 @@ def _median_path(ways: list[FloatArray], start: FloatArray, end: FloatArray) -> 
     smooth[1:-1] = 0.25 * line[:-2] + 0.5 * line[1:-1] + 0.25 * line[2:]
     led = smooth + (1.0 - share)[:, None] * (start - smooth[0]) + share[:, None] * (end - smooth[-1])
     return np.asarray(led, np.float64)
-
-
-def _left_normals(line: FloatArray) -> FloatArray:
-    tangent = np.gradient(line, axis=0)
-    tangent /= np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-9)[:, None]
-    return np.column_stack([-tangent[:, 1], tangent[:, 0]])
 
 
 def _in_map(arm: _Arm, u: FloatArray, v: FloatArray) -> FloatArray:

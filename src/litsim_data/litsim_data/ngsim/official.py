@@ -29,6 +29,7 @@ from litsim_data.ngsim.reading import blocks, on_site
 from litsim_data.ngsim.sites import SITES
 from litsim_data.ngsim.tracks import RepairCounts
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import STEP_S
 from litsim_sim.io.files import Unwritable
 from litsim_sim.scenario.cropping import Crop, cropped
 from litsim_sim.scenario.recording import Recording, RecordingHeader
@@ -194,7 +195,8 @@ def _make_all(
 def _framed(rows: pd.DataFrame, clocks: Clocks, period: Period) -> pd.DataFrame:
     """Returns the rows of a clock that are of `period`, with frame numbers of the clock."""
     rows = rows[period.holds(rows["time_ms"].to_numpy())]
-    return rows.assign(frame=ngsim_tracks.frames_of(rows["time_ms"].to_numpy(), clocks.clocks[period.clock].origin_ms))
+    since_origin = rows["time_ms"].to_numpy() - clocks.clocks[period.clock].origin_ms
+    return rows.assign(frame=np.round(since_origin / (1000.0 * STEP_S)).astype(np.int64))
 
 
 def _recording(

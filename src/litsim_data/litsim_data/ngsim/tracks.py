@@ -14,7 +14,7 @@ from litsim_data.cleaning.cleaning import CleaningReport, clean
 from litsim_data.ngsim.reading import on_site
 from litsim_data.ngsim.sites import Site
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import RATE_HZ, STEP_S, BoolArray, FloatArray, IntArray, Kind
+from litsim_sim.core.scene import RATE_HZ, BoolArray, FloatArray, IntArray, Kind
 from litsim_sim.scenario.recording import BOUNDS, COLUMNS
 
 HOLE_MAX = 5  # [frames] longest hole that is interpolated; a longer one splits the track
@@ -279,11 +279,6 @@ def _hints(table: pd.DataFrame, site: Site) -> FloatArray:
     known: BoolArray = np.isin(usual, list(site.headings.values()))
     usual = usual.where(known, 0.0)
     return np.asarray(hint.fillna(usual), np.float64)
-
-
-def frames_of(time_ms: IntArray, origin_ms: int) -> IntArray:
-    """Returns the frame numbers (n,) of the times `time_ms` (n,) [ms], with frame 0 at `origin_ms` [ms]."""
-    return np.round((time_ms - origin_ms) / (1000.0 * STEP_S)).astype(np.int64)
 
 
 def origins_of(time_ms: IntArray, frame: IntArray) -> IntArray:

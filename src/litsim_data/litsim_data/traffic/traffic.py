@@ -7,7 +7,7 @@ travel upstream through dense traffic, as they do at NGSIM's site.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -164,7 +164,12 @@ def _write_demand(path: Path, site: Site, total: float, rng: np.random.Generator
     for number, route in enumerate(site.routes):
         ET.SubElement(root, "route", {"id": f"route_{number}", "edges": " ".join(route.edges)})
     fleet: dict[str, Vehicle] = {}
-    for number, (time, route_number) in enumerate(sorted(_departures(site, total, rng)), start=1):
+    departures = [
+        (float(time), number)
+        for number, route in enumerate(site.routes)
+        for time in rng.uniform(0.0, total, rng.poisson(route.flow * total / 3600.0))
+    ]
+    for number, (time, route_number) in enumerate(sorted(departures), start=1):
         name = str(number)
         fleet[name] = vehicle = draw_vehicle(site.fleet, rng)
         driver = vehicle_type(vehicle, site.fleet, rng)
@@ -174,10 +179,3 @@ def _write_demand(path: Path, site: Site, total: float, rng: np.random.Generator
         ET.SubElement(root, "vehicle", {**trip, "departLane": lane, "departSpeed": "avg", "departPos": "base"})
     ET.ElementTree(root).write(path, encoding="UTF-8")
     return fleet
-
-
-def _departures(site: Site, total: float, rng: np.random.Generator) -> Iterator[tuple[float, int]]:
-    """Yields the time of departure [s] and the number of the route of every vehicle."""
-    for number, route in enumerate(site.routes):
-        for time in rng.uniform(0.0, total, rng.poisson(route.flow * total / 3600.0)):
-            yield float(time), number
