@@ -29,6 +29,7 @@ PARTS: tuple[Part, ...] = ("train", "val", "test")
 MANIFEST_FILE = "manifest.yaml"  # in a folder of segments
 SHARES = (0.7, 0.1)  # of the vehicle ids for training and validation; the rest is for tests (conv-social-pooling)
 ROUNDING = 1e-6  # since 0.7 + 0.1 is slightly less than 0.8
+EGO_MOVES = 20.0  # [m] shortest way of an ego; excludes vehicles that only stand in a queue
 EGO_KINDS = (Kind.CAR, Kind.TRUCK, Kind.UNKNOWN)
 
 
@@ -44,7 +45,6 @@ class Settings(BaseModel):
         simulation_s: simulated time after that [s].
         stride_s: time between the starts of successive segments [s]; below history_s + simulation_s they overlap.
         ego_min_s: shortest time after the history for which the ego is in the recording [s].
-        ego_moves_m: shortest distance that the ego travels [m]; excludes vehicles that only stand in a queue.
         split: shares of train, val and test.
         coverage_min: field of the scenarios, see :class:`litsim_sim.scenario.scenario_file.ScenarioFile`; None for its
             default.
@@ -57,7 +57,6 @@ class Settings(BaseModel):
     simulation_s: _Seconds = 25.0
     stride_s: _Seconds = 28.1
     ego_min_s: _Seconds = 10.0
-    ego_moves_m: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 20.0
     split: tuple[float, float, float] = (0.7, 0.1, 0.2)
     coverage_min: Annotated[float, Field(ge=0, le=1)] | None = None
 
@@ -201,7 +200,7 @@ def cut(
     if not segments:
         raise InputError(
             f"no segment found: expected recordings with {settings.needed_steps * STEP_S:g} s or more in some part of "
-            f"the split {settings.split}, and a vehicle that is there so long and travels {settings.ego_moves_m:g} m; "
+            f"the split {settings.split}, and a vehicle that is there so long and travels {EGO_MOVES:g} m; "
             f"{without_ego} pieces had no such vehicle"
         )
     if len(set(names)) < len(names):
@@ -300,8 +299,7 @@ def describe(manifest: Manifest) -> str:
 
 
 def last_ids(vehicle: IntArray) -> tuple[int, int]:
-    """Returns the largest ids of train and of val in the split of vehicles by id: 70/10/20 % of the ids in `vehicle`,
-    rounded down.
+    """Returns the largest ids of train and of val in the split by id: 70/10/20 % of the ids in `vehicle`, rounded down.
 
     Ids of a recording ascend with time, so that the parts follow each other and hardly overlap in time (as in
     conv-social-pooling).
@@ -313,9 +311,7 @@ def last_ids(vehicle: IntArray) -> tuple[int, int]:
 
 
 def parts_of(vehicle: IntArray) -> IntArray:
-    """Returns parts (R,) of rows of the vehicles with ids `vehicle` (R,), as indices in :data:`PARTS`; see
-    :func:`last_ids`.
-    """
+    """Returns the part (R,) of each id in `vehicle` (R,), as an index in :data:`PARTS`; see :func:`last_ids`."""
     return np.searchsorted(last_ids(vehicle), vehicle)
 
 
@@ -348,4 +344,4 @@ class _Tracks:
         fits = (self._first <= start) & (last >= start + settings.needed_steps) & np.isin(self._kind, EGO_KINDS)
         rows = np.flatnonzero(fits)
         at, until = self._row[rows] + start - self._first[rows], self._row[rows] + last[rows] - self._first[rows]
-        return cast(np.ndarray, self._ids[rows[self._way[until] - self._way[at] >= settings.ego_moves_m]])
+        return cast(np.ndarray, self._ids[rows[self._way[until] - self._way[at] >= EGO_MOVES]])

@@ -204,9 +204,7 @@ def _hints(tracks: _Tracks, waiting: list[int], state: FloatArray) -> FloatArray
 
 
 def _directions_around(tracks: _Tracks, waiting: list[int], state: FloatArray) -> FloatArray:
-    """Returns directions (k,) [rad] of the nearest vehicles not `waiting`, preferably in the same lane; 0 without
-    any.
-    """
+    """Returns directions (k,) [rad] of the nearest vehicles not `waiting`, those of its lane first; 0 without any."""
     table = tracks.table
     known = np.ones(len(table), np.bool_)
     for vehicle in waiting:

@@ -65,7 +65,7 @@ class Knots:
         return cast(FloatArray, np.einsum("nk,nk...->n...", values, near))
 
     def gram(self, first: IntArray, rows: FloatArray, weight: FloatArray) -> FloatArray:
-        """Returns the lower diagonals (4, size) of ``R' diag(weight) R``, row i of R holding `rows[i]` from `first[i]`
+        """Returns lower diagonals (4, size) of ``R' diag(weight) R``, row i of R holding `rows[i]` from `first[i]`
         on.
         """
         bands = np.zeros((BAND, self.size))
@@ -85,7 +85,7 @@ class Knots:
         return total
 
     def penalty(self, order: int, weight: FloatArray | float) -> FloatArray:
-        """Returns the lower diagonals (4, size) of the integral of `weight` times the squared derivative of `order` (1
+        """Returns lower diagonals (4, size) of the integral of `weight` times the squared derivative of `order` (1
         to 3).
 
         Args:
@@ -101,18 +101,14 @@ class Knots:
         return self.project(first, rows, (weight * self.step)[:, None] * target)
 
     def differences(self, order: int) -> tuple[IntArray, FloatArray]:
-        """Returns the differences of coefficients that approximate a derivative: first index (n,), rows (n, order +
-        1).
-        """
+        """Returns differences of coefficients that approximate a derivative: first index (n,), rows (n, order + 1)."""
         signs = np.array([(-1.0) ** (order - k) * comb(order, k) for k in range(order + 1)])
         count = self.size - order
         return np.arange(count), np.broadcast_to(signs / self.step**order, (count, order + 1))
 
 
 def solve(bands: FloatArray, right: FloatArray) -> FloatArray:
-    """Returns the solution (size, m) of the symmetric positive definite system with lower diagonals `bands` (4,
-    size).
-    """
+    """Returns the solution (size, m) of the positive definite system with lower diagonals `bands` (4, size)."""
     return cast(FloatArray, solveh_banded(bands, right, lower=True, check_finite=False))
 
 
@@ -133,8 +129,7 @@ def fit(
     limit: float,
     pull: FloatArray | float = 0.0,
 ) -> FloatArray:
-    """Returns the coefficients (size, m) of the spline that minimises squared residuals, Huber beyond `limit`, plus
-    `penalty`.
+    """Returns the spline (size, m) that minimises squared residuals, Huber beyond `limit`, plus `penalty`.
 
     Args:
         basis: (n,), (n, 4) linear map from coefficients to measurements, in the form of :meth:`Knots.basis`.

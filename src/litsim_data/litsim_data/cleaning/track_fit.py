@@ -97,7 +97,7 @@ class Path:
     coefficients: FloatArray
 
     def at(self, places: FloatArray, derivative: int = 0) -> FloatArray:
-        """Returns the point [m], or its `derivative`-th derivative by the travel, (n, 2), at the travels `places` (n,)
+        """Returns points [m], or their `derivative`-th derivatives by the travel, (n, 2), at travels `places` (n,)
         [m].
         """
         return self.knots.evaluate(self.coefficients, places, derivative)
@@ -229,9 +229,7 @@ def _times(frames: int) -> FloatArray:
 
 
 def _jerk_weight(period: float) -> float:
-    """Returns the weight of the squared jerk, relative to positions at 10 Hz, that halves oscillations of `period`
-    [s].
-    """
+    """Returns the weight of the squared jerk, relative to positions at 10 Hz, to halve oscillations of `period` [s]."""
     return RATE_HZ * (period / (2.0 * np.pi)) ** 6
 
 
@@ -327,9 +325,7 @@ def _travelled(points: FloatArray, direction: FloatArray) -> FloatArray:
 
 
 def _project(points: FloatArray, places: FloatArray, path: Path, reach: float) -> FloatArray:
-    """Returns the arc lengths (n,) at which the path is closest to the points (n, 2), by one Newton step from
-    `places`.
-    """
+    """Returns arc lengths (n,) at which the path is closest to the points (n, 2), by one Newton step from `places`."""
     tangent = path.at(places, 1)
     beyond = points - path.at(places) - reach * tangent
     closest = places + (beyond * tangent).sum(axis=1) / (tangent**2).sum(axis=1)

@@ -54,8 +54,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _signals(recording: Recording, net: Path | None, arguments: argparse.Namespace) -> Signals | None:
-    """Returns what the signals that are named showed, or else those that the recording carries, if they are of this
-    net.
+    """Returns what the signals that are named showed, or else those that the recording carries, if of this net.
 
     Raises:
         InputError: they cannot be used; or some are named, and there is no net.

@@ -124,9 +124,7 @@ def _reproduce(path: Path, out: Path) -> tuple[segments.Manifest, list[Recording
 
 
 def _stored(path: Path, folder: Path) -> str:
-    """Returns `path` in the form of the manifest in `folder`: relative to $LITSIM_DATA if below it, else to the
-    folder.
-    """
+    """Returns `path` as the manifest in `folder` has it: relative to $LITSIM_DATA if below it, else to the folder."""
     data = os.environ.get(DATA_VARIABLE)
     if data and path.resolve().is_relative_to(Path(data).resolve()):
         return f"${{{DATA_VARIABLE}}}/{path.resolve().relative_to(Path(data).resolve()).as_posix()}"

@@ -157,8 +157,7 @@ def _closer_unit(speed: FloatArray, driven: FloatArray, mapping: Mapping) -> str
 
 
 def pace(speed: FloatArray, driven: FloatArray) -> float:
-    """Returns how many times as fast as speeds (n,) say positions change: the median of the fastest quarter by what is
-    said.
+    """Returns how many times as fast as speeds (n,) say positions change: the median of the fastest quarter.
 
     Noise of positions a few hundredths of a second apart makes slow vehicles seem faster, but hardly fast ones.
     """
@@ -199,8 +198,7 @@ def _acceleration(table: pd.DataFrame, mapping: Mapping) -> str:
 
 
 def _changes(table: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
-    """Returns the accelerations (k,) [m/s2] by the file's column and by its positions, each over two consecutive
-    seconds.
+    """Returns accelerations (k,) [m/s2] by the file's column and by its positions, each over two consecutive seconds.
 
     Both are second differences of the distance travelled, the former of accelerations integrated twice; noise of
     positions has little weight in them.
@@ -221,9 +219,7 @@ def _changes(table: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
 
 
 def _degrees(table: pd.DataFrame, mapping: Mapping) -> str:
-    """Returns a hint for positions that may be longitudes and latitudes, which hardly differ in any unit; else
-    empty.
-    """
+    """Returns a hint for positions that may be longitudes and latitudes, which hardly differ; else empty."""
     if mapping.units.position != "m" or max(np.ptp(table[name].to_numpy()) for name in ("x", "y")) > 1.0:
         return ""
     return "; or are they degrees? Longitudes and latitudes have to be projected to metres first"
@@ -334,9 +330,7 @@ def _size(table: pd.DataFrame, mapping: Mapping) -> str:
 
 
 def heading(angle: FloatArray, zero: str, positive: str) -> FloatArray:
-    """Returns headings (n,) [rad], counter-clockwise from x, of angles (n,) [rad] in the convention given; axes of the
-    file.
-    """
+    """Returns headings (n,) [rad], counter-clockwise from x, of angles (n,) [rad] in a convention; axes of the file."""
     return (angle if positive == "counterclockwise" else -angle) + (0.5 * np.pi if zero == "y" else 0.0)
 
 

@@ -48,8 +48,7 @@ DERIVED = ("yaw", "speed", "acceleration")  # optional columns
 
 
 def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, Counts]:
-    """Returns the table at `paths` (CSV or Parquet, one file or several) as a recording, and the counts of the
-    conversion.
+    """Returns the table at `paths` (CSV or Parquet, one file or several) as a recording, and counts of the conversion.
 
     Raises:
         InputError: a column is missing, a cell is not a number, a vehicle is at two places at a time or jumps too
@@ -315,9 +314,7 @@ def _check_walking(table: pd.DataFrame, ids: dict[str, int], source: TableFiles)
 
 
 def _moved(raw: pd.DataFrame, cleaned: pd.DataFrame, ahead: float) -> dict[int, float]:
-    """Returns the largest displacement [m], if over FAR, by vehicle, of the point `ahead` lengths ahead of the
-    centre.
-    """
+    """Returns the largest displacement [m] over FAR, by vehicle, of the point `ahead` lengths ahead of the centre."""
     both = raw.merge(cleaned, on=["vehicle_id", "frame"], suffixes=("", "_cleaned"))
     lever, yaw = ahead * both["length"], both["yaw_cleaned" if "yaw" in raw else "yaw"]
     dx = both["x_cleaned"] + lever * np.cos(yaw) - both["x"]
@@ -327,9 +324,7 @@ def _moved(raw: pd.DataFrame, cleaned: pd.DataFrame, ahead: float) -> dict[int, 
 
 
 def _overlaps(table: pd.DataFrame) -> dict[tuple[int, int], float]:
-    """Returns how long [s] the boxes of two vehicles overlap, if for OVERLAP_S or more, by their ids; `table` is at 10
-    Hz.
-    """
+    """Returns how long [s] boxes of two vehicles overlap, if for OVERLAP_S or more, by ids; `table` is at 10 Hz."""
     x, y, yaw, length, width = (table[name].to_numpy() for name in ("x", "y", "yaw", "length", "width"))
     pairs = overlapping_pairs(x, y, yaw, length, width, table["frame"].to_numpy())
     who, frames = np.unique(np.sort(table["vehicle_id"].to_numpy()[pairs], axis=1), axis=0, return_counts=True)
@@ -338,9 +333,7 @@ def _overlaps(table: pd.DataFrame) -> dict[tuple[int, int], float]:
 
 
 def _rate(vehicle: IntArray, values: FloatArray) -> FloatArray:
-    """Returns the time derivative (n,) of `values` (n,) by central differences within each vehicle; 0 for a single
-    row.
-    """
+    """Returns the time derivative (n,) of `values` (n,) by central differences within vehicles; 0 for a single row."""
     index = np.arange(len(vehicle))
     begins = np.r_[True, vehicle[1:] != vehicle[:-1]]
     ends = np.r_[begins[1:], True]

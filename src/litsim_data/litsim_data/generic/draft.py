@@ -176,9 +176,7 @@ def _numbers(column: pd.Series, row: pd.Series, name: str, source: TableFiles) -
 
 
 def _incomplete(table: pd.DataFrame) -> list[str]:
-    """Returns our names of the columns that a file need not have, and that lack numbers in rows where they are
-    needed.
-    """
+    """Returns our names of the columns that a file need not have, and that lack numbers where they are needed."""
     vehicles = table  # of people no heading or speed is read
     if "kind" in table:
         vehicles = table[texts(table["kind"]).map(likely_kind) != "drop"]
@@ -257,7 +255,7 @@ def _clock(mapping: _Draft, steps: _Steps) -> None:
 
 
 def _rows_apart(mapping: _Draft, steps: _Steps) -> int:
-    """Returns how many rows apart positions are for the guesses on motion, by the consecutive `steps`, see
+    """Returns how many rows apart positions are for the guesses on motion, by consecutive `steps`, see
     :data:`SPAN_S`.
     """
     median = float(np.median(steps.dt)) if len(steps.dt) else 0.0

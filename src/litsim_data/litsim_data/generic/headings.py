@@ -56,9 +56,7 @@ def _up_to_the_ends(direction: FloatArray) -> FloatArray:
 
 
 def _ways(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Returns the way (k,) [m] from each row of a track to the next, as of its speed over a second; 0 where it
-    creeps.
-    """
+    """Returns the way (k,) [m] from each row of a track to the next, by its speed over a second; 0 where it creeps."""
     index = np.arange(len(x))
     before, after = np.maximum(index - SMOOTHED, 0), np.minimum(index + SMOOTHED, len(x) - 1)
     way = np.hypot(x[after] - x[before], y[after] - y[before])
@@ -66,7 +64,7 @@ def _ways(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _drawn(direction: FloatArray, way: FloatArray, lever: float) -> FloatArray:
-    """Returns headings (k,) [rad] of a vehicle whose point `lever` [m] ahead of the rear axle moves along `direction`
+    """Returns headings (k,) [rad] of a vehicle whose point `lever` [m] ahead of the rear axle moves in `direction`
     (k,).
 
     From row to row the direction is taken as constant, its mean: then the tangent of half the angle between it and the

@@ -22,9 +22,7 @@ UNUSED = ("yaw", "speed", "speed_x", "speed_y", "acceleration")
 
 
 def obstacle_rows(table: pd.DataFrame) -> BoolArray:
-    """Returns the mask (n,) of the rows of pedestrians and cyclists; column `kind` holds names or numbers, and may be
-    absent.
-    """
+    """Returns the mask (n,) of pedestrians and cyclists; column `kind` holds names or numbers, and may be absent."""
     if "kind" not in table:
         return np.zeros(len(table), np.bool_)
     if pd.api.types.is_numeric_dtype(table["kind"]):
@@ -33,9 +31,7 @@ def obstacle_rows(table: pd.DataFrame) -> BoolArray:
 
 
 def without_unused(table: pd.DataFrame) -> pd.DataFrame:
-    """Returns `table`, as read, with 0 for the unused columns of pedestrians and cyclists and for their missing
-    sizes.
-    """
+    """Returns `table`, as read, with 0 for unused columns of pedestrians and cyclists, and for their missing sizes."""
     rows = obstacle_rows(table)
     if not rows.any():
         return table

@@ -15,8 +15,7 @@ SHOWN = 12  # most values of a column that a message lists
 
 
 def read_rows(source: TableFiles, mapping: Mapping, counts: Counts) -> pd.DataFrame:
-    """Returns the columns that the mapping names, under our names, for the rows that it keeps; `row` holds their
-    places.
+    """Returns the columns that the mapping names, under our names, of the rows that it keeps; `row` holds their places.
 
     Raises:
         InputError: the file cannot be read, lacks a column, or has several clips of which none is chosen; or the

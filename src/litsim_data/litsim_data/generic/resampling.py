@@ -212,9 +212,7 @@ def count_turns(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None
 
 
 def _jumps(table: pd.DataFrame) -> BoolArray:
-    """Returns the mask (n,) of rows farther from the previous one of the vehicle than any vehicle moves in that
-    time.
-    """
+    """Returns the mask (n,) of rows farther from the previous one of the vehicle than any moves in that time."""
     vehicle: IntArray = table["vehicle_id"].to_numpy()
     t, x, y = (table[name].to_numpy() for name in ("t", "x", "y"))
     far = np.hypot(np.diff(x), np.diff(y)) > JUMP_MAX * np.maximum(np.diff(t) / STEP_S, 1.0)

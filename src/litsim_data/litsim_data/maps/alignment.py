@@ -121,8 +121,8 @@ def grid_convergence(latitude: float, longitude: float) -> float:
 
 
 def explained(turn: float, origin: tuple[float, float] | None) -> str:
-    """Returns the possible cause of a turn of the tracks [rad], given latitude and longitude [degrees] of the site;
-    else empty.
+    """Returns a possible cause of a `turn` of the tracks [rad] by the site's latitude and longitude [degrees]; else
+    empty.
 
     Tracks in metres east and true north that are brought onto a net in UTM turn by the convergence, those in UTM on a
     net along true north by its opposite.
@@ -146,9 +146,7 @@ def explained(turn: float, origin: tuple[float, float] | None) -> str:
 def _starts(
     lane_map: LaneMap, poses: tuple[FloatArray, FloatArray, FloatArray], centre: tuple[float, float]
 ) -> list[FloatArray]:
-    """Returns the shifts and turns (3,) of a grid that bring most positions near the middle of lanes, the best
-    first.
-    """
+    """Returns shifts and turns (3,) of a grid that bring most positions near the middle of lanes, the best first."""
     every = max(1, len(poses[0]) // COARSE_POINTS)
     x, y, yaw = (values[::every] for values in poses)
     grid = np.array(list(product(START_SHIFTS, START_SHIFTS, START_TURNS)))
@@ -190,9 +188,7 @@ def _descended(
 def _on_lanes(
     lane_map: LaneMap, x: FloatArray, y: FloatArray, yaw: FloatArray
 ) -> tuple[FloatArray, BoolArray, IntArray]:
-    """Returns distances (n,) of poses to centre lines [m], whether these have about the same direction, and their
-    lanes.
-    """
+    """Returns distances (n,) of poses to centre lines [m], whether these lead about the same way, and their lanes."""
     at = lane_map.nearest(x, y, yaw)
     foot_x, foot_y, _ = lane_map.pose_at(at.lane, at.s)
     return np.hypot(x - foot_x, y - foot_y), np.abs(wrap_angle(at.heading - yaw)) <= FACING, at.lane

@@ -56,9 +56,7 @@ def read_center_lines(path: Path, site: Site | None = None) -> tuple[list[Center
 
 
 def _center_line(lines: list[str]) -> CenterLine:
-    """Returns the line that begins with the first of `lines`, in metres; ValueError or IndexError if it is
-    malformed.
-    """
+    """Returns the line at the beginning of `lines`, in metres; ValueError or IndexError if it is malformed."""
     if lines[0] != "CENTERLINE":
         raise ValueError(f"expected CENTERLINE, found {lines[0]!r}")
     name, count = lines[1], int(lines[2])

@@ -131,9 +131,7 @@ def connectivity(lane_map: LaneMap) -> Connectivity:
 def _closure(
     known: Collection[str], lanes: Collection[Lane], links: Mapping[str, Collection[str]], changing: Collection[str]
 ) -> set[str]:
-    """Returns `known` lanes, and all with a link to one of them, or, of those in `changing`, with a neighbour among
-    them.
-    """
+    """Returns `known` lanes, and all with a link to one of them or, of those in `changing`, a neighbour among them."""
     closure = set(known)
     while True:
         more = {

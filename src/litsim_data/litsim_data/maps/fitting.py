@@ -231,8 +231,8 @@ def _fit_line(
 
 
 def _fit_taper(away: FloatArray, offset: FloatArray) -> float:
-    """Returns the robust `taper` of offset = taper * away, from (n,) distances from the gore [m]; those before it do
-    not count.
+    """Fits `taper` of offset = taper * away robustly to distances (n,) from the gore [m]; those before it do not
+    count.
     """
     away, offset = away[away > 0.0], offset[away > 0.0]
     if len(away) < RAMP_ROWS_MIN:

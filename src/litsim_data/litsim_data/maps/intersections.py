@@ -143,9 +143,7 @@ def _arms(rows: pd.DataFrame) -> tuple[list[_Arm], IntArray]:
 
 
 def _main_direction(vehicle: IntArray, x: FloatArray, y: FloatArray) -> FloatArray | None:
-    """Returns the unit vector of the prevailing direction of displacements over about a second; None if no vehicle
-    moves.
-    """
+    """Returns the unit vector of the prevailing displacement over about a second; None if no vehicle moves."""
     ahead = 10
     if len(x) <= ahead:
         return None
@@ -163,7 +161,7 @@ def _main_direction(vehicle: IntArray, x: FloatArray, y: FloatArray) -> FloatArr
 
 
 def _quadrants(vehicle: IntArray, x: FloatArray, y: FloatArray) -> IntArray:
-    """Returns the quarter (n,) of the compass in which a vehicle is heading, 0: along +x; by its way over the next
+    """Returns the quarter (n,) of the compass in which a vehicle heads, 0: along +x; by its way over the next
     metres.
     """
     result = np.zeros(len(x), np.int64)
@@ -177,9 +175,7 @@ def _quadrants(vehicle: IntArray, x: FloatArray, y: FloatArray) -> IntArray:
 
 
 def _straight_part(vehicle: IntArray, u: FloatArray, v: FloatArray, *, leaving: bool) -> tuple[IntArray, IntArray]:
-    """Returns rows of an approach (or, `leaving`, an exit) that are not turning yet (any more), and their lanes from
-    1.
-    """
+    """Returns rows of an approach (or, `leaving`, an exit) that do not turn yet (any more), and their lanes from 1."""
     towards = -u if leaving else u  # grows towards the intersection
     border = float(np.quantile([towards[rows].min() for rows in _tracks(vehicle)], 0.5))
     outer = np.flatnonzero(towards < border + STUB[0])

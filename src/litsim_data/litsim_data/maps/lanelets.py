@@ -139,8 +139,8 @@ class _Plan:
         raise InputError("the lanelets do not add up to roads and junctions")
 
     def _first_inner(self) -> set[str]:
-        """Returns the lanelets inside intersections: as the map says, or that cross others, or that split or join and
-        are short.
+        """Returns the lanelets inside intersections: by the map, or as they cross others, or are short and split or
+        join.
         """
         self.kept_outer: set[str] = set()
         inner = {name for name, lanelet in self.by_id.items() if lanelet.junction}
@@ -188,8 +188,8 @@ class _Plan:
                     stack += [(*path, other) for other in self.after[path[-1]] if other not in path]
 
     def _nodes(self) -> dict[tuple[int, int], int]:
-        """Returns the junction of each group's start (row, 0) and end (row, 1): ends meet that are linked, or whose
-        links cross.
+        """Returns the junction of each group's start (row, 0) and end (row, 1): ends that are linked, or whose links
+        cross, meet.
         """
         parent: dict[tuple[int, int] | str, tuple[int, int] | str] = {}
 
@@ -278,8 +278,7 @@ def lanelets_plain_xml(lanelets: Iterable[Lanelet]) -> tuple[dict[str, ET.Elemen
 
 
 def _clear_place(corners: FloatArray, lines: list[FloatArray]) -> FloatArray:
-    """Returns a triangle (3, 2) of a centimetre which neither the centre lines of a junction's lanes nor their
-    extensions hit.
+    """Returns a triangle (3, 2) of a centimetre that neither the lanes of a junction nor their extensions hit.
 
     netconvert cuts or lengthens lanes to where they meet the outline of their junction. Ours are already as long as
     they should be, so it is given an outline that they do not meet.

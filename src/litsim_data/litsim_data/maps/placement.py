@@ -109,7 +109,7 @@ def placement(lane_map: LaneMap, table: pd.DataFrame) -> Placement:
 
 
 def off_lanes(lane_map: LaneMap, x: FloatArray, y: FloatArray) -> tuple[FloatArray, IntArray, BoolArray]:
-    """Returns distances (n,) of points [m] to the edge of the nearest lane, its position, and whether they are past its
+    """Returns distances (n,) [m] of points to the edge of the nearest lane, its row, and whether they are past its
     end.
     """
     at = lane_map.nearest(x, y)

@@ -84,9 +84,7 @@ def for_checking(path: Path, scenarios: Sequence[str] = ()) -> dict[str, pd.Data
 
 
 def mapped_by(path: Path) -> dict[str, Any] | None:
-    """Returns the field `transform` of the mapping that the recording at `path` was converted with; None without a
-    mapping.
-    """
+    """Returns field `transform` of the mapping that the recording at `path` was converted with; None without one."""
     if HEADER_KEY not in (read_schema(path).metadata or {} if is_parquet(path) else {}):
         return None
     mapping = Recording.read(path).header.notes.get("mapping")

@@ -163,8 +163,8 @@ class Situation:
         return behind[np.argsort(self.following.gap[behind, step], kind="stable")]
 
     def ttc_min(self, row: int, first: int, last: int) -> float:
-        """Returns the shortest time [s] to collision of the agent in `row` with its leader, steps `first` to `last`;
-        else inf.
+        """Returns the shortest time to collision [s] of agent `row` with its leader, steps `first` to `last`; else
+        inf.
         """
         piece = slice(first, last + 1)
         gap, closing = self.following.gap[row, piece], self.following.closing[row, piece]

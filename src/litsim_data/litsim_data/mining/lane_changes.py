@@ -81,9 +81,7 @@ def _changes(tracks: LaneTracks, row: int, first: int, last: int) -> list[LaneCh
 
 
 def _borders(centred: BoolArray, speed: FloatArray, steps: tuple[int, int, int]) -> tuple[int, int]:
-    """Returns the first and last step of a change that crosses at the second of `steps`, bounded by the first and the
-    third.
-    """
+    """Returns first and last step of a change that crosses at the second of `steps`, within the first and the third."""
     low, cross, high = steps
     still: BoolArray = centred | (speed < LATERAL_SPEED_MIN)
     before: IntArray = np.flatnonzero(still[low:cross])

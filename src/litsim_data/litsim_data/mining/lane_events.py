@@ -18,9 +18,7 @@ R157_BRAKING, R157_DELAY = 6.0, 0.35  # [m/s2], [s] UN Regulation 157: of the TT
 
 
 def cut_ins(situation: Situation) -> Iterator[Event]:
-    """Yields cut-ins: a vehicle becomes the leader of an ego that keeps its lane, by its only lane change within 3
-    s.
-    """
+    """Yields cut-ins: a vehicle becomes the leader of an ego that keeps its lane, by its one lane change within 3 s."""
     leader = situation.following.leader
     for change in situation.changes:
         if _again(situation, change):

@@ -132,9 +132,7 @@ class Ways:
                     yield from ((before, between), (between, after))
 
     def _step(self, before: int, after: int) -> int | None:
-        """Returns the number of lanes to the left by which an agent has changed; None if the two lanes are not
-        comparable.
-        """
+        """Returns the number of lanes to the left by which an agent has changed; None if both are not comparable."""
         lanes = self._lanes
         if lanes[before].edge_id == lanes[after].edge_id:
             return lanes[after].index - lanes[before].index

@@ -14,7 +14,7 @@ HOPS_MAX = 64  # most lanes searched ahead; more than fit into 100 m
 
 
 def leaders(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> Following:
-    """Returns the leader of every agent at every step, and how it is followed; arrays (n, steps), `leader` as rows of
+    """Returns leaders of all agents at all steps, and how they are followed; arrays (n, steps), `leader` as rows of
     the log.
 
     The leader is the nearest agent ahead within 100 m with its centre in the same lane, or in the lanes that the agent
@@ -68,9 +68,7 @@ def _look_ahead(
 
 
 def _followed(log: Log, along: FloatArray, leader: IntArray, distance: FloatArray) -> Following:
-    """Returns the measures from speeds `along` lanes [m/s], leaders, and distances to their centres [m]; all (n,
-    steps).
-    """
+    """Returns measures from speeds `along` lanes [m/s], leaders, and distances to their centres [m]; all (n, steps)."""
     steps = np.arange(leader.shape[1])
     gap = distance - 0.5 * (log.length[:, None] + log.length[leader])
     leader = np.where(gap < SIGHT_M, leader, NOWHERE)

@@ -52,9 +52,7 @@ def mine(scenario: Scenario, kinds: Collection[EventKind] = tuple(EventKind)) ->
 
 
 def possible_egos(scenario: Scenario) -> Sequence[int]:
-    """Returns ids of the vehicles that can be the ego: present from step 0 to the first simulated one, and not
-    motorcycles.
-    """
+    """Returns ids of possible egos: present from step 0 to the first simulated one, and not motorcycles."""
     ids = np.array(scenario.possible_egos, np.int64)
     kinds = scenario.log.kind[np.searchsorted(scenario.log.ids, ids)]
     return [int(ego) for ego in ids[np.isin(kinds, EGO_KINDS)]]

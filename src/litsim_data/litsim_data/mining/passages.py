@@ -42,14 +42,9 @@ class Passage:
     heading: float
 
     @property
-    def is_left_turn(self) -> bool:
-        """Whether it turns to the left by more than 45 degrees."""
-        return self.turned > TURN_RAD
-
-    @property
-    def is_straight(self) -> bool:
-        """Whether it turns by 45 degrees at most."""
-        return abs(self.turned) <= TURN_RAD
+    def way(self) -> str:
+        """Where it turns by more than 45 degrees: left or right; else straight."""
+        return "straight" if abs(self.turned) <= TURN_RAD else "left" if self.turned > 0.0 else "right"
 
 
 @dataclass(frozen=True)

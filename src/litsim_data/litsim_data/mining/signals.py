@@ -53,9 +53,7 @@ class WaySignals:
         return cls(signal_plans(scenario.net_path), _shown(scenario))
 
     def protection(self, turning: Way, crossed: Way, step: int) -> Protection:
-        """Returns how a vehicle on way `turning` at `step` is protected from traffic on way `crossed` of the same
-        junction.
-        """
+        """Returns how a vehicle on way `turning` at `step` is protected from traffic on way `crossed` there."""
         if turning not in self.plans and turning not in self.shown:
             return Protection.NONE
         if turning in self.shown and crossed in self.shown:

@@ -18,8 +18,8 @@ from litsim_sim.scenario.scenario import Scenario, packaged, packaged_nets, pack
 
 
 def scenario_names(scenarios: Iterable[str]) -> list[str]:
-    """Returns unique names and files of scenarios, with each folder of segments replaced by the scenarios of its
-    manifest.
+    """Returns unique names and files of scenarios, with folders of segments replaced by the scenarios of their
+    manifests.
 
     Raises:
         InputError: a folder has no manifest, or it cannot be read.
@@ -61,8 +61,7 @@ def write_suite(path: Path, chosen: Sequence[Chosen], name: str, egos: Sequence[
 
 
 def pack(chosen: Sequence[Chosen], folder: Path) -> list[Chosen]:
-    """Copies the scenarios of `chosen` to `folder`, each with its part of the recording; returns the cases of the
-    copies.
+    """Copies the scenarios of `chosen` to `folder`, each with its part of the recording; returns cases of the copies.
 
     The folder is self-contained, except for packaged nets and packaged scenarios, which are not copied.
 

@@ -68,9 +68,7 @@ class Site:
         return datetime.fromtimestamp(time_ms / 1000.0, UTC) + timedelta(hours=self.utc_offset_h)
 
     def period(self, time_ms: int) -> str:
-        """Returns the name "HHMM" of the published period that begins at about `time_ms`; without one, the local
-        time.
-        """
+        """Returns the name "HHMM" of the published period that begins at about `time_ms`, else the local time."""
         begin = self.local_time(time_ms)
         for period in self.periods:
             nominal = begin.replace(hour=int(period[:2]), minute=int(period[2:]), second=0, microsecond=0)

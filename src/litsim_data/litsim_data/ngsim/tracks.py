@@ -269,9 +269,7 @@ def _filled(table: pd.DataFrame, site: Site, counts: RepairCounts) -> pd.DataFra
 
 
 def _hints(table: pd.DataFrame, site: Site) -> FloatArray:
-    """Returns the usual heading (n,) [rad] in frame map by Direction; the vehicle's median or 0 if unknown; NaN on
-    motorways.
-    """
+    """Returns usual headings (n,) [rad] by Direction; the vehicle's median or 0 if unknown; NaN on motorways."""
     if "direction" not in table or len(site.headings) < 2:
         return np.full(len(table), np.nan)
     hint = table["direction"].map(site.headings).astype(np.float64)

@@ -58,8 +58,7 @@ def is_windows(columns: Sequence[str]) -> bool:
 
 
 def read_table(path: Path) -> pd.DataFrame:
-    """Returns all windows of the file at `path`, in the columns of the neutral schema; tracks may have holes between
-    windows.
+    """Returns all windows of the file at `path` in the neutral columns; tracks may have holes between windows.
 
     Raises:
         InputError: the file is missing or not of this format.

@@ -75,7 +75,7 @@ def draw(path: Path, lane_map: LaneMap, parts: Mapping[str, pd.DataFrame], check
 
 
 def _panels(ratio: float, details: int) -> tuple[Figure, Axes, list[Axes]]:
-    """Returns a figure with an overview of an extent of a height-to-width `ratio`, and panels for `details` below or
+    """Returns a figure with an overview of an extent of a height-to-width `ratio`, and `details` panels below or
     beside.
     """
     spans: tuple[int | slice, int | slice]

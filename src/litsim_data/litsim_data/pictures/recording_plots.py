@@ -246,7 +246,7 @@ def _tracks(axes: Axes, table: pd.DataFrame, lane_map: LaneMap | None) -> None:
 
 
 def _pieces(table: pd.DataFrame, rows: BoolArray, points: FloatArray) -> tuple[FloatArray, np.ndarray]:
-    """Returns pieces (k, 2, 2) of tracks between consecutive `points` of chosen rows, and the row (k,) where each
+    """Returns pieces (k, 2, 2) of tracks between consecutive `points` of chosen rows, and the row (k,) at which each
     begins.
     """
     vehicle, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()

@@ -86,8 +86,7 @@ def safety_series(tables: Sequence[AgentTable], agent: int) -> SafetySeries:
 
 
 def shortest_own_ttc(tables: Sequence[AgentTable], agent: int, touched: Mapping[int, int]) -> float:
-    """Returns the shortest time to collision [s] of `agent` with agents that it has not touched; inf if none within 3
-    s.
+    """Returns the shortest time to collision [s] of `agent` with agents that it has not touched; inf beyond 3 s.
 
     An agent counts until the first contact with it, as in nuPlan's measure: what follows is not a new approach.
 
@@ -107,8 +106,7 @@ def shortest_own_ttc(tables: Sequence[AgentTable], agent: int, touched: Mapping[
 
 
 def times_to_collision(table: AgentTable, rows: IntArray) -> FloatArray:
-    """Returns the time (m,) [s] until the boxes in `rows` (m,) first overlap another, at constant velocities; inf
-    beyond 3 s.
+    """Returns times (m,) [s] until boxes in `rows` (m,) overlap another, at constant velocities; inf beyond 3 s.
 
     0 in contact. Agents behind count only while in contact, as in nuPlan's measure. Scenes are independent.
     """

@@ -131,7 +131,7 @@ def _path(
 
 
 def _turning(path: FloatArray) -> FloatArray:
-    """Returns the share (m,), from 0 to 1, to which each point of `path` (2, m), PATH_STEP apart, is in a turn of the
+    """Returns the share (m,), from 0 to 1, to which points of `path` (2, m), PATH_STEP apart, are in a turn of the
     road.
     """
     near, far = round(TURN_NEAR / PATH_STEP), round(TURN_FAR / PATH_STEP)
@@ -157,9 +157,7 @@ def _unsteady(speed: FloatArray, smoothness: Smoothness) -> FloatArray:
 
 
 def smooth(values: FloatArray, deviation: float) -> FloatArray:
-    """Returns `values` after a Gaussian filter of standard deviation `deviation` samples, continued by point
-    reflection.
-    """
+    """Returns `values` after a Gaussian filter of standard deviation `deviation` samples; ends are point-reflected."""
     reach = int(np.ceil(4.0 * deviation))
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
     before = 2.0 * values[0] - np.interp(np.arange(reach, 0, -1), np.arange(len(values)), values)
