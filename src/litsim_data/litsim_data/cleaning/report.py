@@ -95,7 +95,8 @@ def measure(raw: pd.DataFrame, cleaned: pd.DataFrame) -> CleaningReport:
     half = 0.5 * raw["length"].to_numpy(np.float64)[:, None]
     moved = np.linalg.norm(centre + half * _heading(yaw) - front, axis=1)
     raw_yaw = raw["yaw"].to_numpy(np.float64) if "yaw" in raw else yaw
-    before, after = _overlaps(raw, front - half * _heading(raw_yaw), raw_yaw), _overlaps(raw, centre, yaw)
+    raw_x, raw_y = (front - half * _heading(raw_yaw)).T
+    before, after = overlaps(raw.assign(x=raw_x, y=raw_y, yaw=raw_yaw)), overlaps(cleaned)
     steps, next_same = np.diff(front, axis=0), _same(vehicle, 1)
     if "yaw" in raw:
         raw_turn = np.diff(raw_yaw)
@@ -146,9 +147,9 @@ def _flips(turn: FloatArray, steps: FloatArray, same: BoolArray) -> int:
     return int((same & (np.linalg.norm(steps, axis=1) < STANDSTILL) & (np.abs(wrap_angle(turn)) > FLIP)).sum())
 
 
-def _overlaps(table: pd.DataFrame, centre: FloatArray, yaw: FloatArray) -> dict[tuple[int, int], int]:
-    """Returns the number of frames with overlapping boxes, by pair of vehicle ids, the lower one first."""
-    length, width, frame, vehicle = (table[name].to_numpy() for name in ("length", "width", "frame", "vehicle_id"))
-    rows = overlapping_pairs(centre[:, 0], centre[:, 1], yaw, length, width, frame.astype(np.int64))
-    pairs, frames = np.unique(np.sort(vehicle[rows], axis=1), axis=0, return_counts=True)
+def overlaps(table: pd.DataFrame) -> dict[tuple[int, int], int]:
+    """Returns the number of frames in which boxes of a recording's `table` overlap, by ids, the lower one first."""
+    boxes = (table[name].to_numpy() for name in ("x", "y", "yaw", "length", "width"))
+    rows = overlapping_pairs(*boxes, table["frame"].to_numpy().astype(np.int64))
+    pairs, frames = np.unique(np.sort(table["vehicle_id"].to_numpy()[rows], axis=1), axis=0, return_counts=True)
     return {(int(a), int(b)): int(count) for (a, b), count in zip(pairs, frames, strict=True)}

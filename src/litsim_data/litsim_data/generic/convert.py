@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from litsim_data.cleaning.cleaning import smoothed
+from litsim_data.cleaning.report import overlaps
 from litsim_data.generic.checks import check_plausible, heading
 from litsim_data.generic.counts import Counts
 from litsim_data.generic.draft import likely_kind
@@ -31,7 +32,7 @@ from litsim_data.generic.resampling import (
 from litsim_data.ngsim.tracks import PIECE, direction_of_motion
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.geometry import overlapping_pairs, wrap_angle
+from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import RATE_HZ, STEP_S, FloatArray, IntArray, Kind
 from litsim_sim.io.table_input import TableFiles, is_stamped, since_1970
 from litsim_sim.scenario.recording import BOUNDS, COLUMNS, Recording, RecordingHeader
@@ -89,7 +90,8 @@ def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, 
                 f"{np.abs(moving['acceleration']).max():.3g} m/s2, beyond {HARSH:g} m/s2 in {counts.harsh:.1%} of the "
                 f"rows: field clean of the mapping, set to true, smooths such positions{leap}"
             )
-    counts.overlaps = _overlaps(moving[~obstacle_rows(moving)])
+    frames = overlaps(moving[~obstacle_rows(moving)])
+    counts.overlaps = {pair: count * STEP_S for pair, count in frames.items() if count >= OVERLAP_S * RATE_HZ}
     header = RecordingHeader(
         name=mapping.name,
         source=mapping.source,
@@ -321,15 +323,6 @@ def _moved(raw: pd.DataFrame, cleaned: pd.DataFrame, ahead: float) -> dict[int, 
     dy = both["y_cleaned"] + lever * np.sin(yaw) - both["y"]
     most = np.hypot(dx, dy).groupby(both["vehicle_id"]).max()
     return {int(vehicle): float(way) for vehicle, way in most[most > FAR].items()}
-
-
-def _overlaps(table: pd.DataFrame) -> dict[tuple[int, int], float]:
-    """Returns how long [s] boxes of two vehicles overlap, if for OVERLAP_S or more, by ids; `table` is at 10 Hz."""
-    x, y, yaw, length, width = (table[name].to_numpy() for name in ("x", "y", "yaw", "length", "width"))
-    pairs = overlapping_pairs(x, y, yaw, length, width, table["frame"].to_numpy())
-    who, frames = np.unique(np.sort(table["vehicle_id"].to_numpy()[pairs], axis=1), axis=0, return_counts=True)
-    long = frames >= OVERLAP_S * RATE_HZ
-    return {(int(a), int(b)): float(n * STEP_S) for (a, b), n in zip(who[long], frames[long], strict=True)}
 
 
 def _rate(vehicle: IntArray, values: FloatArray) -> FloatArray:

@@ -87,7 +87,7 @@ def fit_plan(table: pd.DataFrame, layout: Layout) -> HighwayPlan:
         grid, edge = fit_left_edge(table)
         left_edge = _extend(np.column_stack([grid, edge]))
     else:
-        left_edge = _shift_left(_extend(np.column_stack([grid, centre])), 0.5 * widths[0])
+        left_edge = shift_left(_extend(np.column_stack([grid, centre])), 0.5 * widths[0])
     s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(left_edge, axis=0).T))])
 
     def along(x: float) -> float:
@@ -254,8 +254,8 @@ def _extend(line: FloatArray) -> FloatArray:
     return np.vstack([before, keep, after])
 
 
-def _shift_left(line: FloatArray, distance: float) -> FloatArray:
-    """Returns the vertices of `line` (k, 2) moved `distance` metres to its left."""
+def shift_left(line: FloatArray, distance: FloatArray | float) -> FloatArray:
+    """Returns the vertices of `line` (k, 2) moved to its left by `distance`, one for all or (k,) [m]."""
     tangent = np.gradient(line, axis=0)
-    tangent /= np.hypot(tangent[:, 0], tangent[:, 1])[:, None]
-    return line + distance * np.column_stack([-tangent[:, 1], tangent[:, 0]])
+    tangent /= np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-9)[:, None]
+    return line + np.reshape(distance, (-1, 1)) * np.column_stack([-tangent[:, 1], tangent[:, 0]])

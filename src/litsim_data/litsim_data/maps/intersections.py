@@ -18,8 +18,8 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 
-from litsim_data.maps.fitting import fit_lanes, lane_widths
-from litsim_data.maps.lanelets import Lanelet
+from litsim_data.maps.fitting import fit_lanes, lane_widths, shift_left
+from litsim_data.maps.lanelets import Lanelet, at_shares
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 
@@ -286,11 +286,8 @@ def _movements(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> list[t
         start, end = starts[-1], ends[0]
         line = _median_path(agreeing, start.centerline[-1], end.centerline[0])
         half = 0.5 * np.linspace(start.width, end.width, len(line))
-        tangent = np.gradient(line, axis=0)
-        tangent /= np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-9)[:, None]
-        normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
         name = f"i{places[key]}_{start.id}_{end.id}"
-        sides = line + half[:, None] * normal, line - half[:, None] * normal
+        sides = shift_left(line, half), shift_left(line, -half)
         movements.append((Lanelet(name, *sides, successors=(end.id,), junction=True), start.id))
     return movements
 
@@ -303,11 +300,7 @@ def _turn(before: FloatArray, after: FloatArray) -> int:
 def _median_path(ways: list[FloatArray], start: FloatArray, end: FloatArray) -> FloatArray:
     """Returns the median (PATH_POINTS, 2) of polylines at equal shares of their length, led from `start` to `end`."""
     share = np.linspace(0.0, 1.0, PATH_POINTS)
-    sampled = []
-    for way in ways:
-        s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
-        sampled.append(np.column_stack([np.interp(share * s[-1], s, way[:, axis]) for axis in (0, 1)]))
-    line = np.median(sampled, axis=0)
+    line = np.median([at_shares(way, share) for way in ways], axis=0)
     smooth = line.copy()
     smooth[1:-1] = 0.25 * line[:-2] + 0.5 * line[1:-1] + 0.25 * line[2:]
     led = smooth + (1.0 - share)[:, None] * (start - smooth[0]) + share[:, None] * (end - smooth[-1])

@@ -61,7 +61,7 @@ class Lanelet:
         """Both bounds at the same shares of their length (m, 2)."""
         length = max(_length(self.left), _length(self.right))
         share = np.linspace(0.0, 1.0, max(SAMPLES_MIN, int(np.ceil(length / SAMPLE)) + 1))
-        return _at_shares(self.left, share), _at_shares(self.right, share)
+        return at_shares(self.left, share), at_shares(self.right, share)
 
     @cached_property
     def centerline(self) -> FloatArray:
@@ -248,7 +248,7 @@ def lanelets_plain_xml(lanelets: Iterable[Lanelet]) -> tuple[dict[str, ET.Elemen
     signals: set[int] = set()
     for row, group in enumerate(plan.groups):
         members = [plan.by_id[name] for name in group]
-        middle = 0.5 * (_at_shares(members[0].centerline, SHARES) + _at_shares(members[-1].centerline, SHARES))
+        middle = 0.5 * (at_shares(members[0].centerline, SHARES) + at_shares(members[-1].centerline, SHARES))
         ends = plan.node_of[row, 0], plan.node_of[row, 1]
         for node, at in zip(ends, (0, -1), strict=True):
             by_node.setdefault(node, []).append(middle[at])
@@ -332,7 +332,7 @@ def _length(line: FloatArray) -> float:
     return float(np.hypot(*np.diff(line, axis=0).T).sum())
 
 
-def _at_shares(line: FloatArray, share: FloatArray) -> FloatArray:
+def at_shares(line: FloatArray, share: FloatArray) -> FloatArray:
     """Returns points (m, 2) of a polyline at shares (m,) of its length."""
     s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
     return np.column_stack([np.interp(share * s[-1], s, line[:, axis]) for axis in (0, 1)])

@@ -11,11 +11,11 @@ from dataclasses import asdict, replace
 import numpy as np
 import pandas as pd
 
+from litsim_data.cleaning.report import overlaps
 from litsim_data.traffic.motion import Smoothness, smooth_motion
 from litsim_data.traffic.sites import US101_LIKE
 from litsim_data.traffic.traffic import Observation, Site, observe
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.geometry import overlapping_pairs
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.signals import OF_SUMO
 from litsim_sim.lane_map.lane_map import LaneMap
@@ -88,7 +88,7 @@ def _record(site: Site, seed: int, seconds: float) -> Recording:
     centred, removed = set[int](), set[int]()
     tracks = [_track(site, observation, vehicle, seed, seconds) for vehicle in range(len(observation.vehicles))]
     for _ in range(REPAIRS):
-        pairs = _overlaps(_joined(tracks))
+        pairs = overlaps(_joined(tracks))
         if not pairs:
             break
         ids = [vehicle for pair in pairs for vehicle in pair]
@@ -105,7 +105,7 @@ def _record(site: Site, seed: int, seconds: float) -> Recording:
                 centred.add(vehicle)
                 tracks[vehicle] = _track(site, observation, vehicle, seed, seconds, centred=True)
     table = _joined(tracks)
-    left = _overlaps(table)
+    left = overlaps(table)
     if left or len(removed) > max(2.0, REMOVED_MAX * len(tracks)):
         raise InputError(
             f"seed {seed}: the boxes of {len(left)} pairs of vehicles overlap after {len(removed)} vehicles have been "
@@ -152,13 +152,6 @@ def _joined(tracks: list[pd.DataFrame]) -> pd.DataFrame:
     """Returns all tracks, in the order in which vehicles appear."""
     table = pd.concat([track for track in tracks if len(track)], ignore_index=True)
     return table.sort_values(["frame", "x"], ignore_index=True)
-
-
-def _overlaps(table: pd.DataFrame) -> list[tuple[int, int]]:
-    """Returns the pairs of vehicles, lower id first, whose boxes overlap in any frame."""
-    boxes = (table[name].to_numpy(np.float64) for name in ("x", "y", "yaw", "length", "width"))
-    rows = overlapping_pairs(*boxes, table["frame"].to_numpy())
-    return [(int(a), int(b)) for a, b in np.unique(np.sort(table["vehicle_id"].to_numpy()[rows], axis=1), axis=0)]
 
 
 def _signals(site: Site, observation: Observation, seconds: float) -> dict[str, object]:
