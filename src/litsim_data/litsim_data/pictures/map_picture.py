@@ -28,7 +28,6 @@ DPI = 110
 WIDTH, LEGEND = 14.0, 0.9  # [inch] width of the picture, and height of the legend
 HEIGHTS = (2.5, 8.0)  # [inch] bounds of the overview's height
 STRETCHED = 0.15  # height to width below which y is stretched: a straight motorway would be a hairline
-BESIDE_RATIO = 0.6  # height to width from which on the details lie beside the overview
 DETAILS = 4  # most places that are drawn enlarged
 DETAIL_M = 40.0  # [m] side of each
 PLACES_APART = 40.0  # [m] smallest distance between them
@@ -75,23 +74,13 @@ def draw(path: Path, lane_map: LaneMap, parts: Mapping[str, pd.DataFrame], check
 
 
 def _panels(ratio: float, details: int) -> tuple[Figure, Axes, list[Axes]]:
-    """Returns a figure with an overview of an extent of a height-to-width `ratio`, and `details` panels below or
-    beside.
-    """
-    spans: tuple[int | slice, int | slice]
-    if ratio < BESIDE_RATIO:
-        height = min(max(WIDTH * ratio, HEIGHTS[0]), HEIGHTS[1])
-        rows, columns, size = 1 + bool(details), max(details, 1), WIDTH / DETAILS
-        spans, places = (0, slice(None)), [(1, column) for column in range(details)]
-        figure = Figure((WIDTH, height + LEGEND + size * bool(details)), DPI, facecolor="white")
-        grid = figure.add_gridspec(rows, columns, height_ratios=(height, size)[:rows])
-    else:  # a street that runs upwards: details in two columns to the right
-        rows, columns = 2, 1 + min(details, 2)
-        spans, places = (slice(None), 0), [(number // 2, 1 + number % 2) for number in range(details)]
-        figure = Figure((WIDTH, HEIGHTS[1]), DPI, facecolor="white")
-        grid = figure.add_gridspec(rows, columns, width_ratios=(2.0, *(1.0,) * (columns - 1)))
+    """Returns a figure with an overview of an extent of a height-to-width `ratio`, and `details` panels below."""
+    height, size = min(max(WIDTH * ratio, HEIGHTS[0]), HEIGHTS[1]), WIDTH / DETAILS
+    rows = 1 + bool(details)
+    figure = Figure((WIDTH, height + LEGEND + size * bool(details)), DPI, facecolor="white")
+    grid = figure.add_gridspec(rows, max(details, 1), height_ratios=(height, size)[:rows])
     figure.set_layout_engine("constrained", w_pad=0.12, h_pad=0.06)
-    return figure, figure.add_subplot(grid[spans]), [figure.add_subplot(grid[place]) for place in places]
+    return figure, figure.add_subplot(grid[0, :]), [figure.add_subplot(grid[1, column]) for column in range(details)]
 
 
 def lane_outline(lane: Lane) -> FloatArray:
