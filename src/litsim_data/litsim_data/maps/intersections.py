@@ -268,8 +268,8 @@ def _movements(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> list[t
             key = (int(arm_of[before]), int(label[before]), int(arm_of[after]), int(label[after]))
             between = np.arange(before, after + 1)
             paths.setdefault(key, []).append(np.column_stack([x[between], y[between]]))
-            turn = movement[between][movement[between] > 0]
-            turns.setdefault(key, []).append(int(np.bincount(turn).argmax()) if len(turn) else 0)
+            codes = movement[between][movement[between] > 0]
+            turns.setdefault(key, []).append(int(np.bincount(codes).argmax()) if len(codes) else 0)
             named = crossing[between][crossing[between] > 0]
             places[key] = int(named[0]) if len(named) else 0
     movements = []
