@@ -19,8 +19,7 @@ DT_MIN_S = 1e-3
 class Modes:
     """Less probable alternatives of agents: q further futures over T steps, frame map.
 
-    Only manoeuvres that matter are among them: those that are probable enough, see
-    :class:`litsim_predictor.inference.contract.ModeChoice`.
+    Only the most probable of these are among them; see `litsim_predictor.models.PredictorConfig.modes`.
 
     Attributes:
         row: (q,) of the agent in the forecast, ascending; an agent may have several, the most probable first, or none.

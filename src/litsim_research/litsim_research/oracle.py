@@ -25,10 +25,10 @@ class OracleConfig:
     """Where the earlier runs are.
 
     Attributes:
-        happened: folder of what happened in them (:class:`litsim_sim.scenario.outcomes.RecordedOutcomes`).
+        outcomes: folder of their recorded outcomes (:class:`litsim_sim.scenario.outcomes.RecordedOutcomes`).
     """
 
-    happened: str = ""
+    outcomes: str = ""
 
 
 class OraclePredictor:
@@ -37,12 +37,12 @@ class OraclePredictor:
     Agents that were not on the road then have no forecast.
     """
 
-    def __init__(self, happened: RecordedOutcomes, ids: np.ndarray, ego_id: Egos, roi_m: float, wanted: Wanted) -> None:
-        """Forecast by `happened`, whose rows are the agents `ids` (N,) of the log.
+    def __init__(self, outcomes: RecordedOutcomes, ids: np.ndarray, ego_id: Egos, roi_m: float, wanted: Wanted) -> None:
+        """Forecast by `outcomes`, whose rows are the agents `ids` (N,) of the log.
 
         The other arguments are those of :class:`litsim_predictor.inference.predictor.LearnedPredictor`.
         """
-        self._happened, self._ids = happened, ids
+        self._outcomes, self._ids = outcomes, ids
         self._ego_id, self._roi_m, self._wanted = ego_id, roi_m, wanted
 
     def observe(self, table: AgentTable) -> None:
@@ -63,7 +63,7 @@ class OraclePredictor:
 
     def _futures(self, agents: AgentTable) -> tuple[FloatArray, np.ndarray]:
         """(n, T, 3) poses from the next step on, and (n,) whether an agent's are known."""
-        there, pose = self._happened.there, self._happened.pose
+        there, pose = self._outcomes.there, self._outcomes.pose
         poses, valid = np.zeros((len(agents), STEPS, 3)), np.zeros(len(agents), np.bool_)
         for k, row in enumerate(index_of(self._ids, agents.id).tolist()):
             now = agents.step
@@ -93,7 +93,7 @@ class Oracle(OraclePredictor, PredictorPlugin):
         Raises:
             InputError: the folder does not hold what happened in a run of `scenario`.
         """
-        if not config.happened:
-            raise InputError("predictor: parameter oracle.happened is empty, expected the folder of earlier runs")
-        known = RecordedOutcomes.read(Path(config.happened), scenario)
+        if not config.outcomes:
+            raise InputError("predictor: parameter oracle.outcomes is empty, expected the folder of earlier runs")
+        known = RecordedOutcomes.read(Path(config.outcomes), scenario)
         super().__init__(known, scenario.log.ids, scenario.ego_ids, scope.roi_m, scope.wanted)

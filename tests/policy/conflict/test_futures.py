@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from constant_motion import straight_on
-from litsim_policy.conflict.config import ConflictConfig, PlannedMotionConfig
+from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.futures import Futures, PlannedPaths, follow_logs, hold_back, interpolate, planned_motion
 from litsim_policy.conflict.predicted_motion import XX, XY, YAW, PredictedMotion, X, Y
 from litsim_policy.motion.path_batch import PathBatch
@@ -112,9 +112,9 @@ def test_an_agent_that_keeps_its_speed_is_not_held_back_even_if_all_braking_is_h
 ) -> None:
     """Its speed used to be divided by a deceleration of zero, which left its future infinite."""
     log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
-    config = ConflictConfig(braking_hard=0.0, emergency=0.0)
+    config = ConflictConfig(emergency=0.0)
     for speed in (10.0, 0.0):
-        table = placed(log.table(NOW), 1, controller=Controller.EGO, acceleration=0.0, speed=speed)
+        table = placed(log.table(NOW), 1, controller=Controller.POLICY, acceleration=0.0, speed=speed)
         expected = speed * STEP_S * np.arange(1, 31)
         assert forecast_of(log, table, straight_on(table), config).x[0] - table.x[0] == pytest.approx(expected)
 
@@ -242,7 +242,7 @@ def go_on(agent_table, path: np.ndarray, *, forecast: float | None = None, fresh
     states, valid = np.zeros((1, STEPS, 6)), np.full((1, STEPS), forecast is not None)
     states[0, :, 0], states[0, :, 1] = table.x[1] + (forecast or 0.0) * TIME, table.y[1]
     planned = PlannedPaths(np.array([1]), PathBatch([path]), np.array([fresh]))
-    return planned_motion(PlannedMotionConfig(), planned, table, PredictedMotion(states, valid), 1.0)
+    return planned_motion(planned, table, PredictedMotion(states, valid), 1.0)
 
 
 def test_it_keeps_its_braking_for_a_while_and_comes_to_its_path(agent_table) -> None:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_policy.conflict.config import ConflictConfig, TakeoverConfig
+from litsim_policy.conflict import takeover as takeover_module
+from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.takeover import TakeoverManager
 from litsim_predictor.kinematic import KinematicPredictor
 from litsim_predictor.selection import Wanted
@@ -59,14 +60,7 @@ def stage(make_scenario, track, placed):
     def make(*tracks: Any, history_steps: int = FIRST, **config: Any) -> Stage:
         everybody = tracks or (track(1, x=300.0), track(2, x=60.0))
         scenario = make_scenario(*everybody, history_steps=history_steps, coverage_min=0.0)
-        conflict = ConflictConfig(
-            **{
-                name: config.pop(name)
-                for name in ("region", "roi_m", "approach_time", "closing_time")
-                if name in config
-            }
-        )
-        manager = TakeoverManager(scenario, conflict, TakeoverConfig(**{"handback": "catch_up"} | config))
+        manager = TakeoverManager(scenario, ConflictConfig(**{"handback": "catch_up"} | config))
         return Stage(
             scenario, placed, manager, KinematicPredictor(1, scenario.roi_m, wanted=Wanted.READ), history_steps
         )
@@ -186,19 +180,16 @@ def test_a_chain_of_conflicts_is_resolved_within_the_step(stage, track) -> None:
     ("iterations", "taken", "converged"), [(1, [2], False), (3, [2, 3, 4], False), (4, [2, 3, 4], True)]
 )
 def test_a_bound_on_the_iterations_is_kept_and_said(
-    stage, track, iterations: int, taken: list[int], converged: bool
+    stage, track, monkeypatch, iterations: int, taken: list[int], converged: bool
 ) -> None:
-    s, changes = queue_of(stage, track, iterations_max=iterations)
+    """Those left out come at the next step."""
+    monkeypatch.setattr(takeover_module, "ITERATIONS_MAX", iterations)
+    s, changes = queue_of(stage, track)
     answer = s.see(changes)
     assert [t.agent for t in answer.takeovers] == taken
     assert (answer.iterations, answer.converged) == (iterations, converged)
-
-
-def test_those_left_out_by_the_bound_come_at_the_next_step(stage, track) -> None:
-    s, changes = queue_of(stage, track, iterations_max=1)
-    s.see(changes)
     changes[1]["x"] += 0.5
-    assert [t.agent for t in s.see(changes).takeovers] == [2, 3]
+    assert [t.agent for t in s.see(changes).takeovers] == ([2, 3] if iterations == 1 else [2, 3, 4])
 
 
 def test_with_the_region_around_the_ego_alone_a_chain_ends_at_its_edge(stage, track) -> None:
@@ -544,14 +535,13 @@ def test_every_takeover_says_all_that_explains_it(lag_then_go) -> None:
 @pytest.mark.parametrize(
     ("config", "problem"),
     [
-        ({"handback": "jump"}, "handback is 'jump', expected one of catch_up, time_shift"),
-        ({"iterations_max": 0}, "iterations_max is 0, expected a whole number of more than 0"),
+        ({"handback": "jump"}, "handback is 'jump', expected one of time_shift, catch_up, at_once"),
         ({"confirm_steps": 0}, r"confirm_steps is 0, expected a whole number of more than 0 and at most 36000"),
     ],
 )
 def test_parameters_out_of_range_are_input_errors(config: dict[str, Any], problem: str) -> None:
     with pytest.raises(InputError, match=problem):
-        ParameterOverrides("conflict", config)(TakeoverConfig())
+        ParameterOverrides("conflict", config)(ConflictConfig())
 
 
 def test_with_the_ego_on_its_log_nobody_is_taken_over(make_scenario, track, drive, lane_centres) -> None:

@@ -11,7 +11,7 @@ import shapely
 import torch
 
 from litsim_predictor.forecast import Forecast
-from litsim_predictor.inference.contract import DT, HISTORY, HORIZON, STRIDE, AgentFutures, FurtherFutures, ModeChoice
+from litsim_predictor.inference.contract import DT, HISTORY, HORIZON, STRIDE, AgentFutures, FurtherFutures
 from litsim_predictor.inference.predictor import LearnedPredictor
 from litsim_predictor.inference.raster import raster_of_net
 from litsim_predictor.inference.ways import WAY, LaneWays, Ways, along_ways, bend
@@ -63,9 +63,8 @@ def off(forecast: Forecast, lane: str) -> float:
     return float(max(line.distance(shapely.Point(*point)) for point in forecast.mean[0]))
 
 
-def predictor(*, along_lanes: bool = True, modes: ModeChoice | None = None) -> LearnedPredictor:
-    choice = modes or ModeChoice()
-    return LearnedPredictor(network("default"), 1, 30.0, *raster_of_net(STREET), modes=choice, along_lanes=along_lanes)
+def predictor(*, along_lanes: bool = True) -> LearnedPredictor:
+    return LearnedPredictor(network("default"), 1, 30.0, *raster_of_net(STREET), modes=3, along_lanes=along_lanes)
 
 
 @pytest.mark.parametrize("lane", [LEFT_TURN, RIGHT_TURN])

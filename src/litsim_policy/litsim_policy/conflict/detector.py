@@ -97,11 +97,22 @@ class ConflictDetector:
         self._exempt(probability, futures, pairs, futures.expected)
         return self._first_of_each(futures, pairs, probability, closing)
 
-    def conflicts_with_leaders(self, futures: Futures, lagged: BoolArray, ahead: BoolArray) -> list[Conflict]:
+    def conflicts_of_lagged(
+        self, futures: Futures, diverged: BoolArray, lagged: BoolArray, barred: BoolArray
+    ) -> tuple[list[Conflict], list[Conflict]]:
+        """Conflicts of agents on `lagged` logs with agents on theirs: those ahead, and pedestrians and cyclists.
+
+        A log that lags does not know who is ahead by now, such as a vehicle that changes lane in front of the agent.
+        Agents `diverged` have no such conflicts, and those `barred` none with agents ahead (masks).
+        """
+        mine, walking = lagged & ~diverged, futures.table.obstacle
+        leaders = self._conflicts_with_leaders(futures, mine & ~barred, ~diverged & ~lagged)
+        return leaders, self.conflicts(futures, mine, walking) if walking.any() else []
+
+    def _conflicts_with_leaders(self, futures: Futures, lagged: BoolArray, ahead: BoolArray) -> list[Conflict]:
         """Conflicts of agents on `lagged` logs with agents `ahead` (masks) that they follow, as in :meth:`conflicts`.
 
-        Both are expected where their logs lead, lags included. A log that lags does not know who is ahead by now, such
-        as a vehicle that changes lane in front of the agent.
+        Both are expected where their logs lead, lags included.
         """
         pairs = self._pairs(futures, lagged, ahead, lagged, expected=False)
         pairs = pairs[_follows(futures.covered, pairs[:, ::-1].copy())]

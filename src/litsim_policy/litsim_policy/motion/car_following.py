@@ -69,11 +69,11 @@ class IdmConfig:
     """Parameters of the model; the defaults are those of sisl/ngsim_env, calibrated on NGSIM.
 
     Attributes:
-        desired_speed: v0.
-        headway: T.
-        standstill_gap: s0.
-        acceleration: a_max.
-        deceleration: comfortable braking b.
+        desired_speed: v0, on a free road.
+        headway: T, behind a leader.
+        standstill_gap: s0, behind a standing leader.
+        acceleration: a_max, the maximum.
+        deceleration: b, comfortable braking.
         braking_max: limit on the model's braking.
     """
 

@@ -17,10 +17,8 @@ from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.contract import (
     HORIZON,
     MANEUVERS,
-    NO_MODES,
     AgentFutures,
     AgentInputs,
-    ModeChoice,
 )
 from litsim_predictor.inference.map_memory import MapMemory
 from litsim_predictor.inference.weights import Weights
@@ -100,7 +98,7 @@ class CompiledNetwork:
                 raise InputError(f"{path}: output {CODES} has shape {answers[CODES]}, expected ['new', a fixed width]")
             self._maps = MapMemory(width)
 
-    def __call__(self, inputs: AgentInputs, asked: IntArray, modes: ModeChoice = NO_MODES) -> AgentFutures:  # noqa: ARG002 - of the protocol
+    def __call__(self, inputs: AgentInputs, asked: IntArray, modes: int = 0) -> AgentFutures:  # noqa: ARG002 - of the protocol
         """See :class:`.contract.Network`.
 
         Raises:

@@ -11,12 +11,10 @@ from litsim_predictor.inference.contract import (
     DT,
     HISTORY,
     MANEUVERS,
-    NO_MODES,
     STRIDE,
     AgentFutures,
     AgentInputs,
     FurtherFutures,
-    ModeChoice,
     Network,
     NetworkOfScenes,
 )
@@ -45,7 +43,7 @@ class LearnedPredictor:
         roi_m: distance from it [m] up to which they do; see :func:`.selection.selected`.
         lane_map, raster: the net; see :func:`.raster.raster_of_net`.
         wanted: the agents to forecast.
-        modes: which of their manoeuvres matter.
+        modes: greatest number of manoeuvres of each besides the most probable one.
         along_lanes: whether they are forecast along lanes that bend; see :mod:`.ways`.
     """
 
@@ -57,7 +55,7 @@ class LearnedPredictor:
         lane_map: LaneMap | None,
         raster: MapRaster,
         wanted: Wanted = Wanted.ALL,
-        modes: ModeChoice = NO_MODES,
+        modes: int = 0,
         *,
         along_lanes: bool = True,
     ) -> None:

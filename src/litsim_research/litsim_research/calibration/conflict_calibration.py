@@ -14,7 +14,6 @@ from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.runs.runner import Runner, record
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.detector import ConflictDetector
-from litsim_predictor.inference.contract import ModeChoice
 from litsim_predictor.models import make_predictor
 from litsim_research.calibration.conflict_recall import PairScores, score_drives
 from litsim_sim.core.scene import FloatArray
@@ -51,7 +50,7 @@ def recall_curve(
     name: str,
     scenarios: Sequence[Scenario],
     model: str,
-    modes: ModeChoice,
+    modes: int,
     config: ConflictConfig,
     second: int,
     thresholds: FloatArray,
@@ -63,7 +62,7 @@ def recall_curve(
         name: of the curve.
         scenarios: with the egos of :func:`tuning_of`.
         model: the predictor.
-        modes: manoeuvres that it forecasts.
+        modes: greatest number of further manoeuvres that it forecasts.
         config: of detection; its threshold is not used.
         second: horizon [s].
         thresholds: (t,).

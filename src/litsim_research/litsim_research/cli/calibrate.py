@@ -78,14 +78,14 @@ def main() -> None:
     for name, values in (("--thresholds", thresholds), ("--cost", np.array(arguments.cost))):
         if (values <= 0.0).any() or (values >= 1.0).any():
             raise InputError(f"{name}: {values.tolist()}, expected probabilities above 0 and below 1")
-    choices = [ParameterOverrides("--modes", {"most": most})(PredictorConfig().modes) for most in arguments.modes]
+    choices = [ParameterOverrides("--modes", {"modes": most})(PredictorConfig()).modes for most in arguments.modes]
     configs = [ParameterOverrides("--spread", {"sigma_scale": scale})(ConflictConfig()) for scale in arguments.spread]
     scenarios = [Scenario.load(name) for name in arguments.scenario]
     curves = []
     with tqdm(unit="ego", dynamic_ncols=True) as bar:
         for modes in choices:
             for config in configs:
-                name = f"{arguments.predictor}, {modes.most} further manoeuvres, spread x {config.sigma_scale:g}"
+                name = f"{arguments.predictor}, {modes} further manoeuvres, spread x {config.sigma_scale:g}"
                 curves.append(
                     recall_curve(
                         name, scenarios, arguments.predictor, modes, config, arguments.horizon, thresholds, bar.update

@@ -15,12 +15,11 @@ from litsim_predictor.inference.contract import (
     HISTORY_CHANNELS,
     HORIZON,
     MANEUVERS,
-    NO_MODES,
+    MODE_SHARE,
     STATE_CHANNELS,
     AgentFutures,
     AgentInputs,
     FurtherFutures,
-    ModeChoice,
 )
 from litsim_predictor.inference.dense_kernels import add_and_normalise, linear, rectified_linear
 from litsim_predictor.inference.joint.attention_kernels import attend, relate_neighbours
@@ -221,13 +220,11 @@ class JointNetwork:
             for layer in (0, 2, 4)
         ]
 
-    def __call__(self, inputs: AgentInputs, asked: IntArray, modes: ModeChoice = NO_MODES) -> AgentFutures:
+    def __call__(self, inputs: AgentInputs, asked: IntArray, modes: int = 0) -> AgentFutures:
         """See :class:`.contract.Network`."""
         return self.of_scenes(inputs, asked, np.zeros(1, np.int64), modes)
 
-    def of_scenes(
-        self, inputs: AgentInputs, asked: IntArray, begins: IntArray, modes: ModeChoice = NO_MODES
-    ) -> AgentFutures:
+    def of_scenes(self, inputs: AgentInputs, asked: IntArray, begins: IntArray, modes: int = 0) -> AgentFutures:
         """See :class:`.contract.NetworkOfScenes`."""
         states = np.concatenate([inputs.state, inputs.traffic], axis=1) if self._traffic else inputs.state
         agents = np.concatenate([self._maps(inputs.raster), self._histories(inputs), self._states(states)], axis=1)
@@ -246,12 +243,12 @@ class JointNetwork:
         relate_neighbours(inputs.frame, inputs.state[:, 2], begins, self._reach, near.index, near.many, near.relation)
         return near
 
-    def _decoded(self, agents: Float32Array, state: Float32Array, modes: ModeChoice) -> AgentFutures:
-        """The futures of agents (m, W), whose states are `state`: of the most probable manoeuvres, and by `modes`."""
+    def _decoded(self, agents: Float32Array, state: Float32Array, modes: int) -> AgentFutures:
+        """Returns the futures of agents (m, W): of the most probable manoeuvre, and of at most `modes` others."""
         m = len(agents)
         maneuver, best = np.empty((m, len(MANEUVERS)), np.float32), np.empty(m, np.int64)
         choose_maneuvers(self._logits(self._hidden(agents)), maneuver, best)
-        row, other = further_maneuvers(maneuver, best, min(modes.most, len(MANEUVERS)), modes.share)
+        row, other = further_maneuvers(maneuver, best, min(modes, len(MANEUVERS)), MODE_SHARE)
         rows, chosen = np.concatenate([np.arange(m), row]), np.concatenate([best, other])
         raw = agents[rows] + self._maneuvers[chosen]
         for layer in self._decoder:

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from litsim_predictor.inference.contract import DT, HISTORY, HORIZON
-from litsim_predictor.kinematic import KinematicConfig, roll_out, spread
+from litsim_predictor.kinematic import RATE_DEAD_BAND, RATE_WINDOW, roll_out, spread
 from litsim_research.predictors.data.batch import Prediction, SceneBatch, numbers
 from litsim_research.predictors.models.model import Decode, SceneModel, constant_velocity, rows_of
 from litsim_sim.core.geometry import wrap_angle
@@ -18,10 +18,6 @@ TIMES: FloatArray = DT * np.arange(1, HORIZON + 1, dtype=np.float64)
 
 class ConstantVelocity(SceneModel):
     """Constant speed along the heading, as a single manoeuvre with the covariances of the `kinematic` predictor."""
-
-    def __init__(self, config: KinematicConfig | None = None) -> None:
-        super().__init__()
-        self._config = config or KinematicConfig(dt=DT, horizon=DT * HORIZON)
 
     def forward(
         self,
@@ -34,7 +30,7 @@ class ConstantVelocity(SceneModel):
         return self._prediction(batch, constant_velocity(batch.state), yaw, asked)
 
     def _prediction(self, batch: SceneBatch, mean: Tensor, yaw: FloatArray, asked: Tensor | None) -> Prediction:
-        spreads = rows_of(torch.as_tensor(spread(yaw, TIMES, self._config)).to(batch.state), asked)
+        spreads = rows_of(torch.as_tensor(spread(yaw, TIMES)).to(batch.state), asked)
         mean = rows_of(mean, asked)
         return Prediction(
             maneuver=batch.state.new_zeros(*mean.shape[:2], 1),
@@ -54,18 +50,16 @@ class ConstantTurnRate(ConstantVelocity):
         asked: Tensor | None = None,
     ) -> Prediction:
         """See :class:`SceneModel`."""
-        yaw, way = roll_out(
-            numbers(batch.state[..., 3]), numbers(batch.state[..., 2]), self._turn_rate(batch), TIMES, self._config
-        )
+        yaw, way = roll_out(numbers(batch.state[..., 3]), numbers(batch.state[..., 2]), self._turn_rate(batch), TIMES)
         return self._prediction(batch, torch.as_tensor(way).to(batch.state), yaw, asked)
 
     def _turn_rate(self, batch: SceneBatch) -> FloatArray:
         """Turn rates (B, N) [rad/s]; zero for agents that have just appeared or hardly turn."""
-        window = self._config.rate_window * STEP_S
+        window = RATE_WINDOW * STEP_S
         steps = min(round(window / DT), HISTORY - 1)
         yaw, observed = numbers(batch.history[:, :, -steps - 1 :, 2]), batch.observed[:, :, -steps - 1 :].cpu().numpy()
         first = np.argmax(observed, axis=-1)
         start = np.take_along_axis(yaw, first[..., None], axis=-1)[..., 0]
         span = DT * (steps - first)
         rate = np.divide(wrap_angle(yaw[..., -1] - start), span, out=np.zeros(start.shape), where=span > 0.5 * window)
-        return np.where(np.abs(rate) > self._config.rate_dead_band, rate, 0.0)
+        return np.where(np.abs(rate) > RATE_DEAD_BAND, rate, 0.0)
