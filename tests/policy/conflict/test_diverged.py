@@ -87,9 +87,6 @@ def test_places_and_residuals_are_those_of_the_log_with_its_lag(make_scenario, t
     assert (now.log_x[0], now.log_y[0], now.log_speed[0]) == (log.x[0, 15], log.y[0, 15], 10.0)
     residuals = now.residual_position[0], now.residual_speed[0], now.residual_yaw[0]
     assert residuals == pytest.approx((5.0, 2.0, 0.25))
-    late = now.kept(np.array([False, True]))
-    assert (late.agents.agent.tolist(), late.rows.tolist(), late.lag.tolist()) == ([2], [1], [21])
-    assert late.x.tolist() == [table.x[1]] and not late.recorded.any()
 
 
 def test_a_log_that_is_over_has_no_place(make_scenario, track) -> None:

@@ -200,7 +200,7 @@ def test_who_has_passed_onto_another_road_is_not_handed_back(before_ramp) -> Non
     def may_return(x: float) -> bool:
         _, passing, now = before_ramp(RAMP_LANE, x, passes=True, speed=SPEED)
         now = replace(now, log_x=now.x, log_y=np.full(1, -16.47), log_yaw=np.zeros(1))
-        return bool(passing.may_return(now)[0])
+        return bool(passing.may_return(now, np.ones(1, np.bool_))[0])
 
     assert may_return(SPLIT - 160.0)
     off_ramp = SPLIT + 40.0

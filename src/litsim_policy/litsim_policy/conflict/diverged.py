@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -195,14 +195,6 @@ class DivergedNow:
         recorded = (step == within) & log.valid[place]
         of_log = (getattr(log, name)[place] for name in ("x", "y", "yaw", "speed"))
         return cls(agents, table, rows, log, log_rows, lag[rows], recorded, *of_log)
-
-    def kept(self, which: BoolArray) -> DivergedNow:
-        """The agents in the mask `which` (r,)."""
-        if which.all():
-            return self
-        of_all = ("agents", "table", "log")
-        some = {f.name: getattr(self, f.name)[which] for f in fields(self) if f.name not in of_all}
-        return replace(self, agents=self.agents.kept(which), **some)
 
     @cached_property
     def x(self) -> FloatArray:

@@ -168,14 +168,17 @@ class Futures:
         hard = self._brakes_hard() & (forecast_rows >= 0)
         for row in hard.nonzero()[0]:
             self._hold_back(states[row], int(row))
+        planned = None
         if self._planned is not None and self._config.planned_motion:
             planned = self._planned().among(asked & ~self._keep_to_log).moved_to(self.rows)
+            forecast_rows[planned.rows] = -1  # they have no other manoeuvres
+        alternatives = self._alternatives(forecast_rows, hard)
+        if planned is not None and len(planned.rows):
             at = planned.rows
-            if len(at):
-                by_forecast = PredictedMotion(states[at], valid[at])
-                motion = planned_motion(planned, table, by_forecast, self._config.sigma_scale)
-                states[at], valid[at], forecast_rows[at] = motion.states, motion.valid, -1  # no other manoeuvres
-        motions = PredictedMotion(states, valid, self._alternatives(forecast_rows, hard))
+            by_forecast = PredictedMotion(states[at], valid[at])
+            motion = planned_motion(planned, table, by_forecast, self._config.sigma_scale)
+            states[at], valid[at] = motion.states, motion.valid
+        motions = PredictedMotion(states, valid, alternatives)
         motions.put(keep_to_log, self.by_log)
         return motions
 

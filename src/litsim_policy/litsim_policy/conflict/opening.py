@@ -10,7 +10,6 @@ from litsim_policy.conflict.detector import Conflict
 from litsim_policy.conflict.diverged import DivergedAgents
 from litsim_policy.motion.reference_path import logged_path, route_path
 from litsim_policy.motion.route import Router
-from litsim_sim.core.pair_geometry import within_scenes
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray
 from litsim_sim.core.takeover import PathSource, TakeoverReason
 from litsim_sim.scenario.setting import Setting
@@ -35,12 +34,9 @@ def by_late_entry(scenario: Setting, table: AgentTable, diverged: BoolArray) -> 
         diverged: mask (n,) of agents off their logs so far, the ego included.
     """
     rows = (table.of_policy & ~diverged).nonzero()[0]
-    if not len(rows):
-        return
     diverged = diverged.copy()
-    begin, end = within_scenes(table.scene, rows)
-    for row, first, last in zip(rows.tolist(), begin.tolist(), end.tolist(), strict=True):
-        others = first + diverged[first:last].nonzero()[0]
+    for row in rows.tolist():
+        others = (diverged & (table.scene == table.scene[row])).nonzero()[0]
         distance = np.hypot(table.x[others] - table.x[row], table.y[others] - table.y[row])
         nearest = others[distance.argmin()] if len(others) else row
         conflict = Conflict(int(table.id[row]), int(table.id[nearest]), 0.0, _pose(table, row), 1.0)

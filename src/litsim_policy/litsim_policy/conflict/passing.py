@@ -29,20 +29,21 @@ class Passing:
     def __init__(self, lane_map: LaneMap, router: Router) -> None:
         self._lane_map, self._router, self._lines = lane_map, router, LaneLines(lane_map)
 
-    def may_return(self, now: DivergedNow) -> BoolArray:
+    def may_return(self, now: DivergedNow, known: BoolArray) -> BoolArray:
         """Returns the mask (r,) of agents that have not left the lanes of their logs to pass, or can return to them.
 
-        An agent that is on another road by now, such as a ramp, cannot.
+        An agent that is on another road by now, such as a ramp, cannot. Agents that are not `known` (r,), since they
+        were taken over at this very step, claim no lane.
         """
         may = np.ones(len(now.agents), np.bool_)
-        at = ((now.agents.beside != NO_LANE) & now.recorded).nonzero()[0]
+        at = (known & (now.agents.beside != NO_LANE) & now.recorded).nonzero()[0]
         if len(at):
             here = self._lane_map.nearest(now.x[at], now.y[at], now.yaw[at]).lane
             there = self._lane_map.nearest(now.log_x[at], now.log_y[at], now.log_yaw[at]).lane
             may[at] = self._lines.road[here] == self._lines.road[there]
             other = may[at] & (here != there)
             at = at[other]
-            may[at] = self._weighed(now, at, here[other], there[other]).safe
+            may[at] = self._weighed(now, at, here[other], there[other], known).safe
         return may
 
     def change_lanes(self, now: DivergedNow) -> None:
@@ -111,8 +112,13 @@ class Passing:
         for k, lane in zip(at.tolist(), lanes.tolist(), strict=True):
             self._change(now, k, lane)
 
-    def _weighed(self, now: DivergedNow, at: IntArray, here: IntArray, there: IntArray) -> LaneChanges:
-        """Weigh lane changes from lanes `here` to lanes `there` (k,) of the agents at positions `at` (k,)."""
+    def _weighed(
+        self, now: DivergedNow, at: IntArray, here: IntArray, there: IntArray, claim: BoolArray | None = None
+    ) -> LaneChanges:
+        """Weigh lane changes from lanes `here` to lanes `there` (k,) of the agents at positions `at` (k,).
+
+        Agents in the mask `claim` (r,), by default all, count as being in the lanes into which they move.
+        """
         if not len(at):
             return LaneChanges(np.zeros(0), np.zeros(0, np.bool_), np.zeros(0, np.bool_))
         line, twice = self._lines.rows(np.concatenate([here, there])), np.concatenate([at, at])
@@ -121,18 +127,18 @@ class Passing:
         x, y = lines.point(s, line).T
         heading = lines.heading(line, lines.segment(s[:, None], line)[:, 0])
         view = along_paths(lines, now.table, now.rows[twice], poses=(x, y, heading), path=line)
-        claimed = self._claimed(now, there, view)
+        claimed = self._claimed(now, np.arange(len(now.agents)) if claim is None else claim.nonzero()[0], there, view)
         return weigh_changes(now.table, now.rows[at], now.log_speed[at], view, claimed, CHANGE_TIME * now.speed[at])
 
-    def _claimed(self, now: DivergedNow, there: IntArray, view: AlongPath) -> BoolArray:
-        """Returns the mask (k, w) of other agents with paths that lead into the lanes `there` (k,).
+    def _claimed(self, now: DivergedNow, at: IntArray, there: IntArray, view: AlongPath) -> BoolArray:
+        """Returns the mask (k, w) of agents at positions `at` (c,) with paths that lead into the lanes `there` (k,).
 
         Covers agents in the scenes of those that have the `view`; its first k rows are theirs.
         """
         paths = now.agents.paths
-        s = paths.project(paths.each, now.x, now.y).s
-        x, y = paths.point(s + INTENT * now.speed).T
-        return self._lines.inside(there, now.rows, (x, y), view.first, view.s.shape[1])
+        s = paths.project(at, now.x[at], now.y[at]).s
+        x, y = paths.point(s + INTENT * now.speed[at], at).T
+        return self._lines.inside(there, now.rows[at], (x, y), view.first, view.s.shape[1])
 
 
 def _chosen(now: DivergedNow, at: IntArray, gain: FloatArray, worth: BoolArray) -> list[int]:

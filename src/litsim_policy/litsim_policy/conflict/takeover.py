@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from litsim_policy.conflict.config import ConflictConfig
-from litsim_policy.conflict.detector import Conflict, ConflictDetector, soonest
+from litsim_policy.conflict.detector import ConflictDetector, soonest
 from litsim_policy.conflict.diverged import HANDBACK, HELD, RELEASED, DivergedAgents, DivergedNow
 from litsim_policy.conflict.futures import Futures, PlannedPaths
 from litsim_policy.conflict.hindsight import Hindsight
@@ -41,7 +41,7 @@ class TakeoverManager:
         self._scenario, self._config = scenario, config
         self._roi_m = config.roi_m or scenario.roi_m
         self._detector = ConflictDetector(scenario.log, self._roi_m, config, scenario.log_overlaps)
-        self._hindsight = Hindsight(scenario, Path(config.outcomes), config.horizon) if config.outcomes else None
+        self._source = Hindsight(scenario, Path(config.outcomes), config.horizon) if config.outcomes else self._detector
         self._router = Router(scenario.lane_map)
         self._passing = Passing(scenario.lane_map, self._router) if config.passing else None
         self.iterations: IntArray = np.zeros(len(scenario.ego_ids), np.int64)
@@ -115,7 +115,7 @@ class TakeoverManager:
             done += 1
             self.iterations[table.scene[fresh]] = done
             known, diverged = diverged, diverged.copy()
-            conflicts = self._predict(futures, ~known & ~barred, fresh)
+            conflicts = self._source.conflicts(futures, ~known & ~barred, fresh)
             if done == 1 and lagged.any():
                 conflicts = soonest(conflicts, *self._detector.conflicts_of_lagged(futures, before, lagged, barred))
             for conflict in conflicts:
@@ -130,12 +130,6 @@ class TakeoverManager:
         self.converged = np.ones(len(self.converged), np.bool_)
         self.converged[table.scene[fresh]] = False
         return diverged
-
-    def _predict(self, futures: Futures, on_log: BoolArray, diverged: BoolArray) -> list[Conflict]:
-        """Returns conflicts of agents `on_log` with agents `diverged` (masks (n,)), by prediction or by hindsight."""
-        if self._hindsight is not None:
-            return self._hindsight.recorded_conflicts(futures.table, on_log)
-        return self._detector.conflicts(futures, on_log, diverged)
 
     def _review(self, now: DivergedNow, known: BoolArray, futures: Futures, opponents: BoolArray) -> None:
         """Move agents that were off their logs before this step on to their next states.
@@ -154,7 +148,7 @@ class TakeoverManager:
         now.agents.in_conflict[known] = in_conflict[known]
         free = known & now.recorded & ~in_conflict
         if self._passing is not None:
-            free[known] &= self._passing.may_return(now.kept(known))
+            free &= self._passing.may_return(now, known)
         at = free.nonzero()[0]
         free[at] = ~obstructed(now, at, self._scenario.log_overlaps)
         move_on(self._config, now, known, free, unneeded(self._scenario, now, self._roi_m))

@@ -12,7 +12,6 @@ from numba.types import Tuple
 
 from litsim_policy.motion.along_path import VIEW, AlongPath
 from litsim_policy.motion.car_following import IdmValues, idm
-from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.scene import AGENTS, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import BOOLS, BOOLS2, FLOATS, INTS, OUT_BOOLS, OUT_FLOATS, float64, int64, kernel
 
@@ -148,6 +147,6 @@ def _weigh(
         safe[i] = braking >= -BRAKING_SAFE and then >= -BRAKING_SAFE
         safe[i] = safe[i] and new_gap >= GAP_MIN and back >= GAP_MIN
         if old_leader >= 0:  # the agent must be clear of its lane before it reaches the leader
-            share = within(old_speed / max(own, LEVEL_SPEED), 0.0, 1.0)
+            share = min(max(old_speed / max(own, LEVEL_SPEED), 0.0), 1.0)
             safe[i] = safe[i] and old_gap >= SWING * reach[i] * (1.0 - share)
     return gain, safe, room
