@@ -20,9 +20,9 @@ from litsim_predictor.inference.contract import (
 )
 from litsim_predictor.inference.features import agent_inputs, on_lanes
 from litsim_predictor.inference.in_map import forecast_in_map
+from litsim_predictor.inference.lane_frames import NO_LANE_FRAMES, LaneFrameFinder, LaneFrames, from_lane_frames
 from litsim_predictor.inference.raster import MapRaster
 from litsim_predictor.inference.traffic import Traffic
-from litsim_predictor.inference.ways import NO_WAYS, LaneWays, Ways, along_ways
 from litsim_predictor.selection import Egos, Wanted, selected
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.history import History
@@ -44,7 +44,7 @@ class LearnedPredictor:
         lane_map, raster: the net; see :func:`.raster.raster_of_net`.
         wanted: the agents to forecast.
         modes: greatest number of manoeuvres of each besides the most probable one.
-        along_lanes: whether they are forecast along lanes that bend; see :mod:`.ways`.
+        along_lanes: whether they are forecast along lanes that bend; see :mod:`.lane_frames`.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class LearnedPredictor:
         self._modes = modes
         self._network, self._ego_id, self._roi_m, self._wanted = network, ego_id, roi_m, wanted
         self._lane_map, self._raster = lane_map, raster
-        self._lanes = LaneWays(lane_map) if along_lanes and lane_map is not None else None
+        self._lanes = LaneFrameFinder(lane_map) if along_lanes and lane_map is not None else None
         self._history = History(STRIDE * (HISTORY - 1) + 1, ("x", "y", "yaw", "speed"))
 
     def observe(self, table: AgentTable) -> None:
@@ -79,9 +79,9 @@ class LearnedPredictor:
         agents, asked = selected(table, self._ego_id, self._roi_m, self._wanted)
         if not len(asked):
             return Forecast.empty(table.step, DT, len(MANEUVERS))
-        heading, ways = self._frames(agents, asked)
+        heading, lane_frames = self._frames(agents, asked)
         inputs = self._inputs(agents, heading, Traffic.of_table(table, self._history))
-        futures = along_ways(self._answer(inputs, asked, agents.scene), ways)
+        futures = from_lane_frames(self._answer(inputs, asked, agents.scene), lane_frames)
         forecast = forecast_in_map(futures, inputs.frame[asked], agents.take(asked))
         if not forecast.valid.any():
             raise InputError(
@@ -90,14 +90,14 @@ class LearnedPredictor:
             )
         return forecast
 
-    def _frames(self, agents: AgentTable, asked: IntArray) -> tuple[FloatArray, Ways]:
-        """Headings (n,) of the frames of `agents`, and the ways of those `asked` (m,), numbered as these are."""
+    def _frames(self, agents: AgentTable, asked: IntArray) -> tuple[FloatArray, LaneFrames]:
+        """Returns the headings (n,) of the frames of `agents`, and the lane frames of those `asked` (m,)."""
         if self._lane_map is None:
-            return agents.yaw.copy(), NO_WAYS
+            return agents.yaw.copy(), NO_LANE_FRAMES
         at, along = on_lanes(self._lane_map, agents.x, agents.y, agents.yaw)
         heading = np.where(along, at.heading, agents.yaw)
         if self._lanes is None:
-            return heading, NO_WAYS
+            return heading, NO_LANE_FRAMES
         return heading, self._lanes.ahead(at.take(asked), along[asked], agents.speed[asked])
 
     def _answer(self, inputs: AgentInputs, asked: IntArray, scene: IntArray) -> AgentFutures:
