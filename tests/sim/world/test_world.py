@@ -24,12 +24,12 @@ from litsim_sim.core.scene import (
     EgoMode,
 )
 from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.world.entries import DECELERATION, GAP
 from litsim_sim.world.log_policy import COMFORT_ACCELERATION
-from litsim_sim.world.world import World, WorldConfig
+from litsim_sim.world.world import World
 
 EGO, OTHER, THIRD = 1, 2, 3
 HISTORY = 3
-UNGUARDED = WorldConfig(guard_entries=False)
 
 Commands = Mapping[int, tuple[float, float]]
 
@@ -400,14 +400,14 @@ def test_a_blocked_agent_waits_and_enters_late_under_policy(blocked: Scenario) -
     assert value(entered, OTHER, "x") == 109.0
     assert 0.0 < value(entered, OTHER, "speed") <= 10.0
     assert value(entered, OTHER, "acceleration") == value(entered, OTHER, "yaw_rate") == 0.0
-    assert value(entered, EGO, "x") - value(entered, OTHER, "x") >= 4.5 + world.config.entry.gap
+    assert value(entered, EGO, "x") - value(entered, OTHER, "x") >= 4.5 + GAP
     assert world.contacts == {}
     assert world.entries.waiting == {}
     assert (world.summary()["late_entries"], world.summary()["never_entered"]) == ([OTHER], [])
 
 
 def test_unguarded_it_appears_on_top_as_pure_replay_has_it(blocked: Scenario) -> None:
-    world = World(blocked, UNGUARDED)
+    world = World(blocked, guard_entries=False)
     tables = advance(world, world.reset(), 30, ego=(-8.0, 0.0))
     assert next(table.step for table in tables if table.row(OTHER) >= 0) == 20
     for table in tables[19:]:
@@ -445,8 +445,8 @@ def test_who_follows_closer_than_it_can_brake_enters_late_and_slower(entry: Call
     tables += advance(world, tables[-1], 40, {OTHER: (-2.0, 0.0)}, ego=(0.4, 0.0))
     entered = next(table for table in tables if table.row(OTHER) >= 0)
     assert entered.step > 14
-    lead, gap = value(entered, EGO, "speed"), value(entered, EGO, "x") - 100.0 - 4.5 - world.config.entry.gap
-    allowed = np.sqrt(lead**2 + 2.0 * world.config.entry.deceleration * gap)
+    lead, gap = value(entered, EGO, "speed"), value(entered, EGO, "x") - 100.0 - 4.5 - GAP
+    allowed = np.sqrt(lead**2 + 2.0 * DECELERATION * gap)
     assert value(entered, OTHER, "speed") == pytest.approx(min(10.0, allowed))
     assert value(entered, OTHER, "speed") < 10.0
     assert world.contacts == {}
@@ -529,7 +529,7 @@ def test_a_contact_is_counted_once_with_its_first_step(make_scenario: Any, track
 
 
 def test_a_second_contact_of_a_pair_is_the_same_contact(blocked: Scenario) -> None:
-    world = World(blocked, UNGUARDED)
+    world = World(blocked, guard_entries=False)
     tables = advance(world, world.reset(), 22, ego=(-8.0, 0.0))
     assert world.contacts == {(EGO, OTHER): 20}
     tables += advance(world, tables[-1], 10, ego=(-8.0, 0.0))
@@ -598,7 +598,7 @@ def test_controls_whose_ids_do_not_ascend_are_refused(three: Scenario, agents: l
 
 def test_a_reset_knows_nothing_of_the_runs_before(blocked: Scenario, entry: Callable[..., Scenario]) -> None:
     """Neither of contacts, nor of agents that waited, nor of residuals that were fading."""
-    unguarded, guarded, outwaited = World(blocked, UNGUARDED), World(blocked), World(entry(last=40))
+    unguarded, guarded, outwaited = World(blocked, guard_entries=False), World(blocked), World(entry(last=40))
     tables = advance(unguarded, unguarded.reset(), 22, ego=(-8.0, 0.0))
     tables += advance(unguarded, tables[-1], 10, {OTHER: (-3.0, 0.1)}, ego=(-8.0, 0.0))
     advance(unguarded, tables[-1], 2)

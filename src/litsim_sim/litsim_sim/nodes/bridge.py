@@ -52,7 +52,7 @@ from litsim_sim.ros.topics import (
     Topic,
 )
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
-from litsim_sim.world.world import World, WorldConfig
+from litsim_sim.world.world import World
 
 NOTE_PERIOD = 5.0  # [s] period of repeated lines in the log
 NAMES_S = 1.0  # [s] by which the names of nodes may follow their publishers, at most
@@ -125,7 +125,7 @@ class BridgeNode(Node):
 
         scenario = self.plan.scenario
         mirror = SumoMirror(scenario.net_path, scenario.seed, scenario.signals)
-        world = World(scenario, WorldConfig(guard_entries=self.plan.policy != "replay"), mirror)
+        world = World(scenario, mirror, guard_entries=self.plan.policy != "replay")
         load_kernels()
         spare_from_collection()
         return world

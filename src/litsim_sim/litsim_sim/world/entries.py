@@ -8,28 +8,15 @@ import numpy as np
 from numba.types import UniTuple
 
 from litsim_sim.core.pair_geometry import overlap
-from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, configuration
 from litsim_sim.core.scene import AGENTS, STEP_S, AgentArrays, AgentTable, BoolArray, Controller
 from litsim_sim.kernels.compiled import float64, int64, kernel
 from litsim_sim.scenario.log import Log
 
 SIDE_ROOM = 0.3  # [m] beyond touching boxes within which an agent is in the path of one that enters
-LOOK_EVERY = 2.0 * STEP_S  # [s] of the horizon of an entry
-
-
-@configuration
-class EntryConfig:
-    """Conditions under which the road is free for an agent that enters.
-
-    Attributes:
-        gap: free road that an entry needs ahead and behind.
-        horizon: time over which an entry is checked at constant velocity.
-        deceleration: braking that an entry may need behind a slower agent.
-    """
-
-    gap: NonNegative[Length] = 1.0
-    horizon: Positive[Duration] = 2.0
-    deceleration: NonNegative[Acceleration] = 2.0
+GAP = 1.0  # [m] free road that an entry needs ahead and behind
+HORIZON = 2.0  # [s] over which an entry is checked at constant velocity
+DECELERATION = 2.0  # [m/s2] braking that an entry may need behind a slower agent
+LOOK_EVERY = 2.0 * STEP_S  # [s] between the times at which an entry is checked
 
 
 class Entries:
@@ -41,9 +28,9 @@ class Entries:
         never_entered: ids of the agents whose log ended while they waited.
     """
 
-    def __init__(self, log: Log, config: EntryConfig | None) -> None:
-        """Begin with no agent waiting; without `config` none ever does: each enters where and when its log begins."""
-        self._log, self._config = log, config
+    def __init__(self, log: Log, *, guarded: bool = True) -> None:
+        """Begin with no agent waiting; unless `guarded` none ever does: each enters where and when its log begins."""
+        self._log, self._guarded = log, guarded
         self.waiting: dict[int, int] = {}
         self.late: set[int] = set()
         self.never_entered: set[int] = set()
@@ -120,13 +107,11 @@ class Entries:
 
     def _speed(self, entry: AgentTable, row: int, others: AgentTable) -> float | None:
         """Speed [m/s], at most the logged one, at which an agent can enter among `others`; None if it cannot."""
-        config = self._config
-        if config is None:
+        if not self._guarded:
             return float(entry.speed[row])
         scene = int(entry.scene[row])
         begin, end = others.scene.searchsorted((scene, scene + 1)).tolist()
-        wanted = config.gap, config.horizon, config.deceleration
-        speed = _entry_speed(others.arrays, begin, end, entry.arrays, row, *wanted)
+        speed = _entry_speed(others.arrays, begin, end, entry.arrays, row)
         return None if speed < 0.0 else speed
 
 
@@ -137,24 +122,14 @@ def _from(x: float, y: float, cos: float, sin: float, other_x: float, other_y: f
     return dx * cos + dy * sin, dy * cos - dx * sin
 
 
-@kernel(float64(AGENTS, int64, int64, AGENTS, int64, *[float64] * 3))
-def _entry_speed(
-    others: AgentArrays,
-    begin: int,
-    end: int,
-    entry: AgentArrays,
-    row: int,
-    gap: float,
-    horizon: float,
-    deceleration: float,
-) -> float:
+@kernel(float64(AGENTS, int64, int64, AGENTS, int64))
+def _entry_speed(others: AgentArrays, begin: int, end: int, entry: AgentArrays, row: int) -> float:
     """Speed [m/s], at most its own, at which an agent can enter among others; below 0 if it cannot.
 
     Args:
         others: all agents.
         begin, end: row of the first of the others, and row after the last.
         entry, row: agents as they are logged, and the row of this one.
-        gap, horizon, deceleration: as in :class:`EntryConfig`.
     """
     own_x, own_y, own_yaw = entry.x[row], entry.y[row], entry.yaw[row]
     own_speed, own_length, own_width = entry.speed[row], entry.length[row], entry.width[row]
@@ -162,11 +137,11 @@ def _entry_speed(
     for j in range(begin, end):
         ahead, left = _from(own_x, own_y, cos, sin, others.x[j], others.y[j])
         if ahead > 0.0 and abs(left) < 0.5 * (others.width[j] + own_width) + SIDE_ROOM:
-            room = ahead - 0.5 * (others.length[j] + own_length) - gap
+            room = ahead - 0.5 * (others.length[j] + own_length) - GAP
             if room < 0.0:
                 return -1.0
-            found = min(found, math.sqrt(others.speed[j] ** 2 + room * 2.0 * deceleration))
-    instants = math.ceil(horizon / LOOK_EVERY)
+            found = min(found, math.sqrt(others.speed[j] ** 2 + room * 2.0 * DECELERATION))
+    instants = math.ceil(HORIZON / LOOK_EVERY)
     for j in range(begin, end):
         ahead, left = _from(own_x, own_y, cos, sin, others.x[j], others.y[j])
         follows = ahead <= 0.0 and abs(left) < 0.5 * (others.width[j] + own_width) + SIDE_ROOM
@@ -175,6 +150,6 @@ def _entry_speed(
         for k in range(instants if follows else 1):
             time = k * LOOK_EVERY
             dx, dy = others.x[j] - own_x + time * nearing_x, others.y[j] - own_y + time * nearing_y
-            if overlap(dx, dy, own_yaw, others.yaw[j], own_length + gap, own_width, others.length[j], others.width[j]):
+            if overlap(dx, dy, own_yaw, others.yaw[j], own_length + GAP, own_width, others.length[j], others.width[j]):
                 return -1.0
     return found

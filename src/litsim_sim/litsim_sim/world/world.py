@@ -9,7 +9,6 @@ import numpy as np
 
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.geometry import overlapping_pairs
-from litsim_sim.core.quantities import Flag, configuration
 from litsim_sim.core.run_end import EndReason, RunEnd
 from litsim_sim.core.scene import (
     AgentTable,
@@ -23,27 +22,11 @@ from litsim_sim.core.scene import (
 )
 from litsim_sim.scenario.setting import Setting
 from litsim_sim.world.driven import DrivenVehicles, check_answers
-from litsim_sim.world.entries import Entries, EntryConfig
+from litsim_sim.world.entries import Entries
 from litsim_sim.world.log_policy import LogPolicy
 
 EGO, LATE = int(Controller.EGO), int(ControlSource.LATE)  # plain numbers: numpy compares them much faster
 DEVIATION_STEPS = 10  # [steps] period of checks of the mirror's positions
-
-
-@configuration
-class WorldConfig:
-    """How the world treats agents that cannot follow their log.
-
-    Attributes:
-        guard_entries: hold back an agent whose log begins where it would collide with an agent that is off its log;
-            False is pure replay, where it appears regardless.
-        entry: when the road is free for a guarded entry.
-        limits: limits of controlled vehicles except the ego, whose model is the scenario's.
-    """
-
-    guard_entries: Flag = True
-    entry: EntryConfig = EntryConfig()
-    limits: VehicleLimits = VehicleLimits()
 
 
 class Mirror(Protocol):
@@ -74,10 +57,14 @@ class World:
     Joined scenarios are stepped together, each scene as if it were alone: see :meth:`step_batch`.
     """
 
-    def __init__(self, scenario: Setting, config: WorldConfig | None = None, mirror: Mirror | None = None) -> None:
-        self.scenario = scenario
-        self.config = config or WorldConfig()
-        self.entries = Entries(scenario.log, self._entry)
+    def __init__(self, scenario: Setting, mirror: Mirror | None = None, *, guard_entries: bool = True) -> None:
+        """Make the world of `scenario`, shown in the `mirror`; it begins with :meth:`reset`.
+
+        With `guard_entries`, an agent whose log begins where it would collide with an agent that is off its log waits;
+        without, as in pure replay, it appears regardless.
+        """
+        self.scenario, self._guard_entries = scenario, guard_entries
+        self.entries = Entries(scenario.log, guarded=guard_entries)
         """The agents that wait to enter, or have waited."""
         self.ends: list[RunEnd | None] = []
         """Why each scene ends at the current step; None while it goes on."""
@@ -92,11 +79,11 @@ class World:
         self._table = AgentTable.empty(0)
         self._ego_ids = scenario.ego_ids
         self._have_driven = np.zeros(len(self._ego_ids), np.bool_)  # the ego of each scene, in the last step
-        self._vehicles = DrivenVehicles(scenario, self.config.limits)
+        self._vehicles = DrivenVehicles(scenario, VehicleLimits())
 
     def reset(self) -> AgentTable:
         """Begin a run, independent of earlier ones, and return its step 0."""
-        self._contacts, self.entries = {}, Entries(self.scenario.log, self._entry)
+        self._contacts, self.entries = {}, Entries(self.scenario.log, guarded=self._guard_entries)
         self._mirror_deviation, self._have_driven = 0.0, np.zeros(len(self._ego_ids), np.bool_)
         self.ends = [None] * len(self._ego_ids)
         self._gone = np.zeros(len(self._ego_ids), np.bool_)
@@ -207,11 +194,6 @@ class World:
     def egos_are_driven(self) -> BoolArray:
         """(scenes,) :attr:`ego_is_driven` for the ego of each scene."""
         return (self._table.step >= self.scenario.history_steps) & (self._table.rows(self._ego_ids) >= 0)
-
-    @property
-    def _entry(self) -> EntryConfig | None:
-        """When the road is free for an entry; None where entries are not guarded."""
-        return self.config.entry if self.config.guard_entries else None
 
     def _without_leavers(self, table: AgentTable) -> AgentTable:
         """`table` without the egos that have just passed an end of the net; notes those that are gone."""
