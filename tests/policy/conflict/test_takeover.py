@@ -141,24 +141,6 @@ def test_a_takeover_says_what_was_predicted(stage) -> None:
     assert path[:, 1] == pytest.approx(np.full(len(path), y), abs=0.01)
 
 
-def test_agents_outside_of_the_region_of_interest_are_left_alone(stage, track) -> None:
-    s = stage(track(1, x=300.0), track(2, x=60.0, speed=25.0), urgent_time=5.0, approach_time=0.0)
-    for _ in range(5):
-        assert s.see({1: {"x": s.logged(2) + 31.0, "speed": 0.0}}).takeovers == ()
-    assert len(s.see({1: {"x": s.logged(2) + 29.0, "speed": 0.0}}).takeovers) == 1
-
-
-def test_who_comes_up_fast_is_taken_over_before_it_is_within_the_radius(stage, track) -> None:
-    s = stage(track(1, x=300.0), track(2, x=60.0, speed=25.0), urgent_time=5.0)
-    assert only(s.see({1: {"x": s.logged(2) + 65.0, "speed": 0.0}})).agent == 2
-
-
-def test_a_leader_that_the_ego_runs_into_is_not_taken_over(stage) -> None:
-    s = stage()
-    for _ in range(6):
-        assert s.see({1: {"x": s.logged(2) - 8.0, "speed": 18.0}}).takeovers == ()
-
-
 # Chains
 
 
@@ -220,24 +202,6 @@ def opened(stage, *tracks: Any, **config: Any) -> tuple[Stage, float]:
     return s, x
 
 
-def test_short_of_its_goal_an_agent_is_held_for_ten_clear_steps(stage) -> None:
-    s, x = opened(stage)
-    states = [only(s.see({2: {"x": x, "controller": Controller.POLICY}})).state for _ in range(11)]
-    assert states == [TakeoverState.HELD] * 9 + [TakeoverState.HANDBACK] * 2
-
-
-def test_past_its_goal_an_agent_is_held_for_five(stage) -> None:
-    s, x = opened(stage)
-    states = [only(s.see({2: {"x": x + 11.0, "controller": Controller.POLICY}})).state for _ in range(6)]
-    assert states == [TakeoverState.HELD] * 4 + [TakeoverState.HANDBACK] * 2
-
-
-def test_an_agent_is_held_for_a_while_however_soon_it_is_free(stage) -> None:
-    s, x = opened(stage, held_steps_min=12)
-    states = [only(s.see({2: {"x": x + 11.0, "controller": Controller.POLICY}})).state for _ in range(13)]
-    assert states == [TakeoverState.HELD] * 11 + [TakeoverState.HANDBACK] * 2
-
-
 def test_a_conflict_of_its_log_makes_it_wait_anew(stage) -> None:
     s, x = opened(stage, clear_steps=3)
     held = {"x": x, "controller": Controller.POLICY}
@@ -256,47 +220,6 @@ def test_a_conflict_on_the_way_back_stops_it(stage) -> None:
     states = [only(s.see(held)).state for _ in range(6)]
     assert states[-1] == TakeoverState.HANDBACK
     assert only(s.see(s.slow_ego(2, 1.5) | held)).state == TakeoverState.HELD
-
-
-def test_somebody_between_an_agent_and_its_place_in_the_log_keeps_it_held(stage) -> None:
-    s, x = opened(stage)
-    for _ in range(30):
-        s_log = s.logged(2)
-        between = {1: {"x": 0.5 * (x + s_log), "speed": 10.0}}
-        state = only(s.see(between | {2: {"x": x, "controller": Controller.POLICY}})).state
-        if s_log - x > 2.2 * LENGTH:
-            assert state == TakeoverState.HELD
-    assert s.logged(2) - x > 25.0
-
-
-@pytest.mark.parametrize(
-    ("residual", "released"),
-    [
-        ({}, True),
-        ({"x": 0.45}, True),
-        ({"x": 0.55}, False),
-        ({"x": -0.55}, False),
-        ({"y": 0.55}, False),
-        ({"speed": 1.4}, True),
-        ({"speed": 1.6}, False),
-        ({"speed": -1.6}, False),
-        ({"yaw": 0.09}, True),
-        ({"yaw": 0.11}, False),
-    ],
-)
-def test_it_is_released_where_nothing_is_left_of_the_residual(stage, residual: dict, released: bool) -> None:
-    s, x = opened(stage)
-    away = {"x": x + 20.0, "controller": Controller.POLICY}
-    while only(s.see({2: away})).state == TakeoverState.HELD:
-        pass
-    near = {field: s.logged(2, field) + by for field, by in residual.items()}
-    takeover = only(s.see({2: {"controller": Controller.POLICY, **near}}))
-    assert (takeover.state == TakeoverState.RELEASED) == released
-    position = np.hypot(residual.get("x", 0.0), residual.get("y", 0.0))
-    assert takeover.residual_position == pytest.approx(position)
-    assert takeover.residual_speed == pytest.approx(residual.get("speed", 0.0))
-    following = s.see({2: {"controller": Controller.LOG if released else Controller.POLICY, **near}})
-    assert bool(following.takeovers) != released or following.takeovers[0].state == TakeoverState.RELEASED
 
 
 def test_an_agent_that_was_released_can_be_taken_over_again(stage) -> None:
