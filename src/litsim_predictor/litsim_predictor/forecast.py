@@ -35,7 +35,7 @@ class Modes:
 
     @classmethod
     def none(cls, steps: int = 0) -> Modes:
-        """No further futures, of `steps` steps."""
+        """Returns no further futures, of `steps` steps."""
         return cls(
             np.empty(0, np.int64),
             np.empty(0, np.float32),
@@ -85,7 +85,7 @@ class Forecast:
 
     @classmethod
     def empty(cls, step: int, dt: float = STEP_S, maneuvers: int = 0) -> Forecast:
-        """The forecast of no agents, by a predictor that knows `maneuvers`."""
+        """Returns the forecast of no agents, by a predictor that knows `maneuvers`."""
         narrow = np.empty((0, 0), np.float32)
         return cls(
             step=step,
@@ -99,7 +99,7 @@ class Forecast:
         )
 
     def rows(self, agents: IntArray) -> IntArray:
-        """Row of each of `agents` (m,), -1 where there is no valid forecast."""
+        """Returns the row of each of `agents` (m,), -1 where there is no valid forecast."""
         rows = index_of(self.id, agents)
         if not self.valid.all():
             rows[~self.valid[rows]] = -1
@@ -113,7 +113,7 @@ class NoPredictor:
         """Nothing is remembered."""
 
     def forecast(self, table: AgentTable) -> Forecast:
-        """An empty forecast."""
+        """Returns an empty forecast."""
         return Forecast.empty(table.step)
 
 

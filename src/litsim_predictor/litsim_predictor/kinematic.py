@@ -78,7 +78,7 @@ class KinematicPredictor:
         )
 
     def _turn_rate(self, agents: AgentTable) -> FloatArray:
-        """(n,) mean turn rate over the window [rad/s]; zero where an agent has just appeared or hardly turns."""
+        """Returns the mean turn rate (n,) [rad/s]; zero for agents that have just appeared or hardly turn."""
         yaw, present = self._history.series("yaw", agents.id)
         first = np.argmax(present, axis=1)
         span = (yaw.shape[1] - 1 - first) * STEP_S

@@ -81,7 +81,7 @@ class Bat(Learned):
 
 
 def model_names() -> tuple[str, ...]:
-    """Names of the installed predictors."""
+    """Returns the names of the installed predictors."""
     return plugins.names(plugins.PREDICTORS)
 
 
@@ -144,7 +144,7 @@ def make_predictor(
     modes: int = 0,
     parameters: Mapping[str, Any] | None = None,
 ) -> Predictor:
-    """The predictor called `model`, for a run of `scenario`.
+    """Returns the predictor called `model`, for a run of `scenario`.
 
     Args:
         model: one of :func:`model_names`, or the path of a file of weights or of a graph.
@@ -171,7 +171,7 @@ def make_predictor(
 
 
 def network(model: str) -> Network:
-    """The trained model `model`, compiled; by torch where it has neither kernels nor a graph.
+    """Returns the trained model `model`, compiled; by torch where it has neither kernels nor a graph.
 
     Runs of one process share it: it remembers nothing of a scene.
 
@@ -201,5 +201,5 @@ def _network(model: str, modified: int) -> Network:
 
 
 def _of_file(file: str) -> type[Learned]:
-    """The class of the predictor in a file."""
+    """Returns the class of the predictor in a file."""
     return type("OfFile", (Learned,), {"model": file})

@@ -115,7 +115,7 @@ class DivergedAgents:
         )
 
     def kept(self, which: BoolArray) -> DivergedAgents:
-        """The agents in the mask `which` (r,)."""
+        """Returns the agents in the mask `which` (r,)."""
         if which.all():
             return self
         at = which.nonzero()[0]
@@ -124,7 +124,7 @@ class DivergedAgents:
         return agents
 
     def joined(self, *others: DivergedAgents) -> DivergedAgents:
-        """All these tables in one; no agent is in two of them."""
+        """Returns all these tables in one; no agent is in two of them."""
         tables = (self, *others)
         order = np.argsort(np.concatenate([table.agent for table in tables]), kind="stable")
         columns = (np.concatenate([getattr(table, f.name) for table in tables]) for f in fields(self))

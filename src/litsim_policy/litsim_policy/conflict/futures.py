@@ -70,7 +70,7 @@ class PlannedPaths:
     fresh: BoolArray
 
     def among(self, agents: BoolArray) -> PlannedPaths:
-        """The planned paths of the agents in the mask `agents` (n,)."""
+        """Returns the planned paths of the agents in the mask `agents` (n,)."""
         mine = agents[self.rows]
         if mine.all():
             return self
@@ -78,7 +78,7 @@ class PlannedPaths:
         return PlannedPaths(self.rows[kept], self.paths.take(kept), self.fresh[kept])
 
     def moved_to(self, rows: IntArray) -> PlannedPaths:
-        """The same for a table made of the `rows` (k,), ascending, which include all of these agents."""
+        """Returns the same for a table made of the `rows` (k,), ascending, which include all of these agents."""
         return PlannedPaths(rows.searchsorted(self.rows), self.paths, self.fresh)
 
 
@@ -153,14 +153,14 @@ class Futures:
         self.expected = self._expected(self._asked & self._is_covered)
 
     def _by_log(self) -> PredictedMotion:
-        """The motion of the covered agents by their logs."""
+        """Returns the motion of the covered agents by their logs."""
         log, table = self._log, self.covered
         rows, now = log.ids.searchsorted(table.id), table.step - self.lag
         motion = log.x, log.y, log.yaw, log.valid
         return PredictedMotion(*follow_logs(motion, rows, now, self._steps, table.x, table.y, ~table.off_log))
 
     def _expected(self, asked: BoolArray) -> PredictedMotion:
-        """The expected motion of the covered agents in the mask `asked` (n,); not valid for all others."""
+        """Returns the expected motion of the covered agents in the mask `asked` (n,); not valid for all others."""
         table, keep_to_log = self.covered, self._keep_to_log[self.rows]
         forecast_rows = self._forecast.rows(table.id)
         forecast_rows[~asked[self.rows] | keep_to_log] = -1
@@ -183,7 +183,7 @@ class Futures:
         return motions
 
     def _alternatives(self, forecast_rows: IntArray, hard: BoolArray) -> AlternativeMotions:
-        """Other manoeuvres of the covered agents, by the forecast.
+        """Returns other manoeuvres of the covered agents, by the forecast.
 
         Args:
             forecast_rows: (k,) of the agents in the forecast; -1 for those not wanted.
@@ -206,7 +206,7 @@ class Futures:
         return AlternativeMotions(agent, kept / total, states, valid)
 
     def _interpolated(self, motions: Forecast | Modes, rows: IntArray, now: Poses) -> tuple[FloatArray, BoolArray]:
-        """States (k, T, 6) and validity (k, T) of motions, every 0.1 s, for any `dt` of the forecast.
+        """Returns states (k, T, 6) and validity (k, T) of motions, every 0.1 s, for any `dt` of the forecast.
 
         Between its instants, and from the present pose to the first of them, centres, headings and covariances are
         interpolated linearly; now, the covariance is zero. Nothing is valid beyond its last instant.
@@ -236,7 +236,7 @@ class Futures:
 def planned_motion(
     planned: PlannedPaths, table: AgentTable, forecast: PredictedMotion, sigma_scale: float
 ) -> PredictedMotion:
-    """The motion of the agents (r,) of `planned` along their reference paths; it has one mode.
+    """Returns the motion of the agents (r,) of `planned` along their reference paths; it has one mode.
 
     Args:
         planned: the agents under control, and their paths.

@@ -58,5 +58,5 @@ def by_region(scenario: Setting, table: AgentTable, row: int, reason: TakeoverRe
 
 
 def _pose(table: AgentTable, row: int) -> FloatArray:
-    """The pose (3,) x, y [m], yaw [rad] of the agent in `row`."""
+    """Returns the pose (3,) x, y [m], yaw [rad] of the agent in `row`."""
     return np.array([table.x[row], table.y[row], table.yaw[row]])

@@ -27,7 +27,7 @@ class TakeoverStage(Protocol):
     converged: BoolArray
 
     def update(self, table: AgentTable, forecast: Forecast) -> TakeoverTable:
-        """The agents off their logs at this step, and why; called once per step, in order."""
+        """Returns the agents off their logs at this step, and why; called once per step, in order."""
 
 
 def conflict_stage(read: ParameterReader) -> Callable[[str, Setting], TakeoverStage]:

@@ -98,7 +98,7 @@ def idm_acceleration(
     leader_speed: FloatArray,
     leads: BoolArray | None = None,
 ) -> FloatArray:
-    """Acceleration (...) [m/s2] of vehicles, each behind the most demanding of its leaders.
+    """Returns the acceleration (...) [m/s2] of vehicles, each behind the most demanding of its leaders.
 
     Args:
         config: parameters of all vehicles, or a sequence with those of each.

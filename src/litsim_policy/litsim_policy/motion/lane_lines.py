@@ -88,7 +88,7 @@ class LaneLines:
     def inside(
         self, lanes: IntArray, rows: IntArray, places: tuple[FloatArray, FloatArray], first: IntArray, most: int
     ) -> BoolArray:
-        """Mask (k, w) of agents that are between the edges of each of `lanes` (k,).
+        """Returns the mask (k, w) of agents that are between the edges of each of `lanes` (k,).
 
         Args:
             lanes: positions in `LaneMap.lanes`.

@@ -67,7 +67,7 @@ class ReferencePath:
         return self.batch.heading(0, self.batch.segment(s[None])[0])
 
     def followed_by(self, other: ReferencePath) -> ReferencePath:
-        """This path, continued from its end along `other`."""
+        """Returns this path, continued from its end along `other`."""
         s, _ = other.project(self.points[-1:, 0], self.points[-1:, 1])
         return ReferencePath.of(np.concatenate([self.points, other.points[other.s > s[0] + 0.5 * SPACING]]))
 

@@ -67,7 +67,7 @@ class AgentInputs:
     traffic: Float32Array
 
     def take(self, rows: IntArray | BoolArray | slice) -> AgentInputs:
-        """The inputs of the agents in `rows`."""
+        """Returns the inputs of the agents in `rows`."""
         return AgentInputs(*(getattr(self, each.name)[rows] for each in fields(AgentInputs)))
 
 

@@ -101,7 +101,7 @@ class LearnedPredictor:
         return heading, self._lanes.ahead(at.take(asked), along[asked], agents.speed[asked])
 
     def _answer(self, inputs: AgentInputs, asked: IntArray, scene: IntArray) -> AgentFutures:
-        """The network's output for the rows `asked` (m,); agents (n,) of one `scene` (n,) see each other."""
+        """Returns the network's output for the rows `asked` (m,); agents (n,) of one `scene` (n,) see each other."""
         if scene[0] == scene[-1]:
             return self._network(inputs, asked, self._modes)
         if isinstance(self._network, NetworkOfScenes):
@@ -122,7 +122,7 @@ class LearnedPredictor:
 
 
 def _joined(answers: list[AgentFutures]) -> AgentFutures:
-    """The answers for several scenes as one, in their order."""
+    """Returns the answers for several scenes as one, in their order."""
     own = [f.name for f in fields(AgentFutures) if f.name != "further"]
     both = {name: np.concatenate([getattr(each, name) for each in answers]) for name in own}
     before = np.cumsum([0, *(len(each.maneuver) for each in answers[:-1])])

@@ -87,7 +87,7 @@ class Linear:
         self.bias, self._write = bias, rectified_linear if rectified else linear
 
     def __call__(self, values: Float32Array) -> Float32Array:
-        """Outputs (n, out) for `values` (n, in)."""
+        """Returns outputs (n, out) for `values` (n, in)."""
         out = np.empty((len(values), len(self.bias)), np.float32)
         self._write(values, self.weight, self.bias, out)
         return out
@@ -112,7 +112,7 @@ class MapEncoder:
         self._memory = MapMemory(len(self._last.bias))
 
     def __call__(self, raster: ByteArray) -> Float32Array:
-        """Codes (n, width) of maps (n, CHANNELS, ROWS, COLUMNS)."""
+        """Returns codes (n, width) of maps (n, CHANNELS, ROWS, COLUMNS)."""
         maps = self._memory.look_up(raster)
         if not len(maps.new):
             return maps.known[maps.code_of]
@@ -136,7 +136,7 @@ class HistoryEncoder:
         self._last = Linear(arrays["history.layers.2.weight"], arrays["history.layers.2.bias"], rectified=True)
 
     def __call__(self, inputs: AgentInputs) -> Float32Array:
-        """Codes (n, width)."""
+        """Returns codes (n, width)."""
         read = np.empty((len(inputs.history), HISTORY, HISTORY_CHANNELS + 1), np.float32)
         read_histories(inputs.history, inputs.observed, DT, read)
         return self._last(self._first(read.reshape(len(read), -1)))
@@ -261,7 +261,7 @@ class JointNetwork:
 
 
 def shapes(parameters: JointParameters) -> dict[str, tuple[int, ...]]:
-    """The shapes of the weights of a joint predictor that kernels run, by their names in its model of torch."""
+    """Returns the shapes of the weights of a joint predictor that kernels run, by their names in its model of torch."""
     maps, channels, hidden = parameters.map_width, parameters.map_channels, parameters.hidden
     history, state, width = parameters.history_width, parameters.state_width, parameters.width
     found: dict[str, tuple[int, ...]] = {}
@@ -291,5 +291,5 @@ def shapes(parameters: JointParameters) -> dict[str, tuple[int, ...]]:
 
 
 def _part(arrays: Mapping[str, Float32Array], prefix: str) -> dict[str, Float32Array]:
-    """The weights whose names begin with `prefix`, by the rest of their names."""
+    """Returns the weights whose names begin with `prefix`, by the rest of their names."""
     return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
