@@ -52,8 +52,8 @@ class Learned(LearnedPredictor, PredictorPlugin):
 
     def __init__(self, scenario: Setting, scope: Scope) -> None:
         net = raster_of_net(scenario.net_path)
-        given = (scenario.ego_ids, scope.roi_m, *net, scope.wanted, scope.modes)
-        super().__init__(network(self.model), *given, along_lanes=scope.along_lanes)
+        selection = (scenario.ego_ids, scope.roi_m, *net, scope.wanted, scope.modes)
+        super().__init__(network(self.model), *selection, along_lanes=scope.along_lanes)
 
 
 class Default(Learned):

@@ -36,7 +36,7 @@ def weigh(lines, agent_table):
         )
         rows, line = table.rows(np.array([ME])), lines.rows(np.array([RIGHT, LEFT]))
         poses = np.full(2, 100.0), np.array([0.0, 3.5]), np.zeros(2)
-        view = along_paths(lines.made, table, np.repeat(rows, 2), poses=poses, path=line)
+        view = along_paths(lines.batch, table, np.repeat(rows, 2), poses=poses, path=line)
         comes = np.zeros((1, len(table)), np.bool_)
         if claimed is not None:
             comes[0, table.row(claimed)] = True
@@ -108,8 +108,8 @@ def test_lines_begin_before_their_lanes_and_know_who_is_beside() -> None:
     lines, (a, b, c) = LaneLines(lane_map), (lane_map.row(name) for name in ("a_0", "b_0", "b_1"))
     assert lines.left[[a, b, c]].tolist() == [-1, c, -1] and lines.right[[a, b, c]].tolist() == [-1, -1, b]
     line = lines.rows(np.array([b, c]))
-    assert lines.rows(np.array([c, b, c])).tolist() == line[[1, 0, 1]].tolist() and len(lines.made) == 2
-    s = lines.made.project(line, np.array([50.0, 150.0]), np.zeros(2)).s
+    assert lines.rows(np.array([c, b, c])).tolist() == line[[1, 0, 1]].tolist() and len(lines.batch) == 2
+    s = lines.batch.project(line, np.array([50.0, 150.0]), np.zeros(2)).s
     assert s == pytest.approx([50.0, 50.0]), "from where the lane before begins; nothing leads into the other"
 
 

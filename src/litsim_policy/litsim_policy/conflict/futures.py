@@ -74,8 +74,8 @@ class PlannedPaths:
         mine = agents[self.rows]
         if mine.all():
             return self
-        kept = mine.nonzero()[0]
-        return PlannedPaths(self.rows[kept], self.paths.take(kept), self.fresh[kept])
+        at = mine.nonzero()[0]
+        return PlannedPaths(self.rows[at], self.paths.take(at), self.fresh[at])
 
     def moved_to(self, rows: IntArray) -> PlannedPaths:
         """Returns the same for a table made of the `rows` (k,), ascending, which include all of these agents."""
@@ -198,12 +198,12 @@ class Futures:
         if not len(wanted):
             return AlternativeMotions.none(self._steps)
         agent = agent[wanted]
-        kept = modes.probability[wanted].astype(np.float64)
-        total = forecast.share[modes.row[wanted]] + np.bincount(agent, kept, len(table))[agent]
+        probability = modes.probability[wanted].astype(np.float64)
+        total = forecast.share[modes.row[wanted]] + np.bincount(agent, probability, len(table))[agent]
         states, valid = self._interpolated(modes, wanted, (table.x[agent], table.y[agent], table.yaw[agent]))
         for k in hard[agent].nonzero()[0]:
             self._hold_back(states[k], int(agent[k]))
-        return AlternativeMotions(agent, kept / total, states, valid)
+        return AlternativeMotions(agent, probability / total, states, valid)
 
     def _interpolated(self, motions: Forecast | Modes, rows: IntArray, now: Poses) -> tuple[FloatArray, BoolArray]:
         """Returns states (k, T, 6) and validity (k, T) of motions, every 0.1 s, for any `dt` of the forecast.

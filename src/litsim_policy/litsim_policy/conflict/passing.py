@@ -92,7 +92,7 @@ class Passing:
             return
         there = agents.beside[at]
         line = self._lines.rows(there)
-        outside = np.abs(self._lines.made.project(line, now.x[at], now.y[at]).d) > 0.5 * self._lines.width(there)
+        outside = np.abs(self._lines.batch.project(line, now.x[at], now.y[at]).d) > 0.5 * self._lines.width(there)
         at, there = at[outside], there[outside]
         if not len(at):
             return
@@ -122,7 +122,7 @@ class Passing:
         if not len(at):
             return LaneChanges(np.zeros(0), np.zeros(0, np.bool_), np.zeros(0, np.bool_))
         line, twice = self._lines.rows(np.concatenate([here, there])), np.concatenate([at, at])
-        lines = self._lines.made
+        lines = self._lines.batch
         s = lines.project(line, now.x[twice], now.y[twice]).s
         x, y = lines.point(s, line).T
         heading = lines.heading(line, lines.segment(s[:, None], line)[:, 0])

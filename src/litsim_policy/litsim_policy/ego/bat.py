@@ -116,14 +116,14 @@ def fitted_acceleration(way: FloatArray, dt: float, speed: float, preview: float
 
 def lanes_ahead(lane_map: LaneMap, start: int) -> frozenset[int]:
     """Returns rows of the lanes that are reachable from the lane in row `start` over neighbours and successors."""
-    found, new = {start}, [start]
+    reachable, new = {start}, [start]
     while new:
         lane = lane_map.lanes[new.pop()]
         names = [name for name in (lane.left, lane.right, *lane.successors) if name is not None]
-        more = {lane_map.row(name) for name in names} - found
-        found |= more
+        more = {lane_map.row(name) for name in names} - reachable
+        reachable |= more
         new += more
-    return frozenset(found)
+    return frozenset(reachable)
 
 
 def within_edges(lane_map: LaneMap, points: FloatArray, headings: FloatArray, beside: float) -> FloatArray:

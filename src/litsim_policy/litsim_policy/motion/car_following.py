@@ -110,7 +110,7 @@ def idm_acceleration(
     gap = np.asarray(gap, np.float64)
     shape, pairs = gap.shape[:-1], (math.prod(gap.shape[:-1]), gap.shape[-1])
     models = [config] if isinstance(config, IdmConfig) else config
-    found = _idm_accelerations(
+    accelerations = _idm_accelerations(
         np.full(shape, speed, np.float64).reshape(-1),
         np.full(shape, desired_speed, np.float64).reshape(-1),
         np.ascontiguousarray(gap).reshape(pairs),
@@ -118,7 +118,7 @@ def idm_acceleration(
         np.ones(pairs, np.bool_) if leads is None else leads.reshape(pairs),
         np.array([model.values for model in models]),
     )
-    return found.reshape(shape)
+    return accelerations.reshape(shape)
 
 
 @kernel(float64(float64, float64, FLOATS, FLOATS, BOOLS, IDM))

@@ -40,10 +40,10 @@ class ReferencePath:
         Raises:
             ValueError: fewer than two points are left.
         """
-        kept = thinned(points, 0.5 * SPACING)
-        if len(kept) < 2:
+        rows = thinned(points, 0.5 * SPACING)
+        if len(rows) < 2:
             raise ValueError("a path needs two points that differ")
-        return cls.of(points[kept])
+        return cls.of(points[rows])
 
     @classmethod
     def of(cls, points: FloatArray) -> ReferencePath:

@@ -105,7 +105,7 @@ class CompiledNetwork:
             InputError: the graph does not take these inputs, or its outputs are not of the contract's shapes and type.
         """
         place = inputs.frame[:, :2] - inputs.frame[:1, :2]
-        given = {
+        arrays = {
             "position": place.astype(np.float32),
             "heading": inputs.frame[:, 2].astype(np.float32),
             "history": inputs.history,
@@ -116,9 +116,9 @@ class CompiledNetwork:
         }
         if self._maps is not None:
             maps = self._maps.look_up(inputs.raster)
-            given |= {"raster": maps.new, "known": maps.known, "code_of": maps.code_of}
+            arrays |= {"raster": maps.new, "known": maps.known, "code_of": maps.code_of}
         try:
-            answer = self._session.run(self._outputs, {name: given[name] for name in self._asks})
+            answer = self._session.run(self._outputs, {name: arrays[name] for name in self._asks})
         except _BROKEN as error:
             raise InputError(f"{self.source}: ONNX Runtime cannot run it: {_first_line(error)}") from error
         if self._maps is not None:

@@ -106,9 +106,9 @@ class LearnedPredictor:
             return self._network(inputs, asked, self._modes)
         if isinstance(self._network, NetworkOfScenes):
             rows = np.flatnonzero(np.isin(scene, scene[asked]))
-            seen = inputs if len(rows) == len(scene) else inputs.take(rows)
+            of_scenes = inputs if len(rows) == len(scene) else inputs.take(rows)
             first = np.flatnonzero(np.diff(scene[rows], prepend=-1))
-            return self._network.of_scenes(seen, np.searchsorted(rows, asked), first, self._modes)
+            return self._network.of_scenes(of_scenes, np.searchsorted(rows, asked), first, self._modes)
         answers, begins = [], np.flatnonzero(np.diff(scene[asked]))
         for rows in np.split(asked, begins + 1):
             begin, end = np.searchsorted(scene, scene[rows[0]]), np.searchsorted(scene, scene[rows[0]], "right")
@@ -124,8 +124,10 @@ class LearnedPredictor:
 def _joined(answers: list[AgentFutures]) -> AgentFutures:
     """Returns the answers for several scenes as one, in their order."""
     own = [f.name for f in fields(AgentFutures) if f.name != "further"]
-    both = {name: np.concatenate([getattr(each, name) for each in answers]) for name in own}
-    before = np.cumsum([0, *(len(each.maneuver) for each in answers[:-1])])
-    more = {f.name: np.concatenate([getattr(each.further, f.name) for each in answers]) for f in fields(FurtherFutures)}
-    more["row"] = np.concatenate([each.further.row + first for each, first in zip(answers, before, strict=True)])
-    return AgentFutures(**both, further=FurtherFutures(**more))
+    joined = {name: np.concatenate([getattr(answer, name) for answer in answers]) for name in own}
+    before = np.cumsum([0, *(len(answer.maneuver) for answer in answers[:-1])])
+    further = {
+        f.name: np.concatenate([getattr(answer.further, f.name) for answer in answers]) for f in fields(FurtherFutures)
+    }
+    further["row"] = np.concatenate([answer.further.row + first for answer, first in zip(answers, before, strict=True)])
+    return AgentFutures(**joined, further=FurtherFutures(**further))

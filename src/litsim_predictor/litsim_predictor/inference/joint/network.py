@@ -264,10 +264,10 @@ def shapes(parameters: JointParameters) -> dict[str, tuple[int, ...]]:
     """Returns the shapes of the weights of a joint predictor that kernels run, by their names in its model of torch."""
     maps, channels, hidden = parameters.map_width, parameters.map_channels, parameters.hidden
     history, state, width = parameters.history_width, parameters.state_width, parameters.width
-    found: dict[str, tuple[int, ...]] = {}
+    by_name: dict[str, tuple[int, ...]] = {}
 
     def layer(name: str, *shape: int) -> None:
-        found[f"{name}.weight"], found[f"{name}.bias"] = shape, shape[:1]
+        by_name[f"{name}.weight"], by_name[f"{name}.bias"] = shape, shape[:1]
 
     layer("map.layers.0", channels, CHANNELS, KERNEL, KERNEL)
     layer("map.layers.2", channels, channels, KERNEL, KERNEL)
@@ -284,10 +284,10 @@ def shapes(parameters: JointParameters) -> dict[str, tuple[int, ...]]:
         layer(f"relative.{number}.norm", width)
     layer("maneuver.0", hidden, width)
     layer("maneuver.2", len(MANEUVERS), hidden)
-    found["decoder.maneuver.weight"] = (len(MANEUVERS), width)
+    by_name["decoder.maneuver.weight"] = (len(MANEUVERS), width)
     for number, shape in ((0, (hidden, width)), (2, (hidden, hidden)), (4, (HORIZON * GAUSSIAN_CHANNELS, hidden))):
         layer(f"decoder.layers.{number}", *shape)
-    return found
+    return by_name
 
 
 def _part(arrays: Mapping[str, Float32Array], prefix: str) -> dict[str, Float32Array]:
