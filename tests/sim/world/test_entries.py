@@ -54,7 +54,7 @@ def test_pedestrians_and_cyclists_wait_for_nobody(
 
 
 def test_without_a_guard_nobody_waits(log: Log, standing: Callable[[float], AgentTable]) -> None:
-    entries = Entries(log, None)
+    entries = Entries(log, guarded=False)
     assert begin(entries, log, standing(0.0))
     assert entries.waiting == {}
 
