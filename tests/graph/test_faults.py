@@ -105,9 +105,9 @@ def test_a_node_that_is_killed_is_named(graph: Any, name: str) -> None:
     assert 9 <= assert_whole_steps(bag) < 245
 
 
-def test_messages_lost_late_twice_out_of_order_or_of_another_run_change_nothing(graph: Any, recorded: Any) -> None:
+def test_messages_lost_late_twice_or_out_of_order_change_nothing(graph: Any, recorded: Any) -> None:
     expected = digest_of(recorded, "litsim")
-    relay, stranger = graph.start_script("relay.py", *HOPS.values()), graph.start_script("stranger.py")
+    relay = graph.start_script("relay.py", *HOPS.values())
     recorder = graph.start_node("litsim_sim", "recorder", output=graph.folder / "run")
     start(graph, *PROGRAMS, remapped=tuple(HOPS))
     bridge = graph.finish(start_bridge(graph, *remap("bridge", tuple(HOPS))))
@@ -117,8 +117,6 @@ def test_messages_lost_late_twice_out_of_order_or_of_another_run_change_nothing(
     _, said = graph.end(relay)
     done = {tuple(line.split()) for line in said.splitlines() if line.startswith(DEEDS)}  # not how it was ended
     assert done == {(deed, topic) for deed in DEEDS for topic in HOPS.values()}
-    _, said = graph.end(stranger)
-    assert said.count("step ") > 5  # it was there
 
 
 def test_nodes_that_come_late_change_nothing(graph: Any, recorded: Any) -> None:

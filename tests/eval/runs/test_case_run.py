@@ -125,9 +125,9 @@ def test_over_dds_a_run_is_measured_and_its_files_are_named(launcher: Any) -> No
 
 def test_small_numbers_reach_the_launcher_as_numbers(launcher: Any) -> None:
     folder = launcher(f"echo '{json.dumps(campaigns.metrics())}' > $out/metrics.json")
-    over_graph(case("idm", policy="yield", parameters={"conflict.release_speed": [0.00001]}), folder)
+    over_graph(case("idm", policy="yield", parameters={"conflict.urgent_time": [0.00001]}), folder)
     words = (folder / "words").read_text().split("\n")
-    assert setting(words[words.index("--set") + 1]) == ("conflict", "release_speed", [0.00001])
+    assert setting(words[words.index("--set") + 1]) == ("conflict", "urgent_time", [0.00001])
 
 
 @pytest.mark.parametrize(
