@@ -53,7 +53,7 @@ class Folder:
 def source(module: str) -> Path:
     """Returns the file of a module."""
     path = ROOT / "src" / module.partition(".")[0] / Path(*module.split("."))
-    return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    return path / "__init__.py" if (path / "__init__.py").exists() else path.with_suffix(".py")
 
 
 def read_folders() -> dict[str, Folder]:

@@ -36,6 +36,6 @@ setup(
             "security = litsim_eval.cli.security:main",
         ],
         # See litsim_sim.core.plugins for the groups.
-        "litsim.recorded": ["analyze = litsim_eval.recorded:analyze_recorded"],
+        "litsim.recorded": ["analyze = litsim_eval.report.recorded:analyze_recorded"],
     },
 )

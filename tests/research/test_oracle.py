@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_predictor.plugin import Scope
-from litsim_predictor.selection import Wanted
+from litsim_predictor.selection import Scope, Wanted
 from litsim_research.oracle import Oracle, OracleConfig
 from litsim_sim.scenario.outcomes import RecordedOutcomes, file_of
 

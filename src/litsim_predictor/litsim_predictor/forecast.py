@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from litsim_sim.core.plugins import Configured
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray, index_of
 
 Float32Array = npt.NDArray[np.float32]
@@ -125,3 +127,23 @@ class Predictor(Protocol):
 
     def forecast(self, table: AgentTable) -> Forecast:
         """Forecast agents of `table` that matter to the ego and to those off their log; see :mod:`.selection`."""
+
+
+class PredictorPlugin(Configured, ABC):
+    """Forecasts traffic, as a :class:`Predictor`: a plug-in of ``litsim.predictors``.
+
+    It is made for a run as ``cls(scenario, scope)``, or with its configuration as third argument if it has parameters.
+
+    Attributes:
+        batched: whether it also forecasts the agents of several scenes at once, which do not see each other.
+    """
+
+    batched: ClassVar[bool] = False
+
+    @abstractmethod
+    def observe(self, table: AgentTable) -> None:
+        """Take note of a step for which no forecast is needed."""
+
+    @abstractmethod
+    def forecast(self, table: AgentTable) -> Forecast:
+        """Forecast agents of `table` that matter to the ego and to those off their log."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -28,6 +29,23 @@ class Wanted(StrEnum):
     READ = "read"
     ALL = "all"
     EGO = "ego"
+
+
+@dataclass(frozen=True)
+class Scope:
+    """Whom a predictor forecasts, and what of it.
+
+    Attributes:
+        roi_m: radius around agents off their log within which agents are looked at [m].
+        wanted: the agents that are forecast.
+        modes: greatest number of manoeuvres of each besides the most probable one.
+        along_lanes: whether learned models forecast along lanes that bend.
+    """
+
+    roi_m: float
+    wanted: Wanted = Wanted.READ
+    modes: int = 0
+    along_lanes: bool = True
 
 
 def selected(table: AgentTable, ego_id: Egos, roi_m: float, wanted: Wanted) -> tuple[AgentTable, IntArray]:

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from litsim_predictor.forecast import Forecast
-from litsim_predictor.plugin import PredictorPlugin, Scope
-from litsim_predictor.selection import selected
+from litsim_predictor.forecast import Forecast, PredictorPlugin
+from litsim_predictor.selection import Scope, selected
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, index_of
@@ -41,7 +40,7 @@ class Oracle(PredictorPlugin):
     batched = True
 
     def __init__(self, scenario: Setting, scope: Scope, config: OracleConfig) -> None:
-        """See :class:`litsim_predictor.plugin.PredictorPlugin`.
+        """See :class:`litsim_predictor.forecast.PredictorPlugin`.
 
         Raises:
             InputError: the folder does not hold what happened in a run of `scenario`.

@@ -16,7 +16,7 @@ from tqdm import tqdm
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.detector import ConflictDetector
 from litsim_predictor.models import DEFAULT_MODEL, PredictorConfig
-from litsim_research.calibration import SECONDS, PairScores, score_drives
+from litsim_research.predictors.evaluation.calibration import SECONDS, PairScores, score_drives
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError

@@ -8,7 +8,7 @@ import pytest
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.detector import ConflictDetector
 from litsim_predictor.inference.contract import NO_MODES
-from litsim_research.calibration import SECONDS, PairScores, score_drives
+from litsim_research.predictors.evaluation.calibration import SECONDS, PairScores, score_drives
 from litsim_sim.scenario.scenario import Scenario
 
 AT = SECONDS.index(3)
