@@ -197,3 +197,12 @@ def test_shipped_weights_drive(make_scenario, track, drive) -> None:
     sources = {s for r in run.results if r.controls is not None for s in r.controls.source.tolist()}
     assert sources & {ControlSource.POLICY, ControlSource.GUARDED}
     assert all((np.diff(r.controls.id) > 0).all() for r in run.results if r.controls is not None)
+
+
+@pytest.mark.parametrize(("guards", "collides"), [(False, True), (True, False)])
+def test_without_network_and_rules_only_the_guards_brake(make_scenario, track, drive, *, guards, collides) -> None:
+    """The ego ahead brakes to a stand; agent 2 would drive on at constant speed."""
+    scenario = make_scenario(track(1, x=200.0, last=110), track(2, x=170.0, last=110))
+    parameters = {"policy": {"weights": "none", "rules": False, "guards": guards}}
+    run = drive(scenario, lambda *_: (-5.0, 0.0), policy="litsim", parameters=parameters)
+    assert ((1, 2) in run.world.contacts) == collides
