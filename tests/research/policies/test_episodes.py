@@ -12,7 +12,7 @@ from litsim_research.policies.reward import PenaltyConfig, penalties
 from litsim_research.policies.task import TaskConfig
 from litsim_sim.scenario.scenario import Scenario
 
-SMALL = EnvironmentConfig(steps_max=40, slots=4, drafted=2, draft_steps=40)
+SMALL = EnvironmentConfig(steps_max=40, slots=4, sampled=2, sample_steps=40)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def test_who_makes_others_brake_shares_their_penalties(make_scenario, track, lan
     """The one ahead brakes as hard as it may, so that the one behind, who brakes as hard, is taken over."""
     y = lane_centres[1]
     tracks = [track(k, x=150.0 - 12.0 * k, y=y, speed=12.0, last=80) for k in range(1, 6)]
-    scenario, config = make_scenario(*tracks), EnvironmentConfig(steps_max=40, slots=6, drafted=5, draft_radius=90.0)
+    scenario, config = make_scenario(*tracks), EnvironmentConfig(steps_max=40, slots=6, sampled=5, sample_radius=90.0)
 
     def braking(share: float) -> list[Outcome]:
         course = Course([scenario], config, penalty=PenaltyConfig(share=share))
@@ -74,10 +74,10 @@ def test_driven_agents_are_observed(traffic) -> None:
     assert traffic.ego_id not in agents
 
 
-def test_only_drafted_agents_are_driven_where_that_is_asked_for(traffic) -> None:
-    course = Course([traffic], EnvironmentConfig(steps_max=40, slots=1, drafted=1, draft_steps=40))
+def test_only_sampled_agents_are_driven_where_that_is_asked_for(traffic) -> None:
+    course = Course([traffic], EnvironmentConfig(steps_max=40, slots=1, sampled=1, sample_steps=40))
     for seed in range(6):
-        episodes = Episodes(course, [course.start(np.random.default_rng(seed))], drafted_only=True)
+        episodes = Episodes(course, [course.start(np.random.default_rng(seed))], sampled_only=True)
         (agent,) = episodes.driven
         assert {each for outcome in driven(episodes) for each in outcome.agents.tolist()} == {agent}
 
@@ -86,7 +86,7 @@ def test_only_drafted_agents_are_driven_where_that_is_asked_for(traffic) -> None
 def test_time_runs_out(make_scenario, track, lane_centres, steps_max: int) -> None:
     tracks = [track(1 + k, x=60.0 + 40.0 * k, y=lane_centres[1 + k % 2], last=80) for k in range(4)]
     scenario = make_scenario(*tracks)
-    episodes = begun(scenario, EnvironmentConfig(steps_max=steps_max, slots=2, drafted=3))
+    episodes = begun(scenario, EnvironmentConfig(steps_max=steps_max, slots=2, sampled=3))
     outcomes = driven(episodes)
     assert not any(outcome.terminated.any() for outcome in outcomes) and not outcomes[-1].driven_on.any()
     assert max(len(outcome.agents) for outcome in outcomes) <= 2
@@ -104,7 +104,7 @@ def test_collisions_end_episodes(traffic) -> None:
 
 def test_leaving_the_road_ends_episodes(make_scenario, track, lane_centres) -> None:
     scenario = make_scenario(track(1, x=60.0, last=80), track(2, x=80.0, y=lane_centres[0], last=80))
-    last = driven(begun(scenario, EnvironmentConfig(steps_max=60, slots=2, drafted=1)), lateral=0.3)[-1]
+    last = driven(begun(scenario, EnvironmentConfig(steps_max=60, slots=2, sampled=1)), lateral=0.3)[-1]
     assert last.terminated.any() and last.terms.off_road.any()
 
 
@@ -113,7 +113,7 @@ def test_a_road_that_empties_is_no_failure(make_scenario, track, seed: int) -> N
     """The ego and the driven agent leave the net at 640 m; the recording goes on, as somebody enters later."""
     tracks = track(1, x=560.0, speed=20.0, last=30), track(2, x=540.0, speed=20.0, last=30)
     scenario = make_scenario(*tracks, track(3, x=100.0, first=120, last=130))
-    episodes = begun(scenario, EnvironmentConfig(slots=2, drafted=2), seed)
+    episodes = begun(scenario, EnvironmentConfig(slots=2, sampled=2), seed)
     outcomes = driven(episodes, action=0.9)
     assert {tuple(episodes.batch.log.recorded_ids[outcome.agents]) for outcome in outcomes} == {(2,)}
     left = outcomes[-1]

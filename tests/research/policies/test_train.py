@@ -37,7 +37,7 @@ def file(training_data, tmp_path_factory) -> Path:
         "validate_every": 1,
         "validation_episodes": 1,
         "data": training_data,
-        "environment": {"steps_max": 20, "slots": 4, "drafted": 3},
+        "environment": {"steps_max": 20, "slots": 4, "sampled": 3},
         "warm_start": {"epochs": 2},
         "critic": {"updates": 2, "batch": 32},
         "ppo": {"epochs": 2, "batch": 32},

@@ -23,9 +23,9 @@ from litsim_policy.driving.safety.layer import SafetyLayer
 from litsim_policy.driving.task import NOBODY, DrivingScene, due_step, opponent_of
 from litsim_policy.ego.batched import BatchedEgos
 from litsim_predictor.models import ModelName, make_predictor
-from litsim_research.policies.drafts import Drafts
 from litsim_research.policies.draw import Start, drawn_ego, with_ego
 from litsim_research.policies.reward import Penalties, PenaltyConfig, passed_on, penalties
+from litsim_research.policies.sampled_agents import SampledAgents
 from litsim_research.policies.task import TaskConfig
 from litsim_sim.core.quantities import Length, NonNegative, Positive, Steps, Whole, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, ControlSource, ControlTable, EgoCommand, FloatArray, IntArray
@@ -43,9 +43,9 @@ class EnvironmentConfig:
         steps_max: steps after the history, fewer where the scenario ends before; the default is the paper's, while
             segments of 28 s have 250.
         slots: most agents under the policy at a time; further ones are driven by policy yield.
-        drafted: agents near the ego that are put under the policy at the start, with or without a conflict.
-        draft_radius: distance from the ego within which they are drawn.
-        draft_steps: steps after the history for which they stay under the policy.
+        sampled: agents near the ego that are put under the policy at the start, with or without a conflict.
+        sample_radius: distance from the ego within which they are drawn.
+        sample_steps: steps after the history for which they stay under the policy.
         model: predictor.
         careful: guards that correct the policy's commands for the training (see :attr:`Outcome.corrected`); they brake
             early enough for the bounds on jerk, unlike the guards that drive. None for no corrections.
@@ -53,9 +53,9 @@ class EnvironmentConfig:
 
     steps_max: Positive[Steps] = 300
     slots: Positive[Whole] = 10
-    drafted: NonNegative[Whole] = 5
-    draft_radius: NonNegative[Length] = 50.0
-    draft_steps: NonNegative[Steps] = 100
+    sampled: NonNegative[Whole] = 5
+    sample_radius: NonNegative[Length] = 50.0
+    sample_steps: NonNegative[Steps] = 100
     model: ModelName = "kinematic"
     careful: SafetyConfig | None = None
 
@@ -70,7 +70,7 @@ class Course:
         observation: of the driven agents.
         penalty: weights of the penalties.
         safety: limits and guards on the policy's actions.
-        task: distribution of the drafted agents' tasks.
+        task: distribution of the sampled agents' tasks.
     """
 
     scenarios: Sequence[Scenario]
@@ -127,7 +127,7 @@ class Outcome:
 
 
 class _Task(NamedTuple):
-    """Task of a driven agent, see :class:`litsim_policy.driving.task.DrivingTask`; drafted unless `taken_over`."""
+    """Task of a driven agent, see :class:`litsim_policy.driving.task.DrivingTask`; sampled unless `taken_over`."""
 
     agent: int
     points: FloatArray
@@ -146,7 +146,7 @@ class Episodes:
     Args:
         course: settings.
         starts: of each episode.
-        drafted_only: whether only drafted agents are driven, also while they are taken over.
+        sampled_only: whether only sampled agents are driven, also while they are taken over.
 
     Attributes:
         batch: the scenarios.
@@ -154,8 +154,8 @@ class Episodes:
         seen: (m, size) observations of the :attr:`driven` agents.
     """
 
-    def __init__(self, course: Course, starts: Sequence[Start], *, drafted_only: bool = False) -> None:
-        self._course, self._config, self._drafted_only = course, course.config, drafted_only
+    def __init__(self, course: Course, starts: Sequence[Start], *, sampled_only: bool = False) -> None:
+        self._course, self._config, self._sampled_only = course, course.config, sampled_only
         self.batch = BatchedScenario.of([start.scenario for start in starts])
         self._egos = BatchedEgos(self.batch, [start.ego for start in starts])
         self._world = World(self.batch)
@@ -177,8 +177,8 @@ class Episodes:
             commands = [EgoCommand(table.step)] * len(starts)
             table = self._world.step_batch(ControlTable.empty(table.step), commands)
         self._see(table)
-        drafted, radius = self._config.drafted, self._config.draft_radius
-        self._drafts = Drafts(self.batch, starts, table, drafted, radius, course.task)
+        sampled, radius = self._config.sampled, self._config.sample_radius
+        self._sampled_agents = SampledAgents(self.batch, starts, table, sampled, radius, course.task)
         self._choose()
         self.seen = self._observer.features(self._scene)
         self._leave_out(self.step_number >= self._end)
@@ -221,20 +221,20 @@ class Episodes:
         self._takeovers = self._manager.update(table, self._predictor.forecast(table)).takeovers
 
     def _choose(self) -> None:
-        """Choose the agents driven at the current step: held and drafted ones, up to `slots` in each episode."""
+        """Choose the agents driven at the current step: held and sampled ones, up to `slots` in each episode."""
         tasks = {
             t.agent: _Task(t.agent, t.reference_path, t.goal_pose[:2], due_step(t), opponent_of(t), taken_over=True)
             for t in self._takeovers
             if t.state == TakeoverState.HELD and t.path_source != PathSource.LANE  # passing agents are driven by rules
         }
-        drafting = self.step_number < self.batch.history_steps + self._config.draft_steps
-        drafts = self._drafts.of(self._table) if drafting else []
-        for draft in drafts:
-            held = draft.agent in tasks
-            opponent = tasks[draft.agent].opponent if held else draft.opponent
-            tasks[draft.agent] = _Task(draft.agent, draft.points, draft.goal, draft.due_step, opponent, taken_over=held)
-        if self._drafted_only:
-            tasks = {draft.agent: tasks[draft.agent] for draft in drafts}
+        sampling = self.step_number < self.batch.history_steps + self._config.sample_steps
+        sampled = self._sampled_agents.of(self._table) if sampling else []
+        for task in sampled:
+            held = task.agent in tasks
+            opponent = tasks[task.agent].opponent if held else task.opponent
+            tasks[task.agent] = _Task(task.agent, task.points, task.goal, task.due_step, opponent, taken_over=held)
+        if self._sampled_only:
+            tasks = {task.agent: tasks[task.agent] for task in sampled}
         counts = np.zeros(len(self.running), np.int64)
         self._tasks = []
         for agent in sorted(tasks):

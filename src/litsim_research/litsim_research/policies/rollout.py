@@ -113,8 +113,8 @@ def _until_enough(
             if empty == EMPTY_EPISODES_MAX:
                 raise InputError(
                     f"training: no agent is driven in {empty} episodes in a row, expected scenarios with vehicles "
-                    f"within environment.draft_radius ({config.environment.draft_radius} m) of the ego, or in conflict "
-                    "with it"
+                    f"within environment.sample_radius ({config.environment.sample_radius} m) of the ego, or in "
+                    "conflict with it"
                 )
             yield episode
         if missing <= 0.0:

@@ -26,6 +26,7 @@ from tqdm import tqdm
 from litsim_research.policies.checkpoint import BEST, CHECKPOINT, CURVES, Training
 from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.critic import update_critic
+from litsim_research.policies.critic_pairs import driven_pairs, expert_and_policy_pairs
 from litsim_research.policies.data import TrainingData, prepare
 from litsim_research.policies.divergence import refuse_divergence
 from litsim_research.policies.expert import ExpertPairs, expert_pairs
@@ -33,7 +34,6 @@ from litsim_research.policies.network import GaussianPolicy, driving_network, re
 from litsim_research.policies.ppo import Demonstrations, make_batch, tensor, update_policy
 from litsim_research.policies.rollout import Driving, Episode, begin, begin_validation, collect, validate
 from litsim_research.policies.rollout_pool import rollouts
-from litsim_research.policies.sides import critic_sides, driven_pairs
 from litsim_research.policies.training_program import training_parser, training_program
 from litsim_research.policies.warm_start import clone
 from litsim_sim.cli.program import at_least_one, program
@@ -138,7 +138,9 @@ def _iterate(
     """
     config = training.config
     generator = torch.Generator().manual_seed(config.seed * 1_000_003 + iteration)
-    expert, drawn = critic_sides(training.policy, recorded, config.transitions, generator)  # while the pool drives
+    expert, drawn = expert_and_policy_pairs(
+        training.policy, recorded, config.transitions, generator
+    )  # while the pool drives
     critic = update_critic(training.critic, training.critic_optimiser, expert, drawn, config.critic, generator)
     refuse_divergence(training.critic, "critic.learning_rate", config.critic.learning_rate)
     tracks, counts = collect(episodes)
