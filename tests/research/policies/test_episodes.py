@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from litsim_policy.driving.action import physical
 from litsim_policy.driving.features.observation import ObservationConfig
+from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_research.policies.episodes import Course, EnvironmentConfig, Episodes, Outcome
 from litsim_research.policies.expert import ExpertConfig, expert_pairs
-from litsim_research.policies.reward import PenaltyConfig, penalties
+from litsim_research.policies.reward import PenaltyConfig, displacement, penalties
 from litsim_research.policies.task import TaskConfig
 from litsim_sim.scenario.scenario import Scenario
 
@@ -152,15 +156,50 @@ def test_penalties(traffic, agent_table, lane_centres) -> None:
         {"id": 3, "x": 61.0, "y": lane_centres[0] + 1.2},
     )
     guarded = np.array([False, True, False])
-    found = penalties(before, after, np.array([1, 2, 3]), traffic.lane_map, guarded)
+    found = penalties(before, after, np.array([1, 2, 3]), traffic.lane_map, guarded, np.zeros(3))
     assert found.collision.tolist() == [True, False, False], "who is run into from behind could not help it"
     assert found.hard_brake == pytest.approx([0.5, 0.0, 0.0])
     assert found.proximity[0] == 1.0 and found.proximity[2] == 0.0
     assert found.edge[2] > 0.9 and found.off_road.tolist() == [False, False, True]
-    again = penalties(after, after, np.array([1, 2, 3]), traffic.lane_map, guarded)
+    again = penalties(after, after, np.array([1, 2, 3]), traffic.lane_map, guarded, np.zeros(3))
     assert not again.collision.any() and not again.off_road.any(), "each counts once"
     assert (found.total(PenaltyConfig()) <= 0.0).all()
     assert found.total(PenaltyConfig())[1] == -PenaltyConfig().guard
+
+
+def test_displacement_is_what_the_distance_from_the_log_grows_by(traffic, placed) -> None:
+    before, after = traffic.log.table(4), traffic.log.table(5)
+    ids = before.id[:2]
+    for lost, grown in ((0.4, 0.4), (-0.5, 0.5)):
+        moved = placed(after, int(ids[0]), x=float(after.x[0]) - lost)
+        assert displacement(before, moved, ids, traffic.log) == pytest.approx([grown, 0.0])
+    away = placed(before, int(ids[0]), x=float(before.x[0]) - 2.0)
+    assert displacement(away, after, ids, traffic.log)[0] == pytest.approx(-2.0)
+    assert displacement(away, replace(after, step=10**6), ids, traffic.log).tolist() == [0.0, 0.0], "its log is over"
+
+
+@pytest.mark.parametrize("ends", [True, False])
+def test_nothing_is_expected_of_who_is_handed_back_where_that_is_said(traffic, *, ends: bool) -> None:
+    """A residual of zero returns to the log, at the latest when the agents' logs end."""
+    config = replace(SMALL, sampled=0, steps_max=70, handback_ends=ends)
+    course, over = Course([traffic], config, ObservationConfig(residual=True)), []
+    for seed in range(6):
+        outcomes = driven(Episodes(course, [course.start(np.random.default_rng(seed))]))
+        over += [o.terminated[~o.driven_on] for o in outcomes if not (o.terms.collision | o.terms.off_road).any()]
+    assert np.concatenate(over).any() == ends
+
+
+def test_corrections_of_a_residual_policy_are_residuals_too(traffic) -> None:
+    """Guards that always want to brake by what they may, whatever the log does."""
+    config = replace(SMALL, careful=SafetyConfig(own_braking=0.1, leader_braking=8.0, relax=0.1))
+    course = Course([traffic], config, ObservationConfig(residual=True))
+    episodes = Episodes(course, [course.start(np.random.default_rng(0))])
+    scene = episodes._scene
+    outcome = episodes.step(np.zeros((len(scene), 3)))
+    told = ~np.isnan(outcome.corrected[:, 0])
+    assert told.any()
+    sums = physical(outcome.corrected)[told, 0] + scene.onwards[told]
+    assert (sums < scene.onwards[told] - 0.1).all()
 
 
 # Experts

@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.quantities import Acceleration, Positive, Rate, Speed, SquaredRate, configuration
-from litsim_sim.core.scene import FloatArray
+from litsim_sim.core.scene import FloatArray, IntArray
+from litsim_sim.scenario.log import Log
 
 
 @configuration
@@ -52,3 +54,14 @@ def catch_up(
     approach = np.minimum(np.maximum(approach, -config.speed_excess), config.speed_excess)
     wanted = log_acceleration + config.speed_gain * (log_speed + approach - speed)
     return np.asarray(np.minimum(np.maximum(wanted, -config.deceleration_max), config.acceleration_max))
+
+
+def along_log(config: HandbackConfig, log: Log, agents: PathFollowers, lag: IntArray) -> FloatArray:
+    """Returns accelerations (m,) [m/s2] with which agents drive on as their logs do, `lag` (m,) steps later.
+
+    Where the log is over, its end counts.
+    """
+    rows = log.ids.searchsorted(agents.table.id[agents.rows])
+    at = rows, np.minimum(agents.table.step - lag, log.last_step[rows])
+    behind = agents.to_goal(log.x[at], log.y[at])
+    return catch_up(config, behind, agents.speed, log.speed[at], log.acceleration[at])

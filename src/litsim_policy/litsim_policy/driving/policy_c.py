@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, cast
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +37,13 @@ from litsim_sim.scenario.signals import LinkSignals
 HIDDEN = 128
 LAYERS = ("hidden0", "hidden1", "mean")
 FORMAT = "litsim policy C, 1"
+PARSED: dict[str, Callable[[str], Any]] = {
+    "arrange": str,
+    "slots": int,
+    "sight": float,
+    **dict.fromkeys(("ahead", "residual"), {"True": True, "False": False}.__getitem__),
+}
+"""How each field of the observation is read from a file's metadata."""
 POLICY, GUARDED = int(ControlSource.POLICY), int(ControlSource.GUARDED)  # numpy takes plain numbers much faster
 
 
@@ -67,9 +74,8 @@ class PolicyNetwork:
         return cls(*layer_arrays(path, tensors, LAYERS, sizes), observation)
 
     @classmethod
-    def zero(cls) -> PolicyNetwork:
-        """Returns the network whose mean action is zero: constant speed, straight on."""
-        observation = ObservationConfig()
+    def zero(cls, observation: ObservationConfig) -> PolicyNetwork:
+        """Returns the network whose mean action is zero."""
         sizes = (observation.size, HIDDEN, HIDDEN, len(ACTIONS))
         return cls(tuple(map(np.zeros, pairwise(sizes))), tuple(map(np.zeros, sizes[1:])), observation)
 
@@ -92,8 +98,8 @@ class PolicyCConfig:
     """Parameters of :class:`PolicyC`.
 
     Attributes:
-        weights: file of the network, written by ``litsim_research train policy``; empty for the packaged one, `none`
-            for an action of zero in its place.
+        weights: file of the network, written by ``litsim_research train policy``; empty for the packaged one; `none`
+            for constant speed straight on in its place, `log` for driving on as the log does with the present lag.
         rules: whether the network's commands are subject to the rules of :class:`PolicyC`.
         guards: whether the guards of `safety` are on; otherwise only its limits are.
         safety: limits and guards.
@@ -110,8 +116,8 @@ class PolicyCConfig:
         Raises:
             InputError: it cannot be used.
         """
-        if self.weights == "none":
-            return PolicyNetwork.zero()
+        if self.weights in ("none", "log"):
+            return PolicyNetwork.zero(ObservationConfig(residual=self.weights == "log"))
         return PolicyNetwork.load(Path(self.weights) if self.weights else shipped_weights())
 
 
@@ -127,7 +133,7 @@ class Driver:
     ) -> None:
         self.observer = Observer(lane_map, network.observation)
         self.safety = SafetyLayer(lane_map, safety, signals)
-        self._network, self._lane_map = network, lane_map
+        self._network, self._lane_map, self._residual = network, lane_map, network.observation.residual
 
     def drive(self, table: AgentTable, tasks: list[DrivingTask]) -> ControlTable:
         """Returns controls of the agents with `tasks`, ids ascending."""
@@ -141,18 +147,19 @@ class Driver:
 
     def asked(self, scene: DrivingScene) -> tuple[FloatArray, FloatArray]:
         """Commands of the network for the agents of `scene`: accelerations [m/s2] and yaw rates [rad/s] (m,)."""
-        return executed(scene, self._network.mean(self.observer.features(scene)))
+        return executed(scene, self._network.mean(self.observer.features(scene)), residual=self._residual)
 
 
-def commanded(scene: DrivingScene, action: FloatArray, safety: SafetyLayer) -> ControlTable:
-    """Returns controls of the m agents of `scene` from actions (m, 3) in [-1, 1], in training and driving."""
-    return guarded(scene, *executed(scene, action), safety)
+def executed(scene: DrivingScene, action: FloatArray, *, residual: bool) -> tuple[FloatArray, FloatArray]:
+    """Accelerations [m/s2] and yaw rates [rad/s] (m,) of the agents of `scene` for actions (m, 3) in [-1, 1].
 
-
-def executed(scene: DrivingScene, action: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Accelerations [m/s2] and yaw rates [rad/s] (m,) of the agents of `scene` for actions (m, 3) in [-1, 1]."""
+    With `residual`, the actions are added to what drives the agents on as their logs do, along their paths.
+    """
     wanted = physical(action)
-    return wanted[:, 0], executed_yaw_rate(wanted, scene.agents.speed)
+    acceleration, yaw_rate = wanted[:, 0], executed_yaw_rate(wanted, scene.agents.speed)
+    if residual:
+        return acceleration + scene.onwards, yaw_rate + scene.agents.path_yaw_rate
+    return acceleration, yaw_rate
 
 
 def guarded(scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray, safety: SafetyLayer) -> ControlTable:
@@ -186,7 +193,8 @@ class PolicyC(Policy):
         config = config or PolicyCConfig()
         safety = config.safety if config.guards else config.safety.without_guards
         self.driver = Driver(scenario.lane_map, network, safety, scenario.signals)
-        self._yielding, self._lane_map, self._rules = yielding, scenario.lane_map, config.rules
+        self._yielding, self._rules = yielding, config.rules
+        self._lane_map, self._log = scenario.lane_map, scenario.log
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
         """Returns controls of every agent that is held or handed back."""
@@ -198,7 +206,7 @@ class PolicyC(Policy):
 
     def _keep(self, table: AgentTable, keeping: Sequence[Takeover]) -> ControlTable:
         """Returns controls of agents that keep to their paths: those of the network, limited by any rules."""
-        scene = DrivingScene.of_takeovers(self._lane_map, table, keeping)
+        scene = DrivingScene.of_takeovers(self._lane_map, table, keeping, self._log)
         if not len(scene):
             return ControlTable.empty(table.step)
         acceleration, yaw_rate = self.driver.asked(scene)
@@ -245,16 +253,14 @@ def merged(*tables: ControlTable) -> ControlTable:
 
 
 def _observation(metadata: dict[str, str], path: Path) -> ObservationConfig:
-    """Returns the observation in a file's metadata."""
-    arrange, slots, sight = (metadata.get(f"observation.{field}", "") for field in ("arrange", "slots", "sight"))
-    ahead = metadata.get("observation.ahead", "False")  # missing in older files
+    """Returns the observation in a file's metadata; older files lack fields."""
+    usual = {"observation.ahead": "False", "observation.residual": "False"}
+    values = {field: (usual | metadata).get(f"observation.{field}", "") for field in vars(ObservationConfig())}
     try:
-        if arrange in ("sector", "distance") and ahead in ("True", "False"):
-            arranged = cast(Literal["sector", "distance"], arrange)
-            return ObservationConfig(arranged, int(slots), float(sight), ahead == "True")
-    except ValueError:
-        pass
-    raise InputError(
-        f"{path}: metadata observation is {arrange!r}, {slots!r}, {sight!r}, {ahead!r}, expected sector or distance, a "
-        f"number of slots, a sight in metres, and True or False"
-    )
+        return ObservationConfig(**{field: parse(values[field]) for field, parse in PARSED.items()})
+    except (ValueError, KeyError) as error:
+        given = ", ".join(f"{field} {value!r}" for field, value in values.items())
+        raise InputError(
+            f"{path}: metadata observation is {given}, expected arrange sector or distance, slots a number, sight in "
+            "metres, and the others True or False"
+        ) from error
