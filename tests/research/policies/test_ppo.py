@@ -197,3 +197,9 @@ def test_the_norm_is_that_of_the_gradient() -> None:
     critic.body = torch.nn.Sequential(linear)
     found = gradient_norm(critic, torch.randn(10, 5), torch.randn(10, 5), torch.Generator().manual_seed(0))
     assert found.detach().numpy() == pytest.approx(5.0, rel=1e-5)
+
+
+def test_the_weight_of_corrections_falls_to_zero() -> None:
+    falling = PpoConfig(correction_weight=2.0, correction_iterations=4)
+    assert [falling.at(k).correction_weight for k in range(6)] == [2.0, 1.5, 1.0, 0.5, 0.0, 0.0]
+    assert PpoConfig(correction_weight=2.0).at(100).correction_weight == 2.0

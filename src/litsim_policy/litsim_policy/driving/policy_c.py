@@ -17,7 +17,7 @@ import numpy as np
 
 from litsim_policy.driving.action import ACTIONS, executed_yaw_rate, physical
 from litsim_policy.driving.features.observation import ObservationConfig, Observer
-from litsim_policy.driving.handback import HandbackConfig
+from litsim_policy.driving.handback import HandbackConfig, OwnLogs
 from litsim_policy.driving.network_file import layer_arrays, perceptron, read_network
 from litsim_policy.driving.policy import Policy
 from litsim_policy.driving.safety.config import SafetyConfig
@@ -194,7 +194,7 @@ class PolicyC(Policy):
         safety = config.safety if config.guards else config.safety.without_guards
         self.driver = Driver(scenario.lane_map, network, safety, scenario.signals)
         self._yielding, self._rules = yielding, config.rules
-        self._lane_map, self._log = scenario.lane_map, scenario.log
+        self._lane_map, self._logs = scenario.lane_map, OwnLogs(scenario)
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
         """Returns controls of every agent that is held or handed back."""
@@ -206,7 +206,7 @@ class PolicyC(Policy):
 
     def _keep(self, table: AgentTable, keeping: Sequence[Takeover]) -> ControlTable:
         """Returns controls of agents that keep to their paths: those of the network, limited by any rules."""
-        scene = DrivingScene.of_takeovers(self._lane_map, table, keeping, self._log)
+        scene = DrivingScene.of_takeovers(self._lane_map, table, keeping, self._logs)
         if not len(scene):
             return ControlTable.empty(table.step)
         acceleration, yaw_rate = self.driver.asked(scene)

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from litsim_policy.driving.handback import HandbackConfig, along_log
+from litsim_policy.driving.handback import OwnLogs
 from litsim_policy.motion.along_path import Poses
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
@@ -16,7 +16,6 @@ from litsim_policy.motion.reference_path import ReferencePath
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, IntArray
 from litsim_sim.core.takeover import PathSource, Takeover
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.scenario.log import Log
 
 NOBODY = -1  # in place of an opponent's id
 
@@ -57,7 +56,7 @@ class DrivingScene:
         id: (m,) of the agents.
         agents: the agents on their paths.
         goal, due_step, opponent, lag: (m, 2), (m,), (m,), (m,) as in :class:`DrivingTask`.
-        log: of all agents; None if the agents are not driven along it.
+        logs: of all agents; None if the agents are not driven along theirs.
     """
 
     id: IntArray
@@ -66,16 +65,16 @@ class DrivingScene:
     due_step: IntArray
     opponent: IntArray
     lag: IntArray
-    log: Log | None = None
+    logs: OwnLogs | None = None
 
     def __len__(self) -> int:
         return len(self.id)
 
     @cached_property
     def onwards(self) -> FloatArray:
-        """Accelerations (m,) [m/s2] with which the agents drive on as their logs do, with their present lags."""
-        assert self.log is not None
-        return along_log(HandbackConfig(), self.log, self.agents, self.lag)
+        """Accelerations (m,) [m/s2] with which the agents drive on as their logs do; see :class:`.handback.OwnLogs`."""
+        assert self.logs is not None
+        return self.logs.onwards(self.agents, self.lag)
 
     @classmethod
     def of(
@@ -93,7 +92,7 @@ class DrivingScene:
 
     @classmethod
     def of_takeovers(
-        cls, lane_map: LaneMap, table: AgentTable, takeovers: Sequence[Takeover], log: Log | None = None
+        cls, lane_map: LaneMap, table: AgentTable, takeovers: Sequence[Takeover], logs: OwnLogs | None = None
     ) -> DrivingScene:
         """Returns the scene of agents that were taken over, all of which are in `table`."""
         return cls.on_paths(
@@ -102,7 +101,7 @@ class DrivingScene:
             [t.reference_path for t in takeovers],
             [t.goal_pose[:2] for t in takeovers],
             [(t.agent, due_step(t), opponent_of(t), lag_of(t)) for t in takeovers],
-            log=log,
+            logs=logs,
         )
 
     @classmethod
@@ -114,7 +113,7 @@ class DrivingScene:
         goals: Sequence[FloatArray] | Sequence[tuple[float, float]],
         numbers: Sequence[tuple[int, int, int, int]],
         poses: Poses | None = None,
-        log: Log | None = None,
+        logs: OwnLogs | None = None,
     ) -> DrivingScene:
         """Returns the scene of m agents on paths.
 
@@ -125,11 +124,11 @@ class DrivingScene:
             goals: (2,) of each.
             numbers: id, due step, opponent and lag of each.
             poses: as in :class:`PathFollowers`.
-            log: as in the class.
+            logs: as in the class.
         """
         ids, due, opponent, lag = np.array(numbers, np.int64).reshape(-1, 4).T
         agents = PathFollowers(lane_map, table, table.rows(ids), PathBatch(points), poses)
-        return cls(ids, agents, np.array(goals, np.float64).reshape(-1, 2), due, opponent, lag, log)
+        return cls(ids, agents, np.array(goals, np.float64).reshape(-1, 2), due, opponent, lag, logs)
 
 
 def due_step(takeover: Takeover) -> int:

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from litsim_policy.driving.handback import HandbackConfig, along_log
+from litsim_policy.driving.handback import COMFORTABLE, HandbackConfig, along_log
 from litsim_policy.driving.policy import Policy
 from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.following import braking_needed
@@ -67,9 +67,7 @@ class YieldConfig:
         crossing_margin: distance kept to crossing agents.
     """
 
-    idm: IdmConfig = field(
-        default_factory=lambda: IdmConfig(headway=0.8, standstill_gap=1.5, acceleration=2.0, deceleration=2.5)
-    )
+    idm: IdmConfig = field(default_factory=lambda: COMFORTABLE)
     courtesy_deceleration: NonNegative[Acceleration] = 3.0
     speed_reserve: NonNegative[Speed] = 1.0
     speed_min: NonNegative[Speed] = 3.0

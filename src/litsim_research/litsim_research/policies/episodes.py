@@ -16,6 +16,7 @@ from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.takeover import TakeoverManager
 from litsim_policy.driving.action import consistent, normalised
 from litsim_policy.driving.features.observation import ObservationConfig, Observer
+from litsim_policy.driving.handback import OwnLogs
 from litsim_policy.driving.policy_c import executed, guarded, merged
 from litsim_policy.driving.registry import make_policy
 from litsim_policy.driving.safety.config import LIMITS_ONLY, SafetyConfig
@@ -48,6 +49,7 @@ class EnvironmentConfig:
         sample_steps: steps after the history for which they stay under the policy.
         model: predictor.
         handback_ends: whether no penalties are expected of agents that have been handed back or have left the scene.
+        guards: whose need is penalised.
         careful: guards that correct the policy's commands for the training (see :attr:`Outcome.corrected`); they brake
             early enough for the bounds on jerk, unlike the guards that drive. None for no corrections.
     """
@@ -59,6 +61,7 @@ class EnvironmentConfig:
     sample_steps: NonNegative[Steps] = 100
     model: ModelName = "kinematic"
     handback_ends: Flag = False
+    guards: SafetyConfig = SafetyConfig()
     careful: SafetyConfig | None = None
 
 
@@ -163,9 +166,10 @@ class Episodes:
         self._egos = BatchedEgos(self.batch, [start.ego for start in starts])
         self._world = World(self.batch)
         self.safety = SafetyLayer(self.batch.lane_map, course.safety)
-        self._guards = SafetyLayer(self.batch.lane_map)  # for the penalty only
+        self._guards = SafetyLayer(self.batch.lane_map, self._config.guards)  # for the penalty only
         careful = self._config.careful
         self._careful = SafetyLayer(self.batch.lane_map, careful) if careful else None
+        self._logs = OwnLogs(self.batch)
         self._observer = Observer(self.batch.lane_map, course.observation)
         self._predictor = make_predictor(self._config.model, self.batch)
         self._manager = TakeoverManager(self.batch, ConflictConfig())
@@ -323,7 +327,7 @@ class Episodes:
             [task.points for task in tasks],
             [task.goal for task in tasks],
             [(task.agent, task.due_step, task.opponent, lag) for task, lag in zip(tasks, lags.tolist(), strict=True)],
-            log=log,
+            logs=self._logs,
         )
 
 

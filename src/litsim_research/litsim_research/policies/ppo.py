@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Protocol
 
@@ -54,6 +54,7 @@ class PpoConfig:
             policy close to drivers while it learns to avoid collisions (behaviour cloning with RL, Lu 2023).
         correction_weight: of the squared error, on the same steps, against the guards' commands where they would have
             changed the policy's; the guards act as the expert of DAgger (Ross 2011).
+        correction_iterations: over which that weight falls from its value to zero, linearly; 0 for a constant weight.
         value_first: first iterations, in which only the value network learns: advantages from an untrained one are
             noise.
     """
@@ -70,7 +71,15 @@ class PpoConfig:
     target_kl: Number = 0.01
     imitation_weight: NonNegative[Number] = 0.3
     correction_weight: NonNegative[Number] = 0.0
+    correction_iterations: NonNegative[Whole] = 0
     value_first: NonNegative[Whole] = 3
+
+    def at(self, iteration: int) -> PpoConfig:
+        """Returns the parameters of an iteration."""
+        if not self.correction_iterations:
+            return self
+        share = max(1.0 - iteration / self.correction_iterations, 0.0)
+        return replace(self, correction_weight=share * self.correction_weight)
 
 
 @dataclass(frozen=True)

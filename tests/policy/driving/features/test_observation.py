@@ -23,7 +23,7 @@ from litsim_policy.driving.features.scales import (
 )
 from litsim_policy.driving.features.surrounding import SLOT
 from litsim_policy.driving.features.way import AHEAD, AHEAD_FEATURES, FORESEEN, LOG, LOG_FEATURES, WAY_FEATURES
-from litsim_policy.driving.handback import HandbackConfig
+from litsim_policy.driving.handback import HandbackConfig, OwnLogs
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.reference_path import ReferencePath, window
 from litsim_sim.scenario.scenario import Scenario
@@ -151,7 +151,7 @@ def test_a_residual_policy_sees_its_log(scenario, placed, lane_centres) -> None:
     y = float(table.y[table.row(2)])
     table = placed(table, 2, x=float(table.x[table.row(2)]) - 15.0, speed=5.0)
     scene = DrivingScene.of(scenario.lane_map, table, [replace(task(2, y), lag=15)])
-    scene.log = scenario.log
+    scene.logs = OwnLogs(scenario)
     row = Observer(scenario.lane_map, config).features(scene)[0]
     seen = dict(zip(LOG_FEATURES, row[config.log_at : config.log_at + LOG].tolist(), strict=True))
     along, lag, distance, later = seen.values()

@@ -79,8 +79,8 @@ def write_ahead(agents: PathFollowers, sight: float, first: int, features: Float
 
 def write_log(scene: DrivingScene, first: int, features: FloatArray) -> None:
     """Write :data:`LOG_FEATURES` of the m agents of `scene` into `features` (m, size), from `first` on."""
-    agents, log = scene.agents, scene.log
-    assert log is not None
+    assert scene.logs is not None
+    agents, log = scene.agents, scene.logs.log
     rows = log.ids.searchsorted(scene.id)
     now, later = (np.minimum(agents.table.step - lag, log.last_step[rows]) for lag in (0, scene.lag - FORESIGHT))
     features[:, first] = scene.onwards / ACCELERATION
