@@ -56,7 +56,7 @@ class TakeoverEnvironment(gymnasium.Env[Array, Array]):
         penalty: PenaltyConfig | None = None,
     ) -> None:
         several = [scenario] if isinstance(scenario, str | Scenario) else scenario
-        config = EnvironmentConfig(steps_max, slots=1, drafted=1, draft_radius=radius, draft_steps=steps_max)
+        config = EnvironmentConfig(steps_max, slots=1, sampled=1, sample_radius=radius, sample_steps=steps_max)
         loaded = [one if isinstance(one, Scenario) else Scenario.load(one) for one in several]
         self._course = Course(loaded, config, penalty=penalty or PenaltyConfig())
         self._progress = progress
@@ -74,7 +74,7 @@ class TakeoverEnvironment(gymnasium.Env[Array, Array]):
         super().reset(seed=seed, options=options)
         for _ in range(STARTS):
             start = self._course.start(self.np_random)
-            self._scenario, self._episodes = start.scenario, Episodes(self._course, [start], drafted_only=True)
+            self._scenario, self._episodes = start.scenario, Episodes(self._course, [start], sampled_only=True)
             if len(self._episodes.driven):
                 return self._episodes.seen[0].astype(np.float32), self._info(int(self._episodes.driven[0]))
         raise InputError(f"{NAME}: nobody to drive at {STARTS} starts; expected traffic around the ego")

@@ -9,7 +9,7 @@ import pytest
 
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.handback import HandbackConfig
-from litsim_policy.driving.policy_c import PolicyC
+from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
 from litsim_policy.driving.safety.config import LIMITS_ONLY
 from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
 from litsim_policy.driving.yielding_rules import FOLLOWING_TIME, keep_distance
@@ -107,7 +107,7 @@ def test_the_network_needs_no_guard_behind_somebody_who_stands(make_scenario, tr
     y = lane_centres[2]
     scenario = make_scenario(track(1, x=110.0, y=y, speed=0.0), track(2, x=100.0, y=y, speed=5.0))
     says = SimpleNamespace(observation=ObservationConfig(), mean=lambda seen: np.zeros((len(seen), 3)))
-    policy = PolicyC(scenario, says, YieldPolicy(scenario, CONFIG, HandbackConfig()), LIMITS_ONLY)
+    policy = PolicyC(scenario, says, YieldPolicy(scenario, CONFIG, HandbackConfig()), PolicyCConfig(guards=False))
     path = np.array([[90.0, y], [300.0, y]])
     table = scenario.log.table(0)
     controls = policy.act(table, TakeoverTable(0, (takeover(2, reference_path=path),)))

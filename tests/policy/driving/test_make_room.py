@@ -10,8 +10,7 @@ import pytest
 from agent_arrays import agent_arrays
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.handback import HandbackConfig
-from litsim_policy.driving.policy_c import PolicyC
-from litsim_policy.driving.safety.config import LIMITS_ONLY
+from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
 from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
 from litsim_policy.driving.yielding_rules import make_room
 from litsim_sim.core.takeover import TakeoverTable
@@ -88,7 +87,7 @@ def test_policy_litsim_makes_room(make_scenario, track, lane_centres) -> None:
     table, held = scenario.log.table(0), TakeoverTable(0, (takeover(2, reference_path=path),))
 
     def does(config: YieldConfig) -> float:
-        policy = PolicyC(scenario, says, YieldPolicy(scenario, config, HandbackConfig()), LIMITS_ONLY)
+        policy = PolicyC(scenario, says, YieldPolicy(scenario, config, HandbackConfig()), PolicyCConfig(guards=False))
         return float(policy.act(table, held).acceleration[0])
 
     assert does(CONFIG) < -0.5

@@ -19,7 +19,9 @@ from litsim_policy.driving.policy_c import FORMAT, PolicyC, PolicyNetwork, shipp
 from litsim_policy.driving.registry import make_policy
 from litsim_research.policies.network import GaussianPolicy, driving_network, pedal_bounds, restore, save
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import ControlSource
+from litsim_sim.core.scene import STEP_S, ControlSource
+from litsim_sim.core.takeover import TakeoverTable
+from takeovers import takeover
 
 
 @pytest.fixture
@@ -81,7 +83,7 @@ def test_densities_and_the_masses_beyond_the_bounds_on_jerk_sum_to_one(policy, a
     """Over the first action, for the squashed density."""
     seen = np.zeros((1, ObservationConfig().size))
     seen[0, 3] = acceleration / ACCELERATION
-    low, high = (float(bound[0]) for bound in pedal_bounds(seen))
+    low, high = (float(bound[0]) for bound in pedal_bounds(seen, ObservationConfig()))
     inside = torch.linspace(np.tanh(low), np.tanh(high), 20001, dtype=torch.float64)[1:-1]
     first = torch.cat([torch.tensor([low - 1.0, high + 1.0], dtype=torch.float64), torch.atanh(inside)])
     observation = torch.as_tensor(np.repeat(seen, len(first), axis=0), dtype=torch.float32)
@@ -97,13 +99,29 @@ def test_densities_and_the_masses_beyond_the_bounds_on_jerk_sum_to_one(policy, a
 def test_accelerations_beyond_the_bounds_on_jerk_are_all_as_likely(policy) -> None:
     """What they are is not executed, so nothing is to be learned from it; SafetyConfig has the bounds."""
     seen = np.zeros((3, ObservationConfig().size))
-    low, high = pedal_bounds(seen)
+    low, high = pedal_bounds(seen, ObservationConfig())
     assert physical(np.tanh(np.column_stack([low, low, low])))[0, 0] == pytest.approx(-0.837)
     assert physical(np.tanh(np.column_stack([high, high, high])))[0, 0] == pytest.approx(0.413)
     raw = torch.zeros((3, 3))
     raw[:, 0] = torch.tensor([low[0] - 0.1, low[0] - 0.5, low[0] + 0.01])
     below, far_below, inside = policy.log_probability(torch.as_tensor(seen, dtype=torch.float32), raw).tolist()
     assert below == far_below != inside
+
+
+def test_a_residual_policy_that_knows_nothing_adds_nothing(seen) -> None:
+    config = ObservationConfig(residual=True)
+    policy = GaussianPolicy(config)
+    wider = np.concatenate([seen, seen], axis=1)[:, : config.size]
+    assert (driving_network(policy).mean(wider) == 0.0).all()
+
+
+def test_bounds_on_jerk_are_those_of_the_sum_of_log_and_residual() -> None:
+    config = ObservationConfig(residual=True)
+    seen = np.zeros((1, config.size))
+    seen[0, config.log_at] = -1.0 / ACCELERATION
+    low, high = pedal_bounds(seen, config)
+    assert physical(np.tanh(np.column_stack([low, low, low])))[0, 0] == pytest.approx(1.0 - 0.837)
+    assert physical(np.tanh(np.column_stack([high, high, high])))[0, 0] == pytest.approx(1.0 + 0.413)
 
 
 # Files
@@ -123,11 +141,11 @@ def test_another_observation_comes_back(tmp_path: Path) -> None:
     assert PolicyNetwork.load(path).observation == ObservationConfig("distance", 5, 40.0)
 
 
-@pytest.mark.parametrize("ahead", [True, False])
-def test_whether_it_is_seen_how_those_ahead_brake_comes_back(tmp_path: Path, *, ahead: bool) -> None:
+@pytest.mark.parametrize("field", ["ahead", "residual"])
+def test_what_else_is_observed_comes_back(tmp_path: Path, field: str) -> None:
     path = tmp_path / "w.safetensors"
-    save(GaussianPolicy(ObservationConfig(ahead=ahead)), path)
-    assert PolicyNetwork.load(path).observation == ObservationConfig(ahead=ahead)
+    save(GaussianPolicy(ObservationConfig(**{field: True})), path)
+    assert PolicyNetwork.load(path).observation == ObservationConfig(**{field: True})
 
 
 def test_what_the_weights_have_not_seen_counts_nothing_at_first(policy, seen, tmp_path: Path) -> None:
@@ -159,9 +177,9 @@ def changed(path: Path, out: Path, tensors: dict[str, torch.Tensor | None], **me
         ({"mean.bias": torch.full((3,), float("nan"))}, {}, "tensor mean.bias holds non-finite"),
         ({}, {"format": "something else"}, "expected 'litsim policy C, 1'"),
         ({}, {"observation.slots": "9"}, r"hidden0.weight has shape .* expected \(128, 88\)"),
-        ({}, {"observation.arrange": "by colour"}, "expected sector or distance"),
-        ({}, {"observation.slots": "many"}, "expected sector or distance"),
-        ({}, {"observation.ahead": "perhaps"}, "True or False"),
+        ({}, {"observation.arrange": "by colour"}, "expected arrange sector or distance"),
+        ({}, {"observation.slots": "many"}, "expected arrange sector or distance"),
+        ({}, {"observation.ahead": "perhaps"}, "the others True or False"),
         ({}, {"observation.ahead": "True"}, r"hidden0.weight has shape .* expected \(128, 87\)"),
     ],
 )
@@ -197,3 +215,29 @@ def test_shipped_weights_drive(make_scenario, track, drive) -> None:
     sources = {s for r in run.results if r.controls is not None for s in r.controls.source.tolist()}
     assert sources & {ControlSource.POLICY, ControlSource.GUARDED}
     assert all((np.diff(r.controls.id) > 0).all() for r in run.results if r.controls is not None)
+
+
+@pytest.mark.parametrize("weights", ["none", "log"])
+@pytest.mark.parametrize(("guards", "collides"), [(False, True), (True, False)])
+def test_without_network_and_rules_only_the_guards_brake(
+    make_scenario, track, drive, weights: str, *, guards: bool, collides: bool
+) -> None:
+    """The ego ahead brakes to a stand; agent 2 would drive on."""
+    scenario = make_scenario(track(1, x=200.0, last=110), track(2, x=170.0, last=110))
+    parameters = {"policy": {"weights": weights, "rules": False, "guards": guards}}
+    run = drive(scenario, lambda *_: (-5.0, 0.0), policy="litsim", parameters=parameters)
+    assert ((1, 2) in run.world.contacts) == collides
+
+
+@pytest.mark.parametrize("lag", [0, 10])
+def test_without_network_it_drives_on_as_its_log_does(make_scenario, track, placed, lane_centres, lag: int) -> None:
+    y = lane_centres[1]
+    scenario = make_scenario(track(1, x=300.0), track(2, x=100.0, y=y, speed=8.0, acceleration=0.7))
+    parameters = {"weights": "log", "rules": False, "guards": False}
+    then, path = scenario.log.table(20 - lag), np.array([[90.0, y], [400.0, y]])
+    own = {name: float(getattr(then, name)[then.row(2)]) for name in ("x", "speed", "acceleration")}
+    table = placed(scenario.log.table(20), 2, **own)
+    held = TakeoverTable(20, (takeover(2, reference_path=path, time_shift=lag * STEP_S),))
+    controls = make_policy("litsim", scenario, parameters).act(table, held)
+    assert controls.acceleration[0] == pytest.approx(0.7, abs=1e-6)
+    assert controls.yaw_rate[0] == pytest.approx(0.0, abs=1e-9)

@@ -10,8 +10,7 @@ import pytest
 from agent_arrays import agent_arrays
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.handback import HandbackConfig
-from litsim_policy.driving.policy_c import PolicyC
-from litsim_policy.driving.safety.config import LIMITS_ONLY
+from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
 from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
 from litsim_policy.driving.yielding_rules import PEDALS, wait_for_crossing
 from litsim_policy.motion.path_batch import PathBatch
@@ -124,9 +123,11 @@ def test_policy_litsim_waits_for_the_ego_that_crosses(make_scenario, track, plac
     path = np.array([[90.0, y], [300.0, y]])
     held = TakeoverTable(0, (takeover(2, reference_path=path),))
 
-    def does(config: YieldConfig) -> float:
-        policy = PolicyC(scenario, says, YieldPolicy(scenario, config, HandbackConfig()), LIMITS_ONLY)
+    def does(config: YieldConfig, *, rules: bool = True) -> float:
+        parameters = PolicyCConfig(rules=rules, guards=False)
+        policy = PolicyC(scenario, says, YieldPolicy(scenario, config, HandbackConfig()), parameters)
         return float(policy.act(table, held).acceleration[0])
 
     assert does(CONFIG) < -0.5
     assert does(YieldConfig(crossing_horizon=0.0)) > does(CONFIG) + 0.5
+    assert does(CONFIG, rules=False) == 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from litsim_research.policies.draw import drafted_tasks, drawn_ego, with_ego
+from litsim_research.policies.draw import drawn_ego, sampled_tasks, with_ego
 from litsim_research.policies.task import TaskConfig
 from litsim_sim.core.scene import Kind
 from litsim_sim.scenario.scenario import Scenario
@@ -30,10 +30,10 @@ def test_egos_deviate_in_more_than_one_way(traffic) -> None:
     assert kinds == {"IdmEgo", "PerturbedEgo"}
 
 
-def test_agents_near_the_ego_that_stay_are_drafted_towards_where_their_log_goes(traffic) -> None:
+def test_agents_near_the_ego_that_stay_are_sampled_towards_where_their_log_goes(traffic) -> None:
     table = traffic.log.table(3)
     config = TaskConfig(goal_steps=(50, 50), goal_jitter=0.0)
-    tasks = drafted_tasks(table, traffic, 5, 50.0, config, np.random.default_rng(0))
+    tasks = sampled_tasks(table, traffic, 5, 50.0, config, np.random.default_rng(0))
     assert [task.agent for task in tasks] == [2, 3]
     assert [task.due_step for task in tasks] == [53, 30], "in 5 s, or at the end of the log"
     for task in tasks:
@@ -41,12 +41,12 @@ def test_agents_near_the_ego_that_stay_are_drafted_towards_where_their_log_goes(
         assert task.goal.tolist() == [traffic.log.x[row, task.due_step], traffic.log.y[row, task.due_step]]
         s, d = task.path.project(task.goal[:1], task.goal[1:])
         assert s[0] > 0.0 and abs(d[0]) < 0.1
-    assert len(drafted_tasks(table, traffic, 1, 50.0, config, np.random.default_rng(0))) == 1
+    assert len(sampled_tasks(table, traffic, 1, 50.0, config, np.random.default_rng(0))) == 1
 
 
-def test_who_walks_or_rides_beside_the_ego_is_not_drafted(make_scenario, track) -> None:
-    """Who near the ego is a car is drafted, in whatever company."""
+def test_who_walks_or_rides_beside_the_ego_is_not_sampled(make_scenario, track) -> None:
+    """Who near the ego is a car is sampled, in whatever company."""
     others = track(2, x=80.0, kind=Kind.PEDESTRIAN), track(3, x=120.0, kind=Kind.BICYCLE), track(4, x=60.0)
     traffic = make_scenario(track(1, x=100.0), *others)
-    tasks = drafted_tasks(traffic.log.table(3), traffic, 5, 50.0, TaskConfig(), np.random.default_rng(0))
+    tasks = sampled_tasks(traffic.log.table(3), traffic, 5, 50.0, TaskConfig(), np.random.default_rng(0))
     assert [task.agent for task in tasks] == [4]

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from litsim_policy.driving.action import physical
 from litsim_policy.driving.features.observation import ObservationConfig
+from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_research.policies.episodes import Course, EnvironmentConfig, Episodes, Outcome
 from litsim_research.policies.expert import ExpertConfig, expert_pairs
-from litsim_research.policies.reward import PenaltyConfig, penalties
+from litsim_research.policies.reward import PenaltyConfig, displacement, penalties
 from litsim_research.policies.task import TaskConfig
 from litsim_sim.scenario.scenario import Scenario
 
-SMALL = EnvironmentConfig(steps_max=40, slots=4, drafted=2, draft_steps=40)
+SMALL = EnvironmentConfig(steps_max=40, slots=4, sampled=2, sample_steps=40)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +58,7 @@ def test_who_makes_others_brake_shares_their_penalties(make_scenario, track, lan
     """The one ahead brakes as hard as it may, so that the one behind, who brakes as hard, is taken over."""
     y = lane_centres[1]
     tracks = [track(k, x=150.0 - 12.0 * k, y=y, speed=12.0, last=80) for k in range(1, 6)]
-    scenario, config = make_scenario(*tracks), EnvironmentConfig(steps_max=40, slots=6, drafted=5, draft_radius=90.0)
+    scenario, config = make_scenario(*tracks), EnvironmentConfig(steps_max=40, slots=6, sampled=5, sample_radius=90.0)
 
     def braking(share: float) -> list[Outcome]:
         course = Course([scenario], config, penalty=PenaltyConfig(share=share))
@@ -74,10 +78,10 @@ def test_driven_agents_are_observed(traffic) -> None:
     assert traffic.ego_id not in agents
 
 
-def test_only_drafted_agents_are_driven_where_that_is_asked_for(traffic) -> None:
-    course = Course([traffic], EnvironmentConfig(steps_max=40, slots=1, drafted=1, draft_steps=40))
+def test_only_sampled_agents_are_driven_where_that_is_asked_for(traffic) -> None:
+    course = Course([traffic], EnvironmentConfig(steps_max=40, slots=1, sampled=1, sample_steps=40))
     for seed in range(6):
-        episodes = Episodes(course, [course.start(np.random.default_rng(seed))], drafted_only=True)
+        episodes = Episodes(course, [course.start(np.random.default_rng(seed))], sampled_only=True)
         (agent,) = episodes.driven
         assert {each for outcome in driven(episodes) for each in outcome.agents.tolist()} == {agent}
 
@@ -86,7 +90,7 @@ def test_only_drafted_agents_are_driven_where_that_is_asked_for(traffic) -> None
 def test_time_runs_out(make_scenario, track, lane_centres, steps_max: int) -> None:
     tracks = [track(1 + k, x=60.0 + 40.0 * k, y=lane_centres[1 + k % 2], last=80) for k in range(4)]
     scenario = make_scenario(*tracks)
-    episodes = begun(scenario, EnvironmentConfig(steps_max=steps_max, slots=2, drafted=3))
+    episodes = begun(scenario, EnvironmentConfig(steps_max=steps_max, slots=2, sampled=3))
     outcomes = driven(episodes)
     assert not any(outcome.terminated.any() for outcome in outcomes) and not outcomes[-1].driven_on.any()
     assert max(len(outcome.agents) for outcome in outcomes) <= 2
@@ -104,7 +108,7 @@ def test_collisions_end_episodes(traffic) -> None:
 
 def test_leaving_the_road_ends_episodes(make_scenario, track, lane_centres) -> None:
     scenario = make_scenario(track(1, x=60.0, last=80), track(2, x=80.0, y=lane_centres[0], last=80))
-    last = driven(begun(scenario, EnvironmentConfig(steps_max=60, slots=2, drafted=1)), lateral=0.3)[-1]
+    last = driven(begun(scenario, EnvironmentConfig(steps_max=60, slots=2, sampled=1)), lateral=0.3)[-1]
     assert last.terminated.any() and last.terms.off_road.any()
 
 
@@ -113,7 +117,7 @@ def test_a_road_that_empties_is_no_failure(make_scenario, track, seed: int) -> N
     """The ego and the driven agent leave the net at 640 m; the recording goes on, as somebody enters later."""
     tracks = track(1, x=560.0, speed=20.0, last=30), track(2, x=540.0, speed=20.0, last=30)
     scenario = make_scenario(*tracks, track(3, x=100.0, first=120, last=130))
-    episodes = begun(scenario, EnvironmentConfig(slots=2, drafted=2), seed)
+    episodes = begun(scenario, EnvironmentConfig(slots=2, sampled=2), seed)
     outcomes = driven(episodes, action=0.9)
     assert {tuple(episodes.batch.log.recorded_ids[outcome.agents]) for outcome in outcomes} == {(2,)}
     left = outcomes[-1]
@@ -152,15 +156,50 @@ def test_penalties(traffic, agent_table, lane_centres) -> None:
         {"id": 3, "x": 61.0, "y": lane_centres[0] + 1.2},
     )
     guarded = np.array([False, True, False])
-    found = penalties(before, after, np.array([1, 2, 3]), traffic.lane_map, guarded)
+    found = penalties(before, after, np.array([1, 2, 3]), traffic.lane_map, guarded, np.zeros(3))
     assert found.collision.tolist() == [True, False, False], "who is run into from behind could not help it"
     assert found.hard_brake == pytest.approx([0.5, 0.0, 0.0])
     assert found.proximity[0] == 1.0 and found.proximity[2] == 0.0
     assert found.edge[2] > 0.9 and found.off_road.tolist() == [False, False, True]
-    again = penalties(after, after, np.array([1, 2, 3]), traffic.lane_map, guarded)
+    again = penalties(after, after, np.array([1, 2, 3]), traffic.lane_map, guarded, np.zeros(3))
     assert not again.collision.any() and not again.off_road.any(), "each counts once"
     assert (found.total(PenaltyConfig()) <= 0.0).all()
     assert found.total(PenaltyConfig())[1] == -PenaltyConfig().guard
+
+
+def test_displacement_is_what_the_distance_from_the_log_grows_by(traffic, placed) -> None:
+    before, after = traffic.log.table(4), traffic.log.table(5)
+    ids = before.id[:2]
+    for lost, grown in ((0.4, 0.4), (-0.5, 0.5)):
+        moved = placed(after, int(ids[0]), x=float(after.x[0]) - lost)
+        assert displacement(before, moved, ids, traffic.log) == pytest.approx([grown, 0.0])
+    away = placed(before, int(ids[0]), x=float(before.x[0]) - 2.0)
+    assert displacement(away, after, ids, traffic.log)[0] == pytest.approx(-2.0)
+    assert displacement(away, replace(after, step=10**6), ids, traffic.log).tolist() == [0.0, 0.0], "its log is over"
+
+
+@pytest.mark.parametrize("ends", [True, False])
+def test_nothing_is_expected_of_who_is_handed_back_where_that_is_said(traffic, *, ends: bool) -> None:
+    """A residual of zero returns to the log, at the latest when the agents' logs end."""
+    config = replace(SMALL, sampled=0, steps_max=70, handback_ends=ends)
+    course, over = Course([traffic], config, ObservationConfig(residual=True)), []
+    for seed in range(6):
+        outcomes = driven(Episodes(course, [course.start(np.random.default_rng(seed))]))
+        over += [o.terminated[~o.driven_on] for o in outcomes if not (o.terms.collision | o.terms.off_road).any()]
+    assert np.concatenate(over).any() == ends
+
+
+def test_corrections_of_a_residual_policy_are_residuals_too(traffic) -> None:
+    """Guards that always want to brake by what they may, whatever the log does."""
+    config = replace(SMALL, careful=SafetyConfig(own_braking=0.1, leader_braking=8.0, relax=0.1))
+    course = Course([traffic], config, ObservationConfig(residual=True))
+    episodes = Episodes(course, [course.start(np.random.default_rng(0))])
+    scene = episodes._scene
+    outcome = episodes.step(np.zeros((len(scene), 3)))
+    told = ~np.isnan(outcome.corrected[:, 0])
+    assert told.any()
+    sums = physical(outcome.corrected)[told, 0] + scene.onwards[told]
+    assert (sums < scene.onwards[told] - 0.1).all()
 
 
 # Experts

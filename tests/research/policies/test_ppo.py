@@ -10,6 +10,7 @@ import torch
 
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_research.policies.critic import Critic, CriticConfig, gradient_norm, update_critic
+from litsim_research.policies.critic_pairs import driven_pairs
 from litsim_research.policies.network import GaussianPolicy, multilayer, pedal_bounds
 from litsim_research.policies.ppo import (
     Batch,
@@ -21,9 +22,8 @@ from litsim_research.policies.ppo import (
     make_batch,
     update_policy,
 )
-from litsim_research.policies.sides import driven_pairs
 
-CONFIG = PpoConfig(discount=0.9, smoothing=0.8)
+CONFIG = PpoConfig(discount=0.9, gae_lambda=0.8)
 SEEN = ObservationConfig(slots=2)
 
 
@@ -31,7 +31,7 @@ def by_definition(reward: np.ndarray, value: np.ndarray, *, terminated: bool) ->
     """The sum over all later surprises, written out."""
     following = np.append(value[1:-1], 0.0 if terminated else value[-1])
     surprise = reward + CONFIG.discount * following - value[:-1]
-    factor = CONFIG.discount * CONFIG.smoothing
+    factor = CONFIG.discount * CONFIG.gae_lambda
     return [float((surprise[t:] * factor ** np.arange(len(reward) - t)).sum()) for t in range(len(reward))]
 
 
@@ -53,7 +53,7 @@ def test_a_time_limit_is_no_end() -> None:
 
 def reach(observation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest acceleration, as actions (m,) each, that the bounds on jerk let through."""
-    low, high = pedal_bounds(observation)
+    low, high = pedal_bounds(observation, SEEN)
     return np.tanh(low), np.tanh(high)
 
 
@@ -75,7 +75,7 @@ def test_the_policy_goes_where_the_reward_is() -> None:
     torch.manual_seed(0)
     policy, value = GaussianPolicy(SEEN), multilayer(SEEN.size, 1)
     optimiser = torch.optim.Adam([*policy.parameters(), *value.parameters()], 3e-3)
-    config = PpoConfig(batch=64, epochs=4, divergence_limit=0.05, discount=0.5)
+    config = PpoConfig(batch=64, epochs=4, target_kl=0.05, discount=0.5)
     generator = torch.Generator().manual_seed(1)
     start = None
     for seed in range(20):
@@ -103,7 +103,7 @@ def test_passes_end_when_the_policy_has_moved() -> None:
         update_policy(policy, value, optimiser, batch, config, torch.Generator().manual_seed(0))
         return float((policy.mean.weight.detach() - before).norm())
 
-    assert moved(PpoConfig(epochs=10, divergence_limit=-1.0)) < 0.7 * moved(PpoConfig(epochs=10, divergence_limit=9.0))
+    assert moved(PpoConfig(epochs=10, target_kl=-1.0)) < 0.7 * moved(PpoConfig(epochs=10, target_kl=9.0))
 
 
 def test_the_value_can_learn_alone_and_drivers_can_hold_the_policy_back() -> None:
@@ -120,7 +120,7 @@ def test_the_value_can_learn_alone_and_drivers_can_hold_the_policy_back() -> Non
 
     action = torch.tensor([[-0.6, 0.1, 0.1], [-0.4, -0.1, -0.1]]).repeat(64, 1)
     shown = Demonstrations(batch.observation[:128], action)
-    config = PpoConfig(batch=64, epochs=60, divergence_limit=1e9, imitation_weight=100.0)
+    config = PpoConfig(batch=64, epochs=60, target_kl=1e9, imitation_weight=100.0)
     update_policy(policy, value, optimiser, batch, config, generator, shown)
     assert float(torch.tanh(policy(batch.observation[:128])).detach()[:, 0].mean()) == pytest.approx(-0.5, abs=0.1)
 
@@ -137,7 +137,7 @@ def test_the_policy_goes_where_it_is_corrected() -> None:
     optimiser = torch.optim.Adam([*policy.parameters(), *value.parameters()], 3e-3)
     there = batch.observation[:, 0] > 0.0
     before = policy.said(batch.observation).detach()[:, 0]
-    config = PpoConfig(batch=64, epochs=60, divergence_limit=1e9, correction_weight=10.0, value_weight=0.0)
+    config = PpoConfig(batch=64, epochs=60, target_kl=1e9, correction_weight=10.0, vf_coef=0.0)
     update_policy(policy, value, optimiser, batch, config, torch.Generator().manual_seed(0))
     after = policy.said(batch.observation).detach()[:, 0]
     assert float(after[there].mean()) == pytest.approx(-0.5, abs=0.15)
@@ -197,3 +197,9 @@ def test_the_norm_is_that_of_the_gradient() -> None:
     critic.body = torch.nn.Sequential(linear)
     found = gradient_norm(critic, torch.randn(10, 5), torch.randn(10, 5), torch.Generator().manual_seed(0))
     assert found.detach().numpy() == pytest.approx(5.0, rel=1e-5)
+
+
+def test_the_weight_of_corrections_falls_to_zero() -> None:
+    falling = PpoConfig(correction_weight=2.0, correction_iterations=4)
+    assert [falling.at(k).correction_weight for k in range(6)] == [2.0, 1.5, 1.0, 0.5, 0.0, 0.0]
+    assert PpoConfig(correction_weight=2.0).at(100).correction_weight == 2.0

@@ -27,7 +27,7 @@ def moved(ratio: float, advantage: float, **config: float) -> tuple[float, float
     batch = Batch(observation, raw, density - math.log(ratio), torch.full((64,), advantage), torch.zeros(64))
     before = policy.mean.weight.detach().clone(), policy.log_std.detach().clone()
     optimiser = torch.optim.SGD([*policy.parameters(), *value.parameters()], 0.1)
-    settings = {"batch": 64, "epochs": 1, "clip": 0.2, "entropy_weight": 0.0, "value_weight": 0.0} | config
+    settings = {"batch": 64, "epochs": 1, "clip": 0.2, "ent_coef": 0.0, "vf_coef": 0.0} | config
     update_policy(policy, value, optimiser, batch, PpoConfig(**settings), generator)
     mean, log_std = policy.mean.weight.detach(), policy.log_std.detach()
     return float((mean - before[0]).norm()), float((log_std - before[1]).mean())
@@ -43,5 +43,5 @@ def test_what_has_gone_far_enough_the_right_way_goes_no_farther(ratio: float, ad
 
 
 def test_entropy_is_rewarded() -> None:
-    assert moved(1.5, 1.0, entropy_weight=0.1)[1] > 1e-4
+    assert moved(1.5, 1.0, ent_coef=0.1)[1] > 1e-4
     assert moved(1.5, 1.0)[1] == pytest.approx(0.0, abs=1e-9)

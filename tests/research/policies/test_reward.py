@@ -12,9 +12,9 @@ from litsim_research.policies.reward import NEAR_ACROSS, NEAR_ALONG, Penalties, 
 from litsim_sim.core.geometry import boxes_overlap, to_body
 from litsim_sim.core.scene import AgentTable
 
-TERMS = tuple(field.name for field in fields(PenaltyConfig) if field.name != "share")
-ONCE = ("collision", "off_road")
-LASTING = tuple(name for name in TERMS if name not in ONCE)
+TERMS = tuple(field.name for field in fields(Penalties))
+ADDED = ("collision", "off_road", "displacement", "jerk")
+LASTING = tuple(name for name in TERMS if name not in ADDED)
 WEIGHTS = PenaltyConfig(**{name: 2.0 + k for k, name in enumerate(TERMS)})
 
 
@@ -25,8 +25,9 @@ def total(**values: float) -> float:
 
 
 def test_every_weight_has_its_term() -> None:
-    assert tuple(field.name for field in fields(Penalties)) == TERMS
-    assert all(getattr(PenaltyConfig(), name) > 0.0 for name in TERMS)
+    weights = {field.name for field in fields(PenaltyConfig)}
+    assert weights - set(TERMS) == {"share", "control"}
+    assert all(getattr(PenaltyConfig(), name) > 0.0 for name in (*LASTING, "collision", "off_road"))
 
 
 @pytest.mark.parametrize("name", TERMS)
@@ -35,12 +36,18 @@ def test_every_term_counts_by_its_weight(name: str) -> None:
     assert total(**{name: 1.0}) == -getattr(WEIGHTS, name)
 
 
-def test_of_those_that_last_the_worst_counts_and_what_ends_the_episode_comes_on_top() -> None:
+def test_of_those_that_last_the_worst_counts_and_the_others_come_on_top() -> None:
     worst = max(getattr(WEIGHTS, name) for name in LASTING)
     assert total(**dict.fromkeys(LASTING, 1.0)) == -worst
-    once = sum(getattr(WEIGHTS, name) for name in ONCE)
-    assert total(**dict.fromkeys(TERMS, 1.0)) == -(worst + once)
+    added = sum(getattr(WEIGHTS, name) for name in ADDED)
+    assert total(**dict.fromkeys(TERMS, 1.0)) == -(worst + added)
     assert total(edge=0.5) == pytest.approx(-0.5 * WEIGHTS.edge)
+    assert total(displacement=-0.5) == pytest.approx(0.5 * WEIGHTS.displacement), "nearer to the log"
+
+
+def test_every_step_under_control_costs_the_same() -> None:
+    terms = Penalties(**{name: np.zeros(2) for name in TERMS})
+    assert terms.total(PenaltyConfig(control=0.25)).tolist() == [-0.25, -0.25]
 
 
 def test_what_agents_do_to_those_behind_comes_back_to_them() -> None:
@@ -64,7 +71,7 @@ def test_contacts_and_nearness_are_what_arrays_of_everybody_give(
         return agent_table(0, *(agent | {"acceleration": -4.0} for agent in columns if agent["id"] != 3 or shift))
 
     before, after, agents = crowd(0.0), crowd(0.3), np.array([0, 4, 5, 9])
-    found = penalties(before, after, agents, lane_map, np.zeros(4, np.bool_))
+    found = penalties(before, after, agents, lane_map, np.zeros(4, np.bool_), np.zeros(4))
 
     def others(table: AgentTable) -> tuple[np.ndarray, np.ndarray]:
         rows = table.rows(agents)
@@ -91,7 +98,7 @@ def test_the_edge_counts_from_half_a_metre_within_to_a_little_beyond(
     offs = (1.6, 1.25, 1.05, 0.85)
     table = agent_table(0, *({"id": k, "x": 100.0 + 20.0 * k, "y": -off} for k, off in enumerate(offs)))
     inside = agent_table(0, *({"id": k, "x": 100.0 + 20.0 * k, "y": lane_centres[1]} for k in range(4)))
-    found = penalties(inside, table, np.arange(4), lane_map, np.zeros(4, np.bool_))
+    found = penalties(inside, table, np.arange(4), lane_map, np.zeros(4, np.bool_), np.zeros(4))
     assert found.edge == pytest.approx([0.0, 0.5, 5.0 / 6.0, 1.0], abs=0.01)
     assert found.off_road.tolist() == [False, False, False, True]
-    assert not penalties(table, table, np.arange(4), lane_map, np.zeros(4, np.bool_)).off_road.any()
+    assert not penalties(table, table, np.arange(4), lane_map, np.zeros(4, np.bool_), np.zeros(4)).off_road.any()

@@ -30,7 +30,7 @@ from litsim_research.policies.rollout import (
 )
 from litsim_sim.core.errors import InputError
 
-SMALL = EnvironmentConfig(steps_max=20, slots=4, drafted=3)
+SMALL = EnvironmentConfig(steps_max=20, slots=4, sampled=3)
 
 
 @pytest.fixture(scope="module")

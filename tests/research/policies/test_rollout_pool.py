@@ -16,7 +16,7 @@ from litsim_research.policies.network import GaussianPolicy
 from litsim_research.policies.rollout import BATCH_MAX, Driving, Episode, begin, begin_validation, collect, validate
 from litsim_research.policies.rollout_pool import rollouts, shared_out
 
-SMALL = EnvironmentConfig(steps_max=20, slots=4, drafted=3)
+SMALL = EnvironmentConfig(steps_max=20, slots=4, sampled=3)
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Tasks of recorded drivers and of drafted agents: the same draw, so that nobody is known by his task."""
+"""Tasks of recorded drivers and of sampled agents: the same draw, so that nobody is known by his task."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import pytest
 from litsim_policy.driving.task import NOBODY
 from litsim_policy.ego.log import LogEgo
 from litsim_policy.motion.reference_path import logged_path
-from litsim_research.policies.drafts import Drafts
 from litsim_research.policies.draw import Start
+from litsim_research.policies.sampled_agents import SampledAgents
 from litsim_research.policies.task import TaskConfig, all_nearest, nearest, recorded_task
 from litsim_sim.scenario.batched import BatchedScenario
 from litsim_sim.scenario.scenario import Scenario
@@ -69,14 +69,14 @@ def test_who_has_long_passed_his_goal_gets_the_next_one(scenario: Scenario) -> N
     batch = BatchedScenario.of([scenario])
     start = Start(scenario, LogEgo(scenario), np.random.default_rng(0))
     first = scenario.history_steps
-    drafts = Drafts(batch, [start], batch.log.table(first), 5, 30.0, config)
-    (agent,) = {draft.agent for draft in drafts.of(batch.log.table(first))}
+    sampled = SampledAgents(batch, [start], batch.log.table(first), 5, 30.0, config)
+    (agent,) = {task.agent for task in sampled.of(batch.log.table(first))}
     ahead = []
     for step in range(first, 100):
         table = batch.log.table(step)
-        (draft,) = drafts.of(table)
-        ahead.append(draft.due_step - step)
+        (task,) = sampled.of(table)
+        ahead.append(task.due_step - step)
         row = batch.log.row(agent)
-        assert draft.goal == (batch.log.x[row, draft.due_step], batch.log.y[row, draft.due_step])
-        assert draft.opponent == nearest(table, table.row(agent)) != NOBODY
+        assert task.goal == (batch.log.x[row, task.due_step], batch.log.y[row, task.due_step])
+        assert task.opponent == nearest(table, table.row(agent)) != NOBODY
     assert set(ahead) == set(range(-5, 31)), "as far as they are drawn, both ways"

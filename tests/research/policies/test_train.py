@@ -37,7 +37,7 @@ def file(training_data, tmp_path_factory) -> Path:
         "validate_every": 1,
         "validation_episodes": 1,
         "data": training_data,
-        "environment": {"steps_max": 20, "slots": 4, "drafted": 3},
+        "environment": {"steps_max": 20, "slots": 4, "sampled": 3},
         "warm_start": {"epochs": 2},
         "critic": {"updates": 2, "batch": 32},
         "ppo": {"epochs": 2, "batch": 32},
@@ -65,6 +65,17 @@ def test_a_run_that_is_resumed_ends_where_a_whole_one_does(file: Path, tmp_path:
     assert (tmp_path / "parts" / checkpoint.CURVES).read_bytes().startswith(b"\x89PNG")
     for name in (checkpoint.LAST, checkpoint.BEST):
         PolicyNetwork.load(tmp_path / "parts" / name)
+
+
+def test_a_residual_policy_is_trained_without_drivers(file: Path, tmp_path: Path) -> None:
+    given = yaml.safe_load(file.read_text()) | {"observation": {"residual": True}}
+    with pytest.raises(ValueError, match=r"observation.residual is true, expected critic_reward"):
+        TrainConfig(**given)
+    given |= {"critic_reward": 0.0, "warm_start": {"epochs": 0}, "penalty": {"displacement": 1.0, "control": 0.1}}
+    config = TrainConfig(**(given | {"ppo": {"epochs": 2, "batch": 32, "imitation_weight": 0.0, "value_first": 0}}))
+    training = train.run(config, tmp_path, progress=False)
+    assert PolicyNetwork.load(tmp_path / checkpoint.LAST).observation.residual
+    assert len(training.history) == 2 and "critic_accuracy" not in training.history[0]
 
 
 def test_what_a_checkpoint_must_be(file: Path, tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ def config(training_data) -> TrainConfig:
         "validate_every": 1,
         "validation_episodes": 1,
         "data": training_data,
-        "environment": {"steps_max": 15, "slots": 4, "drafted": 3},
+        "environment": {"steps_max": 15, "slots": 4, "sampled": 3},
         "warm_start": {"epochs": 1},
         "critic": {"updates": 2, "batch": 16},
         "ppo": {"epochs": 1, "batch": 16, "value_first": 1},

@@ -9,14 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import resources
+from itertools import pairwise
 from pathlib import Path
-from typing import Literal, cast
+from typing import Any
 
 import numpy as np
 
 from litsim_policy.driving.action import ACTIONS, executed_yaw_rate, physical
 from litsim_policy.driving.features.observation import ObservationConfig, Observer
-from litsim_policy.driving.handback import HandbackConfig
+from litsim_policy.driving.handback import HandbackConfig, OwnLogs
 from litsim_policy.driving.network_file import layer_arrays, perceptron, read_network
 from litsim_policy.driving.policy import Policy
 from litsim_policy.driving.safety.config import SafetyConfig
@@ -26,7 +27,7 @@ from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterReader
-from litsim_sim.core.quantities import configuration
+from litsim_sim.core.quantities import Flag, configuration
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, FloatArray
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverState, TakeoverTable
 from litsim_sim.lane_map.lane_map import LaneMap
@@ -36,6 +37,13 @@ from litsim_sim.scenario.signals import LinkSignals
 HIDDEN = 128
 LAYERS = ("hidden0", "hidden1", "mean")
 FORMAT = "litsim policy C, 1"
+PARSED: dict[str, Callable[[str], Any]] = {
+    "arrange": str,
+    "slots": int,
+    "sight": float,
+    **dict.fromkeys(("ahead", "residual"), {"True": True, "False": False}.__getitem__),
+}
+"""How each field of the observation is read from a file's metadata."""
 POLICY, GUARDED = int(ControlSource.POLICY), int(ControlSource.GUARDED)  # numpy takes plain numbers much faster
 
 
@@ -65,6 +73,12 @@ class PolicyNetwork:
         sizes = (observation.size, HIDDEN, HIDDEN, len(ACTIONS))
         return cls(*layer_arrays(path, tensors, LAYERS, sizes), observation)
 
+    @classmethod
+    def zero(cls, observation: ObservationConfig) -> PolicyNetwork:
+        """Returns the network whose mean action is zero."""
+        sizes = (observation.size, HIDDEN, HIDDEN, len(ACTIONS))
+        return cls(tuple(map(np.zeros, pairwise(sizes))), tuple(map(np.zeros, sizes[1:])), observation)
+
     def mean(self, observation: FloatArray) -> FloatArray:
         """Returns mean actions (m, 3) in [-1, 1] for observations (m, size)."""
         return np.tanh(self.before_tanh(observation))
@@ -84,19 +98,26 @@ class PolicyCConfig:
     """Parameters of :class:`PolicyC`.
 
     Attributes:
-        weights: file of the network, written by ``litsim_research train policy``; empty for the packaged one.
+        weights: file of the network, written by ``litsim_research train policy``; empty for the packaged one; `none`
+            for constant speed straight on in its place, `log` for driving on as the log does with the present lag.
+        rules: whether the network's commands are subject to the rules of :class:`PolicyC`.
+        guards: whether the guards of `safety` are on; otherwise only its limits are.
         safety: limits and guards.
     """
 
     weights: str = ""
+    rules: Flag = True
+    guards: Flag = True
     safety: SafetyConfig = SafetyConfig()
 
     def network(self) -> PolicyNetwork:
-        """Returns the network from the file `weights`, or the packaged one.
+        """Returns the network that `weights` names.
 
         Raises:
             InputError: it cannot be used.
         """
+        if self.weights in ("none", "log"):
+            return PolicyNetwork.zero(ObservationConfig(residual=self.weights == "log"))
         return PolicyNetwork.load(Path(self.weights) if self.weights else shipped_weights())
 
 
@@ -112,7 +133,7 @@ class Driver:
     ) -> None:
         self.observer = Observer(lane_map, network.observation)
         self.safety = SafetyLayer(lane_map, safety, signals)
-        self._network, self._lane_map = network, lane_map
+        self._network, self._lane_map, self._residual = network, lane_map, network.observation.residual
 
     def drive(self, table: AgentTable, tasks: list[DrivingTask]) -> ControlTable:
         """Returns controls of the agents with `tasks`, ids ascending."""
@@ -126,18 +147,19 @@ class Driver:
 
     def asked(self, scene: DrivingScene) -> tuple[FloatArray, FloatArray]:
         """Commands of the network for the agents of `scene`: accelerations [m/s2] and yaw rates [rad/s] (m,)."""
-        return executed(scene, self._network.mean(self.observer.features(scene)))
+        return executed(scene, self._network.mean(self.observer.features(scene)), residual=self._residual)
 
 
-def commanded(scene: DrivingScene, action: FloatArray, safety: SafetyLayer) -> ControlTable:
-    """Returns controls of the m agents of `scene` from actions (m, 3) in [-1, 1], in training and driving."""
-    return guarded(scene, *executed(scene, action), safety)
+def executed(scene: DrivingScene, action: FloatArray, *, residual: bool) -> tuple[FloatArray, FloatArray]:
+    """Accelerations [m/s2] and yaw rates [rad/s] (m,) of the agents of `scene` for actions (m, 3) in [-1, 1].
 
-
-def executed(scene: DrivingScene, action: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Accelerations [m/s2] and yaw rates [rad/s] (m,) of the agents of `scene` for actions (m, 3) in [-1, 1]."""
+    With `residual`, the actions are added to what drives the agents on as their logs do, along their paths.
+    """
     wanted = physical(action)
-    return wanted[:, 0], executed_yaw_rate(wanted, scene.agents.speed)
+    acceleration, yaw_rate = wanted[:, 0], executed_yaw_rate(wanted, scene.agents.speed)
+    if residual:
+        return acceleration + scene.onwards, yaw_rate + scene.agents.path_yaw_rate
+    return acceleration, yaw_rate
 
 
 def guarded(scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray, safety: SafetyLayer) -> ControlTable:
@@ -151,9 +173,9 @@ class PolicyC(Policy):
     """The policy called `litsim`: the network drives agents that are held, rules drive those that return or pass.
 
     The network was trained to drive along logs; passing agents are driven by the rules of policy `yield`, behind the
-    same safety layer. The network is also subject to :mod:`.yielding_rules`, since its training contained few standing
-    or crossing agents, and no signals: an agent stays in its lane if the side is taken, keeps its distance to the agent
-    ahead and to red lights, waits for crossing agents, and makes room for merging ones.
+    same safety layer. Unless `rules` is off, the network is also subject to :mod:`.yielding_rules`, since its training
+    contained few standing or crossing agents, and no signals: an agent stays in its lane if the side is taken, keeps
+    its distance to the agent ahead and to red lights, waits for crossing agents, and makes room for merging ones.
     """
 
     batched = True
@@ -161,15 +183,18 @@ class PolicyC(Policy):
     @classmethod
     def read(cls, read: ParameterReader) -> Callable[[Setting], Policy]:
         """See :class:`litsim_sim.core.plugins.Configured`."""
-        rules, handback = read(YieldConfig()), read(HandbackConfig(), "handback.")
+        yielding, handback = read(YieldConfig()), read(HandbackConfig(), "handback.")
         config = read(PolicyCConfig())
-        return lambda scenario: cls(scenario, config.network(), YieldPolicy(scenario, rules, handback), config.safety)
+        return lambda scenario: cls(scenario, config.network(), YieldPolicy(scenario, yielding, handback), config)
 
     def __init__(
-        self, scenario: Setting, network: PolicyNetwork, rules: YieldPolicy, safety: SafetyConfig | None = None
+        self, scenario: Setting, network: PolicyNetwork, yielding: YieldPolicy, config: PolicyCConfig | None = None
     ) -> None:
+        config = config or PolicyCConfig()
+        safety = config.safety if config.guards else config.safety.without_guards
         self.driver = Driver(scenario.lane_map, network, safety, scenario.signals)
-        self._rules, self._lane_map = rules, scenario.lane_map
+        self._yielding, self._rules = yielding, config.rules
+        self._lane_map, self._logs = scenario.lane_map, OwnLogs(scenario)
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
         """Returns controls of every agent that is held or handed back."""
@@ -180,24 +205,25 @@ class PolicyC(Policy):
         return merged(self._keep(table, keeping), self._by_rules(table, returning), self._pass(table, passing))
 
     def _keep(self, table: AgentTable, keeping: Sequence[Takeover]) -> ControlTable:
-        """Returns controls of agents that keep to their paths: those of the network, limited by the rules."""
-        scene = DrivingScene.of_takeovers(self._lane_map, table, keeping)
+        """Returns controls of agents that keep to their paths: those of the network, limited by any rules."""
+        scene = DrivingScene.of_takeovers(self._lane_map, table, keeping, self._logs)
         if not len(scene):
             return ControlTable.empty(table.step)
         acceleration, yaw_rate = self.driver.asked(scene)
-        acceleration = self._rules.hold_to_rules(scene.agents, acceleration, self.driver.safety.config)
-        yaw_rate = self._stay_in_lane(scene.agents, yaw_rate)
+        if self._rules:
+            acceleration = self._yielding.hold_to_rules(scene.agents, acceleration, self.driver.safety.config)
+            yaw_rate = self._stay_in_lane(scene.agents, yaw_rate)
         return guarded(scene, acceleration, yaw_rate, self.driver.safety)
 
     def _stay_in_lane(self, agents: PathFollowers, yaw_rate: FloatArray) -> FloatArray:
         """Returns yaw rates (m,) [rad/s] as requested, or along the lane where they lead to a side that is taken."""
         to_path, asked = agents.path_yaw_rate - agents.lane_yaw_rate, yaw_rate - agents.lane_yaw_rate
-        waits = self._rules.side_taken(agents, or_will_be=True) & (to_path * asked > 0.0)
+        waits = self._yielding.side_taken(agents, or_will_be=True) & (to_path * asked > 0.0)
         return np.where(waits, agents.lane_yaw_rate, yaw_rate)
 
     def _by_rules(self, table: AgentTable, takeovers: Sequence[Takeover]) -> ControlTable:
         """Returns controls of agents that policy `yield` drives."""
-        return self._rules.act(table, TakeoverTable(table.step, tuple(takeovers)))
+        return self._yielding.act(table, TakeoverTable(table.step, tuple(takeovers)))
 
     def _pass(self, table: AgentTable, passing: Sequence[Takeover]) -> ControlTable:
         """Controls of passing agents, which brake no harder than is comfortable unless the safety layer demands it.
@@ -208,7 +234,7 @@ class PolicyC(Policy):
         if not passing:
             return asked
         scene = DrivingScene.of_takeovers(self._lane_map, table, passing)
-        braking = np.maximum(asked.acceleration, -self._rules.comfortable_braking)
+        braking = np.maximum(asked.acceleration, -self._yielding.comfortable_braking)
         return guarded(scene, braking, asked.yaw_rate, self.driver.safety)
 
 
@@ -227,16 +253,14 @@ def merged(*tables: ControlTable) -> ControlTable:
 
 
 def _observation(metadata: dict[str, str], path: Path) -> ObservationConfig:
-    """Returns the observation in a file's metadata."""
-    arrange, slots, sight = (metadata.get(f"observation.{field}", "") for field in ("arrange", "slots", "sight"))
-    ahead = metadata.get("observation.ahead", "False")  # missing in older files
+    """Returns the observation in a file's metadata; older files lack fields."""
+    usual = {"observation.ahead": "False", "observation.residual": "False"}
+    values = {field: (usual | metadata).get(f"observation.{field}", "") for field in vars(ObservationConfig())}
     try:
-        if arrange in ("sector", "distance") and ahead in ("True", "False"):
-            arranged = cast(Literal["sector", "distance"], arrange)
-            return ObservationConfig(arranged, int(slots), float(sight), ahead == "True")
-    except ValueError:
-        pass
-    raise InputError(
-        f"{path}: metadata observation is {arrange!r}, {slots!r}, {sight!r}, {ahead!r}, expected sector or distance, a "
-        f"number of slots, a sight in metres, and True or False"
-    )
+        return ObservationConfig(**{field: parse(values[field]) for field, parse in PARSED.items()})
+    except (ValueError, KeyError) as error:
+        given = ", ".join(f"{field} {value!r}" for field, value in values.items())
+        raise InputError(
+            f"{path}: metadata observation is {given}, expected arrange sector or distance, slots a number, sight in "
+            "metres, and the others True or False"
+        ) from error

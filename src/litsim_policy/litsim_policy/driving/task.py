@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from litsim_policy.driving.handback import OwnLogs
 from litsim_policy.motion.along_path import Poses
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
@@ -28,6 +30,7 @@ class DrivingTask:
         goal: (2,) the conflict's crossing point, x and y in frame map [m].
         due_step: step at which the agent, had it followed its log, was expected there.
         opponent: id of the agent with which it is in conflict; NOBODY for none.
+        lag: steps by which the log lags that it would return to now.
     """
 
     agent: int
@@ -35,13 +38,14 @@ class DrivingTask:
     goal: FloatArray
     due_step: int
     opponent: int = NOBODY
+    lag: int = 0
 
     @classmethod
     def of(cls, takeover: Takeover) -> DrivingTask:
         """Returns the task of an agent that was taken over."""
         path = ReferencePath.of(takeover.reference_path)
         goal = np.array(takeover.goal_pose[:2])
-        return cls(takeover.agent, path, goal, due_step(takeover), opponent_of(takeover))
+        return cls(takeover.agent, path, goal, due_step(takeover), opponent_of(takeover), lag_of(takeover))
 
 
 @dataclass
@@ -51,7 +55,8 @@ class DrivingScene:
     Attributes:
         id: (m,) of the agents.
         agents: the agents on their paths.
-        goal, due_step, opponent: (m, 2), (m,), (m,) as in :class:`DrivingTask`.
+        goal, due_step, opponent, lag: (m, 2), (m,), (m,), (m,) as in :class:`DrivingTask`.
+        logs: of all agents; None if the agents are not driven along theirs.
     """
 
     id: IntArray
@@ -59,9 +64,17 @@ class DrivingScene:
     goal: FloatArray
     due_step: IntArray
     opponent: IntArray
+    lag: IntArray
+    logs: OwnLogs | None = None
 
     def __len__(self) -> int:
         return len(self.id)
+
+    @cached_property
+    def onwards(self) -> FloatArray:
+        """Accelerations (m,) [m/s2] with which the agents drive on as their logs do; see :class:`.handback.OwnLogs`."""
+        assert self.logs is not None
+        return self.logs.onwards(self.agents, self.lag)
 
     @classmethod
     def of(
@@ -73,19 +86,22 @@ class DrivingScene:
             table,
             [task.path.points for task in tasks],
             [task.goal for task in tasks],
-            [(task.agent, task.due_step, task.opponent) for task in tasks],
+            [(task.agent, task.due_step, task.opponent, task.lag) for task in tasks],
             poses,
         )
 
     @classmethod
-    def of_takeovers(cls, lane_map: LaneMap, table: AgentTable, takeovers: Sequence[Takeover]) -> DrivingScene:
+    def of_takeovers(
+        cls, lane_map: LaneMap, table: AgentTable, takeovers: Sequence[Takeover], logs: OwnLogs | None = None
+    ) -> DrivingScene:
         """Returns the scene of agents that were taken over, all of which are in `table`."""
         return cls.on_paths(
             lane_map,
             table,
             [t.reference_path for t in takeovers],
             [t.goal_pose[:2] for t in takeovers],
-            [(t.agent, due_step(t), opponent_of(t)) for t in takeovers],
+            [(t.agent, due_step(t), opponent_of(t), lag_of(t)) for t in takeovers],
+            logs=logs,
         )
 
     @classmethod
@@ -95,8 +111,9 @@ class DrivingScene:
         table: AgentTable,
         points: Sequence[FloatArray],
         goals: Sequence[FloatArray] | Sequence[tuple[float, float]],
-        numbers: Sequence[tuple[int, int, int]],
+        numbers: Sequence[tuple[int, int, int, int]],
         poses: Poses | None = None,
+        logs: OwnLogs | None = None,
     ) -> DrivingScene:
         """Returns the scene of m agents on paths.
 
@@ -105,12 +122,13 @@ class DrivingScene:
             table: all agents, including these.
             points: (k, 2) of each agent's path [m].
             goals: (2,) of each.
-            numbers: id, due step and opponent of each.
+            numbers: id, due step, opponent and lag of each.
             poses: as in :class:`PathFollowers`.
+            logs: as in the class.
         """
-        ids, due, opponent = np.array(numbers, np.int64).reshape(-1, 3).T
+        ids, due, opponent, lag = np.array(numbers, np.int64).reshape(-1, 4).T
         agents = PathFollowers(lane_map, table, table.rows(ids), PathBatch(points), poses)
-        return cls(ids, agents, np.array(goals, np.float64).reshape(-1, 2), due, opponent)
+        return cls(ids, agents, np.array(goals, np.float64).reshape(-1, 2), due, opponent, lag, logs)
 
 
 def due_step(takeover: Takeover) -> int:
@@ -123,3 +141,8 @@ def opponent_of(takeover: Takeover) -> int:
     if takeover.path_source == PathSource.LANE or takeover.opponent == takeover.agent:
         return NOBODY
     return takeover.opponent
+
+
+def lag_of(takeover: Takeover) -> int:
+    """Returns the lag [steps] of the log that the agent of `takeover` would return to now."""
+    return round(takeover.time_shift / STEP_S)

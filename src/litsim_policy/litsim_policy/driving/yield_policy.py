@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from litsim_policy.driving.handback import HandbackConfig, catch_up
+from litsim_policy.driving.handback import COMFORTABLE, HandbackConfig, along_log
 from litsim_policy.driving.policy import Policy
 from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.following import braking_needed
@@ -67,9 +67,7 @@ class YieldConfig:
         crossing_margin: distance kept to crossing agents.
     """
 
-    idm: IdmConfig = field(
-        default_factory=lambda: IdmConfig(headway=0.8, standstill_gap=1.5, acceleration=2.0, deceleration=2.5)
-    )
+    idm: IdmConfig = field(default_factory=lambda: COMFORTABLE)
     courtesy_deceleration: NonNegative[Acceleration] = 3.0
     speed_reserve: NonNegative[Speed] = 1.0
     speed_min: NonNegative[Speed] = 3.0
@@ -153,10 +151,8 @@ class YieldPolicy(Policy):
         log, view = self._log, agents.view
         shift = np.array([round(t.time_shift / STEP_S) for t in takeovers])
         at = self._log_rows(agents), agents.table.step - shift
-        log_speed = log.speed[at]
-        behind = agents.to_goal(log.x[at], log.y[at])
-        wanted = catch_up(self._handback, behind, agents.speed, log_speed, log.acceleration[at])
-        free = log_speed + 2.0 * self._handback.speed_excess
+        wanted = along_log(self._handback, log, agents, shift)
+        free = log.speed[at] + 2.0 * self._handback.speed_excess
         leads = agents.leaders.leads & ~self._overlapped_in_log(agents, at[0], at[1])
         follow = idm_acceleration(self._config.idm, agents.speed, free, view.gap, view.speed, leads)
         follow = np.maximum(follow, -np.maximum(self.comfortable_braking, braking_needed(agents, leads)))

@@ -54,5 +54,5 @@ class ImitationTraining(BaseModel):
     warm_start: ShorterWarmStart = ShorterWarmStart()  # type: ignore[call-arg]
     critic: WassersteinConfig = WassersteinConfig()
     ppo: PpoConfig = PpoConfig(
-        learning_rate=1e-4, batch=1000, discount=0.95, imitation_weight=0.0, divergence_limit=0.015, value_first=5
+        learning_rate=1e-4, batch=1000, discount=0.95, imitation_weight=0.0, target_kl=0.015, value_first=5
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_research.policies.critic import CriticConfig
@@ -47,3 +47,17 @@ class TrainConfig(BaseModel):
     warm_start: WarmStart = WarmStart()  # type: ignore[call-arg]
     critic: CriticConfig = CriticConfig()
     ppo: PpoConfig = PpoConfig()
+
+    @property
+    def imitates(self) -> bool:
+        """Whether anything is learned from recorded drivers."""
+        return bool(self.critic_reward or self.ppo.imitation_weight or self.warm_start.epochs)
+
+    @model_validator(mode="after")
+    def _check(self) -> TrainConfig:
+        if self.observation.residual and self.imitates:
+            raise ValueError(
+                "observation.residual is true, expected critic_reward, ppo.imitation_weight and warm_start.epochs of "
+                "0: what drivers did is what a residual is added to"
+            )
+        return self

@@ -24,10 +24,10 @@ class CriticConfig:
     Attributes:
         learning_rate: of Adam.
         gradient_penalty: weight of the penalty on gradients with a norm above 1, between expert and policy. Norms below
-            1 are not penalised, unlike in Gulrajani 2017: that would make the critic steep where both sides are alike,
+            1 are not penalised, unlike in Gulrajani 2017: that would make the critic steep where both kinds are alike,
             and reward the policy for the situation it is in.
         updates: steps of the optimiser per iteration.
-        batch: pairs of each side in a step.
+        batch: pairs of each kind in a step.
         noise: standard deviation of noise on all inputs, which hides the jitter of recorded accelerations from the
             critic.
         reward_limit: the reward is clipped to +- this.
@@ -97,8 +97,8 @@ def update_critic(
     losses, right = 0.0, 0.0
     for _ in range(config.updates):
         real, made = (
-            _jittered(side[torch.randint(len(side), (config.batch,), generator=generator)], config.noise, generator)
-            for side in (expert, policy)
+            _jittered(pairs[torch.randint(len(pairs), (config.batch,), generator=generator)], config.noise, generator)
+            for pairs in (expert, policy)
         )
         real_logits, made_logits = critic(real), critic(made)
         loss = entropy(real_logits, torch.ones_like(real_logits)) + entropy(made_logits, torch.zeros_like(made_logits))
@@ -113,7 +113,7 @@ def update_critic(
 
 
 def gradient_norm(critic: Callable[[Tensor], Tensor], real: Tensor, made: Tensor, generator: torch.Generator) -> Tensor:
-    """Norms (m,) of the critic's gradient at random points between pairs of the two sides (m, inputs)."""
+    """Norms (m,) of the critic's gradient at random points between expert and policy pairs (m, inputs)."""
     share = torch.rand((len(real), 1), generator=generator)
     between = (share * real + (1.0 - share) * made).detach().requires_grad_()
     (slope,) = torch.autograd.grad(critic(between).sum(), between, create_graph=True)

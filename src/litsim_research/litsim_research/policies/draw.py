@@ -1,4 +1,4 @@
-"""Random draws of a training episode: scenario and ego, the ego's deviation from its log, and drafted agents."""
+"""Random draws of a training episode: scenario and ego, the ego's deviation from its log, and sampled agents."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from litsim_research.policies.task import TaskConfig, recorded_task
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.scenario.scenario import Scenario
 
-STAYS = 10  # an agent is drafted only if its log lasts for more steps than this
+STAYS = 10  # an agent is sampled only if its log lasts for more steps than this
 
 
 class Start(NamedTuple):
@@ -53,7 +53,7 @@ def drawn_ego(scenario: Scenario, random: np.random.Generator) -> Ego:
     return PerturbedEgo(scenario, perturbed)
 
 
-def drafted_tasks(
+def sampled_tasks(
     table: AgentTable,
     scenario: Scenario,
     count: int,

@@ -16,18 +16,19 @@ from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.takeover import TakeoverManager
 from litsim_policy.driving.action import consistent, normalised
 from litsim_policy.driving.features.observation import ObservationConfig, Observer
-from litsim_policy.driving.policy_c import commanded, merged
+from litsim_policy.driving.handback import OwnLogs
+from litsim_policy.driving.policy_c import executed, guarded, merged
 from litsim_policy.driving.registry import make_policy
 from litsim_policy.driving.safety.config import LIMITS_ONLY, SafetyConfig
 from litsim_policy.driving.safety.layer import SafetyLayer
 from litsim_policy.driving.task import NOBODY, DrivingScene, due_step, opponent_of
 from litsim_policy.ego.batched import BatchedEgos
 from litsim_predictor.models import ModelName, make_predictor
-from litsim_research.policies.drafts import Drafts
 from litsim_research.policies.draw import Start, drawn_ego, with_ego
-from litsim_research.policies.reward import Penalties, PenaltyConfig, passed_on, penalties
+from litsim_research.policies.reward import Penalties, PenaltyConfig, displacement, passed_on, penalties
+from litsim_research.policies.sampled_agents import SampledAgents
 from litsim_research.policies.task import TaskConfig
-from litsim_sim.core.quantities import Length, NonNegative, Positive, Steps, Whole, configuration
+from litsim_sim.core.quantities import Flag, Length, NonNegative, Positive, Steps, Whole, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, ControlSource, ControlTable, EgoCommand, FloatArray, IntArray
 from litsim_sim.core.takeover import PathSource, TakeoverState, TakeoverTable
 from litsim_sim.scenario.batched import BatchedScenario
@@ -43,20 +44,24 @@ class EnvironmentConfig:
         steps_max: steps after the history, fewer where the scenario ends before; the default is the paper's, while
             segments of 28 s have 250.
         slots: most agents under the policy at a time; further ones are driven by policy yield.
-        drafted: agents near the ego that are put under the policy at the start, with or without a conflict.
-        draft_radius: distance from the ego within which they are drawn.
-        draft_steps: steps after the history for which they stay under the policy.
+        sampled: agents near the ego that are put under the policy at the start, with or without a conflict.
+        sample_radius: distance from the ego within which they are drawn.
+        sample_steps: steps after the history for which they stay under the policy.
         model: predictor.
+        handback_ends: whether no penalties are expected of agents that have been handed back or have left the scene.
+        guards: whose need is penalised.
         careful: guards that correct the policy's commands for the training (see :attr:`Outcome.corrected`); they brake
             early enough for the bounds on jerk, unlike the guards that drive. None for no corrections.
     """
 
     steps_max: Positive[Steps] = 300
     slots: Positive[Whole] = 10
-    drafted: NonNegative[Whole] = 5
-    draft_radius: NonNegative[Length] = 50.0
-    draft_steps: NonNegative[Steps] = 100
+    sampled: NonNegative[Whole] = 5
+    sample_radius: NonNegative[Length] = 50.0
+    sample_steps: NonNegative[Steps] = 100
     model: ModelName = "kinematic"
+    handback_ends: Flag = False
+    guards: SafetyConfig = SafetyConfig()
     careful: SafetyConfig | None = None
 
 
@@ -70,7 +75,7 @@ class Course:
         observation: of the driven agents.
         penalty: weights of the penalties.
         safety: limits and guards on the policy's actions.
-        task: distribution of the drafted agents' tasks.
+        task: distribution of the sampled agents' tasks.
     """
 
     scenarios: Sequence[Scenario]
@@ -102,7 +107,8 @@ class Outcome:
         penalty: (m,) weighted sum, at most 0.
         terms: the penalties before weights, of the agents in `present`.
         present: ids of the agents that are still in the scene.
-        terminated: (m,) whether the agent has collided or left the road.
+        terminated: (m,) whether no penalties can follow: the agent has collided or left the road, or, with
+            `handback_ends`, is handed back.
         driven_on: (m,) whether the agent is driven in the next step.
     """
 
@@ -127,7 +133,7 @@ class Outcome:
 
 
 class _Task(NamedTuple):
-    """Task of a driven agent, see :class:`litsim_policy.driving.task.DrivingTask`; drafted unless `taken_over`."""
+    """Task of a driven agent, see :class:`litsim_policy.driving.task.DrivingTask`; sampled unless `taken_over`."""
 
     agent: int
     points: FloatArray
@@ -146,7 +152,7 @@ class Episodes:
     Args:
         course: settings.
         starts: of each episode.
-        drafted_only: whether only drafted agents are driven, also while they are taken over.
+        sampled_only: whether only sampled agents are driven, also while they are taken over.
 
     Attributes:
         batch: the scenarios.
@@ -154,15 +160,16 @@ class Episodes:
         seen: (m, size) observations of the :attr:`driven` agents.
     """
 
-    def __init__(self, course: Course, starts: Sequence[Start], *, drafted_only: bool = False) -> None:
-        self._course, self._config, self._drafted_only = course, course.config, drafted_only
+    def __init__(self, course: Course, starts: Sequence[Start], *, sampled_only: bool = False) -> None:
+        self._course, self._config, self._sampled_only = course, course.config, sampled_only
         self.batch = BatchedScenario.of([start.scenario for start in starts])
         self._egos = BatchedEgos(self.batch, [start.ego for start in starts])
         self._world = World(self.batch)
         self.safety = SafetyLayer(self.batch.lane_map, course.safety)
-        self._guards = SafetyLayer(self.batch.lane_map)  # for the penalty only
+        self._guards = SafetyLayer(self.batch.lane_map, self._config.guards)  # for the penalty only
         careful = self._config.careful
         self._careful = SafetyLayer(self.batch.lane_map, careful) if careful else None
+        self._logs = OwnLogs(self.batch)
         self._observer = Observer(self.batch.lane_map, course.observation)
         self._predictor = make_predictor(self._config.model, self.batch)
         self._manager = TakeoverManager(self.batch, ConflictConfig())
@@ -177,8 +184,8 @@ class Episodes:
             commands = [EgoCommand(table.step)] * len(starts)
             table = self._world.step_batch(ControlTable.empty(table.step), commands)
         self._see(table)
-        drafted, radius = self._config.drafted, self._config.draft_radius
-        self._drafts = Drafts(self.batch, starts, table, drafted, radius, course.task)
+        sampled, radius = self._config.sampled, self._config.sample_radius
+        self._sampled_agents = SampledAgents(self.batch, starts, table, sampled, radius, course.task)
         self._choose()
         self.seen = self._observer.features(self._scene)
         self._leave_out(self.step_number >= self._end)
@@ -199,19 +206,20 @@ class Episodes:
         Corrections refer to `intended` (m, 3), the policy's mean if `action` was drawn; None for `action` itself.
         """
         before, tasks, scene = self._table, self._tasks, self._scene
-        driven = scene.id
-        guarded = commanded(scene, action, self._guards).source == ControlSource.GUARDED
+        driven, residual = scene.id, self._course.observation.residual
+        command = executed(scene, action, residual=residual)
+        needed = guarded(scene, *command, self._guards).source == ControlSource.GUARDED
         corrected = np.full((len(driven), 3), np.nan)
         if self._careful:
-            meant = action if intended is None else intended
-            corrected = correction(scene, commanded(scene, meant, self._careful))
-        controls = merged(commanded(scene, action, self.safety), self._others_controls())
+            meant = command if intended is None else executed(scene, intended, residual=residual)
+            corrected = correction(scene, guarded(scene, *meant, self._careful), residual=residual)
+        controls = merged(guarded(scene, *command, self.safety), self._others_controls())
         commands = self._egos.plan(before, self.running.nonzero()[0].tolist())
         self._see(self._world.step_batch(controls, commands))
         self._choose()
-        outcome = self._outcome(before, driven, tasks, guarded, corrected)
+        outcome = self._outcome(before, driven, tasks, needed, corrected)
         over = self.step_number >= self._end
-        over[self.batch.log.scene[driven[outcome.terminated]]] = True
+        over[self.batch.log.scene[outcome.present[outcome.terms.collision | outcome.terms.off_road]]] = True
         self._leave_out(over)
         return outcome
 
@@ -221,20 +229,20 @@ class Episodes:
         self._takeovers = self._manager.update(table, self._predictor.forecast(table)).takeovers
 
     def _choose(self) -> None:
-        """Choose the agents driven at the current step: held and drafted ones, up to `slots` in each episode."""
+        """Choose the agents driven at the current step: held and sampled ones, up to `slots` in each episode."""
         tasks = {
             t.agent: _Task(t.agent, t.reference_path, t.goal_pose[:2], due_step(t), opponent_of(t), taken_over=True)
             for t in self._takeovers
             if t.state == TakeoverState.HELD and t.path_source != PathSource.LANE  # passing agents are driven by rules
         }
-        drafting = self.step_number < self.batch.history_steps + self._config.draft_steps
-        drafts = self._drafts.of(self._table) if drafting else []
-        for draft in drafts:
-            held = draft.agent in tasks
-            opponent = tasks[draft.agent].opponent if held else draft.opponent
-            tasks[draft.agent] = _Task(draft.agent, draft.points, draft.goal, draft.due_step, opponent, taken_over=held)
-        if self._drafted_only:
-            tasks = {draft.agent: tasks[draft.agent] for draft in drafts}
+        sampling = self.step_number < self.batch.history_steps + self._config.sample_steps
+        sampled = self._sampled_agents.of(self._table) if sampling else []
+        for task in sampled:
+            held = task.agent in tasks
+            opponent = tasks[task.agent].opponent if held else task.opponent
+            tasks[task.agent] = _Task(task.agent, task.points, task.goal, task.due_step, opponent, taken_over=held)
+        if self._sampled_only:
+            tasks = {task.agent: tasks[task.agent] for task in sampled}
         counts = np.zeros(len(self.running), np.int64)
         self._tasks = []
         for agent in sorted(tasks):
@@ -251,7 +259,7 @@ class Episodes:
         return self._rule.act(self._table, TakeoverTable(self.step_number, others))
 
     def _outcome(
-        self, before: AgentTable, driven: IntArray, tasks: list[_Task], guarded: BoolArray, corrected: FloatArray
+        self, before: AgentTable, driven: IntArray, tasks: list[_Task], needed: BoolArray, corrected: FloatArray
     ) -> Outcome:
         """The outcome of the step from `before` to now.
 
@@ -259,7 +267,7 @@ class Episodes:
             before: all agents before the step.
             driven: (m,) ids of the agents that were driven.
             tasks: of these.
-            guarded: (m,) whether a guard would have changed the command.
+            needed: (m,) whether a guard would have changed the command.
             corrected: (m, 3) as in :class:`Outcome`.
         """
         after = self._table
@@ -272,11 +280,12 @@ class Episodes:
         at = {task.agent: k for k, task in enumerate([*self._tasks, *left])}
         following[here] = seen[[at[agent] for agent in driven[here].tolist()]]
         self.seen = seen[: len(self._tasks)]
-        executed = np.zeros((len(driven), 3))
+        motion = np.zeros((len(driven), 3))
         rows = rows[here]
         speed = 0.5 * (after.speed[rows] + before.speed[before.rows(driven[here])])
-        executed[here] = normalised(consistent(after.acceleration[rows], after.yaw_rate[rows], speed))
-        terms = penalties(before, after, driven[here], self.batch.lane_map, guarded[here])
+        motion[here] = normalised(consistent(after.acceleration[rows], after.yaw_rate[rows], speed))
+        strayed = displacement(before, after, driven[here], self.batch.log)
+        terms = penalties(before, after, driven[here], self.batch.lane_map, needed[here], strayed)
         penalty, terminated = np.zeros(len(driven)), np.zeros(len(driven), np.bool_)
         penalty[here], terminated[here] = terms.total(self._course.penalty), terms.collision | terms.off_road
         because = np.array([task.opponent if task.taken_over else NOBODY for task in tasks], np.int64)
@@ -285,7 +294,11 @@ class Episodes:
         collided[scene[terminated]] = True
         still = np.array([agent in now for agent in driven.tolist()], np.bool_)
         driven_on = here & still & (after.step < self._end[scene]) & ~collided[scene]
-        return Outcome(driven, following, executed, corrected, penalty, terms, driven[here], terminated, driven_on)
+        if self._config.handback_ends:
+            held = {t.agent for t in self._takeovers if t.state == TakeoverState.HELD}
+            back = [task.taken_over and task.agent not in held for task in tasks]
+            terminated |= ~driven_on & (np.array(back, np.bool_) | ~here)
+        return Outcome(driven, following, motion, corrected, penalty, terms, driven[here], terminated, driven_on)
 
     def _leave_out(self, over: BoolArray) -> None:
         """End the episodes in the mask `over` (E,) and remove their agents."""
@@ -304,18 +317,29 @@ class Episodes:
 
     def _with_tasks(self, tasks: Sequence[_Task]) -> DrivingScene:
         """The current scene of the agents with `tasks`."""
+        table, log = self._table, self.batch.log
+        ids = np.array([task.agent for task in tasks], np.int64)
+        rows = table.rows(ids)
+        lags = log.lags(log.ids.searchsorted(ids), table.step, table.x[rows], table.y[rows])
         return DrivingScene.on_paths(
             self.batch.lane_map,
-            self._table,
+            table,
             [task.points for task in tasks],
             [task.goal for task in tasks],
-            [(task.agent, task.due_step, task.opponent) for task in tasks],
+            [(task.agent, task.due_step, task.opponent, lag) for task, lag in zip(tasks, lags.tolist(), strict=True)],
+            logs=self._logs,
         )
 
 
-def correction(scene: DrivingScene, controls: ControlTable) -> FloatArray:
-    """Guards' commands in `controls` for the agents of `scene`, as actions (m, 3) in [-1, 1]; NaN where none acted."""
-    actions = normalised(consistent(controls.acceleration, controls.yaw_rate, scene.agents.speed))
+def correction(scene: DrivingScene, controls: ControlTable, *, residual: bool) -> FloatArray:
+    """Guards' commands in `controls` for the agents of `scene`, as actions (m, 3) in [-1, 1]; NaN where none acted.
+
+    `residual` as in :func:`litsim_policy.driving.policy_c.executed`.
+    """
+    acceleration, yaw_rate = controls.acceleration, controls.yaw_rate
+    if residual:
+        acceleration, yaw_rate = acceleration - scene.onwards, yaw_rate - scene.agents.path_yaw_rate
+    actions = normalised(consistent(acceleration, yaw_rate, scene.agents.speed))
     return np.where((controls.source == ControlSource.GUARDED)[:, None], actions, np.nan)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Protocol
 
@@ -45,15 +45,16 @@ class PpoConfig:
         epochs: passes over the transitions of an iteration.
         clip: of the probability ratio.
         discount: per step of 0.1 s.
-        smoothing: lambda of the advantages.
-        value_weight, entropy_weight: in the loss.
-        gradient_limit: norm to which gradients are clipped.
-        divergence_limit: the passes end after one with a larger mean Kullback-Leibler divergence from the policy that
+        gae_lambda: of the generalised advantages.
+        vf_coef, ent_coef: weights of the value's squared error and of the entropy in the loss.
+        max_grad_norm: norm to which gradients are clipped.
+        target_kl: the passes end after one with a larger mean Kullback-Leibler divergence from the policy that
             drove.
         imitation_weight: of the squared error against drivers' actions, in units of their spread, which keeps the
             policy close to drivers while it learns to avoid collisions (behaviour cloning with RL, Lu 2023).
         correction_weight: of the squared error, on the same steps, against the guards' commands where they would have
             changed the policy's; the guards act as the expert of DAgger (Ross 2011).
+        correction_iterations: over which that weight falls from its value to zero, linearly; 0 for a constant weight.
         value_first: first iterations, in which only the value network learns: advantages from an untrained one are
             noise.
     """
@@ -63,14 +64,22 @@ class PpoConfig:
     epochs: Positive[Whole] = 4
     clip: Positive[Number] = 0.2
     discount: Share = 0.98
-    smoothing: Share = 0.95
-    value_weight: NonNegative[Number] = 0.5
-    entropy_weight: NonNegative[Number] = 0.001
-    gradient_limit: Positive[Number] = 0.5
-    divergence_limit: Number = 0.01
+    gae_lambda: Share = 0.95
+    vf_coef: NonNegative[Number] = 0.5
+    ent_coef: NonNegative[Number] = 0.001
+    max_grad_norm: Positive[Number] = 0.5
+    target_kl: Number = 0.01
     imitation_weight: NonNegative[Number] = 0.3
     correction_weight: NonNegative[Number] = 0.0
+    correction_iterations: NonNegative[Whole] = 0
     value_first: NonNegative[Whole] = 3
+
+    def at(self, iteration: int) -> PpoConfig:
+        """Returns the parameters of an iteration."""
+        if not self.correction_iterations:
+            return self
+        share = max(1.0 - iteration / self.correction_iterations, 0.0)
+        return replace(self, correction_weight=share * self.correction_weight)
 
 
 @dataclass(frozen=True)
@@ -187,7 +196,7 @@ def advantages(
     Args:
         reward: (T,).
         value: (T + 1,) of the observations.
-        config: discount and smoothing.
+        config: discount and lambda.
         terminated: whether no reward can follow the last step; otherwise the last value stands for what follows.
     """
     following = value[1:].copy()
@@ -197,7 +206,7 @@ def advantages(
     found = np.zeros(len(reward))
     carried = 0.0
     for t in range(len(reward) - 1, -1, -1):
-        carried = surprise[t] + config.discount * config.smoothing * carried
+        carried = surprise[t] + config.discount * config.gae_lambda * carried
         found[t] = carried
     return found, found + value[:-1]
 
@@ -209,7 +218,7 @@ def make_batch(tracks: list[Track], rewards: list[FloatArray], value: nn.Module,
         tracks: driven by the policy.
         rewards: (T,) of each track.
         value: the value network.
-        config: discount and smoothing.
+        config: discount and lambda.
     """
     found = []
     with torch.no_grad():
@@ -265,9 +274,9 @@ def update_policy(
             kept = torch.clamp(ratio, 1.0 - config.clip, 1.0 + config.clip)
             policy_loss = -torch.minimum(ratio * advantage, kept * advantage).mean()
             value_loss = ((value(batch.observation[chosen])[:, 0] - batch.target[chosen]) ** 2).mean()
-            loss = config.value_weight * value_loss
+            loss = config.vf_coef * value_loss
             if not value_only:
-                loss = loss + policy_loss - config.entropy_weight * policy.entropy()
+                loss = loss + policy_loss - config.ent_coef * policy.entropy()
             if demonstrations is not None and not value_only:
                 shown = demonstrations.draw(config.batch, generator)
                 loss = loss + config.imitation_weight * demonstrations.error(policy, shown)
@@ -276,14 +285,14 @@ def update_policy(
                 loss = loss + config.correction_weight * error
             optimiser.zero_grad()
             loss.backward()
-            nn.utils.clip_grad_norm_(parameters, config.gradient_limit)
+            nn.utils.clip_grad_norm_(parameters, config.max_grad_norm)
             optimiser.step()
             with torch.no_grad():
                 divergence = float((ratio - 1.0 - log_ratio).mean())
                 clipped = float((torch.abs(ratio - 1.0) > config.clip).float().mean())
             divergences.append(divergence)
             seen.append((float(policy_loss.detach()), float(value_loss.detach()), divergence, clipped))
-        if np.mean(divergences) > config.divergence_limit:
+        if np.mean(divergences) > config.target_kl:
             break
     return PpoStep(*np.mean(seen, axis=0).tolist())
 

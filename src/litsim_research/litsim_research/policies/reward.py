@@ -1,4 +1,4 @@
-"""Penalties of policy C in training: collision, proximity, leaving the road, hard braking, and need of a guard.
+"""Penalties of policy C in training: collision, leaving road and log, discomfort, and need of a guard.
 
 Ramps are smooth as in RAIL (Bhattacharyya 2019), since a step in the penalty has no useful gradient. The penalty for
 need of a guard comes at once, that of a collision seconds later.
@@ -14,10 +14,12 @@ from numba.types import Tuple, UniTuple
 
 from litsim_sim.core.pair_geometry import overlap, within, within_scenes
 from litsim_sim.core.quantities import NonNegative, Number, configuration
-from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray, index_of
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray, index_of
 from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_BOOLS2, OUT_FLOATS, OUT_FLOATS3, kernel
 from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.scenario.log import Log
 
+JERK_FULL = 8.37  # [m/s3] jerk at which the penalty is full
 BRAKE_FROM, BRAKE_FULL = 3.0, 4.5  # [m/s2] braking at which the penalty begins and is full
 EDGE_FROM, EDGE_FULL = 0.5, -0.1  # [m] likewise, from the agent's side to the edge of the road; negative is outside
 PROBES = np.linspace(EDGE_FROM, EDGE_FULL, 7)  # [m] distances from the agent's side at which the road is probed
@@ -37,6 +39,10 @@ class PenaltyConfig:
         guard: per step, with a command that a guard of the safety layer would have changed.
         share: share of an agent's penalty that is also given to the agent that caused its takeover, so that braking
             harder than necessary in front of others does not pay.
+        displacement: per metre by which the distance from the own log, without lag, has grown; negative where it has
+            shrunk.
+        control: per step.
+        jerk: per step, with a jerk of JERK_FULL; in proportion to its square.
     """
 
     collision: NonNegative[Number] = 20.0
@@ -46,6 +52,9 @@ class PenaltyConfig:
     hard_brake: NonNegative[Number] = 0.3
     guard: NonNegative[Number] = 1.0
     share: NonNegative[Number] = 0.0
+    displacement: NonNegative[Number] = 0.0
+    control: NonNegative[Number] = 0.0
+    jerk: NonNegative[Number] = 0.0
 
 
 @dataclass(frozen=True)
@@ -56,6 +65,8 @@ class Penalties:
         collision, off_road: whether it happened in this step.
         edge, proximity, hard_brake: in [0, 1].
         guard: whether a guard would have changed the command.
+        displacement: growth of the distance from the own log [m]; 0 where the log is over.
+        jerk: in [0, 1].
     """
 
     collision: BoolArray
@@ -64,9 +75,11 @@ class Penalties:
     proximity: FloatArray
     hard_brake: FloatArray
     guard: BoolArray
+    displacement: FloatArray
+    jerk: FloatArray
 
     def total(self, config: PenaltyConfig) -> FloatArray:
-        """Weighted sum (m,), at most 0; of the terms given per step only the worst counts, as in RAIL."""
+        """Weighted sum (m,), at most 0 but for `displacement`; of those from edge to guard, only the worst counts."""
         lasting = np.maximum.reduce(
             [
                 config.edge * self.edge,
@@ -75,20 +88,28 @@ class Penalties:
                 config.guard * self.guard,
             ]
         )
+        lasting += config.displacement * self.displacement + config.control + config.jerk * self.jerk
         return -(lasting + config.collision * self.collision + config.off_road * self.off_road)
 
 
 def penalties(
-    before: AgentTable, after: AgentTable, agents: IntArray, lane_map: LaneMap, guarded: BoolArray
+    before: AgentTable,
+    after: AgentTable,
+    agents: IntArray,
+    lane_map: LaneMap,
+    guarded: BoolArray,
+    displacement: FloatArray,
 ) -> Penalties:
     """The penalties of `agents` (m,), which are in both tables, for the step between them.
 
-    `guarded` (m,) is the mask of agents whose command a guard would have changed.
+    `guarded` (m,) is the mask of agents whose command a guard would have changed, `displacement` (m,) that of
+    :class:`Penalties`.
 
     A collision is a new contact with an agent that is not behind, since an agent cannot prevent a rear-end collision
     with itself.
     """
     rows, rows_before = after.rows(agents), before.rows(agents)
+    change = after.acceleration[rows] - before.acceleration[rows_before]
     clearance = edge_clearance(after, rows, lane_map)
     outside = clearance <= EDGE_FULL
     if outside.any():
@@ -105,7 +126,20 @@ def penalties(
         proximity=near,
         hard_brake=ramp(-after.acceleration[rows], BRAKE_FROM, BRAKE_FULL),
         guard=guarded,
+        displacement=displacement,
+        jerk=np.minimum(np.abs(change) / STEP_S / JERK_FULL, 1.0) ** 2,
     )
+
+
+def displacement(before: AgentTable, after: AgentTable, agents: IntArray, log: Log) -> FloatArray:
+    """Growth (m,) [m] of the distances of `agents` (m,), in both tables, from their logs; 0 once these have ended."""
+    rows = log.ids.searchsorted(agents)
+
+    def distance(table: AgentTable) -> FloatArray:
+        at, now = table.rows(agents), np.minimum(table.step, log.last_step[rows])
+        return np.hypot(table.x[at] - log.x[rows, now], table.y[at] - log.y[rows, now])
+
+    return np.where(after.step <= log.last_step[rows], distance(after) - distance(before), 0.0)
 
 
 def passed_on(penalty: FloatArray, agents: IntArray, because: IntArray) -> FloatArray:

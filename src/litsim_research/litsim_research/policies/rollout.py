@@ -25,7 +25,8 @@ BATCH_MAX = 48  # most episodes that are stepped together
 AT_FIRST = 12  # episodes of the first portion, as long as no iteration tells how many are enough
 AT_ONCE = 96  # most episodes in one portion
 MARGIN = 1.25  # on the expected number of episodes: a few more in one portion cost less than a second portion
-COUNTED = ("collision", "off_road", "edge", "proximity", "hard_brake", "guard")  # fields of Penalties that are summed
+COUNTED = ("collision", "off_road", "edge", "proximity", "hard_brake", "guard", "displacement", "jerk")
+"""Fields of Penalties that are summed."""
 VALIDATION_SEED = 10_000_019  # seed of the first episode of every validation
 
 
@@ -113,8 +114,8 @@ def _until_enough(
             if empty == EMPTY_EPISODES_MAX:
                 raise InputError(
                     f"training: no agent is driven in {empty} episodes in a row, expected scenarios with vehicles "
-                    f"within environment.draft_radius ({config.environment.draft_radius} m) of the ego, or in conflict "
-                    "with it"
+                    f"within environment.sample_radius ({config.environment.sample_radius} m) of the ego, or in "
+                    "conflict with it"
                 )
             yield episode
         if missing <= 0.0:
@@ -243,8 +244,8 @@ def _add(sums: dict[str, float], others: Mapping[str, float]) -> None:
 def _rates(sums: dict[str, float], episodes: int) -> dict[str, float]:
     """Rates by name, from the totals `sums` over a number of `episodes`.
 
-    penalty, edge, proximity, hard_brake and guard are means over agent-steps; collisions and off_road are events per
-    1000 agent-steps; collided_share is the share of episodes in which a driven agent collided.
+    collisions and off_road are events per 1000 agent-steps, collided_share is the share of episodes in which a driven
+    agent collided, and the others, but for the two numbers, are means over agent-steps.
     """
     count = max(sums["transitions"], 1.0)
     return {
@@ -258,6 +259,8 @@ def _rates(sums: dict[str, float], episodes: int) -> dict[str, float]:
         "proximity": sums["proximity"] / count,
         "hard_brake": sums["hard_brake"] / count,
         "guard": sums["guard"] / count,
+        "displacement": sums["displacement"] / count,
+        "jerk": sums["jerk"] / count,
     }
 
 

@@ -1,7 +1,7 @@
 """`train`: train policy C on recorded drivers, with a critic and PPO (paper, section III-C).
 
 1. Scenarios: generated segments and real windows, on none of which results are reported.
-2. Experts: observations and actions of the recorded drivers in them.
+2. Experts, if anything is learned from them: observations and actions of the recorded drivers in them.
 3. Warm start: behaviour cloning of these drivers, and of the way back to the path from displaced poses.
 4. Iterations: drive episodes; train the critic on recorded and policy actions at recorded moments; reward the policy
    by the critic, less penalties for collisions and the like; update it by PPO.
@@ -26,6 +26,7 @@ from tqdm import tqdm
 from litsim_research.policies.checkpoint import BEST, CHECKPOINT, CURVES, Training
 from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.critic import update_critic
+from litsim_research.policies.critic_pairs import driven_pairs, expert_and_policy_pairs
 from litsim_research.policies.data import TrainingData, prepare
 from litsim_research.policies.divergence import refuse_divergence
 from litsim_research.policies.expert import ExpertPairs, expert_pairs
@@ -33,7 +34,6 @@ from litsim_research.policies.network import GaussianPolicy, driving_network, re
 from litsim_research.policies.ppo import Demonstrations, make_batch, tensor, update_policy
 from litsim_research.policies.rollout import Driving, Episode, begin, begin_validation, collect, validate
 from litsim_research.policies.rollout_pool import rollouts
-from litsim_research.policies.sides import critic_sides, driven_pairs
 from litsim_research.policies.training_program import training_parser, training_program
 from litsim_research.policies.warm_start import clone
 from litsim_sim.cli.program import at_least_one, program
@@ -61,13 +61,15 @@ def _train(
 ) -> None:
     """Make the warm start or read the start weights, unless `training` is resumed; then the remaining iterations."""
     config = training.config
-    random = np.random.default_rng([config.seed, 1])
-    each_once = list({scenario.name: scenario for scenario in data.train}.values())
-    experts = expert_pairs(each_once, config.observation, config.expert, config.task, random, data.real)
-    recorded, shown = demonstrations(experts, config.expert.real_share)
+    recorded = shown = None
+    if config.imitates:
+        random = np.random.default_rng([config.seed, 1])
+        each_once = list({scenario.name: scenario for scenario in data.train}.values())
+        experts = expert_pairs(each_once, config.observation, config.expert, config.task, random, data.real)
+        recorded, shown = demonstrations(experts, config.expert.real_share)
     if not training.history and config.start:
         restore(training.policy, Path(config.start))
-    elif not training.history:
+    elif not training.history and shown is not None:
         _warm_start(training.policy, shown, config)
     with tqdm(total=config.iterations, initial=len(training.history), unit="iteration", disable=not progress) as bar:
         for iteration in range(len(training.history), config.iterations):
@@ -122,13 +124,13 @@ def _begin_validation(training: Training, validation: Driving, out: Path) -> Cal
 def _iterate(
     training: Training,
     episodes: Iterator[Episode],
-    recorded: Demonstrations,
-    shown: Demonstrations,
+    recorded: Demonstrations | None,
+    shown: Demonstrations | None,
     iteration: int,
 ) -> dict[str, float]:
     """Make one iteration: drive `episodes`, train the critic on `recorded`, reward, and update the policy.
 
-    The update also keeps the policy near the demonstrations `shown`.
+    The update also keeps the policy near the demonstrations `shown`. Without `recorded`, the penalties are the reward.
 
     Returns:
         entry of the history: rates of :func:`litsim_research.policies.rollout.collect`, means of critic and update.
@@ -138,37 +140,43 @@ def _iterate(
     """
     config = training.config
     generator = torch.Generator().manual_seed(config.seed * 1_000_003 + iteration)
-    expert, drawn = critic_sides(training.policy, recorded, config.transitions, generator)  # while the pool drives
-    critic = update_critic(training.critic, training.critic_optimiser, expert, drawn, config.critic, generator)
-    refuse_divergence(training.critic, "critic.learning_rate", config.critic.learning_rate)
+    critic: dict[str, float] = {}
+    if recorded is not None:  # while the pool drives
+        expert, drawn = expert_and_policy_pairs(training.policy, recorded, config.transitions, generator)
+        learned = update_critic(training.critic, training.critic_optimiser, expert, drawn, config.critic, generator)
+        refuse_divergence(training.critic, "critic.learning_rate", config.critic.learning_rate)
+        critic = {"critic_accuracy": learned.accuracy, "critic_loss": learned.loss}
     tracks, counts = collect(episodes)
-    pairs = driven_pairs(tracks)
-    passing = training.critic.reward(pairs, config.critic.reward_limit).double().numpy()
-    scaled = config.critic_reward * (passing - passing.mean()) / max(passing.std(), 1.0)  # never amplified
-    ends = np.cumsum([len(track) for track in tracks])
-    rewards = [part + track.penalty for part, track in zip(np.split(scaled, ends[:-1]), tracks, strict=True)]
+    rewards = [track.penalty for track in tracks]
+    if recorded is not None:
+        logit = training.critic.reward(driven_pairs(tracks), config.critic.reward_limit).double().numpy()
+        scaled = config.critic_reward * (logit - logit.mean()) / max(logit.std(), 1.0)  # never amplified
+        ends = np.cumsum([len(track) for track in tracks])
+        rewards = [part + reward for part, reward in zip(np.split(scaled, ends[:-1]), rewards, strict=True)]
+        critic["critic_reward"] = float(logit.mean())
     batch = make_batch(tracks, rewards, training.value, config.ppo)
     step = update_policy(
         training.policy,
         training.value,
         training.policy_optimiser,
         batch,
-        config.ppo,
+        config.ppo.at(iteration),
         generator,
         shown,
         value_only=iteration < config.ppo.value_first,
     )
     for network in (training.policy, training.value):
         refuse_divergence(network, "ppo.learning_rate", config.ppo.learning_rate)
-    return counts | {
-        "critic_reward": float(passing.mean()),
-        "critic_accuracy": critic.accuracy,
-        "critic_loss": critic.loss,
-        "value_loss": step.value_loss,
-        "divergence": step.divergence,
-        "clipped": step.clipped,
-        "deviation": float(torch.exp(training.policy.log_std.detach()).mean()),
-    }
+    return (
+        counts
+        | critic
+        | {
+            "value_loss": step.value_loss,
+            "divergence": step.divergence,
+            "clipped": step.clipped,
+            "deviation": float(torch.exp(training.policy.log_std.detach()).mean()),
+        }
+    )
 
 
 def demonstrations(experts: ExpertPairs, real_share: float) -> tuple[Demonstrations, Demonstrations]:

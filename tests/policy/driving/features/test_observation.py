@@ -22,8 +22,9 @@ from litsim_policy.driving.features.scales import (
     WIDTH,
 )
 from litsim_policy.driving.features.surrounding import SLOT
-from litsim_policy.driving.features.way import AHEAD, AHEAD_FEATURES, FORESEEN, WAY_FEATURES
-from litsim_policy.driving.task import DrivingTask
+from litsim_policy.driving.features.way import AHEAD, AHEAD_FEATURES, FORESEEN, LOG, LOG_FEATURES, WAY_FEATURES
+from litsim_policy.driving.handback import HandbackConfig, OwnLogs
+from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.reference_path import ReferencePath, window
 from litsim_sim.scenario.scenario import Scenario
 
@@ -142,6 +143,21 @@ def test_how_those_ahead_drive(scenario, agent_table, lane_centres) -> None:
     # the leader stops after 16 m, so that 10 m/s have to be lost on 15.5 - 1 + 16 m
     allowed = seen["safe acceleration behind the leaders"] * ACCELERATION
     assert allowed == pytest.approx(-(10.0**2) / (2.0 * (15.5 - 1.0 + 8.0**2 / (2.0 * 2.0))), abs=0.01)
+
+
+def test_a_residual_policy_sees_its_log(scenario, placed, lane_centres) -> None:
+    """The log drives at 10 m/s; the agent has lost 15 m and half of its speed."""
+    config, table = ObservationConfig(residual=True), scenario.log.table(NOW)
+    y = float(table.y[table.row(2)])
+    table = placed(table, 2, x=float(table.x[table.row(2)]) - 15.0, speed=5.0)
+    scene = DrivingScene.of(scenario.lane_map, table, [replace(task(2, y), lag=15)])
+    scene.logs = OwnLogs(scenario)
+    row = Observer(scenario.lane_map, config).features(scene)[0]
+    seen = dict(zip(LOG_FEATURES, row[config.log_at : config.log_at + LOG].tolist(), strict=True))
+    along, lag, distance, later = seen.values()
+    assert along * ACCELERATION == pytest.approx(HandbackConfig().acceleration_max)
+    assert (lag * TIME, distance * DISTANCE) == pytest.approx((1.5, 15.0))
+    assert later * SPEED == pytest.approx(5.0)
 
 
 def test_where_nobody_is_ahead_nobody_brakes(scenario, agent_table, lane_centres) -> None:

@@ -45,6 +45,12 @@ AHEAD_FEATURES = (
     "acceleration of the second leader",
 )
 """Leaders are agents ahead on the path; the rear of the second one is ahead of the first one's centre."""
+LOG_FEATURES = (
+    "acceleration along the log",
+    "lag",
+    "distance along the path to the log's present position",
+    "speed of the log, as much later as FORESIGHT, less the own",
+)
 WAY_FEATURES = (
     "offset from the path",
     "heading to the path",
@@ -61,13 +67,26 @@ WAY_FEATURES = (
     "opponent to the left",
     "speed of the opponent less the own",
 )
-AHEAD, WAY = 6, 14  # numbers of these features
+AHEAD, LOG, WAY = 6, 4, 14  # numbers of these features
+FORESIGHT = 20  # [steps] beyond the position of the log with its lag
 
 
 def write_ahead(agents: PathFollowers, sight: float, first: int, features: FloatArray) -> None:
     """Write :data:`AHEAD_FEATURES` of m agents into `features` (m, size), from `first` on; `sight` in metres."""
     features[:, first + 1] = following_cap(FORESEEN, agents) / ACCELERATION
     _write_ahead(agents.leaders, agents.table.length, agents.speed, sight, first, features)
+
+
+def write_log(scene: DrivingScene, first: int, features: FloatArray) -> None:
+    """Write :data:`LOG_FEATURES` of the m agents of `scene` into `features` (m, size), from `first` on."""
+    assert scene.logs is not None
+    agents, log = scene.agents, scene.logs.log
+    rows = log.ids.searchsorted(scene.id)
+    now, later = (np.minimum(agents.table.step - lag, log.last_step[rows]) for lag in (0, scene.lag - FORESIGHT))
+    features[:, first] = scene.onwards / ACCELERATION
+    features[:, first + 1] = scene.lag * STEP_S / TIME
+    features[:, first + 2] = agents.to_goal(log.x[rows, now], log.y[rows, now]) / DISTANCE
+    features[:, first + 3] = (log.speed[rows, later] - agents.speed) / SPEED
 
 
 def write_way(scene: DrivingScene, sight: float, features: FloatArray) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -107,11 +108,16 @@ class SafetyConfig:
         """The values that kernels take."""
         return tuple_of(SafetyValues, self)
 
+    @property
+    def without_guards(self) -> SafetyConfig:
+        """The limits alone."""
+        return replace(self, following=False, contact=False, road=False)
+
     @model_validator(mode="after")
     def _check(self) -> SafetyConfig:
         at_most(self, "road_horizon", "horizon")
         return self
 
 
-LIMITS_ONLY = SafetyConfig(following=False, contact=False, road=False)
+LIMITS_ONLY = SafetyConfig().without_guards
 """The layer in training: limits without guards; need of a guard is penalised instead."""

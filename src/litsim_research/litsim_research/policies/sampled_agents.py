@@ -1,4 +1,4 @@
-"""Drafted agents, which training puts under the policy without a conflict, and their tasks."""
+"""Sampled agents, which training puts under the policy without a conflict, and their tasks."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 from litsim_policy.driving.task import NOBODY
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
-from litsim_research.policies.draw import Start, drafted_tasks
+from litsim_research.policies.draw import Start, sampled_tasks
 from litsim_research.policies.task import TaskConfig, all_nearest, recorded_task
 from litsim_sim.core.scene import AgentTable, FloatArray
 from litsim_sim.scenario.batched import BatchedScenario
 
 
 @dataclass(frozen=True)
-class Draft:
-    """Task of a drafted agent at one step; ids are those of the batched scenario.
+class SampledTask:
+    """Task of a sampled agent at one step; ids are those of the batched scenario.
 
     Attributes:
         agent: id.
@@ -36,8 +36,8 @@ class Draft:
 
 
 @dataclass
-class _Drafted:
-    """A drafted agent: scene, id in it, whole path and current task, which is kept up to the step `passed`."""
+class _SampledAgent:
+    """A sampled agent: scene, id in it, whole path and current task, which is kept up to the step `passed`."""
 
     scene: int
     own: int
@@ -48,8 +48,8 @@ class _Drafted:
     passed: int
 
 
-class Drafts:
-    """The drafted agents of E episodes, drawn when the episodes begin.
+class SampledAgents:
+    """The sampled agents of E episodes, drawn when the episodes begin.
 
     Tasks are drawn as for recorded drivers (:func:`.task.recorded_task`). A task is replaced once its goal has been due
     for longer than that of any drawn task may be; the opponent is always the agent that is nearest now.
@@ -67,20 +67,20 @@ class Drafts:
         self._batch, self._starts, self._config = batch, starts, config
         # a new goal is as far away as goals can be, which keeps the distances to goals uniformly distributed
         self._renewed = replace(config, goal_steps=(config.goal_steps[1], config.goal_steps[1]))
-        drafted: list[tuple[int, _Drafted]] = []
+        sampled: list[tuple[int, _SampledAgent]] = []
         for k, (start, own) in enumerate(zip(starts, batch.tables(table), strict=True)):
-            for task in drafted_tasks(own, start.scenario, count, radius, config, start.random):
+            for task in sampled_tasks(own, start.scenario, count, radius, config, start.random):
                 goal_x, goal_y = task.goal.tolist()
                 has_opponent = task.opponent != NOBODY
                 passed = self._passed(table.step, task.due_step)
-                one = _Drafted(k, task.agent, task.path, (goal_x, goal_y), task.due_step, has_opponent, passed)
-                drafted.append((batch.agent(k, task.agent), one))
-        self._agents = [agent for agent, _ in drafted]
-        self._drafted = [one for _, one in drafted]
-        self._paths = PathBatch([one.path.points for one in self._drafted])
+                one = _SampledAgent(k, task.agent, task.path, (goal_x, goal_y), task.due_step, has_opponent, passed)
+                sampled.append((batch.agent(k, task.agent), one))
+        self._agents = [agent for agent, _ in sampled]
+        self._sampled = [one for _, one in sampled]
+        self._paths = PathBatch([one.path.points for one in self._sampled])
 
-    def of(self, table: AgentTable) -> list[Draft]:
-        """Current tasks of the drafted agents that are on the road in `table`."""
+    def of(self, table: AgentTable) -> list[SampledTask]:
+        """Current tasks of the sampled agents that are on the road in `table`."""
         rows = table.rows(np.array(self._agents, np.int64))
         here = np.flatnonzero(rows >= 0)
         if not len(here):
@@ -91,14 +91,14 @@ class Drafts:
         opponents = all_nearest(table, at).tolist()
         found = []
         for k, opponent, i, j in zip(here.tolist(), opponents, begin, end, strict=True):
-            one = self._drafted[k]
+            one = self._sampled[k]
             if table.step > one.passed:
                 self._renew(one, self._batch.table(one.scene, table))
             minded = opponent if one.has_opponent else NOBODY
-            found.append(Draft(self._agents[k], one.path.points[i:j], one.goal, one.due_step, minded))
+            found.append(SampledTask(self._agents[k], one.path.points[i:j], one.goal, one.due_step, minded))
         return found
 
-    def _renew(self, one: _Drafted, table: AgentTable) -> None:
+    def _renew(self, one: _SampledAgent, table: AgentTable) -> None:
         """Draw another task for `one`, in `table` of its scene."""
         start = self._starts[one.scene]
         task = recorded_task(start.scenario.log, one.path, table, table.row(one.own), self._renewed, start.random)

@@ -13,11 +13,11 @@ from litsim_policy.driving.action import executed_yaw_rate, physical
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.features.scales import SPEED
 from litsim_research.policies.critic import Critic, CriticConfig, update_critic
+from litsim_research.policies.critic_pairs import driven_pairs, expert_and_policy_pairs
 from litsim_research.policies.episodes import Course, EnvironmentConfig, Episodes
 from litsim_research.policies.expert import ExpertConfig, ExpertPairs, expert_pairs
 from litsim_research.policies.network import GaussianPolicy
 from litsim_research.policies.ppo import Demonstrations, Track, tensor
-from litsim_research.policies.sides import critic_sides, driven_pairs
 from litsim_research.policies.task import TaskConfig
 from litsim_research.policies.train import demonstrations
 from litsim_sim.scenario.scenario import Scenario
@@ -75,16 +75,16 @@ def test_observations_alone_do_not_tell_who_has_driven(experts: ExpertPairs) -> 
     policy, (recorded, _) = GaussianPolicy(SEEN), demonstrations(experts, 0.5)
     with torch.no_grad():
         policy.mean.bias[0] = 0.8
-    expert, drawn = critic_sides(policy, recorded, 2000, torch.Generator().manual_seed(0))
-    again, _ = critic_sides(policy, recorded, 2000, torch.Generator().manual_seed(1))
+    expert, drawn = expert_and_policy_pairs(policy, recorded, 2000, torch.Generator().manual_seed(0))
+    again, _ = expert_and_policy_pairs(policy, recorded, 2000, torch.Generator().manual_seed(1))
     assert not torch.equal(expert, again)
     assert accuracy(without_actions(expert), without_actions(drawn)) < 0.6
     assert accuracy(expert, drawn) > 0.7
 
 
-def test_drafted_agents_are_not_known_by_their_tasks(scenario: Scenario, experts: ExpertPairs) -> None:
+def test_sampled_agents_are_not_known_by_their_tasks(scenario: Scenario, experts: ExpertPairs) -> None:
     """What tells of the task looks alike in recordings, where the critic learns, and in episodes, where it rewards."""
-    course = Course([scenario], EnvironmentConfig(drafted=10, slots=10))
+    course = Course([scenario], EnvironmentConfig(sampled=10, slots=10))
     episodes = Episodes(course, [course.start(np.random.default_rng(seed)) for seed in range(60)])
     driven = tensor(episodes.seen[:, WAY])
     recorded = tensor(experts.observation[:, WAY])

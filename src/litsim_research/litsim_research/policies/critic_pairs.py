@@ -1,11 +1,11 @@
-"""The two sides that the critic learns to tell apart: recorded actions, and the policy's in the same situations.
+"""The pairs that the critic learns to tell apart: recorded actions, and the policy's in the same situations.
 
-If the policy's side came from its own episodes, the critic could tell the sides apart by the situation (another ego,
-other traffic, offsets from a path that in a recording is the driver's own) and ignore the action. Here only the action
+If the policy's pairs came from its own episodes, the critic could tell them apart by the situation (another ego, other
+traffic, offsets from a path that in a recording is the driver's own) and ignore the action. Here only the action
 differs. The consequences of actions are left to the penalties.
 
-The policy's side is what it draws, before the bounds on jerk: within these, the acceleration after a step of 0.1 s is
-close to the one before, and says next to nothing about the driver.
+The policy's actions are what it draws, before the bounds on jerk: within these, the acceleration after a step of 0.1 s
+is close to the one before, and says next to nothing about the driver.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from litsim_research.policies.ppo import Demonstrations, Track, tensor
 from litsim_sim.core.scene import FloatArray
 
 
-def critic_sides(
+def expert_and_policy_pairs(
     policy: GaussianPolicy, recorded: Demonstrations, count: int, generator: torch.Generator
 ) -> tuple[Tensor, Tensor]:
     """Draw `count` of the `recorded` pairs, and an action of `policy` for each of their observations.
@@ -31,9 +31,8 @@ def critic_sides(
     """
     observation = recorded.observation[chosen := recorded.draw(count, generator)]
     raw, _ = policy.sample(observation, generator)
-    sides = recorded.action[chosen], torch.tanh(raw)
-    seen, (done, drawn) = observation.numpy(), (side.double().numpy() for side in sides)
-    return _pairs(seen, done), _pairs(seen, drawn)
+    expert, drawn = (action.double().numpy() for action in (recorded.action[chosen], torch.tanh(raw)))
+    return _pairs(observation.numpy(), expert), _pairs(observation.numpy(), drawn)
 
 
 def driven_pairs(tracks: list[Track]) -> Tensor:
