@@ -111,6 +111,7 @@ def _options(arguments: argparse.Namespace, plan: RunPlan) -> GraphOptions:
         on_invalid=arguments.on_invalid,
         ego_interface=arguments.ego_interface,
         answer_timeout_s=arguments.answer_timeout,
+        real_time_factor=arguments.real_time_factor,
     )
 
 
@@ -129,6 +130,13 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--overwrite", action="store_true", help="replace an existing record")
     p.add_argument(
         "--mode", default=MODES[0], choices=MODES, help="lockstep: the world waits for answers; realtime: it does not"
+    )
+    p.add_argument(
+        "--real-time-factor",
+        type=positive,
+        default=1.0,
+        metavar="FACTOR",
+        help="simulated time per wall time: in realtime of the steps; of /clock while a step waits for an external ego",
     )
     p.add_argument(
         "--on-missing",

@@ -40,6 +40,8 @@ class GraphOptions:
         on_invalid: one of :data:`STOP_OR_HOLD`, for answers of the ego that cannot be used.
         ego_interface: interface of an external ego, one of :data:`litsim_sim.ego_port.answer.INTERFACES`.
         answer_timeout_s: time limit for the answers to one step [s].
+        clock: whether the bridge publishes the clock.
+        real_time_factor: simulated time per wall time.
         progress: bar, lines or none.
     """
 
@@ -51,6 +53,8 @@ class GraphOptions:
     on_invalid: str = STOP_OR_HOLD[0]
     ego_interface: str = AUTO
     answer_timeout_s: float = 5.0
+    clock: bool = True
+    real_time_factor: float = 1.0
     progress: str = "lines"
 
 
@@ -120,6 +124,8 @@ def _bridge(plan: RunPlan, how: GraphOptions) -> dict[str, Any]:
         "ego_interface": how.ego_interface,
         "answer_timeout_s": how.answer_timeout_s,
         "progress": how.progress,
+        "clock": how.clock,
+        "real_time_factor": how.real_time_factor,
         "stage_parameters": json.dumps(plan.stage_parameters, sort_keys=True),
     }
     if (after := plan.scenario.file.end_after_contact_s) is not None:

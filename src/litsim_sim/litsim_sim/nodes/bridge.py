@@ -44,6 +44,7 @@ from litsim_sim.ros.topics import (
     DIAGNOSTICS,
     EGO_APPLIED,
     EGO_INPUTS,
+    FRAMES,
     HELLO,
     RECORDED,
     RUN_INFO,
@@ -64,7 +65,7 @@ class BridgeNode(Node):
 
     declared = Endpoints(
         BRIDGE,
-        (HELLO, STATUS, TIMING, EGO_APPLIED, DIAGNOSTICS, *PUBLISHED, *PUBLISHED_OF_SIGNALS),
+        (HELLO, STATUS, TIMING, EGO_APPLIED, DIAGNOSTICS, *PUBLISHED, *PUBLISHED_OF_SIGNALS, *FRAMES),
         (*EGO_INPUTS.values(), CONTROLS, STATUS, RECORDED, HELLO, RUN_INFO, TIMING),
     )
 
@@ -92,7 +93,7 @@ class BridgeNode(Node):
         external = plan.ego == EXTERNAL
         published = (HELLO, STATUS, TIMING, *((EGO_APPLIED,) if external else ()))
         self._to = {t: publisher_on(self, t) for t in published}
-        self._broadcast = Broadcast(self, plan)
+        self._broadcast = Broadcast(self, plan, clock=options.clock, factor=options.real_time_factor)
         self._diagnostics = Diagnostics(self, plan.run_id, plan.scenario.total_steps, self._port)
         ego_port.subscribe(self, self._port, tuple(Interface) if external else (Interface.CONTROL,))
         if plan.policy != "replay":
@@ -139,7 +140,8 @@ class BridgeNode(Node):
         return f"ROS_DOMAIN_ID {self.context.get_domain_id()}"
 
     def begin(self) -> None:
-        self._broadcast.begin(run_info(self.plan, self.options.mode, {BRIDGE: parameters(self)}))
+        info = run_info(self.plan, self.options.mode, {BRIDGE: parameters(self)}, clock=self.options.clock)
+        self._broadcast.begin(info)
         if self.plan.ego == EXTERNAL and (text := standard.rounding(self.plan.scenario.log.table(0))):
             self._pulse.note(text)
             self._port.remarks.append(Remark(0, Level.WARN, text))
@@ -155,6 +157,8 @@ class BridgeNode(Node):
         self._diagnostics.step(table.step)
 
     def show_again(self) -> None:
+        if self._responses.step == 0 and self._ego_nodes:  # a stack is there that may need time to pass for its answer
+            self._broadcast.creep()
         self._broadcast.repeat()
         self._diagnostics.step(self._responses.step)
 
@@ -203,10 +207,10 @@ class BridgeNode(Node):
     def serve_until(self, done: Callable[[], bool], until: float) -> bool:
         while not done():
             self._pulse.beat(self._responses.step)
-            left = until - time.perf_counter()
-            if left <= 0:
+            now = time.perf_counter()
+            if now >= until:
                 return False
-            serve(self._executor, left)
+            serve(self._executor, min(until - now, self._broadcast.tick(now)))
             if self._port.remarks:
                 self._diagnostics.remarks(self._responses.step)
                 if EGO_APPLIED in self._to and (rivals := rivalry(self._port, self._ego_publishers())):

@@ -47,6 +47,8 @@ class BridgeOptions:
         handshake_timeout_s: time limit for all stages to get ready, generous for busy machines; stages waited for are
             reported every few seconds.
         external_timeout_s: time limit for an external ego to answer step 0.
+        clock: whether the bridge publishes /clock and /tf; false if an adapter of the ego's stack does.
+        real_time_factor: simulated time per wall time: of the clock while a step waits, and in real time of the steps.
         progress: how the progress of the run is shown.
         vehicle: vehicle model of the ego.
         stage_parameters: values of the stages' parameters, by stage and name, in YAML; they enter the identity of the
@@ -66,6 +68,8 @@ class BridgeOptions:
     answer_timeout_s: Positive[Duration] = 5.0
     handshake_timeout_s: Positive[Duration] = 120.0
     external_timeout_s: Positive[Duration] = 60.0
+    clock: bool = True
+    real_time_factor: Positive[Number] = 1.0
     progress: Literal["bar", "lines", "none"] = "bar"
     vehicle: Any = field(default_factory=VehicleOptions)
     stage_parameters: str = ""

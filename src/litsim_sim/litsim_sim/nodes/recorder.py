@@ -29,7 +29,7 @@ from litsim_sim.ros.definitions import definition, type_hash, type_name
 from litsim_sim.ros.endpoints import Endpoints, publisher_on, subscribe
 from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.process import process, spin
-from litsim_sim.ros.topics import FOREIGN, HELLO, LANES, RECORDED, RECORDED_TOPICS, RUN_INFO, STATUS, Topic
+from litsim_sim.ros.topics import CLOCK, FOREIGN, HELLO, LANES, RECORDED, RECORDED_TOPICS, RUN_INFO, STATUS, Topic
 from litsim_sim.scenario.scenario import Scenario
 
 HEARING_S = 10.0  # longest wait for READY of the other stages, which holds their parameters to be recorded
@@ -61,6 +61,7 @@ class RecorderNode(Node):
         self._unheard: set[str] = set()
         self._of_this_run: set[Topic] = set()  # topics of which messages of other runs are not recorded
         self._early: dict[Topic, bytes] = {}  # latched messages received before RunInfo
+        self._with_clock = True
         self._ending = False
         self._status = publisher_on(self, STATUS)
         self._recorded = publisher_on(self, RECORDED)
@@ -103,6 +104,8 @@ class RecorderNode(Node):
         return receive
 
     def _take(self, topic: Topic, data: bytes) -> None:
+        if topic == CLOCK and (not self._with_clock or stamp_ns(data) % STEP_NS):
+            return  # of an adapter of the ego's stack, or between two steps
         if self._buffer is not None and (topic not in self._of_this_run or run_id_of(data) == self._run_id):
             self._buffer.take(topic.name, step_of(topic, data), data)
 
@@ -116,6 +119,7 @@ class RecorderNode(Node):
             )
             return False
         self._run_id = info.run_id
+        self._with_clock = CLOCK.name in info.topics
         describe(self._writer, info)
         names = [topic.name for topic in RECORDED_TOPICS]
         run = BufferedRun(names, tuple(info.topics), [topic.name for topic in FOREIGN], info.total_steps)

@@ -192,8 +192,8 @@ def absence(port: EgoPort, there: Sequence[EgoPublisher], known: Sequence[str], 
         return f"{prefix}no node publishes on {' or '.join(port.topics)}; is it running in {domain}?"
     if not port.heard:
         return (
-            f"{prefix}it publishes on {there[0].topic}, but no message has been received; a timer on simulation time "
-            "does not run before step 0 is answered"
+            f"{prefix}it publishes on {there[0].topic}, but no message has been received; until step 0 is answered, "
+            "/clock advances to 0.1 s only, so that longer timers on simulation time do not run"
         )
     end = "is still announced, so it hangs, or has died without leaving" if there else "has left"
     return f"{prefix}it has answered until step {port.answered}; its publisher {end}"

@@ -111,12 +111,13 @@ class Pace:
         due: deadline of the answers to the current step.
     """
 
-    def __init__(self) -> None:
-        self.due = 0.0
+    def __init__(self, step_s: float) -> None:
+        """`step_s` is the wall time of a step [s]."""
+        self.due, self._step_s = 0.0, step_s
 
     def next_step(self, now: float) -> None:
         """Begin a step: it is due a step's time after the previous one, but not before half of that has passed."""
-        self.due = max(self.due + STEP_S, now + 0.5 * STEP_S)
+        self.due = max(self.due + self._step_s, now + 0.5 * self._step_s)
 
     def restart(self, now: float) -> None:
         """Restart at `now`, as if the current step were due now."""
@@ -205,7 +206,7 @@ class RunLoop:
         Returns:
             The last step, and the wall time since step 0 was answered [s].
         """
-        graph, pace, start = self._graph, Pace(), 0.0
+        graph, pace, start = self._graph, Pace(STEP_S / self._options.real_time_factor), 0.0
         table = self._world.reset()
         with Progress(self._options.progress, total) as progress:
             for step in range(total + 1):

@@ -151,7 +151,8 @@ class StepBuffer:
 
     def _complete(self, step: int) -> bool:
         held = self._pending.get(step, {})
-        needed = OF_THE_BRIDGE if step in self._missed else self._run.per_step
+        of_the_bridge = [name for name in OF_THE_BRIDGE if name in self._run.per_step]
+        needed = of_the_bridge if step in self._missed else self._run.per_step
         met = step > 0 or EGO_APPLIED not in self._run.per_step or self._repeated > REPEATS_MAX
         return all(name in held for name in needed) and (met or any(name in held for name in INPUTS.values()))
 

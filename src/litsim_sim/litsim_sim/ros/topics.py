@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import PolygonStamped, TwistStamped
 from litsim_msgs.msg import (
     AgentStates,
     Controls,
@@ -32,6 +32,11 @@ from visualization_msgs.msg import MarkerArray
 from litsim_sim.core import topic_names
 from litsim_sim.core.lockstep import RECORDER_WINDOW
 from litsim_sim.ego_port.answer import Interface
+
+try:
+    from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
+except ImportError:  # stock ROS 2 has it, the wheels do not
+    TFMessage = None
 
 
 @dataclass(frozen=True)
@@ -69,11 +74,18 @@ CLOCK = Topic(topic_names.CLOCK, Clock, per_step=True)
 AGENTS = Topic(topic_names.AGENTS, AgentStates, per_step=True)
 EGO_STATE = Topic(topic_names.EGO_STATE, Odometry, per_step=True)
 EGO_ROUTE = Topic(topic_names.EGO_ROUTE, Path, latched=True)
+EGO_VEHICLE = Topic(topic_names.EGO_VEHICLE, DiagnosticArray, latched=True)
+EGO_FOOTPRINT = Topic(topic_names.EGO_FOOTPRINT, PolygonStamped, latched=True)
 FORECASTS = Topic(topic_names.FORECASTS, JointForecast, per_step=True)
 TAKEOVERS = Topic(topic_names.TAKEOVERS, Takeovers, per_step=True)
 CONTROLS = Topic(topic_names.CONTROLS, Controls, per_step=True)
 EGO_CONTROL = Topic(topic_names.EGO_CONTROL, EgoControl, per_step=True)
 TIMING = Topic(topic_names.TIMING, StageStatus)
+
+TF = Topic(topic_names.TF, TFMessage)
+TF_STATIC = Topic(topic_names.TF_STATIC, TFMessage, latched=True)
+FRAMES = (TF, TF_STATIC) if TFMessage else ()
+"""Topics of the ego's frames; none where their type is not installed."""
 
 OBJECTS = Topic(topic_names.OBJECTS, PointCloud2, per_step=True)
 LANES = Topic(topic_names.LANES, MarkerArray, latched=True)
@@ -96,7 +108,21 @@ EGO_INPUTS = {
 }
 """Topics on which an external ego may answer."""
 
-EGO_FEEDS = (EGO_STATE, OBJECTS, EGO_ROUTE, LANES, SIGNALS, SIGNAL_MAP, CLOCK, DIAGNOSTICS, AGENTS, RUN_INFO)
+EGO_FEEDS = (
+    EGO_STATE,
+    OBJECTS,
+    EGO_ROUTE,
+    EGO_VEHICLE,
+    EGO_FOOTPRINT,
+    LANES,
+    SIGNALS,
+    SIGNAL_MAP,
+    CLOCK,
+    DIAGNOSTICS,
+    AGENTS,
+    RUN_INFO,
+    *FRAMES,
+)
 """Topics for an external ego to read."""
 
 FOREIGN = (EGO_CONTROL, EGO_TWIST, EGO_TRAJECTORY, DIAGNOSTICS)
