@@ -18,6 +18,7 @@ from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES, Interface
 from litsim_sim.io.files import Unwritable
 from litsim_sim.kernels.garbage import without_collection
+from litsim_sim.launch.adapters import EgoAdapter, adapter_names, adapter_of
 from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.executables import find_executable
 from litsim_sim.launch.middleware import check_security
@@ -42,11 +43,13 @@ def launch(arguments: argparse.Namespace) -> int:
     """
     with without_collection():  # the first step comes 1.07 times as late without this (1.01 to 1.10, 5 pairs)
         check_security(os.environ)
+        started_here = bool(arguments.command)
+        adapter = _through_adapter(arguments)
         plan = plan_of(arguments)
         if arguments.command and plan.ego != EXTERNAL:
             raise InputError(f"{shlex.join(arguments.command)}: the ego is {plan.ego}, expected --ego {EXTERNAL}")
-        domain = graph_domain(arguments.domain_id, reserve=plan.ego != EXTERNAL or bool(arguments.command))
-        options = _options(arguments, plan)
+        domain = graph_domain(arguments.domain_id, reserve=plan.ego != EXTERNAL or started_here)
+        options = _options(arguments, plan, clock=adapter is None)
         nodes = nodes_of(plan, options)
         nodes = nodes if arguments.apart else in_one_process(nodes)
         paths = {node.name: find_executable(node.package, node.executable) for node in nodes}
@@ -101,7 +104,7 @@ def _recorded(out: Path, *, quiet: bool, failed: bool = False) -> int:
     return max((function(out, quiet=quiet, failed=failed) for function in functions), default=0)
 
 
-def _options(arguments: argparse.Namespace, plan: RunPlan) -> GraphOptions:
+def _options(arguments: argparse.Namespace, plan: RunPlan, *, clock: bool) -> GraphOptions:
     return GraphOptions(
         scenario=arguments.scenario,
         out=Path(f"bags/{plan.scenario.name}" if arguments.out is None else arguments.out),
@@ -112,7 +115,18 @@ def _options(arguments: argparse.Namespace, plan: RunPlan) -> GraphOptions:
         ego_interface=arguments.ego_interface,
         answer_timeout_s=arguments.answer_timeout,
         real_time_factor=arguments.real_time_factor,
+        clock=clock,
     )
+
+
+def _through_adapter(arguments: argparse.Namespace) -> EgoAdapter | None:
+    """Let an ego that is an adapter be an external one, which the adapter's program starts; return the adapter."""
+    adapter = adapter_of(arguments.ego)
+    if adapter is not None:
+        arguments.ego, arguments.command = EXTERNAL, adapter.command(arguments.command)
+        if not any(setting[:2] == (BRIDGE, "external_timeout_s") for setting in arguments.set):
+            arguments.set = [*arguments.set, (BRIDGE, "external_timeout_s", adapter.ready_s)]
+    return adapter
 
 
 def _announce(arguments: argparse.Namespace, plan: RunPlan, domain_id: int) -> None:
@@ -125,7 +139,7 @@ def _announce(arguments: argparse.Namespace, plan: RunPlan, domain_id: int) -> N
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_sim launch``."""
     p = Parser(prog="launch", description=__doc__, epilog=STATUS_HELP, formatter_class=DefaultsFormatter)
-    add_run_arguments(p, ego_names())
+    add_run_arguments(p, (*ego_names(), *adapter_names()))
     p.add_argument("--out", help="folder of the record; default: bags/SCENARIO")
     p.add_argument("--overwrite", action="store_true", help="replace an existing record")
     p.add_argument(

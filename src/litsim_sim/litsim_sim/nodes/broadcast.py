@@ -115,7 +115,9 @@ class Broadcast:
 
     def tick(self, now: float) -> float:
         """Publish the time at `now` of the performance counter [s]; return the time until it is to be called again."""
-        return self._clock.tick(now) if self._clock and self._with_ticks else math.inf
+        if self._clock is None or not self._with_ticks or self._clock.current == 0:
+            return math.inf
+        return self._clock.tick(now)
 
     def _are_ticks_heard(self) -> bool:
         """Whether others than the recorder, which needs the steps' times only, listen to the clock."""

@@ -16,8 +16,11 @@ COARSE_NS = 20_000_000
 class StepClock:
     """Publishes the time of every step and, if others than the recorder listen, ticks between steps.
 
-    Time never goes back, and never passes that of the next step. While step 0 waits for a stack to start, it only
-    advances by :meth:`creep`: its timers would not run any more once time had reached step 1.
+    Time never goes back, and never passes that of the next step. While step 0 waits for a stack to start, whose timers
+    would not run any more once time had reached step 1, :meth:`creep` stands in for :meth:`tick`.
+
+    Attributes:
+        current: the current step.
     """
 
     def __init__(self, publish: Callable[[int], None], is_heard: Callable[[], bool], factor: float) -> None:
@@ -31,13 +34,13 @@ class StepClock:
         self._publish, self._is_heard, self._factor = publish, is_heard, factor
         self._time = 0  # [ns] last published
         self._begin = 0.0  # [s] of the performance counter, of the current step
-        self._step = 0
+        self.current = 0
 
     def step(self, step: int, now: float) -> None:
         """Begin a step at time `now` of the performance counter [s]: publish the ticks that are left, and its time."""
         if self._is_heard():
             self._fill(step * STEP_NS)
-        self._step, self._begin = step, now
+        self.current, self._begin = step, now
         self._show(step * STEP_NS)
 
     def repeat(self) -> None:
@@ -53,19 +56,19 @@ class StepClock:
 
         `now` is the time of the performance counter [s].
         """
-        if self._step == 0 or self._time >= self._end or not self._is_heard():
+        if self._time >= self._end or not self._is_heard():
             return inf
         ticks = int((now - self._begin) * self._factor * 1e9) // TICK_NS
-        time_ns = min(self._step * STEP_NS + ticks * TICK_NS, self._end)
+        time_ns = min(self.current * STEP_NS + ticks * TICK_NS, self._end)
         if time_ns > self._time:
             self._fill(time_ns)
             self._show(time_ns)
-        return self._begin + (self._time + TICK_NS - self._step * STEP_NS) * 1e-9 / self._factor - now
+        return self._begin + (self._time + TICK_NS - self.current * STEP_NS) * 1e-9 / self._factor - now
 
     @property
     def _end(self) -> int:
         """Time of the next step [ns]."""
-        return (self._step + 1) * STEP_NS
+        return (self.current + 1) * STEP_NS
 
     def _fill(self, until_ns: int) -> None:
         for time_ns in range(self._time + COARSE_NS, until_ns, COARSE_NS):
