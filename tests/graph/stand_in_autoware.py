@@ -68,22 +68,22 @@ class StandIn(Node):
     def initialize(self, request: Any, response: Any) -> Any:
         at_rest = self.odometry is not None and self.odometry.twist.twist.linear.x == 0.0
         self.initialized = at_rest and len(request.pose) == 1
-        return answered(response, self.initialized, 1, "the vehicle moves, or there is no pose")
+        return answered(response, 1, "the vehicle moves, or there is no pose", success=self.initialized)
 
     def set_route(self, request: Any, response: Any) -> Any:
         self.refusals -= 1
         self.route = self.initialized and self.refusals < 0 and request.goal.position.x != 0.0
-        return answered(response, self.route, 2, "the planner is not ready")
+        return answered(response, 2, "the planner is not ready", success=self.route)
 
     def clear_route(self, _: Any, response: Any) -> Any:
         self.route = False
-        return answered(response, True)
+        return answered(response, success=True)
 
     def engage(self, _: Any, response: Any) -> Any:
         self.engaged = self.route
         if self.engaged and options.universe:
             self.mode.call_async(ControlModeCommand.Request(mode=ControlModeCommand.Request.AUTONOMOUS))
-        return answered(response, self.engaged, 1, "there is no route")
+        return answered(response, 1, "there is no route", success=self.engaged)
 
     def on_line(self, message: Path) -> None:
         corners = np.array([complex(pose.pose.position.x, pose.pose.position.y) for pose in message.poses])
@@ -100,7 +100,7 @@ class StandIn(Node):
             self.plan_to.publish(self.trajectory)
 
     def plan(self, odometry: Odometry) -> Trajectory:
-        at, yaw, speed = state_of(odometry)
+        at, yaw, _ = state_of(odometry)
         begin = int(np.argmin(abs(self.line - at)))
         ahead = self.line[begin : begin + 80]
         gap = 100.0
@@ -140,7 +140,7 @@ class StandIn(Node):
         self.mrm_to.publish(MrmState(stamp=message.stamp, state=MrmState.NORMAL, behavior=MrmState.NONE))
 
 
-def answered(response: Any, success: bool, code: int = 0, text: str = "") -> Any:
+def answered(response: Any, code: int = 0, text: str = "", *, success: bool) -> Any:
     response.status = ResponseStatus(success=success, code=0 if success else code, message="" if success else text)
     return response
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +65,7 @@ def test_universe_and_real_time(graph: Any, ego: str, options: tuple[str, ...], 
     assert metrics["steps"] == 35
     run = read_run(graph.folder / "run")
     speed = [float(table.speed[table.row(run.info.ego_id)]) for table in run.tables]
-    assert min(speed) > 5.0 and max(abs(a - b) for a, b in zip(speed, speed[1:], strict=False)) < 0.5
+    assert min(speed) > 5.0 and max(abs(a - b) for a, b in pairwise(speed)) < 0.5
     modes = {values["control_mode"] for values in values_of(graph.folder / "run", "litsim: autoware")}
     assert modes == {"1"}  # autonomous
 
@@ -80,8 +81,7 @@ def test_what_is_waited_for_is_told(graph: Any) -> None:
 
 def values_of(bag: Path, name: str) -> list[dict[str, str]]:
     """The values of the statuses of a name on /diagnostics."""
-    arrays = [
-        deserialize_message(message.data, DiagnosticArray) for message in BagReader(bag).messages(["/diagnostics"])
-    ]
+    messages = BagReader(bag).messages(["/diagnostics"])
+    arrays = [deserialize_message(message.data, DiagnosticArray) for message in messages]
     statuses = [status for array in arrays for status in array.status if status.name == name]
     return [{pair.key: pair.value for pair in status.values} for status in statuses]
