@@ -202,7 +202,7 @@ class BridgeNode(Node):
 
     def silent_ego(self) -> str:
         there = self._ego_publishers()
-        return absence(self._port, there, self._ego_nodes, self.domain)
+        return absence(self._port, there, self._ego_nodes, self.domain, clock=self.options.clock)
 
     def serve_until(self, done: Callable[[], bool], until: float) -> bool:
         while not done():

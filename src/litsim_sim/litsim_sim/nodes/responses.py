@@ -168,7 +168,9 @@ class EgoPublisher:
         return self.gid[:PARTICIPANT_BYTES]
 
 
-def absence(port: EgoPort, there: Sequence[EgoPublisher], known: Sequence[str], domain: str) -> str:
+def absence(
+    port: EgoPort, there: Sequence[EgoPublisher], known: Sequence[str], domain: str, *, clock: bool = True
+) -> str:
     """Text that says why an external ego has not answered the current step, as far as known.
 
     Args:
@@ -176,6 +178,7 @@ def absence(port: EgoPort, there: Sequence[EgoPublisher], known: Sequence[str], 
         there: its currently announced publishers.
         known: names of all nodes with publishers ever announced.
         domain: description of the domain in which it should be.
+        clock: whether the bridge publishes the clock.
     """
     name = ", ".join(dict.fromkeys([each.node for each in there if each.node] or known))
     prefix = f"{name}: " if name else ""
@@ -191,10 +194,9 @@ def absence(port: EgoPort, there: Sequence[EgoPublisher], known: Sequence[str], 
     if not port.heard and not there:
         return f"{prefix}no node publishes on {' or '.join(port.topics)}; is it running in {domain}?"
     if not port.heard:
-        return (
-            f"{prefix}it publishes on {there[0].topic}, but no message has been received; until step 0 is answered, "
-            "/clock advances to 0.1 s only, so that longer timers on simulation time do not run"
-        )
+        about_timers = "; until step 0 is answered, /clock advances to 0.1 s only, so that longer timers on simulation time do not run"
+        text = f"{prefix}it publishes on {there[0].topic}, but no message has been received"
+        return text + (about_timers if clock else "")
     end = "is still announced, so it hangs, or has died without leaving" if there else "has left"
     return f"{prefix}it has answered until step {port.answered}; its publisher {end}"
 
