@@ -194,7 +194,10 @@ def absence(
     if not port.heard and not there:
         return f"{prefix}no node publishes on {' or '.join(port.topics)}; is it running in {domain}?"
     if not port.heard:
-        about_timers = "; until step 0 is answered, /clock advances to 0.1 s only, so that longer timers on simulation time do not run"
+        about_timers = (
+            "; until step 0 is answered, /clock advances to 0.1 s only, so that longer timers on simulation time do "
+            "not run"
+        )
         text = f"{prefix}it publishes on {there[0].topic}, but no message has been received"
         return text + (about_timers if clock else "")
     end = "is still announced, so it hangs, or has died without leaving" if there else "has left"
