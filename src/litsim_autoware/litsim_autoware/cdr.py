@@ -20,6 +20,7 @@ Records = npt.NDArray[np.void]
 
 TIME: Fields = (("sec", "i4"), ("nanosec", "u4"))
 ALIGNED = 8  # largest alignment
+KEPT = 50  # lists of different lengths that are kept to be filled again
 
 
 def header(frame: str) -> Fields:
@@ -71,33 +72,54 @@ class ListMessage:
     """A message that ends with a list of records of constant size.
 
     The first record may begin where the others do not, but what is in them after `head`, which begins with an 8 byte
-    value, is aligned alike: records are laid out from there to the end of the next one's head.
+    value, is aligned alike: in memory, a record's body is followed by the head of the next.
     """
 
     def __init__(self, before: Fields, head: Fields, body: Fields) -> None:
         """Fields `before` the list, and the two parts of its records."""
-        self._empty = blank((*before, ("count", "u4")))
-        first = [(f"first.{name}", kind) for name, kind in head]
-        self._first = blank((*before, ("count", "u4"), *first), aligned=True)
-        self._body, self._head = body, head
-        self._names = [name for name, _ in head]
+        self._before, self._head, self._body = (*before, ("count", "u4")), head, body
+        self._lists: dict[int, RecordList] = {}
 
-    def records(self, count: int) -> Records:
-        """Records to be filled, with all values zero."""
-        return blank((*self._body, *self._head), count, aligned=True)
+    def records(self, count: int) -> RecordList:
+        """Records to be filled: zero at first, afterwards with the values of the last list of this length."""
+        if count not in self._lists:
+            if len(self._lists) >= KEPT:
+                self._lists.clear()
+            self._lists[count] = RecordList(self._before, self._head, self._body, count)
+        return self._lists[count]
 
-    def data(self, before: Mapping[str, Any], records: Records) -> bytes:
-        """The serialised message; heads of `records` are those of their own record."""
-        start = self._first if len(records) else self._empty
-        start["count"] = len(records)
+
+class RecordList:
+    """The records of one message, by their fields.
+
+    Attributes:
+        body: (n,) the bodies.
+        begin: (1,) the fields before the list.
+    """
+
+    def __init__(self, before: Fields, head: Fields, body: Fields, count: int) -> None:
+        start = blank((*before, *((f"first.{name}", kind) for name, kind in head)) if count else before)
+        begin = len(ENCAPSULATION) + start.itemsize + (-start.itemsize % ALIGNED if count else 0)
+        whole = blank((*body, *head), aligned=True)
+        at = {name: offset for name, (_, offset, *_) in (whole.dtype.fields or {}).items()}
+        self._end = begin + count * whole.itemsize - (whole.itemsize - at[head[0][0]] if head and count else 0)
+        self._data = bytearray(begin + count * whole.itemsize)
+        self._data[: len(ENCAPSULATION)] = ENCAPSULATION
+        self.begin = np.frombuffer(self._data, start.dtype, 1, len(ENCAPSULATION))
+        self.begin[:] = start
+        self.begin["count"] = count
+        self.body = np.frombuffer(self._data, whole.dtype, count, begin)
+        self._count = count
+
+    def head(self, name: str, values: Any) -> None:
+        """Set a field of the heads to `values` (n,), or to one value."""
+        if self._count:
+            values = np.broadcast_to(values, (self._count, *np.shape(values)[1:]))
+            self.begin[f"first.{name}"] = values[0]
+            self.body[name][:-1] = values[1:]
+
+    def data(self, before: Mapping[str, Any]) -> bytes:
+        """The serialised message, with values of the fields before the list."""
         for name, value in before.items():
-            start[name] = value
-        if not len(records):
-            return ENCAPSULATION + start.tobytes()
-        for name in self._names:
-            start[f"first.{name}"] = records[name][0]
-            records[name][:-1] = records[name][1:].copy()
-        last = records.dtype.fields
-        assert last is not None
-        end = len(records) * records.itemsize - (records.itemsize - last[self._names[0]][1]) if self._names else None
-        return ENCAPSULATION + start.tobytes() + records.tobytes()[:end]
+            self.begin[name] = value
+        return bytes(memoryview(self._data)[: self._end])

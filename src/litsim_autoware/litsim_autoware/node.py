@@ -332,7 +332,8 @@ class AutowareNode(Node):
     def _show_others(self, others: AgentTable, stamp_ns: int) -> None:
         """Publish all agents but the ego, what signals show, and that there is nothing else."""
         for publisher, write in self._lists:
-            publisher.publish(write(others, stamp_ns))
+            if publisher.get_subscription_count():
+                publisher.publish(write(others, stamp_ns))
         if self._lights is not None and self._signals is not None:
             groups = np.array([relation_id(name, row) for row, name in enumerate(self._signals.group)], np.int64)
             states = np.frombuffer(self._signals.state, np.uint8)

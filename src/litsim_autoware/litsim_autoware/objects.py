@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from litsim_autoware.cdr import TIME, Fields, ListMessage, Records, header, stamped
-from litsim_sim.core.scene import AgentTable, FloatArray, IntArray, Kind
+from litsim_autoware.cdr import TIME, Fields, ListMessage, RecordList, header, stamped
+from litsim_sim.core.scene import AgentTable, ByteArray, FloatArray, IntArray, Kind
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.vehicle_geometry import HEIGHTS
 
@@ -71,6 +71,7 @@ GROUPS = ListMessage(
     ),
 )
 
+_TIMES = POSE_S * np.arange(POSES)  # [s]
 _LABELS = np.zeros(256, np.uint8)
 _HEIGHTS = np.full(256, HEIGHTS[Kind.UNKNOWN])
 for _kind, _height in HEIGHTS.items():
@@ -82,43 +83,42 @@ for _state, _light in LIGHTS.items():
 
 def predicted_objects(table: AgentTable, stamp_ns: int) -> bytes:
     """``PredictedObjects`` of all agents of `table`."""
-    records = PREDICTED.records(len(table))
-    _fill(records, table)
-    records["acceleration"][:, 0] = table.acceleration
-    records["paths"], records["poses"], records["confidence"] = 1, POSES, 1.0
-    records["path_sec"], records["path_nanosec"] = divmod(round(POSE_S * 1e9), 10**9)
-    way = table.speed[:, None] * POSE_S * np.arange(POSES)
-    path = records["path"]
+    records = _filled(PREDICTED, table)
+    body = records.body
+    body["acceleration"][:, 0] = table.acceleration
+    body["paths"], body["poses"], body["confidence"] = 1, POSES, 1.0
+    body["path_sec"], body["path_nanosec"] = divmod(round(POSE_S * 1e9), 10**9)
+    way = table.speed[:, None] * _TIMES
+    path = body["path"]
     path[:, :, 0] = table.x[:, None] + way * np.cos(table.yaw)[:, None]
     path[:, :, 1] = table.y[:, None] + way * np.sin(table.yaw)[:, None]
-    path[:, :, 2] = records["position"][:, None, 2]
-    path[:, :, 3:] = records["orientation"][:, None, :]
-    return PREDICTED.data(stamped(stamp_ns), records)
+    path[:, :, 2] = body["position"][:, None, 2]
+    path[:, :, 5:] = body["orientation"][:, None, 2:]
+    return records.data(stamped(stamp_ns))
 
 
 def tracked_objects(table: AgentTable, stamp_ns: int) -> bytes:
     """``TrackedObjects`` of all agents of `table`."""
-    records = TRACKED.records(len(table))
-    _fill(records, table)
-    records["acceleration"][:, 0] = table.acceleration
-    records["oriented"], records["still"] = AVAILABLE, table.speed == 0.0
-    return TRACKED.data(stamped(stamp_ns), records)
+    records = _filled(TRACKED, table)
+    records.body["acceleration"][:, 0] = table.acceleration
+    records.body["oriented"], records.body["still"] = AVAILABLE, table.speed == 0.0
+    return records.data(stamped(stamp_ns))
 
 
 def detected_objects(table: AgentTable, stamp_ns: int) -> bytes:
     """``DetectedObjects`` of all agents of `table`."""
-    records = DETECTED.records(len(table))
-    _fill(records, table)
-    records["oriented"], records["has_twist"] = AVAILABLE, 1
-    return DETECTED.data(stamped(stamp_ns), records)
+    records = _filled(DETECTED, table)
+    records.body["oriented"], records.body["has_twist"] = AVAILABLE, 1
+    return records.data(stamped(stamp_ns))
 
 
-def traffic_lights(groups: IntArray, states: FloatArray, stamp_ns: int) -> bytes:
+def traffic_lights(groups: IntArray, states: ByteArray, stamp_ns: int) -> bytes:
     """``TrafficLightGroupArray`` of groups (n,), the ids of their Lanelet2 relations, and what they show (n,)."""
     records = GROUPS.records(len(groups))
-    records["group"], records["elements"], records["form"], records["confidence"] = groups, 1, CIRCLE, 1.0
-    records["colour"], records["status"] = _LIGHTS[states].T
-    return GROUPS.data(stamped(stamp_ns), records)
+    body = records.body
+    body["group"], body["elements"], body["form"], body["confidence"] = groups, 1, CIRCLE, 1.0
+    body["colour"], body["status"] = _LIGHTS[states].T
+    return records.data(stamped(stamp_ns))
 
 
 def quaternions(yaw: FloatArray) -> FloatArray:
@@ -128,16 +128,21 @@ def quaternions(yaw: FloatArray) -> FloatArray:
     return turns
 
 
-def _fill(records: Records, table: AgentTable) -> None:
-    """Fill what all kinds of objects have."""
-    records["existence"] = records["probability"] = records["classes"] = 1
-    records["label"] = _LABELS[table.kind]
-    height = _HEIGHTS[table.kind]
-    records["position"][:, 0], records["position"][:, 1] = table.x, table.y
-    records["position"][:, 2] = 0.5 * height
-    records["orientation"] = quaternions(table.yaw)
-    records["twist"][:, 0], records["twist"][:, 5] = table.speed, table.yaw_rate
-    records["size"] = np.column_stack([table.length, table.width, height])
-    if "uuid" in (records.dtype.names or ()):
-        records["uuid"][:, :8] = np.frombuffer(NAMESPACE, np.uint8)
-        records["uuid"][:, 8:] = table.id.astype("<i8").view(np.uint8).reshape(-1, 8)
+def _filled(message: ListMessage, table: AgentTable) -> RecordList:
+    """Records with what all kinds of objects have."""
+    records = message.records(len(table))
+    for name in ("existence", "probability", "classes"):
+        records.head(name, 1)
+    records.head("label", _LABELS[table.kind])
+    if message is not DETECTED:
+        uuid = np.empty((len(table), 16), np.uint8)
+        uuid[:, :8] = np.frombuffer(NAMESPACE, np.uint8)
+        uuid[:, 8:] = table.id.astype("<i8").view(np.uint8).reshape(-1, 8)
+        records.head("uuid", uuid)
+    body, height = records.body, _HEIGHTS[table.kind]
+    place, size = body["position"], body["size"]
+    place[:, 0], place[:, 1], place[:, 2] = table.x, table.y, 0.5 * height
+    size[:, 0], size[:, 1], size[:, 2] = table.length, table.width, height
+    body["orientation"] = quaternions(table.yaw)
+    body["twist"][:, 0], body["twist"][:, 5] = table.speed, table.yaw_rate
+    return records
