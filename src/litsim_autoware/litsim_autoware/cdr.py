@@ -38,8 +38,7 @@ def blank(fields: Fields, count: int = 1, *, aligned: bool = False) -> Records:
     """`count` records of `fields`, all zero, which begin at a multiple of 8 bytes, and end at one if `aligned`."""
     names, formats, offsets, end = [], [], [], 0
     for name, kind in fields:
-        text = isinstance(kind, bytes)
-        parts = ((f"{name}.size", "u4"), (name, f"S{len(kind) + 1}")) if text else ((name, kind),)
+        parts = [(name, kind)] if isinstance(kind, str) else [(f"{name}.size", "u4"), (name, f"S{len(kind) + 1}")]
         for part, form in parts:
             dtype = np.dtype(form)
             end += -end % (1 if dtype.kind == "S" else dtype.base.itemsize)

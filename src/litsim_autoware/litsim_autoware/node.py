@@ -40,7 +40,7 @@ from sensor_msgs.msg import PointCloud2
 from litsim_autoware import objects, vehicle
 from litsim_autoware.cdr import ENCAPSULATION, TIME, Message, stamped
 from litsim_autoware.profile import TRAJECTORY, Profile
-from litsim_autoware.start_up import Call, StartUp
+from litsim_autoware.start_up import Call, Future, StartUp
 from litsim_autoware.timeline import BEGIN_NS, Timeline
 from litsim_autoware.vehicle import RearAxle
 from litsim_sim.core.scene import STEP_NS, AgentTable, EgoCommand, FloatArray
@@ -117,7 +117,8 @@ class AutowareNode(Node):
         self._timeline = Timeline()
         self._ticks = 0  # published before the run
         self._states = 0  # published since the step began
-        self._answered, self._answer = -1, (None, None)  # newest step that was answered, and publisher and message
+        self._answered = -1  # newest step that was answered
+        self._answer: tuple[Any, Any]  # its publisher and message
         self._is_heard = False  # whether the stack has answered since it is ready
         self._start_up: StartUp | None = None
         self._steering = 0.0
@@ -272,11 +273,7 @@ class AutowareNode(Node):
         for name, (kind, request) in kinds.items():
             if service := getattr(self._profile, name):
                 client = self.create_client(kind, service)
-                calls[name] = Call(
-                    service,
-                    client.service_is_ready,
-                    lambda client=client, request=request: client.call_async(request()),
-                )
+                calls[name] = Call(service, client.service_is_ready, _caller(client, request))
         return calls
 
     def _header(self) -> Any:
@@ -454,6 +451,11 @@ def log_end(scenario: Scenario, ego_id: int) -> tuple[float, float, float]:
 def relation_id(group: str, row: int) -> int:
     """Id of the Lanelet2 relation of a signal group: its name if that is a number, else its place among the groups."""
     return int(group) if group.isascii() and group.isdigit() else row + 1
+
+
+def _caller(client: Any, request: Callable[[], Any]) -> Callable[[], Future]:
+    """A function that calls a service with a new request."""
+    return lambda: client.call_async(request())
 
 
 def _autonomous() -> OperationModeState:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 from pydantic import BaseModel, ConfigDict
 
 from litsim_sim.io.yaml_input import read_yaml
 
 PACKAGED = Path(__file__).parent / "profiles"
-CONTROL, TRAJECTORY = "control", "trajectory"
+CONTROL: Final = "control"
+TRAJECTORY: Final = "trajectory"
 
 
 class Profile(BaseModel):

@@ -34,7 +34,7 @@ from litsim_sim.core.lockstep import RECORDER_WINDOW
 from litsim_sim.ego_port.answer import Interface
 
 try:
-    from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
+    from tf2_msgs.msg import TFMessage
 except ImportError:  # stock ROS 2 has it, the wheels do not
     TFMessage = None
 
