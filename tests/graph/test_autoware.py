@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections import Counter
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +18,7 @@ from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import read_run
 
 STAND_IN = Path(__file__).parent / "stand_in_autoware.py"
+PLANNED = "/planning/trajectory"
 NEEDED = ("autoware_adapi_v1_msgs", "autoware_control_msgs", "autoware_perception_msgs", "autoware_planning_msgs")
 with_types = pytest.mark.skipif(
     not all(find_spec(name) for name in NEEDED), reason="Autoware's messages are not built (tools/interfaces.sh)"
@@ -47,6 +49,8 @@ def test_core_drives_and_drives_the_same_way_again(graph: Any) -> None:
     assert {values["gear"] for values in reports} == {"2"}
     assert {values["mrm_state"] for values in reports} >= {"1"}  # normal
     assert {"1", "2"} & {values["turn_indicators"] for values in reports}
+    planned = Counter(m.log_time_ns // 10**8 for m in BagReader(graph.folder / "second").messages([PLANNED]))
+    assert sorted(planned)[-10:] == list(range(26, 36))  # raw, as the stack has planned
     assert not list(BagReader(graph.folder / "second").messages(["/clock"]))  # that of the stack has a time of its own
 
 

@@ -115,6 +115,7 @@ def _options(arguments: argparse.Namespace, plan: RunPlan, *, clock: bool) -> Gr
         ego_interface=arguments.ego_interface,
         answer_timeout_s=arguments.answer_timeout,
         real_time_factor=arguments.real_time_factor,
+        record=tuple(arguments.record),
         clock=clock,
     )
 
@@ -124,6 +125,7 @@ def _through_adapter(arguments: argparse.Namespace) -> EgoAdapter | None:
     adapter = adapter_of(arguments.ego)
     if adapter is not None:
         arguments.ego, arguments.command = EXTERNAL, adapter.command(arguments.command)
+        arguments.record = arguments.record or list(adapter.record)
         if not any(setting[:2] == (BRIDGE, "external_timeout_s") for setting in arguments.set):
             arguments.set = [*arguments.set, (BRIDGE, "external_timeout_s", adapter.ready_s)]
     return adapter
@@ -144,6 +146,13 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--overwrite", action="store_true", help="replace an existing record")
     p.add_argument(
         "--mode", default=MODES[0], choices=MODES, help="lockstep: the world waits for answers; realtime: it does not"
+    )
+    p.add_argument(
+        "--record",
+        nargs="+",
+        default=[],
+        metavar="TOPIC",
+        help="topics of the ego's stack to record as well; default: what its adapter names",
     )
     p.add_argument(
         "--real-time-factor",

@@ -19,12 +19,14 @@ class EgoAdapter:
     Attributes:
         package, executable: of the program.
         arguments: its arguments.
+        record: topics of the stack that are recorded, unless others are named.
         ready_s: time limit for the answer to step 0 [s], unless it is set.
     """
 
     package: str
     executable: str
     arguments: tuple[str, ...] = ()
+    record: tuple[str, ...] = ()
     ready_s: float = 60.0
 
     def command(self, stack: Sequence[str]) -> list[str]:

@@ -42,6 +42,7 @@ class GraphOptions:
         answer_timeout_s: time limit for the answers to one step [s].
         clock: whether the bridge publishes the clock.
         real_time_factor: simulated time per wall time.
+        record: topics of the ego's stack that are recorded as well.
         progress: bar, lines or none.
     """
 
@@ -55,6 +56,7 @@ class GraphOptions:
     answer_timeout_s: float = 5.0
     clock: bool = True
     real_time_factor: float = 1.0
+    record: tuple[str, ...] = ()
     progress: str = "lines"
 
 
@@ -89,7 +91,8 @@ def nodes_of(plan: RunPlan, how: GraphOptions) -> list[GraphNode]:
         for name in sorted(set(decided) & set(plan.parameters.get(node, {}))):
             raise InputError(f"parameter {node}.{name} cannot be set: the options of the run decide it")
     names = (*reversed(plan.stages), BRIDGE)
-    own = {RECORDER: {"output": str(how.out), "overwrite": how.overwrite}, BRIDGE: _bridge(plan, how)}
+    recorder = {"output": str(how.out), "overwrite": how.overwrite}
+    own = {RECORDER: recorder | ({"topics": " ".join(how.record)} if how.record else {}), BRIDGE: _bridge(plan, how)}
     parameters = {name: own.get(name, {}) | dict(plan.parameters.get(name, {})) for name in (*own, *plan.parameters)}
     configured(names, parameters, plan.ego)
     if EGO in names:

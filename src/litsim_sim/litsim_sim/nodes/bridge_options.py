@@ -9,7 +9,18 @@ import yaml
 from pydantic import Field, model_validator
 
 from litsim_sim.core.parameters import ParameterReader, Parameters
-from litsim_sim.core.quantities import Duration, Number, OneOf, Positive, Unit, Whole, configuration, field_type, unit
+from litsim_sim.core.quantities import (
+    Duration,
+    Flag,
+    Number,
+    OneOf,
+    Positive,
+    Unit,
+    Whole,
+    configuration,
+    field_type,
+    unit,
+)
 from litsim_sim.core.vehicle import VEHICLE_FIELDS, VehicleModel
 from litsim_sim.core.yaml_loader import load_yaml
 from litsim_sim.ego_port.answer import INTERFACES
@@ -68,7 +79,7 @@ class BridgeOptions:
     answer_timeout_s: Positive[Duration] = 5.0
     handshake_timeout_s: Positive[Duration] = 120.0
     external_timeout_s: Positive[Duration] = 60.0
-    clock: bool = True
+    clock: Flag = True
     real_time_factor: Positive[Number] = 1.0
     progress: Literal["bar", "lines", "none"] = "bar"
     vehicle: Any = field(default_factory=VehicleOptions)

@@ -20,6 +20,7 @@ from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error, reason
 from litsim_sim.core.scene import STEP_NS
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.stages import RECORDER as STAGE
+from litsim_sim.nodes.foreign_topics import LOOK_S, ForeignTopics
 from litsim_sim.nodes.recorder_options import recorder_stage
 from litsim_sim.record.bag import FORMAT, FORMAT_KEY, BagWriter, qos_yaml
 from litsim_sim.record.step_buffer import BufferedRun, StepBuffer
@@ -63,6 +64,11 @@ class RecorderNode(Node):
         self._early: dict[Topic, bytes] = {}  # latched messages received before RunInfo
         self._with_clock = True
         self._ending = False
+        own = {topic.name for topic in RECORDED_TOPICS}
+        self._foreign = [name for name in dict.fromkeys(options.topics.split()) if name not in own]
+        foreign = ForeignTopics(self, self._writer, self._foreign, self._take_foreign)
+        if self._foreign:
+            self._timer(LOOK_S, foreign.look)
         self._status = publisher_on(self, STATUS)
         self._recorded = publisher_on(self, RECORDED)
         for topic in RECORDED_TOPICS:
@@ -109,6 +115,11 @@ class RecorderNode(Node):
         if self._buffer is not None and (topic not in self._of_this_run or run_id_of(data) == self._run_id):
             self._buffer.take(topic.name, step_of(topic, data), data)
 
+    def _take_foreign(self, name: str, data: bytes) -> None:
+        """Take a message of the ego's stack, whose stamp may be of another clock: it counts for the newest step."""
+        if self._buffer is not None and not self.finished:
+            self._buffer.take(name, max(0, self._buffer.newest), data)
+
     def _on_run_info(self, data: bytes) -> bool:
         """Start to record the run; return False if another run is being recorded already."""
         info: RunInfo = deserialize_message(data, RunInfo)
@@ -121,8 +132,9 @@ class RecorderNode(Node):
         self._run_id = info.run_id
         self._with_clock = CLOCK.name in info.topics
         describe(self._writer, info)
-        names = [topic.name for topic in RECORDED_TOPICS]
-        run = BufferedRun(names, tuple(info.topics), [topic.name for topic in FOREIGN], info.total_steps)
+        names = [*(topic.name for topic in RECORDED_TOPICS), *self._foreign]
+        foreign = [*(topic.name for topic in FOREIGN), *self._foreign]
+        run = BufferedRun(names, tuple(info.topics), foreign, info.total_steps)
         self._buffer = StepBuffer(run, self._write, self._confirm)
         self._of_this_run = {topic for topic in RECORDED_TOPICS if _tells_run(topic, info)}
         for topic, early in self._early.items():
