@@ -34,12 +34,12 @@ LENGTH = 16  # digits of a digest
 
 
 def pages(root: Path) -> list[Path]:
-    """The pages that may have figures."""
+    """Returns the pages that may have figures."""
     return [root / "README.md", *sorted(root.glob("docs/**/*.md"))]
 
 
 def digest(root: Path, inputs: str) -> str:
-    """The digest of the content of the files that the globs `inputs` match.
+    """Returns the digest of the content of the files that the globs `inputs` match.
 
     Raises:
         ValueError: a glob matches no file.
@@ -57,7 +57,7 @@ def digest(root: Path, inputs: str) -> str:
 
 
 def faults(root: Path, page: Path) -> Iterator[str]:
-    """What is wrong with the blocks of a page."""
+    """Yields what is wrong with the blocks of a page."""
     text, name = page.read_text(encoding="utf-8"), page.relative_to(root)
     blocks = list(BEGIN.finditer(text))
     if not len(blocks) == text.count(ANY_BEGIN) == text.count(END):

@@ -20,7 +20,7 @@ LEFT_OUT = {
 
 
 def installed_wheels() -> dict[str, str]:
-    """Name and version of every package that pip installed here: those with a wheel's metadata."""
+    """Returns name and version of every package that pip installed here: those with metadata of a wheel."""
     wheels = {}
     for distribution in metadata.distributions():
         if distribution.read_text("WHEEL") and distribution.read_text("INSTALLER"):

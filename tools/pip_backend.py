@@ -25,7 +25,7 @@ COMMAND = "litsim = litsim_sim.cli.verbs:main"
 
 
 def entry_points() -> dict[str, list[str]]:
-    """The entry points of all packages, by group."""
+    """Returns the entry points of all packages, by group."""
     groups: dict[str, list[str]] = {COMMANDS: [COMMAND]}
     for file in sorted(Path("src").glob("*/setup.py")):
         with chdir(file.parent):

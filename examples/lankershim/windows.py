@@ -13,12 +13,12 @@ from pathlib import Path
 
 import pandas as pd
 import yaml
+from plan_offset import fit_offset
 
 from litsim_data.cli import main as data
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.lane_map.signal_links import read_links
 from litsim_sim.scenario.log import Log
-from litsim_sim.scenario.plan_offset import fit_offset
 from litsim_sim.scenario.recording import Recording
 from litsim_sim.scenario.signals import SignalsFile, on_clock
 

@@ -1,32 +1,29 @@
 """Build description of litsim_policy: `colcon build` reads it, on stock ROS 2 as on the wheels."""
 
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 from setuptools import find_packages, setup
 
-NAME = "litsim_policy"
-# Package data: files opened with importlib.resources, such as configurations, scenarios and nets.
-ENDINGS = ("css", "html", "js", "json", "parquet", "pt", "safetensors", "xml", "xml.gz", "yaml")
-DATA = [f"**/*.{ending}" for ending in ENDINGS]
-# Folders beside the package that are installed into its share folder, where `ros2 launch` and --params-file look.
-SHARED = ("config", "launch")
+PACKAGE = ET.parse("package.xml").getroot()
+NAME, MAINTAINER = PACKAGE.findtext("name"), PACKAGE.find("maintainer")
+ENDINGS = ("safetensors",)
+"""Endings of the files that code opens with importlib.resources."""
 
 setup(
     name=NAME,
-    version="0.1.0",
-    description="Conflict detection, takeovers, policies of the background and ego drivers of LitSim-ROS.",
-    license="Apache-2.0",
-    maintainer="LitSim-ROS maintainers",
-    maintainer_email="maintainers@litsim.invalid",
+    version=PACKAGE.findtext("version"),
+    description=PACKAGE.findtext("description"),
+    license=PACKAGE.findtext("license"),
+    maintainer=MAINTAINER.text,
+    maintainer_email=MAINTAINER.attrib["email"],
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: DATA},
+    package_data={NAME: [f"**/*.{ending}" for ending in ENDINGS]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        *((f"share/{NAME}/{name}", sorted(map(str, Path(name).iterdir()))) for name in SHARED if Path(name).is_dir()),
+        (f"share/{NAME}/config", [str(path) for path in sorted(Path("config").iterdir())]),
     ],
-    zip_safe=False,
-    install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},  # by which `colcon test` knows what runs test/
     entry_points={
         "console_scripts": [

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from litsim_sim.launch.executables import find_executable
+from litsim_sim.launch.nodes import find_executable
 from litsim_sim.scenario.recording import Recording
 
 ROOT = Path(__file__).resolve().parents[2]

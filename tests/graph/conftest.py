@@ -24,7 +24,7 @@ from filelock import FileLock
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S
-from litsim_sim.launch.child import end_with_parent
+from litsim_sim.launch.signals import end_with_parent
 from litsim_sim.record.bag import BagReader
 from litsim_sim.scenario.recording import Recording, RecordingHeader
 

@@ -22,13 +22,12 @@ from litsim_sim.ros.topics import AGENTS, CONTROLS, EGO_CONTROL, FORECASTS, TAKE
 
 BEFORE = "/before"
 TOPICS = (AGENTS, FORECASTS, TAKEOVERS, CONTROLS, EGO_CONTROL)
-LATE_S = 0.4  # [s]
+LATE_S = 0.2  # [s]
 
 
 class Relay(Node):
-    def __init__(self, topics: tuple[Topic, ...], lost_from: int) -> None:
+    def __init__(self, topics: tuple[Topic, ...]) -> None:
         super().__init__("relay")
-        self.lost_from = lost_from
         self.seen = Counter[tuple[Topic, int]]()
         self.older: dict[Topic, bytes] = {}
         for topic in topics:
@@ -42,8 +41,6 @@ class Relay(Node):
         def receive(data: bytes) -> None:
             step = step_of(topic, data)
             self.seen[topic, step] += 1
-            if step >= self.lost_from:
-                return
             first = self.seen[topic, step] == 1
             if first and step == 6 + place:
                 print(f"lost {topic.name}", flush=True)
@@ -66,12 +63,11 @@ class Relay(Node):
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("topics", nargs="+", choices=[topic.name for topic in TOPICS])
-    parser.add_argument("--lost-from", type=int, default=10**9, metavar="STEP", help="nothing is handed on any more")
     options = parser.parse_args()
     use_middleware_settings("relay")
     rclpy.init()
     with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):  # whichever of both hears it first
-        rclpy.spin(Relay(tuple(topic for topic in TOPICS if topic.name in options.topics), options.lost_from))
+        rclpy.spin(Relay(tuple(topic for topic in TOPICS if topic.name in options.topics)))
 
 
 if __name__ == "__main__":

@@ -24,18 +24,14 @@ FAULTS = (
     "none",
     "nan",
     "teleport",
-    "stale",
     "flood",
     "silence",
-    "stuck",
     "leaving",
     "death",
-    "late",
-    "other_type",
     "slow",
     "steady",
 )
-SLOW_S, SLOW_STEPS = 1.3, 3  # [s] for an answer, and the number of steps, from 0 on, for which it takes so long
+SLOW_S, SLOW_STEPS = 1.3, 2  # [s] for an answer, and the number of steps, from 0 on, for which it takes so long
 STEADY_S = 0.1  # [s] for every step, but not for its repetitions
 
 
@@ -49,9 +45,6 @@ class StandardEgo(Node):
         kinds = {"twist": TwistStamped, "trajectory": Path}
         qos = QoSProfile(depth=10, reliability=RELIABILITY[options.reliability])
         self.publisher = self.create_publisher(kinds[options.interface], options.topic, qos)
-        (other,) = kinds.keys() - {options.interface}
-        if options.fault == "other_type":
-            self.other = self.create_publisher(kinds[other], f"/litsim/ego/{other}", 10)
         if options.fault == "flood":
             self.create_timer(0.001, self.repeat)
         self.create_subscription(Odometry, "/litsim/ego/state", self.on_state, 100)
@@ -75,17 +68,8 @@ class StandardEgo(Node):
             os._exit(3)
         if fault == "leaving":
             sys.exit()
-        if fault == "silence" or (fault == "late" and step == self.options.at):
+        if fault == "silence":
             return
-        if fault == "stuck":
-            self.publisher.publish(self.answer(state, self.options.at - 5, "none"))
-            return
-        if fault == "late" and step == self.options.at + 1:
-            self.publisher.publish(self.answer(state, step - 1, "none"))
-        if fault == "stale":
-            self.publisher.publish(self.answer(state, step - 5, "none"))
-        if fault == "other_type":
-            self.other.publish(TwistStamped() if self.path else Path())
         self.last = self.answer(state, step, once)
         self.publisher.publish(self.last)
 

@@ -7,34 +7,7 @@ from typing import Any
 
 import pytest
 
-HANDSHAKE_S = 30.0  # the others start within it, however busy the machine is
-
-
-def refused(graph: Any, *arguments: object) -> str:
-    """What the launcher says: one line, with nothing started and nothing left behind."""
-    done = graph.launch("--out", graph.folder / "run", *arguments)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert not (graph.folder / "run").exists()
-    (line,) = done.stderr.splitlines()
-    assert line.startswith("error: ")
-    return line
-
-
-def test_scenario_that_is_missing_or_malformed(graph: Any) -> None:
-    missing = graph.folder / "none.yaml"
-    assert f"{missing}: no such scenario; expected a YAML file, or one of demo" in refused(graph, "--scenario", missing)
-    (graph.folder / "bad.yaml").write_text("name: bad\nego: [1\n")
-    line = refused(graph, "--scenario", graph.folder / "bad.yaml")
-    assert "bad.yaml: malformed YAML" in line
-    assert "line 3" in line
-
-
-def test_choices_of_the_command_line(graph: Any) -> None:
-    scenario = graph.scenario()
-    assert "field ego: no vehicle 4711" in refused(graph, "--scenario", scenario, "--ego-id", 4711)
-    line = refused(graph, "--scenario", scenario, "--domain-id", 233)
-    assert line == "error: ROS_DOMAIN_ID is '233', expected 0 to 232"
+HANDSHAKE_S = 15.0  # for the others, which have been started, to get ready, however busy the machine is
 
 
 @pytest.mark.parametrize(
@@ -45,20 +18,8 @@ def test_choices_of_the_command_line(graph: Any) -> None:
             ("-p", "rio:=3.0"),
             "conflict: unknown parameter rio (near: region, horizon); expected approach_time, ",
         ),
-        (
-            ("litsim_policy", "ego"),
-            ("-p", "driver:=perturbed", "-p", "time:=[2, 1]"),
-            "ego: parameter time is (2.0, 1.0), expected the earliest before the latest",
-        ),
         (("litsim_sim", "live"), ("-p", "rate:=3.0"), "live: unknown parameter rate; expected none"),
-        (("litsim_sim", "recorder"), ("-p", "output:=5"), "recorder: parameter output is 5, expected a text"),
-        (
-            ("litsim_sim", "bridge"),
-            ("-p", "mode:=fast"),
-            "bridge: parameter mode is 'fast', expected one of lockstep, ",
-        ),
         (("litsim_policy", "ego"), ("--fast",), "ego: unknown argument"),
-        (("litsim_policy", "ego"), ("-p", "driver:=ghost"), "egos: no installed package has ghost; expected bat, idm"),
     ],
 )
 def test_parameters(graph: Any, program: tuple[str, str], arguments: tuple[str, ...], expected: str) -> None:
@@ -69,17 +30,16 @@ def test_parameters(graph: Any, program: tuple[str, str], arguments: tuple[str, 
     assert expected in line
 
 
-def start_graph(graph: Any, *without: str, odd: str = "", **bridge: Any) -> tuple[Any, Any, dict[str, Any]]:
-    """Every node one by one, but for those in `without`, or an odd conflict stage: bridge, recorder, stages."""
+def start_graph(graph: Any, *, broken: bool = False, **bridge: Any) -> tuple[Any, Any, dict[str, Any]]:
+    """Every node one by one, but without a conflict stage, or with a `broken` one: bridge, recorder, stages."""
     programs = {
         "predictor": ("litsim_predictor", "predictor"),
-        "conflict": ("litsim_policy", "conflict"),
         "policy": ("litsim_policy", "policy"),
         "ego": ("litsim_policy", "ego"),
     }
-    stages = {name: graph.start_node(*program) for name, program in programs.items() if name not in without}
-    if odd:
-        stages["conflict"] = graph.start_script("odd_stage.py", odd)
+    stages = {name: graph.start_node(*program) for name, program in programs.items()}
+    if broken:
+        stages["conflict"] = graph.start_script("broken_stage.py")
     recorder = graph.start_node("litsim_sim", "recorder", output=graph.folder / "run")
     for node in (*stages.values(), recorder):
         assert "waiting for a run on /litsim/run_info" in node.stderr.readline()
@@ -97,7 +57,7 @@ def error_of(graph: Any, bridge: Any) -> str:
 
 
 def test_stage_that_is_not_there_is_named(graph: Any) -> None:
-    bridge, recorder, stages = start_graph(graph, "conflict", handshake_timeout_s=HANDSHAKE_S)
+    bridge, recorder, stages = start_graph(graph, handshake_timeout_s=HANDSHAKE_S)
     line = error_of(graph, bridge)
     assert line.startswith("error: conflict: no READY for run short-idm-litsim-13-0-")
     assert line.endswith(
@@ -107,18 +67,11 @@ def test_stage_that_is_not_there_is_named(graph: Any) -> None:
     assert all(stage.poll() is None for stage in stages.values())  # they wait for the next run
 
 
-def test_stage_that_never_answers_is_named(graph: Any) -> None:
-    bridge, recorder, _ = start_graph(graph, "conflict", odd="mute", handshake_timeout_s=HANDSHAKE_S)
-    line = error_of(graph, bridge)
-    assert line == f"error: no answer to step 0 on /litsim/controls within {HANDSHAKE_S:g} s; silent: conflict"
-    assert graph.finish(recorder).returncode == 0
-
-
 def test_stage_that_fails_is_quoted_in_one_line(graph: Any) -> None:
-    bridge, recorder, stages = start_graph(graph, "conflict", odd="broken")
+    bridge, recorder, stages = start_graph(graph, broken=True)
     line = error_of(graph, bridge)
     assert line.startswith("error: conflict: step 5: ZeroDivisionError: ")
-    assert "(odd_stage.py, line " in line
+    assert "(broken_stage.py, line " in line
     assert graph.finish(recorder).returncode == 0
     status, said = graph.end(stages["conflict"], signal.SIGINT)
     assert status == 0

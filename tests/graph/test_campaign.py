@@ -19,7 +19,7 @@ from litsim_eval.campaign.results import RunResult, read_campaign
 from litsim_sim.record.run import read_run
 
 STACK = [sys.executable, str(Path(__file__).with_name("external_ego.py"))]
-IMPATIENT = {"bridge.answer_timeout_s": 8.0}
+IMPATIENT = {"bridge.answer_timeout_s": 6.0}
 EGOS = [
     {"name": "good", "kind": "external", "command": STACK},
     {"name": "crashes", "kind": "external", "command": ["sh", "-c", "echo no licence; exit 4"]},
@@ -61,7 +61,7 @@ def test_a_stack_that_is_broken_fails_its_run_with_the_reason_and_no_other(graph
     }
     reasons = {name: result.reason for name, result in found.items()}
     assert "the stack (sh -c 'echo no licence; exit 4') ended with exit status 4: no licence" in reasons["crashes"]
-    assert reasons["hangs"].startswith("no answer to step 12 on /litsim/ego/control within 8 s")
+    assert reasons["hangs"].startswith("no answer to step 12 on /litsim/ego/control within 6 s")
     assert "cannot be used: acceleration is nan" in reasons["lies"]
     assert f"error: short/13/crashes/replay: error: {reasons['crashes']}" in done.stderr
 
@@ -94,7 +94,7 @@ def test_a_stack_that_runs_already_drives_in_one_run_after_the_other(graph: Any)
 
 
 def test_what_a_killed_campaign_has_started_ends_and_it_goes_on(graph: Any) -> None:
-    slow = {"name": "slow", "kind": "external", "command": [*STACK, "--late", "10-30", "--late-by", "0.5"]}
+    slow = {"name": "slow", "kind": "external", "command": [*STACK, "--late", "10-20", "--late-by", "0.5"]}
     file = suite(graph, [slow], [13])
     killed = start(graph, file)
     graph.wait("the run", lambda: list(graph.folder.glob("out/runs/*/run/*.mcap")))

@@ -105,9 +105,9 @@ def test_a_node_that_is_killed_is_named(graph: Any, name: str) -> None:
     assert 9 <= assert_whole_steps(bag) < 245
 
 
-def test_messages_lost_late_twice_and_out_of_order_change_nothing(graph: Any, recorded: Any) -> None:
+def test_messages_lost_late_twice_out_of_order_or_of_another_run_change_nothing(graph: Any, recorded: Any) -> None:
     expected = digest_of(recorded, "litsim")
-    relay = graph.start_script("relay.py", *HOPS.values())
+    relay, stranger = graph.start_script("relay.py", *HOPS.values()), graph.start_script("stranger.py")
     recorder = graph.start_node("litsim_sim", "recorder", output=graph.folder / "run")
     start(graph, *PROGRAMS, remapped=tuple(HOPS))
     bridge = graph.finish(start_bridge(graph, *remap("bridge", tuple(HOPS))))
@@ -117,16 +117,8 @@ def test_messages_lost_late_twice_and_out_of_order_change_nothing(graph: Any, re
     _, said = graph.end(relay)
     done = {tuple(line.split()) for line in said.splitlines() if line.startswith(DEEDS)}  # not how it was ended
     assert done == {(deed, topic) for deed in DEEDS for topic in HOPS.values()}
-
-
-def test_messages_that_are_lost_for_good_end_the_run(graph: Any) -> None:
-    graph.start_script("relay.py", HOPS["ego"], "--lost-from", 20)
-    recorder = graph.start_node("litsim_sim", "recorder", output=graph.folder / "run")
-    start(graph, "ego", remapped=("ego",))
-    bridge = start_bridge(graph, policy="replay", answer_timeout_s="8.0")
-    assert error_of(graph.finish(bridge)) == "no answer to step 20 on /litsim/ego/control within 8 s"
-    assert graph.finish(recorder).returncode == 0
-    assert assert_whole_steps(graph.folder / "run") == 20
+    _, said = graph.end(stranger)
+    assert said.count("step ") > 5  # it was there
 
 
 def test_nodes_that_come_late_and_twice_change_nothing(graph: Any, recorded: Any) -> None:
@@ -169,19 +161,6 @@ def test_a_node_without_memory_ends_the_run(graph: Any) -> None:
     error = error_of(graph.finish(launcher))
     assert error.removeprefix("node ").startswith("predictor")
     assert not graph.running()
-
-
-def test_what_somebody_says_of_another_run_changes_nothing(graph: Any, recorded: Any) -> None:
-    expected = digest_of(recorded, "litsim")
-    stranger = graph.start_script("stranger.py")
-    recorder = graph.start_node("litsim_sim", "recorder", output=graph.folder / "run")
-    start(graph, *PROGRAMS)
-    bridge = graph.finish(start_bridge(graph))
-    assert bridge.returncode == 0, bridge.stderr
-    assert graph.finish(recorder).returncode == 0
-    assert_valid(graph.folder / "run", expected)
-    _, said = graph.end(stranger)
-    assert said.count("step ") > 5  # it was there
 
 
 @pytest.mark.parametrize("by_s", [-3600, 3600])

@@ -11,10 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
 from rcl_interfaces.srv import SetParameters
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from std_srvs.srv import Trigger
@@ -23,19 +20,14 @@ from visualization_msgs.msg import Marker, MarkerArray
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import read_run
 from litsim_sim.ros import topics
+from observer import Observer
 
-PATIENCE_S = 120.0  # for what takes a second or two; only a failing test waits so long
 
-
-class Viewer:
+class Viewer(Observer):
     """Keeps the markers as RViz does: what is added and not deleted since."""
 
     def __init__(self, domain: int) -> None:
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.node = rclpy.create_node("viewer", context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
+        super().__init__(domain)
         self.shown: dict[str, dict[tuple[str, int], Marker]] = {topic.name: {} for topic in topics.MARKERS}
         for topic in topics.MARKERS:
             self.node.create_subscription(topic.type, topic.name, self._receiver(topic.name), topic.qos)
@@ -50,35 +42,21 @@ class Viewer:
 
         return receive
 
-    def wait(self, what: str, done: Callable[[], object]) -> None:
-        end = time.monotonic() + PATIENCE_S
-        while not done():
-            assert time.monotonic() < end, f"waited {PATIENCE_S:g} s for {what}"
-            self.executor.spin_once(timeout_sec=0.05)
-
     def boxes(self) -> dict[tuple[float, float], Marker]:
         """Agents that are shown, by where they are."""
         agents = self.shown[topics.MARKERS_AGENTS.name].values()
         return {(m.pose.position.x, m.pose.position.y): m for m in agents if m.ns == "agents"}
 
-    def ask(self, kind: Any, name: str, request: Any) -> Any:
-        """What the replay answers to a request."""
-        client = self.node.create_client(kind, name)
-        self.wait("the replay", client.service_is_ready)
-        future = client.call_async(request)
-        self.wait("its answer", future.done)
-        return future.result()
-
     def step(self) -> None:
         """Ask the replay for one step."""
-        assert self.ask(Trigger, "/replay/step", Trigger.Request()).success
+        assert self.call(Trigger, "/replay/step", Trigger.Request()).success
 
     def show_start(self, expected: set[tuple[float, float]]) -> None:
         """Ask the replay for the first step until it is seen: who hears the replay may not have been found by it."""
 
         def shown() -> bool:
             start = [Parameter("seek_to", value=0.0).to_parameter_msg()]
-            self.ask(SetParameters, "/replay/set_parameters", SetParameters.Request(parameters=start))
+            self.call(SetParameters, "/replay/set_parameters", SetParameters.Request(parameters=start))
             until = time.monotonic() + 1.0
             while self.boxes().keys() != expected and time.monotonic() < until:
                 self.executor.spin_once(timeout_sec=0.05)
@@ -86,16 +64,11 @@ class Viewer:
 
         self.wait("step 0", shown)
 
-    def close(self) -> None:
-        self.node.destroy_node()
-        self.context.try_shutdown()
-
 
 @pytest.fixture
 def viewer(graph: Any) -> Iterator[Viewer]:
-    made = Viewer(graph.domain)
-    yield made
-    made.close()
+    with Viewer(graph.domain) as viewing:
+        yield viewing
 
 
 def places(bag: Path) -> list[set[tuple[float, float]]]:
@@ -119,11 +92,8 @@ def test_a_paused_replay_shows_every_step(graph: Any, viewer: Viewer, recorded: 
     for step in (1, 2):
         viewer.step()
         viewer.wait(f"step {step}", lambda step=step: viewer.boxes().keys() == expected[step])
-    late = Viewer(graph.domain)
-    try:
+    with Viewer(graph.domain) as late:
         late.wait("the step that stands", lambda: late.boxes().keys() == expected[2])
-    finally:
-        late.close()
     code, said = graph.end(live)
     assert code == 0 and "Traceback" not in said, said
 
@@ -153,9 +123,8 @@ def test_a_live_view_that_hangs_or_dies_does_not_touch_the_run(graph: Any) -> No
     done = graph.finish(launch(usual))
     assert done.returncode == 0, done.stderr
     ego.kill()
-    viewer = Viewer(graph.domain)  # without anybody who looks it does nothing
     live = [graph.start_node("litsim_sim", "live", "--rate", "100") for _ in range(2)]
-    try:
+    with Viewer(graph.domain) as viewer:  # without anybody who looks it does nothing
         viewer.wait("both", lambda: len(viewer.node.get_publishers_info_by_topic(topics.MARKERS_AGENTS.name)) == 2)
         live[0].send_signal(signal.SIGSTOP)  # from before the first step on, so that whatever it holds up is held up
         launcher = launch(bag)
@@ -166,8 +135,6 @@ def test_a_live_view_that_hangs_or_dies_does_not_touch_the_run(graph: Any) -> No
         live[1].kill()
         done = graph.finish(launcher)
         live[0].send_signal(signal.SIGCONT)
-    finally:
-        viewer.close()
     assert done.returncode == 0, done.stderr
     metrics = json.loads((bag / "metrics.json").read_text())
     assert metrics["valid"], metrics["why"]

@@ -1,9 +1,14 @@
-"""The commands of docs/recording.md that start the nodes one by one make the run that one process makes."""
+"""The commands of docs/recording.md that start the nodes one by one make the run that one process makes.
+
+The stages serve one run after the other.
+"""
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -26,20 +31,37 @@ def commands() -> list[list[str]]:
     return [shlex.split(line)[1:] for line in block.splitlines()]
 
 
-def test_six_commands_make_the_run_of_one_process(graph: Any) -> None:
-    words = commands()
-    assert [each[0] for each in words] == ["predictor", "conflict", "policy", "ego", "recorder", "bridge"]
-    started = {}
-    for node, *options in words:
-        package = package_of(STAGES, POLICY if node == EGO else node)
-        started[node] = graph.start_program(package, node, *options)
-    bridge = graph.finish(started["bridge"])
+def digest_of(bag: Path, recorder: Any, bridge: Any) -> str:
+    """The digest of a run that its recorder and its bridge bring to an end."""
     assert bridge.returncode == 0, bridge.stderr
-    assert graph.finish(started["recorder"]).returncode == 0
-    metrics = analyze(graph.folder / "bags/nodes")
+    assert recorder.returncode == 0, recorder.stderr
+    metrics = analyze(bag)
     assert metrics["valid"], metrics["why"]
-    given = dict(yaml.safe_load(word.replace(":=", ": ")).popitem() for word in words[-1] if ":=" in word)
+    return str(metrics["digest"])
+
+
+def test_six_commands_make_the_run_of_one_process_and_their_stages_the_next(graph: Any, recorded: Any) -> None:
+    domain = {"ROS_DOMAIN_ID": str(graph.domain)}
+    argv = commands()
+    assert [name for name, *_ in argv] == ["predictor", "conflict", "policy", "ego", "recorder", "bridge"]
+    nodes = {}
+    for name, *options in argv:
+        package = package_of(STAGES, POLICY if name == EGO else name)
+        nodes[name] = graph.start_program(package, name, *options, **domain)
+    bridge, recorder = graph.finish(nodes.pop("bridge")), graph.finish(nodes.pop("recorder"))
+    given = dict(yaml.safe_load(word.replace(":=", ": ")).popitem() for word in argv[-1] if ":=" in word)
     total = RunDigest()
     for result in Runner(RunPlan.load(given["scenario"], given["ego"], given["policy"])).steps():
         total.update(result.table, result.controls, result.ego)
-    assert metrics["digest"] == total.hexdigest()
+    assert digest_of(graph.folder / "bags/nodes", recorder, bridge) == total.hexdigest()
+
+    next_recorder = graph.start_node("litsim_sim", "recorder", output=graph.folder / "next")
+    bridge = graph.finish(graph.start_node("litsim_sim", "bridge", scenario=graph.scenario(), progress="none"))
+    digest = digest_of(graph.folder / "next", graph.finish(next_recorder), bridge)
+    assert digest == json.loads((recorded("idm", "litsim").bag / "metrics.json").read_text())["digest"]
+    for node in nodes.values():
+        status, said = graph.end(node, signal.SIGINT)
+        assert status == 0
+        assert "waiting for a run on /litsim/run_info" in said
+        assert said.count("is over") == 2
+        assert "Traceback" not in said

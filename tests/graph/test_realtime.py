@@ -34,13 +34,3 @@ def test_late_and_missing_answers_are_counted(graph: Any) -> None:
     assert {10, 11, 12, 22, 23, 24} <= told
     assert len(told) == missed["/litsim/ego/control"]
     assert run.summary["stale"]["/litsim/ego/control"] >= 3
-
-
-def test_stages_of_its_own_keep_up(graph: Any) -> None:
-    bag = graph.folder / "run"
-    done = graph.launch("--scenario", graph.scenario(), "--mode", "realtime", "--out", bag)
-    metrics = json.loads((bag / "metrics.json").read_text())
-    assert (done.returncode == 0) == metrics["valid"], done.stderr  # on a machine that is busy, answers may be late
-    assert metrics["valid"] == (metrics["lockstep"]["missed"] == 0), metrics["why"]
-    assert metrics["steps"] == 35
-    assert metrics["timing"]["wall_s"] > 3.4

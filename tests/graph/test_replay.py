@@ -7,68 +7,43 @@ import pty
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
 from ament_index_python.packages import get_package_prefix
 from rcl_interfaces.srv import SetParameters
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
 from litsim_sim.record.bag import BagReader
 from litsim_sim.ros import topics
+from observer import PATIENCE_S, Observer
 
-PATIENCE_S = 120.0  # for what takes a second or two; only a failing test waits so long
 CHOSEN = (topics.AGENTS, topics.CONTROLS, topics.RUN_INFO)
 LISTENED = (topics.CLOCK, *CHOSEN, topics.TAKEOVERS)
 
 
-class Listener:
+class Listener(Observer):
     """Keeps every message as it comes, and asks the replay for things."""
 
     def __init__(self, domain: int) -> None:
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.node = rclpy.create_node("listener", context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
+        super().__init__(domain)
         self.heard: dict[str, list[bytes]] = {topic.name: [] for topic in LISTENED}
         for topic in LISTENED:
             self.node.create_subscription(topic.type, topic.name, self.heard[topic.name].append, topic.qos, raw=True)
-
-    def wait(self, what: str, done: Callable[[], object]) -> None:
-        end = time.monotonic() + PATIENCE_S
-        while not done():
-            assert time.monotonic() < end, f"waited {PATIENCE_S:g} s for {what}"
-            self.executor.spin_once(timeout_sec=0.05)
-
-    def call(self, kind: Any, name: str, request: Any) -> Any:
-        client = self.node.create_client(kind, name)
-        self.wait(name, client.service_is_ready)
-        future = client.call_async(request)
-        self.wait(f"an answer of {name}", future.done)
-        return future.result()
 
     def set(self, name: str, value: float) -> Any:
         asked = [Parameter(name, value=value).to_parameter_msg()]
         (result,) = self.call(SetParameters, "/replay/set_parameters", SetParameters.Request(parameters=asked)).results
         return result
 
-    def close(self) -> None:
-        self.node.destroy_node()
-        self.context.try_shutdown()
-
 
 @pytest.fixture
 def listener(graph: Any) -> Iterator[Listener]:
-    made = Listener(graph.domain)
-    yield made
-    made.close()
+    with Listener(graph.domain) as listening:
+        yield listening
 
 
 def in_bag(bag: Path) -> dict[str, list[bytes]]:
@@ -117,13 +92,10 @@ def test_every_message_of_the_chosen_topics_in_order_with_the_clock(graph: Any, 
 def test_latched_topics_reach_those_who_come_late_and_ctrl_c_is_clean(graph: Any, recorded: Any) -> None:
     bag = recorded("idm", "litsim").bag
     replay = graph.start_node("litsim_sim", "replay", bag, "--loop", "--rate", "2", "--start", "1", "--delay", "0")
-    late = Listener(graph.domain)
-    try:
+    with Listener(graph.domain) as late:
         expected = in_bag(bag)
         late.wait("what is latched", lambda: late.heard["/litsim/run_info"] == expected["/litsim/run_info"])
         late.wait("the next round", lambda: expected["/clock"][0] in late.heard["/clock"])
-    finally:
-        late.close()
     code, said = graph.end(replay, signal.SIGINT)
     assert code == 0 and "Traceback" not in said, said
 

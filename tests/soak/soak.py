@@ -34,7 +34,7 @@ from litsim_eval.runs.runner import Runner, record
 from litsim_research.paper.page import fill
 from litsim_sim.core.errors import EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED, InputError, print_error
 from litsim_sim.core.parameters import by_stage
-from litsim_sim.launch.executables import find_executable
+from litsim_sim.launch.nodes import find_executable
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import RunPlan, versions
 from litsim_sim.scenario.scenario import Scenario

@@ -94,7 +94,7 @@ class TakeoverEnvironment(gymnasium.Env[Array, Array]):
         return following.astype(np.float32), reward, terminated, truncated, info
 
     def _info(self, agent: int) -> dict[str, Any]:
-        own = int(self._episodes.batch.own(0, np.array([agent]))[0])
+        own = int(self._episodes.batch.log.recorded_ids[agent])
         return {"agent": own, "step": self._episodes.step_number, "scenario": self._scenario.name}
 
 

@@ -1,4 +1,4 @@
-"""The forecast that comes true: where all agents went in an earlier run of the same case."""
+"""The predictor called `oracle`: forecasts are where all agents went in an earlier run of the same case."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from litsim_predictor.forecast import Forecast
 from litsim_predictor.plugin import PredictorPlugin, Scope
-from litsim_predictor.selection import Egos, Wanted, selected
+from litsim_predictor.selection import selected
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, index_of
@@ -25,45 +25,53 @@ class OracleConfig:
     """Where the earlier runs are.
 
     Attributes:
-        happened: folder of what happened in them (:class:`litsim_sim.scenario.outcomes.RecordedOutcomes`).
+        happened: folder of their outcomes (:class:`litsim_sim.scenario.outcomes.RecordedOutcomes`).
     """
 
     happened: str = ""
 
 
-class OraclePredictor:
+class Oracle(PredictorPlugin):
     """Forecasts agents as they went on in the earlier run, from where they are now.
 
     Agents that were not on the road then have no forecast.
     """
 
-    def __init__(self, happened: RecordedOutcomes, ids: np.ndarray, ego_id: Egos, roi_m: float, wanted: Wanted) -> None:
-        """Forecast by `happened`, whose rows are the agents `ids` (N,) of the log.
+    defaults, prefix = OracleConfig(), "oracle."
+    batched = True
 
-        The other arguments are those of :class:`litsim_predictor.inference.predictor.LearnedPredictor`.
+    def __init__(self, scenario: Setting, scope: Scope, config: OracleConfig) -> None:
+        """See :class:`litsim_predictor.plugin.PredictorPlugin`.
+
+        Raises:
+            InputError: the folder does not hold what happened in a run of `scenario`.
         """
-        self._happened, self._ids = happened, ids
-        self._ego_id, self._roi_m, self._wanted = ego_id, roi_m, wanted
+        if not config.happened:
+            raise InputError("predictor: parameter oracle.happened is empty, expected the folder of earlier runs")
+        self._outcomes = RecordedOutcomes.read(Path(config.happened), scenario)
+        self._ids, self._ego_ids, self._scope = scenario.log.ids, scenario.ego_ids, scope
 
     def observe(self, table: AgentTable) -> None:
         """Nothing is remembered."""
 
     def forecast(self, table: AgentTable) -> Forecast:
         """See :class:`litsim_predictor.forecast.Predictor`."""
-        agents, rows = selected(table, self._ego_id, self._roi_m, self._wanted)
-        asked = agents.take(rows)
-        if not len(asked):
+        agents, rows = selected(table, self._ego_ids, self._scope.roi_m, self._scope.wanted)
+        agents = agents.take(rows)
+        if not len(agents):
             return Forecast.empty(table.step)
-        poses, valid = self._futures(asked)
-        spread = np.zeros((len(asked), STEPS, 3), np.float32)
+        poses, valid = self._futures(agents)
+        spread = np.zeros((len(agents), STEPS, 3), np.float32)
         spread[..., :2] = SIGMA_M
-        nothing = np.empty((len(asked), 0), np.float32)
+        nothing = np.empty((len(agents), 0), np.float32)
         yaw = poses[..., 2].astype(np.float32)
-        return Forecast(table.step, STEP_S, asked.id, np.ascontiguousarray(poses[..., :2]), yaw, spread, nothing, valid)
+        return Forecast(
+            table.step, STEP_S, agents.id, np.ascontiguousarray(poses[..., :2]), yaw, spread, nothing, valid
+        )
 
     def _futures(self, agents: AgentTable) -> tuple[FloatArray, np.ndarray]:
-        """(n, T, 3) poses from the next step on, and (n,) whether an agent's are known."""
-        there, pose = self._happened.there, self._happened.pose
+        """Returns (n, STEPS, 3) poses from the next step on, and (n,) whether an agent's are known."""
+        there, pose = self._outcomes.there, self._outcomes.pose
         poses, valid = np.zeros((len(agents), STEPS, 3)), np.zeros(len(agents), np.bool_)
         for k, row in enumerate(index_of(self._ids, agents.id).tolist()):
             now = agents.step
@@ -79,21 +87,3 @@ class OraclePredictor:
             poses[k] = pose[row, now + ahead] + beyond[:, None] * velocity + offset
             valid[k] = True
         return poses, valid
-
-
-class Oracle(OraclePredictor, PredictorPlugin):
-    """The predictor called `oracle`."""
-
-    defaults, prefix = OracleConfig(), "oracle."
-    batched = True
-
-    def __init__(self, scenario: Setting, scope: Scope, config: OracleConfig) -> None:
-        """See :class:`litsim_predictor.plugin.PredictorPlugin`.
-
-        Raises:
-            InputError: the folder does not hold what happened in a run of `scenario`.
-        """
-        if not config.happened:
-            raise InputError("predictor: parameter oracle.happened is empty, expected the folder of earlier runs")
-        known = RecordedOutcomes.read(Path(config.happened), scenario)
-        super().__init__(known, scenario.log.ids, scenario.ego_ids, scope.roi_m, scope.wanted)

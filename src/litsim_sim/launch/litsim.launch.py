@@ -25,7 +25,7 @@ from litsim_sim.core.parameters import one_setting
 from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.ego_port.answer import AUTO, INTERFACES
 from litsim_sim.launch.domain import hold_for_this_process
-from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphOptions, nodes_of
+from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, nodes_of
 from litsim_sim.launch.output import check_output
 from litsim_sim.scenario.run_info import RunPlan, ego_names, policy_names
 
@@ -50,13 +50,13 @@ ARGUMENTS = (
 
 
 def generate_launch_description() -> LaunchDescription:
-    """The arguments, and the graph that follows from them."""
+    """Returns the arguments, and the graph that follows from them."""
     declared = [
         DeclareLaunchArgument(
             name,
             default_value=default,
             description=text,
-            choices=[str(each) for each in choices] if choices else None,
+            choices=list(map(str, choices)) if choices else None,
         )
         for name, default, text, choices in ARGUMENTS
     ]
@@ -64,37 +64,32 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def graph(context: LaunchContext) -> list[object]:
-    """The nodes, and what happens when the bridge or the recorder ends.
+    """Returns the nodes, and what happens when the bridge or the recorder ends.
 
     Raises:
         InputError: an argument cannot be used; found before anything is started.
     """
-    given = {name: LaunchConfiguration(name).perform(context) for name, *_ in ARGUMENTS}
+    values = {name: LaunchConfiguration(name).perform(context) for name, *_ in ARGUMENTS}
     plan = RunPlan.load(
-        given["scenario"],
-        given["ego"],
-        given["policy"],
-        predictor=given["predictor"] or None,
-        ego_id=whole("ego_id", given["ego_id"]),
-        seed=whole("seed", given["seed"]),
-        settings=settings(given["set"]),
+        values["scenario"],
+        values["ego"],
+        values["policy"],
+        predictor=values["predictor"] or None,
+        ego_id=whole("ego_id", values["ego_id"]),
+        seed=whole("seed", values["seed"]),
+        settings=settings(values["set"]),
     )
-    how = GraphOptions(
-        given["scenario"],
-        Path(given["out"] or f"bags/{plan.scenario.name}"),
-        overwrite=given["overwrite"] == "true",
-        progress="none",
-        **{name: given[name] for name in ("mode", "on_missing", "on_invalid", "ego_interface")},
-    )
+    out, overwrite = Path(values["out"] or f"bags/{plan.scenario.name}"), values["overwrite"] == "true"
+    bridge = {name: values[name] for name in ("mode", "on_missing", "on_invalid", "ego_interface")}
     nodes = {
         node.name: Node(
             package=node.package, executable=node.executable, parameters=[dict(node.parameters)], output="screen"
         )
-        for node in nodes_of(plan, how)
+        for node in nodes_of(plan, values["scenario"], out, overwrite=overwrite, progress="none", **bridge)
     }
-    check_output(how.out, how.overwrite)
+    check_output(out, overwrite)
     hold_for_this_process(whole("ROS_DOMAIN_ID", os.environ.get("ROS_DOMAIN_ID", "")) or 0)
-    over = EmitEvent(event=Shutdown(reason=f"the run is over, recorded in {how.out}"))
+    over = EmitEvent(event=Shutdown(reason=f"the run is over, recorded in {out}"))
     running = {BRIDGE, RECORDER}
     handlers = [
         RegisterEventHandler(OnProcessExit(target_action=nodes[name], on_exit=on_exit(name, running, over)))
@@ -104,7 +99,7 @@ def graph(context: LaunchContext) -> list[object]:
 
 
 def whole(name: str, text: str) -> int | None:
-    """The whole number that an argument holds; None where it is empty.
+    """Returns the whole number that an argument holds; None where it is empty.
 
     Raises:
         InputError: it holds something else.
@@ -116,36 +111,27 @@ def whole(name: str, text: str) -> int | None:
 
 
 def settings(text: str) -> list[tuple[str, str, Any]]:
-    """Stage, name and value of each parameter in `set`, split as a shell splits words.
+    """Returns stage, name and value of each parameter in `set`, which is split as a shell does.
 
     Raises:
         InputError: they are not of that form.
     """
     try:
-        return [one_setting(each) for each in shlex.split(text)]
+        return [one_setting(setting) for setting in shlex.split(text)]
     except (ArgumentTypeError, ValueError) as error:  # shlex: of quotes that are not closed
         raise InputError(f"set:={text}: {error}") from None
 
 
 def on_exit(name: str, running: set[str], over: EmitEvent) -> Callable[[Any, object], EmitEvent | None]:
-    """What is done when the node `name` ends: `over` once it is the last of those that are `running`.
+    """Returns what is done when the node `name` ends: `over` once it is the last of those that are `running`.
 
     The bridge is still closing when the recorder has ended, and a node that is sent SIGINT does not end with 0.
     """
 
     def ended(event: Any, _: object) -> EmitEvent | None:
-        if event.returncode != 0:
-            failed(name, event.returncode)
+        if event.returncode != 0:  # only an exception ends the launch with an exit status that is not 0
+            raise RuntimeError(f"node {name} ended with exit status {event.returncode}; the run is not complete")
         running.discard(name)
         return None if running else over
 
     return ended
-
-
-def failed(name: str, status: int) -> None:
-    """End the launch with an exit status that is not 0, which only an exception does.
-
-    Raises:
-        RuntimeError: always.
-    """
-    raise RuntimeError(f"node {name} ended with exit status {status}; the run is not complete")

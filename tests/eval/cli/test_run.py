@@ -9,7 +9,7 @@ import pytest
 
 from litsim_eval.cli import run
 from litsim_sim.core.errors import EXIT_INTERRUPTED
-from litsim_sim.launch.child import SIGNALS
+from litsim_sim.launch.signals import SIGNALS
 
 
 @pytest.fixture

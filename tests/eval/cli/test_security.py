@@ -9,7 +9,7 @@ import pytest
 
 from litsim_eval.cli.security import main
 from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES, RECORDER
-from litsim_sim.launch.executables import program_of
+from litsim_sim.launch.nodes import program_of
 
 
 def enclaves(path: Path) -> dict[str, list[str]]:

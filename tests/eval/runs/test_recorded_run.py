@@ -14,7 +14,7 @@ from rclpy.serialization import serialize_message
 from damage import FLIP, REFUSED, damages, outcomes
 from litsim_eval.runs.recorded_run import open_record
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import EgoCommand
+from litsim_sim.core.scene import STEP_NS, EgoCommand
 from litsim_sim.record.bag import BagReader, BagWriter, qos_yaml
 from litsim_sim.ros import messages, topics
 from litsim_sim.ros.definitions import type_hash, type_name
@@ -59,7 +59,7 @@ def write(scenario: Scenario, tmp_path: Path) -> Callable[..., Path]:
                 run_info = RunInfo(header=messages.header(0), **facts)
                 writer.write(topics.RUN_INFO.name, serialize_message(run_info), 0)
             for topic, step, message in said:
-                writer.write(topic.name, serialize_message(message), messages.nanoseconds(step))
+                writer.write(topic.name, serialize_message(message), step * STEP_NS)
         return tmp_path / "bag"
 
     return bag

@@ -21,6 +21,7 @@ from litsim_policy.conflict.messages import takeovers_to_message
 from litsim_predictor.messages import forecast_to_message
 from litsim_predictor.models import DEFAULT_MODEL, PredictorConfig, make_predictor
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import STEP_NS
 from litsim_sim.record.bag import BagWriter, qos_yaml
 from litsim_sim.ros import messages, topics
 from litsim_sim.ros.definitions import type_hash, type_name
@@ -79,7 +80,7 @@ def write(answered: Any, tmp_path: Path) -> Callable[..., Path]:
                 writer.write(topics.STATUS.name, serialize_message(status), 0)
             for topic, step, message in found:
                 if (changed := tamper(topic, step, message)) is not None:
-                    writer.write(topic, serialize_message(changed), messages.nanoseconds(step))
+                    writer.write(topic, serialize_message(changed), step * STEP_NS)
         return tmp_path / "bag"
 
     return bag

@@ -12,9 +12,8 @@ from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.path_kernels import CHUNK
 from litsim_policy.motion.reference_path import ReferencePath, pursuit_yaw_rate
-from litsim_sim.core.scene import ARRAY_FIELDS
+from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.scenario.batched import BITS, BatchedTable
 
 
 @st.composite
@@ -105,10 +104,10 @@ def test_in_each_of_several_scenes_vehicles_see_what_they_would_see_without_the_
         for size in (5, 12, 8)
     ]
     columns = {f: np.concatenate([getattr(scene, f) for scene in scenes]) for f in ARRAY_FIELDS[1:]}
-    ids = np.concatenate([(k << BITS) + scene.id for k, scene in enumerate(scenes)])
+    ids = np.arange(25)
     batch = PathBatch([path.points for path in paths])
     rows, path = random.permutation(len(ids))[:9], random.integers(len(paths), size=9)
-    view = along_paths(batch, BatchedTable(0, ids, **columns), rows, path=path)
+    view = along_paths(batch, AgentTable(0, ids, **columns, scene=np.repeat(np.arange(3), (5, 12, 8))), rows, path=path)
     begin = np.array([0, 5, 17])
     for k, row in enumerate(rows.tolist()):
         at = int(np.searchsorted(begin, row, "right")) - 1

@@ -49,17 +49,19 @@ def test_the_medians_of_all_who_were_calibrated(scenario: Scenario) -> None:
 def test_drawn_drivers_differ_from_each_other_and_not_from_run_to_run(make_scenario: Any, track: Any) -> None:
     behind = [track(k, x=200.0 - 20.0 * (k - 1)) for k in range(2, 6)]
     every = np.concatenate([rows for _, rows in sorted(calibrated().drivers.items())])
-    found = []
+    accelerations = []
     for seed in (0, 0, 1):
         scenario = make_scenario(track(1, x=200.0), *behind, seed=seed)
         policy = IdmPolicy(scenario, IdmPolicyConfig(drivers="drawn"))
         policy.act(scenario.log.table(5), takeovers_in_region(5, 3))  # who was driven before does not matter
-        found.append(policy.act(scenario.log.table(5), takeovers_in_region(5, 2, 3, 4, 5)).acceleration.tolist())
-    assert found[0] == found[1] != found[2]
-    assert len(set(found[0])) == 4
+        accelerations.append(
+            policy.act(scenario.log.table(5), takeovers_in_region(5, 2, 3, 4, 5)).acceleration.tolist()
+        )
+    assert accelerations[0] == accelerations[1] != accelerations[2]
+    assert len(set(accelerations[0])) == 4
     possible = [every[:, 3] * (1 - (SPEED / every[:, 0]) ** 4 - ((every[:, 2] + SPEED * every[:, 1]) / 15.5) ** 2)]
     possible = np.maximum(possible[0], -8.0)
-    assert all(np.isclose(possible, each).any() for each in found[0])
+    assert all(np.isclose(possible, each).any() for each in accelerations[0])
 
 
 def test_it_brakes_no_harder_than_it_may(make_scenario: Any, track: Any) -> None:

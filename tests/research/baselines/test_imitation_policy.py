@@ -63,7 +63,7 @@ def test_what_the_network_says_is_done_within_its_bounds(scenario: Scenario) -> 
 
 
 def test_drawn_actions_are_the_agents_own(make_scenario: Any, track: Any) -> None:
-    config, found = ImitationConfig(actions="drawn"), {}
+    config, by_seed = ImitationConfig(actions="drawn"), {}
     for seed in (0, 1):
         scenario = make_scenario(*(track(k, x=220.0 - 20.0 * k) for k in range(1, 5)), seed=seed)
         policy = ImitationPolicy(scenario, config, network(0.0, 0.0))
@@ -72,8 +72,8 @@ def test_drawn_actions_are_the_agents_own(make_scenario: Any, track: Any) -> Non
         assert together[1] == alone[0], "whoever else is driven"
         assert len(set(together.tolist())) == 3
         assert policy.act(scenario.log.table(6), takeovers_in_region(6, 3)).acceleration[0] != alone[0]
-        found[seed] = alone[0]
-    assert found[0] != found[1]
+        by_seed[seed] = alone[0]
+    assert by_seed[0] != by_seed[1]
 
 
 def test_numpy_and_torch_say_the_same(tmp_path: Path) -> None:
@@ -104,9 +104,9 @@ def test_numpy_and_torch_say_the_same(tmp_path: Path) -> None:
 )
 def test_files_that_are_wrong(tmp_path: Path, tensors: Any, metadata: dict[str, str], said: str) -> None:
     save(TrafficPolicy(), tmp_path / "w.safetensors", {})
-    found = {**load_file(tmp_path / "w.safetensors"), **tensors}
+    contents = {**load_file(tmp_path / "w.safetensors"), **tensors}
     path = tmp_path / "wrong.safetensors"
-    save_file({k: v for k, v in found.items() if v is not None}, str(path), {"format": FORMAT} | metadata)
+    save_file({k: v for k, v in contents.items() if v is not None}, str(path), {"format": FORMAT} | metadata)
     with pytest.raises(InputError, match=said) as error:
         ImitationConfig(weights=str(path)).network("gail")
     assert str(path) in str(error.value)

@@ -108,10 +108,10 @@ def test_the_backbones_of_simnet(out: Path, tmp_path: Path, capsys: pytest.Captu
     said = onnx.numpy_helper.from_array(np.zeros((1, OUTPUTS), np.float32))  # that everybody stops where he is
     nodes = [helper.make_node("Constant", [], ["future"], value=said)]
     shapes = {"raster": [1, CHANNELS, PAPER.rows, PAPER.columns], "future": [1, OUTPUTS]}
-    given, found = (
+    given, output = (
         helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, shape) for name, shape in shapes.items()
     )
-    graph = helper.make_graph(nodes, "stops", [given], [found])
+    graph = helper.make_graph(nodes, "stops", [given], [output])
     model = helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 18)])
     helper.set_model_props(model, {"format": FORMAT})
     onnx.save(model, weights)

@@ -71,9 +71,9 @@ def run(monkeypatch: pytest.MonkeyPatch, *words: str | Path) -> None:
 
 
 def test_constant_velocity_is_off_by_half_the_acceleration_times_the_square_of_time(write: Write) -> None:
-    found = measure("--recording", write(0.4, 0.4))
-    assert list(found) == NAMES
-    measures = found["constant_velocity"]
+    scores = measure("--recording", write(0.4, 0.4))
+    assert list(scores) == NAMES
+    measures = scores["constant_velocity"]
     assert (measures["samples"], measures["scenes"]) == (2 * SCENES, SCENES)
     assert list(measures["rmse"]) == SECONDS
     assert list(measures["rmse"].values()) == pytest.approx([0.2, 0.8, 1.8, 3.2, 5.0], abs=1e-3)
@@ -91,25 +91,25 @@ def test_where_constant_velocity_is_right_there_is_no_ratio_to_it(write: Write) 
     table = Recording.read(path).table
     table["x"], table["speed"] = 50.0, 0.0
     Recording.from_table(RecordingHeader("rest", net="us101_like"), table, "rest").write(path)
-    found = measure("--recording", path)["kinematic"]
-    assert found["rmse"] == dict.fromkeys(SECONDS, 0.0)
-    assert found["ratio_to_constant_velocity"] == dict.fromkeys(SECONDS)
+    scores = measure("--recording", path)["kinematic"]
+    assert scores["rmse"] == dict.fromkeys(SECONDS, 0.0)
+    assert scores["ratio_to_constant_velocity"] == dict.fromkeys(SECONDS)
 
 
 def test_several_recordings_are_scored_as_one(write: Write) -> None:
     slow, fast = write(0.2, name="slow"), write(0.4, name="fast")
-    found = measure("--recording", slow, fast)["constant_velocity"]
-    assert (found["samples"], found["protocol"]["sources"]) == (2 * SCENES, ["slow", "fast"])
-    assert found["rmse"]["5"] == pytest.approx(np.sqrt(0.5 * (2.5**2 + 5.0**2)), abs=1e-3)
+    scores = measure("--recording", slow, fast)["constant_velocity"]
+    assert (scores["samples"], scores["protocol"]["sources"]) == (2 * SCENES, ["slow", "fast"])
+    assert scores["rmse"]["5"] == pytest.approx(np.sqrt(0.5 * (2.5**2 + 5.0**2)), abs=1e-3)
 
 
 def test_a_split_scores_the_vehicles_of_its_part(write: Write) -> None:
     path = write(*[0.0] * 9, 0.2, *[0.4] * 3)
     rmse = {"train": (9, 0.0), "val": (1, 2.5), "test": (3, 5.0)}
     for part, (vehicles, at_5) in rmse.items():
-        found = measure("--recording", path, "--split", part)["constant_velocity"]
-        assert found["samples"] == vehicles * SCENES
-        assert found["rmse"]["5"] == pytest.approx(at_5, abs=1e-3)
+        scores = measure("--recording", path, "--split", part)["constant_velocity"]
+        assert scores["samples"] == vehicles * SCENES
+        assert scores["rmse"]["5"] == pytest.approx(at_5, abs=1e-3)
 
 
 def test_stride_is_the_time_between_scenes(write: Write) -> None:
@@ -136,11 +136,11 @@ def test_any_file_of_weights_is_a_model_and_answers_are_the_same_again(write: Wr
     path = write(0.4, -0.3)
     once, again = (measure(untrained, "--recording", path) for _ in range(2))
     assert once == again
-    found = once[str(untrained)]
-    assert found["min_ade"] < found["joint_ade"] < found["ade"]
+    scores = once[str(untrained)]
+    assert scores["min_ade"] < scores["joint_ade"] < scores["ade"]
     by_batch = measure(untrained, "--recording", path, "--batch", "1")[str(untrained)]
     for name in ("nll", "ade", "min_ade", "joint_ade"):
-        assert by_batch[name] == pytest.approx(found[name], rel=1e-4)
+        assert by_batch[name] == pytest.approx(scores[name], rel=1e-4)
 
 
 def test_a_scenario_is_evaluated_with_conflicts(make_scenario: Callable[..., Any], track: Any) -> None:
@@ -148,10 +148,10 @@ def test_a_scenario_is_evaluated_with_conflicts(make_scenario: Callable[..., Any
         track(1, x=20.0, speed=10.0, last=120), track(2, x=100.0, speed=0.0, last=120), history_steps=30
     )
     path = Path(scenario.file.recording).with_name("made.yaml")
-    found = measure("--scenario", path)
-    assert found["constant_velocity"]["conflicts_by_drive"]["keeps_speed"]["1"]["recall"] == 1.0
-    of_kinds = found["constant_velocity"]["conflicts_by_drive"].values()
-    for second, counts in found["constant_velocity"]["conflicts"].items():
+    scores = measure("--scenario", path)
+    assert scores["constant_velocity"]["conflicts_by_drive"]["keeps_speed"]["1"]["recall"] == 1.0
+    of_kinds = scores["constant_velocity"]["conflicts_by_drive"].values()
+    for second, counts in scores["constant_velocity"]["conflicts"].items():
         for name in ("predicted", "real", "pairs"):
             assert counts[name] == sum(kind[second][name] for kind in of_kinds)
     assert "conflicts" not in measure("--scenario", path, "--egos", "none")["constant_velocity"]
@@ -172,9 +172,9 @@ def test_without_a_net_the_map_is_empty(write: Write, untrained: Path) -> None:
 
 
 def test_a_net_that_is_not_there_is_reported_and_done_without(write: Write, caplog: Any) -> None:
-    found = measure("--recording", write(0.4, net="lost.net.xml"))
+    scores = measure("--recording", write(0.4, net="lost.net.xml"))
     assert "lost.net.xml" in caplog.text
-    assert found["constant_velocity"]["samples"] == SCENES
+    assert scores["constant_velocity"]["samples"] == SCENES
 
 
 def test_a_net_that_was_asked_for_must_be_there(write: Write) -> None:
@@ -190,9 +190,9 @@ def test_the_command_writes_json_and_a_picture_and_prints_the_table(
 ) -> None:
     out, picture = tmp_path / "out.json", tmp_path / "out.png"
     run(monkeypatch, "--models", "kinematic", "--recording", write(0.4), "--json", out, "--plot", picture)
-    found = json.loads(out.read_text())
-    assert set(found) == {"constant_velocity", "kinematic"}  # the reference is always there
-    for measures in found.values():
+    scores = json.loads(out.read_text())
+    assert set(scores) == {"constant_velocity", "kinematic"}  # the reference is always there
+    for measures in scores.values():
         assert set(measures["calibration"]) == {"50", "90"}
         assert list(measures["rmse"]) == list(measures["nll_at"]) == SECONDS
     assert picture.read_bytes().startswith(b"\x89PNG")
@@ -209,7 +209,7 @@ def test_comma_separated_values(write: Write, monkeypatch: pytest.MonkeyPatch, c
 
 
 def test_by_default_all_models_that_come_with_the_package_are_compared() -> None:
-    assert list(load_models(COMPARED, "cpu")) == [*NAMES, *SHIPPED]
+    assert list(load_models(COMPARED, "cpu", along_lanes=True)) == [*NAMES, *SHIPPED]
 
 
 # What cannot be used

@@ -32,10 +32,10 @@ def scenario(make_scenario: Any, track: Any) -> Scenario:
 
 def test_those_nearest_to_the_ego_are_driven(scenario: Scenario) -> None:
     everybody = TrafficEpisodes([scenario], 10, 60.0)
-    assert everybody.batch.own(0, everybody.agents).tolist() == [2, 3]
+    assert everybody.batch.log.recorded_ids[everybody.agents].tolist() == [2, 3]
     assert everybody.seen.shape == (2, SIZE)
     nearest = TrafficEpisodes([scenario, scenario], 1, 60.0)
-    assert [nearest.batch.told(k)(agent) for k, agent in enumerate(nearest.agents.tolist())] == [3, 3]
+    assert [nearest.batch.recorded_id_in(k)(agent) for k, agent in enumerate(nearest.agents.tolist())] == [3, 3]
 
 
 def test_who_is_told_to_do_as_he_does_stays_on_his_log(scenario: Scenario) -> None:
@@ -73,10 +73,10 @@ def test_who_drives_into_another_is_at_fault_and_drives_on(scenario: Scenario) -
 def test_tracks_are_the_agents_own(scenario: Scenario) -> None:
     torch.manual_seed(0)
     policy = TrafficPolicy()
-    found = drive([scenario, scenario.around(3, None)], policy, 10, 40.0, 12, torch.Generator().manual_seed(0))
+    drawn = drive([scenario, scenario.around(3, None)], policy, 10, 40.0, 12, torch.Generator().manual_seed(0))
     alone = TrafficEpisodes([scenario], 10, 40.0)
-    assert len(found.tracks) == 4 and all(len(track) == 12 for track in found.tracks)
-    for track, first in zip(found.tracks, alone.seen, strict=False):
+    assert len(drawn.tracks) == 4 and all(len(track) == 12 for track in drawn.tracks)
+    for track, first in zip(drawn.tracks, alone.seen, strict=False):
         assert np.array_equal(track.observation[0], first)
         assert track.observation.shape == (13, SIZE) and not track.terminated
         density = policy.log_probability(
@@ -84,7 +84,7 @@ def test_tracks_are_the_agents_own(scenario: Scenario) -> None:
         )
         assert track.log_probability == pytest.approx(density.detach().numpy(), abs=1e-4)
     means = [drive([scenario], policy, 10, 40.0, 12, None).tracks[0].raw for _ in range(2)]
-    assert np.array_equal(*means) and not np.array_equal(means[0], found.tracks[0].raw)
+    assert np.array_equal(*means) and not np.array_equal(means[0], drawn.tracks[0].raw)
 
 
 def test_drivers_are_seen_as_they_drove(make_scenario: Any, track: Any) -> None:

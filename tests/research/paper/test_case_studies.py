@@ -24,16 +24,16 @@ TURN_37, TURN_50 = ("street_train_37", 128), ("street_train_50", 160)
 """Who passes before a left turn in suite small, the nearest first."""
 
 
-def campaign(found: dict[tuple[int, str], dict[str, Any]], **turns: list[int]) -> Campaign:
+def campaign(metrics: dict[tuple[int, str], dict[str, Any]], **turns: list[int]) -> Campaign:
     """Results of egos of the demo, by ego and policy; `turns` are left turns of egos, as `ego_5`, across others."""
     cases = campaigns.cases(
         cases=[
             {"scenario": "demo", "ego_id": ego, "events": [_turn(other) for other in turns.get(f"ego_{ego}", [])]}
-            for ego in sorted({ego for ego, _ in found})
+            for ego in sorted({ego for ego, _ in metrics})
         ],
         policies=["replay", "litsim"],
     )
-    results = [RunResult(case, Verdict.PASSED, "", (), found[case.ego_id, case.policy]) for case in cases]
+    results = [RunResult(case, Verdict.PASSED, "", (), metrics[case.ego_id, case.policy]) for case in cases]
     return Campaign(Path(), "some", campaigns.CRITERIA, {}, tuple(cases), tuple(results), "")
 
 
@@ -48,7 +48,7 @@ def run(*contacts: tuple[int, int, int, bool], taken: int = 1) -> dict[str, Any]
 
 
 def test_the_first_that_replay_fails_and_ours_resolves_is_shown() -> None:
-    found = {
+    metrics = {
         (1, "replay"): run((2, 3, 50, False)),  # not of the ego
         (1, "litsim"): run(),
         (2, "replay"): run((2, 3, 40, True)),  # of the log
@@ -62,25 +62,27 @@ def test_the_first_that_replay_fails_and_ours_resolves_is_shown() -> None:
         (7, "replay"): run((7, 9, 10, False)),
         (7, "litsim"): run(),
     }
-    study = chosen(campaign(found))
+    study = chosen(campaign(metrics))
     assert study is not None
     assert (study.replay.ego_id, study.replay.policy, study.ours.policy, study.contact) == (5, "replay", "litsim", 70)
-    assert chosen(campaign({key: found[key] for key in found if key[0] < 5})) is None
+    assert chosen(campaign({key: metrics[key] for key in metrics if key[0] < 5})) is None
 
 
 def test_a_left_turn_is_shown_whose_paths_cross() -> None:
-    found = {
+    metrics = {
         (1, "replay"): run((1, 8, 50, False), (1, 9, 70, False)),  # run into from behind, before the turn
         (2, "replay"): run((2, 9, 60, False)),  # which is the other of a crossing, not of a turn
         (3, "replay"): run((3, 9, 60, True), (3, 7, 80, False)),  # which the log has
         (4, "replay"): run((4, 8, 90, False), (4, 9, 55, False)),
         (5, "replay"): run((5, 9, 40, False)),
     }
-    found |= {(ego, "litsim"): run() for ego, _ in found}
+    metrics |= {(ego, "litsim"): run() for ego, _ in metrics}
     crossed = {"ego_1": [9], "ego_3": [9], "ego_4": [3, 9], "ego_5": [9]}
-    study = chosen(campaign(found, **crossed), EventKind.LEFT_TURN)
+    study = chosen(campaign(metrics, **crossed), EventKind.LEFT_TURN)
     assert study is not None and (study.ours.ego_id, study.contact) == (4, 55)
-    assert chosen(campaign({key: found[key] for key in found if key[0] < 4}, **crossed), EventKind.LEFT_TURN) is None
+    assert (
+        chosen(campaign({key: metrics[key] for key in metrics if key[0] < 4}, **crossed), EventKind.LEFT_TURN) is None
+    )
 
 
 def test_candidates_of_the_street_pass_before_the_other_turns(tmp_path: Path) -> None:

@@ -36,9 +36,9 @@ def test_all_methods_are_measured_over_the_agents_that_any_of_them_drives() -> N
         "one": {key(7): run(agent(1, 0.1, 2.0), agent(2, 1.0, 4.0))},
         "other": {key(7): run(agent(2, 0.5, 1.0), agent(3, 2.0, 6.0))},
     }
-    found = ade_parts(methods, 5, "driven")
-    assert found["one"][key(7)] == Part(0, 50 * 2.0 + 50 * 4.0, 150.0)
-    assert found["other"][key(7)] == Part(0, 50 * 1.0 + 50 * 6.0, 150.0)
+    parts = ade_parts(methods, 5, "driven")
+    assert parts["one"][key(7)] == Part(0, 50 * 2.0 + 50 * 4.0, 150.0)
+    assert parts["other"][key(7)] == Part(0, 50 * 1.0 + 50 * 6.0, 150.0)
     everybody = ade_parts(methods, 5, "all")
     assert everybody["one"][key(7)] == Part(0, 300.0, 500.0)
     assert everybody["other"][key(7)].below == 500.0
@@ -77,9 +77,9 @@ def test_counts_are_sums() -> None:
 
 def test_the_spread_is_that_of_the_draws() -> None:
     parts = {key(1, 0): Part(0, 1.0, 1.0), key(2, 0): Part(0, 3.0, 1.0), key(3, 1): Part(1, 4.0, 1.0)}
-    found = figure(parts)
-    assert found.value == pytest.approx(8 / 3)
-    assert found.spread == pytest.approx(2**0.5)  # of 2 and 4
+    measure = figure(parts)
+    assert measure.value == pytest.approx(8 / 3)
+    assert measure.spread == pytest.approx(2**0.5)  # of 2 and 4
     assert figure({key(1): Part(0, 1.0, 1.0)}).spread is None
 
 

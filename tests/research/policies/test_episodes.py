@@ -68,7 +68,7 @@ def test_who_makes_others_brake_shares_their_penalties(make_scenario, track, lan
 
 def test_driven_agents_are_observed(traffic) -> None:
     episodes = begun(traffic)
-    agents = episodes.batch.own(0, episodes.driven)
+    agents = episodes.batch.log.recorded_ids[episodes.driven]
     assert 2 <= len(agents) <= SMALL.slots and (np.diff(agents) > 0).all()
     assert (np.abs(episodes.seen).sum(axis=1) > 0).all() and len(episodes.seen) == len(agents)
     assert traffic.ego_id not in agents
@@ -115,7 +115,7 @@ def test_a_road_that_empties_is_no_failure(make_scenario, track, seed: int) -> N
     scenario = make_scenario(*tracks, track(3, x=100.0, first=120, last=130))
     episodes = begun(scenario, EnvironmentConfig(slots=2, drafted=2), seed)
     outcomes = driven(episodes, action=0.9)
-    assert {tuple(episodes.batch.own(0, outcome.agents)) for outcome in outcomes} == {(2,)}
+    assert {tuple(episodes.batch.log.recorded_ids[outcome.agents]) for outcome in outcomes} == {(2,)}
     left = outcomes[-1]
     assert (left.following == outcomes[-2].following).all(), "the last observation that there is"
     assert not left.driven_on.any() and not left.terminated.any() and left.penalty.tolist() == [0.0]

@@ -29,7 +29,6 @@ from litsim_research.policies.rollout import (
     validate,
 )
 from litsim_sim.core.errors import InputError
-from litsim_sim.scenario.batched import BITS
 
 SMALL = EnvironmentConfig(steps_max=20, slots=4, drafted=3)
 
@@ -93,8 +92,9 @@ def test_the_share_of_collided_episodes_counts_episodes(busy, policy, config, mo
     real = episodes.penalties
 
     def hit(before, after, agents, *others) -> Penalties:
-        place = np.arange(len(agents)) - np.searchsorted(agents, (agents >> BITS) << BITS)
-        collide = (place < 2) & ((agents >> BITS) % 2 == 0)
+        scene = before.scene[before.rows(agents)]
+        place = np.arange(len(agents)) - np.searchsorted(scene, scene)
+        collide = (place < 2) & (scene % 2 == 0)
         return dataclasses.replace(real(before, after, agents, *others), collision=collide)
 
     monkeypatch.setattr(episodes, "penalties", hit)

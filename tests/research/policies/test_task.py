@@ -13,8 +13,7 @@ from litsim_policy.motion.reference_path import logged_path
 from litsim_research.policies.drafts import Drafts
 from litsim_research.policies.draw import Start
 from litsim_research.policies.task import TaskConfig, all_nearest, nearest, recorded_task
-from litsim_sim.core.scene import ARRAY_FIELDS
-from litsim_sim.scenario.batched import BITS, BatchedScenario, BatchedTable
+from litsim_sim.scenario.batched import BatchedScenario
 from litsim_sim.scenario.scenario import Scenario
 
 
@@ -55,8 +54,8 @@ def test_the_nearest_is_of_the_same_scene(agent_table: Any) -> None:
     table = agent_table(0, {"id": 1, "x": 0.0}, {"id": 2, "x": 9.0}, {"id": 3, "x": 5.0})
     assert [nearest(table, row) for row in range(3)] == [3, 3, 2]
     assert nearest(agent_table(0, {"id": 1, "x": 0.0}), 0) == NOBODY
-    scenes = BatchedTable(0, table.id + np.array([0, 0, 1 << BITS]), *(getattr(table, f) for f in ARRAY_FIELDS[1:]))
-    assert all_nearest(scenes, np.arange(3)).tolist() == [2, 1, NOBODY]
+    table.scene = np.array([0, 0, 1])
+    assert all_nearest(table, np.arange(3)).tolist() == [2, 1, NOBODY]
 
 
 @pytest.mark.parametrize("goal_steps", [(5, 4), (-20, 0)])

@@ -20,11 +20,11 @@ CHECK = f"""
 import sys
 from pathlib import Path
 from litsim_sim.cli import launch
-from litsim_sim.launch.nodes import GraphOptions, nodes_of
+from litsim_sim.launch.nodes import nodes_of
 from litsim_sim.nodes.shared import prepare_nodes
 arguments = launch.parser().parse_args(["--ego", "idm", "--policy", "litsim"])
 plan = launch.plan_of(arguments)
-nodes_of(plan, GraphOptions(arguments.scenario, Path("out")))
+nodes_of(plan, arguments.scenario, Path("out"))
 plan.scenario.recording.to_parquet()
 prepare_nodes()
 import litsim_policy.driving.stages_node, litsim_policy.ego.node, litsim_sim.nodes.recorder
@@ -50,6 +50,9 @@ def test_neither_the_launcher_nor_its_nodes_import_a_library_that_they_do_not_ne
             "error: no stage of this run: policy; expected bridge, ",
         ),
         (("--", "true"), "the ego is idm, expected --ego external"),
+        (("--scenario", "none.yaml"), "none.yaml: no such scenario; expected a YAML file, or one of demo"),
+        (("--ego-id", "4711"), "field ego: no vehicle 4711"),
+        (("--domain-id", "233"), "error: ROS_DOMAIN_ID is '233', expected 0 to 232"),
         (
             ("--ego", "external", "--", "no_such_stack"),
             "no_such_stack: no such program, expected the command that starts",
@@ -68,6 +71,7 @@ def test_options_that_are_wrong(
         main(list(words))
     assert stop.value.code == 2
     assert said in capsys.readouterr().err.splitlines()[-1]
+    assert not list(tmp_path.iterdir()), "nothing is left behind"
 
 
 @pytest.mark.parametrize("more", [[], ["--overwrite"]])

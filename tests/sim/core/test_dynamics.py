@@ -72,11 +72,6 @@ def test_commands_within_the_limits_are_not_cut(speed: float, acceleration: floa
             assert after.yaw_rate[0] == yaw_rate
 
 
-@pytest.mark.parametrize(("command", "applied"), [(100.0, 4.0), (-100.0, -8.0), (3.9, 3.9), (-7.9, -7.9)])
-def test_acceleration_is_cut_at_its_limits(command: float, applied: float) -> None:
-    assert step(motion(20.0), command, 0.0).acceleration[0] == pytest.approx(applied)
-
-
 def test_yaw_rate_is_cut_by_curvature_when_slow_and_by_grip_when_fast() -> None:
     slow, fast = step(motion(2.0), 0.0, 9.0), step(motion(30.0), 0.0, -9.0)
     assert slow.yaw_rate[0] == pytest.approx(LIMITS.curvature_max * 2.0)
@@ -141,12 +136,6 @@ def test_a_stop_within_a_step_reports_the_braking_that_was_needed() -> None:
     assert after.x[0] == pytest.approx(0.5 * 0.2 * STEP_S)
 
 
-def test_who_starts_from_rest_may_turn() -> None:
-    after = step(motion(0.0), 2.0, 1.0)
-    assert after.speed[0] == pytest.approx(0.2)
-    assert 0.0 < after.yaw_rate[0] <= LIMITS.curvature_max * 0.1 + ROUNDING
-
-
 # Turning
 
 
@@ -164,13 +153,6 @@ def test_a_constant_turn_is_a_circle(yaw_rate: float) -> None:
     np.testing.assert_allclose(np.hypot(*(axle - middle).T), radius, atol=1e-9)
     centre = np.array([[s.x[0], s.y[0]] for s in states])
     np.testing.assert_allclose(np.hypot(*(centre - middle).T), np.hypot(radius, LIMITS.rear_axle * LENGTH), atol=1e-9)
-
-
-def test_left_is_a_positive_yaw_rate() -> None:
-    left, right = drive(motion(), 20, 0.0, 0.2)[-1], drive(motion(), 20, 0.0, -0.2)[-1]
-    assert left.y[0] > 1.0
-    assert right.y[0] == pytest.approx(-left.y[0])
-    assert right.x[0] == pytest.approx(left.x[0])
 
 
 @given(speeds, headings, commands, commands, st.floats(2.0, 25.0))

@@ -135,16 +135,6 @@ def test_the_least_overlap_counts() -> None:
     assert overlap(still, still)
 
 
-def test_a_cross_overlaps_although_no_corner_lies_inside() -> None:
-    assert overlap((0.0, 0.0, 0.0, 10.0, 1.0), (0.0, 0.0, np.pi / 2, 10.0, 1.0))
-
-
-def test_bounding_circles_and_axis_aligned_bounds_do_not_decide() -> None:
-    slanted = (0.0, 0.0, np.pi / 4, 10.0, 1.0)
-    assert not overlap(slanted, (2.0, -2.0, np.pi / 4, 10.0, 1.0))  # parallel, 2.8 m apart
-    assert overlap(slanted, (0.5, -0.5, np.pi / 4, 10.0, 1.0))  # parallel, 0.7 m apart
-
-
 @given(st.floats(-5, 5), st.floats(-5, 5), st.floats(-4, 4), st.floats(-4, 4), st.floats(-4, 4))
 def test_overlap_is_symmetric_and_does_not_depend_on_the_frame(
     dx: float, dy: float, yaw_a: float, yaw_b: float, turn: float
@@ -180,30 +170,11 @@ def test_pairs_agree_with_shapely(count: int, spread: float) -> None:
     assert found > 0 or count < 60
 
 
-def test_pairs_ascend_whatever_the_order_of_the_boxes() -> None:
-    boxes = random_boxes(np.random.default_rng(9), 80, 60.0)
-    order = np.random.default_rng(10).permutation(80)
-    shuffled = tuple(v[order] for v in boxes)
-    pairs = overlapping_pairs(*shuffled)
-    assert (pairs[:, 0] < pairs[:, 1]).all()
-    assert pairs.tolist() == sorted(pairs.tolist())
-    again = np.sort(order[pairs], axis=1)
-    assert sorted(again.tolist()) == overlapping_pairs(*boxes).tolist()
-
-
 def test_no_boxes_no_pairs() -> None:
     none = np.empty(0)
     assert overlapping_pairs(none, none, none, none, none).shape == (0, 2)
     far = overlapping_pairs(np.array([0.0, 50.0]), np.zeros(2), np.zeros(2), np.full(2, 4.0), np.full(2, 2.0))
     assert far.shape == (0, 2)
-
-
-def test_a_queue_bumper_to_bumper_has_no_pairs_until_one_moves_up() -> None:
-    x, zeros = 4.0 * np.arange(5), np.zeros(5)
-    sizes = np.full(5, 4.0), np.full(5, 2.0)
-    assert len(overlapping_pairs(x, zeros, zeros, *sizes)) == 0
-    x[3] -= 0.25
-    assert overlapping_pairs(x, zeros, zeros, *sizes).tolist() == [[2, 3]]
 
 
 def test_a_long_vehicle_is_found_by_those_beyond_its_centre() -> None:
@@ -219,12 +190,3 @@ def test_to_body_says_ahead_and_left() -> None:
     ahead, left = to_body(np.array([0.0, 3.0, 0.0]), np.array([2.0, 0.0, -2.0]), np.pi / 2 * np.ones(3))
     np.testing.assert_allclose(ahead, [2.0, 0.0, -2.0], atol=1e-12)
     np.testing.assert_allclose(left, [0.0, -3.0, 0.0], atol=1e-12)
-
-
-@given(st.floats(-100, 100), st.floats(-100, 100), st.floats(-10, 10))
-def test_to_body_is_the_inverse_of_a_turn(ahead: float, left: float, yaw: float) -> None:
-    dx = np.array([ahead * np.cos(yaw) - left * np.sin(yaw)])
-    dy = np.array([ahead * np.sin(yaw) + left * np.cos(yaw)])
-    back = to_body(dx, dy, np.array([yaw]))
-    assert back[0][0] == pytest.approx(ahead, abs=1e-9)
-    assert back[1][0] == pytest.approx(left, abs=1e-9)

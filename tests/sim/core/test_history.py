@@ -33,22 +33,6 @@ def test_series_of_agents_that_stay_enter_and_leave(agent_table: Build) -> None:
     assert valid.tolist() == [[True] * 3, [False, False, True], [True, True, False], [False] * 3]
 
 
-def test_series_keeps_the_order_that_was_asked_for(agent_table: Build) -> None:
-    history = History(2, ["speed", "x"])
-    history.push(agent_table(0, {"id": 1, "speed": 1.0}, {"id": 2, "speed": 2.0}))
-    values, valid = history.series("speed", np.array([2, 9, 1]))
-    assert values[:, 0].tolist() == [2.0, 0.0, 1.0]
-    assert valid[:, 0].tolist() == [True, False, True]
-
-
-def test_only_the_last_steps_are_kept(agent_table: Build) -> None:
-    history = History(3, ["x"])
-    for step in range(7):
-        history.push(agent_table(step, {"id": 1, "x": float(step)}))
-        assert len(history) == min(step + 1, 3)
-    assert history.series("x", np.array([1]))[0].tolist() == [[4.0, 5.0, 6.0]]
-
-
 def test_a_window_strides_back_from_the_newest_step_as_far_as_the_history_reaches(agent_table: Build) -> None:
     history = History(10, ["x", "speed"])
     for step in range(5):
@@ -70,13 +54,6 @@ def test_a_step_that_does_not_follow_starts_afresh(agent_table: Build, step: int
     assert len(history) == 1
     values, valid = history.series("x", np.array([1]))
     assert (values.tolist(), valid.tolist()) == ([[70.0]], [[True]])
-
-
-def test_a_step_that_follows_continues(agent_table: Build) -> None:
-    history = History(10, ["x", "speed"])
-    for step in (3, 4, 5, 6):
-        history.push(agent_table(step, {"id": 1}))
-    assert len(history) == 4
 
 
 def test_series_without_agents_or_steps(agent_table: Build) -> None:

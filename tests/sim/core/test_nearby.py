@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from litsim_sim.core.nearby import around
-from litsim_sim.scenario.batched import BITS, BatchedTable
 
 
 @pytest.mark.parametrize("agents", range(16))
@@ -19,7 +18,8 @@ def test_who_is_around_the_centres_of_his_scene(table: Callable[..., Any], agent
     x, y = random.normal(0.0, 30.0, (2, agents))
     scene = np.sort(random.integers(0, 3, agents))
     centres = random.random(agents) < 0.5
-    rows = [{"id": (int(scene[k]) << BITS) + k, "x": x[k], "y": y[k]} for k in range(agents)]
-    found = around(BatchedTable.merged(0, [table(0, *rows)]), centres, radius)
+    agents_of_scenes = table(0, *({"id": k, "x": x[k], "y": y[k]} for k in range(agents)))
+    agents_of_scenes.scene = scene
+    found = around(agents_of_scenes, centres, radius)
     within = (np.hypot(x[:, None] - x, y[:, None] - y) <= radius) & (scene[:, None] == scene)
     assert found.tolist() == (centres | (within & centres[:, None]).any(axis=0)).tolist()

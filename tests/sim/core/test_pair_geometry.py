@@ -22,12 +22,6 @@ def test_overlap_is_that_of_arrays() -> None:
     assert found == expected.tolist()
 
 
-def test_touching_edges_do_not_count() -> None:
-    assert not overlap(4.0, 0.0, 0.0, 0.0, 4.0, 2.0, 4.0, 2.0)
-    assert not overlap(0.0, 2.0, 0.0, 0.0, 4.0, 2.0, 4.0, 2.0)
-    assert overlap(np.nextafter(4.0, 0.0), 0.0, 0.0, 0.0, 4.0, 2.0, 4.0, 2.0)
-
-
 @given(st.floats(-1e4, 1e4))
 def test_wrapped_angles_are_those_of_arrays(angle: float) -> None:
     assert wrapped(angle) == wrap_angle(np.array([angle]))[0]

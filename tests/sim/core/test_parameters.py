@@ -45,11 +45,6 @@ def test_values_take_the_place_of_fields_by_their_flat_names() -> None:
     assert read.values["horizon"] == 2.0 and read.values["spread"] == (1.0, 2.0) and read.values["back.name"] == "y"
 
 
-def test_whole_numbers_are_taken_for_numbers() -> None:
-    found = ParameterOverrides("conflict", {"horizon": 2, "spread": [1, 2]})(Outer())
-    assert [type(value) for value in (found.horizon, *found.spread)] == [float] * 3
-
-
 def test_what_nobody_asked_for_is_named_with_what_there_is() -> None:
     read = ParameterOverrides("conflict", {"nam": "x", "zeal": 2.0})
     read(Inner())

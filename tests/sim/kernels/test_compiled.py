@@ -234,23 +234,6 @@ def test_kernels_are_loaded_before_a_run_but_for_those_that_only_others_call(tmp
     assert run.communicate()[0].split() == ["False", "False", "True", "True"]
 
 
-def test_machine_code_of_other_types_is_not_loaded(tmp_path: Path) -> None:
-    folder = package(tmp_path)
-    (folder / "factor.py").write_text("from litsim_sim.kernels.compiled import float64 as NUMBER\nFACTOR = 2.0\n")
-    text = (
-        CALLED.format(package="made")
-        .replace("float64, kernel", "kernel")
-        .replace("import FACTOR", "import FACTOR, NUMBER")
-    )
-    (folder / "called.py").write_text(text.replace("float64(float64)", "NUMBER(NUMBER)"))
-    code = "from made.called import called; print(called(0.1), sum(called.loaded.stats.cache_misses.values()))"
-    assert result(start(folder, code))[0] == [0.2, 1.0]
-    assert result(start(folder, code))[0] == [0.2, 0.0]
-    (folder / "factor.py").write_text("from litsim_sim.kernels.compiled import float32 as NUMBER\nFACTOR = 2.0\n")
-    assert result(start(folder, code))[0] == [float(np.float32(0.2)), 1.0]
-    assert result(start(folder, code))[0] == [float(np.float32(0.2)), 0.0]
-
-
 def test_machine_code_is_made_anew_when_the_fields_of_a_named_tuple_change(tmp_path: Path) -> None:
     folder = package(tmp_path)
     pair = "from typing import NamedTuple\nclass Pair(NamedTuple):\n    {}: float\n    {}: float\n"

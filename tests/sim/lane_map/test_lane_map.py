@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString, points
 
-from litsim_data.maps.fitting import LAYOUTS, fit_lanes, fit_plan
 from litsim_data.maps.highway import HighwayPlan, Ramp, plain_xml, write_net
 from litsim_data.maps.netconvert import find_netconvert
 from litsim_sim.core.errors import InputError
@@ -152,30 +150,6 @@ def test_lanes_inside_junctions_are_handicapped() -> None:
     assert crossing.lanes[crossing.nearest(one(20.0), one(0.3)).lane[0]].id == ":j_0"
 
 
-def test_many_are_projected_as_arrays() -> None:
-    """As many functions are called for 250 poses as for one: whatever goes through them is compiled."""
-
-    def calls(poses: int) -> int:
-        rng = np.random.default_rng(0)
-        given = rng.uniform(0, 640, poses), rng.uniform(-20, 0, poses), rng.normal(0, 0.1, poses)
-        LIKE.nearest(*given)  # what is done once is done
-        count = 0
-
-        def note(_: object, event: str, __: object) -> None:
-            nonlocal count
-            count += event in ("call", "c_call")
-
-        before = sys.getprofile()
-        sys.setprofile(note)
-        try:
-            LIKE.nearest(*given)
-        finally:
-            sys.setprofile(before)
-        return count
-
-    assert 0 < calls(250) == calls(1)
-
-
 # Paths
 
 
@@ -201,7 +175,7 @@ def test_ways_lead_along_paths(data: st.DataObject, name: str) -> None:
     lane_map = NETS.get(name) or LaneMap.from_net(packaged(f"nets/{name}.net.xml"))
     lane = data.draw(st.integers(0, len(lane_map.lanes) - 1))
     s = data.draw(st.floats(0.0, lane_map.lanes[lane].length))
-    way = lane_map.ways(np.array([lane]), one(s), 60, 2.0)[0]
+    way = lane_map.poses_along(np.array([lane]), one(s), 60, 2.0)[0]
     path = LineString(lane_map.path_from(lane, s, 118.0))
     assert np.hypot(*(way[:, :2] - [path.interpolate(2.0 * k).coords[0] for k in range(60)]).T).max() < 0.01
     steps = np.diff(way[:, :2], axis=0)
@@ -245,18 +219,6 @@ def test_path_follows_the_edges_of_a_route_through_a_junction() -> None:
     turned = fork.path_from(*start, {edges["a"], edges[":on"], edges["left"]})
     np.testing.assert_allclose(turned[-1], [20, 5], atol=0.01)
     np.testing.assert_allclose(fork.path_from(*start, {"elsewhere"}), fork.path_from(*start))
-
-
-def test_path_goes_through_junctions() -> None:
-    crossing = LaneMap(
-        [
-            lane("a", [(0, 0), (10, 0)], (":j_0",)),
-            lane(":j_0", [(10, 0), (14, 1)], ("b",), internal=True),
-            lane("b", [(14, 1), (30, 1)]),
-        ]
-    )
-    path = crossing.path_from(crossing.row("a"), 10.0, np.hypot(4, 1) + 6.0)
-    np.testing.assert_allclose(path, [[10, 0], [14, 1], [20, 1]], atol=1e-9)
 
 
 # Boxes
@@ -307,24 +269,3 @@ def test_the_packaged_net_is_what_the_code_builds(tmp_path: Path) -> None:
         pytest.skip(str(error))
     write_net(us101_like_plan(), tmp_path / "a.net.xml")
     assert (tmp_path / "a.net.xml").read_text() == packaged("nets/us101_like.net.xml").read_text()
-
-
-def test_fit_finds_the_lanes_under_noise_lane_changers_and_wrong_labels() -> None:
-    rng = np.random.default_rng(0)
-    n = 6000
-    x, number = rng.uniform(0.0, 500.0, n), rng.integers(1, 6, n).astype(np.float64)
-    truth = 4.0 - 2e-4 * (x - 250.0) ** 2  # a bend of radius 2500 m
-    y = truth - 3.5 * (number - 1) * np.sqrt(1 + (4e-4 * (x - 250)) ** 2) + rng.normal(0.0, 0.3, n)
-    wrong = rng.random(n) < 0.05
-    number[wrong] = rng.integers(1, 6, int(wrong.sum()))
-    grid, centre, offsets = fit_lanes(x, y, number)
-    np.testing.assert_allclose(offsets, 3.5 * np.arange(5), atol=0.05)
-    np.testing.assert_allclose(centre, 4.0 - 2e-4 * (grid - 250.0) ** 2, atol=0.12)
-
-
-def test_fit_refuses_too_few_rows() -> None:
-    import pandas as pd
-
-    table = pd.DataFrame({"x": np.arange(50.0), "y": 0.0, "lane": 1})
-    with pytest.raises(InputError, match="cannot fit lanes 1 to 5"):
-        fit_plan(table, LAYOUTS["us101"])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from litsim_sim.lane_map.net_lanes import read_lanes
 from litsim_sim.lane_map.segment_grid import REACH, SegmentGrid
@@ -16,36 +15,22 @@ GRID = SegmentGrid(LANES, BOUNDS)  # type: ignore[arg-type]
 
 
 def test_segments_lie_lane_after_lane() -> None:
-    assert len(GRID) == sum(len(lane.s) - 1 for lane in LANES)
+    of = GRID.segments
+    assert len(of.size) == sum(len(lane.s) - 1 for lane in LANES)
     assert (np.diff(GRID.lane) >= 0).all()
     for index, lane in enumerate(LANES):
-        mine = GRID.lane == index
-        np.testing.assert_allclose(GRID.start_s[mine] + GRID.size[mine], lane.s[1:])
-        np.testing.assert_allclose(GRID.start_x[mine] + GRID.size[mine] * GRID.cos[mine], lane.centerline[1:, 0])
+        own = GRID.lane == index
+        np.testing.assert_allclose(of.start_s[own] + of.size[own], lane.s[1:])
+        np.testing.assert_allclose(of.start_x[own] + of.size[own] * of.cos[own], lane.centerline[1:, 0])
 
 
-def test_along_and_left_of_a_segment() -> None:
-    segment = int(np.argmax(GRID.size))
-    at, forward = (
-        np.array([GRID.start_x[segment], GRID.start_y[segment]]),
-        np.array([GRID.cos[segment], GRID.sin[segment]]),
-    )
-    x, y = at + 3.0 * forward + 2.0 * np.array([-forward[1], forward[0]])
-    assert GRID.project(x, y, np.array(segment)) == pytest.approx((3.0, 2.0))
-    assert GRID.distance(x, y, np.array(segment)) == pytest.approx(2.0)
-    x, y = at - 4.0 * forward + 3.0 * np.array([-forward[1], forward[0]])
-    assert GRID.distance(x, y, np.array(segment)) == pytest.approx(5.0)  # from its start
-
-
-def test_candidates_hold_every_segment_within_reach() -> None:
+def test_the_grid_finds_every_segment_within_reach() -> None:
     rng = np.random.default_rng(0)
     x, y = rng.uniform(BOUNDS[0], BOUNDS[2], 300), rng.uniform(BOUNDS[1], BOUNDS[3], 300)
-    every = np.broadcast_to(np.arange(len(GRID)), (300, len(GRID)))
-    near = GRID.distance(x[:, None], y[:, None], every) <= REACH
-    assert near.any()
-    for row, candidates in enumerate(GRID.candidates(x, y)):
-        assert set(np.flatnonzero(near[row])) <= set(candidates)
-    assert (GRID.candidates(np.array([1e6]), np.array([0.0])) == -1).all()
+    distance = GRID.distance(x[:, None], y[:, None], np.arange(len(GRID.lane)))
+    for reach in (3.0, REACH):
+        within = GRID.any_within(x, y, np.full(len(GRID.lane), reach))
+        assert within.any() and np.array_equal(within, (distance <= reach).any(axis=1))
 
 
 def test_poses_on_a_lane_and_beyond_its_ends() -> None:

@@ -8,19 +8,20 @@ from pathlib import Path
 import pytest
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.launch.nodes import GraphNode, GraphOptions, in_one_process, nodes_of
+from litsim_sim.launch.nodes import GraphNode, in_one_process, nodes_of
 from litsim_sim.scenario.run_info import RunPlan
 
 
 def nodes(ego: str = "idm", policy: str = "litsim", interface: str = "auto", **plan: object) -> dict[str, GraphNode]:
-    how = GraphOptions("demo", Path("bags/a"), overwrite=True, ego_interface=interface)
-    return {node.name: node for node in nodes_of(RunPlan.load("demo", ego, policy, **plan), how)}  # type: ignore[arg-type]
+    run = RunPlan.load("demo", ego, policy, **plan)  # type: ignore[arg-type]
+    made = nodes_of(run, "demo", Path("bags/a"), overwrite=True, ego_interface=interface)
+    return {node.name: node for node in made}
 
 
-def test_the_bridge_comes_last_and_the_recorder_first() -> None:
-    assert list(nodes()) == ["recorder", "ego", "policy", "conflict", "predictor", "bridge"]
-    assert list(nodes(policy="replay")) == ["recorder", "ego", "bridge"]
-    assert list(nodes("external", "replay")) == ["recorder", "bridge"]
+def test_the_bridge_comes_first_and_then_the_recorder() -> None:
+    assert list(nodes()) == ["bridge", "recorder", "ego", "policy", "conflict", "predictor"]
+    assert list(nodes(policy="replay")) == ["bridge", "recorder", "ego"]
+    assert list(nodes("external", "replay")) == ["bridge", "recorder"]
 
 
 def test_who_drives_the_ego_is_a_parameter_of_its_node() -> None:
@@ -47,16 +48,16 @@ def test_what_is_set_reaches_its_node_and_the_bridge_knows_of_all() -> None:
 def test_the_stages_and_our_ego_share_a_process_each_with_its_parameters() -> None:
     settings = [("conflict", "horizon", 2.5), ("ego", "headway", 2.0)]
     shared = in_one_process(list(nodes(predictor="kinematic", settings=settings).values()))
-    assert [node.name for node in shared] == ["recorder", "stages", "bridge"]
-    one = shared[1]
+    assert [node.name for node in shared] == ["bridge", "recorder", "stages"]
+    one = shared[-1]
     assert (one.package, one.executable) == ("litsim_policy", "stages")
-    assert one.several == {"ego": "ego", "predictor": "predictor", "conflict": "conflict", "policy": "policy"}
+    assert one.several == ("ego", "predictor", "conflict", "policy")
     given = {"predictor:model": "kinematic", "conflict:horizon": 2.5, "ego:headway": 2.0, "ego:driver": "idm"}
     assert one.parameters == given
 
 
 def test_a_stack_has_processes_of_its_own() -> None:
-    assert [node.name for node in in_one_process(list(nodes("external").values()))] == ["recorder", "stages", "bridge"]
+    assert [node.name for node in in_one_process(list(nodes("external").values()))] == ["bridge", "recorder", "stages"]
 
 
 def test_a_run_without_a_policy_has_nothing_to_share() -> None:

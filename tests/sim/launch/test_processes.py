@@ -12,7 +12,7 @@ import domain_coordinator
 import pytest
 
 from litsim_sim.core.stages import BRIDGE, RECORDER
-from litsim_sim.launch.domain_ports import DOMAIN_PORTS, EMPTY, FIRST_PORT
+from litsim_sim.launch.domain import DOMAIN_PORTS, EMPTY, FIRST_PORT
 from litsim_sim.launch.middleware import ENCLAVE, PROFILES, RANGE, SECURITY
 from litsim_sim.launch.processes import STACK, Graph, GraphFailed, Progress
 
@@ -152,14 +152,14 @@ def test_what_the_bridge_waits_for_is_said_once(capsys: pytest.CaptureFixture[st
     assert capsys.readouterr().err == said
 
 
-HELD_BACK = """
+DEFERRED = """
 import os, signal, threading, time
-from litsim_sim.launch.processes import held_back
+from litsim_sim.launch.signals import signals_deferred
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
 threading.Thread(target=time.sleep, args=(600,), daemon=True).start()  # takes what this thread does not
 try:
-    with held_back():
+    with signals_deferred():
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(0.5)
         print("started")
@@ -172,6 +172,6 @@ time.sleep(60)
 
 
 def test_an_interrupt_waits_until_what_is_being_started_is_known() -> None:
-    done = subprocess.run([sys.executable, "-c", HELD_BACK], capture_output=True, text=True, timeout=100, check=False)
+    done = subprocess.run([sys.executable, "-c", DEFERRED], capture_output=True, text=True, timeout=100, check=False)
     assert done.stdout.splitlines() == ["started", "interrupted"]
     assert done.stderr.splitlines()[-1] == "KeyboardInterrupt"

@@ -13,10 +13,13 @@ import pytest
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.launch.domain import HOLDER
-from litsim_sim.launch.nodes import GraphOptions, nodes_of
+from litsim_sim.launch.nodes import nodes_of
 from litsim_sim.scenario.run_info import RunPlan
 
 FILE = Path(__file__).parents[3] / "src/litsim_sim/launch/litsim.launch.py"
+
+
+USUAL = {"mode": "lockstep", "on_missing": "stop", "on_invalid": "stop", "ego_interface": "auto"}
 
 
 def is_installed() -> bool:
@@ -89,7 +92,7 @@ def test_it_starts_the_nodes_of_the_launcher_with_the_same_parameters(written_do
     nodes = [each for each in written_down.graph(given) if each.what == "Node"]
     settings = [("conflict", "horizon", 2), ("ego", "kind", "brake")]
     plan = RunPlan.load("demo", "perturbed", "litsim", seed=5, settings=settings)
-    expected = nodes_of(plan, GraphOptions("demo", tmp_path, progress="none"))
+    expected = nodes_of(plan, "demo", tmp_path, **USUAL, progress="none")
     assert [(n.package, n.executable, n.parameters[0]) for n in nodes] == [
         (e.package, e.executable, dict(e.parameters)) for e in expected
     ]

@@ -295,25 +295,6 @@ def refused(*words: object) -> int:
     return int(ended.value.code)
 
 
-def test_repair_overwrites_nothing(tmp_path: Path, capsys) -> None:
-    path = write(tmp_path / "bag")
-    before = path.read_bytes()
-    assert refused(tmp_path / "bag", "--repair", "--out", tmp_path / "bag") == 2
-    assert "holds a bag already (run_0.mcap); give another folder" in capsys.readouterr().err
-    assert path.read_bytes() == before
-
-
-def test_what_is_no_bag_is_refused(tmp_path: Path, capsys) -> None:
-    (tmp_path / "text.mcap").write_text("hello")
-    assert refused(tmp_path / "text.mcap", "--repair", "--out", tmp_path / "new") == 2
-    assert "not an MCAP file" in capsys.readouterr().err
-    assert not (tmp_path / "new").exists()
-    (tmp_path / "head.mcap").write_bytes(write(tmp_path / "bag").read_bytes()[:200])
-    assert refused(tmp_path / "head.mcap", "--repair", "--out", tmp_path / "new") == 2
-    assert "no message that can be read" in capsys.readouterr().err
-    assert refused(tmp_path / "none", "--repair", "--out", tmp_path / "new") == 2
-
-
 def test_words_that_do_not_go_together(tmp_path: Path, capsys) -> None:
     assert refused(tmp_path, "--repair") == 2
     assert refused(tmp_path, "--delay", "-1") == 2

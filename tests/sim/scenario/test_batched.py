@@ -37,15 +37,15 @@ def test_a_table_of_the_joined_log_comes_apart_into_those_of_the_logs(scenes: li
         assert table.scene.tolist() == [k for k, own in enumerate(apart) for _ in range(len(own))]
         assert table.take(table.scene == 1).scene.tolist() == [1] * len(apart[1])
         halves = [table.take(table.scene == k) for k in (1, 0)]
-        assert columns(type(table).merged(step, halves)) == columns(table)
+        assert columns(AgentTable.merged(step, halves)) == columns(table)
 
 
-def test_ids_are_those_of_the_recordings_once_they_are_told(scenes: list[Scenario]) -> None:
+def test_a_batch_knows_the_ids_of_the_recordings(scenes: list[Scenario]) -> None:
     batch = BatchedScenario.of(scenes)
     for k, scene in enumerate(scenes):
         for agent in scene.log.ids.tolist():
-            assert batch.told(k)(batch.agent(k, agent)) == agent
-            assert batch.told(1 - k)(batch.agent(k, agent)) is None
+            assert batch.recorded_id_in(k)(batch.agent(k, agent)) == agent
+            assert batch.recorded_id_in(1 - k)(batch.agent(k, agent)) is None
         assert batch.ego_ids[k] == batch.agent(k, scene.ego_id)
     both = np.array([batch.agent(0, 9), batch.agent(1, -4)])
     values = np.arange(2.0)

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow.parquet as pq
 import pytest
 import yaml
 
@@ -73,17 +72,6 @@ def test_demo(demo: Scenario) -> None:
     assert demo.egos[0] == demo.ego_id
     assert demo.tuning_egos == ()
     assert set(demo.egos) < set(demo.possible_egos) < set(demo.log.ids.tolist())
-
-
-def test_demo_ego_drives_in_a_queue_with_neighbours_to_its_right(demo: Scenario) -> None:
-    for step in range(0, demo.total_steps, 10):  # the one ahead leaves the recorded stretch with the last step
-        table = demo.log.table(step)
-        ego = table.row(demo.ego_id)
-        ahead, left = table.x - table.x[ego], table.y - table.y[ego]
-        in_lane = np.abs(left) < 1.8
-        assert (in_lane & (ahead < -5) & (ahead > -25)).any()
-        assert (in_lane & (ahead > 5) & (ahead < 25)).any()
-        assert ((np.abs(left + 3.66) < 1.8) & (np.abs(ahead) < 25)).any()
 
 
 @pytest.mark.data
@@ -272,13 +260,6 @@ def test_possible_egos_are_those_that_are_not_refused(demo: Scenario) -> None:
                 Scenario.load("demo", ego=agent)
 
 
-def test_missing_fields(tmp_path: Path, fields: dict[str, Any]) -> None:
-    del fields["ego"], fields["net"]
-    message = refusal(tmp_path, fields)
-    assert "field net: Field required" in message
-    assert "field ego: Field required" in message
-
-
 def test_net_that_does_not_cover_the_recording(tmp_path: Path, fields: dict[str, Any]) -> None:
     table = EMBEDDED.table[EMBEDDED.table["frame"] <= 80]
     Recording.of_table(EMBEDDED.header, table.assign(y=table["y"] + 12.0)).write(tmp_path / "part.parquet")
@@ -310,27 +291,6 @@ def test_pedestrians_and_cyclists_keep_to_no_lanes_and_are_no_egos(
         make_scenario(track(1, x=50.0, y=lane_centres[1]), *walkers, egos=[1, 8])
     with pytest.raises(InputError, match="does not cover the recording: 33"):
         make_scenario(track(1, x=50.0), *(replace(walker, kind=Kind.CAR) for walker in walkers))
-
-
-def test_nets_that_cannot_be_read(tmp_path: Path, fields: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match=r"\.yaml: field net: .*absent\.net\.xml: no such net"):
-        Scenario.load(saved(tmp_path, fields | {"net": "absent.net.xml"}))
-
-
-def test_defects_of_the_recording_are_reported(tmp_path: Path, fields: dict[str, Any]) -> None:
-    table = EMBEDDED.table[EMBEDDED.table["frame"] <= 80].copy()
-    broken = {
-        "column x is nan": table.assign(x=table["x"].where(table.index != 5)),
-        "followed by a hole": table[~((table["vehicle_id"] == 7) & (table["frame"] == 40))],
-    }
-    for message, rows in broken.items():
-        Recording.of_table(EMBEDDED.header, rows).write(tmp_path / "part.parquet")
-        with pytest.raises(InputError, match=message):
-            Scenario.load(saved(tmp_path, fields))
-    written = pq.read_table(tmp_path / "part.parquet")
-    pq.write_table(written.append_column("colour", written["lane"]), tmp_path / "part.parquet")
-    with pytest.raises(InputError, match="unknown columns"):
-        Scenario.load(saved(tmp_path, fields))
 
 
 # The log

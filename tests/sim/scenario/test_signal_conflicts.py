@@ -17,7 +17,7 @@ from litsim_sim.scenario.recorded_signals import survey
 from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import Scenario, packaged
 from litsim_sim.scenario.signal_conflicts import green_conflicts
-from litsim_sim.scenario.signals import SignalsFile, shown
+from litsim_sim.scenario.signals import SignalsFile, signals_of
 
 NET = packaged("nets/urban_like.net.xml")
 STREETS = sorted(packaged("suites/small", "litsim_eval").glob("street_*.yaml"))
@@ -31,7 +31,7 @@ SAID = (
 
 def told(groups: dict[str, list[str]], changes: list[list[Any]], start_frame: int = 0, steps: int = 100) -> list[str]:
     given = SignalsFile.model_validate({"groups": groups, "changes": changes})
-    return green_conflicts(given, shown(given, read_links(NET), steps, start_frame), start_frame)
+    return green_conflicts(given, signals_of(given, read_links(NET), steps, start_frame), start_frame)
 
 
 def traffic() -> Recording:
@@ -91,7 +91,7 @@ def test_a_program_is_checked_likewise_and_each_junction_is_told() -> None:
     program["phases"][0]["states"]["side"] = "green"
     groups = {"main": ["WA", "EB"], "side": ["ANA", "BNB"]}
     given = SignalsFile.model_validate({"groups": groups, "program": program})
-    said = green_conflicts(given, shown(given, read_links(NET), 400, 0), 0)
+    said = green_conflicts(given, signals_of(given, read_links(NET), 400, 0), 0)
     assert [each.partition(" are ")[0] for each in said] == [f"junction {j}: groups main and side" for j in "AB"]
     assert all("at 0 s, and for 20 s in all" in each for each in said)
 

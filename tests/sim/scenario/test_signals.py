@@ -16,7 +16,7 @@ from litsim_sim.core.signals import SignalState
 from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import Scenario
-from litsim_sim.scenario.signals import Signals, SignalsFile, heed, on_clock, read_signals, resolved
+from litsim_sim.scenario.signals import Signals, SignalsFile, count_passages, on_clock, read_signals, resolved
 
 GROUPS = {"east": ["WA_0", "WA_1 -> AB_1"], "left": ["WA_2 -> AAN_0"], "walk": []}
 CHANGES = [
@@ -104,7 +104,7 @@ def test_how_vehicles_heed_signals(build: Callable[..., Scenario]) -> None:
     changes = [[0.0, "east", "green"], [3.05, "east", "red"]]
     scenario = build({"groups": {"east": ["WA"]}, "changes": changes})
     assert scenario.signals is not None
-    assert heed(scenario.signals, scenario.log) == {"east": (4, 3)}
+    assert count_passages(scenario.signals, scenario.log) == {"east": (4, 3)}
 
 
 def test_before_its_first_change_nothing_is_known_of_a_group(build: Callable[..., Scenario]) -> None:

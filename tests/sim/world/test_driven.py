@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller, ControlSource, ControlTable, EgoCommand, Kind
 from litsim_sim.scenario.scenario import Scenario
-from litsim_sim.world.driven import DrivenVehicles, check_answers
+from litsim_sim.world.driven import BACKGROUND, DrivenVehicles, check_answers
 
 EGO, OTHER, THIRD, WALKER = 1, 2, 3, 4
 EGOS = np.array([EGO])
@@ -31,7 +30,7 @@ def controls(step: int, agents: list[int], acceleration: float, source: ControlS
 
 
 def test_only_who_is_listed_moves(scenario: Scenario) -> None:
-    vehicles = DrivenVehicles(scenario, VehicleLimits())
+    vehicles = DrivenVehicles(scenario)
     before = scenario.log.table(5)
     after = vehicles.step(before, controls(5, [OTHER], -2.0, ControlSource.POLICY), [None])
     assert (after.step, after.id.tolist(), after.controller.tolist()) == (6, [OTHER], [Controller.POLICY])
@@ -39,7 +38,7 @@ def test_only_who_is_listed_moves(scenario: Scenario) -> None:
 
 
 def test_the_ego_drives_with_its_own_command(scenario: Scenario) -> None:
-    vehicles = DrivenVehicles(scenario, VehicleLimits())
+    vehicles = DrivenVehicles(scenario)
     listed = controls(5, [OTHER], 1.0, ControlSource.HANDBACK)
     after = vehicles.step(scenario.log.table(5), listed, [EgoCommand(5, -1.0, 0.0)])
     assert after.id.tolist() == [EGO, OTHER]
@@ -48,19 +47,18 @@ def test_the_ego_drives_with_its_own_command(scenario: Scenario) -> None:
 
 
 def test_who_follows_its_log_late_is_not_driven(scenario: Scenario) -> None:
-    vehicles = DrivenVehicles(scenario, VehicleLimits())
+    vehicles = DrivenVehicles(scenario)
     assert not len(vehicles.step(scenario.log.table(5), controls(5, [OTHER], 0.0, ControlSource.LATE), [None]))
 
 
 def test_commands_stay_within_the_limits(scenario: Scenario) -> None:
-    limits = VehicleLimits(deceleration_max=3.0)
-    vehicles = DrivenVehicles(scenario, limits)
-    after = vehicles.step(scenario.log.table(5), controls(5, [OTHER], -50.0, ControlSource.POLICY), [None])
-    assert after.acceleration[0] == pytest.approx(-3.0)
+    listed = controls(5, [OTHER], -50.0, ControlSource.POLICY)
+    after = DrivenVehicles(scenario).step(scenario.log.table(5), listed, [None])
+    assert after.acceleration[0] == pytest.approx(-BACKGROUND.deceleration_max)
 
 
 def test_who_is_off_the_road_is_gone_once_its_log_is_over(scenario: Scenario) -> None:
-    vehicles = DrivenVehicles(scenario, VehicleLimits())
+    vehicles = DrivenVehicles(scenario)
     there = scenario.log.table(30)
     away = there.take(np.array([there.row(THIRD)]))
     away.x[0] = 900.0  # beyond the end of the net
@@ -89,3 +87,12 @@ def test_answers_that_cannot_be_applied(
     check_answers(5, EGOS, controls(5, [OTHER], 0.0, ControlSource.POLICY), [EgoCommand(5, 0.0, 0.0)], table)
     with pytest.raises(ValueError, match=message):
         check_answers(5, EGOS, controls(5, agents, 0.0, ControlSource.POLICY), [ego], table)
+
+
+@pytest.mark.parametrize("bad", [np.nan, -np.inf])
+@pytest.mark.parametrize("field", ["acceleration", "lateral_acceleration", "yaw_rate"])
+def test_controls_that_are_not_finite(scenario: Scenario, field: str, bad: float) -> None:
+    answer = controls(5, [OTHER], 0.0, ControlSource.POLICY)
+    getattr(answer, field)[0] = bad
+    with pytest.raises(ValueError, match="controls at step 5 are not finite"):
+        check_answers(5, EGOS, answer, [EgoCommand(5)], scenario.log.table(5))

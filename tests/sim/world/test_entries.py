@@ -10,7 +10,7 @@ import pytest
 
 from litsim_sim.core.scene import OBSTACLE_KINDS, AgentTable, Controller, Kind
 from litsim_sim.scenario.log import Log
-from litsim_sim.world.entries import Entries, EntryConfig
+from litsim_sim.world.entries import DECELERATION, GAP, Entries
 
 NEW, OTHER, BEGINS, ENDS = 7, 2, 20, 40
 PLACE = {"x": 100.0, "y": -5.49}  # where the log of NEW begins
@@ -31,14 +31,14 @@ def standing(agent_table: Callable[..., AgentTable]) -> Callable[[float], AgentT
 def begin(entries: Entries, log: Log, driven: AgentTable) -> bool:
     """Whether NEW may follow its log from its first step on."""
     logged = log.table(BEGINS)
-    may = entries.may_follow(logged, log.table(BEGINS - 1), driven)
+    may = entries.may_follow(logged, log.table(BEGINS - 1), driven, np.zeros(len(logged), np.bool_))
     assert may[logged.row(1)], "who was on the road stays on it"
     return bool(may[logged.row(NEW)])
 
 
 def test_the_free_road_and_the_one_that_is_not(log: Log, standing: Callable[[float], AgentTable]) -> None:
     for ahead, free in ((60.0, True), (4.0, False), (0.0, False)):
-        entries = Entries(log, EntryConfig())
+        entries = Entries(log)
         assert begin(entries, log, standing(ahead)) is free
         assert entries.waiting == ({} if free else {NEW: BEGINS})
 
@@ -49,32 +49,25 @@ def test_pedestrians_and_cyclists_wait_for_nobody(
 ) -> None:
     entering = track(id=NEW, first=BEGINS, last=ENDS, kind=kind, **PLACE)
     other = make_scenario(track(id=1, x=400.0), track(id=OTHER, x=60.0), entering).log
-    entries = Entries(other, EntryConfig())
+    entries = Entries(other)
     assert begin(entries, other, standing(0.0)) and entries.waiting == {}
 
 
-def test_without_a_guard_nobody_waits(log: Log, standing: Callable[[float], AgentTable]) -> None:
-    entries = Entries(log, None)
-    assert begin(entries, log, standing(0.0))
-    assert entries.waiting == {}
-
-
 def test_who_waits_enters_as_fast_as_the_room_allows(log: Log, standing: Callable[[float], AgentTable]) -> None:
-    config = EntryConfig(gap=1.0, deceleration=2.0)
-    entries = Entries(log, config)
+    entries = Entries(log)
     assert not begin(entries, log, standing(4.0))
     after = log.table(BEGINS + 1).take(np.array([0]))
     road = AgentTable.merged(BEGINS + 1, (after, standing(15.0)))
     table = entries.admit(road, log.table(BEGINS + 1))
     row = table.row(NEW)
-    assert table.speed[row] == pytest.approx(np.sqrt(2.0 * config.deceleration * (15.0 - 4.5 - config.gap)))
+    assert table.speed[row] == pytest.approx(np.sqrt(2.0 * DECELERATION * (15.0 - 4.5 - GAP)))
     assert (table.x[row], table.acceleration[row], table.controller[row]) == (PLACE["x"], 0.0, Controller.POLICY)
     assert table.id.tolist() == [1, OTHER, NEW]
     assert (entries.waiting, entries.late, entries.never_entered) == ({}, {NEW}, set())
 
 
 def test_who_waits_until_its_log_ends_never_enters(log: Log, standing: Callable[[float], AgentTable]) -> None:
-    entries = Entries(log, EntryConfig())
+    entries = Entries(log)
     assert not begin(entries, log, standing(4.0))
     still = entries.admit(standing(4.0), log.table(BEGINS + 1))
     assert still.row(NEW) < 0 and entries.waiting
@@ -90,8 +83,8 @@ def test_who_is_on_a_late_log_is_in_the_way_as_well(log: Log, standing: Callable
     logged = log.table(BEGINS)
     there = AgentTable.merged(BEGINS, (logged.take(logged.id != OTHER), standing(4.0)))
     late = there.id == OTHER
-    for displaced, free in ((None, True), (~late, True), (late, False)):
-        entries = Entries(log, EntryConfig())
+    for displaced, free in ((np.zeros_like(late), True), (~late, True), (late, False)):
+        entries = Entries(log)
         assert bool(entries.may_follow(there, before, nobody, displaced)[there.row(NEW)]) is free
         assert entries.waiting == ({} if free else {NEW: BEGINS})
 
@@ -104,6 +97,6 @@ def test_who_is_in_the_way_in_the_recording_holds_nobody_back(
     close = make_scenario(track(id=1, x=400.0), track(id=OTHER, x=PLACE["x"] + 4.0 - 20.0), entering).log
     logged = close.table(BEGINS)
     logged.x[logged.row(OTHER)] += 0.1
-    entries = Entries(close, EntryConfig())
+    entries = Entries(close)
     may = entries.may_follow(logged, close.table(BEGINS - 1), AgentTable.empty(BEGINS), logged.id == OTHER)
     assert may[logged.row(NEW)] and not entries.waiting

@@ -166,11 +166,6 @@ def test_a_net_that_is_none_is_an_input_error(tmp_path: Path, agent_table: Build
     usable.close()
 
 
-def test_a_net_that_is_not_there_is_an_input_error(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.net\.xml: "):
-        SumoMirror(tmp_path / "none.net.xml")
-
-
 def test_lights_show_the_signals_of_the_scenario(agent_table: Build) -> None:
     net = packaged("nets/urban_like.net.xml")
     links = tuple(link for link in read_links(net) if link.from_lane.startswith("WA"))

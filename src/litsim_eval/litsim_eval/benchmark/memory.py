@@ -17,7 +17,7 @@ import numpy as np
 from litsim_eval.benchmark.steps import EGO, IN_PROCESS, POLICY, write_scenario
 from litsim_eval.runs.runner import Runner
 from litsim_sim.core.errors import InputError
-from litsim_sim.launch.executables import find_executable
+from litsim_sim.launch.nodes import find_executable
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.sumo import SumoMirror

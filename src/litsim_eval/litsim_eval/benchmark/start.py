@@ -11,7 +11,7 @@ from pathlib import Path
 
 from litsim_eval.benchmark.steps import EGO, POLICY, execute, write_scenario
 from litsim_sim.core.stages import BRIDGE
-from litsim_sim.launch.executables import find_executable
+from litsim_sim.launch.nodes import find_executable
 from litsim_sim.record.run import Run, read_run
 
 LIBRARIES = ("numpy", "shapely", "pyarrow", "pydantic", "numba", "libsumo", "rclpy.node")

@@ -23,7 +23,7 @@ from litsim_eval.runs.runner import Runner
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
 from litsim_sim.core.stages import BRIDGE
-from litsim_sim.launch.executables import find_executable
+from litsim_sim.launch.nodes import find_executable
 from litsim_sim.record.bag import BagReader, BagWriter
 from litsim_sim.record.run import Run, read_run
 from litsim_sim.scenario.run_info import RunPlan

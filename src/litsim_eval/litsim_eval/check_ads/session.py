@@ -17,10 +17,11 @@ from litsim_sim.ego_port.answer import INPUTS
 from litsim_sim.ego_port.port import ego_state
 from litsim_sim.ego_port.tracking import EgoState
 from litsim_sim.launch.child import Child, start_supervised
-from litsim_sim.launch.executables import find_executable, program_of
 from litsim_sim.launch.middleware import enclave_setting
+from litsim_sim.launch.nodes import find_executable, program_of
 from litsim_sim.launch.processes import STACK as ADS
-from litsim_sim.launch.processes import Graph, GraphFailed, held_back
+from litsim_sim.launch.processes import Graph, GraphFailed
+from litsim_sim.launch.signals import signals_deferred
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.scenario.scenario import Scenario
@@ -153,7 +154,7 @@ def _start(check: Check) -> Child:
     """Start the stack in the domain of the graph."""
     log = check.out / "log" / f"{STACK}.log"
     environment = os.environ | {"ROS_DOMAIN_ID": str(check.domain_id)} | enclave_setting(os.environ, ADS, check.command)
-    with log.open("w") as stream, held_back():
+    with log.open("w") as stream, signals_deferred():
         process = start_supervised(check.command, env=environment, stdout=stream, stderr=stream)
     return Child(STACK, process, log)
 

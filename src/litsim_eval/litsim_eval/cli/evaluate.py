@@ -27,7 +27,7 @@ from litsim_eval.runs.summary_table import print_summary
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser, positive
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
-from litsim_sim.launch.processes import without_interrupts
+from litsim_sim.launch.signals import without_interrupts
 from litsim_sim.scenario.run_info import REPLAY
 
 STATUS_HELP = (

@@ -18,7 +18,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.stages import BRIDGE, CONFLICT, EGO, POLICY, POLICY_STAGES, PREDICTOR, RECORDER
 from litsim_sim.ego_port.answer import Interface
 from litsim_sim.io.files import replacing
-from litsim_sim.launch.executables import STAGES_PROGRAM, program_of
+from litsim_sim.launch.nodes import STAGES_PROGRAM, program_of
 from litsim_sim.launch.processes import STACK
 
 DOMAIN = "ROS_DOMAIN_ID"

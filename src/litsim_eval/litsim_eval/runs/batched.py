@@ -24,7 +24,7 @@ from litsim_sim.kernels.compiled import load_kernels
 from litsim_sim.record.run import Run as RecordedRun
 from litsim_sim.scenario.batched import BatchedScenario
 from litsim_sim.scenario.run_info import REPLAY, RunPlan
-from litsim_sim.world.world import World, WorldConfig
+from litsim_sim.world.world import World
 
 
 class BatchedRunner:
@@ -48,7 +48,7 @@ class BatchedRunner:
         self.plans = tuple(plans)
         self._batch = BatchedScenario.of([plan.scenario for plan in plans])
         reacts = first.policy != REPLAY
-        self._world = World(self._batch, WorldConfig(guard_entries=reacts))
+        self._world = World(self._batch, guard_entries=reacts)
         egos = [configured(plan.ego, plan.policy, plan.parameters)[EGO](plan.scenario) for plan in plans]
         self._egos = BatchedEgos(self._batch, egos)
         stages = configured(None, first.policy, common)
@@ -82,7 +82,7 @@ class BatchedRunner:
             begin = time.perf_counter()
             for k in running:
                 if self._world.ends[k] is not None or table.step == self.plans[k].scenario.total_steps:
-                    self.summaries[k] = self._world.summary(k, batch.told(k))
+                    self.summaries[k] = self._world.summary(k, batch.recorded_id_in(k))
                     self._world.drop(k)
             if len(self.summaries) < len(self.plans):
                 table = self._world.step_batch(together, commands)

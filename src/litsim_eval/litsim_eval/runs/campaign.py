@@ -19,7 +19,7 @@ from litsim_eval.runs.case_run import PRELOADED, TIME_LIMIT_S, RunOutcome, RunSt
 from litsim_eval.runs.workers import Workers
 from litsim_sim.core.errors import reason
 from litsim_sim.launch.forked import preload
-from litsim_sim.launch.processes import without_interrupts
+from litsim_sim.launch.signals import without_interrupts
 
 SIGNAL_S = 0.3  # [s] until a run that has failed is an error: a signal to all processes may reach its own first
 

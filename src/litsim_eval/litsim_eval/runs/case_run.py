@@ -24,9 +24,8 @@ from litsim_eval.report.thumbnails import write_thumbnail
 from litsim_eval.runs.runner import Runner, configured, record
 from litsim_sim.core.errors import InputError
 from litsim_sim.launch.child import check_program, how_it_ended
-from litsim_sim.launch.executables import find_executable
 from litsim_sim.launch.forked import ForkedProcess, preload
-from litsim_sim.launch.nodes import GraphOptions, nodes_of
+from litsim_sim.launch.nodes import find_executable, nodes_of
 from litsim_sim.launch.processes import LOG_FOLDER, STACK
 from litsim_sim.record.failure import write_failure
 from litsim_sim.record.run import Run, read_run
@@ -128,7 +127,7 @@ def check_case(case: Case) -> None:
         return
     find_executable(*LAUNCHER)
     plan = RunPlan(_scenario(case.scenario), case.ego.kind, case.policy, _graph_parameters(case))
-    nodes_of(plan, GraphOptions(case.scenario, Path(RECORDING), ego_interface=case.ego.interface))
+    nodes_of(plan, case.scenario, Path(RECORDING), ego_interface=case.ego.interface)
     if case.ego.command:
         check_program(case.ego.command)
 

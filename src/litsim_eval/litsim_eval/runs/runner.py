@@ -22,7 +22,7 @@ from litsim_sim.kernels.garbage import spared_from_collection
 from litsim_sim.record.run import Detection, RunInfo, Status
 from litsim_sim.record.run import Run as RecordedRun
 from litsim_sim.scenario.run_info import REPLAY, RunPlan
-from litsim_sim.world.world import Mirror, World, WorldConfig
+from litsim_sim.world.world import Mirror, World
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Runner:
         self.plan = plan
         reacts = plan.policy != REPLAY
         stages = configured(None if ego else plan.ego, plan.policy, plan.parameters)
-        self.world = World(scenario, WorldConfig(guard_entries=reacts), mirror)
+        self.world = World(scenario, mirror, guard_entries=reacts)
         self._ego = ego or stages[EGO](scenario)
         self._pipeline = Pipeline(stages, plan.policy, scenario) if reacts else None
         load_kernels()

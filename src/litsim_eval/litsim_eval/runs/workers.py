@@ -16,9 +16,9 @@ from pathlib import Path
 from litsim_eval.campaign.case import Case
 from litsim_eval.runs.case_batch import Found, run_batch
 from litsim_eval.runs.case_run import RunFailed, RunOutcome
-from litsim_sim.launch.child import SIGNALS, how_it_ended
-from litsim_sim.launch.forked import forget_signals, start_forked, start_preloaded
-from litsim_sim.launch.processes import held_back
+from litsim_sim.launch.child import how_it_ended
+from litsim_sim.launch.forked import start_forked, start_preloaded
+from litsim_sim.launch.signals import SIGNALS, reset_handlers, signals_deferred
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Workers:
         self._starting = threading.Lock()
 
     def __enter__(self) -> Workers:
-        with held_back():
+        with signals_deferred():
             self._idle = [self._started(start_forked) for _ in range(self._count)]
         return self
 
@@ -120,7 +120,7 @@ class Workers:
 
 def _serve(pipe: Connection) -> None:
     """Main function of a worker's process: run the batches received, and send their results."""
-    forget_signals()
+    reset_handlers()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the campaign ends this one
     signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
     with suppress(EOFError, ConnectionError):  # the parent is gone

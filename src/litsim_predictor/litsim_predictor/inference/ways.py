@@ -86,7 +86,7 @@ class LaneWays:
         if not len(rows):
             return NO_WAYS
         heading, d = at.heading[rows, None], at.d[rows, None]
-        way = self.lane_map.ways(at.lane[rows], at.s[rows], WAY)
+        way = self.lane_map.poses_along(at.lane[rows], at.s[rows], WAY)
         x, y = to_body(way[..., 0] - way[:, :1, 0], way[..., 1] - way[:, :1, 1], heading)
         turn = wrap_angle(way[:, :1, 2] - heading) + np.unwrap(way[..., 2]) - way[:, :1, 2]
         pose = np.stack([x, y, turn], axis=-1)
@@ -99,7 +99,7 @@ class LaneWays:
         """Record for each of `lanes` whether a way that begins on it can bend."""
         for lane in lanes:
             steps = math.ceil(self.lane_map.lanes[lane].length) + WAY
-            headings = np.unwrap(self.lane_map.ways(np.array([lane]), np.zeros(1), steps)[0, :, 2])
+            headings = np.unwrap(self.lane_map.poses_along(np.array([lane]), np.zeros(1), steps)[0, :, 2])
             turns = np.ptp(sliding_window_view(headings, WAY), axis=1)
             self._bends[lane], self._known[lane] = turns.max() >= BEND, True
 

@@ -70,14 +70,14 @@ class IdmPolicy(Policy):
 
 
 def _drawn(identities: IntArray, drivers: int) -> IntArray:
-    """Rows (N,) of the agents' drivers, drawn from `drivers` by seed and id (N, 2), independently of other agents."""
+    """Returns rows (N,) of the agents' drivers among `drivers`, each drawn by the agent's seed and id (N, 2)."""
     if drivers == 1:
         return np.zeros(len(identities), np.int64)
     return np.array([np.random.default_rng(identity).integers(drivers) for identity in identities.tolist()], np.int64)
 
 
 def _drivers(config: IdmPolicyConfig) -> FloatArray:
-    """Parameters (k, 5) of the available drivers: v0 [m/s], T [s], s0 [m], a_max, b [m/s2]."""
+    """Returns parameters (k, 5) of the available drivers: v0 [m/s], T [s], s0 [m], a_max, b [m/s2]."""
     if config.drivers == "published":
         return np.array([[PUBLISHED.desired_speed, *PUBLISHED.values[:4]]])
     everybody = np.concatenate([rows for _, rows in sorted(calibrated().drivers.items())])
@@ -93,7 +93,7 @@ def _accelerations(
     leads: BoolArray,
     braking_max: float,
 ) -> FloatArray:
-    """Accelerations (m,) [m/s2] of vehicles, each with a driver of its own.
+    """Returns accelerations (m,) [m/s2] of vehicles, each with a driver of its own.
 
     Args:
         speed: (m,) [m/s].

@@ -113,7 +113,7 @@ class ImitationPolicy(Policy):
         return commanded(agents, action)
 
     def _noise(self, table: AgentTable, rows: np.ndarray) -> FloatArray:
-        """Standard normal numbers (m, 2) for the agents in `rows` (m,): by their seeds, their ids and the step."""
+        """Returns standard normal numbers (m, 2) for the agents in `rows` (m,), by their seeds, ids and the step."""
         known = self._identities[np.searchsorted(self._agents, table.id[rows])].tolist()
         drawn = [np.random.default_rng([*identity, table.step]).standard_normal(len(BOUNDS)) for identity in known]
         return np.array(drawn)

@@ -1,4 +1,4 @@
-"""`calibrate`: precision and recall of conflict detection by threshold, horizon and spread, and the cost to runs.
+"""`calibrate`: precision and recall of conflict detection by threshold, horizon and spread.
 
 Only tuning egos are used, and the egos of generated segments: generate these with a seed that no reported figure uses.
 """
@@ -6,7 +6,7 @@ Only tuning egos are used, and the egos of generated segments: generate these wi
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
+from itertools import product
 
 import numpy as np
 from rich.console import Console
@@ -14,25 +14,14 @@ from rich.table import Table
 from tqdm import tqdm
 
 from litsim_policy.conflict.config import ConflictConfig
+from litsim_policy.conflict.detector import ConflictDetector
 from litsim_predictor.models import DEFAULT_MODEL, PredictorConfig
-from litsim_research.calibration.conflict_calibration import (
-    COSTS,
-    Curve,
-    costs,
-    draw_calibration,
-    recall_curve,
-    threshold_for,
-)
-from litsim_research.calibration.conflict_recall import SECONDS
+from litsim_research.calibration import SECONDS, PairScores, score_drives
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterOverrides
-from litsim_sim.io.files import replacing
-from litsim_sim.scenario.run_info import driver_names, policy_names
 from litsim_sim.scenario.scenario import Scenario
-
-PRECISION = 0.9  # for which the threshold with the best recall is printed
 
 
 def parser() -> argparse.ArgumentParser:
@@ -45,14 +34,14 @@ def parser() -> argparse.ArgumentParser:
         nargs="+",
         type=int,
         default=[0, 3],
-        help="numbers of further manoeuvres in the forecasts; a curve for each",
+        help="numbers of further manoeuvres in the forecasts; a column for each",
     )
     p.add_argument(
         "--spread",
         nargs="+",
         type=float,
         default=[1.0],
-        help="factors on the forecasts' standard deviations; a curve for each",
+        help="factors on the forecasts' standard deviations; a column for each",
     )
     p.add_argument("--horizon", type=int, choices=SECONDS, default=SECONDS[-1], help="horizon of detection [s]")
     p.add_argument(
@@ -60,13 +49,8 @@ def parser() -> argparse.ArgumentParser:
         nargs="+",
         type=float,
         default=[0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7],
-        help="probabilities of an overlap from which a pair counts as a conflict; a point of each curve",
+        help="probabilities of an overlap from which a pair counts as a conflict; a row for each",
     )
-    p.add_argument("--cost", nargs="*", type=float, default=[], help="also run the scenarios with these thresholds")
-    egos = ["idm", "perturbed"]
-    p.add_argument("--ego", nargs="+", choices=driver_names(), default=egos, help="with --cost: what drives the ego")
-    p.add_argument("--policy", choices=policy_names(), default="litsim", help="with --cost: what moves the background")
-    p.add_argument("--out", type=Path, metavar="FILE.png", help="write a picture of the curves to this file")
     return p
 
 
@@ -75,58 +59,24 @@ def main() -> None:
     """Entry point of ``ros2 run litsim_research calibrate``."""
     arguments = parser().parse_args()
     thresholds = np.array(sorted(arguments.thresholds))
-    for name, values in (("--thresholds", thresholds), ("--cost", np.array(arguments.cost))):
-        if (values <= 0.0).any() or (values >= 1.0).any():
-            raise InputError(f"{name}: {values.tolist()}, expected probabilities above 0 and below 1")
+    if (thresholds <= 0.0).any() or (thresholds >= 1.0).any():
+        raise InputError(f"--thresholds: {thresholds.tolist()}, expected probabilities above 0 and below 1")
     choices = [ParameterOverrides("--modes", {"most": most})(PredictorConfig().modes) for most in arguments.modes]
     configs = [ParameterOverrides("--spread", {"sigma_scale": scale})(ConflictConfig()) for scale in arguments.spread]
     scenarios = [Scenario.load(name) for name in arguments.scenario]
-    curves = []
+    table = Table("threshold", title=f"precision / recall, %, {arguments.horizon} s ahead")
+    columns = [[f"{threshold:g}" for threshold in thresholds]]
     with tqdm(unit="ego", dynamic_ncols=True) as bar:
-        for modes in choices:
-            for config in configs:
-                name = f"{arguments.predictor}, {modes.most} further manoeuvres, spread x {config.sigma_scale:g}"
-                curves.append(
-                    recall_curve(
-                        name, scenarios, arguments.predictor, modes, config, arguments.horizon, thresholds, bar.update
-                    )
-                )
-    _print_curves(curves, arguments.horizon)
-    found = {}
-    with tqdm(unit="run", dynamic_ncols=True, disable=not arguments.cost) as bar:
-        for threshold in sorted(arguments.cost):
-            parameters = {
-                "predictor": {"model": arguments.predictor},
-                "conflict": {"probability_threshold": threshold, "probability_clear": 0.5 * threshold},
-            }
-            parts = [costs(scenarios, ego, arguments.policy, parameters, bar.update) for ego in arguments.ego]
-            found[threshold] = {name: sum(part[name] for part in parts) for name in COSTS}
-    if found:
-        _print_costs(found)
-    if arguments.out is not None:
-        with replacing(arguments.out) as path:
-            draw_calibration(curves, found, path)
-
-
-def _print_curves(curves: list[Curve], second: int) -> None:
-    table = Table("threshold", *(curve.name for curve in curves), title=f"precision / recall, %, {second} s ahead")
-    for k, threshold in enumerate(curves[0].thresholds.tolist()):
-        cells = (f"{100 * c.precision[k]:.0f} / {100 * c.recall[k]:.0f}" for c in curves)
-        table.add_row(f"{threshold:g}", *cells)
-    console = Console()
-    console.print(table)
-    for curve in curves:
-        best = threshold_for(curve, PRECISION)
-        said = "never reached" if best is None else f"at {best[0]:g}, recall {100 * best[1]:.0f} %"
-        console.print(f"{curve.name}: precision {100 * PRECISION:.0f} % {said}")
-
-
-def _print_costs(found: dict[float, dict[str, float]]) -> None:
-    table = Table("threshold", *COSTS, title="over all runs")
-    for threshold, values in sorted(found.items()):
-        table.add_row(f"{threshold:g}", *(f"{values[name]:g}" for name in COSTS))
+        for modes, config in product(choices, configs):
+            parts = []
+            for scenario in scenarios:
+                detector = ConflictDetector(scenario.log, scenario.roi_m, config)
+                for ego in scenario.tuning_egos or (scenario.ego_id,):  # a segment has no tuning egos
+                    parts.append(score_drives(scenario, ego, detector, arguments.predictor, modes))
+                    bar.update()
+            curve = PairScores.joined(parts).curve(arguments.horizon, thresholds)
+            columns.append([f"{100 * p:.0f} / {100 * r:.0f}" for p, r in zip(*curve, strict=True)])
+            table.add_column(f"{arguments.predictor}, {modes.most} further manoeuvres, spread x {config.sigma_scale:g}")
+    for row in zip(*columns, strict=True):
+        table.add_row(*row)
     Console().print(table)
-
-
-if __name__ == "__main__":
-    main()

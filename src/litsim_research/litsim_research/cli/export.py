@@ -43,7 +43,3 @@ def _export(arguments: argparse.Namespace) -> None:
     from litsim_research.predictors.models.weights import load_model
 
     write_graph(*load_model(arguments.weights), arguments.out, weights=not arguments.graph_only)
-
-
-if __name__ == "__main__":
-    main()

@@ -137,13 +137,13 @@ class Work:
         together = {ego: tables.methods_of(campaign, ego, None) for ego in egos}
         by_set = {ego: {name: tables.methods_of(campaign, ego, name) for name in self._sets} for ego in egos}
         every_ego = _merged(together.values())
-        made = {
+        canvases = {
             "contacts_by_fault": figures.contacts_by_fault(together),
             "ade_over_time": figures.ade_over_time(by_set),
             "takeovers": figures.takeovers(every_ego, (OURS, PAPER_SETUP)),
             "realism": figures.realism(by_set[egos[0]]),
         }
-        for name, canvas in made.items():
+        for name, canvas in canvases.items():
             figures.save(canvas, self._images, name)
         print(f"figures: {self._images}")
         self._show()
@@ -210,9 +210,9 @@ class Work:
         return carried_out(suite, self._out / name, arguments.processes, overwrite=arguments.overwrite)
 
     def _egos(self, experiment: Experiment) -> tuple[str, ...]:
-        given: Sequence[str] | None = self._arguments.ego
-        if given and not experiment.own_egos:
-            return tuple(given)
+        chosen: Sequence[str] | None = self._arguments.ego
+        if chosen and not experiment.own_egos:
+            return tuple(chosen)
         return experiment.egos[:1] if self._arguments.quick else experiment.egos
 
     def _folders(self) -> tuple[Path, ...]:
@@ -230,23 +230,23 @@ class Work:
 
 
 def _available(sets: Sequence[str]) -> tuple[str, ...]:
-    """The `sets` with available data.
+    """Returns the `sets` with available data.
 
     Raises:
         InputError: there are none.
     """
-    found = tuple(name for name in sets if name != REAL or os.environ.get("LITSIM_DATA"))
-    if not found:
+    available = tuple(name for name in sets if name != REAL or os.environ.get("LITSIM_DATA"))
+    if not available:
         raise InputError("--sets real: LITSIM_DATA is not set, expected a folder of recorded data")
-    if len(found) < len(sets):
+    if len(available) < len(sets):
         print("real: left out, since LITSIM_DATA is not set to a folder of recorded data")
-    return found
+    return available
 
 
 def _rows(
     campaign: Campaign, experiment: Experiment, egos: Sequence[str], sets: Sequence[str | None]
 ) -> list[tables.Row]:
-    """The rows of an experiment's table: for each ego and set, all methods; a set of None means all sets together."""
+    """Returns the rows of an experiment's table: all methods for each ego and set; None means all sets together."""
     records: list[tables.Row] = []
     for ego in egos:
         for tag in sets:
@@ -256,9 +256,9 @@ def _rows(
     return records
 
 
-def _merged(found: Iterable[dict[str, dict[Key, Metrics | None]]]) -> dict[str, dict[Key, Metrics | None]]:
+def _merged(by_ego: Iterable[dict[str, dict[Key, Metrics | None]]]) -> dict[str, dict[Key, Metrics | None]]:
     merged: dict[str, dict[Key, Metrics | None]] = {}
-    for methods in found:
+    for methods in by_ego:
         for name, runs in methods.items():
             merged.setdefault(name, {}).update(runs)
     return merged
@@ -271,19 +271,14 @@ def main(argv: list[str] | None = None) -> int:
     interrupt_on_signals()
     work = Work(arguments)
     parts: dict[str, Callable[[], None]] = {
-        TABLE.name: partial(work.experiment, TABLE),
+        **{name: partial(work.experiment, experiment) for name, experiment in EXPERIMENTS.items()},
         FIGURES: work.figures,
         CASES: work.cases,
-        **{name: partial(work.experiment, each) for name, each in EXPERIMENTS.items() if each is not TABLE},
         ORACLES: work.oracles,
         BACKBONES: work.backbones,
     }
-    asked = [name for name in parts if name != BACKBONES or arguments.resnet50]
-    for name in asked if arguments.what == ALL else (arguments.what,):
+    whole = [name for name in parts if name != BACKBONES or arguments.resnet50]
+    for name in whole if arguments.what == ALL else (arguments.what,):
         parts[name]()
     work.times()
     return 0
-
-
-if __name__ == "__main__":
-    main()

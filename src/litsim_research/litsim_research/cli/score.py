@@ -1,4 +1,4 @@
-"""`evaluate`: compare predictors on the same scenes: errors, likelihood, calibration, consistency, conflicts.
+"""`score`: compare predictors on the same scenes: errors, likelihood, calibration, consistency, conflicts.
 
 Vehicles with 3 s of history and 5 s of future are scored, at 5 Hz: the first 3 s of a track are skipped. Without
 --recording or --validation the scenes are those of a scenario, whose egos also leave their log, to see which conflicts
@@ -8,14 +8,16 @@ are announced.
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import logging
 import sys
 from collections.abc import Iterator
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
 from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
@@ -74,12 +76,6 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--json", type=Path, metavar="OUT", help="write all measures here")
     p.add_argument("--csv", action="store_true", help="print comma-separated values, one line for each model")
     p.add_argument("--plot", type=Path, metavar="OUT.png", help="draw the errors, calibration and conflicts here")
-    p.add_argument(
-        "--learning-curve",
-        type=Path,
-        metavar="OUT.png",
-        help="only draw validation errors from the files of --models, over the share of vehicles that they learned",
-    )
     return p
 
 
@@ -141,7 +137,7 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
 
 
 def _validation_tracks(name: str) -> list[Tracks]:
-    """The validation part of the training configuration of that name, or of that file."""
+    """Returns the validation part of the training configuration of that name, or of that file."""
     from litsim_research.predictors.training.config import TrainingConfig
     from litsim_research.predictors.training.data import Locator, load_parts
 
@@ -156,21 +152,21 @@ def print_table(title: str, result: dict[str, dict[str, Any]]) -> None:
     for model in result:
         table.add_column(Path(model).stem, justify="right", overflow="fold")
     for name, keys in _rows(result):
-        table.add_row(name, *(_cell(_value(measures, keys), keys[0]) for measures in result.values()))
+        table.add_row(name, *(_cell(_entry(measures, keys), keys[0]) for measures in result.values()))
     Console().print(table)
     print("ratio: of the RMSE to constant velocity's; precision, recall: of conflicts of egos that leave their log")
 
 
 def print_csv(result: dict[str, dict[str, Any]]) -> None:
     """Print the measures as CSV on stdout: a line for each model, a column for each number."""
-    flat = [{"model": model} | dict(_flat(measures)) for model, measures in result.items()]
-    writer = csv.DictWriter(sys.stdout, list(flat[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(flat)
+    rows = [{"model": model} | measures for model, measures in result.items()]
+    for row in rows:
+        row.pop("protocol")
+    pd.json_normalize(rows, sep="_").to_csv(sys.stdout, index=False)
 
 
 def _rows(result: dict[str, dict[str, Any]]) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Titles of the table's rows, and the keys of what is in them."""
+    """Yields titles of the table's rows, and the keys of what is in them."""
     seconds = [str(second) for second in SECONDS]
     for second in seconds:
         yield f"RMSE@{second} s m", ("rmse", second)
@@ -192,23 +188,13 @@ def _rows(result: dict[str, dict[str, Any]]) -> Iterator[tuple[str, tuple[str, .
             yield f"recall@{second} s %", ("conflicts", second, "recall")
 
 
-def _value(tree: Any, keys: tuple[str, ...]) -> Any:
-    for key in keys:
-        tree = tree[key]
-    return tree
-
-
-def _flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in tree.items():
-        if key == "protocol":
-            continue
-        if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{key}_")
-        else:
-            yield prefix + key, value
+def _entry(measures: Any, keys: tuple[str, ...]) -> Any:
+    """Returns what is at the place `keys` in nested mappings."""
+    return reduce(getitem, keys, measures)
 
 
 def _cell(value: float | None, measure: str) -> str:
+    """Returns `value` as in the table; shares are in per cent."""
     if value is None:
         return "-"
     if measure in ("calibration", "overlap_rate", "overlap_rate_truth", "conflicts"):
@@ -221,9 +207,6 @@ def main() -> None:
     """Entry point of ``ros2 run litsim_research score``."""
     logging.basicConfig(format="%(levelname)s: %(message)s")
     arguments = parser().parse_args()
-    if arguments.learning_curve:
-        _learning_curve(arguments)
-        return
     result = evaluate(arguments)
     if arguments.csv:
         print_csv(result)
@@ -231,11 +214,6 @@ def main() -> None:
         measures = next(iter(result.values()))
         where = ", ".join(measures["protocol"]["sources"])
         print_table(f"{where}: {measures['samples']} forecasts in {measures['scenes']} scenes", result)
-    _write(result, arguments)
-
-
-def _write(result: dict[str, dict[str, Any]], arguments: argparse.Namespace) -> None:
-    """Write the files that the arguments ask for."""
     if arguments.json:
         with replacing(arguments.json) as new:
             new.write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", encoding="utf-8")
@@ -244,25 +222,3 @@ def _write(result: dict[str, dict[str, Any]], arguments: argparse.Namespace) -> 
 
         with replacing(arguments.plot) as new:
             draw(result, new)
-
-
-def _learning_curve(arguments: argparse.Namespace) -> None:
-    """Draw and print the learning curves of the files of weights that the arguments name."""
-    from litsim_research.predictors.evaluation.learning_curve import MEASURES, draw, learning_curves
-
-    if not arguments.models:
-        raise InputError("--learning-curve: expected --models FILE ..., weights that were trained with --fraction")
-    curves = learning_curves(Path(name) for name in arguments.models)
-    with replacing(arguments.learning_curve) as new:
-        draw(curves, new)
-    table = Table(title="validation, best epoch", title_justify="left")
-    for column in ("configuration", "vehicles trained on %", *MEASURES.values()):
-        table.add_column(column, justify="right")
-    for name, shares in curves.items():
-        for share, measured in shares.items():
-            table.add_row(name, f"{100.0 * share:g}", *(f"{measured[key]:.3f}" for key in MEASURES))
-    Console().print(table)
-
-
-if __name__ == "__main__":
-    main()

@@ -33,7 +33,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def packaged_configs() -> dict[str, Path]:
-    """The paths of the training configurations that come with the package, by name."""
+    """Returns the paths of the training configurations that come with the package, by name."""
     folder = Path(str(resources.files("litsim_research"))) / "configs"
     return {path.stem: path for path in folder.glob("*.yaml")}
 
@@ -85,7 +85,3 @@ def _train(arguments: argparse.Namespace) -> int:
         print_how_to_resume()
         return EXIT_INTERRUPTED
     return 0
-
-
-if __name__ == "__main__":
-    main()

@@ -32,7 +32,3 @@ def main(argv: list[str] | None = None) -> None:
     words = sys.argv[1:] if argv is None else argv
     what = parser().parse_args(words[:1]).what
     import_module(TRAININGS[what][0]).main(words[1:])
-
-
-if __name__ == "__main__":
-    main()

@@ -55,9 +55,9 @@ def update_wasserstein(
     for _ in range(config.updates):
         chosen = recorded.draw(config.batch, generator)
         real = torch.cat([recorded.observation[chosen], recorded.action[chosen]], dim=1)
-        made = driven[torch.randint(len(driven), (config.batch,), generator=generator)]
-        distance = critic(real).mean() - critic(made).mean()
-        penalty = ((gradient_norm(critic, real, made, generator) - 1.0) ** 2).mean()
+        generated = driven[torch.randint(len(driven), (config.batch,), generator=generator)]
+        distance = critic(real).mean() - critic(generated).mean()
+        penalty = ((gradient_norm(critic, real, generated, generator) - 1.0) ** 2).mean()
         optimiser.zero_grad()
         (config.gradient_penalty * penalty - distance).backward()
         optimiser.step()

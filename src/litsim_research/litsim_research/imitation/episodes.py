@@ -99,7 +99,7 @@ class TrafficEpisodes:
     @property
     def last_step(self) -> int:
         """The last step of the scene that ends first."""
-        return min(scene.total_steps for scene in self.batch.scenes)
+        return min(scenario.total_steps for scenario in self.batch.scenarios)
 
     def step(self, action: FloatArray) -> TrafficStep:
         """Drive :attr:`agents` by `action` (m, 2), in [-1, 1] after clipping."""
@@ -124,10 +124,10 @@ class TrafficEpisodes:
         return TrafficStep(agents, np.clip(executed, -1.0, 1.0), Faults(contact, off, brake), error)
 
     def _egos(self, step: int) -> list[EgoCommand]:
-        return [EgoCommand(step, mode=EgoMode.FOLLOW_LOG)] * len(self.batch.scenes)
+        return [EgoCommand(step, mode=EgoMode.FOLLOW_LOG)] * len(self.batch.scenarios)
 
     def _near(self, table: AgentTable, count: int, radius: float) -> list[int]:
-        """Ids of up to `count` agents within `radius` [m] of each scene's ego, the nearest first."""
+        """Returns ids of up to `count` agents within `radius` [m] of each scene's ego, the nearest first."""
         log = self.batch.log
         stays = log.last_step[np.searchsorted(log.ids, table.id)] > table.step + STAYS
         chosen: list[int] = []

@@ -46,27 +46,25 @@ class TrafficPairs:
 def traffic_pairs(
     scenarios: Sequence[Scenario], config: PairsConfig, random: np.random.Generator, real: Collection[str] = ()
 ) -> TrafficPairs:
-    """Pairs of all vehicles of `scenarios`.
+    """Returns pairs of all vehicles of `scenarios`.
 
     Paths follow the logs' routes, as after a takeover at the vehicle's first pair. `real` names the scenarios in which
     people drove.
     """
-    found = [_of_scenario(scenario, config, random) for scenario in scenarios]
-    people = np.concatenate(
-        [np.full(len(pairs[0]), each.name in real) for each, pairs in zip(scenarios, found, strict=True)]
-    )
-    seen, done, moved, back = (tensor(np.concatenate(column)) for column in zip(*found, strict=True))
+    pairs = [_of_scenario(scenario, config, random) for scenario in scenarios]
+    people = np.repeat([scenario.name in real for scenario in scenarios], [len(columns[0]) for columns in pairs])
+    tensors = [tensor(np.concatenate(column)) for column in zip(*pairs, strict=True)]
     weight = torch.as_tensor(share_weights(people, config.real_share))
-    return TrafficPairs(Demonstrations(seen, done, weight), Demonstrations(moved, back, weight))
+    return TrafficPairs(Demonstrations(tensors[0], tensors[1], weight), Demonstrations(tensors[2], tensors[3], weight))
 
 
 def _of_scenario(scenario: Scenario, config: PairsConfig, random: np.random.Generator) -> tuple[FloatArray, ...]:
-    """Observations (n, SIZE) and actions (n, 2) as recorded, then those of displaced vehicles."""
+    """Returns observations (n, SIZE) and actions (n, 2) as recorded, then those of displaced vehicles."""
     log, observer = scenario.log, TrafficObserver(scenario.lane_map)
     routes: dict[int, ReferencePath] = {}
     logged: dict[int, ReferencePath] = {}
     nothing = np.empty((0, SIZE)), np.empty((0, len(BOUNDS)))
-    found: list[tuple[FloatArray, ...]] = [(*nothing, *nothing)]
+    steps: list[tuple[FloatArray, ...]] = [(*nothing, *nothing)]
     for step in range(0, log.steps - config.smooth, config.every):
         table = log.table(step)
         rows = np.searchsorted(log.ids, table.id)
@@ -86,10 +84,10 @@ def _of_scenario(scenario: Scenario, config: PairsConfig, random: np.random.Gene
         ]
         poses, steering = displaced(table, chosen, ways, config.offset, config.turn, random)
         acceleration, yaw_rate = inverse_dynamics(log, rows[chosen], step, config.smooth)
-        seen = observer.observe(PathFollowers(scenario.lane_map, table, chosen, batch))
-        moved = observer.observe(PathFollowers(scenario.lane_map, table, chosen, batch, poses))
-        done, back = (
+        observed = observer.observe(PathFollowers(scenario.lane_map, table, chosen, batch))
+        displaced_observed = observer.observe(PathFollowers(scenario.lane_map, table, chosen, batch, poses))
+        actions, corrections = (
             np.clip(np.column_stack([acceleration, turn]) / BOUNDS, -1.0, 1.0) for turn in (yaw_rate, steering)
         )
-        found.append((seen, done, moved, back))
-    return tuple(np.concatenate(column) for column in zip(*found, strict=True))
+        steps.append((observed, actions, displaced_observed, corrections))
+    return tuple(np.concatenate(column) for column in zip(*steps, strict=True))

@@ -31,7 +31,7 @@ class TrafficPolicy(nn.Module):
         self.log_std = nn.Parameter(torch.full((len(BOUNDS),), LOG_STD_START))
 
     def forward(self, observation: Tensor) -> Tensor:
-        """Means (m, 2) for observations (m, SIZE)."""
+        """Returns means (m, 2) for observations (m, SIZE)."""
         values = observation
         for name in LAYERS[:-1]:
             values = torch.tanh(self.get_submodule(name)(values))
@@ -39,26 +39,26 @@ class TrafficPolicy(nn.Module):
         return means
 
     def said(self, observation: Tensor) -> Tensor:
-        """The same means, as deterministic actions (m, 2)."""
+        """Returns the same means, as deterministic actions (m, 2)."""
         means: Tensor = self(observation)
         return means
 
     def std(self) -> Tensor:
-        """Standard deviations (2,)."""
+        """Returns standard deviations (2,)."""
         return torch.exp(torch.clamp(self.log_std, LOG_STD_MIN, LOG_STD_MAX))
 
     def log_probability(self, observation: Tensor, raw: Tensor) -> Tensor:
-        """Logarithm of the density (m,) of actions `raw` (m, 2) as drawn, before driving clips them to +-1."""
+        """Returns the logarithm of the density (m,) of actions `raw` (m, 2) as drawn, before driving clips them."""
         # validation of the arguments would take longer than the density
         return torch.distributions.Normal(self(observation), self.std(), validate_args=False).log_prob(raw).sum(dim=-1)
 
     def entropy(self) -> Tensor:
-        """Entropy of the Gaussian, a scalar in nats."""
+        """Returns the entropy of the Gaussian, a scalar in nats."""
         return (torch.log(self.std()) + 0.5 * np.log(2.0 * np.pi * np.e)).sum()
 
 
 def perceptron(inputs: int, dropout: float = 0.0) -> nn.Sequential:
-    """A new network from (m, `inputs`) to (m, 1) with ReLU activations, for critic and value."""
+    """Returns a new network from (m, `inputs`) to (m, 1) with ReLU activations, for critic and value."""
     layers: list[nn.Module] = []
     for before, after in zip((inputs, *HIDDEN), HIDDEN, strict=False):
         layers += [nn.Linear(before, after), nn.ReLU(), nn.Dropout(dropout)]

@@ -57,11 +57,11 @@ def drive(
     error = np.empty(0)
     until = min(episodes.step_number + horizon, episodes.last_step)
     while episodes.step_number < until and len(episodes.agents):
-        seen = episodes.seen
-        raw, density = _drawn(policy, seen, generator)
+        observed = episodes.seen
+        raw, density = _drawn(policy, observed, generator)
         step = episodes.step(raw)
         ids.append(step.agents)
-        columns.append((seen, raw, density, step.executed, -step.faults.worst))
+        columns.append((observed, raw, density, step.executed, -step.faults.worst))
         contacts |= set(step.agents[step.faults.contact].tolist())
         off |= set(step.agents[step.faults.off_road >= 1.0].tolist())
         error = step.error
@@ -86,7 +86,7 @@ def collect(
     random = np.random.default_rng([config.seed, 2, iteration])
     generator = torch.Generator().manual_seed(int(random.integers(2**62)))
     stage = iteration * len(config.agents) // config.iterations
-    found: list[Drive] = []
+    drives: list[Drive] = []
     missing, empty = config.transitions, 0
     while missing > 0:
         drawn = [with_ego(scenarios[int(random.integers(len(scenarios)))], random) for _ in range(config.together)]
@@ -98,8 +98,8 @@ def collect(
         missing, empty = missing - steps, 0 if steps else empty + len(drawn)
         if empty >= EMPTY_SCENES_MAX:
             raise _nobody_driven(f"{empty} scenes in a row", config)
-        found += some
-    return [track for one in found for track in one.tracks], rates(found)
+        drives += some
+    return [track for one in drives for track in one.tracks], rates(drives)
 
 
 def validate(scenarios: Sequence[Scenario], policy: TrafficPolicy, config: ImitationTraining) -> dict[str, float]:
@@ -113,8 +113,8 @@ def validate(scenarios: Sequence[Scenario], policy: TrafficPolicy, config: Imita
     """
     random = np.random.default_rng(VALIDATION_SEED)
     drawn = [with_ego(scenarios[k % len(scenarios)], random) for k in range(config.validation_scenes)]
-    found = [drive(scenes, policy, ALL_AGENTS, config.radius, config.horizon, None) for scenes in _by_kind(drawn)]
-    rated = rates(found)
+    drives = [drive(scenes, policy, ALL_AGENTS, config.radius, config.horizon, None) for scenes in _by_kind(drawn)]
+    rated = rates(drives)
     if not rated["transitions"]:
         raise _nobody_driven(f"the {config.validation_scenes} scenes of validation", config)
     score = -(rated["contact"] + rated["off_road"] + config.error_weight * rated["error"])
@@ -124,7 +124,7 @@ def validate(scenarios: Sequence[Scenario], policy: TrafficPolicy, config: Imita
 
 
 def rates(drives: Sequence[Drive]) -> dict[str, float]:
-    """Shares of agents with a contact and off the road, mean error at the end [m], agents and agent-steps, by name."""
+    """Returns, by name, agents, agent-steps, shares with a contact and off the road, and mean error at the end [m]."""
     tracks = [track for one in drives for track in one.tracks]
     contacts, off = (sum(one.faulty[k] for one in drives) for k in (0, 1))
     errors = np.concatenate([one.errors for one in drives]) if drives else np.empty(0)
@@ -138,7 +138,7 @@ def rates(drives: Sequence[Drive]) -> dict[str, float]:
 
 
 def _nobody_driven(where: str, config: ImitationTraining) -> InputError:
-    """The error of scenes, described by `where`, without an agent to drive."""
+    """Returns the error of scenes, described by `where`, without an agent to drive."""
     return InputError(
         f"training: no agent is driven in {where}, expected scenarios with vehicles within radius "
         f"({config.radius:g} m) of the ego"
@@ -146,7 +146,7 @@ def _nobody_driven(where: str, config: ImitationTraining) -> InputError:
 
 
 def _by_kind(scenes: Sequence[Scenario]) -> list[list[Scenario]]:
-    """`scenes` in groups of one kind each."""
+    """Returns `scenes` in groups of one kind each."""
     groups: dict[Hashable, list[Scenario]] = defaultdict(list)
     for scene in scenes:
         groups[kind(scene)].append(scene)
@@ -154,7 +154,7 @@ def _by_kind(scenes: Sequence[Scenario]) -> list[list[Scenario]]:
 
 
 def _drawn(policy: TrafficPolicy, seen: FloatArray, generator: torch.Generator | None) -> tuple[FloatArray, FloatArray]:
-    """Actions (m, 2) for observations (m, SIZE), and the logarithms of their densities (m,)."""
+    """Returns actions (m, 2) for observations (m, SIZE), and the logarithms of their densities (m,)."""
     with torch.no_grad():
         observation = tensor(seen)
         raw = policy(observation)
@@ -164,7 +164,7 @@ def _drawn(policy: TrafficPolicy, seen: FloatArray, generator: torch.Generator |
 
 
 def _tracks(agents: IntArray, columns: list[np.ndarray], left: dict[int, FloatArray]) -> list[Track]:
-    """One track for each agent, from the k agent-steps of all steps one after another.
+    """Returns one track for each agent, from the k agent-steps of all steps one after another.
 
     Args:
         agents: (k,) ids.
@@ -173,10 +173,10 @@ def _tracks(agents: IntArray, columns: list[np.ndarray], left: dict[int, FloatAr
     """
     order = np.argsort(agents, kind="stable")
     names, begin = np.unique(agents[order], return_index=True)
-    found = []
+    tracks = []
     for agent, rows in zip(names.tolist(), np.split(order, begin[1:]), strict=True):
         observation, raw, density, executed, penalty = (column[rows] for column in columns)
         following = left.get(agent, observation[-1])
-        seen = np.concatenate([observation, following[None]])
-        found.append(Track(seen, raw, density, executed, penalty, terminated=False))
-    return found
+        observed = np.concatenate([observation, following[None]])
+        tracks.append(Track(observed, raw, density, executed, penalty, terminated=False))
+    return tracks

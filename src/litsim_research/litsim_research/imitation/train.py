@@ -93,27 +93,27 @@ def run(config: ImitationTraining, out: Path, *, resume: bool = False, progress:
     with tqdm(total=config.iterations, initial=done, unit="iteration", disable=not progress) as bar:
         for iteration in range(done, config.iterations):
             begin = time.perf_counter()
-            found = _iterate(training, data, pairs.recorded, iteration)
-            found["seconds"] = time.perf_counter() - begin
-            _note(training, data, out, found, last=iteration == config.iterations - 1)
-            bar.set_postfix({name: f"{found[name]:.3f}" for name in ("contact", "off_road", "error")})
+            figures = _iterate(training, data, pairs.recorded, iteration)
+            figures["seconds"] = time.perf_counter() - begin
+            _note(training, data, out, figures, last=iteration == config.iterations - 1)
+            bar.set_postfix({name: f"{figures[name]:.3f}" for name in ("contact", "off_road", "error")})
             bar.update()
     return training
 
 
-def _note(training: Imitation, data: TrainingData, out: Path, found: dict[str, float], *, last: bool) -> None:
-    """Add `found`, an iteration's entry, to the history, with a validation if one is due, and write files.
+def _note(training: Imitation, data: TrainingData, out: Path, figures: dict[str, float], *, last: bool) -> None:
+    """Add `figures`, an iteration's entry, to the history, with a validation if one is due, and write files.
 
     The warm start is validated for comparison, and never kept as the best, since no critic has influenced it.
     """
     before = len(training.history)
     due = last or before % training.config.validate_every == 0
     if due:
-        found = found | validate(data.validation, training.policy, training.config)
-    training.history.append(found)
+        figures = figures | validate(data.validation, training.policy, training.config)
+    training.history.append(figures)
     taught = last or before > training.config.ppo.value_first
-    if due and taught and found["validation_score"] > training.best:
-        training.best = found["validation_score"]
+    if due and taught and figures["validation_score"] > training.best:
+        training.best = figures["validation_score"]
         training.save(out / BEST)
     training.keep(out)
     if due:
@@ -128,7 +128,7 @@ def _iterate(training: Imitation, data: TrainingData, recorded: Demonstrations, 
     """
     config = training.config
     generator = torch.Generator().manual_seed(config.seed * 1_000_003 + iteration)
-    tracks, found = collect(data.train, training.policy, config, iteration)
+    tracks, figures = collect(data.train, training.policy, config, iteration)
     pairs = driven_pairs(tracks)
     training.replay = [*training.replay, pairs][-config.critic.replay :]
     driven = torch.cat(training.replay)
@@ -152,7 +152,7 @@ def _iterate(training: Imitation, data: TrainingData, recorded: Demonstrations, 
     for network in (training.policy, training.value):
         refuse_divergence(network, "ppo.learning_rate", config.ppo.learning_rate)
     faults = -np.concatenate([track.penalty for track in tracks])
-    return found | {
+    return figures | {
         "fault": float(faults.mean()),
         "critic_distance": distance,
         "value_loss": step.value_loss,
@@ -163,7 +163,7 @@ def _iterate(training: Imitation, data: TrainingData, recorded: Demonstrations, 
 
 
 def driven_pairs(tracks: list[Track]) -> Tensor:
-    """Observations and executed actions side by side (m, SIZE + 2), as the critic sees them."""
+    """Returns observations and executed actions side by side (m, SIZE + 2), as the critic sees them."""
     rows = [np.concatenate([track.observation[:-1], track.executed], axis=1) for track in tracks]
     return tensor(np.concatenate(rows))
 
@@ -190,7 +190,3 @@ def main(argv: list[str] | None = None) -> None:
     with training_program(arguments):
         training = run(config, arguments.out, resume=arguments.resume)
     print(f"best validation score {training.best:.4f}: {arguments.out / BEST}; curves: {arguments.out / CURVES}")
-
-
-if __name__ == "__main__":
-    main()

@@ -58,7 +58,7 @@ SHOWN = {Controller.EGO: "ego", Controller.POLICY: "driven", Controller.LOG: "lo
 
 
 def candidates(name: str, folder: Path, *, quick: bool) -> Suite:
-    """The candidate runs for the case study `name`, in order of preference.
+    """Returns the candidate runs for the case study `name`, in order of preference.
 
     Args:
         name: one of :data:`STUDIES`.
@@ -84,19 +84,19 @@ def _suite(name: str, cases: list[CaseEntry], egos: list[EgoSetup]) -> Suite:
 
 
 def left_turns(scenarios: Iterable[str]) -> list[CaseEntry]:
-    """Unprotected left turns at which the ego passes first, by ascending post-encroachment time.
+    """Returns unprotected left turns at which the ego passes first, by ascending post-encroachment time.
 
     An ego that is later than in its log meets the vehicle that passes second.
     """
-    found = [
+    turns = [
         Found(name, event)
         for name in scenarios
         for event in mine(Scenario.load(name), [EventKind.LEFT_TURN])
         if event.numbers["first"] == "ego"
     ]
     return [
-        CaseEntry(scenario=each.scenario, ego_id=each.event.ego, tags=[LEFT_TURN], events=[each.event.entry()])
-        for each in hardest(found, len(found))
+        CaseEntry(scenario=turn.scenario, ego_id=turn.event.ego, tags=[LEFT_TURN], events=[turn.event.entry()])
+        for turn in hardest(turns, len(turns))
     ]
 
 
@@ -115,7 +115,7 @@ class Study:
 
 
 def chosen(campaign: Campaign, event: EventKind | None = None) -> Study | None:
-    """The first case of a campaign with a contact of the ego, not in the log, under replay; and none under LitSim.
+    """Returns the first case with a contact of the ego that is not in the log under replay, and none under LitSim.
 
     LitSim must also take over an agent. With `event`, the ego's first contact must be with the other vehicle of such an
     event. None if there is no such case.
@@ -134,18 +134,19 @@ def chosen(campaign: Campaign, event: EventKind | None = None) -> Study | None:
 
 
 def _ego_contact(result: RunResult, event: EventKind | None) -> int | None:
-    """Step of the ego's first contact that is not in the log; None if there is none, or it belongs to no `event`."""
+    """Returns the step of the ego's first contact that is not in the log; None without, or if of no `event`."""
     case, metrics = result.case, result.metrics or {}
-    found = [each for each in metrics["collision"]["contacts"] if case.ego_id in each["pair"] and not each["in_log"]]
-    first = min(found, key=lambda each: int(each["step"]), default=None)
-    others = {each["other"] for each in case.events if each["kind"] == event}
+    contacts = metrics["collision"]["contacts"]
+    own = [contact for contact in contacts if case.ego_id in contact["pair"] and not contact["in_log"]]
+    first = min(own, key=lambda contact: int(contact["step"]), default=None)
+    others = {mined["other"] for mined in case.events if mined["kind"] == event}
     if first is None or (event is not None and others.isdisjoint(first["pair"])):
         return None
     return int(first["step"])
 
 
 def drawn(name: str, study: Study) -> Canvas:
-    """A picture of the study `name` at several times, replay above and LitSim below.
+    """Returns a picture of the study `name` at several times, replay above and LitSim below.
 
     Raises:
         InputError: a run cannot be repeated, or its ego is not there at the contact.
@@ -175,24 +176,24 @@ def drawn(name: str, study: Study) -> Canvas:
 
 
 def _table(run: Run, step: int) -> AgentTable | None:
-    """All agents at `step`; None if the run has no such step."""
+    """Returns all agents at `step`; None if the run has no such step."""
     return next((table for table in run.tables if table.step == step), None)
 
 
 def _pose(run: Run, step: int) -> FloatArray | None:
-    """Pose (3,) x, y [m], yaw [rad] of the ego at `step`; None if it is gone."""
+    """Returns the pose (3,) x, y [m], yaw [rad] of the ego at `step`; None if it is gone."""
     table = _table(run, step)
     row = -1 if table is None else table.row(run.info.ego_id)
     return None if table is None or row < 0 else np.array([table.x[row], table.y[row], table.yaw[row]])
 
 
 def _draw(axes: Axes, run: Run, lane_map: LaneMap, step: int, view: tuple[FloatArray, float, float, float]) -> None:
-    """Lanes and boxes at `step`, seen along the heading of `view`: centre, heading, half length and half width."""
+    """Draw lanes and boxes at `step`, seen along the heading of `view`: centre, heading, half length and half width."""
     centre, heading, wide, high = view
     turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
-    seen = shapely.box(-wide, -high, wide, high)
+    view_box = shapely.box(-wide, -high, wide, high)
     for lane in lane_map.lanes:
-        outlines = _outlines((lane.centerline - centre) @ turn, lane.width, seen)
+        outlines = _outlines((lane.centerline - centre) @ turn, lane.width, view_box)
         axes.add_collection(PolyCollection(outlines, color=ROAD, lw=0))
     table = _table(run, step)
     if table is not None:
@@ -201,18 +202,18 @@ def _draw(axes: Axes, run: Run, lane_map: LaneMap, step: int, view: tuple[FloatA
     axes.spines[:].set_visible(False)
 
 
-def _outlines(centerline: FloatArray, width: float, seen: shapely.Polygon) -> list[FloatArray]:
-    """Outlines of the part of a lane within `seen`, with a small gap to neighbours."""
-    part = shapely.LineString(centerline).intersection(seen.buffer(width))
-    strip = part.buffer(0.48 * width, cap_style="flat").intersection(seen)
-    parts = [each for each in shapely.get_parts(strip) if isinstance(each, shapely.Polygon) and not each.is_empty]
-    return [shapely.get_coordinates(each.exterior) for each in parts]
+def _outlines(centerline: FloatArray, width: float, view_box: shapely.Polygon) -> list[FloatArray]:
+    """Returns outlines of the part of a lane within `view_box`, with a small gap to neighbours."""
+    part = shapely.LineString(centerline).intersection(view_box.buffer(width))
+    strip = part.buffer(0.48 * width, cap_style="flat").intersection(view_box)
+    parts = [piece for piece in shapely.get_parts(strip) if isinstance(piece, shapely.Polygon) and not piece.is_empty]
+    return [shapely.get_coordinates(piece.exterior) for piece in parts]
 
 
 def _boxes(table: AgentTable, centre: FloatArray, turn: FloatArray, limits: tuple[float, float]) -> PolyCollection:
-    """Boxes of the agents that may be in view."""
+    """Returns boxes of the agents that may be in view."""
     corners = box_corners(table.x, table.y, table.yaw, table.length, table.width)
-    seen = (corners - centre) @ turn
-    near = np.abs(seen).max(axis=(1, 2)) < 2.0 * max(limits)
-    colours = [colour_of(each) for each in table.controller[near].tolist()]
-    return PolyCollection(list(seen[near]), facecolors=colours, edgecolors=INK, linewidths=0.4)
+    local = (corners - centre) @ turn
+    near = np.abs(local).max(axis=(1, 2)) < 2.0 * max(limits)
+    colours = [colour_of(controller) for controller in table.controller[near].tolist()]
+    return PolyCollection(list(local[near]), facecolors=colours, edgecolors=INK, linewidths=0.4)

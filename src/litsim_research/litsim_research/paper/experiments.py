@@ -45,7 +45,7 @@ AT_ONCE |= {"conflict.release_speed": 1000.0, "conflict.release_yaw": 7.0}
 
 
 def oracles(happened: Path) -> tuple[Policy, ...]:
-    """LitSim, and LitSim with one stage at a time replaced by an oracle, from outcomes in the folder `happened`."""
+    """Returns LitSim, and LitSim with one stage at a time replaced by an oracle that reads the folder `happened`."""
     forecast = {
         "predictor.model": "oracle",
         "predictor.oracle.happened": str(happened),
@@ -90,10 +90,10 @@ CHANGES = {
 
 
 def changes() -> tuple[Policy, ...]:
-    """LitSim, LitSim with one change at a time reverted to the paper, and with all of them reverted."""
-    given = setup_of(PAPER_SETUP).parameters
+    """Returns LitSim, LitSim with one change at a time reverted to the paper, and with all of them reverted."""
+    paper = setup_of(PAPER_SETUP).parameters
     taken_back = (
-        PolicySetup(name=name, kind=OURS, parameters={each: given[each] for each in names})
+        PolicySetup(name=name, kind=OURS, parameters={parameter: paper[parameter] for parameter in names})
         for name, names in CHANGES.items()
     )
     return (OURS, *taken_back, PAPER_SETUP)
@@ -126,28 +126,28 @@ class Experiment:
     published: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def suite(self, sets: tuple[str, ...], egos: tuple[str, ...], folder: Path, *, quick: bool) -> Suite:
-        """The campaign on the `sets` of roads with `egos`; scenarios generated for it go to `folder`.
+        """Returns the campaign on the `sets` of roads with `egos`; scenarios generated for it go to `folder`.
 
         Raises:
             InputError: see :func:`.roads.roads`.
         """
-        found = self.prepare(roads(sets, folder, quick=quick), folder)
+        cases = self.prepare(roads(sets, folder, quick=quick), folder)
         return Suite(
             name=self.name,
             description=self.description,
-            cases=[entry for entries in found.values() for entry in entries],
+            cases=[entry for entries in cases.values() for entry in entries],
             egos=[EgoSetup(name=ego, kind=ego) for ego in egos],
             policies=list(self.policies),
             criteria=JUDGED,
         )
 
 
-def _ten_seconds(found: Roads, folder: Path) -> Roads:
-    return {name: shortened(entries, SANITY_S, folder) for name, entries in found.items()}
+def _ten_seconds(cases: Roads, folder: Path) -> Roads:
+    return {name: shortened(entries, SANITY_S, folder) for name, entries in cases.items()}
 
 
-def _few(found: Roads, folder: Path) -> Roads:
-    return _ten_seconds({name: entries[:FEW] for name, entries in found.items()}, folder)
+def _few(cases: Roads, folder: Path) -> Roads:
+    return _ten_seconds({name: entries[:FEW] for name, entries in cases.items()}, folder)
 
 
 TABLE = Experiment(
@@ -188,7 +188,7 @@ ORACLES = "oracles"
 
 
 def of_oracles(ego: str, happened: Path) -> Experiment:
-    """LitSim with one stage at a time replaced by an oracle, for one ego, to see the loss in each stage."""
+    """Returns LitSim with one stage at a time replaced by an oracle, for one ego, to see the loss in each stage."""
     return Experiment(f"{ORACLES}_{ego}", "What is lost in each stage.", oracles(happened), (ego,))
 
 
@@ -196,7 +196,7 @@ BACKBONES = "backbones"
 
 
 def of_backbones(weights: Path) -> Experiment:
-    """SimNet with either backbone, over 10 s of a few cases; `weights` is the file of ResNet-50."""
+    """Returns SimNet with either backbone, over 10 s of a few cases; `weights` is the file of ResNet-50."""
     large = {"policy.simnet.backbone": "resnet50", "policy.simnet.weights": str(weights.resolve())}
     return Experiment(
         name=BACKBONES,

@@ -46,7 +46,7 @@ def save(canvas: Canvas, folder: Path, name: str) -> list[Path]:
 
 
 def contacts_by_fault(by_ego: Mapping[str, Methods]) -> Canvas:
-    """Contacts that are not in the log, by fault, for each method; a panel per ego."""
+    """Draws contacts that are not in the log, by fault, for each method; a panel per ego."""
     canvas = Canvas((WIDTH, 0.9 + 2.1 * len(by_ego)), layout="constrained")
     panels = canvas.subplots(len(by_ego), 1, squeeze=False)[:, 0]
     for axes, (ego, methods) in zip(panels, by_ego.items(), strict=True):
@@ -66,7 +66,7 @@ def contacts_by_fault(by_ego: Mapping[str, Methods]) -> Canvas:
 
 
 def ade_over_time(by_ego: Mapping[str, Mapping[str, Methods]]) -> Canvas:
-    """ADE over the horizon, paired over the agents that any method drives; a row per ego, a column per set."""
+    """Draws ADE over the horizon, paired over the agents that any method drives; a row per ego, a column per set."""
     canvas = Canvas((WIDTH, 0.5 + 2.4 * len(by_ego)), layout="constrained")
     sets = list(next(iter(by_ego.values())))
     grid = canvas.subplots(len(by_ego), len(sets), sharex=True, sharey="row", squeeze=False)
@@ -74,7 +74,7 @@ def ade_over_time(by_ego: Mapping[str, Mapping[str, Methods]]) -> Canvas:
         for axes, (name, methods) in zip(row, by_set.items(), strict=True):
             parts = {horizon: ade_parts(methods, horizon, "driven") for horizon in HORIZONS_S}
             for k, method in enumerate(methods):
-                points = [(h, found.value) for h in HORIZONS_S if (found := figure(parts[h][method]))]
+                points = [(h, value.value) for h in HORIZONS_S if (value := figure(parts[h][method]))]
                 if points:
                     colour = COLOURS[k % len(COLOURS)]
                     axes.plot(*zip(*points, strict=True), marker="o", ms=3, color=colour, label=method)
@@ -89,17 +89,17 @@ def ade_over_time(by_ego: Mapping[str, Mapping[str, Methods]]) -> Canvas:
 
 
 def takeovers(methods: Methods, names: Sequence[str]) -> Canvas:
-    """Time off the log and distance from it at release [s, m], as histograms for the methods `names`."""
+    """Draws time off the log and distance from it at release [s, m], as histograms for the methods `names`."""
     canvas = Canvas((WIDTH, 3.0), layout="constrained")
     for axes, (field, label) in zip(
         canvas.subplots(1, 2),
         (("held_s", "time off the log, s"), ("residual_m", "distance from the log at release, m")),
         strict=True,
     ):
-        found = {name: _ledger(methods[name], field) for name in names if name in methods}
-        longest = max((max(values, default=0.0) for values in found.values()), default=0.0)
+        ledgers = {name: _ledger(methods[name], field) for name in names if name in methods}
+        longest = max((max(values, default=0.0) for values in ledgers.values()), default=0.0)
         edges = np.linspace(0.0, max(longest, 0.1), 21)
-        for name, values in found.items():
+        for name, values in ledgers.items():
             colour = COLOURS[list(methods).index(name) % len(COLOURS)]
             axes.hist(values, edges, histtype="step", color=colour, label=f"{name} ({len(values)})")
         axes.set_xlabel(label)
@@ -110,17 +110,18 @@ def takeovers(methods: Methods, names: Sequence[str]) -> Canvas:
 
 
 def realism(by_set: Mapping[str, Methods]) -> Canvas:
-    """Realism of the agents near the ego's log, with the spread over draws; a mark per method, grouped by set."""
+    """Draws realism of the agents near the ego's log, with its spread over draws; a mark per method, by set."""
     canvas = Canvas((WIDTH, 3.0), layout="constrained")
     axes = canvas.add_subplot()
     names = list(dict.fromkeys(name for methods in by_set.values() for name in methods))
     for k, name in enumerate(names):
-        found = [figure(run_parts(methods.get(name, {}), "realism")) for methods in by_set.values()]
-        marks = [(at + 0.7 * ((k + 0.5) / len(names) - 0.5), each) for at, each in enumerate(found) if each is not None]
+        figures = [figure(run_parts(methods.get(name, {}), "realism")) for methods in by_set.values()]
+        shift = 0.7 * ((k + 0.5) / len(names) - 0.5)
+        marks = [(at + shift, value) for at, value in enumerate(figures) if value is not None]
         axes.errorbar(
             [place for place, _ in marks],
-            [each.value for _, each in marks],
-            [each.spread or 0.0 for _, each in marks],
+            [value.value for _, value in marks],
+            [value.spread or 0.0 for _, value in marks],
             fmt="o",
             ms=5,
             lw=1.2,
@@ -136,7 +137,7 @@ def realism(by_set: Mapping[str, Methods]) -> Canvas:
 
 
 def _ledger(runs: Mapping[Any, Any], field: str) -> list[float]:
-    """Values of `field` over all takeovers of a method; for the residual, only those that were released."""
+    """Returns values of `field` over all takeovers of a method; for the residual, only those that were released."""
     return [
         entry[field]
         for metrics in runs.values()

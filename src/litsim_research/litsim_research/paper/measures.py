@@ -55,12 +55,12 @@ class Figure:
 
 
 def key_of(case: Case) -> Key:
-    """The :data:`Key` of `case`."""
+    """Returns the :data:`Key` of `case`."""
     return case.scenario, case.ego_id, case.ego.name, case.seed
 
 
 def by_key(results: Sequence[RunResult]) -> dict[Key, Metrics | None]:
-    """Metrics of the runs of a method, by case; None for a run without metrics."""
+    """Returns metrics of the runs of a method, by case; None for a run without metrics."""
     return {key_of(result.case): result.metrics for result in results}
 
 
@@ -94,61 +94,61 @@ COUNTS: dict[str, Callable[[Metrics], int]] = {
 
 
 def run_parts(runs: Mapping[Key, Metrics | None], name: str) -> Parts:
-    """The contribution of each run of a method to the measure `name` of :data:`RUN_MEASURES` or :data:`SHARES`."""
-    found: Parts = {}
+    """Returns what each run contributes to the measure `name` of :data:`RUN_MEASURES` or :data:`SHARES`."""
+    parts: Parts = {}
     for key, metrics in runs.items():
         draw = key[3] or 0
         if name in SHARES:
-            found[key] = Part(draw, float(metrics is not None and SHARES[name](metrics)), 1.0)
+            parts[key] = Part(draw, float(metrics is not None and SHARES[name](metrics)), 1.0)
         elif metrics is not None and (value := RUN_MEASURES[name](metrics)) is not None:
-            found[key] = Part(draw, value, 1.0)
-    return found
+            parts[key] = Part(draw, value, 1.0)
+    return parts
 
 
 def count(runs: Mapping[Key, Metrics | None], name: str) -> int:
-    """The sum `name` of :data:`COUNTS` over the runs of a method."""
+    """Returns the sum `name` of :data:`COUNTS` over the runs of a method."""
     return sum(COUNTS[name](metrics) for metrics in runs.values() if metrics is not None)
 
 
 def ade_parts(methods: Mapping[str, Mapping[Key, Metrics | None]], horizon: int, whose: Whose) -> dict[str, Parts]:
-    """Contributions of runs to ADE up to `horizon` [s], by method; only cases that all methods ran for so long."""
-    found: dict[str, Parts] = {name: {} for name in methods}
+    """Returns what runs contribute to ADE up to `horizon` [s], by method, in cases that all methods ran for so long."""
+    parts: dict[str, Parts] = {name: {} for name in methods}
     text = str(horizon)
     for key in dict.fromkeys(key for runs in methods.values() for key in runs):
-        told = {name: runs.get(key) for name, runs in methods.items()}
-        given = {name: m["displacement"] for name, m in told.items() if m is not None}
-        if len(given) < len(methods) or any(d["agent_steps"].get(text) is None for d in given.values()):
+        metrics = {name: runs.get(key) for name, runs in methods.items()}
+        displacements = {name: m["displacement"] for name, m in metrics.items() if m is not None}
+        if len(displacements) < len(methods) or any(d["agent_steps"].get(text) is None for d in displacements.values()):
             continue
         driven = {
-            each["agent"]: each["steps"][text]
-            for displacement in given.values()
-            for each in displacement["agents"]
-            if each["controlled_s"] is not None and each["controlled_s"] <= horizon
+            agent["agent"]: agent["steps"][text]
+            for displacement in displacements.values()
+            for agent in displacement["agents"]
+            if agent["controlled_s"] is not None and agent["controlled_s"] <= horizon
         }
-        for name, displacement in given.items():
+        for name, displacement in displacements.items():
             far = sum(
-                each["ade_m"][text] * each["steps"][text]
-                for each in displacement["agents"]
-                if each["ade_m"][text] is not None and (whose == "all" or each["agent"] in driven)
+                agent["ade_m"][text] * agent["steps"][text]
+                for agent in displacement["agents"]
+                if agent["ade_m"][text] is not None and (whose == "all" or agent["agent"] in driven)
             )
             steps = displacement["agent_steps"][text] if whose == "all" else sum(driven.values())
-            found[name][key] = Part(key[3] or 0, far, float(steps))
-    return found
+            parts[name][key] = Part(key[3] or 0, far, float(steps))
+    return parts
 
 
 def figure(parts: Parts) -> Figure | None:
-    """The measure over all runs, and its spread; None if there is nothing to measure."""
+    """Returns the measure over all runs, and its spread; None if there is nothing to measure."""
     value = _ratio(parts.values())
     if value is None:
         return None
     draws = sorted({part.draw for part in parts.values()})
-    each = [_ratio([part for part in parts.values() if part.draw == draw]) for draw in draws]
-    known = [one for one in each if one is not None]
+    by_draw = [_ratio([part for part in parts.values() if part.draw == draw]) for draw in draws]
+    known = [ratio for ratio in by_draw if ratio is not None]
     return Figure(value, float(np.std(known, ddof=1)) if len(known) > 1 else None)
 
 
 def interval(ours: Parts, theirs: Parts) -> tuple[float, float] | None:
-    """95 % interval of theirs minus ours, by paired bootstrap over cases; None for fewer than two cases."""
+    """Returns the 95 % interval of theirs minus ours, by paired bootstrap over cases; None for fewer than two cases."""
     keys = [key for key in ours if key in theirs]
     if len(keys) < 2:
         return None

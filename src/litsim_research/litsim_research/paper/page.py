@@ -14,7 +14,7 @@ END = "<!-- end: figures -->"
 
 
 def begin(command: str) -> str:
-    """The line that begins the part that `command` writes, without the inputs and the digest of tools/figures.py."""
+    """Returns the line before the part that `command` writes, without inputs and digest of tools/figures.py."""
     return f"<!-- begin: figures {command} -->"
 
 

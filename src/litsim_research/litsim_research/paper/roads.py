@@ -34,7 +34,7 @@ Roads = dict[str, list[CaseEntry]]
 
 
 def roads(names: Sequence[str], folder: Path, *, quick: bool = False) -> Roads:
-    """Cases of the sets called `names`, tagged with the set's name; scenarios generated for them go to `folder`.
+    """Returns cases of the sets called `names`, tagged with their names; generated scenarios go to `folder`.
 
     Raises:
         InputError: the real window is missing, or `folder` cannot be written.
@@ -48,14 +48,14 @@ def roads(names: Sequence[str], folder: Path, *, quick: bool = False) -> Roads:
 
 
 def shortened(entries: Sequence[CaseEntry], seconds: float, folder: Path) -> list[CaseEntry]:
-    """`entries` with scenarios of at most `seconds` after the history, written to `folder`."""
-    found = []
+    """Returns `entries` with scenarios of at most `seconds` after the history, written to `folder`."""
+    short = []
     for entry in entries:
         path = folder / f"{Path(entry.scenario).stem}_{seconds:g}s.yaml"
         if not path.is_file():
             _write(Scenario.load(entry.scenario, simulation_s=seconds), path)
-        found.append(entry.model_copy(update={"scenario": str(path.resolve())}))
-    return found
+        short.append(entry.model_copy(update={"scenario": str(path.resolve())}))
+    return short
 
 
 def _write(scenario: Scenario, path: Path) -> None:
@@ -68,7 +68,7 @@ def _entry(name: str, scenario: str, ego: int, draw: int) -> CaseEntry:
 
 
 def _real(quick: bool) -> list[CaseEntry]:
-    """A case for every vehicle that can be the ego, except those on which parameters were tuned."""
+    """Returns a case for every vehicle that can be the ego, except those on which parameters were tuned."""
     window = Scenario.load(WINDOW)
     usable = np.array([ego for ego in window.possible_egos if ego not in window.tuning_egos])
     dealt = np.random.default_rng(0).permutation(usable).tolist()
@@ -85,7 +85,7 @@ def _generated(name: str, folder: Path) -> list[CaseEntry]:
 
 
 def generated(name: str, count: int, seed: int, folder: Path) -> list[str]:
-    """Scenario files of `count` segments of the set called `name` in `folder`, generated if missing.
+    """Returns scenario files of `count` segments of the set called `name` in `folder`, generated if missing.
 
     Raises:
         InputError: `folder` cannot be written.

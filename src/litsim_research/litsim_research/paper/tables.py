@@ -117,7 +117,7 @@ class Measure:
         return "%" if self.scale == 100.0 else "m" if self.heading.endswith(", m") else ""
 
     def text(self, value: float) -> str:
-        """`value` as the text of a cell."""
+        """Returns `value` as the text of a cell."""
         return f"{self.scale * value:.{self.digits}f}"
 
 
@@ -180,32 +180,33 @@ T = TypeVar("T")
 
 
 def methods_of(campaign: Campaign, ego: str, tag: str | None) -> dict[str, dict[Key, Metrics | None]]:
-    """Metrics of the runs of each method with `ego` on the set `tag` (None: all sets), in the campaign's order."""
-    found: dict[str, list[RunResult]] = {}
+    """Returns metrics of the runs of each method with `ego` on the set `tag` (None: all), in the campaign's order."""
+    by_method: dict[str, list[RunResult]] = {}
     for result in campaign.results:
         if result.case.ego.name == ego and (tag is None or tag in result.case.tags):
-            found.setdefault(result.case.label or result.case.policy, []).append(result)
-    return {name: by_key(results) for name, results in found.items()}
+            by_method.setdefault(result.case.label or result.case.policy, []).append(result)
+    return {name: by_key(results) for name, results in by_method.items()}
 
 
 def parts_of(methods: Methods, measures: Sequence[Measure]) -> dict[str, dict[str, Parts]]:
-    """Contributions of the runs to each measure, by the measure's key, then by method."""
-    found: dict[str, dict[str, Parts]] = {}
+    """Returns contributions of the runs to each measure, by the measure's key, then by method."""
+    parts: dict[str, dict[str, Parts]] = {}
     for measure in measures:
         kind, _, horizon = measure.key.rpartition("_")
         if kind in ("ade", "all"):
             whose: Whose = "driven" if kind == "ade" else "all"
-            found[measure.key] = ade_parts(methods, int(horizon), whose)
+            parts[measure.key] = ade_parts(methods, int(horizon), whose)
         elif kind == "own":
-            alone = {name: ade_parts({name: runs}, int(horizon), "driven") for name, runs in methods.items()}
-            found[measure.key] = {name: parts[name] for name, parts in alone.items()}
+            parts[measure.key] = {
+                name: ade_parts({name: runs}, int(horizon), "driven")[name] for name, runs in methods.items()
+            }
         else:
-            found[measure.key] = {name: run_parts(runs, measure.key) for name, runs in methods.items()}
-    return found
+            parts[measure.key] = {name: run_parts(runs, measure.key) for name, runs in methods.items()}
+    return parts
 
 
 def rows(methods: Methods, ego: str, tag: str | None) -> list[Row]:
-    """Rows of all measures and counts of `methods` with `ego` on the set `tag` (None: all sets)."""
+    """Returns rows of all measures and counts of `methods` with `ego` on the set `tag` (None: all sets)."""
     parts = parts_of(methods, MEASURES)
     where = tag or ALL_SETS
     records: list[Row] = []
@@ -226,7 +227,7 @@ def rows(methods: Methods, ego: str, tag: str | None) -> list[Row]:
 
 
 def published_rows(ego: str, values: Mapping[str, Mapping[str, float]]) -> list[Row]:
-    """Rows of the paper's own figures, by method and by the key of the measure."""
+    """Returns rows of the paper's own figures, by method and by the key of the measure."""
     return [
         Row(ego, PUBLISHED, name, measure.key, measure.unit, measure.text(of_method[measure.key]))
         for name, of_method in values.items()
@@ -236,7 +237,7 @@ def published_rows(ego: str, values: Mapping[str, Mapping[str, float]]) -> list[
 
 
 def goals(methods: Methods, ego: str) -> list[GoalRow]:
-    """LitSim beside the best of the baselines, and whether each goal is met; nothing without LitSim or baselines."""
+    """Returns LitSim beside the best baseline, and whether each goal is met; nothing without LitSim or baselines."""
     rivals = [name for name in BASELINES if name in methods]
     if OURS not in methods or not rivals:
         return []
@@ -264,13 +265,13 @@ def write_csv(path: Path, records: Sequence[Row] | Sequence[GoalRow]) -> None:
 
 
 def read_csv(path: Path, kind: type[R]) -> list[R]:
-    """Records that :func:`write_csv` wrote."""
+    """Returns records that :func:`write_csv` wrote."""
     with path.open(encoding="utf-8", newline="") as stream:
         return [kind(**record) for record in csv.DictReader(stream)]
 
 
 def summary(records: Sequence[Row]) -> list[str]:
-    """Lines of a short table: a line for each ego and method, with the sets of roads side by side in a cell.
+    """Returns lines of a short table: a line for each ego and method, with the sets of roads side by side in a cell.
 
     Clear differences from LitSim are marked; counts are summed over the sets.
     """
@@ -298,7 +299,7 @@ def summary(records: Sequence[Row]) -> list[str]:
 
 
 def goals_table(records: Sequence[GoalRow]) -> list[str]:
-    """Lines of a table of goals, with a column for each ego."""
+    """Returns lines of a table of goals, with a column for each ego."""
     egos = _different(row.ego for row in records)
     by_cell = {(row.goal, row.ego): f"{row.litsim}, {row.best}: {row.met}" for row in records}
     return [
@@ -328,7 +329,7 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def _compared(measure: Measure, ours: Parts, theirs: Parts) -> dict[str, str]:
-    """The cells of :class:`Row` that compare a method with LitSim, over the cases that both have."""
+    """Returns the cells of :class:`Row` that compare a method with LitSim, over the cases that both have."""
     bounds = interval(ours, theirs)
     both = ({key: parts[key] for key in ours if key in theirs} for parts in (ours, theirs))  # those of the bounds
     mine, other = map(figure, both)

@@ -30,7 +30,7 @@ from litsim_research.policies.task import TaskConfig
 from litsim_sim.core.quantities import Length, NonNegative, Positive, Steps, Whole, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, ControlSource, ControlTable, EgoCommand, FloatArray, IntArray
 from litsim_sim.core.takeover import PathSource, TakeoverState, TakeoverTable
-from litsim_sim.scenario.batched import BITS, BatchedScenario
+from litsim_sim.scenario.batched import BatchedScenario
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.world import World
 
@@ -168,7 +168,7 @@ class Episodes:
         self._manager = TakeoverManager(self.batch, ConflictConfig(), TakeoverConfig())
         self._rule = make_policy("yield", self.batch)
         history = self.batch.history_steps
-        totals = np.array([scenario.total_steps for scenario in self.batch.scenes])
+        totals = np.array([scenario.total_steps for scenario in self.batch.scenarios])
         self._end = np.minimum(totals, history + self._config.steps_max)
         self.running = np.ones(len(starts), np.bool_)
         table = self._world.reset()
@@ -211,7 +211,7 @@ class Episodes:
         self._choose()
         outcome = self._outcome(before, driven, tasks, guarded, corrected)
         over = self.step_number >= self._end
-        over[driven[outcome.terminated] >> BITS] = True
+        over[self.batch.log.scene[driven[outcome.terminated]]] = True
         self._leave_out(over)
         return outcome
 
@@ -238,8 +238,9 @@ class Episodes:
         counts = np.zeros(len(self.running), np.int64)
         self._tasks = []
         for agent in sorted(tasks):
-            counts[agent >> BITS] += 1
-            if counts[agent >> BITS] <= self._config.slots:
+            scene = self.batch.log.scene[agent]
+            counts[scene] += 1
+            if counts[scene] <= self._config.slots:
                 self._tasks.append(tasks[agent])
         self._scene = self._with_tasks(self._tasks)
 
@@ -280,7 +281,7 @@ class Episodes:
         penalty[here], terminated[here] = terms.total(self._course.penalty), terms.collision | terms.off_road
         because = np.array([task.opponent if task.taken_over else NOBODY for task in tasks], np.int64)
         penalty += self._course.penalty.share * passed_on(penalty, driven, because)
-        scene, collided = driven >> BITS, np.zeros(len(self.running), np.bool_)
+        scene, collided = self.batch.log.scene[driven], np.zeros(len(self.running), np.bool_)
         collided[scene[terminated]] = True
         still = np.array([agent in now for agent in driven.tolist()], np.bool_)
         driven_on = here & still & (after.step < self._end[scene]) & ~collided[scene]
@@ -295,8 +296,8 @@ class Episodes:
         for scene in ending:
             self._world.drop(scene)
         self._table = self._table.take(self.running[self._table.scene])
-        self._takeovers = tuple(t for t in self._takeovers if self.running[t.agent >> BITS])
-        stays = self.running[self.driven >> BITS]
+        self._takeovers = tuple(t for t in self._takeovers if self.running[self.batch.log.scene[t.agent]])
+        stays = self.running[self.batch.log.scene[self.driven]]
         self._tasks = [task for task, is_left in zip(self._tasks, stays.tolist(), strict=True) if is_left]
         self.seen = self.seen[stays]
         self._scene = self._with_tasks(self._tasks)

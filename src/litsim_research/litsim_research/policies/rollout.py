@@ -18,7 +18,7 @@ from litsim_research.policies.network import GaussianPolicy, Sampler
 from litsim_research.policies.ppo import Track
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray, IntArray
-from litsim_sim.scenario.batched import BITS, kind
+from litsim_sim.scenario.batched import kind
 
 EMPTY_EPISODES_MAX = 100  # episodes in a row without an agent to drive, after which training gives up
 BATCH_MAX = 48  # most episodes that are stepped together
@@ -157,13 +157,13 @@ def by_kind(course: Course, seeds: Sequence[int]) -> list[list[int]]:
 
 def _drive_batch(episodes: Episodes, sampler: Sampler, generators: Sequence[torch.Generator] | None) -> list[Episode]:
     """Drive `episodes` to their ends; actions are drawn by one generator per episode, or are the means for None."""
-    count = len(episodes.running)
+    count, scene_of = len(episodes.running), episodes.batch.log.scene
     sums: list[dict[str, float]] = [defaultdict(float) for _ in range(count)]
     tracks: list[list[Track]] = [[] for _ in range(count)]
     collided = np.zeros(count, np.bool_)
     open_tracks: dict[int, list[tuple[np.ndarray, ...]]] = defaultdict(list)
     while episodes.running.any():
-        before, scene = episodes.seen.copy(), episodes.driven >> BITS
+        before, scene = episodes.seen.copy(), scene_of[episodes.driven]
         mean, raw, density = sampler.sample(before, None if generators is None else _noise(scene, generators))
         outcome = episodes.step(np.tanh(raw), np.tanh(mean))
         for k, agent in enumerate(outcome.agents.tolist()):
@@ -173,7 +173,7 @@ def _drive_batch(episodes: Episodes, sampler: Sampler, generators: Sequence[torc
                 ended = bool(outcome.terminated[k])
                 tracks[scene[k]].append(_track(open_tracks.pop(agent), outcome.following[k], terminated=ended))
         counted = np.array([getattr(outcome.terms, name) for name in COUNTED], np.float64)
-        there = _scenes(outcome.present >> BITS, count)
+        there = _scenes(scene_of[outcome.present], count)
         for number, (begin, end) in enumerate(_scenes(scene, count)):
             if end > begin:
                 own, present = sums[number], slice(*there[number])

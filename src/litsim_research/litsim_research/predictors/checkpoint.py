@@ -47,5 +47,5 @@ def save_checkpoint(path: Path, state: Mapping[str, Any]) -> None:
 
 
 def _brief(error: Exception) -> str:
-    """The kind of an error, and what torch says in the first sentence of its long messages."""
+    """Returns the kind of an error, and what torch says in the first sentence of its long messages."""
     return f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0].partition('. ')[0]}"

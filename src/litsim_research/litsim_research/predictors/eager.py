@@ -12,7 +12,7 @@ from litsim_sim.core.scene import IntArray
 
 
 def load(model: str) -> EagerNetwork:
-    """The network of shipped weights or of a file of weights; the plug-in of ``litsim.networks``.
+    """Returns the network of shipped weights or of a file of weights; the plug-in of ``litsim.networks``.
 
     Raises:
         InputError: its file cannot be used.
@@ -31,10 +31,10 @@ class EagerNetwork:
     def __call__(self, inputs: AgentInputs, asked: IntArray, modes: ModeChoice = NO_MODES) -> AgentFutures:  # noqa: ARG002 - of the protocol
         """See :class:`litsim_predictor.inference.contract.Network`."""
         with torch.inference_mode():
-            found = self._model(inputs_batch([inputs]), "best", torch.as_tensor(asked))
+            prediction = self._model(inputs_batch([inputs]), "best", torch.as_tensor(asked))
         return AgentFutures(
-            found.maneuver[0].softmax(dim=-1).numpy(),
-            found.mean[0, :, 0].numpy(),
-            found.scale[0, :, 0].numpy(),
-            found.correlation[0, :, 0].numpy(),
+            prediction.maneuver[0].softmax(dim=-1).numpy(),
+            prediction.mean[0, :, 0].numpy(),
+            prediction.scale[0, :, 0].numpy(),
+            prediction.correlation[0, :, 0].numpy(),
         )

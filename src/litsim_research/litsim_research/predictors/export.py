@@ -60,12 +60,12 @@ class OneScene(nn.Module):
         if isinstance(self.network, JointPredictor):
             codes = [self.network.map(raster)]
             maps = torch.cat([known, *codes]).index_select(0, code_of)
-            found = self.network(batch, "best", asked, maps)
+            prediction = self.network(batch, "best", asked, maps)
         else:
-            found = self.network(batch.in_batch(), "best", asked)
-            found = Prediction(*(v.squeeze(0) for v in (found.maneuver, found.mean, found.scale, found.correlation)))
-        mean, scale, correlation = (v[:, 0] for v in (found.mean, found.scale, found.correlation))
-        return found.maneuver.softmax(dim=-1), mean, scale, correlation, *codes
+            prediction = self.network(batch.in_batch(), "best", asked)
+            prediction = Prediction(*(tensor.squeeze(0) for tensor in vars(prediction).values()))
+        mean, scale, correlation = (v[:, 0] for v in (prediction.mean, prediction.scale, prediction.correlation))
+        return prediction.maneuver.softmax(dim=-1), mean, scale, correlation, *codes
 
 
 def write_graph(model: SceneModel, provenance: Provenance, path: Path, *, weights: bool) -> None:
@@ -92,7 +92,7 @@ def write_graph(model: SceneModel, provenance: Provenance, path: Path, *, weight
 
 
 def traced(model: SceneModel) -> ModelProto:
-    """The ONNX graph of `model`, with its weights."""
+    """Returns the ONNX graph of `model`, with its weights."""
     outputs = (*OUTPUTS, CODES) if isinstance(model, JointPredictor) else OUTPUTS
     scene = (
         torch.rand(AGENTS, 2),

@@ -24,20 +24,20 @@ class Parser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """See :class:`argparse.ArgumentParser`."""
-        words = sys.argv[1:] if args is None else list(args)
-        self._check_values(words[: words.index(COMMAND)] if COMMAND in words else words)
-        return super().parse_known_args(words, namespace)
+        argv = sys.argv[1:] if args is None else list(args)
+        self._check_values(argv[: argv.index(COMMAND)] if COMMAND in argv else argv)
+        return super().parse_known_args(argv, namespace)
 
     def error(self, message: str) -> NoReturn:
         """Print `message` in one line, and exit as for bad input."""
         print_error(f"{' '.join(message.split())}; see {self.prog} --help")
         sys.exit(EXIT_INPUT)
 
-    def _check_values(self, words: Iterable[str]) -> None:
+    def _check_values(self, argv: Iterable[str]) -> None:
         option = ""
-        for word in words:
-            option = word.partition("=")[0] if word.startswith("--") else option
-            if not word or (word == f"{option}=" and option):
+        for argument in argv:
+            option = argument.partition("=")[0] if argument.startswith("--") else option
+            if not argument or (argument == f"{option}=" and option):
                 what = f"argument {option}" if option else "an argument"
                 self.error(f"{what}: nothing in it, expected a value (is a variable not set?)")
 
@@ -57,7 +57,7 @@ class DefaultsFormatter(argparse.ArgumentDefaultsHelpFormatter):
 
 
 def number(low: float, high: float = inf, *, above: bool = False) -> Callable[[str], float]:
-    """An argparse type of finite numbers from `low` to `high`; greater than `low` if `above`."""
+    """Returns an argparse type of finite numbers from `low` to `high`; greater than `low` if `above`."""
     least = f"more than {low:g}" if above else f"at least {low:g}"
     expected = f"a number of {least}" + (f" and at most {high:g}" if high < inf else "")
 

@@ -14,12 +14,12 @@ from litsim_sim.cli.program import at_least_one, program
 from litsim_sim.kernels.ahead_of_time import compile_kernels, import_kernels, missing_kernels
 from litsim_sim.kernels.compiled import load_kernels
 
-PREFIX = "litsim_"
+PREFIX = "litsim_"  # of the names of packages that can hold kernels
 PROCESSES_MAX = 8  # by default: the longest chain of kernels is a fifth of the work, and each process takes memory
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_sim compile``."""
+    """Returns the parser of ``ros2 run litsim_sim compile``."""
     p = Parser(prog="compile", description=__doc__)
     p.add_argument(
         "--processes",
@@ -30,22 +30,18 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def _packages() -> list[str]:
-    """Names of the importable packages of LitSim, which can hold kernels."""
-    return sorted(module.name for module in pkgutil.iter_modules() if module.name.startswith(PREFIX))
-
-
 @program
 def main() -> None:
     """Entry point of ``ros2 run litsim_sim compile``."""
     processes, begin = parser().parse_args().processes, time.perf_counter()
-    found = [module for package in _packages() for module in import_kernels(package)]
+    packages = sorted(module.name for module in pkgutil.iter_modules() if module.name.startswith(PREFIX))
+    modules = [module for package in packages for module in import_kernels(package)]
     missing = missing_kernels()
     with tqdm(total=len(missing), unit="kernel", disable=None) as bar:  # on a terminal
         for _ in compile_kernels(missing, processes):
             bar.update()
     load_kernels()
-    print(f"compile: {len(found)} modules of kernels ready in {time.perf_counter() - begin:.1f} s")
+    print(f"compile: {len(modules)} modules of kernels ready in {time.perf_counter() - begin:.1f} s")
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import argparse
 import os
 import shlex
 import sys
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser, positive
@@ -14,24 +14,23 @@ from litsim_sim.cli.program import interrupt_on_signals, program
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
-from litsim_sim.core.stages import BRIDGE, RECORDER
-from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES, Interface
+from litsim_sim.core.stages import BRIDGE
+from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES
 from litsim_sim.io.files import Unwritable
 from litsim_sim.kernels.garbage import without_collection
 from litsim_sim.launch.adapters import EgoAdapter, adapter_names, adapter_of
+from litsim_sim.launch.child import check_program
 from litsim_sim.launch.domain import graph_domain
-from litsim_sim.launch.executables import find_executable
 from litsim_sim.launch.middleware import check_security
-from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphNode, GraphOptions, in_one_process, nodes_of
+from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphNode, find_executable, in_one_process, nodes_of
 from litsim_sim.launch.output import check_output, held_output
-from litsim_sim.launch.processes import Graph, GraphFailed, without_interrupts
+from litsim_sim.launch.processes import Graph, GraphFailed
+from litsim_sim.launch.signals import without_interrupts
 from litsim_sim.nodes.shared import prepare_nodes
 from litsim_sim.record.bag import make_room
 from litsim_sim.record.failure import write_failure
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan, ego_names
 
-FIRST = {BRIDGE: 0, RECORDER: 1}
-"""Order of start: the bridge takes longest to get ready, and late stages wait for its next greeting."""
 STATUS_HELP = "Exit status: 0, the run is valid; 1, it failed or is not valid, and stderr says why; 2, bad input."
 
 
@@ -48,30 +47,47 @@ def launch(arguments: argparse.Namespace) -> int:
         plan = plan_of(arguments)
         if arguments.command and plan.ego != EXTERNAL:
             raise InputError(f"{shlex.join(arguments.command)}: the ego is {plan.ego}, expected --ego {EXTERNAL}")
+        if arguments.command:
+            check_program(arguments.command)
         domain = graph_domain(arguments.domain_id, reserve=plan.ego != EXTERNAL or started_here)
-        options = _options(arguments, plan, clock=adapter is None)
-        nodes = nodes_of(plan, options)
+        out = Path(f"bags/{plan.scenario.name}" if arguments.out is None else arguments.out)
+        nodes = nodes_of(
+            plan,
+            arguments.scenario,
+            out,
+            overwrite=arguments.overwrite,
+            mode=arguments.mode,
+            on_missing=arguments.on_missing,
+            on_invalid=arguments.on_invalid,
+            ego_interface=arguments.ego_interface,
+            answer_timeout_s=arguments.answer_timeout,
+            real_time_factor=arguments.real_time_factor,
+            clock=adapter is None,
+            record=arguments.record,
+            progress="lines",
+        )
         nodes = nodes if arguments.apart else in_one_process(nodes)
         paths = {node.name: find_executable(node.package, node.executable) for node in nodes}
-        check_output(options.out, options.overwrite)
         prepare_nodes()
-    with held_output(options.out):
-        make_room(options.out, options.overwrite)  # else an earlier recording would remain if this run fails early
-        with domain as domain_id:
-            graph = Graph(options.out, domain_id, options.answer_timeout_s)
+    with ExitStack() as held:
+        with domain as domain_id:  # before the folder is made, which a run that is refused would leave behind
+            check_output(out, arguments.overwrite)
+            held.enter_context(held_output(out))
+            make_room(out, arguments.overwrite)  # else an earlier recording would remain if this run fails early
+            graph = Graph(out, domain_id, arguments.answer_timeout)
             _announce(arguments, plan, domain_id)
             try:
                 _run(graph, nodes, paths, arguments)
             except GraphFailed as error:
-                print_error(f"{error} (logs: {options.out / 'log'})")
+                print_error(f"{error} (logs: {out / 'log'})")
                 with suppress(Unwritable):  # as on a disk that is full, of which the run may have failed
-                    write_failure(options.out, str(error))
+                    write_failure(out, str(error))
                 if arguments.analyze:
-                    _recorded(options.out, quiet=True, failed=True)
+                    _recorded(out, quiet=True, failed=True)
                 return EXIT_FAILED
-        status = _recorded(options.out, quiet=arguments.quiet) if arguments.analyze else 0
+        status = _recorded(out, quiet=arguments.quiet) if arguments.analyze else 0
     if not status:
-        say(arguments, f"recorded in {options.out}")
+        say(arguments, f"recorded in {out}")
     return status
 
 
@@ -85,7 +101,7 @@ def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], arguments
     try:
         if arguments.command:  # first: it may take long to get ready
             graph.start_stack(arguments.command)
-        for node in sorted(nodes, key=lambda node: FIRST.get(node.name, len(FIRST))):
+        for node in nodes:
             graph.start(node.name, paths[node.name], node.parameters, forked=True, several=node.several)
         graph.watch(arguments.quiet)
     except KeyboardInterrupt:
@@ -104,28 +120,12 @@ def _recorded(out: Path, *, quiet: bool, failed: bool = False) -> int:
     return max((function(out, quiet=quiet, failed=failed) for function in functions), default=0)
 
 
-def _options(arguments: argparse.Namespace, plan: RunPlan, *, clock: bool) -> GraphOptions:
-    return GraphOptions(
-        scenario=arguments.scenario,
-        out=Path(f"bags/{plan.scenario.name}" if arguments.out is None else arguments.out),
-        overwrite=arguments.overwrite,
-        mode=arguments.mode,
-        on_missing=arguments.on_missing,
-        on_invalid=arguments.on_invalid,
-        ego_interface=arguments.ego_interface,
-        answer_timeout_s=arguments.answer_timeout,
-        real_time_factor=arguments.real_time_factor,
-        record=tuple(arguments.record),
-        clock=clock,
-    )
-
-
 def _through_adapter(arguments: argparse.Namespace) -> EgoAdapter | None:
-    """Let an ego that is an adapter be an external one, which the adapter's program starts; return the adapter."""
+    """Let an ego that is an adapter be an external one, which the adapter's program starts; returns the adapter."""
     adapter = adapter_of(arguments.ego)
     if adapter is not None:
         arguments.ego, arguments.command = EXTERNAL, adapter.command(arguments.command)
-        arguments.record = arguments.record or list(adapter.record)
+        arguments.record = arguments.record or adapter.record
         if not any(setting[:2] == (BRIDGE, "external_timeout_s") for setting in arguments.set):
             arguments.set = [*arguments.set, (BRIDGE, "external_timeout_s", adapter.ready_s)]
     return adapter
@@ -134,12 +134,12 @@ def _through_adapter(arguments: argparse.Namespace) -> EgoAdapter | None:
 def _announce(arguments: argparse.Namespace, plan: RunPlan, domain_id: int) -> None:
     say(arguments, f"run {plan.identity} in ROS_DOMAIN_ID {domain_id}")
     if plan.ego == EXTERNAL and not arguments.command:
-        topics = [INPUTS[each] for each in Interface if arguments.ego_interface in (AUTO, each)]
+        topics = [topic for interface, topic in INPUTS.items() if arguments.ego_interface in (AUTO, interface)]
         say(arguments, f"waiting for an external ego to answer on {' or '.join(topics)}")
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_sim launch``."""
+    """Returns the parser of ``ros2 run litsim_sim launch``."""
     p = Parser(prog="launch", description=__doc__, epilog=STATUS_HELP, formatter_class=DefaultsFormatter)
     add_run_arguments(p, (*ego_names(), *adapter_names()))
     p.add_argument("--out", help="folder of the record; default: bags/SCENARIO")

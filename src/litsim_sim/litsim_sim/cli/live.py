@@ -15,7 +15,7 @@ PORTS = range(2**16)
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_sim live``."""
+    """Returns the parser of ``ros2 run litsim_sim live``."""
     p = Parser(prog="live", description=__doc__)
     p.add_argument(
         "--rate",
@@ -34,9 +34,9 @@ def parser() -> argparse.ArgumentParser:
 @program
 def main(argv: list[str] | None = None) -> None:
     """Entry point of ``ros2 run litsim_sim live``."""
-    words, ros = split_arguments(sys.argv[1:] if argv is None else argv)
+    own, ros = split_arguments(sys.argv[1:] if argv is None else argv)
     p = parser()
-    arguments = p.parse_args(words)
+    arguments = p.parse_args(own)
     if not arguments.foxglove and (arguments.port is not None or arguments.host is not None):
         p.error("--port and --host go with --foxglove")
     from litsim_sim.nodes.live import live  # ROS takes a moment to load

@@ -23,7 +23,7 @@ from litsim_sim.core.errors import (
     without_ros,
 )
 from litsim_sim.io.files import make_folder
-from litsim_sim.launch.child import SIGNALS
+from litsim_sim.launch.signals import SIGNALS
 
 P = ParamSpec("P")
 
@@ -116,7 +116,7 @@ def print_how_to_resume() -> None:
 
 
 def at_least_one(text: str) -> int:
-    """A number of processes from the text of an option.
+    """Returns a number of processes from the text of an option.
 
     Raises:
         argparse.ArgumentTypeError: the text is no such number.

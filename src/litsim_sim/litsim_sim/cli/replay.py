@@ -13,7 +13,7 @@ KEYS = "While it plays in a terminal: space pauses, s steps, arrows seek 1 s (pa
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_sim replay``."""
+    """Returns the parser of ``ros2 run litsim_sim replay``."""
     p = Parser(prog="replay", description=__doc__, epilog=KEYS)
     p.add_argument("bag", type=Path, metavar="BAG", help="folder of a run, or its MCAP file")
     playing = p.add_argument_group("publish its topics and /clock")
@@ -40,19 +40,15 @@ def parser() -> argparse.ArgumentParser:
 @program
 def main(argv: list[str] | None = None) -> None:
     """Entry point of ``ros2 run litsim_sim replay``."""
-    words, ros = split_arguments(sys.argv[1:] if argv is None else argv)
+    own, ros = split_arguments(sys.argv[1:] if argv is None else argv)
     p = parser()
-    arguments = p.parse_args(words)
+    arguments = p.parse_args(own)
     if arguments.repair != (arguments.out is not None):
         p.error("--repair and --out go together")
     if arguments.repair:
         _repair(arguments.bag, arguments.out)
-    else:
-        _play(arguments, ros)
-
-
-def _play(arguments: argparse.Namespace, ros: list[str]) -> None:
-    from litsim_sim.nodes.replay import play  # the other ways need no graph
+        return
+    from litsim_sim.nodes.replay import play  # repairs need no graph
 
     play(
         arguments.bag,
@@ -69,17 +65,17 @@ def _play(arguments: argparse.Namespace, ros: list[str]) -> None:
 def _repair(bag: Path, out: Path) -> None:
     from litsim_sim.record.repair import repair
 
-    done = repair(bag, out)
-    print(f"{done.path}: {done.messages.total()} messages on {len(done.messages)} topics", end="")
-    print(f", attachments {', '.join(done.attachments) or 'none'}")
-    for loss in done.lost or ["nothing: the bag was complete"]:
+    repaired = repair(bag, out)
+    print(f"{repaired.path}: {repaired.messages.total()} messages on {len(repaired.messages)} topics", end="")
+    print(f", attachments {', '.join(repaired.attachments) or 'none'}")
+    for loss in repaired.lost or ["nothing: the bag was complete"]:
         print(f"lost: {loss}")
 
 
-def split_arguments(words: list[str]) -> tuple[list[str], list[str]]:
+def split_arguments(argv: list[str]) -> tuple[list[str], list[str]]:
     """Split the command line into own arguments and those of ROS."""
-    at = words.index("--ros-args") if "--ros-args" in words else len(words)
-    return words[:at], words[at:]
+    at = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
+    return argv[:at], argv[at:]
 
 
 if __name__ == "__main__":

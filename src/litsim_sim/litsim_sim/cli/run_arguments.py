@@ -42,7 +42,7 @@ def add_run_arguments(p: argparse.ArgumentParser, egos: Sequence[str]) -> None:
 
 
 def plan_of(arguments: argparse.Namespace) -> RunPlan:
-    """The run defined by arguments of :func:`add_run_arguments`.
+    """Returns the run defined by arguments of :func:`add_run_arguments`.
 
     Raises:
         InputError: the scenario cannot be used.
@@ -61,7 +61,7 @@ def plan_of(arguments: argparse.Namespace) -> RunPlan:
 
 
 def _vehicle_value(text: str) -> tuple[str, float]:
-    """A field of the vehicle model and its value from the command line."""
+    """Returns name and value of a field of the vehicle model from the text of an option."""
     name, _, value = text.partition("=")
     try:
         VehicleModel.of({name: float(value)})

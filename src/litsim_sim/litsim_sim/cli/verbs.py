@@ -20,12 +20,11 @@ Usage: litsim VERB [ARGUMENTS...]        litsim VERB --help says more
 @program
 def main() -> int | None:
     """Entry point of the command `litsim`."""
-    words = sys.argv[1:]
+    verb, *arguments = sys.argv[1:] or ["--help"]
     described = files(__package__).joinpath("verbs.txt").read_text(encoding="utf-8").splitlines()
-    if not words or words[0] in ("-h", "--help"):
+    if verb in ("-h", "--help"):
         print(USAGE + "\n".join(f"  {line}" for line in described))
         return None
-    verb, *arguments = words
     if verb == "--version":
         print(f"litsim {version(plugins.PIP_PACKAGE)}")
         return None

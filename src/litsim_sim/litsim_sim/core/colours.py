@@ -31,5 +31,5 @@ CONFLICT = "#b3127b"
 
 
 def colour_of(controller: int) -> str:
-    """Colour of agents under a :class:`litsim_sim.core.scene.Controller`."""
+    """Returns the colour of agents under a :class:`litsim_sim.core.scene.Controller`."""
     return COLOURS[Mode(controller)][0]

@@ -69,7 +69,7 @@ class Motion(NamedTuple):
 def bicycle_step(
     motion: Motion, length: FloatArray, acceleration: FloatArray, yaw_rate: FloatArray, limits: VehicleLimits
 ) -> Motion:
-    """One step of 0.1 s. The rear axle moves along the heading, at rest nothing rotates, no one reverses.
+    """Moves vehicles by one step of 0.1 s; rear axles along the heading, at rest nothing rotates, no one reverses.
 
     Args:
         motion: state at the start of the step.

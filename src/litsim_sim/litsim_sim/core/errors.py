@@ -22,17 +22,17 @@ class InputError(Exception):
 
 
 def not_installed(package: str) -> InputError:
-    """The error for a missing optional `package`."""
+    """Returns the error for a missing optional `package`."""
     return InputError(f"{package} is not installed here, and this needs it: `make setup-all` installs it")
 
 
 def without_ros(module: str) -> InputError:
-    """The error of a program that needs ROS 2, of which `module` is missing."""
+    """Returns the error of a program that needs ROS 2, of which `module` is missing."""
     return InputError(f"this needs ROS 2, and there is no {module} here: build the workspace, and use its ./litsim")
 
 
 def refused(error: OSError) -> InputError | None:
-    """`error` as one of the input, if the operating system refuses a path as such; None for any other reason."""
+    """Returns an error of the input if the operating system refuses a path as such; None for any other `error`."""
     if error.filename is None or error.errno not in (errno.EACCES, errno.ENAMETOOLONG, errno.ENOSPC):
         return None
     return InputError(f"{error.filename}: {error.strerror}")
@@ -44,7 +44,7 @@ def print_error(what: object) -> None:
 
 
 def reason(error: BaseException) -> str:
-    """`error` as one line; unless it is an InputError or KeyboardInterrupt, with its type and where it was raised."""
+    """Returns `error` as one line, with type and place unless it is an InputError or a KeyboardInterrupt."""
     text = " ".join(str(error).split())
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED

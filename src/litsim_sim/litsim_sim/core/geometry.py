@@ -16,13 +16,13 @@ from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_INTS2, kernel
 
 
 def wrap_angle(angle: FloatArray) -> FloatArray:
-    """The same angles [rad] within [-pi, pi); any shape."""
+    """Returns the same angles [rad] within [-pi, pi); any shape."""
     wrapped = (angle + np.pi) % (2.0 * np.pi) - np.pi
     return cast(FloatArray, np.where(wrapped < np.pi, wrapped, -np.pi))  # the remainder can round up to a full turn
 
 
 def box_corners(x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, width: FloatArray) -> FloatArray:
-    """The corners (..., 4, 2) [m] of boxes given as arrays (...), counter-clockwise from the front left."""
+    """Returns the corners (..., 4, 2) [m] of boxes given as arrays (...), counter-clockwise from the front left."""
     cos, sin = np.cos(yaw)[..., None], np.sin(yaw)[..., None]
     along = 0.5 * length[..., None] * np.array([1.0, -1.0, -1.0, 1.0])
     across = 0.5 * width[..., None] * np.array([1.0, 1.0, -1.0, -1.0])
@@ -37,7 +37,7 @@ def boxes_overlap(
     size_a: tuple[FloatArray, FloatArray],
     size_b: tuple[FloatArray, FloatArray],
 ) -> BoolArray:
-    """Whether boxes a and b share interior points; separating-axis test, touching edges do not count.
+    """Returns whether boxes a and b share interior points; separating-axis test, touching edges do not count.
 
     Args:
         dx, dy: (...) centre of b minus centre of a [m].
@@ -63,7 +63,7 @@ def overlapping_pairs(
     width: FloatArray,
     scene: IntArray | None = None,
 ) -> IntArray:
-    """Pairs (m, 2) of indices i < j of boxes (n,) that overlap and are in the same `scene` (n,); None for one scene."""
+    """Returns pairs (m, 2) of indices i < j of boxes (n,) that overlap within a `scene` (n,); None for one scene."""
     order = x.argsort(kind="stable") if scene is None else np.lexsort((x, scene))
     scene = np.zeros(len(x), np.int64) if scene is None else scene
     x, y, yaw, length, width = (np.ascontiguousarray(v, np.float64) for v in (x, y, yaw, length, width))
@@ -81,7 +81,7 @@ def _overlapping(
     width: FloatArray,
     order: IntArray,
 ) -> IntArray:
-    """Pairs (m, 2) of indices of overlapping boxes (n,), the lower index first.
+    """Returns pairs (m, 2) of indices of overlapping boxes (n,), the lower index first.
 
     `order` (n,) sorts the boxes by scene, and by `x` within each.
     """

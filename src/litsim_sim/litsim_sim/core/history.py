@@ -24,13 +24,13 @@ class History:
 
     def _restart(self) -> None:
         self._step, self._held = 0, 0
-        self._ids: IntArray = np.empty(0, np.int64)  # ascending: agents present in the steps kept
+        self._ids: IntArray = np.empty(0, np.int64)  # ascending: agents present in the steps that are held
         # Ring buffer: a step is in the row given by its number modulo `length`.
         self._values = np.zeros((self._length, 0, len(self._fields)))
-        self._there = np.zeros((self._length, 0), np.bool_)
+        self._present = np.zeros((self._length, 0), np.bool_)
 
     def __len__(self) -> int:
-        """How many steps are held."""
+        """Returns the number of steps that are held."""
         return self._held
 
     def push(self, table: AgentTable) -> None:
@@ -39,17 +39,17 @@ class History:
             self._restart()
         self._step, self._held = table.step, min(self._held + 1, self._length)
         row = table.step % self._length
-        self._there[row] = False
+        self._present[row] = False
         columns = index_of(self._ids, table.id)
         if (columns < 0).any():
-            self._let_in(table.id)
+            self._add_columns(table.id)
             columns = index_of(self._ids, table.id)
-        self._there[row, columns] = True
+        self._present[row, columns] = True
         for k, name in enumerate(self._fields):
             self._values[row, columns, k] = getattr(table, name)
 
     def series(self, field: str, agents: IntArray) -> tuple[FloatArray, BoolArray]:
-        """Values of `field` for `agents` (m,) over the history.
+        """Returns the values of `field` for `agents` (m,) over the history.
 
         Returns:
             values (m, h) with zeros where an agent was absent, and the mask (m, h) of where it was present;
@@ -59,7 +59,7 @@ class History:
         return values[..., self._fields.index(field)], valid
 
     def window(self, agents: IntArray, length: int, stride: int = 1) -> tuple[FloatArray, BoolArray]:
-        """Values of all fields for `agents` (m,) at `length` steps, `stride` apart, up to the newest.
+        """Returns the values of all fields for `agents` (m,) at `length` steps, `stride` apart, up to the newest.
 
         Returns:
             values (m, length, len(fields)) with zeros where an agent was absent or the history does not reach, and the
@@ -69,34 +69,34 @@ class History:
         rows, columns = (self._step - back) % self._length, index_of(self._ids, agents)
         rows[back >= self._held] = -1
         values, valid = np.zeros((len(agents), length, len(self._fields))), np.zeros((len(agents), length), np.bool_)
-        copy_window(self._values, self._there, rows, columns, values, valid)
+        copy_window(self._values, self._present, rows, columns, values, valid)
         return values, valid
 
-    def _let_in(self, agents: IntArray) -> None:
+    def _add_columns(self, agents: IntArray) -> None:
         """Add columns for `agents` (m,), and remove those of agents that are in no step any more."""
-        kept = self._there.any(axis=0)
-        ids = np.union1d(self._ids[kept], agents)
-        columns = np.searchsorted(ids, self._ids[kept])
+        still = self._present.any(axis=0)
+        ids = np.union1d(self._ids[still], agents)
+        columns = np.searchsorted(ids, self._ids[still])
         values = np.zeros((self._length, len(ids), len(self._fields)))
-        there = np.zeros((self._length, len(ids)), np.bool_)
-        values[:, columns], there[:, columns] = self._values[:, kept], self._there[:, kept]
-        self._ids, self._values, self._there = ids, values, there
+        present = np.zeros((self._length, len(ids)), np.bool_)
+        values[:, columns], present[:, columns] = self._values[:, still], self._present[:, still]
+        self._ids, self._values, self._present = ids, values, present
 
 
 @kernel(void(FLOATS3, BOOLS2, INTS, INTS, OUT_FLOATS3, OUT_BOOLS2))
 def copy_window(
-    values: FloatArray, there: BoolArray, rows: IntArray, columns: IntArray, out: FloatArray, valid: BoolArray
+    values: FloatArray, present: BoolArray, rows: IntArray, columns: IntArray, out: FloatArray, valid: BoolArray
 ) -> None:
     """Copy the values of m agents at h steps to `out` (m, h, f), and set `valid` (m, h) where there are any.
 
     Args:
-        values, there: (s, a, f) and (s, a) values of all steps and agents that are kept, and the mask of existing ones.
+        values, present: (s, a, f) and (s, a) values of all steps and agents that are held, and their mask of presence.
         rows, columns: (h,) rows of the steps and (m,) columns of the agents; below 0 for none.
         out, valid: not changed where there is no value.
     """
     for i in range(len(columns)):
         for t in range(len(rows)):
-            if rows[t] >= 0 and columns[i] >= 0 and there[rows[t], columns[i]]:
+            if rows[t] >= 0 and columns[i] >= 0 and present[rows[t], columns[i]]:
                 valid[i, t] = True
                 for f in range(values.shape[2]):
                     out[i, t, f] = values[rows[t], columns[i], f]

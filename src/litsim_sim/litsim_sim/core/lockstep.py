@@ -24,12 +24,13 @@ class Gate:
         required: names of the answers to every step.
         stale: number of answers that came late, twice, or to another run, by name. Answers to repeated requests
             for a step are not counted, however late they come.
+        step: the step that was opened last; -1 before the first.
     """
 
     run_id: str
     required: tuple[str, ...]
     stale: dict[str, int] = field(default_factory=dict)
-    _step: int = -1
+    step: int = -1
     _newest: dict[str, tuple[int, Any]] = field(default_factory=dict)
     _asked: dict[int, int] = field(default_factory=dict)  # how often the current step and repeated ones were asked for
     _repeated: dict[tuple[str, int], int] = field(default_factory=dict)  # answers after the first, by name and step
@@ -37,37 +38,27 @@ class Gate:
     def open(self, step: int) -> None:
         """Begin `step`, to which answers are required from now on."""
         self._asked = {k: times for k, times in self._asked.items() if times > 1}
-        self._step = step
+        self.step = step
 
     def ask(self) -> None:
         """Count a request for the current step, the first or a repeated one."""
-        self._asked[self._step] = self._asked.get(self._step, 0) + 1
+        self._asked[self.step] = self._asked.get(self.step, 0) + 1
 
     def offer(self, name: str, run_id: str, step: int, answer: Any) -> None:
         """Take an answer; a late one is counted as stale, but kept if it is the newest so far."""
-        newer = run_id == self.run_id and self._answered(name) < step <= self._step
+        newer = run_id == self.run_id and self._answered(name) < step <= self.step
         if newer:
             self._newest[name] = (step, answer)
         elif run_id == self.run_id and self._repeated.get((name, step), 0) < self._asked.get(step, 0) - 1:
             self._repeated[name, step] = self._repeated.get((name, step), 0) + 1
             return
-        if not newer or step < self._step:
+        if not newer or step < self.step:
             self.stale[name] = self.stale.get(name, 0) + 1
-
-    @property
-    def step(self) -> int:
-        """The step that was opened last; -1 before the first."""
-        return self._step
 
     @property
     def missing(self) -> list[str]:
         """The required names without an answer to the current step."""
-        return [name for name in self.required if self._answered(name) != self._step]
-
-    @property
-    def answers(self) -> dict[str, Any]:
-        """The answers to the current step so far, by name."""
-        return {name: answer for name, (step, answer) in self._newest.items() if step == self._step}
+        return [name for name in self.required if self._answered(name) != self.step]
 
     @property
     def newest(self) -> dict[str, Any]:
@@ -106,10 +97,10 @@ class Joiner:
         return held
 
     def too_late(self, name: str, run_id: str, step: int) -> bool:
-        """Whether this input asks for a step of a run that has begun without this stage, and so with another one."""
+        """Returns whether this input asks for a step of a run that has begun with another stage in this place."""
         asks = name == self.inputs[0] and run_id == self.run_id
         return asks and self.answered < 0 < step and 0 not in self._pending
 
     def asked_again(self, name: str, run_id: str, step: int) -> bool:
-        """Whether this input asks again for the step that was answered last."""
+        """Returns whether this input asks again for the step that was answered last."""
         return name == self.inputs[0] and run_id == self.run_id and step == self.answered

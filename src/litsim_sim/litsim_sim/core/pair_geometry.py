@@ -22,7 +22,7 @@ def overlap(
     length_b: float,
     width_b: float,
 ) -> bool:
-    """Whether boxes a and b share interior points, like :func:`litsim_sim.core.geometry.boxes_overlap`.
+    """Returns whether boxes a and b share interior points, like :func:`litsim_sim.core.geometry.boxes_overlap`.
 
     Args:
         dx, dy: centre of b minus centre of a [m].
@@ -43,14 +43,14 @@ def overlap(
 
 @kernel(float64(float64))
 def wrapped(angle: float) -> float:
-    """The same angle [rad] in [-pi, pi), like :func:`litsim_sim.core.geometry.wrap_angle`."""
-    found = (angle + math.pi) % (2.0 * math.pi) - math.pi
-    return found if found < math.pi else -math.pi
+    """Returns the same angle [rad] in [-pi, pi), like :func:`litsim_sim.core.geometry.wrap_angle`."""
+    wrapped_angle = (angle + math.pi) % (2.0 * math.pi) - math.pi
+    return wrapped_angle if wrapped_angle < math.pi else -math.pi
 
 
 @kernel(float64(float64, float64, float64))
 def within(value: float, low: float, high: float) -> float:
-    """`value` clipped to [`low`, `high`], like :func:`numpy.clip` with arrays of bounds.
+    """Returns `value` clipped to [`low`, `high`], like :func:`numpy.clip` with arrays of bounds.
 
     The result is `high` if `low` is above it. If `value` equals a bound, the result is the bound: zeros have signs, on
     which digests of runs depend.
@@ -60,13 +60,13 @@ def within(value: float, low: float, high: float) -> float:
 
 @kernel(int64(INTS, int64))
 def behind_scene(scene: IntArray, row: int) -> int:
-    """End row (exclusive) of the scene of the agent in `row`; `scene` (n,) as in :func:`within_scenes`."""
+    """Returns the end row (exclusive) of the scene of the agent in `row`; `scene` (n,) as in :func:`within_scenes`."""
     return int(np.searchsorted(scene, scene[row], "right"))
 
 
 @kernel(UniTuple(OUT_INTS, 2)(INTS, INTS))
 def within_scenes(scene: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
-    """First rows (m,) and end rows (m,), exclusive, of the scenes of the agents in `rows` (m,).
+    """Returns the first rows (m,) and end rows (m,), exclusive, of the scenes of the agents in `rows` (m,).
 
     `scene` (n,) are the scenes of all agents, ascending like their ids.
     """

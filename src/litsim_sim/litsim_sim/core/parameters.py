@@ -56,16 +56,11 @@ class ParameterOverrides:
         try:
             config = type(default)(**read)
         except ValidationError as error:
-            said = "; ".join(f"parameter {prefix}{each}" for each in problems(error, type(default), read))
-            raise InputError(f"{self._stage}: {said}") from error
+            texts = [f"parameter {prefix}{problem}" for problem in problems(error, type(default), read)]
+            raise InputError(f"{self._stage}: {'; '.join(texts)}") from error
         flat = {prefix + name: getattr(config, name) for name in read if not is_dataclass(getattr(config, name))}
         self.values |= flat
         return config
-
-    @property
-    def unknown(self) -> list[str]:
-        """Names of given values that no configuration of the stage has."""
-        return sorted(set(self._given) - set(self.values))
 
     def check(self) -> None:
         """Refuse given values that no configuration has; to be called after all have been read.
@@ -73,49 +68,44 @@ class ParameterOverrides:
         Raises:
             InputError: there are such values.
         """
-        if self.unknown:
-            raise InputError(f"{self._stage}: unknown parameter {not_among(self.unknown, self.values)}")
+        if unknown := sorted(set(self._given) - set(self.values)):
+            raise InputError(f"{self._stage}: unknown parameter {not_among(unknown, self.values)}")
 
 
 def problems(error: ValidationError, config: type, values: Mapping[str, Any]) -> list[str]:
-    """Descriptions of invalid fields of a configuration: name, value, and what was expected.
+    """Returns the descriptions of invalid fields of a configuration: name, value, and what was expected.
 
     Args:
         error: error that the constructor raised.
         config: class of the configuration.
         values: arguments of the constructor.
     """
-    said = []
+    texts = []
     for problem in error.errors():
         text = str(problem["ctx"]["error"]) if problem["type"] == "value_error" else ""
-        if not problem["loc"]:  # of fields together; the text begins with the name of one
-            said.append(text)
-            continue
-        name = str(problem["loc"][0])
+        name = str(problem["loc"][0]) if problem["loc"] else ""
         if problem["type"] == "unexpected_keyword_argument":
-            said.append(f"{name} is unknown")
-            continue
-        wanted = text or f"expected {expected(field_type(config, name))}"
-        said.append(f"{name} is {values[name]!r}, {wanted}")
-    return list(dict.fromkeys(said))
+            text = f"{name} is unknown"
+        elif name:  # without one, the problem is that of fields together, and its text begins with the name of one
+            text = f"{name} is {values[name]!r}, {text or f'expected {expected(field_type(config, name))}'}"
+        texts.append(text)
+    return list(dict.fromkeys(texts))
 
 
 def not_among(names: Iterable[str], known: Iterable[str]) -> str:
-    """Text that lists unknown `names`, similar `known` ones, and all `known` ones."""
+    """Returns a text that lists unknown `names`, similar `known` ones, and all `known` ones."""
     known = sorted(known)
-    said = []
-    for name in names:
-        near = get_close_matches(name, known)
-        said.append(f"{name} (near: {', '.join(near)})" if near else name)
-    return f"{', '.join(said)}; expected {', '.join(known) or 'none'}"
+    near = {name: ", ".join(get_close_matches(name, known)) for name in names}
+    texts = [f"{name} (near: {similar})" if similar else name for name, similar in near.items()]
+    return f"{', '.join(texts)}; expected {', '.join(known) or 'none'}"
 
 
 def by_stage(settings: Iterable[tuple[str, str, Any]]) -> dict[str, dict[str, Any]]:
     """Arrange settings (stage, name, value) as :data:`Parameters`; later ones override earlier ones."""
-    found: dict[str, dict[str, Any]] = {}
+    parameters: dict[str, dict[str, Any]] = {}
     for stage, name, value in settings:
-        found.setdefault(stage, {})[name] = value
-    return found
+        parameters.setdefault(stage, {})[name] = value
+    return parameters
 
 
 def setting(text: str) -> tuple[str, str, list[Any]]:
@@ -132,7 +122,7 @@ def setting(text: str) -> tuple[str, str, list[Any]]:
         values = []
     if not (equals and dot and stage and name and values) or None in values:
         raise argparse.ArgumentTypeError(f"{text!r}: expected STAGE.NAME=VALUE, such as conflict.horizon=2.0")
-    return stage, name, [tuple(each) if isinstance(each, list) else each for each in values]
+    return stage, name, [tuple(value) if isinstance(value, list) else value for value in values]
 
 
 def one_setting(text: str) -> tuple[str, str, Any]:

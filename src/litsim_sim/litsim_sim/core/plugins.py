@@ -57,16 +57,16 @@ class Configured:
 
     @classmethod
     def read(cls, read: ParameterReader) -> Callable[..., Any]:
-        """Read the parameters; the result makes the plug-in from what its base class says, then its configuration."""
+        """Read the parameters; the result makes the plug-in from its base class's arguments and its configuration."""
         if cls.defaults is None:
             return cls
         config = read(cls.defaults, cls.prefix)
         make: Callable[..., Any] = cls
-        return lambda *given: make(*given, config)
+        return lambda *arguments: make(*arguments, config)
 
 
 def installed(group: str) -> Mapping[str, EntryPoint]:
-    """The entry points of `group`, by name in alphabetical order.
+    """Returns the entry points of `group`, by name in alphabetical order.
 
     Raises:
         InputError: two packages have one of the same name.
@@ -83,12 +83,12 @@ def installed(group: str) -> Mapping[str, EntryPoint]:
 
 
 def names(group: str) -> tuple[str, ...]:
-    """Names of the plug-ins of `group`, in alphabetical order."""
+    """Returns the names of the plug-ins of `group`, in alphabetical order."""
     return tuple(installed(group))
 
 
 def load(group: str, name: str) -> Any:
-    """What the entry point `name` of `group` names.
+    """Returns the object that the entry point `name` of `group` refers to.
 
     Raises:
         InputError: there is none of that name, or it cannot be imported.
@@ -104,7 +104,7 @@ def load(group: str, name: str) -> Any:
 
 
 def package_of(group: str, name: str) -> str:
-    """Name of the package that has the plug-in `name` of `group`, as ROS knows it.
+    """Returns the name of the package that has the plug-in `name` of `group`, as ROS knows it.
 
     Raises:
         InputError: there is none of that name.
@@ -117,11 +117,10 @@ def package_of(group: str, name: str) -> str:
 
 @cache
 def _entry_points() -> dict[str, list[EntryPoint]]:
-    """All entry points of LitSim's groups; cached, as it reads the metadata of all installed packages."""
+    """Returns all entry points of LitSim's groups; cached, as it reads the metadata of all installed packages."""
     points: dict[str, list[EntryPoint]] = {}
-    for distribution in {
-        each.name: each for each in reversed(tuple(distributions()))
-    }.values():  # the first on the path
+    first_on_path = {distribution.name: distribution for distribution in reversed(tuple(distributions()))}
+    for distribution in first_on_path.values():
         for entry in distribution.entry_points:
             if entry.group.startswith(PREFIX):
                 points.setdefault(entry.group, []).append(entry)

@@ -95,8 +95,8 @@ def configuration(cls: type[_T]) -> type[_T]:
     turns into one line for users. A check of fields against each other is a ``model_validator(mode="after")`` that
     raises ValueError with a message that begins with the name of a field, such as :func:`at_most`.
     """
-    made: Any = pydantic.dataclasses.dataclass(frozen=True, config=ConfigDict(extra="forbid"))(cls)
-    return made
+    checked: Any = pydantic.dataclasses.dataclass(frozen=True, config=ConfigDict(extra="forbid"))(cls)
+    return checked
 
 
 def at_most(config: object, field: str, bound: str) -> None:
@@ -111,29 +111,30 @@ def at_most(config: object, field: str, bound: str) -> None:
 
 
 def expected(annotation: Any) -> str:
-    """Description of the values that a field of this type may have, such as ``a number of more than 0 [s]``."""
+    """Describes the values that a field of this type may have, such as ``a number of more than 0 [s]``."""
     if get_origin(annotation) is Literal:
         return f"one of {', '.join(map(str, get_args(annotation)))}"
     if get_origin(annotation) is tuple:
         parts = [part for part in get_args(annotation) if part is not Ellipsis]
-        words = list(dict.fromkeys(map(expected, parts)))
+        kinds = list(dict.fromkeys(map(expected, parts)))
         if len(parts) < len(get_args(annotation)):
-            return f"a list, each {words[0]}"
-        return f"a list of {len(parts)}, each {words[0]}" if len(words) == 1 else f"a list of {', then '.join(words)}"
+            return f"a list, each {kinds[0]}"
+        return f"a list of {len(parts)}, each {kinds[0]}" if len(kinds) == 1 else f"a list of {', then '.join(kinds)}"
     kind, notes = (get_args(annotation)[0], get_args(annotation)[1:]) if get_origin(annotation) else (annotation, ())
     notes = tuple(_flat(notes))
     for note in notes:
         if isinstance(note, OneOf):
             return f"one of {', '.join(note.allowed)}"
     bounds = [
-        f"{said} {getattr(note, name):g}" for name, said in _BOUNDS.items() for note in notes if hasattr(note, name)
+        f"{words} {getattr(note, name):g}" for name, words in _BOUNDS.items() for note in notes if hasattr(note, name)
     ]
+    units = [f" [{note.symbol}]" for note in notes if isinstance(note, Unit) and note.symbol]
     text = _KINDS.get(kind, getattr(kind, "__name__", str(kind)))
-    return f"{text}{' of ' if bounds else ''}{' and '.join(bounds)}{_bracketed(notes)}"
+    return f"{text}{' of ' if bounds else ''}{' and '.join(bounds)}{''.join(units)}"
 
 
 def unit(annotation: Any) -> str:
-    """The unit of a field of this type, empty for none; for a tuple that of its first item."""
+    """Returns the unit of a field of this type, empty for none; for a tuple that of its first item."""
     if get_origin(annotation) is tuple:
         return unit(get_args(annotation)[0])
     notes = get_args(annotation)[1:] if get_origin(annotation) is Annotated else ()
@@ -141,13 +142,9 @@ def unit(annotation: Any) -> str:
 
 
 def field_type(config: type, field: str) -> Any:
-    """The full type of a field of a :func:`configuration`, with its bounds and unit."""
+    """Returns the full type of a field of a :func:`configuration`, with its bounds and unit."""
     info: FieldInfo = config.__pydantic_fields__[field]  # type: ignore[attr-defined]
     return Annotated[(info.annotation or NoneType, *info.metadata)] if info.metadata else info.annotation
-
-
-def _bracketed(notes: tuple[Any, ...]) -> str:
-    return "".join(f" [{note.symbol}]" for note in notes if isinstance(note, Unit) and note.symbol)
 
 
 def _flat(notes: tuple[Any, ...]) -> Iterator[Any]:

@@ -8,12 +8,12 @@ from typing import Any
 
 
 class EndReason(StrEnum):
-    """Why a run ends."""
+    """Why a run ends; SENTENCES says it for users."""
 
-    TIME = "time"  # all steps of the scenario are done
-    NET_END = "net_end"  # the ego has left the net at one of its ends
-    CONTACT = "contact"  # the ego has touched another agent, and the scenario ends runs after that
-    LOG_OVER = "log_over"  # the ego has followed its log to its end, and has left with it
+    TIME = "time"
+    NET_END = "net_end"
+    CONTACT = "contact"  # if the scenario ends runs after that
+    LOG_OVER = "log_over"
 
 
 SENTENCES = {
@@ -44,12 +44,12 @@ class RunEnd:
         return SENTENCES[self.reason] + (f", by lane {self.lane}" if self.lane else "")
 
     def plain(self) -> dict[str, Any]:
-        """The fields as values for YAML and JSON; the inverse of :meth:`of_plain`."""
+        """Returns the fields as values for YAML and JSON; the inverse of :meth:`of_plain`."""
         return {"reason": str(self.reason), "step": self.step, "lane": self.lane}
 
     @classmethod
     def of_plain(cls, fields: Any) -> RunEnd | None:
-        """The inverse of :meth:`plain`; None if `fields` is malformed."""
+        """Inverts :meth:`plain`; returns None if `fields` is malformed."""
         try:
             return cls(EndReason(fields["reason"]), int(fields["step"]), str(fields["lane"]))
         except (KeyError, TypeError, ValueError):

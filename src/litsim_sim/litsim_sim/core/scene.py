@@ -44,7 +44,7 @@ _BICYCLE, _PEDESTRIAN = (int(kind) for kind in OBSTACLE_KINDS)  # numpy compares
 
 
 def is_obstacle(kind: ByteArray) -> BoolArray:
-    """(n,) whether agents of these kinds (n,) are of the OBSTACLE_KINDS."""
+    """Returns whether kinds (n,) of agents are among the OBSTACLE_KINDS (n,)."""
     return np.asarray((kind == _BICYCLE) | (kind == _PEDESTRIAN), np.bool_)
 
 
@@ -61,7 +61,7 @@ _LOG, _POLICY, _EGO = (int(controller) for controller in Controller)  # plain nu
 
 @kernel(OUT_INTS(INTS, INTS))
 def index_of(ids: IntArray, agents: IntArray) -> IntArray:
-    """Indices (m,) of `agents` (m,) in the ascending `ids` (n,); -1 for those that are not there."""
+    """Returns the indices (m,) of `agents` (m,) in the ascending `ids` (n,); -1 for those that are not there."""
     index, at = np.full(len(agents), -1, np.int64), 0
     for k in range(len(agents)):
         if at == len(ids) or ids[at] != agents[k]:  # the agent is not the next of the ids
@@ -95,11 +95,14 @@ AGENTS = tuple_type(AgentArrays)
 class AgentTable:
     """All agents at one step; every array has shape (n,) and `id` ascends.
 
-    Tables are not changed once they are made. They are no frozen dataclass, which takes six times as long to make.
+    A scene is a set of agents that can interact: those of one run at one step. A table holds one scene, unless several
+    runs are stepped together (:mod:`litsim_sim.scenario.batched`) or several steps are stacked (:mod:`.steps`).
+
+    Tables must not be changed after they are made; a frozen dataclass would enforce it, but takes six times as long.
 
     Attributes:
         step: integer step of 0.1 s since the start of the scenario.
-        id: ids of the recording.
+        id: ids of the recording; of a batch, those of :class:`litsim_sim.scenario.batched.BatchedLog`.
         kind: :class:`litsim_sim.core.scene.Kind`.
         controller: :class:`Controller`.
         x, y: box centre in frame map [m].
@@ -108,6 +111,7 @@ class AgentTable:
         acceleration: along the heading [m/s2].
         yaw_rate: [rad/s].
         length, width: size of the box [m].
+        scene: number of the scene that each agent is in, ascending; by default all are in scene 0.
     """
 
     step: int
@@ -122,27 +126,32 @@ class AgentTable:
     yaw_rate: FloatArray
     length: FloatArray
     width: FloatArray
+    scene: IntArray = None  # type: ignore[assignment]  # never None once it is made
+
+    def __post_init__(self) -> None:
+        if vars(self)["scene"] is None:
+            self.scene = np.zeros(len(self.id), np.int64)
 
     def __len__(self) -> int:
         return len(self.id)
 
     def row(self, agent: int) -> int:
-        """Row of `agent`, or -1 where it is not on the road."""
+        """Returns the row of `agent`, or -1 where it is not on the road."""
         at = int(self.id.searchsorted(agent))
         return at if at < len(self.id) and self.id[at] == agent else -1
 
     def rows(self, agents: IntArray) -> IntArray:
-        """Row of each of `agents` (m,) in this table (m,); -1 for those that are not on the road."""
+        """Returns the row of each of `agents` (m,) in this table (m,); -1 for those that are not on the road."""
         return index_of(self.id, agents)
 
     def mask(self, agents: IntArray) -> BoolArray:
-        """(n,) which of the agents of this table are among `agents` (m,)."""
-        found, rows = np.zeros(len(self), np.bool_), self.rows(agents)
-        found[rows[rows >= 0]] = True
-        return found
+        """Returns the mask (n,) of the agents of this table that are among `agents` (m,)."""
+        mask, rows = np.zeros(len(self), np.bool_), self.rows(agents)
+        mask[rows[rows >= 0]] = True
+        return mask
 
     def take(self, rows: IntArray | BoolArray) -> Self:
-        """A table of the agents in `rows`, which are ascending positions or a mask (n,)."""
+        """Returns a table of the agents in `rows`, which are ascending positions or a mask (n,)."""
         at = rows.nonzero()[0] if rows.dtype == np.bool_ else rows
         return type(self)(self.step, *[column[at] for column in COLUMNS(self)])
 
@@ -167,31 +176,27 @@ class AgentTable:
         return self.controller == _EGO
 
     @cached_property
-    def scene(self) -> IntArray:
-        """(n,) number of the scene of each agent; agents of different scenes do not interact. Here there is one."""
-        return np.zeros(len(self), np.int64)
-
-    @cached_property
     def arrays(self) -> AgentArrays:
         """The table as kernels take it."""
         return tuple_of(AgentArrays, self)
 
     @classmethod
     def merged(cls, step: int, tables: Sequence[AgentTable]) -> Self:
-        """The agents of several tables, which have no agent in common, as one table of `step`."""
+        """Returns the agents of several tables, which have no agent in common, as one table of `step`."""
         columns = [np.concatenate(parts) for parts in zip(*map(COLUMNS, tables), strict=True)]
-        order = columns[ARRAY_FIELDS.index("id")].argsort(kind="stable")
+        order = columns[0].argsort(kind="stable")  # by id
         return cls(step, *[values[order] for values in columns])
 
     @classmethod
     def empty(cls, step: int) -> AgentTable:
-        """The table of a step without agents."""
+        """Returns the table of a step without agents."""
         return cls(step, *(np.empty(0, DTYPES[f]) for f in ARRAY_FIELDS))
 
 
-ARRAY_FIELDS: tuple[str, ...] = tuple(f.name for f in fields(AgentTable) if f.name != "step")
-COLUMNS: Callable[[AgentTable], tuple[Any, ...]] = attrgetter(*ARRAY_FIELDS)
-"""The arrays of a table, in the order of ARRAY_FIELDS."""
+ARRAY_FIELDS: tuple[str, ...] = tuple(f.name for f in fields(AgentTable) if f.name not in {"step", "scene"})
+"""The columns that describe an agent, as in messages; `id` is the first."""
+COLUMNS: Callable[[AgentTable], tuple[Any, ...]] = attrgetter(*ARRAY_FIELDS, "scene")
+"""The arrays of a table, in the order of its fields."""
 DTYPES: dict[str, type[np.generic]] = dict.fromkeys(ARRAY_FIELDS, np.float64) | {
     "id": np.int64,
     "kind": np.uint8,
@@ -221,7 +226,7 @@ class ControlTable:
 
     @classmethod
     def empty(cls, step: int) -> ControlTable:
-        """The answer to `step` that lists no agents: all follow their logs."""
+        """Returns the answer to `step` that lists no agents: all follow their logs."""
         none = np.empty(0)
         return cls(step, np.empty(0, np.int64), none, none, none, np.empty(0, np.uint8))
 
@@ -229,7 +234,7 @@ class ControlTable:
     def without_slip(
         cls, table: AgentTable, rows: IntArray, acceleration: FloatArray, yaw_rate: FloatArray, source: ByteArray
     ) -> ControlTable:
-        """The answer to the step of `table` for the agents in `rows` (m,), which move without lateral slip.
+        """Returns the answer to the step of `table` for the agents in `rows` (m,), which move without lateral slip.
 
         Their lateral acceleration is speed times yaw rate; the other arguments are arrays (m,), as in the attributes.
         """

@@ -18,7 +18,7 @@ from litsim_sim.core.stages import EGO
 
 
 def stage_reader(stage: str, ego: str = "") -> Callable[[ParameterReader], Any]:
-    """The registered function of `stage`; of the ego's stage, that of the driver called `ego`.
+    """Returns the registered function of `stage`; of the ego's stage, that of the driver called `ego`.
 
     Raises:
         InputError: no installed package has it.

@@ -6,20 +6,19 @@ The clock is monotonic and shared by all processes of a machine; marks of differ
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 
 
 def step_marks(marks: Mapping[str, float]) -> str:
-    """Marks of one step, clock times [s] by name, as the `text` of a timing message."""
+    """Returns the marks of one step, clock times [s] by name, as the `text` of a timing message."""
     return " ".join(f"{name}={time:.6f}" for name, time in marks.items())
 
 
 def marks_of(text: str) -> dict[str, float]:
-    """The inverse of :func:`step_marks`; words that are not marks are ignored."""
-    found = {}
-    for word in text.split():
-        name, _, value = word.partition("=")
-        try:
-            found[name] = float(value)
-        except ValueError:
-            continue
-    return found
+    """Inverts :func:`step_marks`; parts of the text that are not marks are ignored."""
+    marks = {}
+    for part in text.split():
+        name, _, value = part.partition("=")
+        with suppress(ValueError):
+            marks[name] = float(value)
+    return marks

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self, TypeVar, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 
@@ -15,21 +14,13 @@ from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, BoolArray, I
 T = TypeVar("T")
 
 
-@dataclass(eq=False)
 class StackedTable(AgentTable):
-    """The agents of several steps as one table of (m,) rows, those of the first step first; ids ascend in each step.
-
-    Attributes:
-        number: (m,) index of the step of each row. Steps are the scenes of the table: there is no interaction between
-            them.
-    """
-
-    number: IntArray
+    """The agents of several steps as one table of (m,) rows, those of the first step first; ids ascend in each step."""
 
     @property
-    def scene(self) -> IntArray:
-        """(m,) see the attributes."""
-        return self.number
+    def number(self) -> IntArray:
+        """(m,) index of the step of each row; each step is a scene."""
+        return self.scene
 
     def row(self, agent: int) -> int:
         """Not defined: an agent has a row in every step."""
@@ -39,22 +30,17 @@ class StackedTable(AgentTable):
         """Not defined, for the same reason."""
         raise NotImplementedError
 
-    def take(self, rows: IntArray | BoolArray) -> Self:
-        """See :meth:`AgentTable.take`."""
-        at = rows.nonzero()[0] if rows.dtype == np.bool_ else rows
-        return type(self)(self.step, **{f: getattr(self, f).take(at) for f in (*ARRAY_FIELDS, "number")})
-
 
 class Steps(Sequence[AgentTable]):
     """S immutable tables of successive steps, also as arrays."""
 
     def __init__(self, tables: Iterable[AgentTable]) -> None:
         self._tables = tuple(tables)
-        self._made: dict[Hashable, Any] = {}
+        self._results: dict[Hashable, Any] = {}
 
     @classmethod
     def of(cls, tables: Iterable[AgentTable]) -> Steps:
-        """`tables` as steps; returned unchanged if they are a :class:`Steps`."""
+        """Returns `tables` as steps, unchanged if they are a :class:`Steps`."""
         return tables if isinstance(tables, Steps) else cls(tables)
 
     @overload
@@ -90,7 +76,7 @@ class Steps(Sequence[AgentTable]):
             for f in ARRAY_FIELDS
         }
         number = np.repeat(np.arange(len(self)), np.diff(self.begin))
-        return StackedTable(int(self.step[0]) if len(self) else 0, **columns, number=number)
+        return StackedTable(int(self.step[0]) if len(self) else 0, **columns, scene=number)
 
     @cached_property
     def _agents(self) -> tuple[IntArray, IntArray]:
@@ -111,19 +97,19 @@ class Steps(Sequence[AgentTable]):
     @cached_property
     def rows(self) -> IntArray:
         """(S, n) row in :attr:`stacked` of each of :attr:`ids` at each step; -1 where it is not on the road."""
-        found = np.full((len(self), len(self.ids)), -1, np.int64)
-        found[self.stacked.number, self.agent] = np.arange(len(self.stacked))
-        return found
+        rows = np.full((len(self), len(self.ids)), -1, np.int64)
+        rows[self.stacked.number, self.agent] = np.arange(len(self.stacked))
+        return rows
 
     def rows_of(self, ids: IntArray) -> IntArray:
-        """(S, k) row in :attr:`stacked` of each of `ids` (k,) at each step; -1 where it is not on the road."""
+        """Returns the rows (S, k) in :attr:`stacked` of `ids` (k,) at each step; -1 where one is not on the road."""
         if not len(self.ids):
             return np.full((len(self), len(ids)), -1, np.int64)
         at = np.minimum(self.ids.searchsorted(ids), len(self.ids) - 1)
         return np.where(self.ids[at] == ids, self.rows[:, at], -1)
 
     def track(self, agent: int) -> IntArray:
-        """Rows (k,) in :attr:`stacked` of `agent`, of the steps at which it is on the road."""
+        """Returns the rows (k,) in :attr:`stacked` of `agent`, of the steps at which it is on the road."""
         rows = self.rows_of(np.array([agent]))[:, 0]
         return rows[rows >= 0]
 
@@ -134,22 +120,21 @@ class Steps(Sequence[AgentTable]):
         return overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width, table.scene)
 
     def after(self, step: int) -> Steps:
-        """The steps after `step`; the same object for every call."""
-        return self.once(_after, step)
+        """Returns the steps after `step`; the same object for every call."""
+        return self.once(Steps._after, step)
 
     def once(self, function: Callable[..., T], *arguments: Hashable) -> T:
-        """The result of `function` for these steps and `arguments`, computed once and kept with the steps.
+        """Returns the result of `function` for these steps and `arguments`, computed once and kept with the steps.
 
         For intermediate results of several measures, and for those of the log, whose steps are shared by all runs of a
         scenario; see :meth:`litsim_sim.scenario.log.Log.replay`.
         """
         key = function, arguments
-        if key not in self._made:
-            self._made[key] = function(self, *arguments)
-        found: T = self._made[key]
-        return found
+        if key not in self._results:
+            self._results[key] = function(self, *arguments)
+        result: T = self._results[key]
+        return result
 
-
-def _after(steps: Steps, step: int) -> Steps:
-    """See :meth:`Steps.after`."""
-    return Steps(table for table in steps if table.step > step)
+    def _after(self, step: int) -> Steps:
+        """See :meth:`after`."""
+        return Steps(table for table in self if table.step > step)

@@ -42,7 +42,7 @@ class VehicleModel(VehicleLimits):
 
     @classmethod
     def of(cls, values: dict[str, float]) -> VehicleModel:
-        """The default vehicle with `values`, by the names of the fields, in place of defaults.
+        """Returns the default vehicle with `values`, by the names of the fields, in place of defaults.
 
         Raises:
             ValueError: a name is unknown, or a value is out of range.
@@ -65,16 +65,16 @@ class VehicleModel(VehicleLimits):
         return self.delay_s + self.lag_s
 
     def possible(self, acceleration: float) -> float:
-        """An acceleration [m/s2] cut to the limits."""
+        """Returns an acceleration [m/s2] cut to the limits."""
         return min(max(acceleration, -self.deceleration_max), self.acceleration_max)
 
     def within(self, acceleration: float, yaw_rate: float, speed: float) -> tuple[float, float]:
-        """An acceleration [m/s2] and a yaw rate [rad/s] cut to the limits at `speed` [m/s]."""
+        """Returns an acceleration [m/s2] and a yaw rate [rad/s] cut to the limits at `speed` [m/s]."""
         turn = min(speed * self.curvature_max, self.lateral_acceleration_max / max(speed, SPEED_MIN))
         return self.possible(acceleration), min(max(yaw_rate, -turn), turn)
 
 
-VEHICLE_FIELDS: tuple[str, ...] = tuple(each.name for each in fields(VehicleModel))
+VEHICLE_FIELDS: tuple[str, ...] = tuple(field.name for field in fields(VehicleModel))
 
 
 class Actuators:

@@ -31,5 +31,5 @@ YamlLoader.add_implicit_resolver(FLOAT, WITH_EXPONENT, list("-+.0123456789"))
 
 
 def load_yaml(text: str) -> Any:
-    """The value of a YAML text by :class:`YamlLoader`; raises yaml.YAMLError where it is none."""
+    """Returns the value of a YAML text by :class:`YamlLoader`; raises yaml.YAMLError where it is none."""
     return yaml.load(text, YamlLoader)  # noqa: S506 - a SafeLoader

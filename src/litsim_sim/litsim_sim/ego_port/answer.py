@@ -75,7 +75,7 @@ class Answer:
 
 
 def problem(answer: Answer) -> str:
-    """Text that says why an answer cannot be used, whatever the state of the ego; empty if it can."""
+    """Returns a text that says why an answer cannot be used, whatever the state of the ego; empty if it can."""
     return next(chain(_problems(answer), ("",)))
 
 
@@ -100,7 +100,7 @@ def _problems(answer: Answer) -> Iterator[str]:
 
 
 def _not_finite(**values: float) -> Iterator[str]:
-    """Text that names those of `values` that are not finite."""
+    """Returns a text that names those of `values` that are not finite."""
     for name, value in values.items():
         if not isfinite(value):
             yield f"{name} is {value}, expected a finite value"

@@ -16,7 +16,7 @@ from litsim_sim.ego_port.answer import AUTO, INPUTS, Answer, Interface, problem
 from litsim_sim.ego_port.tracking import EgoState, Reference, Trajectory, TwistTarget, follow_twist
 
 COUNTS = ("answered", "late", "stale", "future", "surplus", "invalid", "refused", "joined")
-SAY_AGAIN = 10  # [steps] for which a remark of the same kind is not repeated
+REMARK_PERIOD = 10  # [steps] for which a remark of the same kind is not repeated
 
 
 class Level(IntEnum):
@@ -81,7 +81,7 @@ class EgoPort:
         self._driven = False
         self._invalid = ""  # text that says which answer cannot be used, and why, if the run must end for that
         self._held: EgoCommand | TwistTarget | Reference | None = None
-        self._said: dict[str, int] = {}
+        self._remarked: dict[str, int] = {}
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -126,7 +126,7 @@ class EgoPort:
             return
         if self.interface is None:
             self.interface = answer.interface
-            self._say("interface", Level.OK, f"the ego is driven over {INPUTS[answer.interface]}")
+            self._remark("interface", Level.OK, f"the ego is driven over {INPUTS[answer.interface]}")
         if answer.interface != self.interface:
             self._count("refused", Level.ERROR, f"{INPUTS[answer.interface]}: ignored, {self.topics[0]} is in use")
             return
@@ -134,9 +134,9 @@ class EgoPort:
         if step is not None and step <= self.answered and self._owed.get(step, 0) > 0:
             self._owed[step] -= 1
         elif step is None or (step < self._step and step <= self.answered):
-            self._count("stale", Level.WARN, f"{self.topics[0]}: {self._came(answer)} is stale")
+            self._count("stale", Level.WARN, f"{self.topics[0]}: {self._described(answer)} is stale")
         elif step > self._step:
-            self._count("future", Level.WARN, f"{self.topics[0]}: {self._came(answer)} is of the future")
+            self._count("future", Level.WARN, f"{self.topics[0]}: {self._described(answer)} is of the future")
         elif step == self.answered:
             if self._offered < self._asked:
                 self._offered += 1
@@ -146,7 +146,7 @@ class EgoPort:
             self._accept(step, answer)
 
     def take(self) -> EgoCommand:
-        """The command for the current step; if its answer is missing, that of the newest one.
+        """Returns the command for the current step; if its answer is missing, that of the newest one.
 
         Raises:
             AnswerInvalid: the answer cannot be used, and the run must end.
@@ -167,7 +167,7 @@ class EgoPort:
         self.answered = step
         if step < self._step:
             self._count(
-                "late", Level.WARN, f"{self.topics[0]}: {self._came(answer)} is late by {self._step - step} steps"
+                "late", Level.WARN, f"{self.topics[0]}: {self._described(answer)} is late by {self._step - step} steps"
             )
         else:
             self._offered += 1
@@ -175,12 +175,12 @@ class EgoPort:
         too_late = step < self._step and not wrong  # then what is wrong may be that the ego has moved on
         reference = None
         if not wrong and isinstance(target, Trajectory) and self._ego is not None:
-            made = Reference(target, self._ego)
-            fault = made.problem(self._ego, self._vehicle)
-            reference = None if fault else made
+            reference = Reference(target, self._ego)
+            fault = reference.problem(self._ego, self._vehicle)
+            reference = None if fault else reference
             wrong = fault if self._driven else ""  # in the history, it may be empty
         if wrong:
-            self._count("invalid", Level.ERROR, f"{self.topics[0]}: {self._came(answer)} cannot be used: {wrong}")
+            self._count("invalid", Level.ERROR, f"{self.topics[0]}: {self._described(answer)} cannot be used: {wrong}")
             if not too_late:
                 self._invalid = f"the answer to step {step} on {self.topics[0]} cannot be used: {wrong}"
             return
@@ -188,13 +188,13 @@ class EgoPort:
         self._held = reference if isinstance(target, Trajectory) else target
 
     def _step_of(self, answer: Answer) -> int | None:
-        """The step that is answered; None if it is between two past steps."""
+        """Returns the step that is answered; None if it is between two past steps."""
         if answer.step_answered is not None:
             return answer.step_answered
         return None if answer.stamp_ns < self._step * STEP_NS else self._step + 1
 
-    def _came(self, answer: Answer) -> str:
-        """A message in words."""
+    def _described(self, answer: Answer) -> str:
+        """Returns a description of a message."""
         if answer.step is not None:
             return f"the answer to step {answer.step}, at step {self._step},"
         return f"the message stamped {answer.stamp_ns * 1e-9:.3f} s, at {self._step * STEP_S:.1f} s,"
@@ -202,18 +202,18 @@ class EgoPort:
     def _count(self, kind: str, level: Level, text: str) -> None:
         self.counts[kind] += 1
         self.unfit = text if self.missing else self.unfit
-        self._say(kind, level, f"{text} ({self.counts[kind]} so far)")
+        self._remark(kind, level, f"{text} ({self.counts[kind]} so far)")
 
-    def _say(self, kind: str, level: Level, text: str) -> None:
-        """Note a remark, unless one of its kind was noted less than SAY_AGAIN steps ago."""
-        last = self._said.get(kind)
-        if last is None or self._step >= last + SAY_AGAIN:
-            self._said[kind] = self._step
+    def _remark(self, kind: str, level: Level, text: str) -> None:
+        """Note a remark, unless one of its kind was noted less than REMARK_PERIOD steps ago."""
+        last = self._remarked.get(kind)
+        if last is None or self._step >= last + REMARK_PERIOD:
+            self._remarked[kind] = self._step
             self.remarks.append(Remark(self._step, level, text))
 
 
 def ego_state(table: AgentTable, ego_id: int) -> EgoState | None:
-    """State of the ego; None if it is not on the road."""
+    """Returns the state of the ego; None if it is not on the road."""
     row = table.row(ego_id)
     if row < 0:
         return None

@@ -86,7 +86,7 @@ class Reference:
         self._heading, self._heading_time = np.unwrap(heading), at
 
     def problem(self, ego: EgoState, vehicle: VehicleModel) -> str:
-        """Text that says why the vehicle cannot follow the trajectory; empty if it can."""
+        """Returns a text that says why the vehicle cannot follow the trajectory; empty if it can."""
         if self._empty:
             return "it holds no poses, expected some after the step"
         if self._time[-1] <= ego.time:

@@ -17,7 +17,7 @@ class Unwritable(InputError):
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A new file beside `path`, with its suffix, that replaces it at the end of the block; its folder is created.
+    """Yields a new file beside `path`, with its suffix, that replaces it at the end of the block; its folder is made.
 
     If the block raises, or the program is killed, `path` is unchanged. A path that is neither file nor folder, such as
     /dev/stdout, is not replaced but written to.
@@ -39,7 +39,7 @@ def replacing(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise _unwritable(path, error) from error
     finally:
-        with suppress(OSError):  # a folder that is none: said above
+        with suppress(OSError):  # a folder that is none, of which the error above tells
             new.unlink()
 
 
@@ -61,14 +61,14 @@ def refuse_input_as_output(out: Path, *inputs: Path) -> None:
     Raises:
         InputError: it would.
     """
-    for given in inputs:
+    for source in inputs:
         with suppress(OSError):  # a missing file: nothing is lost
-            if out.samefile(given):
-                raise InputError(f"{out}: is the input {given} itself, expected another file: nothing is replaced")
+            if out.samefile(source):
+                raise InputError(f"{out}: is the input {source} itself, expected another file: nothing is replaced")
 
 
 def _is_special(path: Path) -> bool:
-    """Whether `path` exists and is neither a file nor a folder, but a device or a pipe."""
+    """Returns whether `path` exists and is neither a file nor a folder, but a device or a pipe."""
     try:
         mode = path.stat().st_mode
     except OSError:  # nothing is, or a folder on the way is none

@@ -26,13 +26,13 @@ UNREADABLE = (pa.ArrowException, OSError, UnicodeError)
 
 
 def is_parquet(path: Path) -> bool:
-    """Whether the file at `path` begins like a Parquet file; raises OSError if it cannot be read."""
+    """Returns whether the file at `path` begins like a Parquet file; raises OSError if it cannot be read."""
     with path.open("rb") as file:
         return file.read(len(MAGIC)) == MAGIC
 
 
 def read_schema(path: Path) -> pa.Schema:
-    """The columns of the file at `path`, and its metadata.
+    """Returns the columns of the file at `path`, and its metadata.
 
     Raises:
         InputError: it is missing, or no Parquet.
@@ -47,7 +47,7 @@ def read_schema(path: Path) -> pa.Schema:
 
 
 def read_arrow(path: Path) -> pa.Table:
-    """All columns of the file at `path`, with its metadata.
+    """Returns all columns of the file at `path`, with its metadata.
 
     Raises:
         InputError: it is missing, or no Parquet.
@@ -57,7 +57,7 @@ def read_arrow(path: Path) -> pa.Table:
 
 
 def parse_arrow(source: Path | pa.NativeFile, where: str) -> pa.Table:
-    """All columns of the Parquet content in `source`, with its metadata; checksums of pages are checked.
+    """Returns all columns of the Parquet content in `source`, with its metadata; checksums of pages are checked.
 
     Args:
         source: a file, or its content as pyarrow reads it.
@@ -95,7 +95,7 @@ def read_table(path: Path, needed: Sequence[str] = (), *, purpose: str = "") -> 
 
 
 def plain_columns(arrow: pa.Table) -> dict[str, np.ndarray]:
-    """The columns of plain numbers, as arrays; gaps in columns of floats are NaN.
+    """Returns the columns of plain numbers, as arrays; gaps in columns of floats are NaN.
 
     Left out are columns of other types, of integers with gaps, with names that occur twice, and those that are an index
     in pandas. Arrow's own conversion would import pandas, which takes longer than anything else that a run reads.
@@ -112,7 +112,7 @@ def plain_columns(arrow: pa.Table) -> dict[str, np.ndarray]:
 
 
 def _values(chunk: pa.Array, dtype: np.dtype) -> np.ndarray:
-    """The numbers of a part of a column, NaN where it has gaps."""
+    """Returns the numbers of a part of a column, NaN where it has gaps."""
     gaps, numbers = chunk.buffers()
     own = slice(chunk.offset, chunk.offset + len(chunk))
     values = np.frombuffer(numbers, dtype)[own]

@@ -68,12 +68,12 @@ class TableFile:
         return str(self.path)
 
     def at(self, *rows: int) -> str:
-        """Text that names the places of some rows: lines of a CSV file, or rows of a Parquet file, counted from 1."""
+        """Returns a text that names the places of `rows`: lines of a CSV file, or rows of a Parquet file, from 1."""
         word, places = ("row", list(rows)) if self.parquet else ("line", _lines(self.path, rows))
         return f"{self.path}: {word}{'s' if len(rows) > 1 else ''} {' and '.join(map(str, places))}"
 
     def read(self, wanted: list[str], *, whose: str = "", may_be_empty: bool = False) -> pd.DataFrame:
-        """The columns `wanted`, and `row`, the number for :meth:`at`; empty lines of a CSV file are skipped.
+        """Returns the columns `wanted`, and `row`, the number for :meth:`at`; empty lines of a CSV file are skipped.
 
         Args:
             wanted: names of columns.
@@ -87,8 +87,8 @@ class TableFile:
 
         missing = sorted(set(wanted) - set(self.columns))
         if missing:
-            said = f"columns {missing}{f' {whose}' if whose else ''} are missing"
-            raise InputError(f"{self}: {said}; the file has {list(self.columns)}")
+            columns = f"columns {missing}{f' {whose}' if whose else ''}"
+            raise InputError(f"{self}: {columns} are missing; the file has {list(self.columns)}")
         twice = sorted({name for name in wanted if self.columns.count(name) > 1})
         if twice:
             raise InputError(f"{self}: several columns are called {twice}; expected names that tell columns apart")
@@ -128,11 +128,11 @@ class TableFiles:
         Raises:
             InputError: one is neither CSV nor Parquet, or given twice.
         """
-        given = [paths] if isinstance(paths, Path) else list(paths)
-        for number, path in enumerate(given):
-            if path.resolve() in [other.resolve() for other in given[:number]]:
+        every = [paths] if isinstance(paths, Path) else list(paths)
+        for number, path in enumerate(every):
+            if path.resolve() in [other.resolve() for other in every[:number]]:
                 raise InputError(f"{path}: is given twice")
-        files = tuple(TableFile.open(path) for path in given)
+        files = tuple(TableFile.open(path) for path in every)
         # A name that a file has twice stays twice: `read` refuses it.
         names = [name for file in files for name in file.columns]
         return cls(files, files[0].columns if len(files) == 1 else tuple(dict.fromkeys(names)))
@@ -151,14 +151,14 @@ class TableFiles:
         return self.files[0].path.parent
 
     def at(self, *rows: int) -> str:
-        """The place of some rows, named as by :meth:`read`; as :meth:`TableFile.at`."""
+        """Like :meth:`TableFile.at`, for `rows` of :meth:`read`."""
         by_file: dict[int, list[int]] = {}
         for row in rows:
             by_file.setdefault(int(row) // ROWS_MAX, []).append(int(row) % ROWS_MAX)
         return " and ".join(self.files[number].at(*its) for number, its in by_file.items())
 
     def read(self, wanted: list[str], *, needed: set[str] | None = None, whose: str = "") -> pd.DataFrame:
-        """The columns `wanted` of all files, one file after the other, and `row`, by which :meth:`at` names a place.
+        """Returns the columns `wanted` of all files, one after the other, and `row`, by which :meth:`at` names a place.
 
         Args:
             wanted: names of columns.
@@ -187,7 +187,7 @@ def _lines(path: Path, rows: Sequence[int]) -> list[int]:
 
 
 def is_stamped(column: pd.Series) -> bool:
-    """Whether a column of times holds dates with times of the day, such as 2024-05-17T08:30:00.040."""
+    """Returns whether a column of times holds dates with times of the day, such as 2024-05-17T08:30:00.040."""
     import pandas as pd
 
     return pd.api.types.is_datetime64_any_dtype(column)
@@ -209,7 +209,7 @@ def _unreadable(path: Path, error: Exception, *, separator: str) -> InputError:
 
 
 def _first_odd_line(path: Path, separator: str) -> str:
-    """Text on the first bad line of a CSV file that cannot be read: its number, and how it differs; else empty."""
+    """Returns a text on the first bad line of an unreadable CSV file: its number, and how it differs; else empty."""
     with io.BufferedReader(pa.input_stream(path)) as file:
         columns = 0
         for number, raw in enumerate(file, 1):

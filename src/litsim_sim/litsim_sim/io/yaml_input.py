@@ -48,7 +48,7 @@ def read_text(path: Path) -> str:
 
 
 def load_yaml(text: str | bytes, where: str) -> Any:
-    """The content of a YAML text, of any type; `where` names the text in errors.
+    """Returns the content of a YAML text, of any type; `where` names the text in errors.
 
     Raises:
         InputError: it is not YAML, gives a key twice, or nests deeper than `DEEPEST`.
@@ -56,12 +56,12 @@ def load_yaml(text: str | bytes, where: str) -> Any:
     try:
         return yaml.load(text, _Loader)  # noqa: S506 - a SafeLoader
     except (yaml.YAMLError, ValueError) as error:  # ValueError: a date that is none
-        said = STREAM_NAME.sub(",", " ".join(str(error).split()))  # `where` has named the file
-        raise InputError(f"{where}: malformed YAML: {said}") from error
+        reason = STREAM_NAME.sub(",", " ".join(str(error).split()))  # `where` has named the file
+        raise InputError(f"{where}: malformed YAML: {reason}") from error
 
 
 def parse_yaml(text: str | bytes, where: str, model: type[BaseModel]) -> dict[str, Any]:
-    """The fields of a YAML text, not yet checked; `where` names the text in errors, `model` what was expected.
+    """Returns the fields of a YAML text, not yet checked; `where` names the text in errors, `model` what was expected.
 
     Raises:
         InputError: it is not YAML, or holds something else than fields and values.
@@ -74,7 +74,7 @@ def parse_yaml(text: str | bytes, where: str, model: type[BaseModel]) -> dict[st
 
 
 def validate_yaml(values: dict[str, Any], model: type[_Model], where: str, text: str | bytes) -> _Model:
-    """`values`, read from `text` and possibly changed since, as a `model`; `where` names the text in errors.
+    """Returns `values`, read from `text` and possibly changed since, as a `model`; `where` names the text in errors.
 
     Raises:
         InputError: some fields do not fit: they are named, with their lines in `text`.
@@ -83,17 +83,16 @@ def validate_yaml(values: dict[str, Any], model: type[_Model], where: str, text:
         return model.model_validate(values)
     except ValidationError as error:
         problems = error.errors()
-        said = "; ".join(_said(problems[:SHOWN], text))
+        described = "; ".join(_described(problems[:SHOWN], text))
         more = f"; and {len(problems) - SHOWN} more" if len(problems) > SHOWN else ""
         misnamed = any(problem["type"] in MISNAMED and len(problem["loc"]) == 1 for problem in problems)
         known = f"; known fields: {', '.join(model.model_fields)}" if misnamed else ""
-        raise InputError(f"{where}: {said}{more}{known}") from error
+        raise InputError(f"{where}: {described}{more}{known}") from error
 
 
 def place_in(path: Path, *place: int | str) -> str:
-    """Text that names the field at `place` in the YAML file at `path`, as in errors of :func:`validate_yaml`."""
-    line, named = _found(yaml.compose(read_text(path), Loader=yaml.SafeLoader), place)
-    return f"{path}: {f'line {line}, ' if line else ''}field {'.'.join(map(str, named))}"
+    """Returns a text on the field at `place` in the YAML file at `path`, as in errors of :func:`validate_yaml`."""
+    return f"{path}: {_place_text(yaml.compose(read_text(path), Loader=yaml.SafeLoader), place)}"
 
 
 class _Loader(YamlLoader):
@@ -119,37 +118,36 @@ class _Loader(YamlLoader):
         return super().construct_mapping(node, deep)
 
 
-def _said(problems: list[ErrorDetails], text: str | bytes) -> Iterator[str]:
+def _described(problems: list[ErrorDetails], text: str | bytes) -> Iterator[str]:
+    """Yields where each problem is in `text`, what was expected, and the value there unless it is long or known."""
     root = yaml.compose(text, Loader=yaml.SafeLoader)
     for problem in problems:
-        line, place = _found(root, problem["loc"])
-        at = f"line {line}, " if line else ""
-        field = f"field {'.'.join(map(str, place))}" if place else "the fields together"
         plain = isinstance(problem["input"], str | int | float | None)
-        said = problem["msg"].removeprefix("Value error, ")
-        told = not plain or problem["type"] in MISNAMED or ", found " in said
-        yield f"{at}{field}: {said}" + ("" if told else f", found {problem['input']!r:.{FOUND_MAX}}")
+        message = problem["msg"].removeprefix("Value error, ")
+        complete = not plain or problem["type"] in MISNAMED or ", found " in message
+        value = "" if complete else f", found {problem['input']!r:.{FOUND_MAX}}"
+        yield f"{_place_text(root, problem['loc'])}: {message}{value}"
 
 
-def _found(node: yaml.Node | None, place: tuple[int | str, ...]) -> tuple[int | None, list[int | str]]:
-    """The line, from 1, of the innermost part of `place` that the text has, and `place` in the terms of the text.
+def _place_text(node: yaml.Node | None, place: tuple[int | str, ...]) -> str:
+    """Returns a text that names a field as the YAML text does, with the line of its innermost part that is there.
 
     If a field may have one of several types, pydantic puts the name of the one that it has tried into the place.
     """
-    line, said = None, []
+    line, parts = "", list[str]()
     for number, part in enumerate(place):
         inner = _inner(node, part)
         if inner is None and node is not None and isinstance(part, str) and _is_choice(node, place[number + 1 :]):
             continue
-        said.append(part)
+        parts.append(str(part))
         node = None
         if inner is not None:
-            line, node = inner[0].start_mark.line + 1, inner[1]
-    return line, said
+            line, node = f"line {inner[0].start_mark.line + 1}, ", inner[1]
+    return f"{line}field {'.'.join(parts)}" if parts else "the fields together"
 
 
 def _inner(node: yaml.Node | None, part: int | str) -> tuple[yaml.Node, yaml.Node] | None:
-    """Where `part` of `node` begins, and its value; None if the text has none."""
+    """Returns where `part` of `node` begins, and its value; None if the text has none."""
     if isinstance(node, yaml.MappingNode):
         return {str(key.value): (key, value) for key, value in node.value}.get(str(part))
     if isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
@@ -158,5 +156,5 @@ def _inner(node: yaml.Node | None, part: int | str) -> tuple[yaml.Node, yaml.Nod
 
 
 def _is_choice(node: yaml.Node, rest: tuple[int | str, ...]) -> bool:
-    """Whether a part that `node` lacks, before the `rest`, is a name of pydantic's rather than a missing field."""
+    """Returns whether a part that `node` lacks, before the `rest`, is a type that pydantic tried, not a field."""
     return not isinstance(node, yaml.MappingNode) or any(_inner(node, after) is not None for after in rest[:1])

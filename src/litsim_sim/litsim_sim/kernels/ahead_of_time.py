@@ -20,20 +20,20 @@ MARK = re.compile(r"^@kernel\(", re.MULTILINE)  # occurs in the source of every 
 
 def import_kernels(package: str) -> list[str]:
     """Import the modules of a package that have kernels; return their names."""
-    found = []
+    names = []
     for module in pkgutil.walk_packages(import_module(package).__path__, f"{package}."):
         spec = find_spec(module.name)
         if spec is not None and spec.origin is not None and MARK.search(Path(spec.origin).read_text("utf-8")):
             import_module(module.name)
-            found.append(module.name)
-    return found
+            names.append(module.name)
+    return names
 
 
 def missing_kernels() -> list[Kernel]:
-    """The kernels of a run whose machine code is not on disk but could be, and all that they call."""
-    missing = [each for each in run_kernels() if each.kept is not None and not each.kept.exists()]
-    for each in missing:  # grows
-        missing += [called for called in each.uses if called not in missing]
+    """Returns the kernels of a run whose machine code is not on disk but could be, and all that they call."""
+    missing = [kernel for kernel in run_kernels() if kernel.file is not None and not kernel.file.exists()]
+    for kernel in missing:  # grows
+        missing += [called for called in kernel.uses if called not in missing]
     return missing
 
 
@@ -45,13 +45,13 @@ def compile_kernels(missing: Sequence[Kernel], processes: int) -> Iterator[None]
     if not missing:
         return
     announce()
-    order = TopologicalSorter({each: each.uses for each in missing})
+    order = TopologicalSorter({kernel: kernel.uses for kernel in missing})
     order.prepare()
     fork = multiprocessing.get_context("fork")  # the copies have all kernels
     with ProcessPoolExecutor(processes, fork, signal.signal, (signal.SIGINT, signal.SIG_DFL)) as pool:
         running: dict[Future[None], Kernel] = {}
         while order.is_active():
-            running |= {pool.submit(_compile, KERNELS.index(each)): each for each in order.get_ready()}
+            running |= {pool.submit(_compile, KERNELS.index(kernel)): kernel for kernel in order.get_ready()}
             for job in wait(running, return_when=FIRST_COMPLETED).done:
                 job.result()
                 order.done(running.pop(job))
@@ -60,5 +60,5 @@ def compile_kernels(missing: Sequence[Kernel], processes: int) -> Iterator[None]
 
 def _compile(number: int) -> None:
     """Compile one of all kernels, and keep its machine code."""
-    each = KERNELS[number]
-    each.loaded if each in run_kernels() else each.compiled
+    kernel = KERNELS[number]
+    kernel.loaded if kernel in run_kernels() else kernel.compiled

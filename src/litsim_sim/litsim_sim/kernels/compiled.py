@@ -66,25 +66,17 @@ KERNELS: list[Kernel] = []  # all kernels defined so far
 
 
 def read_array(dtype: types.Type, ndim: int) -> types.Array:
-    """Type of an array that a kernel only reads: also accepts read-only arrays, and strided ones of one dimension."""
+    """Returns the type of an array that a kernel only reads; it may be read-only, and strided in one dimension."""
     return types.Array(dtype, ndim, "A" if ndim == 1 else "C", readonly=True)
 
 
 def written_array(dtype: types.Type, ndim: int) -> types.Array:
-    """Type of a C-ordered array that a kernel writes to or returns."""
+    """Returns the type of a C-ordered array that a kernel writes to or returns."""
     return types.Array(dtype, ndim, "C")
 
 
-boolean, float32, float64, int32, int64, uint8, uint64, void = (
-    types.boolean,
-    types.float32,
-    types.float64,
-    types.int32,
-    types.int64,
-    types.uint8,
-    types.uint64,
-    types.void,
-)
+boolean, uint8, uint64, void = types.boolean, types.uint8, types.uint64, types.void
+float32, float64, int32, int64 = types.float32, types.float64, types.int32, types.int64
 FLOATS, FLOATS2, FLOATS3 = (read_array(float64, ndim) for ndim in (1, 2, 3))
 SINGLES, SINGLES2, SINGLES3 = (read_array(float32, ndim) for ndim in (1, 2, 3))
 INTS, INTS2 = (read_array(int64, ndim) for ndim in (1, 2))
@@ -117,14 +109,13 @@ def tuple_type(named: type[tuple[Any, ...]]) -> types.BaseNamedTuple:
 
     Kernels accept its objects if each field fits its annotation, such as :data:`Floats`, like an argument of that type.
     """
-    hints = get_type_hints(named, include_extras=True)
-    fields = {name: _field_type(hint) for name, hint in hints.items()}
+    fields = {name: _field_type(hint) for name, hint in get_type_hints(named, include_extras=True).items()}
     declared = types.BaseTuple.from_types(tuple(fields.values()), named)
     declared.name = f"{named.__name__}({', '.join(f'{name}: {field}' for name, field in fields.items())})"
 
     @typeof_impl.register(named)  # type: ignore[untyped-decorator]
     def type_of(value: Any, _context: object) -> Any:
-        """The declared type, so that writable and contiguous arrays need no other; None if a field does not fit it."""
+        """Returns the declared type, also for writable and contiguous arrays; None if a field does not fit it."""
         fits = map(cpu_target.typing_context.can_convert, map(numba.typeof, value), fields.values())
         return None if None in fits else declared
 
@@ -164,21 +155,24 @@ class Kernel:
         return loaded(*arguments)
 
     @property
-    def kept(self) -> Path | None:
+    def file(self) -> Path | None:
         """The file of its machine code, which need not exist yet; None if no cache directory is writable."""
-        directory = cache_directory(self._file)
-        return None if directory is None else directory / self._name
+        directory, code = cache_directory(self._source), self._function.__code__
+        name = (
+            f"{self._source.stem}.{self._function.__name__}-{code.co_firstlineno}-{self.stamp}"  # of this version only
+        )
+        return None if directory is None else directory / f"{name}.{sys.implementation.cache_tag}.kernel"
 
     @cached_property
     def loaded(self) -> Any:
         """Numba's dispatcher of the function, for calls; its machine code is loaded from disk, or compiled and kept."""
-        kept = self.kept
-        found = machine_code.load(kept, self._function, self._signature, OPTIONS) if kept else None
-        if found is None:
-            found = self.compiled
-            if kept:
-                machine_code.keep(kept, found, self._signature)
-        return found
+        file = self.file
+        dispatcher = machine_code.load(file, self._function, self._signature, OPTIONS) if file else None
+        if dispatcher is None:
+            dispatcher = self.compiled
+            if file:
+                machine_code.keep(file, dispatcher, self._signature)
+        return dispatcher
 
     @cached_property
     def compiled(self) -> Any:
@@ -189,10 +183,10 @@ class Kernel:
         """
         if _stamp(self._function, self._signature) != self.stamp:
             raise TypeError(f"kernel {self._function.__name__} uses what is defined after it")
-        directory = cache_directory(self._file)
+        directory = cache_directory(self._source)
         if directory is None or not any(directory.glob(f"*-{self.stamp}.*.nbi")):
             announce()
-        _spare_blas()
+        _leave_out_scipy()
         machine_code.box_arrays_quickly()
         before = numba.config.CACHE_LOCATOR_CLASSES
         numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.{KernelLocator.__name__}"
@@ -202,15 +196,9 @@ class Kernel:
             numba.config.CACHE_LOCATOR_CLASSES = before
 
     @property
-    def _file(self) -> Path:
+    def _source(self) -> Path:
         """The source file of the function."""
         return Path(self._function.__code__.co_filename)
-
-    @property
-    def _name(self) -> str:
-        """Name of the file of its machine code, unique among all kernels and their versions."""
-        line, python = self._function.__code__.co_firstlineno, sys.implementation.cache_tag
-        return f"{self._file.stem}.{self._function.__name__}-{line}-{self.stamp}.{python}.kernel"
 
 
 @typeof_impl.register(Kernel)  # type: ignore[untyped-decorator]
@@ -232,12 +220,11 @@ def kernel(signature: Any, *, outer: bool = False) -> Callable[[F], F]:
         TypeError: the function uses something else; the cache would not notice its changes.
     """
 
-    def compiled(function: F) -> F:
-        found = Kernel(cast(FunctionType, function), signature, outer=outer)
-        KERNELS.append(found)
-        return cast(F, found)
+    def decorator(function: F) -> F:
+        KERNELS.append(Kernel(cast(FunctionType, function), signature, outer=outer))
+        return cast(F, KERNELS[-1])
 
-    return compiled
+    return decorator
 
 
 def load_kernels() -> None:
@@ -246,18 +233,18 @@ def load_kernels() -> None:
     To be called before the first step of a run: loading takes as long as several steps.
     """
     with without_collection():
-        for each in run_kernels():
-            each.loaded  # noqa: B018 - the property is cached
+        for outer in run_kernels():
+            outer.loaded  # noqa: B018 - the property is cached
 
 
 def run_kernels() -> list[Kernel]:
-    """All kernels defined so far, except those that only other kernels call, whose code contains them."""
+    """Returns all kernels defined so far, except those that only other kernels call, whose code contains them."""
     inner = {id(called) for caller in KERNELS for called in caller.uses}
-    return [each for each in KERNELS if each.outer or id(each) not in inner]
+    return [defined for defined in KERNELS if defined.outer or id(defined) not in inner]
 
 
 def cache_directory(source: Path) -> Path | None:
-    """Directory for the machine code of kernels of the file `source`: the first writable one of these, else None.
+    """Returns where machine code of kernels in the file `source` goes: the first writable of these folders, else None.
 
     `NUMBA_CACHE_DIR`, if set; `__pycache__` beside `source`; and `litsim/kernels` in the user's cache directory, for
     read-only installations.
@@ -303,7 +290,7 @@ class KernelLocator:
 
 @cache
 def _writable(directory: Path) -> bool:
-    """Whether files can be made in `directory`, which is made if it is missing."""
+    """Returns whether files can be made in `directory`, which is made if it is missing."""
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError:
@@ -312,11 +299,10 @@ def _writable(directory: Path) -> bool:
 
 
 @cache
-def _spare_blas() -> None:
+def _leave_out_scipy() -> None:
     """Prevent numba from importing scipy's linear algebra, which takes half as long as loading all kernels.
 
-    Numba looks for it once, when it registers numpy's functions, to compile products of matrices. Kernels must not use
-    these.
+    Numba imports it once, when it registers numpy's functions, to compile matrix products. Kernels must not use these.
     """
     if NUMBA_ARRAYS not in sys.modules:  # otherwise numba has already looked for it
         with left_out(SCIPY_BLAS):
@@ -331,36 +317,36 @@ def announce() -> None:
 
 @cache
 def _source_and_machine(file: str) -> bytes:
-    """Hash of a source file and :func:`_machine`."""
+    """Returns the hash of a source file and :func:`_machine`."""
     return hashlib.sha256(Path(file).read_bytes() + _machine()).digest()
 
 
 @cache
 def _machine() -> bytes:
-    """What machine code depends on beside its source: numba's version, options, form of the code, and processor."""
+    """Returns what machine code depends on beside its source: version of numba, options, form, processor."""
     processor = f"{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
     return f"{numba.__version__} {OPTIONS} {machine_code.FORM} {processor}".encode()
 
 
 def _stamp(function: FunctionType, signature: Any) -> str:
-    """Hash of everything that the machine code of `function` depends on, as 16 hexadecimal digits."""
+    """Returns the hash of everything that the machine code of `function` depends on, as 16 hexadecimal digits."""
     code, known = function.__code__, function.__globals__
-    found = hashlib.sha256(_source_and_machine(code.co_filename))
-    found.update(f"{signature};".encode())
+    digest = hashlib.sha256(_source_and_machine(code.co_filename))
+    digest.update(f"{signature};".encode())
     for name in code.co_names:
         if name in known:
-            found.update(f"{name}={_constant(name, known[name])};".encode())
-    return found.hexdigest()[:16]
+            digest.update(f"{name}={_constant(name, known[name])};".encode())
+    return digest.hexdigest()[:16]
 
 
 def _kernels_of(function: FunctionType) -> tuple[Kernel, ...]:
-    """The kernels that `function` calls."""
-    found = (function.__globals__.get(name) for name in function.__code__.co_names)
-    return tuple(value for value in found if isinstance(value, Kernel))
+    """Returns the kernels that `function` calls."""
+    named = map(function.__globals__.get, function.__code__.co_names)
+    return tuple(value for value in named if isinstance(value, Kernel))
 
 
 def _constant(name: str, value: object) -> str:
-    """Text that identifies a global `value`, which is frozen into the machine code of kernels that use it.
+    """Returns a text that identifies a global `value`, which is frozen into the machine code of kernels that use it.
 
     Raises:
         TypeError: a kernel cannot use such a value.

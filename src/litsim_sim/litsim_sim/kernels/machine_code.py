@@ -40,8 +40,8 @@ def box_arrays_quickly() -> None:
 
     def box_array(array: Any, value: Any, context: Any) -> Any:
         api, known = context.pyapi, context.env_manager
-        found = known.read_const(known.add_const(array.box_type))
-        api.unserialize = lambda _: found  # for this object only, and restored below
+        array_class = known.read_const(known.add_const(array.box_type))
+        api.unserialize = lambda _: array_class  # for this object only, and restored below
         try:
             return boxing.box_array(array, value, context)
         finally:
@@ -59,17 +59,17 @@ def keep(path: Path, dispatcher: Any, signature: Any) -> None:
         signature: numba's signature, for which the function has been compiled.
     """
     cached = dispatcher._cache  # noqa: SLF001 - numba has no public access to it
-    found = cached._cache_file.load(cached._index_key(signature, cpu_target.target_context.codegen()))  # noqa: SLF001
-    if found is None:
+    entry = cached._cache_file.load(cached._index_key(signature, cpu_target.target_context.codegen()))  # noqa: SLF001
+    if entry is None:
         return
-    (_, kind, code), described, environment, *_, others = found
+    (_, kind, code), described, own, *_, others = entry
     if kind != "object":
         return
-    environments = [(each.env_name, list(each.consts)) for each in (environment, *others)]
-    kept = (str(signature), code[0], described.llvm_cpython_wrapper_name, environments)
-    made = path.with_name(f"{path.name}.{os.getpid()}")
-    made.write_bytes(pickle.dumps(kept))
-    made.replace(path)  # atomically: other processes may be reading it, or compiling the same function
+    environments = [(environment.env_name, list(environment.consts)) for environment in (own, *others)]
+    content = (str(signature), code[0], described.llvm_cpython_wrapper_name, environments)
+    new = path.with_name(f"{path.name}.{os.getpid()}")
+    new.write_bytes(pickle.dumps(content))
+    new.replace(path)  # atomically: other processes may be reading it, or compiling the same function
 
 
 def load(path: Path, function: FunctionType, signature: Any, options: dict[str, Any]) -> Any:
@@ -100,16 +100,16 @@ def load(path: Path, function: FunctionType, signature: Any, options: dict[str, 
 
 
 def _environment(name: str, constants: list[Any], function: FunctionType) -> Any:
-    """The environment in which machine code finds Python objects; one per name, shared by all code that contains it."""
+    """Returns the environment in which machine code looks up Python objects; all code of that `name` shares it."""
     if name not in _environments:
-        made = _environments[name] = _dynfunc.Environment(function.__globals__)
-        made.consts[:] = constants
+        environment = _environments[name] = _dynfunc.Environment(function.__globals__)
+        environment.consts[:] = constants
     return _environments[name]
 
 
 @cache
 def _engine() -> Any:
-    """The engine that links machine code in this process with the functions that it may call."""
+    """Returns the engine that links machine code in this process with the functions that it may call."""
     cpu_target.target_context  # noqa: B018 - registers Python's functions, mathematical ones and numba's own
     for name, address in _nrt_python.c_helpers.items():
         binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)

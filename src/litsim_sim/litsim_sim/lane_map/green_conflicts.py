@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import accumulate
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +17,14 @@ CROSSING = np.sin(np.deg2rad(45.0))  # of the angle between two approaches, abov
 
 
 def conflicting_pairs(links: Sequence[SignalLink]) -> list[tuple[int, int]]:
-    """Positions in `links` of the pairs of connections that conflict, see :attr:`.SignalLink.foes`."""
+    """Returns the positions in `links` of the pairs of connections that conflict, see :attr:`.SignalLink.foes`."""
     place = {link.name: k for k, link in enumerate(links)}
     both = ((place[foe], k) for k, link in enumerate(links) for foe in link.foes if foe in place)
     return sorted({(min(pair), max(pair)) for pair in both})
 
 
 def may_give_way(one: SignalLink, other: SignalLink) -> bool:
-    """Whether one of two connections that conflict usually gives way when both have a plain green light.
+    """Returns whether one of two connections that conflict usually gives way when both have a plain green light.
 
     That is so where one turns and both come from the same or from opposite directions, as left turns do before oncoming
     traffic.
@@ -34,12 +33,12 @@ def may_give_way(one: SignalLink, other: SignalLink) -> bool:
 
 
 def and_more(number: int) -> str:
-    """Words for `number` further pairs, empty for none."""
+    """Returns a text on `number` further pairs, empty for none."""
     return f" (and {number} more pair{'s' * (number > 1)})" if number else ""
 
 
 def program_conflicts(net: Path) -> tuple[str, ...]:
-    """A sentence for each phase of a signal program in which connections that conflict both have priority green (G).
+    """Returns a sentence for each phase of a program in which connections that conflict both have priority green (G).
 
     Raises:
         InputError: the file is missing, or is no SUMO net.
@@ -55,10 +54,10 @@ def program_conflicts(net: Path) -> tuple[str, ...]:
     except UNREADABLE as error:
         raise unreadable_net(net, error) from error
     return tuple(
-        said
+        sentence
         for junction, light in dict.fromkeys((one.junction, one.light) for one, _ in pairs)
         for name, program in programs.get(light, {}).items()
-        for said in _phases(
+        for sentence in _phases(
             f"junction {junction}: program {name} of light {light}",
             program.getPhases(),
             [pair for pair in pairs if (pair[0].junction, pair[0].light) == (junction, light)],
@@ -66,18 +65,18 @@ def program_conflicts(net: Path) -> tuple[str, ...]:
     )
 
 
-def _phases(what: str, phases: Sequence[Any], pairs: Sequence[tuple[SignalLink, SignalLink]]) -> list[str]:
-    ends = list(accumulate(phase.duration for phase in phases))
-    found: list[str] = []
-    for number, (phase, end) in enumerate(zip(phases, ends, strict=True)):
+def _phases(what: str, phases: Sequence[Any], pairs: Sequence[tuple[SignalLink, SignalLink]]) -> Iterator[str]:
+    """Yields a sentence for each of `phases` in which both connections of some of `pairs` have priority green."""
+    end = 0.0
+    for number, phase in enumerate(phases):
+        begin, end = end, end + phase.duration
         both = [(a, b) for a, b in pairs if _is_green(phase.state, a) and _is_green(phase.state, b)]
         if both:
             one, other = both[0]
-            found.append(
+            yield (
                 f"{what} has G for {one.name} and {other.name}{and_more(len(both) - 1)}, which conflict, in phase "
-                f"{number}, {end - phase.duration:g} to {end:g} s into the cycle; expected g for those that give way"
+                f"{number}, {begin:g} to {end:g} s into the cycle; expected g for those that give way"
             )
-    return found
 
 
 def _is_green(state: str, link: SignalLink) -> bool:

@@ -14,7 +14,7 @@ DECIMALS = 3  # of an angle [rad]: the net's rounding must not decide between la
 
 
 def directly_linked(lanes: Sequence[Lane]) -> BoolArray:
-    """(lanes, lanes) whether the second is the first itself, or directly precedes or follows it."""
+    """Returns whether one lane is another itself, or directly precedes or follows it (lanes, lanes)."""
     row = {lane.id: index for index, lane in enumerate(lanes)}
     near = np.eye(len(lanes), dtype=np.bool_)
     for lane in lanes:
@@ -39,6 +39,6 @@ def straightest_successors(lanes: Sequence[Lane]) -> list[int | None]:
 
 
 def _heading(lane: Lane, segment: int) -> FloatArray:
-    """Direction [rad] of a segment of the centre line."""
+    """Returns the direction [rad] of a segment of the centre line."""
     step = np.diff(lane.centerline, axis=0)[segment]
     return np.asarray(np.arctan2(step[1], step[0]))

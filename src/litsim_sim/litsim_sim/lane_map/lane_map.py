@@ -41,11 +41,11 @@ class LanePosition(NamedTuple):
     heading: Floats
 
     def take(self, rows: IntArray) -> LanePosition:
-        """Those of the poses in `rows` (m,)."""
+        """Returns the positions of the poses in `rows` (m,)."""
         return LanePosition(self.lane[rows], self.s[rows], self.d[rows], self.heading[rows])
 
     def against(self, yaw: FloatArray) -> BoolArray:
-        """(n,) whether headings `yaw` (n,) [rad] are opposite to the lanes."""
+        """Returns whether headings `yaw` (n,) [rad] are opposite to the lanes (n,)."""
         return np.cos(self.heading - yaw) < 0.0
 
 
@@ -67,11 +67,11 @@ class LaneMap:
         (x_min, y_min), (x_max, y_max) = points.min(axis=0) + 0.0, points.max(axis=0) + 0.0  # no -0
         self.bounds: tuple[float, float, float, float] = (float(x_min), float(y_min), float(x_max), float(y_max))
         self._segments = SegmentGrid(self.lanes, self.bounds)
-        self._half_width = 0.5 * np.array([lane.width for lane in self.lanes])[self._segments.lane]
-        self._reach = self._half_width + TOLERANCE
+        self._reach = 0.5 * np.array([lane.width for lane in self.lanes])[self._segments.lane] + TOLERANCE
         internal = np.array([lane.is_internal for lane in self.lanes])[self._segments.lane]
         self._penalty = np.where(internal, INTERNAL_PENALTY, 0.0)
         self._straightest = straightest_successors(self.lanes)
+        self._straightest_rows = np.array([-1 if row is None else row for row in self._straightest], np.int64)
         self._near = directly_linked(self.lanes)
 
     @cached_property
@@ -89,11 +89,11 @@ class LaneMap:
         return cls(read_lanes(path))
 
     def row(self, lane_id: str) -> int:
-        """Position in `lanes` of the lane named `lane_id`; raises KeyError if there is none."""
+        """Returns the position in `lanes` of the lane named `lane_id`; raises KeyError if there is none."""
         return self._row[lane_id]
 
     def nearest(self, x: FloatArray, y: FloatArray, yaw: FloatArray | None = None) -> LanePosition:
-        """The lane that each pose is on or nearest to.
+        """Finds the lane that each pose is on or nearest to.
 
         Distance decides, with handicaps for lanes inside junctions and, where `yaw` is given, for lanes that lead
         elsewhere. Equal lanes are decided by id.
@@ -106,7 +106,7 @@ class LaneMap:
         # without a heading, all directions are alike
         turn, heading = (0.0, np.zeros(len(x))) if yaw is None else (DIRECTION_PENALTY, _column(yaw))
         segment, s, d = self._segments.nearest(x, y, heading, self._penalty, turn)
-        return LanePosition(self._segments.lane[segment], s, d, self._segments.heading[segment])
+        return LanePosition(self._segments.lane[segment], s, d, self._segments.segments.heading[segment])
 
     def pose_at(self, lane: int | IntArray, s: float | FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """x, y [m] and heading [rad] at arc length(s) `s` of the lane(s) at position(s) `lane`; shapes broadcast.
@@ -117,35 +117,30 @@ class LaneMap:
         return self._segments.pose_at(lane, s)
 
     def headings_around(self, lane: IntArray, s: FloatArray, reach: float) -> FloatArray:
-        """(n, 2) headings [rad] `reach` [m] before and beyond arc lengths `s` (n,) [m] of the lanes in `lane` (n,)."""
-        return self._segments.headings_around(lane, s, reach)
+        """Returns headings (n, 2) [rad] `reach` [m] before and beyond arc lengths `s` (n,) [m] of lanes `lane` (n,)."""
+        return np.column_stack([self.pose_at(lane, at)[2] for at in (s - reach, s + reach)])
 
-    def ways(self, lane: IntArray, s: FloatArray, steps: int, step: float = 1.0) -> FloatArray:
-        """Where the centre lines lead from arc lengths `s` (n,) [m] of the lanes at positions `lane` (n,) on.
+    def poses_along(self, lane: IntArray, s: FloatArray, steps: int, step: float = 1.0) -> FloatArray:
+        """Returns poses along the centre lines from arc lengths `s` (n,) [m] of the lanes at positions `lane` (n,) on.
 
-        The way goes on as that of :meth:`path_from` without a route: straightest, and straight on where the net ends.
+        They go on as :meth:`path_from` without a route: straightest, and straight on where the net ends.
 
         Args:
-            lane, s: where the ways begin.
-            steps: number of poses, the first of them there.
+            lane, s: where the first poses are.
+            steps: number of poses.
             step: distance from one to the next along the lanes [m].
 
         Returns:
             (n, steps, 3) x, y [m] and heading [rad], frame map.
         """
-        return self._segments.ways(lane, s, self._following_rows, steps, step)
-
-    @cached_property
-    def _following_rows(self) -> IntArray:
-        """(lanes,) position of the straightest successor, -1 for none."""
-        return np.array([-1 if row is None else row for row in self._straightest], np.int64)
+        return self._segments.poses_along(lane, s, self._straightest_rows, steps, step)
 
     def path_from(self, lane_index: int, s: float, length: float, route: Collection[str] = ()) -> FloatArray:
-        """The centre line from `s` on the lane at position `lane_index` for `length` metres, as points (m, 2).
+        """Returns the centre line from `s` on the lane at position `lane_index` for `length` metres, as points (m, 2).
 
         Of several successors one is taken that leads to an edge of `route`, and of those, or where there is none, the
-        straightest (of equally straight ones the first by id). Where the net ends,
-        the path goes straight on, so that a vehicle that follows it leaves the net.
+        straightest (of equally straight ones the first by id). Where the net ends, the path goes straight on, so that a
+        vehicle that follows it leaves the net.
         """
         lane, left, at = lane_index, length, min(max(s, 0.0), self.lanes[lane_index].length)
         points = [np.stack(self.pose_at(lane, at)[:2], axis=-1)[None]]
@@ -161,8 +156,7 @@ class LaneMap:
             left -= ahead
             following = self._following(lane, route)
             if following is None:
-                beyond = np.stack(self.pose_at(lane, here.length + left)[:2], axis=-1)[None]
-                points.append(beyond)
+                points.append(np.stack(self.pose_at(lane, here.length + left)[:2], axis=-1)[None])
                 break
             lane, at = following, 0.0
         path = np.concatenate(points)
@@ -171,23 +165,22 @@ class LaneMap:
         return cast(FloatArray, path[keep])
 
     def _following(self, lane: int, route: Collection[str]) -> int | None:
-        """Position of the successor of the lane at position `lane` that a path along the edges `route` takes."""
+        """Returns the successor of a lane, both by position, that a path along the edges `route` takes."""
         straightest = self._straightest[lane]
         successors = [] if straightest is None else [self._row[name] for name in self.lanes[lane].successors]
         return next((row for row in (straightest, *successors) if self._leads_to(row, route)), straightest)
 
     def _leads_to(self, lane: int | None, edges: Collection[str]) -> bool:
-        """Whether the first edge outside junctions from the lane at position `lane` on is one of `edges`."""
+        """Returns whether the first edge outside junctions from the lane at position `lane` on is one of `edges`."""
         if lane is not None and self.lanes[lane].is_internal:
             lane, _ = self.road_ahead(lane)
         return lane is not None and self.lanes[lane].edge_id in edges
 
     def road_ahead(self, lane: int) -> tuple[int | None, float]:
-        """Where the straightest way from the lane at position `lane` leads.
+        """Follows the straightest successors from the lane at position `lane` to the next lane outside junctions.
 
         Returns:
-            position of the next lane outside junctions, None where the net ends before one; length of the lanes inside
-            junctions on the way there [m].
+            position of that lane, None where the net ends before one; length of the lanes inside junctions between [m].
         """
         following, length = self._straightest[lane], 0.0
         while following is not None and self.lanes[following].is_internal:
@@ -196,30 +189,29 @@ class LaneMap:
         return following, length
 
     def inside_road(self, x: FloatArray, y: FloatArray) -> BoolArray:
-        """(n,) whether points lie within half a lane width of some lane's centre line."""
+        """Returns whether points (n,) lie within half a lane width of some lane's centre line (n,)."""
         return self._segments.any_within(_column(x), _column(y), self._reach)
 
     def against(self, x: FloatArray, y: FloatArray, yaw: FloatArray) -> BoolArray:
-        """(n,) whether poses head the other way than the lanes there: none beside them leads where they head."""
+        """Returns whether poses (n,) head the other way than all lanes there (n,)."""
         return self.nearest(x, y, yaw).against(_column(yaw))
 
     def inside_lane(
         self, x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, width: FloatArray
     ) -> BoolArray:
-        """(n,) whether boxes (centre [m], heading [rad], extents [m]) lie wholly within one lane.
+        """Returns whether boxes (centre [m], heading [rad], extents [m]) lie wholly within one lane (n,).
 
         The lane is that of the box centre, together with the lanes that precede and follow it directly.
         """
         at = self.nearest(x, y, yaw)
         corners = box_corners(x, y, yaw, length, width)
         corner_x, corner_y = corners[..., 0].ravel(), corners[..., 1].ravel()
-        segments = self._segments.candidates(corner_x, corner_y)
-        same = self._near[np.repeat(at.lane, 4)[:, None], self._segments.lane[segments]] & (segments >= 0)
-        distance = self._segments.distance(corner_x[:, None], corner_y[:, None], segments)
-        inside = ((distance <= self._half_width[segments] + TOLERANCE) & same).any(axis=1)
+        same = self._near[np.repeat(at.lane, 4)[:, None], self._segments.lane]
+        distance = self._segments.distance(corner_x[:, None], corner_y[:, None], np.arange(len(self._reach)))
+        inside = ((distance <= self._reach) & same).any(axis=1)
         return cast(BoolArray, inside.reshape(-1, 4).all(axis=1))
 
 
 def _column(values: FloatArray) -> FloatArray:
-    """`values`, one number or an array (n,), as a C-ordered array (n,) of float64."""
+    """Returns `values`, one number or an array (n,), as a C-ordered array (n,) of float64."""
     return np.ascontiguousarray(values, np.float64).reshape(-1)

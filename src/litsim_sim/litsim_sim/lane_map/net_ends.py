@@ -26,12 +26,11 @@ class NetEnds:
         self._lanes = tuple(lanes)
         lines = [lane.centerline for lane in self._ends]
         self._x, self._y = (np.array([line[-1, axis] for line in lines]) for axis in (0, 1))
-        turn = [line[-1] - line[-2] for line in lines]
-        self._heading = np.array([np.arctan2(dy, dx) for dx, dy in turn])
+        self._heading = np.array([np.arctan2(*(line[-1] - line[-2])[::-1]) for line in lines])
         self._reach = np.array([0.5 * lane.width + SIDE_ROOM for lane in self._ends])
 
     def passed(self, x: float, y: float) -> str | None:
-        """Id of the lane by whose end a vehicle at (x, y) [m], on no lane, has just left the net; None for none."""
+        """Returns the id of the lane by whose end a vehicle at (x, y) [m], on no lane, has left the net; else None."""
         ahead, left = to_body(x - self._x, y - self._y, self._heading)
         near = (ahead > 0.0) & (ahead <= BEYOND_MAX) & (np.abs(left) <= self._reach)
         for k in np.flatnonzero(near)[np.argsort(np.abs(left[near]), kind="stable")]:
@@ -40,7 +39,7 @@ class NetEnds:
         return None
 
     def _goes_on(self, x: float, y: float, heading: float) -> bool:
-        """Whether a road continues beside (x, y) [m] in the direction `heading` [rad]."""
+        """Returns whether a road continues beside (x, y) [m] in the direction `heading` [rad]."""
         point = shapely.Point(x, y)
         for lane in self._lanes:
             line = shapely.LineString(lane.centerline)

@@ -54,7 +54,7 @@ class Lane:
 
 
 def lanes_from_left(lanes: Sequence[Lane]) -> list[int]:
-    """Numbers of `lanes` counted from the left of their edges, 1 first; 0 inside junctions.
+    """Returns the numbers of `lanes` counted from the left of their edges, 1 first; 0 inside junctions.
 
     Lanes that are not among them, such as footpaths to the right, have positions in their edges all the same.
     """
@@ -65,7 +65,7 @@ def lanes_from_left(lanes: Sequence[Lane]) -> list[int]:
 
 
 def read_lanes(path: Path) -> list[Lane]:
-    """The lanes of a SUMO net that cars may use, those inside junctions included.
+    """Returns the lanes of a SUMO net that cars may use, those inside junctions included.
 
     Raises:
         InputError: the file is missing, is no SUMO net, or holds no lanes.
@@ -74,7 +74,7 @@ def read_lanes(path: Path) -> list[Lane]:
 
 
 def unreadable_net(path: Path, error: Exception) -> InputError:
-    """An error about the file at `path`, which is not a SUMO net, with the place at which sumolib failed."""
+    """Returns an error about the file at `path`, which is not a SUMO net, with the place at which sumolib failed."""
     if not isinstance(error, SAXException | OSError) and (tag := _root(path).tag) != "net":
         return InputError(f"{path}: not a SUMO net: its root element is <{tag}>, expected <net>")
     if isinstance(error, SAXParseException):
@@ -85,7 +85,7 @@ def unreadable_net(path: Path, error: Exception) -> InputError:
 
 
 def read_net(path: Path) -> tuple[Any, list[Lane]]:
-    """A SUMO net as sumolib has read it, and the lanes of :func:`read_lanes`.
+    """Returns a SUMO net as sumolib has read it, and the lanes of :func:`read_lanes`.
 
     Raises:
         InputError: as there.
@@ -104,8 +104,7 @@ def read_net(path: Path) -> tuple[Any, list[Lane]]:
     _check_extent(lanes, path)
     known = {lane.id for lane in lanes}
     for lane in lanes:
-        lost = [name for name in lane.successors if name not in known]
-        if lost:
+        if lost := [name for name in lane.successors if name not in known]:
             raise InputError(f"{path}: lane {lane.id} leads to unknown lanes {lost}")
     return net, lanes
 
@@ -124,19 +123,19 @@ def _check_extent(lanes: Sequence[Lane], path: Path) -> None:
 
 
 def _drivable(lane: Any) -> bool:
-    """Whether cars may use a lane: no footpaths, crossings or rails."""
+    """Returns whether cars may use a lane: no footpaths, crossings or rails."""
     return bool(lane.allows("passenger"))
 
 
 def _root(path: Path) -> ET.Element:
-    """The root element of a net, whose attributes sumolib does not tell."""
+    """Returns the root element of a net, whose attributes sumolib does not tell."""
     with sumolib.openz(str(path), "rb") as file:
         _, root = next(iter(ET.iterparse(file, ("start",))))  # noqa: S314  sumolib has read all of it before
     return root
 
 
 def _lane(lane: Any, left_hand: bool, path: Path) -> Lane:
-    """A lane as sumolib has read it from the net at `path`.
+    """Returns a lane as sumolib has read it from the net at `path`.
 
     Raises:
         InputError: its shape or its width is none.
@@ -155,11 +154,11 @@ def _lane(lane: Any, left_hand: bool, path: Path) -> Lane:
     from_right = edge.getLanes()[::-1] if left_hand else edge.getLanes()
     index = from_right.index(lane)
     beside = {place: other.getID() for place, other in enumerate(from_right) if _drivable(other)}
-    following = []
-    for connection in lane.getOutgoing():
-        name = connection.getViaLaneID() or connection.getToLane().getID()
-        if connection.getToLane().allows("passenger"):
-            following.append(name)
+    following = {
+        connection.getViaLaneID() or connection.getToLane().getID()
+        for connection in lane.getOutgoing()
+        if _drivable(connection.getToLane())
+    }
     return Lane(
         id=lane.getID(),
         edge_id=edge.getID(),
@@ -169,7 +168,7 @@ def _lane(lane: Any, left_hand: bool, path: Path) -> Lane:
         centerline=centerline,
         s=s,
         length=float(s[-1]),
-        successors=tuple(sorted(set(following))),
+        successors=tuple(sorted(following)),
         left=beside.get(index + 1),
         right=beside.get(index - 1),
         is_internal=lane.getID().startswith(":"),

@@ -58,7 +58,7 @@ class SignalLink:
 
 
 def read_links(path: Path) -> tuple[SignalLink, ...]:
-    """The controlled connections of a net that cars may use, sorted by name; empty where there are no lights.
+    """Returns the controlled connections of a net that cars may use, sorted by name; empty where there are no lights.
 
     Raises:
         InputError: the file is missing, or is no SUMO net.
@@ -73,39 +73,27 @@ def read_links(path: Path) -> tuple[SignalLink, ...]:
             for connection in lane.getOutgoing()
             if connection.getTLSID() and lane.getID() in lanes and connection.getToLane().getID() in lanes
         ]
-        foes = _foes(controlled)
-        found = [_link(connection, lanes, foes[place]) for place, connection in enumerate(controlled)]
+        by_junction: dict[str, list[Any]] = {}
+        for connection in controlled:
+            by_junction.setdefault(connection.getFrom().getToNode().getID(), []).append(connection)
+        links = [
+            _link(connection, lanes, tuple(_name(other) for other in same if _are_foes(connection, other)))
+            for same in by_junction.values()
+            for connection in same
+        ]
     except UNREADABLE as error:
         raise unreadable_net(path, error) from error
-    return tuple(sorted(found, key=lambda link: link.name))
+    return tuple(sorted(links, key=lambda link: link.name))
 
 
-def _foes(connections: Sequence[Any]) -> list[tuple[str, ...]]:
-    """For each of `connections`, the names of those of other edges that its junction marks as its foes."""
-    at: dict[str, list[int]] = {}
-    for place, connection in enumerate(connections):
-        at.setdefault(connection.getFrom().getToNode().getID(), []).append(place)
-    found: list[tuple[str, ...]] = [()] * len(connections)
-    for places in at.values():
-        junction = connections[places[0]].getFrom().getToNode()
-        index = {place: junction.getLinkIndex(connections[place]) for place in places}
-        name = {place: _name(connections[place]) for place in places}
-        for place in places:
-            found[place] = tuple(
-                name[other]
-                for other in places
-                if connections[other].getFrom() is not connections[place].getFrom()
-                and _are_foes(junction, index[place], index[other])
-            )
-    return found
-
-
-def _are_foes(junction: Any, one: int, other: int) -> bool:
-    """Whether a junction marks two of its links as foes; those of which it says nothing are none."""
+def _are_foes(one: Any, other: Any) -> bool:
+    """Returns whether their junction marks two connections of different edges as foes."""
+    junction = one.getFrom().getToNode()
     try:
-        return bool(junction.areFoes(one, other))
+        foes = bool(junction.areFoes(junction.getLinkIndex(one), junction.getLinkIndex(other)))
     except (KeyError, IndexError):
         return False
+    return foes and one.getFrom() is not other.getFrom()
 
 
 def _name(connection: Any) -> str:
@@ -117,7 +105,7 @@ def _link(connection: Any, lanes: dict[str, Lane], foes: tuple[str, ...]) -> Sig
     via: list[str] = []
     following = connection.getViaLaneID()
     while following and following in lanes and lanes[following].is_internal and following not in via:
-        via.append(following)  # a way with a waiting place inside the junction has two lanes
+        via.append(following)  # a connection with a waiting place inside the junction has two lanes
         following = next(iter(lanes[following].successors), "")
     last, before = begin.centerline[-1], begin.centerline[-2]
     return SignalLink(
@@ -156,7 +144,7 @@ class Crossings:
 def crossings(
     links: Sequence[SignalLink], x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, valid: BoolArray
 ) -> Crossings:
-    """Passages of the stop lines of `links`.
+    """Finds the passages of the stop lines of `links`.
 
     A line is passed when the front centre gets `PASSED` beyond it, in the direction of the lane. Recorded vehicles that
     stand there rock back and forth: one passes the last time that it does so without being back at the line. The
@@ -175,7 +163,7 @@ def crossings(
     by_lane: dict[str, list[int]] = {}
     for place, link in enumerate(links):
         by_lane.setdefault(link.from_lane, []).append(place)
-    found: list[tuple[int, int, int]] = []
+    passages: list[tuple[int, int, int]] = []
     for places in by_lane.values():
         line = links[places[0]]
         cos, sin = np.cos(line.heading), np.sin(line.heading)
@@ -189,9 +177,9 @@ def crossings(
             if len(again) and (along[agent, step + 1 : step + 2 + again[0]] > -PASSED).all():
                 continue
             after = slice(step + 1, step + 2 + LEAVES)
-            there = valid[agent, after]
-            way_x, way_y = front_x[agent, after][there], front_y[agent, after][there]
-            nearest = [float(np.hypot(way_x - links[p].exit[0], way_y - links[p].exit[1]).min()) for p in places]
-            found.append((int(agent), int(step) + 1, places[int(np.argmin(nearest))]))
-    ordered = np.array(sorted(found), np.int64).reshape(-1, 3)
+            present = valid[agent, after]
+            x_after, y_after = front_x[agent, after][present], front_y[agent, after][present]
+            nearest = [float(np.hypot(x_after - links[p].exit[0], y_after - links[p].exit[1]).min()) for p in places]
+            passages.append((int(agent), int(step) + 1, places[int(np.argmin(nearest))]))
+    ordered = np.array(sorted(passages), np.int64).reshape(-1, 3)
     return Crossings(ordered[:, 0], ordered[:, 1], ordered[:, 2])

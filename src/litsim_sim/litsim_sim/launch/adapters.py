@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from litsim_sim.core import plugins
-from litsim_sim.launch.executables import find_executable
+from litsim_sim.launch.nodes import find_executable
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,8 @@
-"""A process of a graph: started so that it does not outlive its parent, signalled, and its end explained."""
+"""A process of a graph: started, signalled, and its end explained."""
 
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import os
 import re
 import shlex
@@ -17,39 +16,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import IO, Any, Protocol
+from typing import Any
 
 from litsim_sim.core.errors import EXIT_INTERRUPTED, InputError
 from litsim_sim.launch import supervisor
+from litsim_sim.launch.forked import ForkedProcess
+from litsim_sim.launch.signals import begin_child
 
 GRACE_S = 20.0  # [s] time for the bridge and the recorder to end a run in good order
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-STATE = re.compile(r"\) ")  # in /proc/PID/stat the state follows the name, which may hold anything else
 ROOM_MIN = 65536  # [bytes] free space on a disk below which a process could not have logged why it ended
 NAME_MAX = 60  # characters of a stack's command that messages show
 LINE_MAX = 1000  # characters of the last line of its log that they show
 COLOUR = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")  # and other commands to a terminal
-
-_LIBC = ctypes.CDLL(None)
-
-
-class Process(Protocol):
-    """The interface of a process, however it was started; see :class:`subprocess.Popen`."""
-
-    @property
-    def pid(self) -> int:
-        """Its id, and that of its process group."""
-
-    @property
-    def returncode(self) -> int | Any:
-        """Its exit status, the number of the signal that has ended it as a negative one, None before :meth:`poll`."""
-
-    @property
-    def stdout(self) -> IO[str] | None:
-        """Its standard output, if that is a pipe."""
-
-    def poll(self) -> int | None:
-        """Return :attr:`returncode` if it has ended, else None."""
 
 
 @dataclass
@@ -64,7 +42,7 @@ class Child:
     """
 
     name: str
-    process: Process
+    process: subprocess.Popen[str] | ForkedProcess
     log: Path
     command: Sequence[str] = ()
     nodes: Sequence[str] = ()
@@ -88,9 +66,10 @@ class Child:
     def stopped(self) -> bool:
         """Whether the process is stopped, by SIGSTOP or a debugger."""
         try:
-            return STATE.split(Path(f"/proc/{self.process.pid}/stat").read_text())[1][:1] in ("T", "t")
-        except (OSError, IndexError):
+            stat = Path(f"/proc/{self.process.pid}/stat").read_text()
+        except OSError:
             return False
+        return stat.rpartition(") ")[2][:1] in ("T", "t")  # after the name, which may hold anything
 
     @property
     def errors(self) -> list[str]:
@@ -104,19 +83,21 @@ class Child:
         return last if len(last) <= LINE_MAX else f"{last[:LINE_MAX]} …"
 
     def obituary(self) -> str:
-        """How the process ended, with the last error or line of its log, which may say why."""
-        code, words = self.process.returncode, self.errors
-        how = f"has not ended within {GRACE_S:g} s" if code is None else how_it_ended(code)
-        if code is not None and code > 0:
-            words = words or ([self.last_line] if self.last_line else self._why_silent())
+        """Returns how the process ended, with the last error or line of its log, which may say why."""
+        status = self.process.returncode
+        ending = f"has not ended within {GRACE_S:g} s" if status is None else how_it_ended(status)
         if self.command:  # the format of errors in a foreign log is unknown; the last line is the best guess
-            words = [self.last_line or "it has said nothing"]
-        return f"{self} {how}{''.join(f': {line}' for line in words[-1:])}"
+            why = self.last_line or "it has said nothing"
+        else:
+            why = "".join(self.errors[-1:])
+            if status is not None and status > 0:
+                why = why or self.last_line or self._why_silent()
+        return f"{self} {ending}" + (f": {why}" if why else "")
 
-    def _why_silent(self) -> list[str]:
-        """The reason for its empty log, if known."""
+    def _why_silent(self) -> str:
+        """Returns the reason for its empty log; empty if unknown."""
         full = shutil.disk_usage(self.log.parent).free < ROOM_MIN
-        return [f"it could say nothing, as the disk of {self.log.parent} is full"] if full else []
+        return f"it could say nothing, as the disk of {self.log.parent} is full" if full else ""
 
     def __str__(self) -> str:
         if self.command:
@@ -129,7 +110,7 @@ class Child:
 
 
 def _readable(line: str) -> str:
-    """`line` without commands to a terminal and other characters that are no text."""
+    """Returns `line` without commands to a terminal and other characters that are no text."""
     return "".join(c if c.isprintable() else " " * c.isspace() for c in COLOUR.sub("", line)).strip()
 
 
@@ -142,26 +123,29 @@ def how_it_ended(status: int) -> str:
     return f"ended with exit status {status}"
 
 
-def start_process(argv: Sequence[str], **given: Any) -> subprocess.Popen[str]:
-    """Start a process that ends when this thread ends, however that ends; `given` is passed to ``Popen``."""
+def start_process(argv: Sequence[str], **options: Any) -> subprocess.Popen[str]:
+    """Start a process, in a session of its own, that ends when this thread ends, however that ends.
+
+    `options` are those of ``Popen``.
+    """
     return subprocess.Popen(
         argv,
         stdin=subprocess.DEVNULL,
         text=True,
+        start_new_session=True,
         preexec_fn=begin_child,  # noqa: PLW1509 - two system calls
-        **given,
+        **options,
     )
 
 
-def start_supervised(command: Sequence[str], **given: Any) -> subprocess.Popen[str]:
-    """Start a stack's command by a :mod:`.supervisor`, in a session of its own; `given` is passed to ``Popen``.
+def start_supervised(command: Sequence[str], **options: Any) -> subprocess.Popen[str]:
+    """Start a stack's command by a :mod:`.supervisor`; `options` are those of ``Popen``.
 
     Raises:
         InputError: there is no such program.
     """
     check_program(command)
-    argv = [sys.executable, "-I", "-S", supervisor.__file__, *command]
-    return start_process(argv, start_new_session=True, **given)
+    return start_process([sys.executable, "-I", "-S", supervisor.__file__, *command], **options)
 
 
 def check_program(command: Sequence[str]) -> None:
@@ -172,14 +156,3 @@ def check_program(command: Sequence[str]) -> None:
     """
     if shutil.which(command[0]) is None:
         raise InputError(f"{command[0]}: no such program, expected the command that starts a driving stack")
-
-
-def end_with_parent() -> None:
-    """Make this process end when the thread that started it ends, however that ends."""
-    _LIBC.prctl(supervisor.DIE_WITH_PARENT, signal.SIGTERM)
-
-
-def begin_child() -> None:
-    """In a child before its program starts: end when the launcher is gone; hear signals."""
-    end_with_parent()
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)

@@ -13,7 +13,6 @@ some, can handle that.
 
 from __future__ import annotations
 
-import gc
 import multiprocessing
 import os
 import runpy
@@ -31,13 +30,13 @@ from typing import IO, Any
 import setproctitle
 
 from litsim_sim.core.errors import EXIT_INTERRUPTED
-from litsim_sim.launch.child import SIGNALS, end_with_parent
+from litsim_sim.launch.signals import SIGNALS, end_with_parent, reset_handlers
 
 _HERE, _PRELOADED = multiprocessing.get_context("fork"), multiprocessing.get_context("forkserver")
 
 
 class ForkedProcess:
-    """A Python program in a copy of a process, with the part of the interface of ``Popen`` that is used.
+    """A Python program in a copy of a process, with that part of the interface of ``Popen`` that is used.
 
     Attributes:
         stdout, stderr: to read its output from, if that is a pipe.
@@ -64,14 +63,11 @@ class ForkedProcess:
         self.stdout, out = _end_of(stdout)
         self.stderr, err = _end_of(stderr)
         begun, begin = multiprocessing.Pipe(duplex=False)
-        given = (tuple(argv), dict(environment), str(Path.cwd()), out, err, begin)
-        if preloaded:
-            self._process = start_preloaded(_run_program, *given)
-        else:
-            self._process = start_forked(_run_program, *given)
-        for each in (out, err, begin):
-            if isinstance(each, Connection):
-                each.close()  # else its end would not be noticed
+        start = start_preloaded if preloaded else start_forked
+        self._process = start(_run_program, tuple(argv), dict(environment), str(Path.cwd()), out, err, begin)
+        for end in (out, err, begin):
+            if isinstance(end, Connection):
+                end.close()  # else the end of the process would not be noticed
         with begun:
             begun.poll(None)  # until then its process group cannot be signalled
 
@@ -145,16 +141,8 @@ def _follow(target: Callable[..., None], *arguments: Any) -> None:
     target(*arguments)
 
 
-def keep_imports() -> None:
-    """Share all present objects with copies made from here on; else the garbage collector would touch them all.
-
-    Without it a run of 2 s takes 1.18 times the processor time (1.08 to 1.32, 5 pairs).
-    """
-    gc.freeze()  # without collecting first: that takes longer than the copies of what little garbage there is
-
-
 def _end_of(wanted: IO[str] | int) -> tuple[IO[str] | None, IO[str] | Connection | None]:
-    """The end of an output to read here, if any, and the one that the copy writes to; None for nowhere."""
+    """Returns the end of an output to read here, if any, and the one that the copy writes to; None for nowhere."""
     if not isinstance(wanted, int):
         return None, wanted
     if wanted != subprocess.PIPE:
@@ -174,7 +162,7 @@ def _run_program(
 ) -> None:
     """In the copy: become like a separate process, report that by closing `begin`, and run the program."""
     os.setsid()
-    forget_signals()
+    reset_handlers()
     signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
     begin.close()
     with Path(os.devnull).open("w") as nothing:
@@ -193,11 +181,3 @@ def _run_program(
         runpy.run_path(argv[0], run_name="__main__")
     except KeyboardInterrupt:  # while it was still importing; later on, programs end in good order by themselves
         sys.exit(EXIT_INTERRUPTED)
-
-
-def forget_signals() -> None:
-    """Handle signals as Python does when it starts, whatever the copied process does."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    for number in set(SIGNALS) - {signal.SIGINT}:
-        if signal.getsignal(number) != signal.SIG_IGN:  # nohup holds SIGHUP back
-            signal.signal(number, signal.SIG_DFL)

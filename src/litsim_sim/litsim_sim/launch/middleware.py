@@ -27,7 +27,7 @@ ENCLAVE_OPTIONS = {"--enclave", "-e"}
 
 
 def middleware_settings(environment: Mapping[str, str]) -> dict[str, str]:
-    """The variables to set in `environment` before a node is made; none if the user has chosen settings."""
+    """Returns the variables to set in `environment` before a node is made; none if the user has chosen settings."""
     if any(environment.get(name) for name in PROFILES):
         return {}
     if not environment.get("RMW_IMPLEMENTATION", FAST_DDS).startswith(FAST_DDS):
@@ -39,12 +39,12 @@ def middleware_settings(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 def enclave_of(program: str) -> str:
-    """The enclave of DDS Security that the nodes of a program are in, unless the user has chosen another."""
+    """Returns the enclave of DDS Security that the nodes of a program are in, unless the user has chosen another."""
     return f"/litsim/{program}"
 
 
 def enclave_setting(environment: Mapping[str, str], program: str, argv: Sequence[str] = ()) -> dict[str, str]:
-    """The variables to set in `environment` for `program`, with the arguments `argv`, to be in its enclave.
+    """Returns the variables to set in `environment` for `program`, with the arguments `argv`, to be in its enclave.
 
     None if security is not requested, or the user has chosen an enclave.
     """
@@ -53,7 +53,7 @@ def enclave_setting(environment: Mapping[str, str], program: str, argv: Sequence
 
 
 def is_secured(environment: Mapping[str, str]) -> bool:
-    """Whether DDS Security is requested."""
+    """Returns whether DDS Security is requested."""
     return environment.get(SECURITY, "").lower() == "true"
 
 
@@ -84,14 +84,10 @@ def use_middleware_settings(program: str, argv: Sequence[str] = ()) -> None:
 @contextmanager
 def middleware_in_use(program: str) -> Iterator[None]:
     """Like :func:`use_middleware_settings`, but only within the context; restores the environment afterwards."""
-    settings = middleware_settings(os.environ) | enclave_setting(os.environ, program)
-    before = {name: os.environ.get(name) for name in settings}
-    os.environ.update(settings)
+    before = dict(os.environ)
+    use_middleware_settings(program)
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        os.environ.clear()
+        os.environ.update(before)

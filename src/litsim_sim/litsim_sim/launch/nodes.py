@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.stage_registry import configured
-from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES, RECORDER
+from litsim_sim.core.stages import BRIDGE, EGO, POLICY, POLICY_STAGES, RECORDER
 from litsim_sim.ego_port.answer import AUTO
-from litsim_sim.launch.executables import program_of, stages_program
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 
+STAGES_PROGRAM = "stages"
+"""Executable of several stages in one process, in the package of the policy's stage; its arguments are their names."""
 MODES = ("lockstep", "realtime")
 STOP_OR_HOLD = ("stop", "hold")
 DRIVER = "driver"
@@ -28,39 +30,6 @@ DECIDED = {
 
 
 @dataclass(frozen=True)
-class GraphOptions:
-    """Options of a run over DDS; defaults are those of the bridge's parameters of the same names.
-
-    Attributes:
-        scenario: name or file, as the bridge is to load it.
-        out: folder of the recording.
-        overwrite: whether a recording in `out` may be replaced.
-        mode: one of :data:`MODES`.
-        on_missing: one of :data:`STOP_OR_HOLD`, for missing answers in lock-step.
-        on_invalid: one of :data:`STOP_OR_HOLD`, for answers of the ego that cannot be used.
-        ego_interface: interface of an external ego, one of :data:`litsim_sim.ego_port.answer.INTERFACES`.
-        answer_timeout_s: time limit for the answers to one step [s].
-        clock: whether the bridge publishes the clock.
-        real_time_factor: simulated time per wall time.
-        record: topics of the ego's stack that are recorded as well.
-        progress: bar, lines or none.
-    """
-
-    scenario: str
-    out: Path
-    overwrite: bool = False
-    mode: str = MODES[0]
-    on_missing: str = STOP_OR_HOLD[0]
-    on_invalid: str = STOP_OR_HOLD[0]
-    ego_interface: str = AUTO
-    answer_timeout_s: float = 5.0
-    clock: bool = True
-    real_time_factor: float = 1.0
-    record: tuple[str, ...] = ()
-    progress: str = "lines"
-
-
-@dataclass(frozen=True)
 class GraphNode:
     """A node of a run, or several in one process.
 
@@ -68,31 +37,81 @@ class GraphNode:
         name: name of its stage, the bridge or the recorder; for several nodes, that of their program.
         package, executable: package and executable of its program.
         parameters: ROS parameters that are not left at the node's defaults, by name; for several nodes, by NODE:NAME.
-        several: executable of each node on its own by the node's name, if these are several.
+        several: names of the nodes, if these are several; also the arguments of their program.
     """
 
     name: str
     package: str
     executable: str
     parameters: Mapping[str, Any]
-    several: Mapping[str, str] = field(default_factory=dict)
+    several: Sequence[str] = ()
 
 
-def nodes_of(plan: RunPlan, how: GraphOptions) -> list[GraphNode]:
-    """The nodes of a run in the order to start them in: the bridge last, since it waits for all others.
+def find_executable(package: str, executable: str) -> Path:
+    """Returns the file of an executable that ``ros2 run PACKAGE EXECUTABLE`` starts.
+
+    Raises:
+        InputError: the package is not built, not sourced, or has no such executable.
+        ModuleNotFoundError: there is no ROS.
+    """
+    from ament_index_python.packages import PackageNotFoundError, get_package_prefix  # campaigns need it over DDS only
+
+    try:
+        path = Path(get_package_prefix(package)) / "lib" / package / executable
+    except PackageNotFoundError as error:
+        raise InputError(f"package {package} is not built or not sourced: {error}") from error
+    if not path.is_file():
+        raise InputError(f"{path}: no such executable; build the workspace (make build)")
+    return path
+
+
+def program_of(stage: str) -> tuple[str, str]:
+    """Returns package and executable of the node of a stage: the package registers the stage, and names it so.
+
+    The ego's node and the program of several stages are in the policy's package, whichever plug-in drives.
+
+    Raises:
+        InputError: no installed package has the stage.
+    """
+    return plugins.package_of(plugins.STAGES, POLICY if stage in (EGO, STAGES_PROGRAM) else stage), stage
+
+
+def nodes_of(
+    plan: RunPlan,
+    scenario: str,
+    out: Path,
+    *,
+    overwrite: bool = False,
+    record: Sequence[str] = (),
+    **bridge: str | float,
+) -> list[GraphNode]:
+    """Returns the nodes of a run in the order to start them in.
+
+    The bridge is the first: it takes longest to get ready, and stages that are late wait for its next greeting.
+
+    Args:
+        plan: the run.
+        scenario: name or file of the scenario, as the bridge is to load it.
+        out: folder of the recording.
+        overwrite: whether a recording in `out` may be replaced.
+        record: topics of the ego's stack that are recorded as well.
+        bridge: parameters of :class:`litsim_sim.nodes.bridge_options.BridgeOptions` that are not part of the plan.
 
     Raises:
         InputError: a parameter is set of a node that takes no part in this run or does not know it, or does not fit, or
             that the options of the run decide; or the interface of an ego that is not external.
     """
-    if plan.ego != EXTERNAL and how.ego_interface != AUTO:
-        raise InputError(f"--ego-interface {how.ego_interface}: the ego is {plan.ego}, expected --ego {EXTERNAL}")
+    interface = bridge.get("ego_interface", AUTO)
+    if plan.ego != EXTERNAL and interface != AUTO:
+        raise InputError(f"--ego-interface {interface}: the ego is {plan.ego}, expected --ego {EXTERNAL}")
     for node, decided in DECIDED.items():
         for name in sorted(set(decided) & set(plan.parameters.get(node, {}))):
             raise InputError(f"parameter {node}.{name} cannot be set: the options of the run decide it")
-    names = (*reversed(plan.stages), BRIDGE)
-    recorder = {"output": str(how.out), "overwrite": how.overwrite}
-    own = {RECORDER: recorder | ({"topics": " ".join(how.record)} if how.record else {}), BRIDGE: _bridge(plan, how)}
+    names = (BRIDGE, *reversed(plan.stages))
+    own = {
+        RECORDER: {"output": str(out), "overwrite": overwrite} | ({"topics": " ".join(record)} if record else {}),
+        BRIDGE: _of_bridge(plan) | {"scenario": scenario} | bridge,
+    }
     parameters = {name: own.get(name, {}) | dict(plan.parameters.get(name, {})) for name in (*own, *plan.parameters)}
     configured(names, parameters, plan.ego)
     if EGO in names:
@@ -101,36 +120,26 @@ def nodes_of(plan: RunPlan, how: GraphOptions) -> list[GraphNode]:
 
 
 def in_one_process(nodes: Sequence[GraphNode]) -> list[GraphNode]:
-    """The same nodes, all of LitSim's stages in one process: they need not wait for messages of each other."""
-    stages = {node.name: node for name in (EGO, *POLICY_STAGES) for node in nodes if node.name == name}
+    """Returns the same nodes, all of LitSim's stages in one process: they need not wait for messages of each other."""
+    stages = [node for name in (EGO, *POLICY_STAGES) for node in nodes if node.name == name]
     if len(stages) < 2:
         return list(nodes)
-    parameters = {f"{node.name}:{name}": value for node in stages.values() for name, value in node.parameters.items()}
-    executables = {node.name: node.executable for node in stages.values()}
-    program = stages_program()
-    one = GraphNode(program[1], *program, parameters, executables)
-    first = min(nodes.index(node) for node in stages.values())
-    return [one if k == first else node for k, node in enumerate(nodes) if k == first or node.name not in stages]
+    parameters = {f"{node.name}:{name}": value for node in stages for name, value in node.parameters.items()}
+    names = tuple(node.name for node in stages)
+    shared = GraphNode(STAGES_PROGRAM, *program_of(STAGES_PROGRAM), parameters, names)
+    return [*(node for node in nodes if node not in stages), shared]
 
 
-def _bridge(plan: RunPlan, how: GraphOptions) -> dict[str, Any]:
-    """Parameters of the bridge."""
-    parameters = {
-        "scenario": how.scenario,
+def _of_bridge(plan: RunPlan) -> dict[str, Any]:
+    """Returns the parameters of the bridge that follow from the plan."""
+    file = plan.scenario.file
+    end = {} if file.end_after_contact_s is None else {"end_after_contact_s": file.end_after_contact_s}
+    return {
         "ego": plan.ego,
         "policy": plan.policy,
         "ego_id": plan.scenario.ego_id,
         "seed": plan.scenario.seed,
-        "mode": how.mode,
-        "on_missing": how.on_missing,
-        "on_invalid": how.on_invalid,
-        "ego_interface": how.ego_interface,
-        "answer_timeout_s": how.answer_timeout_s,
-        "progress": how.progress,
-        "clock": how.clock,
-        "real_time_factor": how.real_time_factor,
         "stage_parameters": json.dumps(plan.stage_parameters, sort_keys=True),
+        **end,
+        **{f"vehicle.{name}": value for name, value in file.vehicle.items()},
     }
-    if (after := plan.scenario.file.end_after_contact_s) is not None:
-        parameters["end_after_contact_s"] = after
-    return parameters | {f"vehicle.{name}": value for name, value in plan.scenario.file.vehicle.items()}

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO
 
@@ -19,11 +19,11 @@ from tqdm import tqdm
 
 from litsim_sim.core.errors import EXIT_FAILED
 from litsim_sim.core.stages import BRIDGE, RECORDER
-from litsim_sim.launch.child import GRACE_S, SIGNALS, Child, Process, start_process, start_supervised
-from litsim_sim.launch.domain import HOLDER
-from litsim_sim.launch.domain_ports import EMPTY, is_known_empty
+from litsim_sim.launch.child import GRACE_S, Child, start_process, start_supervised
+from litsim_sim.launch.domain import EMPTY, HOLDER, is_known_empty
 from litsim_sim.launch.forked import ForkedProcess
 from litsim_sim.launch.middleware import RANGE, enclave_setting
+from litsim_sim.launch.signals import signals_deferred
 
 KILL_S = 3.0  # [s] between SIGINT, SIGTERM and SIGKILL
 QUIET_S = 120.0  # [s] longest time without a sign of life of a running bridge, which may be loading or computing
@@ -62,7 +62,7 @@ class Graph:
         parameters: Mapping[str, object],
         *,
         forked: bool = False,
-        several: Mapping[str, str] | None = None,
+        several: Sequence[str] = (),
     ) -> None:
         """Start the executable at `path` as node `name`.
 
@@ -71,21 +71,21 @@ class Graph:
             path: its program, in Python.
             parameters: ROS parameters by name, or by NODE:NAME.
             forked: whether to run it in a copy of this process, see :mod:`litsim_sim.launch.forked`.
-            several: names of the nodes, if the program has several, and what it calls each among its arguments.
+            several: names of the nodes, if the program has several; they are its arguments.
         """
-        argv = [str(path), *(several or {}).values(), "--ros-args"]
+        argv = [str(path), *several, "--ros-args"]
         for key, value in parameters.items():  # a text in quotes: YAML would find numbers and worse in it
             quoted = json.dumps(value, ensure_ascii=False) if isinstance(value, str | tuple) else value
             argv += ["-p", f"{key}:={quoted}"]
-        with self._log(name) as log, held_back():
-            process: Process
-            more = self._of_bridge if name == BRIDGE else {}
-            if forked:
-                process = ForkedProcess(argv, self._environment | more, stdout=_stdout(name, log), stderr=log)
-            else:
-                environment, stdout = self._environment | more, _stdout(name, log)
-                process = start_process(argv, env=environment, stdout=stdout, stderr=log, start_new_session=True)
-            self.children[name] = Child(name, process, Path(log.name), nodes=tuple(several or ()))
+        environment = self._environment | (self._of_bridge if name == BRIDGE else {})
+        with self._log(name) as log, signals_deferred():
+            out = subprocess.PIPE if name == BRIDGE else log  # the bridge's lines are read
+            process = (
+                ForkedProcess(argv, environment, stdout=out, stderr=log)
+                if forked
+                else start_process(argv, env=environment, stdout=out, stderr=log)
+            )
+            self.children[name] = Child(name, process, Path(log.name), nodes=several)
 
     def start_stack(self, command: Sequence[str]) -> None:
         """Start the user's command that drives the ego, in the domain of the graph.
@@ -93,8 +93,8 @@ class Graph:
         Raises:
             InputError: there is no such program.
         """
-        with self._log(STACK) as log, held_back():
-            environment = self._environment | enclave_setting(self._environment, STACK, command)
+        environment = self._environment | enclave_setting(self._environment, STACK, command)
+        with self._log(STACK) as log, signals_deferred():
             process = start_supervised(command, env=environment, stdout=log, stderr=log)
             self.children[STACK] = Child(STACK, process, Path(log.name), tuple(command))
 
@@ -143,18 +143,18 @@ class Graph:
             raise GraphFailed(f"{bridge}: no sign of life for {quiet_s:.0f} s, at step {progress.step}; {how}")
 
     def _may_leave(self, child: Child) -> bool:
-        """Whether a process may end before the bridge: a recorder that is done, or a stack after the last step."""
+        """Returns whether a process may end before the bridge: a recorder that is done, or a stack after the end."""
         if child.name == RECORDER:
             return child.process.returncode == 0
         return child.name == STACK and self._progress is not None and self._progress.complete
 
     def _heard_of_failure(self, dead: Sequence[Child]) -> bool:
-        """Whether all of `dead` have ended after the bridge announced that the run has failed."""
+        """Returns whether all of `dead` have ended after the bridge announced that the run has failed."""
         failed = self._progress.failed if self._progress else None
         return failed is not None and all(child.ended_at > failed for child in dead)
 
     def _about_the_stack(self, why: str) -> str:
-        """Text to add to the bridge's reason `why`: how the stack ended before that, or its last output, if another."""
+        """Returns a text to add to the bridge's reason `why`: how the stack ended before that, or its last output."""
         stack = self.children.get(STACK)
         if stack is None:
             return ""
@@ -162,8 +162,8 @@ class Graph:
             self._progress.join(timeout=1.0)  # what the bridge has printed last
         if not stack.running and not (stack.process.returncode == 0 and self._heard_of_failure([stack])):
             return f"; {stack.obituary()}"
-        said = stack.last_line or "nothing"
-        return f"; {stack} was running" + ("" if why in said else f", and said last: {said}")
+        last = stack.last_line or "nothing"
+        return f"; {stack} was running" + ("" if why in last else f", and said last: {last}")
 
     def stop(self) -> None:
         """End what still runs: first the bridge, which tells the recorder to close its file, then the rest."""
@@ -213,28 +213,21 @@ class Progress(threading.Thread):
         bar, noted = None, ""
         for line in self._lines:
             self.heard = time.monotonic()
-            words = line.split()
-            if words[:1] == ["note"] and line != noted and not self._quiet:
-                noted = line
-                tqdm.write(line.removeprefix("note ").rstrip(), file=sys.stderr)
-            if words[:1] == ["alive"]:
-                self.step = int(words[-1])
-            if words[:1] == ["failed"]:
-                self.failed = float(words[2])
-            if len(words) != 4 or words[0] != "step":
-                continue
-            step, total = int(words[1]), int(words[3])
-            self.step, self.complete = step, step == total
-            if not self._quiet:
-                bar = bar or tqdm(total=total, unit="step", dynamic_ncols=True)
-                bar.update(step - bar.n)
+            match line.split():
+                case ["note", *_] if line != noted and not self._quiet:
+                    noted = line
+                    tqdm.write(line.removeprefix("note ").rstrip(), file=sys.stderr)
+                case ["alive", "at", "step", step]:
+                    self.step = int(step)
+                case ["failed", "at", time_s, "s"]:
+                    self.failed = float(time_s)
+                case ["step", step, "of", total]:
+                    self.step, self.complete = int(step), step == total
+                    if not self._quiet:
+                        bar = bar or tqdm(total=int(total), unit="step", dynamic_ncols=True)
+                        bar.update(self.step - bar.n)
         if bar is not None:
             bar.close()
-
-
-def _stdout(name: str, log: IO[str]) -> IO[str] | int:
-    """Destination of the standard output of a process: a pipe for the bridge, whose lines are read, else the log."""
-    return subprocess.PIPE if name == BRIDGE else log
 
 
 def _wait(children: list[Child], timeout: float) -> None:
@@ -242,37 +235,3 @@ def _wait(children: list[Child], timeout: float) -> None:
     until = time.monotonic() + timeout
     while any(child.running for child in children) and time.monotonic() < until:
         time.sleep(0.02)
-
-
-@contextlib.contextmanager
-def held_back() -> Iterator[None]:
-    """Defer signals to the end of the context, so that a process being started is known to the code that ends it.
-
-    They are blocked in this thread, since Python swallows exceptions raised by handlers during a fork. Threads of
-    libraries may still take them, whereupon Python calls their handlers here; so the handlers are deferred, too.
-    """
-    came: list[int] = []
-    before = {number: signal.getsignal(number) for number in SIGNALS}
-    for number, handler in before.items():
-        if callable(handler):
-            signal.signal(number, lambda number, _: came.append(number))
-    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            if callable(handler):
-                signal.signal(number, handler)
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
-        if came:
-            signal.raise_signal(came[0])
-
-
-def without_interrupts(action: Callable[[], object]) -> None:
-    """Run `action` while Ctrl-C and other ending signals are ignored, so that no orphans are left."""
-    before = {number: signal.signal(number, signal.SIG_IGN) for number in SIGNALS}
-    try:
-        action()
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

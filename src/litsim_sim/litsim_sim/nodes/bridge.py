@@ -18,21 +18,13 @@ from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.ego_port.answer import Interface
 from litsim_sim.ego_port.port import EgoPort, Level, Remark
 from litsim_sim.kernels.compiled import load_kernels
-from litsim_sim.launch.domain import held_domain
-from litsim_sim.launch.domain_ports import EMPTY
+from litsim_sim.launch.domain import EMPTY, held_domain
 from litsim_sim.nodes import diagnostics
-from litsim_sim.nodes.bridge_options import BridgeOptions, bridge_stage
+from litsim_sim.nodes.bridge_options import bridge_stage
 from litsim_sim.nodes.broadcast import PUBLISHED, PUBLISHED_OF_SIGNALS, Broadcast, run_info
 from litsim_sim.nodes.diagnostics import Diagnostics
-from litsim_sim.nodes.responses import (
-    EgoPublisher,
-    EgoPublishers,
-    ResponseCollector,
-    RunFailed,
-    StageLiveness,
-    absence,
-    rivalry,
-)
+from litsim_sim.nodes.ego_publishers import EgoPublisher, EgoPublishers, absence, rivalry
+from litsim_sim.nodes.responses import ResponseCollector, RunFailed, StageLiveness
 from litsim_sim.nodes.run_loop import Pulse, RunLoop
 from litsim_sim.ros import ego_port, messages, standard
 from litsim_sim.ros.definitions import type_name
@@ -52,8 +44,8 @@ from litsim_sim.ros.topics import (
     TIMING,
     Topic,
 )
-from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
-from litsim_sim.world.world import World, WorldConfig
+from litsim_sim.scenario.run_info import EXTERNAL
+from litsim_sim.world.world import World
 
 NOTE_PERIOD = 5.0  # [s] period of repeated lines in the log
 NAMES_S = 1.0  # [s] by which the names of nodes may follow their publishers, at most
@@ -61,7 +53,16 @@ ENDED = {StageState.FINISHED: diagnostics.FINISHED, StageState.FAILED: diagnosti
 
 
 class BridgeNode(Node):
-    """Implements :class:`litsim_sim.nodes.run_loop.Graph`; :meth:`run` runs one run."""
+    """The bridge of one run, which :meth:`run` makes; all other public methods are for the :class:`RunLoop`.
+
+    Attributes:
+        since: time of the performance counter since which this node listens [s].
+        options: parameters of the node.
+        plan: the run.
+        liveness: states of the other stages.
+        port: port of the ego.
+        responses: answers to the current step.
+    """
 
     declared = Endpoints(
         BRIDGE,
@@ -74,11 +75,14 @@ class BridgeNode(Node):
         self.since = time.perf_counter()
         self.options = options = read_parameters(self, bridge_stage)
         plan = self.plan = options.plan()
-        self._liveness = StageLiveness(plan.run_id, plan.stages)
-        self._port = port_of(options, plan)
-        self._responses = ResponseCollector(
-            self._port,
-            self._liveness,
+        self.liveness = StageLiveness(plan.run_id, plan.stages)
+        external = plan.ego == EXTERNAL
+        interface = options.ego_interface if external else Interface.CONTROL
+        stop_on_invalid = options.on_invalid == "stop"
+        self.port = EgoPort(plan.run_id, plan.scenario.vehicle, interface, stop_on_invalid=stop_on_invalid)
+        self.responses = ResponseCollector(
+            self.port,
+            self.liveness,
             messages.controls_from_message,
             run_id=plan.run_id,
             ego_id=plan.scenario.ego_id,
@@ -88,20 +92,19 @@ class BridgeNode(Node):
         self._noted = ("", 0.0)
         self._pulse = Pulse(options.progress == "lines")
         self._ego_nodes: list[str] = []
-        self._publishers_of_ego = EgoPublishers()
-        self._to_meet = True  # whether a publisher of the ego may have come since they were last noted
-        external = plan.ego == EXTERNAL
+        self._known_ego_publishers = EgoPublishers()
+        self._ego_publishers_changed = True  # whether a publisher of the ego may have come since they were last noted
         published = (HELLO, STATUS, TIMING, *((EGO_APPLIED,) if external else ()))
-        self._to = {t: publisher_on(self, t) for t in published}
+        self._outputs = {t: publisher_on(self, t) for t in published}
         self._broadcast = Broadcast(self, plan, clock=options.clock, factor=options.real_time_factor)
-        self._diagnostics = Diagnostics(self, plan.run_id, plan.scenario.total_steps, self._port)
-        ego_port.subscribe(self, self._port, tuple(Interface) if external else (Interface.CONTROL,))
+        self._diagnostics = Diagnostics(self, plan.run_id, plan.scenario.total_steps, self.port)
+        ego_port.subscribe(self, self.port, tuple(Interface) if external else (Interface.CONTROL,))
         if plan.policy != "replay":
-            self._listen(CONTROLS, lambda m: self._responses.offer_controls(m.run_id, m.step, m))
-        self._listen(STATUS, lambda m: self._liveness.take_status(m.run_id, m.stage, m.state, m.text))
-        self._listen(RECORDED, lambda m: self._liveness.take_confirmation(m.run_id, m.step))
+            subscribe(self, CONTROLS, lambda m: self.responses.offer_controls(m.run_id, m.step, m))
+        subscribe(self, STATUS, lambda m: self.liveness.take_status(m.run_id, m.stage, m.state, m.text))
+        subscribe(self, RECORDED, lambda m: self.liveness.take_confirmation(m.run_id, m.step))
         for topic in (HELLO, RUN_INFO):
-            self._listen(topic, lambda m: self._liveness.take_run(m.run_id))
+            subscribe(self, topic, lambda m: self.liveness.take_run(m.run_id))
         self._executor = executor_of(self)
 
     def run(self) -> None:
@@ -110,82 +113,95 @@ class BridgeNode(Node):
         Raises:
             RunFailed: a stage failed or did not answer; all stages have been told.
         """
-        loop = RunLoop(self, self.plan, self.options, self._set_up, self._port, self._liveness, self._responses)
+        loop = RunLoop(self)
         try:
             loop.run()
         except BaseException as error:
             text = str(error) if isinstance(error, RunFailed) else reason(error)
             self._pulse.fail()
-            self.say(StageState.FAILED, self._responses.step, text=text)
+            self.say(StageState.FAILED, self.responses.step, text=text)
             loop.farewell()
             raise
 
-    def _set_up(self) -> World:
-        """The world of the run, with its mirror and kernels."""
+    def set_up(self) -> World:
+        """Make the world of the run, with its mirror and kernels; called while the stages get ready."""
         from litsim_sim.world.sumo import SumoMirror  # imported here so that the stages know of the run first
 
         scenario = self.plan.scenario
         mirror = SumoMirror(scenario.net_path, scenario.seed, scenario.signals)
-        world = World(scenario, WorldConfig(guard_entries=self.plan.policy != "replay"), mirror)
+        world = World(scenario, mirror, guard_entries=self.plan.policy != "replay")
         load_kernels()
         spare_from_collection()
         return world
 
     @property
     def alone(self) -> bool:
+        """Whether it is known without listening that there was no other run at the start."""
         return os.environ.get(EMPTY) == str(self.context.get_domain_id())
 
     @property
     def domain(self) -> str:
+        """Description of the domain of this graph."""
         return f"ROS_DOMAIN_ID {self.context.get_domain_id()}"
 
     def begin(self) -> None:
+        """Publish the messages for the whole run."""
         info = run_info(self.plan, self.options.mode, {BRIDGE: parameters(self)}, clock=self.options.clock)
         self._broadcast.begin(info)
         if self.plan.ego == EXTERNAL and (text := standard.rounding(self.plan.scenario.log.table(0))):
             self._pulse.note(text)
-            self._port.remarks.append(Remark(0, Level.WARN, text))
+            self.port.remarks.append(Remark(0, Level.WARN, text))
 
     def greet(self) -> None:
-        self._to[HELLO].publish(Hello(header=messages.header(0), run_id=self.plan.run_id))
+        """Ask all stages to report their state again."""
+        self._outputs[HELLO].publish(Hello(header=messages.header(0), run_id=self.plan.run_id))
 
     def show(self, table: AgentTable) -> None:
+        """Publish a step: what the stages wait for."""
         self._broadcast.show(table)
 
     def accompany(self, table: AgentTable) -> None:
+        """Publish the other messages of the last step shown: clock, state of the ego, standard types, diagnostics."""
         self._broadcast.accompany(table)
         self._diagnostics.step(table.step)
 
     def show_again(self) -> None:
-        if self._responses.step == 0 and self._ego_nodes:  # a stack is there that may need time to pass for its answer
+        """Publish the last step shown again."""
+        if self.responses.step == 0 and self._ego_nodes:  # a stack is there that may need time to pass for its answer
             self._broadcast.creep()
         self._broadcast.repeat()
-        self._diagnostics.step(self._responses.step)
+        self._diagnostics.step(self.responses.step)
 
     def apply(self, command: EgoCommand) -> None:
-        if EGO_APPLIED in self._to:
-            if self._to_meet or not self._ego_nodes:
-                self.meet_ego()
-            self._to[EGO_APPLIED].publish(messages.ego_to_message(command, self.plan.run_id))
+        """Publish the command that the answer of an external ego was converted to."""
+        if EGO_APPLIED in self._outputs:
+            if self._ego_publishers_changed or not self._ego_nodes:
+                self.note_ego_publishers()
+            self._outputs[EGO_APPLIED].publish(messages.ego_to_message(command, self.plan.run_id))
 
     def report_time(self, step: int, compute_time: float, marks: str) -> None:
-        self._to[TIMING].publish(self._status(StageState.RUNNING, step, compute_time, marks))
+        """Publish the compute time of the bridge for a step [s], and its marks."""
+        self._outputs[TIMING].publish(self._status(StageState.RUNNING, step, compute_time, marks))
 
     def say(self, state: StageState, step: int, compute_time: float = 0.0, text: str = "") -> None:
+        """Publish the state of the run."""
         level = Level.WARN if state == StageState.RUNNING else Level.OK
         self._diagnostics.say(step, ENDED.get(state, diagnostics.RUNNING), level, text)
-        self._to[STATUS].publish(self._status(state, max(0, step), compute_time, text))
+        self._outputs[STATUS].publish(self._status(state, max(0, step), compute_time, text))
 
-    def ask_around(self) -> None:
-        self._listen(TIMING, lambda m: self._liveness.take_timing(m.run_id, m.stage, m.step))
+    def listen_to_timings(self) -> None:
+        """Start to listen to timings, to find out which stages have answered; not done by default as it costs time."""
+        subscribe(self, TIMING, lambda m: self.liveness.take_timing(m.run_id, m.stage, m.step))
 
     def waiting(self, step: int, text: str) -> None:
-        about = self.silent_ego() if EGO_APPLIED in self._to else ""  # which also remembers the ego's nodes
-        self._to_meet = True
-        self.note(f"step {step}: {text}" + (f": {about}" if about and step == 0 and self._port.missing else ""))
+        """Report to the user and to the ego's driver what a step waits for."""
+        about = self.silent_ego() if EGO_APPLIED in self._outputs else ""  # which also remembers the ego's nodes
+        self._ego_publishers_changed = True
+        self.note(f"step {step}: {text}" + (f": {about}" if about and step == 0 and self.port.missing else ""))
         self._diagnostics.say(step, diagnostics.RUNNING, Level.WARN, text)
 
     def note(self, text: str) -> None:
+        """Report the state of the run to the user; repeated texts are throttled."""
         last, when = self._noted
         if text != last or time.monotonic() > when + NOTE_PERIOD:
             if text == last:
@@ -193,73 +209,73 @@ class BridgeNode(Node):
             self._noted = (text, time.monotonic())
             self.get_logger().info(text)
 
-    def meet_ego(self) -> None:
-        for text in self._publishers_of_ego.note(self._port, self._ego_publishers(), self._ego_nodes):
-            self._port.remarks.append(Remark(self._responses.step, Level.WARN, text))
+    def note_ego_publishers(self) -> None:
+        """Report publishers of an external ego that were not there at step 0, which they have answered now."""
+        for text in self._known_ego_publishers.note(self.port, self._ego_publishers(), self._ego_nodes):
+            self.port.remarks.append(Remark(self.responses.step, Level.WARN, text))
             self._pulse.note(text)
-        self._diagnostics.remarks(self._responses.step)
-        self._to_meet = not self._publishers_of_ego.met
+        self._diagnostics.remarks(self.responses.step)
+        self._ego_publishers_changed = not self._known_ego_publishers.any_known
 
     def silent_ego(self) -> str:
-        there = self._ego_publishers()
-        return absence(self._port, there, self._ego_nodes, self.domain, clock=self.options.clock)
+        """Returns a text that says why an external ego has not answered the current step."""
+        publishers = self._ego_publishers()  # which also remembers the names of their nodes
+        return absence(self.port, publishers, self._ego_nodes, self.domain, clock=self.options.clock)
 
     def serve_until(self, done: Callable[[], bool], until: float) -> bool:
+        """Serve messages until `done()`, or until time `until` of the performance counter; return `done()`.
+
+        Raises:
+            RunFailed: a stage has failed, or several stacks answer for the ego.
+        """
         while not done():
-            self._pulse.beat(self._responses.step)
+            self._pulse.beat(self.responses.step)
             now = time.perf_counter()
             if now >= until:
                 return False
             serve(self._executor, min(until - now, self._broadcast.tick(now)))
-            if self._port.remarks:
-                self._diagnostics.remarks(self._responses.step)
-                if EGO_APPLIED in self._to and (rivals := rivalry(self._port, self._ego_publishers())):
-                    raise RunFailed(rivalry(self._port, self._named_ego_publishers()) or rivals)  # one may have gone
-            self._liveness.check()
+            if self.port.remarks:
+                self._diagnostics.remarks(self.responses.step)
+                if EGO_APPLIED in self._outputs and (rivals := rivalry(self.port, self._ego_publishers())):
+                    raise RunFailed(rivalry(self.port, self._named_ego_publishers()) or rivals)  # one may have gone
+            self.liveness.check()
         return True
 
     def serve(self) -> None:
-        self._pulse.beat(self._responses.step)
+        """Serve a message, or wait for one for a short time."""
+        self._pulse.beat(self.responses.step)
         serve(self._executor)
 
     def _ego_publishers(self) -> list[EgoPublisher]:
-        """The announced publishers on the ego port's topics; the names of their nodes are remembered."""
-        found = [
-            EgoPublisher(topic.name, node_of(info), _unheard(topic, info), bytes(info.endpoint_gid))
+        """Returns the announced publishers on the ego port's topics; the names of their nodes are remembered."""
+        publishers = [
+            EgoPublisher(topic.name, node_of(info), unheard(topic, info), bytes(info.endpoint_gid))
             for topic in EGO_INPUTS.values()
             for info in self.get_publishers_info_by_topic(self.resolve_topic_name(topic.name))
         ]
-        self._ego_nodes = list(dict.fromkeys(each.node for each in found if each.node)) or self._ego_nodes
-        return found
+        nodes = (publisher.node for publisher in publishers)
+        self._ego_nodes = list(dict.fromkeys(filter(None, nodes))) or self._ego_nodes
+        return publishers
 
     def _named_ego_publishers(self) -> list[EgoPublisher]:
-        """The announced publishers on the ego port's topics, as soon as the names of all their nodes are known."""
-        found, give_up = self._ego_publishers(), time.perf_counter() + NAMES_S
-        while not all(each.node for each in found) and time.perf_counter() < give_up:
+        """Returns the announced publishers on the ego port's topics once the names of their nodes are known."""
+        publishers, give_up = self._ego_publishers(), time.perf_counter() + NAMES_S
+        while not all(publisher.node for publisher in publishers) and time.perf_counter() < give_up:
             time.sleep(0.01)
-            found = self._ego_publishers()
-        return found
-
-    def _listen(self, topic: Topic, receive: Callable[[Any], None]) -> None:
-        subscribe(self, topic, receive)
+            publishers = self._ego_publishers()
+        return publishers
 
     def _status(self, state: StageState, step: int, compute_time: float = 0.0, text: str = "") -> StageStatus:
         return messages.status(self.plan.run_id, BRIDGE, state, step, compute_time, text)
 
 
-def _unheard(topic: Topic, info: Any) -> str:
-    """Text that says why a publisher on an input of the ego port cannot be heard; empty if it can."""
+def unheard(topic: Topic, info: Any) -> str:
+    """Returns a text that says why a publisher on an input of the ego port cannot be heard; empty if it can."""
     if info.topic_type != (expected := type_name(topic.type)):
         return f"has type {info.topic_type} and cannot be heard, expected {expected}"
     if info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
         return "is BEST_EFFORT and cannot be heard, expected RELIABLE"
     return ""
-
-
-def port_of(options: BridgeOptions, plan: RunPlan) -> EgoPort:
-    """The port for the ego's answers: over any interface for an external ego, else commands only."""
-    interface = options.ego_interface if plan.ego == EXTERNAL else Interface.CONTROL
-    return EgoPort(plan.run_id, plan.scenario.vehicle, interface, stop_on_invalid=options.on_invalid == "stop")
 
 
 def main() -> None:

@@ -117,12 +117,12 @@ def _by_stage(text: str) -> Parameters:
         ValueError: the text holds something else.
     """
     try:
-        found = load_yaml(text) or {}
+        parameters = load_yaml(text) or {}
     except yaml.YAMLError:
-        found = None
-    if not isinstance(found, dict) or not all(isinstance(values, dict) for values in found.values()):
+        parameters = None
+    if not isinstance(parameters, dict) or not all(isinstance(values, dict) for values in parameters.values()):
         raise ValueError(f"stage_parameters is {text!r}, expected such as {{conflict: {{horizon: 2.0}}}}")
-    return found
+    return parameters
 
 
 def bridge_stage(read: ParameterReader) -> BridgeOptions:

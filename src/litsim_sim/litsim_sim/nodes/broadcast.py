@@ -53,17 +53,24 @@ class Broadcast:
     """Publishes a run step by step."""
 
     def __init__(self, node: Node, plan: RunPlan, *, clock: bool = True, factor: float = 1.0) -> None:
-        """Make the publishers of `node`: without a clock if another node has it; `factor` is that of the clock."""
+        """Make the publishers of `node`.
+
+        Args:
+            node: that of the bridge.
+            plan: the run.
+            clock: whether it publishes /clock and /tf; else an adapter of the ego's stack does.
+            factor: simulated time per wall time, of the clock while a step waits.
+        """
         self._plan = plan
-        topics = (*(topic for topic in PUBLISHED if clock or topic != CLOCK), *of_signals(plan.scenario))
-        self._publishers = {topic: publisher_on(node, topic) for topic in topics}
-        self._scene: list[tuple[Topic, Any]] = []
-        self._without_objects: AgentTable | None = None  # the last step shown, if its objects have not been published
-        self._clock = StepClock(self._show_time, self._are_ticks_heard, factor) if clock else None
-        self._with_ticks = clock and plan.ego == EXTERNAL
+        topics = PUBLISHED if plan.scenario.signals is None else (*PUBLISHED, *PUBLISHED_OF_SIGNALS)
+        self._publishers = {topic: publisher_on(node, topic) for topic in topics if clock or topic != CLOCK}
         scenario = plan.scenario
         self._geometry = VehicleGeometry.of(scenario.log.table(0), scenario.ego_id, scenario.vehicle)
+        self._clock = StepClock(self._show_time, self._are_ticks_heard, factor) if clock else None
         self._frames = FrameBroadcaster(node, self._geometry) if clock else None
+        self._with_ticks = clock and plan.ego == EXTERNAL
+        self._scene: list[tuple[Topic, Any]] = []
+        self._without_objects: AgentTable | None = None  # the last step shown, if its objects have not been published
 
     def begin(self, info: RunInfo) -> None:
         """Publish the messages for the whole run."""
@@ -114,13 +121,13 @@ class Broadcast:
             self._clock.creep()
 
     def tick(self, now: float) -> float:
-        """Publish the time at `now` of the performance counter [s]; return the time until it is to be called again."""
+        """Publish the time at `now` of the performance counter [s]; returns the time until the next call is due."""
         if self._clock is None or not self._with_ticks or self._clock.current == 0:
             return math.inf
         return self._clock.tick(now)
 
     def _are_ticks_heard(self) -> bool:
-        """Whether others than the recorder, which needs the steps' times only, listen to the clock."""
+        """Returns whether others than the recorder, which needs the steps' times only, listen to the clock."""
         listeners = self._publishers[CLOCK].get_subscription_count()
         return self._with_ticks and listeners > (RECORDER in self._plan.stages)
 
@@ -141,13 +148,8 @@ class Broadcast:
         return topic, message
 
 
-def of_signals(scenario: Scenario) -> tuple[Topic, ...]:
-    """Topics of the signals; empty if the scenario has none."""
-    return PUBLISHED_OF_SIGNALS if scenario.signals is not None else ()
-
-
 def route(scenario: Scenario) -> Path:
-    """The centre line of the ego's first lane and its continuation."""
+    """Returns the centre line of the ego's first lane and its continuation."""
     table = scenario.log.table(0)
     row = np.array([table.row(scenario.ego_id)])
     at = scenario.lane_map.nearest(table.x[row], table.y[row], table.yaw[row])
@@ -155,13 +157,17 @@ def route(scenario: Scenario) -> Path:
 
 
 def run_info(plan: RunPlan, mode: str, configuration: dict[str, dict[str, Any]], *, clock: bool = True) -> RunInfo:
-    """``RunInfo`` of a run; `configuration` has the parameters of its stages, by stage and name.
+    """Returns ``RunInfo`` of a run.
 
-    `clock` says whether the bridge publishes the clock.
+    Args:
+        plan: the run.
+        mode: lockstep or realtime.
+        configuration: parameters of its stages, by stage and name.
+        clock: whether the bridge publishes the clock.
     """
     per_step = (
         (*((CLOCK,) if clock else ()), AGENTS, EGO_STATE)
-        + tuple(topic for topic in of_signals(plan.scenario) if topic.per_step)
+        + (() if plan.scenario.signals is None else (SIGNALS,))
         + (() if plan.policy == "replay" else (FORECASTS, TAKEOVERS, CONTROLS))
         + ((EGO_APPLIED,) if plan.ego == EXTERNAL else (EGO_CONTROL,))
     )

@@ -46,24 +46,20 @@ class Diagnostics:
         port = self._port
         on = state == RUNNING
         bridge = DiagnosticStatus(
-            level=_byte(Level.ERROR if state == FAILED else Level.OK),
+            level=bytes([Level.ERROR if state == FAILED else Level.OK]),
             name=BRIDGE_NAME,
             message=state.lower() if on or not text else text,
             hardware_id=self._run_id,
             values=_values({"run_id": self._run_id, "step": step, "total_steps": self._total, "state": state}),
         )
         ego = DiagnosticStatus(
-            level=_byte(level if on else Level.OK),
+            level=bytes([level if on else Level.OK]),
             name=PORT_NAME,
             message=text if on else "",
             hardware_id=self._run_id,
             values=_values({"interface": port.interface or "", **dict(sorted(port.counts.items()))}),
         )
         self._publisher.publish(DiagnosticArray(header=messages.header(max(0, step)), status=[bridge, ego]))
-
-
-def _byte(level: Level) -> bytes:
-    return bytes([level])
 
 
 def _values(values: dict[str, object]) -> list[KeyValue]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import select
 import sys
 import termios
@@ -10,6 +11,7 @@ import tty
 from types import TracebackType
 from typing import Self
 
+_KEY = re.compile(r"\x1b.{0,2}|.", re.DOTALL)
 _SEQUENCES = {"\x1b[C": "right", "\x1b[D": "left", "\x1bOC": "right", "\x1bOD": "left"}
 
 
@@ -47,7 +49,7 @@ class Keyboard:
 
 
 def _in_foreground(descriptor: int) -> bool:
-    """Whether this process is in the foreground: a background job that uses its terminal is stopped."""
+    """Returns whether this process is in the foreground: a background job that uses its terminal is stopped."""
     try:
         return os.tcgetpgrp(descriptor) == os.getpgrp()
     except OSError:  # a terminal without job control
@@ -55,14 +57,6 @@ def _in_foreground(descriptor: int) -> bool:
 
 
 def split_keys(text: str) -> list[str]:
-    """Keys in the output of a terminal; escape sequences other than the arrows are dropped."""
-    found: list[str] = []
-    while text:
-        if text[0] == "\x1b":
-            key = _SEQUENCES.get(text[:3])
-            found += [key] if key else []
-            text = text[3:]
-        else:
-            found.append(text[0])
-            text = text[1:]
-    return found
+    """Returns the keys in the output of a terminal; escape sequences other than the arrows are dropped."""
+    keys = (_SEQUENCES.get(part, "") if part[0] == "\x1b" else part for part in _KEY.findall(text))
+    return [key for key in keys if key]

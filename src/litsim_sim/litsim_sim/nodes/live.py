@@ -19,13 +19,14 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 
+from litsim_sim.core.scene import STEP_NS
 from litsim_sim.nodes.live_server import LiveServer
 from litsim_sim.record.bag import BagTopic
 from litsim_sim.ros import cdr, messages
 from litsim_sim.ros.definitions import definition, type_name
 from litsim_sim.ros.endpoints import Endpoints
 from litsim_sim.ros.markers import AgentLayer, ConflictLayer, ForecastLayer, handing_back
-from litsim_sim.ros.parameters import check_given, undeclare_given
+from litsim_sim.ros.parameters import check_set, undeclare_set
 from litsim_sim.ros.process import process, serve
 from litsim_sim.ros.topics import (
     AGENTS,
@@ -54,7 +55,7 @@ class LiveNode(Node):
 
     def __init__(self, server: LiveServer | None = None) -> None:
         super().__init__(NAME, automatically_declare_parameters_from_overrides=True)
-        check_given(self, undeclare_given(self))  # it has no parameters
+        check_set(self, undeclare_set(self))  # it has no parameters
         self._server = server
         self._agents, self._forecasts, self._conflicts = AgentLayer(), ForecastLayer(), ConflictLayer()
         self._newest: dict[Topic, bytes] = {}
@@ -65,7 +66,9 @@ class LiveNode(Node):
             topic: self.create_publisher(topic.type, topic.name, topic.qos) for topic in self.declared.publishes
         }
         for topic in DRAWN if server is None else self.declared.hears:
-            self.create_subscription(topic.type, topic.name, self._receiver(topic), _unacknowledged(topic), raw=True)
+            unacknowledged = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+            qos = topic.qos if topic.latched else unacknowledged  # the newest messages are enough
+            self.create_subscription(topic.type, topic.name, self._receiver(topic), qos, raw=True)
 
     def draw(self) -> None:
         """Publish the markers of the newest step if there is a new step or a new viewer since the last call."""
@@ -104,7 +107,7 @@ class LiveNode(Node):
         return receive
 
     def _of_run(self, topic: Topic, run_id: str) -> Any:
-        """The newest message of `topic`; an empty one if that is of another run, or there is none."""
+        """Returns the newest message of `topic`; an empty one if that is of another run, or there is none."""
         if topic in self._newest:
             message = deserialize_message(self._newest[topic], topic.type)
             if message.run_id == run_id:
@@ -112,7 +115,7 @@ class LiveNode(Node):
         return topic.type()
 
     def _count(self, topic: Topic) -> int:
-        """Number of viewers of a topic."""
+        """Returns the number of viewers of a topic."""
         return int(self._outlets[topic].get_subscription_count()) + (
             0 if self._server is None else self._server.wants(topic.name)
         )
@@ -121,7 +124,7 @@ class LiveNode(Node):
         data = serialize_message(markers)
         self._outlets[topic].publish(data)
         if self._server is not None:
-            self._server.send(topic.name, data, messages.nanoseconds(step))
+            self._server.send(topic.name, data, step * STEP_NS)
 
 
 def live(ros_arguments: Sequence[str], rate: float, server_at: tuple[str, int] | None) -> None:
@@ -145,11 +148,6 @@ def live(ros_arguments: Sequence[str], rate: float, server_at: tuple[str, int] |
         finally:
             if server is not None:
                 server.close()
-
-
-def _unacknowledged(topic: Topic) -> QoSProfile:
-    """QoS that keeps the newest messages without acknowledgement; that of latched topics is unchanged."""
-    return topic.qos if topic.latched else QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def _described(topic: Topic) -> BagTopic:

@@ -66,7 +66,7 @@ class LiveServer:
         return f"ws://{self._host}:{self._server.port}"
 
     def wants(self, topic: str) -> bool:
-        """Whether a client has subscribed to `topic`."""
+        """Returns whether a client has subscribed to `topic`."""
         return bool(self._channels[topic].has_sinks())
 
     def send(self, topic: str, cdr: bytes, time_ns: int) -> None:

@@ -37,7 +37,7 @@ HEARING_S = 10.0  # longest wait for READY of the other stages, which holds thei
 SETTLE_S = 0.05  # period of the checks whether all messages of a run that is over have been received
 NICENESS = 5  # gives priority to the loop where processors are scarce; the bridge waits for a recorder far behind
 WAITING = 2000  # [messages] queue of a topic: those of foreign publishers must not displace those of the run
-LAST_WORD_S = 0.2  # longest wait for the delivery of the last messages; time to report an interruption
+DELIVERY_S = 0.2  # longest wait for the delivery of the last messages; time to report an interruption
 LINGER_S = 1.0  # longest wait for messages of a run that is over; time for which a failed recorder answers greetings
 
 
@@ -58,7 +58,7 @@ class RecorderNode(Node):
         self.finished = False
         self._run_id = ""
         self._buffer: StepBuffer | None = None  # None before a run has begun
-        self._word: StageStatus | None = None  # state in the current run, repeated when the bridge greets
+        self._newest_status: StageStatus | None = None  # state in the current run, repeated when the bridge greets
         self._unheard: set[str] = set()
         self._of_this_run: set[Topic] = set()  # topics of which messages of other runs are not recorded
         self._early: dict[Topic, bytes] = {}  # latched messages received before RunInfo
@@ -90,9 +90,9 @@ class RecorderNode(Node):
         until = time.monotonic() + linger
         spin(self, lambda: time.monotonic() > until)
 
-    def be_heard(self) -> None:
+    def deliver(self) -> None:
         """Wait until the bridge and all other subscribers have received the last messages."""
-        self._status.wait_for_all_acked(Duration(seconds=LAST_WORD_S))
+        self._status.wait_for_all_acked(Duration(seconds=DELIVERY_S))
 
     def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
         special = {RUN_INFO.name: self._on_run_info, STATUS.name: self._on_status}.get(topic.name)
@@ -147,13 +147,13 @@ class RecorderNode(Node):
     def _ready(self) -> None:
         """Report READY, so that the run can begin."""
         self._hearing.cancel()
-        if self._word is None:
+        if self._newest_status is None:
             self._say(StageState.READY)
             let_other_sessions_go_first()
 
     def _on_hello(self, hello: Hello) -> None:
-        if self._word is not None and hello.run_id == self._run_id:
-            self._status.publish(self._word)
+        if self._newest_status is not None and hello.run_id == self._run_id:
+            self._status.publish(self._newest_status)
 
     def _on_status(self, data: bytes) -> bool:
         """Take the status of a node; return that it is to be recorded, as every status is."""
@@ -179,12 +179,13 @@ class RecorderNode(Node):
         After a finished run all of that step has been received, unless the bridge waited for another recorder; the
         recording then ends after LINGER_S.
         """
-        until, seen = time.monotonic() + LINGER_S, [-1]
+        until, newest = time.monotonic() + LINGER_S, -1
         failed = status.state == StageState.FAILED
 
         def look() -> None:
-            if seen[0] < status.step and time.monotonic() < until:
-                seen[0] = buffer.newest if failed else buffer.confirmed
+            nonlocal newest
+            if newest < status.step and time.monotonic() < until:
+                newest = buffer.newest if failed else buffer.confirmed
             elif not self.finished:
                 self._close(amid_step=failed)
                 self._say(StageState.FAILED if self.gaps else StageState.FINISHED, self.gaps)
@@ -201,22 +202,22 @@ class RecorderNode(Node):
         self._writer.close()
 
     def _say(self, state: StageState, text: str = "") -> None:
-        self._word = messages.status(self._run_id, STAGE, state, text=text)
-        self._status.publish(self._word)
+        self._newest_status = messages.status(self._run_id, STAGE, state, text=text)
+        self._status.publish(self._newest_status)
 
     def _confirm(self, step: int) -> None:
         self._recorded.publish(messages.status(self._run_id, STAGE, StageState.RUNNING, step))
 
     def _write(self, name: str, data: bytes, step: int) -> None:
-        self._writer.write(name, data, messages.nanoseconds(step))
+        self._writer.write(name, data, step * STEP_NS)
 
     def _timer(self, period_s: float, callback: Callable[[], None]) -> Timer:
-        """A timer of the wall clock, independent of simulation time."""
+        """Returns a timer of the wall clock, independent of simulation time."""
         return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 def _tells_run(topic: Topic, info: RunInfo) -> bool:
-    """Whether only LitSim publishes on `topic` in the run of `info`, and each message names its run.
+    """Returns whether only LitSim publishes on `topic` in the run of `info`, and each message names its run.
 
     Messages on /litsim/status are recorded whichever run they name.
     """
@@ -248,13 +249,8 @@ def describe(writer: BagWriter, info: RunInfo) -> None:
 
 
 def step_of(topic: Topic, data: bytes) -> int:
-    """The step of a serialised message of a recorded topic, by its stamp; 0 for the lanes, which have none."""
+    """Returns the step of a serialised message of a recorded topic, by its stamp; 0 for the lanes, which have none."""
     return 0 if topic == LANES else round(stamp_ns(data) / STEP_NS)
-
-
-def give_way() -> None:
-    """Let other processes go first; to be called before threads are started, which inherit it."""
-    os.nice(NICENESS)
 
 
 def let_other_sessions_go_first() -> None:
@@ -270,19 +266,19 @@ def let_other_sessions_go_first() -> None:
 
 def main() -> None:
     """Entry point of ``ros2 run litsim_sim recorder``."""
-    give_way()
+    os.nice(NICENESS)  # before threads are started, which inherit it
     with process():
         node = RecorderNode()
         node.get_logger().info(f"waiting for a run on {RUN_INFO.name}")
         try:
             spin(node, lambda: node.finished)
         except KeyboardInterrupt as error:
-            node.abandon(reason(error), LAST_WORD_S)
+            node.abandon(reason(error), DELIVERY_S)
             raise
         except Exception as error:
             node.abandon(reason(error), LINGER_S)
             raise
-        node.be_heard()
+        node.deliver()
         if node.gaps:
             print_error(f"the recording has gaps: {node.gaps}")
             sys.exit(EXIT_FAILED)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from math import isnan, nan
 from pathlib import Path
@@ -22,7 +23,7 @@ from litsim_sim.nodes.keyboard import Keyboard
 from litsim_sim.record.bag import BagReader, BagTopic
 from litsim_sim.record.player import Player, checked_rate, is_latched, messages_of, offered_qos, selected
 from litsim_sim.ros.definitions import type_hash
-from litsim_sim.ros.parameters import check_given, undeclare_given
+from litsim_sim.ros.parameters import check_set, undeclare_set
 from litsim_sim.ros.process import process, serve
 
 NAME = "replay"
@@ -48,7 +49,7 @@ class ReplayNode(Node):
             InputError: the bag cannot be played with these options.
         """
         super().__init__(NAME, automatically_declare_parameters_from_overrides=True)
-        given = undeclare_given(self)
+        names = undeclare_set(self)
         reader = BagReader(bag)
         if reader.problem:
             self.get_logger().warning(
@@ -63,10 +64,10 @@ class ReplayNode(Node):
         self.declare_parameter("loop", self.player.loop)
         about = "seconds from the first message; setting it seeks"
         self.declare_parameter("seek_to", nan, ParameterDescriptor(description=about))
-        check_given(self, given)
+        check_set(self, names)
         begin_s = self.get_parameter("seek_to").value
-        if not isnan(begin_s) and (wrong := self._beyond(begin_s)):
-            raise InputError(wrong)
+        if not isnan(begin_s) and (fault := self._beyond(begin_s)):
+            raise InputError(fault)
         self._apply(self.get_parameters(["rate", "loop", "seek_to"]))
         self.add_on_set_parameters_callback(self._check)
         self.add_post_set_parameters_callback(self._apply)
@@ -80,22 +81,26 @@ class ReplayNode(Node):
         return self.player.wait_s(time.monotonic())
 
     def press(self, key: str) -> None:
-        """Handle a key."""
+        """Handle a key; others than those of :data:`KEYS` do nothing."""
         player, now = self.player, time.monotonic()
-        playing: dict[str, Callable[[], None]] = {
-            " ": lambda: player.pause(not player.paused, now),
-            "s": lambda: player.step(now),
-            "right": lambda: player.step(now) if player.paused else player.seek(player.position_s(now) + SEEK_S, now),
-            "left": lambda: (
-                player.step_back(now) if player.paused else player.seek(player.position_s(now) - SEEK_S, now)
-            ),
-            "+": lambda: self._press_rate(player.rate * RATE_STEP),
-            "=": lambda: self._press_rate(player.rate * RATE_STEP),
-            "-": lambda: self._press_rate(player.rate / RATE_STEP),
-            "q": self._end,
-        }
-        if key in playing:
-            playing[key]()
+        match key:
+            case " ":
+                player.pause(not player.paused, now)
+            case "s":
+                player.step(now)
+            case "right" if player.paused:
+                player.step(now)
+            case "left" if player.paused:
+                player.step_back(now)
+            case "right":
+                player.seek(player.position_s(now) + SEEK_S, now)
+            case "left":
+                player.seek(player.position_s(now) - SEEK_S, now)
+            case "+" | "=" | "-":
+                with suppress(InputError):  # the limit of the rate is reached
+                    player.set_rate(player.rate / RATE_STEP if key == "-" else player.rate * RATE_STEP, now)
+            case "q":
+                self.ended = True
 
     def deliver(self) -> None:
         """Wait until the subscribers have received the last messages."""
@@ -104,7 +109,7 @@ class ReplayNode(Node):
             outlet.wait_for_all_acked(Duration(seconds=max(0.0, until - time.monotonic())))
 
     def status(self) -> str:
-        """Time and rate in one line."""
+        """Returns time and rate in one line."""
         player = self.player
         state = "paused" if player.paused else "playing"
         at = player.position_s(time.monotonic())
@@ -126,19 +131,19 @@ class ReplayNode(Node):
         return True
 
     def _check(self, parameters: list[Any]) -> Any:
-        wrong = ""
+        fault = ""
         for parameter in parameters:  # rclpy has checked their types
             if parameter.name == "rate":
                 try:
                     checked_rate(parameter.value)
                 except InputError as error:
-                    wrong = str(error)
+                    fault = str(error)
             elif parameter.name == "seek_to":
-                wrong = self._beyond(parameter.value) or wrong
-        return SetParametersResult(successful=not wrong, reason=wrong)
+                fault = self._beyond(parameter.value) or fault
+        return SetParametersResult(successful=not fault, reason=fault)
 
     def _beyond(self, position_s: float) -> str:
-        """Text that says that a position is not in the bag; empty if it is."""
+        """Returns a text that says that a position is not in the bag; empty if it is."""
         inside = 0.0 <= position_s <= self.player.duration_s
         return "" if inside else f"seek_to is {position_s:g}, expected 0 to {self.player.duration_s:g} s"
 
@@ -164,18 +169,9 @@ class ReplayNode(Node):
         response.message = self.status().strip() if response.success else f"{before:.1f} s is the last step"
         return response
 
-    def _press_rate(self, rate: float) -> None:
-        try:
-            self.player.set_rate(rate, time.monotonic())
-        except InputError:  # the limit of the rate is reached
-            return
-
-    def _end(self) -> None:
-        self.ended = True
-
 
 def qos_of(topic: BagTopic) -> QoSProfile:
-    """The recorded QoS, with rclpy's defaults for missing and system-dependent policies."""
+    """Returns the recorded QoS, with rclpy's defaults for missing and system-dependent policies."""
     offered = offered_qos(topic)
     depth = int(offered.get("depth") or 0) or 10
     keep_all = offered.get("history") == "keep_all"

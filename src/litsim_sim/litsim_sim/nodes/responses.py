@@ -7,7 +7,7 @@ step, checks them, and decides what happens if one is missing.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import Any
 
 from litsim_sim.core.columns import check_columns
@@ -16,8 +16,6 @@ from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
 from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES, RECORDER, StageState
 from litsim_sim.core.topic_names import CONTROLS, EGO_CONTROL, RECORDED, RUN_INFO
 from litsim_sim.ego_port.port import COUNTS, AnswerInvalid, EgoPort, ego_state
-
-PARTICIPANT_BYTES = 12  # length of the prefix of a GUID of DDS
 
 
 class RunFailed(Exception):
@@ -33,7 +31,7 @@ class StageLiveness:
     """
 
     def __init__(self, run_id: str, stages: Sequence[str]) -> None:
-        """`stages` are those that take part, including the recorder if it does."""
+        """`stages` are those that take part, including the recorder."""
         self.recorded = -1
         self.recorder_done = False
         self._run_id = run_id
@@ -107,12 +105,12 @@ class StageLiveness:
             raise RunFailed("; ".join(self._failures))
 
     def check_recorded(self, last: int) -> None:
-        """Check that the recorder, if there is one, has confirmed step `last`.
+        """Check that the recorder has confirmed step `last`.
 
         Raises:
             RunFailed: it has not.
         """
-        if RECORDER in self._stages and self.recorded < last:
+        if self.recorded < last:
             raise RunFailed(f"{RECORDER}: has confirmed {self._confirmed} of {last} on {RECORDED}")
 
     def check_recorder_keeps_up(self, step: int) -> None:
@@ -128,7 +126,7 @@ class StageLiveness:
             )
 
     def recorder_keeps_up(self, step: int) -> bool:
-        """Whether the recorder is not too far behind `step`; step 0 must be confirmed."""
+        """Returns whether the recorder is not too far behind `step`; step 0 must be confirmed."""
         return self.recorded >= max(0, step - RECORDER_WINDOW)
 
     def silent(self, step: int, missing: Sequence[str]) -> list[str]:
@@ -144,137 +142,6 @@ class StageLiveness:
     @property
     def _confirmed(self) -> str:
         return "nothing" if self.recorded < 0 else f"only step {self.recorded}"
-
-
-@dataclass(frozen=True)
-class EgoPublisher:
-    """A publisher on one of the topics of the ego port.
-
-    Attributes:
-        topic: its name.
-        node: full name of its node; empty if unknown.
-        unheard: text that says why the bridge cannot hear it; empty if it can.
-        gid: identifier that DDS gives it, and no other.
-    """
-
-    topic: str
-    node: str
-    unheard: str = ""
-    gid: bytes = b""
-
-    @property
-    def participant(self) -> bytes:
-        """The part of :attr:`gid` that all publishers of a process have in common."""
-        return self.gid[:PARTICIPANT_BYTES]
-
-
-def absence(
-    port: EgoPort, there: Sequence[EgoPublisher], known: Sequence[str], domain: str, *, clock: bool = True
-) -> str:
-    """Text that says why an external ego has not answered the current step, as far as known.
-
-    Args:
-        port: port of the ego.
-        there: its currently announced publishers.
-        known: names of all nodes with publishers ever announced.
-        domain: description of the domain in which it should be.
-        clock: whether the bridge publishes the clock.
-    """
-    name = ", ".join(dict.fromkeys([each.node for each in there if each.node] or known))
-    prefix = f"{name}: " if name else ""
-    elsewhere = ", ".join(dict.fromkeys(each.topic for each in there if each.topic not in port.topics))
-    there = [each for each in there if each.topic in port.topics]
-    unheard = [each for each in there if each.unheard]
-    if elsewhere and not there and port.answered < 0:
-        return f"{prefix}it publishes on {elsewhere}, expected {port.topics[0]}"
-    if port.unfit:
-        return f"{prefix}it does not answer this step: {port.unfit}"
-    if not port.heard and unheard:
-        return f"{prefix}its publisher on {unheard[0].topic} {unheard[0].unheard}"
-    if not port.heard and not there:
-        return f"{prefix}no node publishes on {' or '.join(port.topics)}; is it running in {domain}?"
-    if not port.heard:
-        about_timers = (
-            "; until step 0 is answered, /clock advances to 0.1 s only, so that longer timers on simulation time do "
-            "not run"
-        )
-        text = f"{prefix}it publishes on {there[0].topic}, but no message has been received"
-        return text + (about_timers if clock else "")
-    end = "is still announced, so it hangs, or has died without leaving" if there else "has left"
-    return f"{prefix}it has answered until step {port.answered}; its publisher {end}"
-
-
-def rivalry(port: EgoPort, there: Sequence[EgoPublisher]) -> str:
-    """Text that says that several publishers answer for the ego; empty if there is one, or every answer was asked for.
-
-    Answers on a second input are no matter if they are the same process's, or if the user has chosen the input.
-
-    Args:
-        port: port of the ego.
-        there: currently announced publishers.
-    """
-    drivers = [each for each in there if each.topic in port.topics and not each.unheard]
-    strangers = _on_other_inputs(port, drivers, there)
-    if port.by_first and port.counts["refused"] and drivers and strangers:
-        who = ", ".join(sorted(f"{each.node or '?'} on {each.topic}" for each in [*drivers, *strangers]))
-        return (
-            f"several nodes answer: {who}; it would depend on chance whose first message decides which of them drives "
-            "the ego; end the others, or choose with --ego-interface"
-        )
-    heard = [each.node or "?" for each in drivers]
-    unasked = sum(port.counts[kind] for kind in ("stale", "future", "surplus"))
-    if len(heard) < 2 or not unasked:
-        return ""
-    return (
-        f"{len(heard)} publishers are on {port.topics[0]} ({', '.join(sorted(heard))}), and {unasked} messages there "
-        "were not asked for: it would depend on chance which of them drives the ego; end the others, or choose another "
-        "domain"
-    )
-
-
-def _on_other_inputs(
-    port: EgoPort, drivers: Sequence[EgoPublisher], there: Sequence[EgoPublisher]
-) -> list[EgoPublisher]:
-    """The publishers on inputs that are not in use, of other processes and other nodes than the `drivers`."""
-    processes, nodes = {each.participant for each in drivers}, {each.node for each in drivers} - {""}
-    others = (each for each in there if each.topic not in port.topics and not each.unheard)
-    return [each for each in others if each.participant not in processes and each.node not in nodes]
-
-
-class EgoPublishers:
-    """The publishers that have answered for an external ego, to notice a stack that is started again in mid-run.
-
-    It answers on as if nothing had happened, but has not seen the steps before its start.
-    """
-
-    def __init__(self) -> None:
-        self._known: set[bytes] = set()
-
-    @property
-    def met(self) -> bool:
-        """Whether any have been noted."""
-        return bool(self._known)
-
-    def note(self, port: EgoPort, there: Sequence[EgoPublisher], names: Sequence[str]) -> list[str]:
-        """Note the announced publishers. The first call is made when step 0 is answered: none that it finds has joined.
-
-        Args:
-            port: port of the ego, which counts those that have joined since.
-            there: currently announced publishers.
-            names: names of the nodes, of publishers whose node is unknown.
-
-        Returns:
-            For each that has joined, a text that says so.
-        """
-        heard = {each.gid: each for each in there if each.topic in port.topics and not each.unheard}
-        joined = [each for gid, each in heard.items() if gid not in self._known] if self._known else []
-        self._known |= heard.keys()
-        port.counts["joined"] += len(joined)
-        return [
-            f"{each.node or ', '.join(names) or '?'}: its publisher on {each.topic} was not there at step 0; a stack "
-            "that has been started again in mid-run answers without what it knew before"
-            for each in joined
-        ]
 
 
 class ResponseCollector:
@@ -347,7 +214,7 @@ class ResponseCollector:
         self._gate.offer(CONTROLS, run_id, step, message)
 
     def command(self) -> EgoCommand:
-        """The ego's command for the current step; the newest one if its answer is missing.
+        """Returns the ego's command for the current step; the newest one if its answer is missing.
 
         Raises:
             RunFailed: its answer cannot be used.
@@ -379,7 +246,7 @@ class ResponseCollector:
         return missing
 
     def controls(self) -> ControlTable:
-        """The controls for the current step; if the answer is missing, the newest ones, or none.
+        """Returns the controls for the current step; if the answer is missing, the newest ones, or none.
 
         Raises:
             RunFailed: they cannot be used.
@@ -409,6 +276,7 @@ def check_controls(controls: ControlTable, ego_id: int) -> None:
     Raises:
         ValueError: columns differ in length, ids do not ascend or include the ego, or values are not finite.
     """
-    check_columns({each.name: getattr(controls, each.name) for each in fields(controls) if each.name != "step"})
+    columns = [field.name for field in fields(controls) if field.name != "step"]
+    check_columns({name: getattr(controls, name) for name in columns})
     if ego_id in controls.id:
         raise ValueError(f"id lists the ego, {ego_id}, which has a port of its own")

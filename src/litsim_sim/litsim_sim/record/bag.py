@@ -18,13 +18,14 @@ from typing import Any, BinaryIO, Self
 import yaml
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import breakup_chunk
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.record.mcap_survey import DAMAGE, Place, damage_at, opened, parse, survey
+from litsim_sim.record.mcap_survey import DAMAGE, Place, damage_at, parse, survey
 
 METADATA_FILE = "metadata.yaml"
-METADATA_VERSION = 9  # version of rosbag2's metadata.yaml since Jazzy
+ROS_DISTRO, METADATA_VERSION = "jazzy", 9  # version of rosbag2's metadata.yaml since then
 RUN_RECORD = "litsim"  # name of the metadata record with the caller's metadata of the run
 ROSBAG2_RECORD = "rosbag2"
 FORMAT = 1
@@ -44,15 +45,13 @@ YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 @cache
-def qos_yaml(
-    depth: int, reliability: str = "reliable", durability: str = "volatile", history: str = "keep_last"
-) -> str:
-    """One offered QoS profile as the YAML list that rosbag2 stores, without deadline, lifespan or lease."""
+def qos_yaml(depth: int, durability: str = "volatile") -> str:
+    """Returns a reliable QoS profile as the YAML list that rosbag2 stores, without deadline, lifespan or lease."""
     infinite = {"sec": 9223372036, "nsec": 854775807}
     profile: dict[str, Any] = {
-        "history": history,
+        "history": "keep_last",
         "depth": depth,
-        "reliability": reliability,
+        "reliability": "reliable",
         "durability": durability,
         "deadline": dict(infinite),
         "lifespan": dict(infinite),
@@ -98,15 +97,7 @@ class BagWriter:
     leave it. Every method raises InputError if the disk is full or the file cannot be written.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        name: str,
-        metadata: dict[str, str],
-        *,
-        overwrite: bool = False,
-        ros_distro: str = "jazzy",
-    ) -> None:
+    def __init__(self, folder: Path, name: str, metadata: dict[str, str], *, overwrite: bool = False) -> None:
         """Create the file and write `metadata` as its first record.
 
         Args:
@@ -115,14 +106,12 @@ class BagWriter:
             metadata: metadata of the run (git hash, seeds, versions), for a metadata record and for `custom_data` of
                 `metadata.yaml`.
             overwrite: replace an existing bag in `folder`, and the files computed from it.
-            ros_distro: written to `metadata.yaml`.
 
         Raises:
             InputError: `folder` holds a bag already, is not a folder, or cannot be written.
         """
         self.path = folder / f"{name}_0.mcap"
         self._custom = dict(metadata)
-        self._distro = ros_distro
         self._topics: dict[str, BagTopic] = {}
         self._counts: dict[str, int] = {}
         self._channels: dict[str, int] = {}
@@ -140,7 +129,7 @@ class BagWriter:
                 self._stream, chunk_size=2**62, compression=CompressionType.ZSTD, enable_data_crcs=True
             )
             self._writer.start(profile="ros2", library=f"litsim {LIBRARY_IDENTIFIER}")
-            self._writer.add_metadata(ROSBAG2_RECORD, {"ROS_DISTRO": ros_distro})
+            self._writer.add_metadata(ROSBAG2_RECORD, {"ROS_DISTRO": ROS_DISTRO})
             if self._custom:
                 self._writer.add_metadata(RUN_RECORD, self._custom)
             self._stream.flush()
@@ -273,7 +262,7 @@ class BagWriter:
             "relative_file_paths": [self.path.name],
             "files": [{"path": self.path.name, **span}],
             "custom_data": self._custom or None,
-            "ros_distro": self._distro,
+            "ros_distro": ROS_DISTRO,
         }
 
 
@@ -292,10 +281,10 @@ def make_room(folder: Path, overwrite: bool) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: exists and is not a folder; give another --out")
     folder.mkdir(parents=True, exist_ok=True)
-    there = [*sorted(folder.glob("*.mcap")), *(p for p in [folder / METADATA_FILE] if p.exists())]
-    if there and not overwrite:
-        raise InputError(f"{folder}: holds a bag already ({there[0].name}); give another folder")
-    for path in [*there, *(folder / name for name in (*DERIVED_FILES, FAILURE_FILE))]:
+    bag = [*sorted(folder.glob("*.mcap")), *folder.glob(METADATA_FILE)]
+    if bag and not overwrite:
+        raise InputError(f"{folder}: holds a bag already ({bag[0].name}); give another folder")
+    for path in [*bag, *(folder / name for name in (*DERIVED_FILES, FAILURE_FILE))]:
         path.unlink(missing_ok=True)
 
 
@@ -342,7 +331,7 @@ class BagReader:
             )
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
-        """Messages in the order of the file, of `topics` or of all.
+        """Yields messages in the order of the file, of `topics` or of all.
 
         Raises:
             InputError: the file is damaged.
@@ -373,7 +362,7 @@ class BagReader:
             self.metadata.update(record.metadata)
 
     def _records(self, places: Iterable[Place], kinds: Collection[int]) -> Iterator[McapRecord | None]:
-        """The records of `kinds` among `places`, chunks opened."""
+        """Yields the records of `kinds` among `places`, chunks opened."""
         with self.path.open("rb") as stream:
             for place in places:
                 if place.opcode not in kinds:
@@ -381,17 +370,16 @@ class BagReader:
                 stream.seek(place.content)
                 try:
                     record = parse(place, stream.read(place.end - place.content))
-                    inside = opened(record) if isinstance(record, Chunk) else [record]
+                    inside = breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
                 except DAMAGE as error:
-                    what = (
-                        f"a {Opcode(place.opcode).name.lower()} that is not what was written ({type(error).__name__})"
-                    )
+                    kind = Opcode(place.opcode).name.lower()
+                    what = f"a {kind} that is not what was written ({type(error).__name__})"
                     raise damage_at(self.path, place.begin, what) from error
                 yield from inside
 
 
 def find_mcap(path: Path) -> Path:
-    """The MCAP file of a bag given as its folder or as the file itself.
+    """Returns the MCAP file of a bag given as its folder or as the file itself.
 
     Raises:
         InputError: there is none, or more than one.
@@ -400,7 +388,7 @@ def find_mcap(path: Path) -> Path:
         return path
     if not path.exists():
         raise InputError(f"{path}: no such bag")
-    found = sorted(path.glob("*.mcap"))
-    if len(found) != 1:
-        raise InputError(f"{path}: expected one MCAP file in the folder, found {len(found)}")
-    return found[0]
+    files = sorted(path.glob("*.mcap"))
+    if len(files) != 1:
+        raise InputError(f"{path}: expected one MCAP file in the folder, found {len(files)}")
+    return files[0]

@@ -20,7 +20,7 @@ def write_failure(folder: Path, reason: str) -> None:
 
 
 def read_failure(mcap: Path) -> str:
-    """Why the run recorded in the file `mcap` has failed; empty if no reason was written.
+    """Returns why the run recorded in the file `mcap` has failed; empty if no reason was written.
 
     Raises:
         InputError: the file that says so cannot be read.

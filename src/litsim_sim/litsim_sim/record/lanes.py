@@ -12,7 +12,7 @@ from litsim_sim.record.run import NET_FILE, Run
 
 
 def lane_map_of(run: Run) -> LaneMap | None:
-    """Lanes of the attached net; None without a net.
+    """Returns the lanes of the attached net; None without a net.
 
     Raises:
         InputError: the attachment is not a SUMO net.

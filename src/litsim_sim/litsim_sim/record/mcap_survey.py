@@ -26,7 +26,6 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema, Statistics
-from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC as MAGIC
 from zstandard import ZstdError
 
@@ -95,7 +94,7 @@ def survey(path: Path) -> Survey:
 
 
 def places(content: mmap.mmap | bytes) -> Iterator[Place]:
-    """The records of a file in order, up to its footer or the last complete record."""
+    """Yields the records of a file in order, up to its footer or the last complete record."""
     at, size = len(MAGIC), len(content)
     while at + _HEAD.size <= size:
         opcode, length = _HEAD.unpack_from(content, at)
@@ -109,7 +108,7 @@ def places(content: mmap.mmap | bytes) -> Iterator[Place]:
 
 
 def parse(place: Place, content: bytes) -> McapRecord | None:
-    """A record from its content; None for kinds that are not needed to read a bag.
+    """Returns a record from its content; None for kinds that are not needed to read a bag.
 
     Raises:
         one of DAMAGE: it is not a valid record of its kind.
@@ -121,40 +120,31 @@ def parse(place: Place, content: bytes) -> McapRecord | None:
     return None if kind is None else kind.read(stream)
 
 
-def opened(chunk: Chunk) -> list[McapRecord]:
-    """The records in a chunk, checked against its checksum.
-
-    Raises:
-        one of DAMAGE: they are not as they were written.
-    """
-    return breakup_chunk(chunk, validate_crc=True)
-
-
 def damage_at(path: Path, at: int, what: str) -> InputError:
-    """An error about the place at which `path` is damaged."""
+    """Returns an error about the place at which `path` is damaged."""
     return InputError(f"{path}: damaged at byte {at}: {what}{REPAIR_HINT}")
 
 
 def attachment_is_whole(content: bytes) -> bool:
-    """Whether the content of an attachment's record matches its checksum, if its writer gave one."""
+    """Returns whether the content of an attachment's record matches its checksum, if its writer gave one."""
     if len(content) < _CRC.size:
         return False
-    (given,) = _CRC.unpack(content[-_CRC.size :])
-    return given in (0, zlib.crc32(content[: -_CRC.size]))
+    (checksum,) = _CRC.unpack(content[-_CRC.size :])
+    return checksum in (0, zlib.crc32(content[: -_CRC.size]))
 
 
 def _survey(path: Path, content: mmap.mmap) -> Survey:
-    found = list(places(content))
-    end = found[-1].end if found else len(MAGIC)
+    records = list(places(content))
+    end = records[-1].end if records else len(MAGIC)
     tail = content[end:]
-    footer = found[-1] if found and found[-1].opcode == Opcode.FOOTER else None
-    at_end = next((i for i, place in enumerate(found) if place.opcode == Opcode.DATA_END), None)
-    data = found if at_end is None else found[:at_end]
+    footer = records[-1] if records and records[-1].opcode == Opcode.FOOTER else None
+    at_end = next((i for i, place in enumerate(records) if place.opcode == Opcode.DATA_END), None)
+    data = records[:at_end]
     for place in data:
         if place.opcode == Opcode.ATTACHMENT and not attachment_is_whole(content[place.content : place.end]):
             raise damage_at(path, place.begin, "an attachment is not what was written")
     if at_end is not None:
-        _check_data(path, content, found[at_end])
+        _check_data(path, content, records[at_end])
     closed = len(content) >= end + len(MAGIC) and content[-len(MAGIC) :] == MAGIC
     if footer is None or tail != MAGIC:
         if closed or not _cut_short(tail, footer):
@@ -162,14 +152,14 @@ def _survey(path: Path, content: mmap.mmap) -> Survey:
         return Survey(tuple(data), (), end)
     if at_end is None:
         raise damage_at(path, footer.begin, "the end of the data is missing")
-    _check_summary(path, content, found[at_end].end, footer)
-    summary = tuple(found[at_end + 1 : -1])
+    _check_summary(path, content, records[at_end].end, footer)
+    summary = tuple(records[at_end + 1 : -1])
     _check_counts(path, content, data, summary)
     return Survey(tuple(data), summary, None)
 
 
 def _cut_short(tail: bytes, footer: Place | None) -> bool:
-    """Whether a file may end with `tail` because it was not written to its end: within a record, or the last bytes.
+    """Returns whether `tail` can be the end of a file that was not written to its end.
 
     Bytes that were allocated but not written when the power failed are zero.
     """
@@ -182,8 +172,8 @@ def _check_data(path: Path, content: mmap.mmap, end: Place) -> None:
     """Check the data section against its checksum, if the writer gave one."""
     if end.end - end.content != _CRC.size:
         raise damage_at(path, end.begin, "the end of the data is not what was written")
-    (given,) = _CRC.unpack_from(content, end.content)
-    if given and given != _crc(content, 0, end.begin):
+    (checksum,) = _CRC.unpack_from(content, end.content)
+    if checksum and checksum != _crc(content, 0, end.begin):
         raise damage_at(path, end.begin, "the bytes before are not those that were written")
 
 
@@ -191,23 +181,24 @@ def _check_summary(path: Path, content: mmap.mmap, begin: int, footer: Place) ->
     """Check the summary, from `begin` on, and the footer against their checksum, if the writer gave one."""
     if footer.end - footer.content != _FOOTER.size:
         raise damage_at(path, footer.begin, "the footer is not what was written")
-    start, _, given = _FOOTER.unpack_from(content, footer.content)
-    if start not in (0, begin) or (given and given != _crc(content, begin, footer.end - _CRC.size)):
+    start, _, checksum = _FOOTER.unpack_from(content, footer.content)
+    if start not in (0, begin) or (checksum and checksum != _crc(content, begin, footer.end - _CRC.size)):
         raise damage_at(path, begin, "the summary is not what was written")
 
 
 def _check_counts(path: Path, content: mmap.mmap, data: list[Place], summary: tuple[Place, ...]) -> None:
     """Check the number of records against the statistics in the summary; not all data need have a checksum."""
-    there = Counter(place.opcode for place in data)
+    counts = Counter(place.opcode for place in data)
     for place in summary:
         if place.opcode == Opcode.STATISTICS:
             try:
-                said = parse(place, content[place.content : place.end])
+                statistics = parse(place, content[place.content : place.end])
             except DAMAGE as error:
                 raise damage_at(path, place.begin, "statistics that cannot be read") from error
             for opcode, name in _COUNTED.items():
-                if there[opcode] != getattr(said, name):
-                    what = f"{getattr(said, name)} records of kind {opcode.name.lower()} written, {there[opcode]} found"
+                written, kind = getattr(statistics, name), opcode.name.lower()
+                if counts[opcode] != written:
+                    what = f"{written} records of kind {kind} written, {counts[opcode]} found"
                     raise damage_at(path, place.begin, what)
 
 

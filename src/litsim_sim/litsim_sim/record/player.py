@@ -88,11 +88,11 @@ class Player:
         return not (self.paused or self.loop or self._extra) and self._next == len(self._messages)
 
     def position_s(self, now: float) -> float:
-        """Simulation time since the first message [s]."""
+        """Returns the simulation time since the first message [s]."""
         return min(self._position(now), self._times[-1]) / SECOND_NS
 
     def take(self, now: float) -> list[BagMessage]:
-        """Messages that are due and have not been taken yet, in order."""
+        """Returns messages that are due and have not been taken yet, in order."""
         due, self._extra = self._extra, []
         if self.paused:
             return due
@@ -105,7 +105,7 @@ class Player:
         return due
 
     def wait_s(self, now: float) -> float:
-        """Wall time until the next message is due [s]; infinite while paused."""
+        """Returns the wall time until the next message is due [s]; infinite while paused."""
         if self._extra:
             return 0.0
         if self.paused:
@@ -178,7 +178,7 @@ class Player:
             self._extra += self._emit(bisect_right(self._times, self._at))
 
     def _emit(self, end: int) -> list[BagMessage]:
-        """The messages before index `end` that have not been returned yet."""
+        """Returns the messages before index `end` that have not been returned yet."""
         first, self._next = self._next, max(self._next, end)
         for topic, indices in self._latched.items():
             known = bisect_left(indices, self._next) - 1
@@ -199,7 +199,7 @@ def checked_rate(rate: float) -> float:
 
 
 def selected(reader: BagReader, names: Sequence[str] = ()) -> list[BagTopic]:
-    """Topics of the bag called `names`, or all; the clock is always among them, from the bag or made.
+    """Returns the topics of the bag called `names`, or all; the clock is always among them, from the bag or made.
 
     Raises:
         InputError: the bag holds no topic of a name.
@@ -209,33 +209,33 @@ def selected(reader: BagReader, names: Sequence[str] = ()) -> list[BagTopic]:
         raise InputError(
             f"{reader.path}: no topic {', '.join(unknown)}; the bag holds {', '.join(sorted(reader.topics))}"
         )
-    found = [topic for name, topic in reader.topics.items() if not names or name in names or name == CLOCK.name]
-    return found if CLOCK.name in reader.topics else [CLOCK, *found]
+    topics = [topic for name, topic in reader.topics.items() if not names or name in names or name == CLOCK.name]
+    return topics if CLOCK.name in reader.topics else [CLOCK, *topics]
 
 
 def messages_of(reader: BagReader, topics: Sequence[BagTopic]) -> list[BagMessage]:
-    """The messages of `topics`; where the bag has no clock, one for every log time ahead of its messages."""
+    """Returns the messages of `topics`; where the bag has no clock, one for every log time ahead of its messages."""
     wanted = {topic.name for topic in topics}
-    found = list(reader.messages(wanted))
-    if CLOCK.name not in wanted or any(message.topic == CLOCK.name for message in found):
-        return found
-    return [clock(time_ns) for time_ns in sorted({m.log_time_ns for m in found})] + found
+    messages = list(reader.messages(wanted))
+    if CLOCK.name not in wanted or any(message.topic == CLOCK.name for message in messages):
+        return messages
+    return [clock(time_ns) for time_ns in sorted({message.log_time_ns for message in messages})] + messages
 
 
 def clock(time_ns: int) -> BagMessage:
-    """A serialised ``rosgraph_msgs/Clock``."""
+    """Returns a serialised ``rosgraph_msgs/Clock``."""
     return BagMessage(CLOCK.name, time_ns, struct.pack("<4BiI", 0, 1, 0, 0, *divmod(time_ns, SECOND_NS)))
 
 
 def offered_qos(topic: BagTopic) -> dict[str, Any]:
-    """The QoS profile that a topic was recorded with, policies by name; empty if the bag has none.
+    """Returns the QoS profile that a topic was recorded with, policies by name; empty if the bag has none.
 
     Raises:
         InputError: it is not a YAML list of profiles.
     """
     where = f"topic {topic.name}: offered_qos_profiles"
     profiles = load_yaml(topic.qos_yaml or "[]", where)
-    if not isinstance(profiles, list) or not all(isinstance(each, dict) for each in profiles):
+    if not isinstance(profiles, list) or not all(isinstance(profile, dict) for profile in profiles):
         raise InputError(f"{where}: expected a YAML list of profiles, found {profiles!r:.60}")
     profile = profiles[0] if profiles else {}
     # Bags older than Jazzy number the policies.
@@ -243,5 +243,5 @@ def offered_qos(topic: BagTopic) -> dict[str, Any]:
 
 
 def is_latched(topic: BagTopic) -> bool:
-    """Whether late subscribers get the last message."""
+    """Returns whether late subscribers get the last message."""
     return bool(offered_qos(topic).get("durability") == "transient_local")

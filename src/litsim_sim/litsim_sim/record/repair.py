@@ -9,12 +9,13 @@ from pathlib import Path
 
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.bag import ROSBAG2_RECORD, BagTopic, BagWriter, find_mcap
 from litsim_sim.record.failure import read_failure, write_failure
-from litsim_sim.record.mcap_survey import DAMAGE, REPAIR_HINT, attachment_is_whole, opened, parse, places, survey
+from litsim_sim.record.mcap_survey import DAMAGE, REPAIR_HINT, attachment_is_whole, parse, places, survey
 from litsim_sim.record.player import offered_qos
 from litsim_sim.record.run import LOST_ATTACHMENTS, read_run
 
@@ -52,19 +53,22 @@ def repair(bag: Path, out: Path) -> Repaired:
     source = find_mcap(bag)
     lost: list[str] = []
     records = list(_records(source, lost))
-    if not lost:
-        _check_the_rest(source, lost)
+    if not lost:  # damage to a file whose records can all be read: in the metadata, or at the end
+        try:
+            survey(source)
+        except InputError as error:
+            lost.append(f"nothing that has a checksum of its own, yet {error}".removesuffix(REPAIR_HINT))
     described = {record.id for record in records if isinstance(record, Channel)}
     if not any(isinstance(record, Message) and record.channel_id in described for record in records):
         raise InputError(f"{source}: holds no message that can be read: there is nothing to make a bag of")
     name = out.resolve().name
     with BagWriter(out, name, {}) as writer:
-        done = Repaired(writer.path, lost=lost)
-        _copy(records, writer, done)
+        result = Repaired(writer.path, lost=lost)
+        _copy(records, writer, result)
         writer.sync()
         lost += _steps_lost(writer.path)
         if lost:
-            files = [each.removeprefix(LOST_ATTACHMENT) for each in lost if each.startswith(LOST_ATTACHMENT)]
+            files = [loss.removeprefix(LOST_ATTACHMENT) for loss in lost if loss.startswith(LOST_ATTACHMENT)]
             writer.add_metadata(
                 REPAIR_RECORD,
                 {"repaired_from": source.name, "lost": "; ".join(lost)}
@@ -72,10 +76,10 @@ def repair(bag: Path, out: Path) -> Repaired:
             )
     if failure := read_failure(source):
         write_failure(out, failure)
-    return done
+    return result
 
 
-def _copy(records: list[McapRecord], writer: BagWriter, done: Repaired) -> None:
+def _copy(records: list[McapRecord], writer: BagWriter, result: Repaired) -> None:
     """Write the records to the new bag; topics described only in damaged chunks are described as in the summary."""
     first = records[::-1]  # of two descriptions the first counts: that in a chunk, which has a checksum
     schemas = {record.id: record for record in first if isinstance(record, Schema) and _is_text(record.data)}
@@ -87,21 +91,21 @@ def _copy(records: list[McapRecord], writer: BagWriter, done: Repaired) -> None:
             number = record.id if isinstance(record, Channel) else record.channel_id
             if number in channels and number not in announced:
                 announced.add(number)
-                _announce(channels[number], schemas[channels[number].schema_id], writer, done)
+                _announce(channels[number], schemas[channels[number].schema_id], writer, result)
         if isinstance(record, Message):
             if record.channel_id not in announced:
                 undescribed += 1
                 continue
             topic = channels[record.channel_id].topic
             writer.write(topic, record.data, record.log_time)
-            done.messages[topic] += 1
+            result.messages[topic] += 1
         elif isinstance(record, Attachment):
             writer.attach(record.name, record.media_type, record.data)
-            done.attachments.append(record.name)
+            result.attachments.append(record.name)
         elif isinstance(record, Metadata) and record.name != ROSBAG2_RECORD:
             writer.add_metadata(record.name, record.metadata)
     if undescribed:
-        done.lost.append(f"{undescribed} messages of topics that were described in a damaged chunk")
+        result.lost.append(f"{undescribed} messages of topics that were described in a damaged chunk")
 
 
 def _is_text(data: bytes) -> bool:
@@ -112,20 +116,20 @@ def _is_text(data: bytes) -> bool:
     return True
 
 
-def _announce(channel: Channel, schema: Schema, writer: BagWriter, done: Repaired) -> None:
+def _announce(channel: Channel, schema: Schema, writer: BagWriter, result: Repaired) -> None:
     """Add a topic to the new bag, without its QoS if that cannot be read."""
     qos = channel.metadata.get("offered_qos_profiles") or NO_QOS
     try:
         offered_qos(BagTopic(channel.topic, schema.name, "", qos))
     except InputError as error:
-        done.lost.append(str(error))
+        result.lost.append(str(error))
         qos = NO_QOS
     type_hash = channel.metadata.get("topic_type_hash", "")
     writer.add_topic(channel.topic, schema.name, schema.data.decode(), qos, type_hash)
 
 
 def _records(path: Path, lost: list[str]) -> Iterator[McapRecord]:
-    """Every record up to the truncation, with those in chunks; losses are added to `lost`.
+    """Yields every record up to the truncation, with those in chunks; losses are added to `lost`.
 
     Raises:
         InputError: it is not an MCAP file, or cannot be read.
@@ -147,7 +151,11 @@ def _records(path: Path, lost: list[str]) -> Iterator[McapRecord]:
             lost.append(f"a damaged record at byte {place.begin}")
             continue
         if isinstance(record, Chunk):
-            yield from _opened(record, lost)
+            try:
+                yield from breakup_chunk(record, validate_crc=True)
+            except DAMAGE:
+                first, last = record.message_start_time / _SECOND_NS, record.message_end_time / _SECOND_NS
+                lost.append(f"a damaged chunk with the messages of {first:.1f} to {last:.1f} s")
         elif isinstance(record, Attachment) and not attachment_is_whole(inside):
             lost.append(f"{LOST_ATTACHMENT}{record.name}")
         elif record is not None:
@@ -157,31 +165,14 @@ def _records(path: Path, lost: list[str]) -> Iterator[McapRecord]:
     lost.append(f"what was not written yet: the file breaks off{rest}")
 
 
-def _check_the_rest(path: Path, lost: list[str]) -> None:
-    """Note damage to a file whose records can all be read: in the metadata, or at the end."""
-    try:
-        survey(path)
-    except InputError as error:
-        lost.append(f"nothing that has a checksum of its own, yet {error}".removesuffix(REPAIR_HINT))
-
-
-def _opened(chunk: Chunk, lost: list[str]) -> list[McapRecord]:
-    try:
-        return opened(chunk)
-    except DAMAGE:
-        first, last = chunk.message_start_time / _SECOND_NS, chunk.message_end_time / _SECOND_NS
-        lost.append(f"a damaged chunk with the messages of {first:.1f} to {last:.1f} s")
-        return []
-
-
 def _steps_lost(path: Path) -> list[str]:
-    """Text on the steps that a LitSim run announced and the bag lacks; nothing for other bags."""
+    """Returns a text on the steps that a LitSim run announced and the bag lacks; nothing for other bags."""
     try:
         run = read_run(path)
     except InputError:
         return []
-    expected, found = run.last_step, {table.step for table in run.tables}
-    missing = [step for step in range(expected + 1) if step not in found]
+    expected, last = run.last_step, run.tables[-1].step
+    missing = sorted(set(range(expected + 1)) - {table.step for table in run.tables})
     if not missing:
         return []
-    return [f"{len(missing)} of {expected + 1} steps are missing, from step {missing[0]} on (the last is {max(found)})"]
+    return [f"{len(missing)} of {expected + 1} steps are missing, from step {missing[0]} on (the last is {last})"]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -65,6 +65,8 @@ UNDECODABLE = (
 RECORDING_FILE = "recording.parquet"
 SCENARIO_FILE = "scenario.yaml"
 NET_FILE = "net.xml"
+BY_STEP = ("controls", "ego_commands", "takeovers", "detections", "timing", "marks")
+"""Attributes of a :class:`Run` with what was published at each step."""
 LOST_ATTACHMENTS = "lost_attachments"  # key in the metadata of a repaired recording: names of lost files
 START_FIELD = "start_frame"  # field of the scenario: frame of the recording at step 0
 
@@ -124,14 +126,14 @@ class TopicGaps:
 
     @classmethod
     def find(cls, steps: Iterable[int], last: int) -> TopicGaps:
-        """Gaps of the steps of a topic's messages, in file order, against 0 .. `last`."""
-        seen = list(steps)
-        count = Counter(seen)
-        highest = np.maximum.accumulate(np.array(seen, np.int64)) if seen else np.empty(0, np.int64)
+        """Returns the gaps of the steps of a topic's messages, in file order, against 0 .. `last`."""
+        received = list(steps)
+        count = Counter(received)
+        highest = np.maximum.accumulate(np.array(received, np.int64))
         return cls(
             missing=tuple(k for k in range(last + 1) if k not in count),
             duplicated=tuple(sorted(k for k, n in count.items() if n > 1)),
-            unordered=tuple(sorted({k for k, high in zip(seen, highest.tolist(), strict=True) if k < high})),
+            unordered=tuple(sorted({k for k, high in zip(received, highest.tolist(), strict=True) if k < high})),
         )
 
 
@@ -189,7 +191,7 @@ class Run:
 
     @cached_property
     def logged(self) -> Steps:
-        """Logged agents of the same steps likewise; the same object for runs that have their log in common."""
+        """Logged agents of the same steps; the same object for runs that have their log in common."""
         return Steps.of(self.log)
 
     @property
@@ -199,7 +201,7 @@ class Run:
 
     @property
     def simulated(self) -> Steps:
-        """Those of the steps after the history, which the run decided."""
+        """Agents of the steps after the history, whose motion the run decided."""
         return self.steps.after(self.info.history_steps)
 
     @property
@@ -223,8 +225,8 @@ class Run:
         """The bridge's summary at the end of the run, and its wall time as `wall_s`; empty without one."""
         for status in reversed(self.statuses):
             if status.stage == BRIDGE and status.state == StageState.FINISHED:
-                said = load_yaml(status.text, f"{self.path}: topic {STATUS}, what the bridge said at the end")
-                return (said if isinstance(said, dict) else {}) | {"wall_s": status.compute_time}
+                summary = load_yaml(status.text, f"{self.path}: topic {STATUS}, the bridge's last message")
+                return (summary if isinstance(summary, dict) else {}) | {"wall_s": status.compute_time}
         return {}
 
 
@@ -235,7 +237,7 @@ def read_run(path: Path) -> Run:
         InputError: no such file, not an MCAP file, or it does not hold a LitSim run.
     """
     reader = BagReader(path)
-    decode = _Decoder(reader.topics)
+    decode = _decoder(reader.topics)
     content = _Content()
     for message in reader.messages():
         try:
@@ -260,12 +262,7 @@ def read_run(path: Path) -> Run:
         info=info,
         tables=[content.tables[step] for step in steps],
         log=_log(reader, scenario_yaml, steps),
-        controls=content.controls,
-        ego_commands=content.ego,
-        takeovers=content.takeovers,
-        detections=content.detections,
-        timing=content.timing,
-        marks=content.marks,
+        **content.by_step,
         statuses=content.statuses,
         scenario_yaml=scenario_yaml,
         net_xml=reader.attachments.get(NET_FILE, b""),
@@ -284,12 +281,7 @@ class _Content:
     def __init__(self) -> None:
         self.info: RunInfo | None = None
         self.tables: dict[int, AgentTable] = {}
-        self.controls: dict[int, ControlTable] = {}
-        self.ego: dict[int, EgoCommand] = {}
-        self.takeovers: dict[int, list[Takeover]] = {}
-        self.detections: dict[int, Detection] = {}
-        self.timing: dict[str, dict[int, float]] = {}
-        self.marks: dict[str, dict[int, dict[str, float]]] = {}
+        self.by_step: dict[str, dict[Any, Any]] = {name: {} for name in BY_STEP}
         self.statuses: list[Status] = []
         self._signal_map: Any = None
         self._shown: dict[int, ByteArray] = {}
@@ -300,7 +292,7 @@ class _Content:
     def last_step(self) -> int:
         """The step at which the run was to end: the scenario's last, unless the bridge has announced an earlier one."""
         ends = (StageState.ENDING, StageState.FINISHED)
-        named = [each.step for each in self.statuses if each.stage == BRIDGE and each.state in ends]
+        named = [status.step for status in self.statuses if status.stage == BRIDGE and status.state in ends]
         return min([*named, self.info.total_steps]) if self.info is not None else 0
 
     def note(self, topic: str, log_time_ns: int) -> None:
@@ -308,7 +300,7 @@ class _Content:
         self._times.setdefault(topic, []).append(log_time_ns)
 
     def steps(self, topic: str) -> list[int]:
-        """Steps of a topic's messages, in the order of the file."""
+        """Returns the steps of a topic's messages, in the order of the file."""
         step_ns = self.info.dt * 1e9 if self.info else 1.0
         return self._steps.get(topic, []) + [round(t / step_ns) for t in self._times.get(topic, [])]
 
@@ -317,14 +309,11 @@ class _Content:
         """States of the signals; unknown at steps without a message."""
         if self._signal_map is None:
             return None
-        found = self._signal_map
-        groups = tuple(found.group)
+        groups, links = tuple(self._signal_map.group), self._signal_map.links
         states = np.full((len(groups), max(self._shown, default=-1) + 1), int(SignalState.UNAVAILABLE), np.uint8)
         for step, state in self._shown.items():
             states[:, step] = state
-        return Signals(
-            groups, tuple(map(_signal_link, found.links)), np.array([link.group for link in found.links]), states
-        )
+        return Signals(groups, tuple(map(_signal_link, links)), np.array([link.group for link in links]), states)
 
     def take(self, topic: str, message: Any) -> None:
         """A decoded message; those of another run are dropped."""
@@ -343,44 +332,41 @@ class _Content:
             self.tables.setdefault(step, AgentTable(step, *columns))
         elif topic == CONTROLS:
             columns = [np.asarray(getattr(message, name), dtype) for name, dtype in CONTROL_FIELDS.items()]
-            self.controls.setdefault(step, ControlTable(step, *columns))
+            self.by_step["controls"].setdefault(step, ControlTable(step, *columns))
         elif topic == (EGO_APPLIED if self.info is not None and EGO_APPLIED in self.info.topics else EGO_CONTROL):
             command = EgoCommand(step, message.acceleration, message.yaw_rate, EgoMode(message.mode))
-            self.ego.setdefault(step, command)
+            self.by_step["ego_commands"].setdefault(step, command)
         elif topic == SIGNALS:
             self._shown.setdefault(step, np.asarray(message.state, np.uint8))
         elif topic == TAKEOVERS:
-            self.takeovers.setdefault(step, [_takeover(each) for each in message.takeovers])
-            self.detections.setdefault(step, Detection(int(message.iterations), bool(message.converged)))
+            self.by_step["takeovers"].setdefault(step, list(map(_takeover, message.takeovers)))
+            self.by_step["detections"].setdefault(step, Detection(int(message.iterations), bool(message.converged)))
         elif topic == TIMING:
-            self.timing.setdefault(message.stage, {}).setdefault(step, message.compute_time)
-            self.marks.setdefault(message.stage, {}).setdefault(step, marks_of(message.text))
+            self.by_step["timing"].setdefault(message.stage, {}).setdefault(step, message.compute_time)
+            self.by_step["marks"].setdefault(message.stage, {}).setdefault(step, marks_of(message.text))
         elif topic == STATUS:
             self.statuses.append(_copy(Status, message, state=StageState(message.state)))
 
 
-class _Decoder:
-    """Decodes CDR by the definitions in the bag; rosbags' type system compiles one decoder per topic."""
+def _decoder(topics: Mapping[str, BagTopic]) -> Callable[[str, bytes], Any]:
+    """Returns a function that decodes the CDR of a topic by the definition in the bag."""
 
-    def __init__(self, topics: dict[str, BagTopic]) -> None:
-        self._topics = topics
-        self._stores: dict[str, Typestore] = {}
+    @cache
+    def store_of(topic: str) -> Typestore:  # one per topic: definitions of one type may differ
+        store = get_typestore(Stores.EMPTY)
+        store.register(get_types_from_msg(topics[topic].definition, topics[topic].type_name))
+        return store
 
-    def __call__(self, topic: str, data: bytes) -> Any:
-        described = self._topics[topic]
-        if topic not in self._stores:
-            self._stores[topic] = get_typestore(Stores.EMPTY)
-            self._stores[topic].register(get_types_from_msg(described.definition, described.type_name))
-        return self._stores[topic].deserialize_cdr(data, described.type_name)
+    return lambda topic, data: store_of(topic).deserialize_cdr(data, topics[topic].type_name)
 
 
 _T = TypeVar("_T")
 
 
 def _copy(kind: type[_T], message: Any, **ready: Any) -> _T:
-    """A dataclass from the fields of a message that have its names; those in `ready` are given."""
-    wanted = [each for each in fields(cast("Any", kind)) if each.name not in ready]
-    names = [each.name for each in wanted if each.default is MISSING or hasattr(message, each.name)]
+    """Returns a dataclass from the fields of a message that have its names; those in `ready` are given."""
+    wanted = [field for field in fields(cast("Any", kind)) if field.name not in ready]
+    names = [field.name for field in wanted if field.default is MISSING or hasattr(message, field.name)]
     values = {name: getattr(message, name) for name in names}
     return kind(**ready, **{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})
 
@@ -425,7 +411,7 @@ def _log(reader: BagReader, scenario_yaml: str, steps: list[int]) -> list[AgentT
 
 
 def _scenario_yaml(reader: BagReader) -> str:
-    """The attached scenario; empty without one."""
+    """Returns the attached scenario; empty without one."""
     try:
         return reader.attachments.get(SCENARIO_FILE, b"").decode()
     except UnicodeDecodeError as error:
@@ -434,9 +420,9 @@ def _scenario_yaml(reader: BagReader) -> str:
 
 @lru_cache(maxsize=16)
 def _scenario_fields(scenario_yaml: str) -> Mapping[str, Any]:
-    """The fields in the text of a scenario; cached, as many runs have it in common."""
-    said = load_yaml(scenario_yaml, "scenario")
-    return said if isinstance(said, dict) else {}
+    """Returns the fields in the text of a scenario; cached, as many runs have it in common."""
+    content = load_yaml(scenario_yaml, "scenario")
+    return content if isinstance(content, dict) else {}
 
 
 def start_frame(scenario_yaml: str, bag: Path) -> int:

@@ -137,7 +137,7 @@ class StepBuffer:
             self._absent = {(step, name) for step, name in self._absent if step < self._next}
 
     def _placed(self, step: int) -> int:
-        """The step under which a foreign message is kept."""
+        """Returns the step under which a foreign message is kept."""
         about_now = self.newest - RECORDER_WINDOW <= step <= self.newest + AHEAD
         return min(max(step if about_now else self.newest, 0), self._last)
 
@@ -150,11 +150,13 @@ class StepBuffer:
             self._repeat_confirmation()  # the bridge asks again
 
     def _complete(self, step: int) -> bool:
+        """Returns whether all messages that complete a step are here; see the class's description."""
         held = self._pending.get(step, {})
         of_the_bridge = [name for name in OF_THE_BRIDGE if name in self._run.per_step]
         needed = of_the_bridge if step in self._missed else self._run.per_step
-        met = step > 0 or EGO_APPLIED not in self._run.per_step or self._repeated > REPEATS_MAX
-        return all(name in held for name in needed) and (met or any(name in held for name in INPUTS.values()))
+        awaits_ego = step == 0 and EGO_APPLIED in self._run.per_step and self._repeated <= REPEATS_MAX
+        heard = not awaits_ego or any(name in held for name in INPUTS.values())
+        return heard and all(name in held for name in needed)
 
     def _advance(self) -> None:
         """Confirm steps that are complete, and write those of which no message can be missing any more."""

@@ -28,7 +28,7 @@ _Walk = Callable[[bytearray, int], int]
 
 
 def stamp_ns(data: bytes) -> int:
-    """The stamp of a serialised message that begins with a ``std_msgs/Header``, or is a ``rosgraph_msgs/Clock`` [ns].
+    """Returns the stamp [ns] of a serialised message that begins with a ``std_msgs/Header``, or of a ``Clock``.
 
     Raises:
         struct.error: the data end before the stamp does.
@@ -38,7 +38,7 @@ def stamp_ns(data: bytes) -> int:
 
 
 def run_id_of(data: bytes) -> str:
-    """The run of a serialised message that begins with a ``std_msgs/Header`` and a ``run_id``.
+    """Returns the run of a serialised message that begins with a ``std_msgs/Header`` and a ``run_id``.
 
     Raises:
         struct.error: the data end before these do.
@@ -49,14 +49,14 @@ def run_id_of(data: bytes) -> str:
 
 
 def _text(data: bytes, at: int) -> tuple[str, int]:
-    """A string that begins at an offset, and where it ends."""
+    """Returns the string that begins at an offset, and the offset of its end."""
     (length,) = struct.unpack_from("<I", data, at)
     (text,) = struct.unpack_from(f"<{length}s", data, at + 4)
     return text.rstrip(b"\0").decode(errors="replace"), at + 4 + length
 
 
 def without_padding(message_type: Any) -> Callable[[bytes], bytes]:
-    """A function that clears the padding in serialised messages of `message_type`, and removes trailing bytes.
+    """Returns a function that clears the padding in serialised messages of `message_type`, and removes trailing bytes.
 
     Data with another encapsulation, or that end too early, are returned unchanged.
     """

@@ -15,25 +15,20 @@ _PRIMITIVE = re.compile(r"^(bool|byte|char|float32|float64|u?int(8|16|32|64)|w?s
 
 
 def type_name(message_type: Any) -> str:
-    """`package/msg/Name` of a message class."""
+    """Returns `package/msg/Name` of a message class."""
     package, kind, _ = message_type.__module__.split(".", 2)
     return f"{package}/{kind}/{message_type.__name__}"
 
 
 def definition(name: str) -> str:
-    """The definition of `package/msg/Name` with those of all its types, in the `ros2msg` encoding of MCAP."""
+    """Returns the definition of `package/msg/Name` with those of all its types, in the `ros2msg` encoding of MCAP."""
     package, _, short = name.split("/")
-    parts, seen = [_read(package, short)], {(package, short)}
-    queue = _dependencies(package, parts[0])
-    while queue:
-        package, short = queue.pop(0)
-        if (package, short) in seen:
-            continue
-        seen.add((package, short))
-        text = _read(package, short)
-        parts.append(f"MSG: {package}/{short}\n{text}")
-        queue += _dependencies(package, text)
-    return _SEPARATOR.join(parts)
+    types = [(package, short)]
+    for package, short in types:  # which grows meanwhile
+        dependencies = dict.fromkeys(_dependencies(package, _read(package, short)))
+        types += [dependency for dependency in dependencies if dependency not in types]
+    others = (f"MSG: {package}/{short}\n{_read(package, short)}" for package, short in types[1:])
+    return _SEPARATOR.join([_read(*types[0]), *others])
 
 
 def type_hash(name: str) -> str:
@@ -52,10 +47,11 @@ def _read(package: str, short: str) -> str:
 
 
 def _dependencies(package: str, text: str) -> list[tuple[str, str]]:
-    """Types other than primitives that a definition names, in its order."""
-    found = []
+    """Returns the types other than primitives that a definition names, in its order."""
+    types = []
     for line in text.splitlines():
         field_type = line.split("#", 1)[0].strip().split(" ", 1)[0].split("[", 1)[0]
         if field_type and not _PRIMITIVE.match(field_type):
-            found.append(tuple(field_type.split("/")) if "/" in field_type else (package, field_type))
-    return [(p, s) for p, s in found]
+            owner, _, short = field_type.rpartition("/")
+            types.append((owner or package, short))
+    return types

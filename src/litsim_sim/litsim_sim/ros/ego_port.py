@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -40,9 +41,9 @@ def from_control(message: EgoControl) -> Answer:
     """Acceleration and yaw rate, matched by run and step."""
     answer = Answer(Interface.CONTROL, None, step=message.step, run_id=message.run_id)
     try:
-        return _with(answer, messages.ego_from_message(message))
+        return replace(answer, target=messages.ego_from_message(message))
     except ValueError as error:
-        return _with(answer, None, str(error))
+        return replace(answer, fault=str(error))
 
 
 def from_twist(message: TwistStamped) -> Answer:
@@ -62,10 +63,6 @@ def from_path(message: Path) -> Answer:
     target = Trajectory(values[:, 0], values[:, 1], values[:, 2])
     frame = min(others) if others and frame == MAP_FRAME else frame
     return Answer(Interface.TRAJECTORY, target, _nanoseconds(message.header.stamp), frame=frame)
-
-
-def _with(answer: Answer, target: Any, fault: str = "") -> Answer:
-    return Answer(answer.interface, target, step=answer.step, run_id=answer.run_id, fault=fault)
 
 
 def _nanoseconds(stamp: Any) -> int:

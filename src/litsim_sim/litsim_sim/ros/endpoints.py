@@ -39,7 +39,7 @@ class Endpoints:
 
 
 def publisher_on(node: Node, topic: Topic) -> Publisher:
-    """A publisher of `node` on `topic`."""
+    """Returns a publisher of `node` on `topic`."""
     silent = PublisherEventCallbacks(use_default_callbacks=False)
     return node.create_publisher(topic.type, topic.name, topic.qos, event_callbacks=silent)
 

@@ -45,7 +45,7 @@ class InProcessTransport:
         self._answered.update(outputs)
 
     def has_listener(self, outputs: Iterable[Topic]) -> bool:
-        """Whether a stage of this process listens to one of `outputs`."""
+        """Returns whether a stage of this process listens to one of `outputs`."""
         return any(topic in self._answered and topic in self._listeners for topic in outputs)
 
     def publish(self, answers: Mapping[Topic, Any], run_id: str, step: int) -> None:
@@ -61,14 +61,14 @@ class InProcessTransport:
             self._catch_up()
 
     def scenario(self, info: RunInfo) -> Scenario:
-        """The scenario of a run, read once.
+        """Returns the scenario of a run, read once.
 
         Raises:
             InputError: it cannot be read.
         """
         if self._scenario is None or self._scenario[0] != info.run_id:
-            made = Scenario.from_yaml(info.scenario_yaml, f"{RUN_INFO.name} of run {info.run_id}")
-            self._scenario = (info.run_id, made)
+            scenario = Scenario.from_yaml(info.scenario_yaml, f"{RUN_INFO.name} of run {info.run_id}")
+            self._scenario = (info.run_id, scenario)
         return self._scenario[1]
 
     def _deliver(self, topic: Topic, message: Any) -> None:

@@ -35,7 +35,7 @@ class Layer:
         self._shown: dict[_Key, Marker] = {}
 
     def array(self, step: int, wanted: Iterable[tuple[_Key, Marker]]) -> MarkerArray:
-        """The `wanted` markers at a step, with deletions of those shown before and no longer wanted."""
+        """Returns the `wanted` markers at a step, with deletions of those shown before and no longer wanted."""
         before, self._shown = self._shown, dict(wanted)
         stamped = header(step)
         gone = [
@@ -48,7 +48,7 @@ class Layer:
         return MarkerArray(markers=[*gone, *self._shown.values()])
 
     def marker(self, namespace: str, agent: int, kind: int, **fields: Any) -> tuple[_Key, Marker]:
-        """The marker of an agent in a namespace: the one shown already, or a new one with `fields`."""
+        """Returns the marker of an agent in a namespace: the one shown already, or a new one with `fields`."""
         key = (namespace, agent)
         if key not in self._shown or self._shown[key].type != kind:  # another type: of an agent of another run
             number = self._numbers.setdefault(agent, len(self._numbers))
@@ -61,7 +61,7 @@ class AgentLayer(Layer):
     """Boxes (namespace `agents`) with the speed in m/s above (namespace `speed`); pedestrians are cylinders."""
 
     def draw(self, table: AgentTable, handing_back: frozenset[int] = frozenset()) -> MarkerArray:
-        """Markers of `table`; the ids in `handing_back` are on their way back to the log."""
+        """Returns the markers of `table`; the ids in `handing_back` are on their way back to the log."""
         return self.array(table.step, self._markers(table, handing_back))
 
     def _markers(self, table: AgentTable, handing_back: frozenset[int]) -> Iterator[tuple[_Key, Marker]]:
@@ -85,7 +85,7 @@ class ForecastLayer(Layer):
     """The mean of every valid forecast as a line strip (namespace `forecasts`)."""
 
     def draw(self, message: JointForecast) -> MarkerArray:
-        """Markers of a joint forecast."""
+        """Returns the markers of a joint forecast."""
         return self.array(message.step, self._markers(message))
 
     def _markers(self, message: JointForecast) -> Iterator[tuple[_Key, Marker]]:
@@ -107,9 +107,9 @@ class ConflictLayer(Layer):
     """
 
     def draw(self, message: Takeovers, table: AgentTable | None) -> MarkerArray:
-        """Markers of a step's takeovers; sizes and opponents as in `table`, which may be of another step."""
-        held = [each for each in message.takeovers if each.state == Takeover.HELD]
-        return self.array(message.step, (found for each in held for found in self._markers(each, table)))
+        """Returns the markers of a step's takeovers; sizes and opponents as in `table`, maybe of another step."""
+        held = [takeover for takeover in message.takeovers if takeover.state == Takeover.HELD]
+        return self.array(message.step, (marker for takeover in held for marker in self._markers(takeover, table)))
 
     def _markers(self, takeover: Takeover, table: AgentTable | None) -> Iterator[tuple[_Key, Marker]]:
         agent, at, goal = takeover.agent, takeover.conflict_pose, takeover.goal_pose
@@ -135,8 +135,8 @@ class ConflictLayer(Layer):
 
 
 def handing_back(message: Takeovers) -> frozenset[int]:
-    """Agents that are on their way back to the log."""
-    return frozenset(each.agent for each in message.takeovers if each.state != Takeover.HELD)
+    """Returns the agents that are on their way back to the log."""
+    return frozenset(takeover.agent for takeover in message.takeovers if takeover.state != Takeover.HELD)
 
 
 def _colour(text: str, alpha: float = 1.0) -> ColorRGBA:

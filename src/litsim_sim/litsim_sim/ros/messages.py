@@ -31,33 +31,28 @@ _CONTROL_FIELDS = ("id", "acceleration", "lateral_acceleration", "yaw_rate", "so
 
 
 def stamp(step: int) -> Time:
-    """Simulation time of a step."""
+    """Returns the simulation time of a step."""
     seconds, nanoseconds = divmod(step * STEP_NS, 10**9)
     return Time(sec=seconds, nanosec=nanoseconds)
 
 
-def nanoseconds(step: int) -> int:
-    """Simulation time of a step in nanoseconds."""
-    return step * STEP_NS
-
-
 def header(step: int) -> Header:
-    """Header of a message about a step, in frame map."""
+    """Returns the header of a message about a step, in frame map."""
     return Header(stamp=stamp(step), frame_id=FRAME)
 
 
 def to_array(values: np.ndarray) -> array:
-    """A primitive array field from a numpy array of any shape, row-major."""
+    """Returns a primitive array field from a numpy array of any shape, row-major."""
     return array(_TYPECODES[values.dtype.str[1:]], np.ascontiguousarray(values).tobytes())
 
 
 def from_array(values: Any, dtype: type[np.generic]) -> np.ndarray:
-    """A writable (n,) numpy array from a primitive array field."""
+    """Returns a writable (n,) numpy array from a primitive array field."""
     return np.array(np.frombuffer(values, dtype)) if len(values) else np.empty(0, dtype)
 
 
 def agents_to_message(table: AgentTable, run_id: str, total_steps: int, ego_id: int) -> AgentStates:
-    """``AgentStates`` of a table."""
+    """Returns ``AgentStates`` of a table."""
     arrays = {name: to_array(getattr(table, name)) for name in ARRAY_FIELDS}
     return AgentStates(
         header=header(table.step), run_id=run_id, step=table.step, total_steps=total_steps, ego_id=ego_id, **arrays
@@ -65,13 +60,13 @@ def agents_to_message(table: AgentTable, run_id: str, total_steps: int, ego_id: 
 
 
 def agents_from_message(message: AgentStates) -> AgentTable:
-    """Table of an ``AgentStates``."""
+    """Returns the table of an ``AgentStates``."""
     arrays = {name: from_array(getattr(message, name), dtype) for name, dtype in _AGENT_DTYPES.items()}
     return AgentTable(message.step, **arrays)
 
 
 def received_agents(message: AgentStates) -> AgentTable:
-    """Table of an ``AgentStates`` received by a stage, checked.
+    """Returns the table of an ``AgentStates`` received by a stage, checked.
 
     Raises:
         InputError: columns differ in length, ids do not ascend, or values are not finite.
@@ -96,7 +91,7 @@ def refused(topic: str) -> Iterator[None]:
 
 
 def signals_to_message(signals: SignalTable, run_id: str) -> SignalStates:
-    """``SignalStates`` of a table."""
+    """Returns ``SignalStates`` of a table."""
     state = to_array(signals.state)
     return SignalStates(
         header=header(signals.step), run_id=run_id, step=signals.step, group=list(signals.group), state=state
@@ -104,7 +99,7 @@ def signals_to_message(signals: SignalTable, run_id: str) -> SignalStates:
 
 
 def signal_map_to_message(signals: Signals, run_id: str) -> SignalMap:
-    """``SignalMap`` of the signals of a scenario."""
+    """Returns ``SignalMap`` of the signals of a scenario."""
     links = [
         SignalLink(
             from_lane=link.from_lane,
@@ -120,20 +115,20 @@ def signal_map_to_message(signals: Signals, run_id: str) -> SignalMap:
 
 
 def controls_to_message(controls: ControlTable, run_id: str) -> Controls:
-    """``Controls`` of a table."""
+    """Returns ``Controls`` of a table."""
     arrays = {name: to_array(getattr(controls, name)) for name in _CONTROL_FIELDS}
     return Controls(header=header(controls.step), run_id=run_id, step=controls.step, **arrays)
 
 
 def controls_from_message(message: Controls) -> ControlTable:
-    """Table of a ``Controls``."""
+    """Returns the table of a ``Controls``."""
     return ControlTable(
         message.step, **{name: from_array(getattr(message, name), _CONTROL_DTYPES[name]) for name in _CONTROL_FIELDS}
     )
 
 
 def ego_to_message(command: EgoCommand, run_id: str) -> EgoControl:
-    """``EgoControl`` of a command."""
+    """Returns ``EgoControl`` of a command."""
     return EgoControl(
         header=header(command.step),
         run_id=run_id,
@@ -145,9 +140,9 @@ def ego_to_message(command: EgoCommand, run_id: str) -> EgoControl:
 
 
 def ego_from_message(message: EgoControl) -> EgoCommand:
-    """Command of an ``EgoControl``; raises ValueError for an unknown mode."""
+    """Returns the command of an ``EgoControl``; raises ValueError for an unknown mode."""
     if message.mode not in [*EgoMode]:
-        raise ValueError(f"mode is {message.mode}, expected {' or '.join(f'{each} ({each.name})' for each in EgoMode)}")
+        raise ValueError(f"mode is {message.mode}, expected {' or '.join(f'{mode} ({mode.name})' for mode in EgoMode)}")
     return EgoCommand(message.step, message.acceleration, message.yaw_rate, EgoMode(message.mode))
 
 
@@ -164,7 +159,7 @@ def ego_odometry(table: AgentTable, ego_id: int) -> Odometry:
 
 
 def route_path(points: FloatArray, step: int) -> Path:
-    """``nav_msgs/Path`` through `points` (m, 2) [m], each pose heading to the next."""
+    """Returns ``nav_msgs/Path`` through `points` (m, 2) [m], each pose heading to the next."""
     message = Path(header=header(step))
     direction = np.diff(points, axis=0, append=2.0 * points[-1:] - points[-2:-1])
     for (x, y), yaw in zip(points.tolist(), np.arctan2(direction[:, 1], direction[:, 0]).tolist(), strict=True):
@@ -178,7 +173,7 @@ def route_path(points: FloatArray, step: int) -> Path:
 def status(
     run_id: str, stage: str, state: int, step: int = 0, compute_time: float = 0.0, text: str = ""
 ) -> StageStatus:
-    """``StageStatus`` of a stage."""
+    """Returns ``StageStatus`` of a stage."""
     return StageStatus(
         header=header(step), run_id=run_id, step=step, stage=stage, state=state, compute_time=compute_time, text=text
     )

@@ -16,10 +16,10 @@ from litsim_sim.core.parameters import ParameterOverrides, ParameterReader
 OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
 """Parameters that rclpy declares itself."""
 
-Made = TypeVar("Made")
+Configuration = TypeVar("Configuration")
 
 
-def read_parameters(node: Node, stage: Callable[[ParameterReader], Made]) -> Made:
+def read_parameters(node: Node, stage: Callable[[ParameterReader], Configuration]) -> Configuration:
     """Let `stage` read its configurations from the parameters of `node`, and declare these as read-only.
 
     The node must be made with ``automatically_declare_parameters_from_overrides``: ROS would refuse an integer for a
@@ -29,48 +29,48 @@ def read_parameters(node: Node, stage: Callable[[ParameterReader], Made]) -> Mad
         InputError: a parameter is unknown, or does not fit.
     """
     read = ParameterOverrides(node.get_name(), parameters(node))
-    made = stage(read)
+    configuration = stage(read)
     read.check()
     for name, value in read.values.items():
         if node.has_parameter(name):
             node.undeclare_parameter(name)
         node.declare_parameter(name, value, ParameterDescriptor(read_only=True), ignore_override=True)
-    return made
+    return configuration
 
 
-def undeclare_given(node: Node) -> frozenset[str]:
-    """Undeclare the given parameters of `node`, for declaration with type and default; return their names.
+def undeclare_set(node: Node) -> frozenset[str]:
+    """Undeclare the parameters that the user has set, to be declared with type and default; return their names.
 
     The node must be made with ``automatically_declare_parameters_from_overrides``. For nodes whose parameters may
     change at run time; all others use :func:`read_parameters`.
     """
-    given = frozenset(parameters(node))
-    for name in given:
+    names = frozenset(parameters(node))
+    for name in names:
         node.undeclare_parameter(name)
-    return given
+    return names
 
 
-def check_given(node: Node, given: frozenset[str]) -> None:
-    """Refuse given parameters that `node` has not declared, which ROS would ignore.
+def check_set(node: Node, names: frozenset[str]) -> None:
+    """Refuse those of the parameters `names` that `node` has not declared, which ROS would ignore.
 
     Raises:
         InputError: there are such parameters.
     """
     declared = parameters(node)
-    if unknown := sorted(given - declared.keys()):
+    if unknown := sorted(names - declared.keys()):
         raise InputError(
             f"{node.get_name()}: unknown parameter {', '.join(unknown)}; expected {', '.join(declared) or 'none'}"
         )
 
 
 def parameters(node: Node) -> dict[str, Any]:
-    """The parameters of `node` by name, without those that rclpy declares; arrays as lists."""
-    found = sorted(node.get_parameters_by_prefix("").items())
-    return {name: _plain(parameter.value) for name, parameter in found if name not in OF_EVERY_NODE}
+    """Returns the parameters of `node` by name, without those that rclpy declares; arrays as lists."""
+    by_name = sorted(node.get_parameters_by_prefix("").items())
+    return {name: _plain(parameter.value) for name, parameter in by_name if name not in OF_EVERY_NODE}
 
 
 def parameters_yaml(node: Node) -> str:
-    """The node's current parameters by name, in YAML."""
+    """Returns the node's current parameters by name, in YAML."""
     return yaml.safe_dump(parameters(node))
 
 

@@ -47,7 +47,7 @@ def spin(node: Node, done: Callable[[], bool] = lambda: False) -> None:
 
 
 def executor_of(*nodes: Node) -> Executor:
-    """An executor for nodes.
+    """Returns an executor for nodes.
 
     Other executors iterate over all entities of a node, in Python, whenever they wait; the events executor is notified
     by DDS. Without it a step takes 1.17 times as long (1.07 to 1.31, 4 pairs).
@@ -137,7 +137,7 @@ def spare_from_collection() -> None:
 def _init(known: Sequence[str] = ()) -> None:
     """Initialise rclpy from the command line, which may hold ROS arguments and `known` ones only."""
     name = Path(sys.argv[0]).name
-    extra = [word for word in remove_ros_args(sys.argv)[1:] if word not in known]
+    extra = [argument for argument in remove_ros_args(sys.argv)[1:] if argument not in known]
     if extra[:1] in (["-h"], ["--help"]):
         print(USAGE.format(name=name, arguments=" ".join([*known, ""])), end="")
         sys.exit(0)

@@ -50,7 +50,7 @@ def stack_endpoints(node: str, interface: Interface) -> Endpoints:
 
 
 def policy_xml(nodes: Mapping[str, Sequence[Endpoints]]) -> str:
-    """The policy with one enclave per program.
+    """Returns the policy with one enclave per program.
 
     Args:
         nodes: endpoints of the nodes of each program, see :func:`litsim_sim.launch.middleware.enclave_of`.
@@ -60,8 +60,8 @@ def policy_xml(nodes: Mapping[str, Sequence[Endpoints]]) -> str:
     for program, endpoints in nodes.items():
         enclave = ET.SubElement(enclaves, "enclave", path=enclave_of(program))
         profiles = ET.SubElement(enclave, "profiles")
-        for each in endpoints:
-            _profile(profiles, each)
+        for of_node in endpoints:
+            _profile(profiles, of_node)
     ET.indent(policy)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(policy, encoding="unicode")}\n'
 

@@ -49,11 +49,11 @@ class StageNode(Node):
     outputs: Sequence[tuple[Topic, Write]]
     declared: Endpoints
 
-    def __init_subclass__(cls, **given: Any) -> None:
+    def __init_subclass__(cls, **options: Any) -> None:
         """Declare the endpoints of a stage: its own, and those of every stage."""
-        super().__init_subclass__(**given)
-        reads, writes = ([topic for topic, _ in each] for each in (cls.inputs, cls.outputs))
-        cls.declared = Endpoints(cls.stage, (*writes, STATUS, TIMING), (*reads, RUN_INFO, HELLO, STATUS))
+        super().__init_subclass__(**options)
+        hears, publishes = ([topic for topic, _ in topics] for topics in (cls.inputs, cls.outputs))
+        cls.declared = Endpoints(cls.stage, (*publishes, STATUS, TIMING), (*hears, RUN_INFO, HELLO, STATUS))
 
     def __init__(self, transport: InProcessTransport | None = None) -> None:
         """Make the node; `transport` holds the stages of its process, including all that it waits for."""
@@ -62,8 +62,8 @@ class StageNode(Node):
         self._joiner: Joiner | None = None
         self._asked = 0.0  # time of the last message of the current run [s]
         self._next: RunInfo | None = None  # a run that was announced during another
-        self._word: StageStatus | None = None  # READY or FAILED of the current run; repeated when the bridge greets
-        self._last: list[tuple[Publisher, Any]] = []
+        self._newest_status: StageStatus | None = None  # READY or FAILED, repeated when the bridge greets
+        self._published: list[tuple[Publisher, Any]] = []
         self._status = publisher_on(self, STATUS)
         self._timing = publisher_on(self, TIMING)
         self._outputs = {topic: (publisher_on(self, topic), write) for topic, write in self.outputs}
@@ -83,7 +83,7 @@ class StageNode(Node):
         raise NotImplementedError
 
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
-        """The answers for `outputs`, in order, to the converted inputs of a step, by topic name."""
+        """Returns the answers for `outputs`, in order, to the converted inputs of a step, by topic name."""
         raise NotImplementedError
 
     def leave(self) -> None:
@@ -108,19 +108,19 @@ class StageNode(Node):
         self.get_logger().info(f"ready for run {info.run_id}; waiting for its steps on {self.inputs[0][0].name}")
 
     def _busy(self, run_id: str) -> bool:
-        """Whether another run with a live bridge is active, which a new run must not displace."""
+        """Returns whether another run with a live bridge is active, which a new run must not displace."""
         on = self._joiner is not None and self._joiner.run_id != run_id and self._joiner.answered >= 0
         return on and time.monotonic() < self._asked + BRIDGE_QUIET_S
 
     def _on_hello(self, hello: Hello) -> None:
         if self._next is not None and self._next.run_id == hello.run_id and not self._busy(hello.run_id):
             self._on_run_info(self._next)
-        if self._word is not None and self._word.run_id == hello.run_id:
-            self._status.publish(self._word)
+        if self._newest_status is not None and self._newest_status.run_id == hello.run_id:
+            self._status.publish(self._newest_status)
 
     def _on_status(self, status: StageStatus) -> None:
         ended = status.stage == BRIDGE and status.state in (StageStatus.FINISHED, StageStatus.FAILED)
-        if ended and self._word is not None and status.run_id == self._word.run_id:
+        if ended and self._newest_status is not None and status.run_id == self._newest_status.run_id:
             self._forget()
             self.get_logger().info(f"run {status.run_id} is over; waiting for another on {RUN_INFO.name}")
 
@@ -137,7 +137,7 @@ class StageNode(Node):
                 self._forget()
                 return
             if self._joiner.asked_again(name, run_id, step):
-                for publisher, answer in self._last:
+                for publisher, answer in self._published:
                     publisher.publish(answer)
                 return
             if run_id == self._joiner.run_id and step > self._joiner.answered:
@@ -149,8 +149,8 @@ class StageNode(Node):
         """Take an input of the current run, and answer its step once it is complete."""
         start = time.perf_counter()
         try:
-            given = read()
-            inputs = self._joiner.offer(name, run_id, step, given) if self._joiner else None
+            value = read()
+            inputs = self._joiner.offer(name, run_id, step, value) if self._joiner else None
             if inputs is None:
                 return
             answers = dict(zip(self._outputs, self.answer(inputs), strict=True))
@@ -169,15 +169,15 @@ class StageNode(Node):
         """Publish answers by topic, and `status` with the marks of their step: `answered` is now, unless given."""
         try:
             answered = [(self._outputs[topic], answer) for topic, answer in answers.items()]
-            self._last = [(publisher, write(answer, status.run_id)) for (publisher, write), answer in answered]
+            self._published = [(publisher, write(answer, status.run_id)) for (publisher, write), answer in answered]
         except Exception as error:  # noqa: BLE001 - as above
             self._fail(status.run_id, status.step, f"step {status.step}: {reason(error)}", error)
             return
-        for publisher, message in self._last:
+        for publisher, message in self._published:
             publisher.publish(message)
         status.text = step_marks({"answered": time.perf_counter()} | marks)
         self._transport.defer(lambda: self._timing.publish(status))
-        self._last.append((self._timing, status))
+        self._published.append((self._timing, status))
 
     def _fail(self, run_id: str, step: int, text: str, error: Exception) -> None:
         """Leave the run; report one line to the bridge, and the traceback to the log of this node."""
@@ -186,26 +186,26 @@ class StageNode(Node):
         self.get_logger().error(text if isinstance(error, InputError) else "".join(traceback.format_exception(error)))
 
     def _say(self, run_id: str, state: int, step: int = 0, text: str = "") -> None:
-        self._word = messages.status(run_id, self.stage, state, step, text=text)
-        self._status.publish(self._word)
+        self._newest_status = messages.status(run_id, self.stage, state, step, text=text)
+        self._status.publish(self._newest_status)
 
     def _forget(self) -> None:
-        self._joiner, self._word, self._last, self._next = None, None, [], None
+        self._joiner, self._newest_status, self._published, self._next = None, None, [], None
         gc.unfreeze()  # the objects of the run can be collected
 
 
-def run_stages(*makes: Callable[[InProcessTransport], StageNode], arguments: Sequence[str] = ()) -> None:
+def run_stages(*factories: Callable[[InProcessTransport], StageNode], arguments: Sequence[str] = ()) -> None:
     """Serve runs until Ctrl-C or SIGTERM, which are the ordinary end: exit status 0.
 
     Args:
-        makes: factories of the stages of this process, each after those that it waits for.
+        factories: functions that make the stages of this process, each after those that it waits for.
         arguments: those that the program knows, which choose its stages.
     """
     with process(interrupted=0, arguments=arguments):
-        if not makes:
+        if not factories:
             raise InputError(f"no stage is given, expected some of {', '.join(arguments)}")
         transport = InProcessTransport()
-        nodes = [make(transport) for make in makes]
+        nodes = [make(transport) for make in factories]
         load_kernels()  # while others get ready; a run may need more
         executor = executor_of(*nodes)
         for node in nodes:

@@ -44,7 +44,7 @@ _LINE_WIDTH = 0.12  # [m]
 
 
 def objects(table: AgentTable, ego_id: int) -> PointCloud2:
-    """Every agent but the ego as a point of a cloud in frame map.
+    """Returns every agent but the ego as a point of a cloud in frame map.
 
     Fields: x, y, z (0), yaw, speed, vx, vy, length, width as FLOAT32 [m, rad, m/s], id as UINT32 (the low 32 bits of
     the recording's), kind as UINT8 (as in ``litsim_msgs/AgentStates``); x64 and y64, x and y as FLOAT64: far from the
@@ -72,7 +72,7 @@ def objects(table: AgentTable, ego_id: int) -> PointCloud2:
 
 
 def rounding(table: AgentTable) -> str:
-    """Text that says that FLOAT32 is too coarse for positions as far from the origin as these; empty if it is not."""
+    """Returns a text that says that FLOAT32 is too coarse for positions so far from the origin; empty if it is not."""
     reach = max(np.abs(table.x).max(initial=0.0), np.abs(table.y).max(initial=0.0))
     apart = float(np.spacing(np.float32(reach)))
     return (
@@ -83,7 +83,7 @@ def rounding(table: AgentTable) -> str:
 
 
 def lanes(lane_map: LaneMap) -> MarkerArray:
-    """Centre lines (namespace ``centre``) and borders (``boundary``, left and right) of all lanes, in frame map.
+    """Returns centre lines (namespace ``centre``) and borders (``boundary``, left and right) of lanes, in frame map.
 
     Lines are in driving direction. `text` is SUMO's id of the lane; `id` is its index, for borders twice the index,
     plus one for the right border.

@@ -47,13 +47,11 @@ class Topic:
         name: absolute name.
         type: message class.
         latched: late subscribers get the last message.
-        per_step: while a run is on, it holds one message for every step.
     """
 
     name: str
     type: Any
     latched: bool = False
-    per_step: bool = False
 
     @property
     def qos(self) -> QoSProfile:
@@ -70,16 +68,16 @@ RUN_INFO = Topic(topic_names.RUN_INFO, RunInfo, latched=True)
 HELLO = Topic(topic_names.HELLO, Hello)
 STATUS = Topic(topic_names.STATUS, StageStatus)
 RECORDED = Topic(topic_names.RECORDED, StageStatus)
-CLOCK = Topic(topic_names.CLOCK, Clock, per_step=True)
-AGENTS = Topic(topic_names.AGENTS, AgentStates, per_step=True)
-EGO_STATE = Topic(topic_names.EGO_STATE, Odometry, per_step=True)
+CLOCK = Topic(topic_names.CLOCK, Clock)
+AGENTS = Topic(topic_names.AGENTS, AgentStates)
+EGO_STATE = Topic(topic_names.EGO_STATE, Odometry)
 EGO_ROUTE = Topic(topic_names.EGO_ROUTE, Path, latched=True)
 EGO_VEHICLE = Topic(topic_names.EGO_VEHICLE, DiagnosticArray, latched=True)
 EGO_FOOTPRINT = Topic(topic_names.EGO_FOOTPRINT, PolygonStamped, latched=True)
-FORECASTS = Topic(topic_names.FORECASTS, JointForecast, per_step=True)
-TAKEOVERS = Topic(topic_names.TAKEOVERS, Takeovers, per_step=True)
-CONTROLS = Topic(topic_names.CONTROLS, Controls, per_step=True)
-EGO_CONTROL = Topic(topic_names.EGO_CONTROL, EgoControl, per_step=True)
+FORECASTS = Topic(topic_names.FORECASTS, JointForecast)
+TAKEOVERS = Topic(topic_names.TAKEOVERS, Takeovers)
+CONTROLS = Topic(topic_names.CONTROLS, Controls)
+EGO_CONTROL = Topic(topic_names.EGO_CONTROL, EgoControl)
 TIMING = Topic(topic_names.TIMING, StageStatus)
 
 TF = Topic(topic_names.TF, TFMessage)
@@ -87,13 +85,13 @@ TF_STATIC = Topic(topic_names.TF_STATIC, TFMessage, latched=True)
 FRAMES = (TF, TF_STATIC) if TFMessage else ()
 """Topics of the ego's frames; none where their type is not installed."""
 
-OBJECTS = Topic(topic_names.OBJECTS, PointCloud2, per_step=True)
+OBJECTS = Topic(topic_names.OBJECTS, PointCloud2)
 LANES = Topic(topic_names.LANES, MarkerArray, latched=True)
-SIGNALS = Topic(topic_names.SIGNALS, SignalStates, per_step=True)
+SIGNALS = Topic(topic_names.SIGNALS, SignalStates)
 SIGNAL_MAP = Topic(topic_names.SIGNAL_MAP, SignalMap, latched=True)
 EGO_TWIST = Topic(topic_names.EGO_TWIST, TwistStamped)
 EGO_TRAJECTORY = Topic(topic_names.EGO_TRAJECTORY, Path)
-EGO_APPLIED = Topic(topic_names.EGO_APPLIED, EgoControl, per_step=True)
+EGO_APPLIED = Topic(topic_names.EGO_APPLIED, EgoControl)
 DIAGNOSTICS = Topic(topic_names.DIAGNOSTICS, DiagnosticArray)
 MARKERS_AGENTS = Topic(topic_names.MARKERS_AGENTS, MarkerArray)
 MARKERS_FORECASTS = Topic(topic_names.MARKERS_FORECASTS, MarkerArray)

@@ -64,22 +64,19 @@ def check_agents(file: ScenarioFile, log: Log, history_steps: int, where: str) -
                 )
 
 
-def coverage(lane_map: LaneMap, log: Log) -> float:
-    """Share of the recorded box centres that lie within half a lane width of some lane's centre line.
-
-    Pedestrians and cyclists do not count: they do not keep to lanes. NaN without other agents.
-    """
-    counts = log.valid & ~log.obstacle[:, None]
-    return float(lane_map.inside_road(log.x[counts], log.y[counts]).mean()) if counts.any() else float("nan")
-
-
 def check_coverage(lane_map: LaneMap, net: Path, log: Log, demanded: float, where: str) -> float:
-    """Check that the net covers the recording; return :func:`coverage`.
+    """Check that the net covers the recording.
+
+    Pedestrians and cyclists do not count: they do not keep to lanes.
+
+    Returns:
+        share of the recorded box centres that lie within half a lane width of some lane's centre line; NaN for none.
 
     Raises:
-        UnmetDemandError: the coverage is below `demanded`, or the lanes lead the other way; `where` names the scenario.
+        UnmetDemandError: the share is below `demanded`, or the lanes lead the other way; `where` names the scenario.
     """
-    share = coverage(lane_map, log)
+    counts = log.valid & ~log.obstacle[:, None]
+    share = float(lane_map.inside_road(log.x[counts], log.y[counts]).mean()) if counts.any() else float("nan")
     if share < demanded:
         x, y = log.x[log.valid], log.y[log.valid]
         x0, y0, x1, y1 = lane_map.bounds
@@ -89,7 +86,7 @@ def check_coverage(lane_map: LaneMap, net: Path, log: Log, demanded: float, wher
             f"expected {demanded:.0%} (field coverage_min); the recording spans x {x.min():.0f} to {x.max():.0f}, "
             f"y {y.min():.0f} to {y.max():.0f} m, the net x {x0:.0f} to {x1:.0f}, y {y0:.0f} to {y1:.0f} m",
         )
-    driving = log.valid & ~log.obstacle[:, None] & (log.speed > DRIVING)
+    driving = counts & (log.speed > DRIVING)
     against = lane_map.against(log.x[driving], log.y[driving], log.yaw[driving]).mean() if driving.any() else 0.0
     if against > AGAINST_MAX:
         raise UnmetDemandError(

@@ -21,7 +21,7 @@ NUMBERS = "biuf"
 
 
 def cropped(table: pd.DataFrame, crop: Crop | None, where: str) -> pd.DataFrame:
-    """The rows of `table` within every range of `crop`; `where` names the table in errors.
+    """Returns the rows of `table` within every range of `crop`; `where` names the table in errors.
 
     Raises:
         InputError: as :func:`within`.
@@ -30,7 +30,7 @@ def cropped(table: pd.DataFrame, crop: Crop | None, where: str) -> pd.DataFrame:
 
 
 def within(columns: Mapping[str, Any], rows: int, crop: Crop | None, where: str) -> BoolArray:
-    """Mask (`rows`,) of the rows within every range of `crop`; `columns` are arrays or pandas series.
+    """Returns the mask (`rows`,) of the rows within every range of `crop`; `columns` are arrays or pandas series.
 
     Raises:
         InputError: `crop` names an unknown column or one without numbers, is malformed, or keeps nothing.

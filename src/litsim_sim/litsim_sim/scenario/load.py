@@ -28,7 +28,7 @@ class RecordingFormat(ABC):
 
     @abstractmethod
     def recognizes(self, path: Path) -> bool:
-        """Whether the file at `path`, which exists, is of this format; judged by its content."""
+        """Returns whether the file at `path`, which exists, is of this format; judged by its content."""
 
     @abstractmethod
     def load(self, path: Path, crop: Crop | None) -> Recording:
@@ -61,29 +61,27 @@ def load_recording(path: Path, crop: Crop | None = None) -> Recording:
     if schema is not None and HEADER_KEY in (schema.metadata or {}):
         return _neutral(path, crop)
     formats: list[RecordingFormat] = [
-        plugins.load(plugins.RECORDINGS, each)() for each in plugins.names(plugins.RECORDINGS)
+        plugins.load(plugins.RECORDINGS, name)() for name in plugins.names(plugins.RECORDINGS)
     ]
-    for each in formats:
-        if each.recognizes(path):
-            return each.load(path, crop)
-    is_, others = "is no Parquet", "; ".join(each.content for each in formats)
-    if schema is not None:
-        is_ = f"columns are {list(schema.names)}"
+    for one in formats:
+        if one.recognizes(path):
+            return one.load(path, crop)
+    content = "is no Parquet" if schema is None else f"columns are {list(schema.names)}"
+    others = "; ".join(one.content for one in formats)
     raise InputError(
-        f"{path}: format not recognised: {is_}; expected Parquet of {list(COLUMNS)} with a LitSim header"
+        f"{path}: format not recognised: {content}; expected Parquet of {list(COLUMNS)} with a LitSim header"
         f"{f', or {others}' if others else ''}; {OTHER_TABLES}"
     )
 
 
 def _neutral(path: Path, crop: Crop | None) -> Recording:
-    """The recording in the neutral schema at `path`."""
+    """Returns the recording in the neutral schema at `path`."""
     recording = Recording.read(path)
     if not crop:
         return recording
-    kept = within(recording.columns, len(recording.columns["frame"]), crop, str(path))
-    left = {name: values[kept] for name, values in recording.columns.items()}
+    inside = within(recording.columns, len(recording.columns["frame"]), crop, str(path))
     limits = ", ".join(f"{column} within [{float(low):g}, {float(high):g}]" for column, (low, high) in crop.items())
-    return Recording.from_columns(recording.header, left, f"{path}, cropped to {limits}")
+    return Recording.from_columns(recording.header, recording.take(inside).columns, f"{path}, cropped to {limits}")
 
 
 def _looks_like_parquet(path: Path) -> bool:

@@ -6,10 +6,9 @@ import math
 from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
-from numba.types import UniTuple
 
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import (
@@ -23,7 +22,7 @@ from litsim_sim.core.scene import (
     is_obstacle,
 )
 from litsim_sim.core.steps import Steps
-from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_FLOATS, OUT_INTS, int64, kernel
+from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_INTS, int64, kernel
 from litsim_sim.scenario.recording import Recording
 
 REPLAYS = 4
@@ -48,9 +47,6 @@ class Log:
         yaw_rate: (n, steps) change of heading since the step before (at an agent's first step: to the next) [rad/s].
     """
 
-    table_type: ClassVar[type[AgentTable]] = AgentTable
-    """Class of the tables."""
-
     ids: IntArray
     kind: ByteArray
     length: FloatArray
@@ -67,7 +63,7 @@ class Log:
 
     @classmethod
     def from_recording(cls, recording: Recording, start_frame: int, steps: int) -> Log:
-        """The log of `steps` steps from `start_frame`, with the agents that appear in them."""
+        """Returns the log of `steps` steps from `start_frame`, with the agents that appear in them."""
         step = recording.columns["frame"] - start_frame
         inside = (step >= 0) & (step < steps)
         table, step = recording.take(inside).columns, step[inside]
@@ -122,16 +118,16 @@ class Log:
         return {}
 
     def recorded(self, agent: int) -> tuple[Log, int]:
-        """The log of the scene of `agent`, which is this log, and its id there."""
+        """Returns the log of the scene of `agent`, which is this log, and its id there."""
         return self, agent
 
     def row(self, agent: int) -> int:
-        """Row of `agent`; -1 if the log lacks it."""
+        """Returns the row of `agent`; -1 if the log lacks it."""
         at = int(np.searchsorted(self.ids, agent))
         return at if at < len(self.ids) and self.ids[at] == agent else -1
 
     def table(self, step: int, lag: IntArray | None = None) -> AgentTable:
-        """All agents on the road at `step`, controller LOG, as arrays of their own; empty outside of the steps.
+        """Returns all agents on the road at `step`, controller LOG, as arrays of their own; empty outside of the steps.
 
         Args:
             step: integer step of the scenario.
@@ -139,51 +135,45 @@ class Log:
         """
         at = np.full(len(self.ids), step) if lag is None else step - lag
         rows = _on_road(self.valid, at)
-        x, y, yaw, speed, acceleration, yaw_rate = _logged(
-            self.x, self.y, self.yaw, self.speed, self.acceleration, self.yaw_rate, rows, at
-        )
-        return self.table_type(
+        now = rows * self.steps + at[rows]  # in the flat columns: an index in two dimensions takes ten times as long
+        return AgentTable(
             step=step,
             id=self.ids.take(rows),
             kind=self.kind.take(rows),
             controller=np.full(len(rows), LOG, np.uint8),
-            x=x,
-            y=y,
-            yaw=yaw,
-            speed=speed,
-            acceleration=acceleration,
-            yaw_rate=yaw_rate,
+            x=self.x.take(now),
+            y=self.y.take(now),
+            yaw=self.yaw.take(now),
+            speed=self.speed.take(now),
+            acceleration=self.acceleration.take(now),
+            yaw_rate=self.yaw_rate.take(now),
             length=self.length.take(rows),
             width=self.width.take(rows),
         )
 
     def replay(self, last: int) -> Steps:
-        """The tables of the steps 0 to `last`; the same object for every call as long as it is cached.
+        """Returns the tables of the steps 0 to `last`; the same object for every call as long as it is cached.
 
         The last :data:`REPLAYS` distinct values of `last` are cached, with all results computed from their tables.
         """
-        kept = self._replays
-        found = kept.pop(last, None) or Steps(self.table(step) for step in range(last + 1))
-        kept[last] = found
-        if len(kept) > REPLAYS:
-            del kept[next(iter(kept))]
-        return found
+        cache = self._replays
+        steps = cache.pop(last, None) or Steps(self.table(step) for step in range(last + 1))
+        cache[last] = steps
+        if len(cache) > REPLAYS:
+            del cache[next(iter(cache))]
+        return steps
 
     @cached_property
     def _replays(self) -> dict[int, Steps]:
         """Cached replays by last step, the most recently used at the end."""
         return {}
 
-    def lag(self, row: int, step: int, x: float, y: float) -> int:
-        """Lag [steps] at which the agent's logged pose is nearest to (x, y) [m]; the smallest of ties.
-
-        0 if the agent in `row` has no logged pose up to `step`. A log that stands is near for a long time: by the
-        smallest lag, the agent does not wait again.
-        """
-        return int(self.lags(np.array([row]), step, np.array([x]), np.array([y]))[0])
-
     def lags(self, rows: IntArray, step: int, x: FloatArray, y: FloatArray) -> IntArray:
-        """(r,) lags as :meth:`lag` defines them, of the agents in `rows` (r,) that are at `x`, `y` (r,) [m]."""
+        """Returns lags (r,) [steps] at which the logs of the agents in `rows` (r,) are nearest to `x`, `y` (r,) [m].
+
+        A lag is 0 if the agent has no logged pose up to `step`. Of ties it is the smallest: a log that stands is near
+        for a long time, and the agent does not wait again.
+        """
         return _lags(self.x, self.y, self.valid, rows, step, x, y)
 
 
@@ -192,7 +182,7 @@ def _lags(
     log_x: FloatArray, log_y: FloatArray, valid: BoolArray, rows: IntArray, step: int, x: FloatArray, y: FloatArray
 ) -> IntArray:
     """See :meth:`Log.lags`; `x`, `y` and `valid` of the log are (n, steps)."""
-    found = np.zeros(len(rows), np.int64)
+    lags = np.zeros(len(rows), np.int64)
     for k, row in enumerate(rows):
         until, least = min(step + 1, log_x.shape[1]), np.inf
         for t in range(until):
@@ -201,39 +191,17 @@ def _lags(
         near = (math.sqrt(least) + LAG_TOLERANCE) ** 2
         for t in range(until - 1, -1, -1):
             if valid[row, t] and (log_x[row, t] - x[k]) ** 2 + (log_y[row, t] - y[k]) ** 2 <= near:
-                found[k] = step - t
+                lags[k] = step - t
                 break
-    return found
+    return lags
 
 
 @kernel(OUT_INTS(BOOLS2, INTS))
 def _on_road(valid: BoolArray, at: IntArray) -> IntArray:
-    """Rows of the agents that are on the road, by `valid` (n, steps), at their steps `at` (n,)."""
+    """Returns the rows of the agents that are on the road, by `valid` (n, steps), at their steps `at` (n,)."""
     rows, count = np.empty(len(at), np.int64), 0
     for i in range(len(at)):
         if 0 <= at[i] < valid.shape[1] and valid[i, at[i]]:
             rows[count] = i
             count += 1
     return rows[:count].copy()
-
-
-@kernel(UniTuple(OUT_FLOATS, 6)(*[FLOATS2] * 6, INTS, INTS))
-def _logged(
-    x: FloatArray,
-    y: FloatArray,
-    yaw: FloatArray,
-    speed: FloatArray,
-    acceleration: FloatArray,
-    yaw_rate: FloatArray,
-    rows: IntArray,
-    at: IntArray,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """The six logs (n, steps), in the same order, of the agents in `rows` (m,) at their steps, of `at` (n,)."""
-    m = len(rows)
-    found = (np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(m))
-    for k in range(m):
-        i = rows[k]
-        now = at[i]
-        found[0][k], found[1][k], found[2][k] = x[i, now], y[i, now], yaw[i, now]
-        found[3][k], found[4][k], found[5][k] = speed[i, now], acceleration[i, now], yaw_rate[i, now]
-    return found

@@ -21,18 +21,18 @@ class LogOverlaps:
         self._steps: dict[tuple[int, int], IntArray] = {}
 
     def steps(self, a: int, b: int) -> IntArray:
-        """Steps (k,) of the log, ascending, at which the boxes of the agents in its rows `a` and `b` overlap."""
+        """Returns the steps (k,) of the log, ascending, at which boxes of the agents in rows `a` and `b` overlap."""
         pair = (min(a, b), max(a, b))
         if pair not in self._steps:
             self._steps[pair] = self._find(*pair)
         return self._steps[pair]
 
     def any(self, pairs: IntArray) -> BoolArray:
-        """(m,) whether the boxes of each of `pairs` (m, 2), rows of the log, overlap at any step."""
+        """Returns whether the boxes of each of `pairs` (m, 2), rows of the log, overlap at any step (m,)."""
         return np.array([len(self.steps(a, b)) > 0 for a, b in pairs.tolist()], np.bool_)
 
     def exempt(self, a: int, b: int, now: IntArray, x: FloatArray, y: FloatArray, later: int = ABOUT_THEN) -> BoolArray:
-        """(m,) whether the log has an overlap of both agents near steps `now` (m,), with b at its logged position.
+        """Returns whether the log has an overlap of both agents near steps `now`, with b at its logged position (m,).
 
         Args:
             a, b: rows of the log.
@@ -48,7 +48,7 @@ class LogOverlaps:
         return np.asarray((then & (off <= IN_PLACE)).any(axis=1))
 
     def meets(self, a: int, b: int, now: int, x: float, y: float) -> bool:
-        """Whether agent a, on the way to its logged position at step `now`, meets b there as in the log.
+        """Returns whether agent a, on the way to its logged position at step `now`, meets b there as in the log.
 
         Args:
             a, b: rows of the log.

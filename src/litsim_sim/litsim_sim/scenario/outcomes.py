@@ -66,8 +66,8 @@ class RecordedOutcomes:
         Raises:
             InputError: the file of a scene in `folder` is missing or cannot be read, or is of another log.
         """
-        scenes = scenario.scenes if isinstance(scenario, BatchedScenario) else (scenario,)
-        parts = [_read(file_of(folder, scene), len(scene.log.ids)) for scene in scenes if isinstance(scene, Scenario)]
+        scenarios = scenario.scenarios if isinstance(scenario, BatchedScenario) else (scenario,)
+        parts = [_read(file_of(folder, each), len(each.log.ids)) for each in scenarios]
         steps = max(part.there.shape[1] for part in parts)
         first = np.cumsum([0, *(len(part.there) for part in parts)])
         shifts = [part.meetings + np.array([at, 0, at]) for part, at in zip(parts, first[:-1], strict=True)]
@@ -89,23 +89,23 @@ class RecordedOutcomes:
 
 
 def file_of(folder: Path, scenario: Scenario) -> Path:
-    """File with the motion of a run of `scenario`."""
+    """Returns the file with the motion of a run of `scenario`."""
     return folder / f"{scenario.name}_{scenario.ego_id}_{scenario.seed}.npz"
 
 
 def _read(path: Path, agents: int) -> RecordedOutcomes:
     try:
         with np.load(path) as values:
-            found = RecordedOutcomes(values["pose"], values["there"], values["meetings"])
+            outcomes = RecordedOutcomes(values["pose"], values["there"], values["meetings"])
     except UNREADABLE as error:
         raise InputError(f"{path}: cannot be read as what happened in a run: {error}") from error
-    if len(found.there) != agents:
-        raise InputError(f"{path}: {len(found.there)} agents, expected the {agents} of the log")
-    return found
+    if len(outcomes.there) != agents:
+        raise InputError(f"{path}: {len(outcomes.there)} agents, expected the {agents} of the log")
+    return outcomes
 
 
 def _meetings(ids: IntArray, movers: AgentTable, logged: AgentTable) -> list[tuple[int, int, int]]:
-    """Overlaps of boxes of `logged` with those of other agents in `movers`, which are the agents off their logs.
+    """Finds overlaps of boxes of `logged` with those of other agents in `movers`, which are the agents off their logs.
 
     Returns:
         For each, the row in `ids` of the logged agent, the step, and the row in `ids` of the mover.

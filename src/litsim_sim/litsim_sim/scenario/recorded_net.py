@@ -10,7 +10,7 @@ from litsim_sim.scenario.scenario import packaged, packaged_nets
 
 
 def net_of(header: RecordingHeader, recording: Path, named: str | None = None) -> Path:
-    """The net of a recording.
+    """Returns the net of a recording.
 
     Args:
         header: header of the recording; its field `net` names a packaged net or a file.

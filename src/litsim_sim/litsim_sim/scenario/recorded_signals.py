@@ -1,4 +1,4 @@
-"""Check whether the vehicles of a recording heed its signals, and whether these give green to who conflicts."""
+"""Check whether the vehicles of a recording heed its signals, and whether groups with conflicts are green together."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from litsim_sim.lane_map.signal_links import LEAVES, read_links
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.recording import Recording
 from litsim_sim.scenario.signal_conflicts import green_conflicts
-from litsim_sim.scenario.signals import PASSED_MIN, SignalsFile, check_heeded, check_known, heed, shown
+from litsim_sim.scenario.signals import PASSED_MIN, SignalsFile, check_known, check_passages, count_passages, signals_of
 
 DOUBTFUL = 0.1  # share of passages at red above which a line asks whether connections and times are right
 PIECE = round(60 * RATE_HZ)  # frames processed at once, to bound memory
 
 
 def survey(signals: SignalsFile, net: Path, recording: Recording, where: str) -> list[str]:
-    """Lines with the numbers of vehicles that pass the stop lines of each group of `signals`, in total and at red.
+    """Returns lines with how many vehicles pass the stop lines of each group of `signals`, in total and at red.
 
     Further lines warn of groups that are green together though they conflict, see :func:`.green_conflicts`.
 
@@ -29,16 +29,16 @@ def survey(signals: SignalsFile, net: Path, recording: Recording, where: str) ->
     links, counts = read_links(net), dict[str, tuple[int, int]]()
     for start in range(first, last + 1, PIECE):
         log = Log.from_recording(recording, start, PIECE + 1 + LEAVES)  # LEAVES: shows which way the last ones take
-        lights = shown(signals, links, log.steps, start, where)
+        lights = signals_of(signals, links, log.steps, start, where)
         known |= lights.known
-        for group, (passed, at_red) in heed(lights, log, PIECE).items():
+        for group, (passed, at_red) in count_passages(lights, log, PIECE).items():
             before = counts.get(group, (0, 0))
             counts[group] = before[0] + passed, before[1] + at_red
-    check_heeded(counts, where)
+    check_passages(counts, where)
     check_known(signals, known, (first, last), where)
     lines = [_line(group, passed, at_red) for group, (passed, at_red) in counts.items()]
-    everything = shown(signals, links, last - first + 1, first, where)
-    return lines + [f"signals    WARNING: {said}" for said in green_conflicts(signals, everything, first)]
+    everything = signals_of(signals, links, last - first + 1, first, where)
+    return lines + [f"signals    WARNING: {sentence}" for sentence in green_conflicts(signals, everything, first)]
 
 
 def _line(group: str, passed: int, at_red: int) -> str:

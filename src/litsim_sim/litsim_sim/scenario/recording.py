@@ -105,11 +105,11 @@ class Recording:
 
     @classmethod
     def of_table(cls, header: RecordingHeader, table: pd.DataFrame) -> Recording:
-        """The recording of a `table` in the neutral schema, without checks."""
+        """Returns the recording of a `table` in the neutral schema, without checks."""
         return cls(header, {name: table[name].to_numpy() for name in COLUMNS})
 
     def take(self, rows: np.ndarray) -> Recording:
-        """The recording restricted to `rows`: ascending indices, or a mask."""
+        """Returns the recording restricted to `rows`: ascending indices, or a mask."""
         return Recording(self.header, {name: values[rows] for name, values in self.columns.items()})
 
     @classmethod
@@ -139,16 +139,16 @@ class Recording:
 
     @classmethod
     def _checked(
-        cls, header: RecordingHeader, given: Mapping[str, Any], numbers: Mapping[str, FloatArray], where: str
+        cls, header: RecordingHeader, raw: Mapping[str, Any], numbers: Mapping[str, FloatArray], where: str
     ) -> Recording:
-        """Check the columns, as `given` and converted to `numbers`, and make the recording of them.
+        """Check the columns, `raw` and converted to `numbers`, and make the recording of them.
 
         Raises:
             InputError: as :meth:`from_table`.
         """
         if header.rate_hz != RATE_HZ:
             raise InputError(f"{where}: header field rate_hz is {header.rate_hz}, expected {RATE_HZ}")
-        if not len(given["frame"]):
+        if not len(raw["frame"]):
             raise InputError(f"{where}: the recording holds no rows")
         for name, dtype in COLUMNS.items():
             values = numbers[name]
@@ -163,13 +163,13 @@ class Recording:
                 expected += f" in [{low}, {high}]"
             if bad.any():
                 at = int(np.argmax(bad))
-                vehicle, frame, value = (given[column][at] for column in ("vehicle_id", "frame", name))
+                vehicle, frame, value = (raw[column][at] for column in ("vehicle_id", "frame", name))
                 raise InputError(
                     f"{where}: row {at + 1} (vehicle_id {vehicle}, frame {frame}): column {name} is {value}, "
                     f"expected {expected}; {int(bad.sum())} such rows"
                 )
         with np.errstate(invalid="ignore"):  # an id or a frame beyond int64 becomes an arbitrary one
-            columns = {name: np.asarray(given[name]).astype(dtype, copy=False) for name, dtype in COLUMNS.items()}
+            columns = {name: np.asarray(raw[name]).astype(dtype, copy=False) for name, dtype in COLUMNS.items()}
         order = np.lexsort((columns["vehicle_id"], columns["frame"]))
         columns = {name: values[order] for name, values in columns.items()}
         _check_tracks(columns, where)
@@ -186,7 +186,7 @@ class Recording:
 
     @classmethod
     def from_arrow(cls, arrow: pa.Table, where: str) -> Recording:
-        """The recording in the content of a neutral-schema Parquet file; `where` names it in errors.
+        """Returns the recording in the content of a neutral-schema Parquet file; `where` names it in errors.
 
         Raises:
             InputError: as :meth:`from_table`, or there is no LitSim header, or the checksum does not match.
@@ -203,8 +203,8 @@ class Recording:
             header = RecordingHeader(**{k: v for k, v in values.items() if k in known})
         except (ValueError, TypeError, AttributeError) as error:
             raise InputError(f"{where}: malformed header in the Parquet metadata: {error}") from error
-        if (given := _neutral(arrow)) is not None:
-            recording = cls.from_columns(header, given, where)
+        if (columns := _neutral(arrow)) is not None:
+            recording = cls.from_columns(header, columns, where)
         else:
             recording = cls.from_table(header, arrow.to_pandas(), where)
         if metadata.get(CHECK_KEY, (crc := _checksum(raw, recording.columns))) != crc:
@@ -221,7 +221,7 @@ class Recording:
             new.write_bytes(self.to_parquet())
 
     def to_parquet(self) -> bytes:
-        """The recording as a Parquet file (zstd), with header and checksum in the metadata.
+        """Returns the recording as a Parquet file (zstd), with header and checksum in the metadata.
 
         Equal recordings give equal bytes. The checksum covers the whole content; Parquet's own cover single pages.
         """
@@ -237,7 +237,7 @@ class Recording:
 
 
 def _neutral(arrow: pa.Table) -> dict[str, np.ndarray] | None:
-    """The columns of a table that is in the neutral schema already, types included; else None."""
+    """Returns the columns of a table that is in the neutral schema already, types included; else None."""
     if not arrow.num_rows or sorted(arrow.column_names) != sorted(COLUMNS):
         return None
     columns = plain_columns(arrow)
@@ -246,13 +246,13 @@ def _neutral(arrow: pa.Table) -> dict[str, np.ndarray] | None:
 
 
 def _arrow(values: np.ndarray, dtype: str) -> pa.Array:
-    """`values` as an Arrow array of type `dtype`, without nulls."""
-    given = np.ascontiguousarray(values, dtype)
-    return pa.Array.from_buffers(pa.type_for_alias(dtype), len(given), [None, pa.py_buffer(given)])
+    """Returns `values` as an Arrow array of type `dtype`, without nulls."""
+    content = pa.py_buffer(np.ascontiguousarray(values, dtype))
+    return pa.Array.from_buffers(pa.type_for_alias(dtype), len(values), [None, content])
 
 
 def _numbers(column: pd.Series, what: str) -> FloatArray:
-    """The values of `column` as numbers, NaN where they are none.
+    """Returns the values of `column` as numbers, NaN where they are none.
 
     Raises:
         InputError: the type of the column is not numeric, such as times; `what` names the column.

@@ -60,7 +60,7 @@ class RunPlan:
         vehicle: Mapping[str, float] | None = None,
         settings: Iterable[tuple[str, str, Any]] = (),
     ) -> RunPlan:
-        """The run with the given options; None stands for the scenario's value, or the stage's default.
+        """Returns the run with the given options; None stands for the scenario's value, or the stage's default.
 
         Args:
             scenario: name of a packaged scenario, or a YAML file.
@@ -95,7 +95,7 @@ class RunPlan:
     def identity(self) -> str:
         """Identity of the run: equal for equal runs, independent of the locations of files; else different."""
         file = self.scenario.file
-        names = {each: Path(getattr(file, each)).name for each in ("recording", "net")}
+        names = {name: Path(getattr(file, name)).name for name in ("recording", "net")}
         without = {"coverage_min"}  # affects whether a run is possible, not its result
         # left out at their defaults, so that runs of older versions keep their identities
         without |= {name for name in ("vehicle", "end_after_contact_s") if getattr(file, name) in ({}, None)}
@@ -134,22 +134,22 @@ class RunPlan:
 
 
 def driver_names() -> tuple[str, ...]:
-    """Names of the installed drivers of the ego, each a stage over DDS or in process."""
+    """Returns the names of the installed drivers of the ego, each a stage over DDS or in process."""
     return plugins.names(plugins.EGOS)
 
 
 def ego_names() -> tuple[str, ...]:
-    """What can drive the ego: :func:`driver_names`, and a stack of the user."""
+    """Returns the names of what can drive the ego: :func:`driver_names`, and a stack of the user."""
     return (*driver_names(), EXTERNAL)
 
 
 def policy_names() -> tuple[str, ...]:
-    """What can move the background: the installed policies, and pure replay."""
+    """Returns the names of what can move the background: the installed policies, and pure replay."""
     return (*plugins.names(plugins.POLICIES), REPLAY)
 
 
 def drives_by_region(policy: str) -> bool:
-    """Whether the policy takes over, for good and without forecasts, every agent that comes near the ego.
+    """Returns whether the policy takes over, for good and without forecasts, every agent that comes near the ego.
 
     Raises:
         InputError: there is no such policy, or it cannot be imported.
@@ -158,33 +158,33 @@ def drives_by_region(policy: str) -> bool:
 
 
 def new_execution() -> str:
-    """A unique name of an execution, so that messages left over from earlier ones are not taken for its own."""
+    """Returns a unique name of an execution, so that messages left over from earlier ones are not taken for its own."""
     return secrets.token_hex(4)
 
 
 def plain_values(value: Any) -> Any:
-    """`value` for JSON, with equal numbers in equal form: 2 and 2.0 set a parameter to the same value."""
+    """Returns `value` for JSON, with equal numbers in equal form: 2 and 2.0 set a parameter to the same value."""
     if isinstance(value, Mapping):
-        return {str(key): plain_values(each) for key, each in value.items()}
+        return {str(key): plain_values(content) for key, content in value.items()}
     if isinstance(value, list | tuple):
-        return [plain_values(each) for each in value]
+        return [plain_values(item) for item in value]
     return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
 def versions() -> dict[str, str]:
-    """Versions of the dependencies of a run, and the commit of this source tree if it is a git checkout."""
-    found = {"python": platform.python_version(), "commit": commit()}
+    """Returns the versions of the dependencies of a run, and the commit of this source tree if it is a git checkout."""
+    by_package = {"python": platform.python_version(), "commit": commit()}
     for package in VERSIONED:
         try:
-            found[package] = metadata.version(package.replace("_", "-"))
+            by_package[package] = metadata.version(package.replace("_", "-"))
         except metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    return found
+            by_package[package] = "not installed"
+    return by_package
 
 
 @cache
 def commit() -> str:
-    """The commit of this source tree if it is a git checkout; cached at the first call, as git takes 15 ms."""
+    """Returns the commit of this source tree if it is a git checkout; cached at the first call, as git takes 15 ms."""
     where = Path(__file__).resolve().parent
     command = ["git", "-C", str(where), "describe", "--always", "--dirty", "--abbrev=12"]
     try:

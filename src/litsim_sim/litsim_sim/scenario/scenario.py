@@ -94,20 +94,19 @@ class Scenario:
                 f"{where}: the recording is too short: {last - self.start_frame} steps of {STEP_S} s follow frame "
                 f"{self.start_frame}, expected more than the history of {file.history_s:g} s",
             )
-        kept = (frames >= self.start_frame) & (frames <= self.start_frame + self.total_steps)
-        self.recording = recording.take(kept)
+        self.recording = recording.take((frames >= self.start_frame) & (frames <= self.start_frame + self.total_steps))
         self.log = Log.from_recording(self.recording, self.start_frame, self.total_steps + 1)
         check_agents(self.file, self.log, self.history_steps, where)
         self.coverage = check_coverage(self.lane_map, self.net_path, self.log, file.coverage_min, where)
-        given = self.file.signals or recorded_signals(recording.header, self.net_path, file.recording)
+        signals = self.file.signals or recorded_signals(recording.header, self.net_path, file.recording)
         self.signals: Signals | None = None
-        if isinstance(given, SignalsFile):
-            self.signals = build(given, self.net_path, self.log, self.start_frame, where)
-            for said in green_conflicts(given, self.signals, self.start_frame):
-                _warn(f"{where}: signals: {said}")
+        if isinstance(signals, SignalsFile):
+            self.signals = build(signals, self.net_path, self.log, self.start_frame, where)
+            for sentence in green_conflicts(signals, self.signals, self.start_frame):
+                _warn(f"{where}: signals: {sentence}")
             if self.file.signals:  # signals of a recording may be known for a part of it only
                 shown = (self.start_frame, self.start_frame + self.total_steps)
-                check_known(given, self.signals.known, shown, where)
+                check_known(signals, self.signals.known, shown, where)
 
     @classmethod
     def load(cls, name_or_path: str | Path, *, sources: Sources | None = None, **overrides: Any) -> Scenario:
@@ -141,23 +140,23 @@ class Scenario:
         return cls._build(text, where, Path.cwd(), {})
 
     def around(self, ego: int | None, seed: int | None, end_after_contact_s: float | None = None) -> Scenario:
-        """The scenario with another ego, seed and end; recording, log and lane map are shared.
+        """Returns the scenario with another ego, seed and end; recording, log and lane map are shared.
 
         None leaves a field unchanged.
 
         Raises:
             InputError: the ego is not present from step 0 to the first simulated step, or a value does not fit.
         """
-        asked = {"ego": ego, "seed": seed, "end_after_contact_s": end_after_contact_s}
-        given = {name: value for name, value in asked.items() if value is not None}
-        file = validate_yaml(self.file.model_dump() | given, ScenarioFile, self.name, "")
+        changes = {"ego": ego, "seed": seed, "end_after_contact_s": end_after_contact_s}
+        changes = {name: value for name, value in changes.items() if value is not None}
+        file = validate_yaml(self.file.model_dump() | changes, ScenarioFile, self.name, "")
         check_agents(file, self.log, self.history_steps, self.name)
         other = copy.copy(self)
         other.file = file
         return other
 
     def to_yaml(self) -> str:
-        """The resolved scenario, with absolute paths; :meth:`from_yaml` builds the same from it."""
+        """Returns the resolved scenario, with absolute paths; :meth:`from_yaml` builds the same from it."""
         return yaml.safe_dump(self.file.model_dump(mode="json"), sort_keys=False)
 
     @classmethod
@@ -167,10 +166,10 @@ class Scenario:
         values = parse_yaml(text, where, ScenarioFile)
         if "litsim_segments" in values:
             raise InputError(f"{where}: the manifest of a folder of segments, expected a scenario, as those beside it")
-        given = {key: value for key, value in overrides.items() if value is not None}
-        if "vehicle" in given and isinstance(values.get("vehicle"), dict):
-            given["vehicle"] = values["vehicle"] | given["vehicle"]
-        values.update(given)
+        changes = {key: value for key, value in overrides.items() if value is not None}
+        if "vehicle" in changes and isinstance(values.get("vehicle"), dict):
+            changes["vehicle"] = values["vehicle"] | changes["vehicle"]
+        values.update(changes)
         file = validate_yaml(values, ScenarioFile, where, text)
         net = packaged(f"nets/{file.net}.net.xml") if file.net in packaged_nets() else folder / file.net
         if not net.is_file():
@@ -199,12 +198,12 @@ class Scenario:
 
     @property
     def ego_ids(self) -> IntArray:
-        """(1,) the same, as :class:`litsim_sim.scenario.setting.Setting` has it."""
+        """(scenes,) the same, as an array of the egos of all scenes."""
         return np.array([self.file.ego])
 
     @property
     def identities(self) -> IntArray:
-        """(N, 2) seed and id of each agent of the log, as :class:`litsim_sim.scenario.setting.Setting` has them."""
+        """(N, 2) seed of its scene and id there of each agent of the log; they seed its random draws."""
         return np.column_stack([np.full(len(self.log.ids), self.seed), self.log.ids])
 
     @property
@@ -235,7 +234,7 @@ class Scenario:
 
     @property
     def steps_after_contact(self) -> tuple[int | None, ...]:
-        """(1,) as :class:`litsim_sim.scenario.setting.Setting` has it."""
+        """(scenes,) number of steps that follow the first contact of the ego; None if the run continues."""
         after = self.file.end_after_contact_s
         return (None if after is None else round(after / STEP_S),)
 
@@ -251,7 +250,7 @@ class Scenario:
 
     @cached_property
     def last_logged(self) -> IntArray:
-        """(1,) the last step at which any agent is logged."""
+        """(scenes,) the last step at which any agent of the scene is logged."""
         return np.array([self.log.last_step.max()])
 
     @cached_property
@@ -266,7 +265,7 @@ def _warn(text: str) -> None:
 
 
 def recorded_signals(header: RecordingHeader, net: Path, where: str) -> SignalsFile | None:
-    """The signals in the header of the recording `where`, if it names this net; else a warning says so, once."""
+    """Returns the signals in the header of the recording `where` if it names this net; else warns once."""
     if not header.signals:
         return None
     if header.net != net.name:
@@ -278,22 +277,22 @@ def recorded_signals(header: RecordingHeader, net: Path, where: str) -> SignalsF
 
 
 def packaged(relative: str, package: str = PACKAGE) -> Path:
-    """Path of the file at `relative` in a package, by default this one."""
+    """Returns the path of the file at `relative` in a package, by default this one."""
     return Path(str(resources.files(package).joinpath(relative)))
 
 
 def packaged_scenarios() -> tuple[str, ...]:
-    """Names of the packaged scenarios, which :meth:`Scenario.load` knows, sorted."""
+    """Returns the names of the packaged scenarios, which :meth:`Scenario.load` knows, sorted."""
     return tuple(sorted(path.stem for path in packaged("scenarios").glob("*.yaml")))
 
 
 def packaged_nets() -> tuple[str, ...]:
-    """Names of the packaged nets, which the field `net` of a scenario knows, sorted."""
+    """Returns the names of the packaged nets, which the field `net` of a scenario knows, sorted."""
     return tuple(sorted(path.name.removesuffix(".net.xml") for path in packaged("nets").glob("*.net.xml")))
 
 
 def _data_path(recording: str, folder: Path, where: str) -> Path:
-    """Absolute path of field `recording`, with LITSIM_DATA expanded."""
+    """Returns the absolute path of field `recording`, with LITSIM_DATA expanded."""
     data_file = re.fullmatch(rf"\$(?:{DATA_VARIABLE}|{{{DATA_VARIABLE}}})/+(.+)", recording)
     if data_file is None:
         path = (folder / recording).resolve()

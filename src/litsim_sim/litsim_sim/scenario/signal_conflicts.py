@@ -23,38 +23,38 @@ class _Conflict:
     pairs: int = 0
 
 
-def green_conflicts(given: SignalsFile, signals: Signals, start_frame: int) -> list[str]:
-    """A sentence for each junction and pair of groups that are green together though their connections conflict.
+def green_conflicts(file: SignalsFile, signals: Signals, start_frame: int) -> list[str]:
+    """Returns a sentence for each junction and pair of groups with green at once though their connections conflict.
 
     States of which some are permissive tell which group gives way: then no two whose connections conflict may be green.
     Others are plain colours, and a group has one state for all of its connections: then pairs are left out of which one
     usually gives way, see :func:`.green_conflicts.may_give_way`.
 
     Args:
-        given: resolved signals.
+        file: resolved signals.
         signals: their states from `start_frame` on.
         start_frame: frame of the recording at step 0.
     """
-    tells_who_gives_way = _tells_who_gives_way(given)
-    found: dict[tuple[str, int, int], _Conflict] = {}
+    tells_who_gives_way = _tells_who_gives_way(file)
+    conflicts: dict[tuple[str, int, int], _Conflict] = {}
     for i, j in conflicting_pairs(signals.links):
         one, other = signals.links[i], signals.links[j]
         first, second = sorted((int(signals.link_group[i]), int(signals.link_group[j])))
         if (tells_who_gives_way and first != second) or not may_give_way(one, other):
-            found.setdefault((one.junction, first, second), _Conflict(one.name, other.name)).pairs += 1
+            conflicts.setdefault((one.junction, first, second), _Conflict(one.name, other.name)).pairs += 1
     green = signals.states == SignalState.GREEN
     return [
         _sentence(signals, junction, groups, conflict, start_frame + steps)
-        for (junction, *groups), conflict in found.items()
+        for (junction, *groups), conflict in conflicts.items()
         if len(steps := np.flatnonzero(green[groups[0]] & green[groups[1]]))
     ]
 
 
-def _tells_who_gives_way(given: SignalsFile) -> bool:
-    """Whether any state of resolved signals is permissive."""
-    states = {state for _, _, state in given.changes or ()}
-    if given.program is not None:
-        states |= {state for phase in given.program.phases for state in phase.states.values()}
+def _tells_who_gives_way(file: SignalsFile) -> bool:
+    """Returns whether any state of resolved signals is permissive."""
+    states = {state for _, _, state in file.changes or ()}
+    if file.program is not None:
+        states |= {state for phase in file.program.phases for state in phase.states.values()}
     return any(NAMES[state] in PERMISSIVE for state in states)
 
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
@@ -38,16 +38,16 @@ SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "frame": STEP_S}
 AT_RED_MAX, PASSED_MIN = 0.5, 5  # a group is refused above this share of passages at red, of at least so many passages
 
 
-def _words(value: Any) -> Any:
+def _ids_as_text(value: Any) -> Any:
     """Convert integers to text, also in lists and keys: ids of files and maps are names here."""
     if isinstance(value, dict):
-        return {_words(key): each for key, each in value.items()}
+        return {_ids_as_text(key): content for key, content in value.items()}
     if isinstance(value, list):
-        return [_words(each) for each in value]
+        return [_ids_as_text(item) for item in value]
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
-_Named = BeforeValidator(_words)
+_Named = BeforeValidator(_ids_as_text)
 
 
 class _Strict(BaseModel):
@@ -109,9 +109,9 @@ class SignalsFile(_Strict):
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
-        given = [name for name in ("changes", "states", "program") if getattr(self, name) is not None]
-        if len(given) != 1:
-            raise ValueError(f"expected one of changes, states and program, found {' and '.join(given) or 'none'}")
+        sources = [name for name in ("changes", "states", "program") if getattr(self, name) is not None]
+        if len(sources) != 1:
+            raise ValueError(f"expected one of changes, states and program, found {' and '.join(sources) or 'none'}")
         return self
 
     @model_validator(mode="after")
@@ -127,17 +127,6 @@ class SignalsFile(_Strict):
                 raise ValueError(f"changes: group {group} shows {other} and {state} at {begin:g} s, expected one")
             last[group] = begin, state
         return self
-
-
-class LinkSignals(Protocol):
-    """States of the signals on one net, in one scene or in several that are stepped together."""
-
-    @property
-    def links(self) -> tuple[SignalLink, ...]:
-        """Controlled connections of the net, the same in all scenes."""
-
-    def of_links(self, step: int) -> ByteArray:
-        """(scenes, links) :class:`SignalState` of each connection at `step`; beyond the last step, that of the last."""
 
 
 @dataclass(frozen=True)
@@ -157,11 +146,11 @@ class Signals:
     states: ByteArray
 
     def table(self, step: int) -> SignalTable:
-        """States of the groups at `step`; beyond the last step, those of the last."""
+        """Returns the states of the groups at `step`; beyond the last step, those of the last."""
         return SignalTable(step, self.groups, self.states[:, min(step, self.states.shape[1] - 1)])
 
     def of_links(self, step: int) -> ByteArray:
-        """See :class:`LinkSignals`."""
+        """Returns the :class:`SignalState` (scenes, links) at `step`; beyond the last step, those of the last."""
         return self.states[None, self.link_group, min(step, self.states.shape[1] - 1)]
 
     @property
@@ -175,6 +164,35 @@ class Signals:
         return tuple(link.name for link in self.links)
 
 
+@dataclass(frozen=True)
+class BatchedSignals:
+    """The signals of several scenes on one net.
+
+    Attributes:
+        links: controlled connections of the net, which all scenes share.
+        states: (scenes, links, steps of the longest) :class:`SignalState`.
+    """
+
+    links: tuple[SignalLink, ...]
+    states: ByteArray
+
+    @classmethod
+    def of(cls, signals: Sequence[Signals]) -> BatchedSignals:
+        """Join the `signals` of the scenes, one at least; beyond the last step of one, its states are those of that."""
+        of_links = [of_one.states[of_one.link_group] for of_one in signals]
+        steps = max(states.shape[1] for states in of_links)
+        padded = [np.pad(states, ((0, 0), (0, steps - states.shape[1])), "edge") for states in of_links]
+        return cls(signals[0].links, np.stack(padded))
+
+    def of_links(self, step: int) -> ByteArray:
+        """See :meth:`Signals.of_links`."""
+        return self.states[:, :, min(step, self.states.shape[2] - 1)]
+
+
+LinkSignals = Signals | BatchedSignals
+"""The signals of one scene, or of several that are stepped together: `links`, and their states by `of_links`."""
+
+
 def read_signals(path: Path) -> SignalsFile:
     """Read a file of signals, with the file of changes that it refers to.
 
@@ -184,41 +202,41 @@ def read_signals(path: Path) -> SignalsFile:
     return resolved(read_yaml(path, SignalsFile), path.resolve().parent, str(path))
 
 
-def resolved(given: SignalsFile, folder: Path, where: str) -> SignalsFile:
-    """`given` with its file of changes, relative to `folder`, replaced by the changes; `where` names it in errors.
+def resolved(file: SignalsFile, folder: Path, where: str) -> SignalsFile:
+    """Returns `file` with its file of changes, in `folder`, replaced by the changes; `where` names it in errors.
 
     Raises:
         InputError: the file cannot be used.
     """
-    if given.states is None:
-        return given
-    changes = _read_changes(given.states, folder / given.states.file)
-    unknown = sorted({group for _, group, _ in changes} - set(given.groups))
+    if file.states is None:
+        return file
+    changes = _read_changes(file.states, folder / file.states.file)
+    unknown = sorted({group for _, group, _ in changes} - set(file.groups))
     if unknown:
         raise InputError(
-            f"{where}: field groups: group {', '.join(unknown)} of {given.states.file} is missing; one that is not "
+            f"{where}: field groups: group {', '.join(unknown)} of {file.states.file} is missing; one that is not "
             f"needed has an empty list"
         )
-    return SignalsFile(groups=given.groups, changes=changes)
+    return SignalsFile(groups=file.groups, changes=changes)
 
 
-def on_clock(given: SignalsFile, zero_s: float, slower: float = 1.0) -> SignalsFile:
-    """`given`, resolved, with times counted from `zero_s` [s] instead of 0; those of changes are first times `slower`.
+def on_clock(file: SignalsFile, zero_s: float, slower: float = 1.0) -> SignalsFile:
+    """Returns a resolved `file` with times counted from `zero_s` [s], those of changes multiplied by `slower` before.
 
     Durations of a program stay as they are.
     """
-    if given.program is not None:
-        program = given.program.model_copy(update={"offset_s": given.program.offset_s - zero_s})
-        return given.model_copy(update={"program": program})
-    changes = [(round(slower * begin - zero_s, 6), group, state) for begin, group, state in given.changes or []]
-    return given.model_copy(update={"changes": changes})
+    if file.program is not None:
+        program = file.program.model_copy(update={"offset_s": file.program.offset_s - zero_s})
+        return file.model_copy(update={"program": program})
+    changes = [(round(slower * begin - zero_s, 6), group, state) for begin, group, state in file.changes or []]
+    return file.model_copy(update={"changes": changes})
 
 
-def build(given: SignalsFile, net: Path, log: Log, start_frame: int, where: str) -> Signals:
-    """The signals of a scenario.
+def build(file: SignalsFile, net: Path, log: Log, start_frame: int, where: str) -> Signals:
+    """Returns the signals of a scenario.
 
     Args:
-        given: resolved signals.
+        file: resolved signals.
         net: SUMO net of the scenario.
         log: log of the scenario.
         start_frame: frame of the recording at step 0.
@@ -228,19 +246,19 @@ def build(given: SignalsFile, net: Path, log: Log, start_frame: int, where: str)
         InputError: a connection is not in the net, or is in two groups; or most vehicles pass the stop lines of a
             group at red, so that groups or times must be wrong.
     """
-    made = shown(given, read_links(net), log.steps, start_frame, where)
-    check_heeded(heed(made, log), where)
-    return made
+    signals = signals_of(file, read_links(net), log.steps, start_frame, where)
+    check_passages(count_passages(signals, log), where)
+    return signals
 
 
-def shown(
-    given: SignalsFile, every: Sequence[SignalLink], steps: int, start_frame: int = 0, where: str = "signals"
+def signals_of(
+    file: SignalsFile, net_links: Sequence[SignalLink], steps: int, start_frame: int = 0, where: str = "signals"
 ) -> Signals:
-    """The signals of `given` for `steps` steps from `start_frame` on, without the check that vehicles heed them.
+    """Returns the signals for `steps` steps from `start_frame` on, without the check that vehicles heed them.
 
     Args:
-        given: resolved signals.
-        every: the controlled connections of the net, see :func:`litsim_sim.lane_map.signal_links.read_links`.
+        file: resolved signals.
+        net_links: the controlled connections of the net, see :func:`litsim_sim.lane_map.signal_links.read_links`.
         steps: number of steps.
         start_frame: frame of the recording at step 0.
         where: names the scenario in errors.
@@ -248,17 +266,17 @@ def shown(
     Raises:
         InputError: a connection is not in the net, or is in two groups; or a group of a program is unknown.
     """
-    members = _members(given.groups, every, f"{where}: signals, field groups")
+    members = _members(file.groups, net_links, f"{where}: signals, field groups")
     groups = tuple(sorted(set(members.values())))
-    links = tuple(link for link in every if link.name in members)
-    changes = given.changes if given.changes is not None else _cycle(given, start_frame, steps, where)
+    links = tuple(link for link in net_links if link.name in members)
+    changes = file.changes if file.changes is not None else _cycle(file, start_frame, steps, where)
     states = _states(changes, groups, start_frame, steps)
     link_group = np.array([groups.index(members[link.name]) for link in links], np.int64)
     return Signals(groups, links, link_group, states)
 
 
 def _members(groups: Mapping[str, Sequence[str]], links: Sequence[SignalLink], where: str) -> dict[str, str]:
-    """The group of each controlled connection, by its name."""
+    """Returns the group of each controlled connection, by its name."""
     by_name: dict[str, list[str]] = {}
     for link in links:
         by_name.setdefault(link.name, []).append(link.name)
@@ -283,11 +301,11 @@ def _members(groups: Mapping[str, Sequence[str]], links: Sequence[SignalLink], w
     return members
 
 
-def _cycle(given: SignalsFile, start_frame: int, steps: int, where: str) -> list[tuple[float, str, str]]:
-    """The changes of a fixed cycle that determine the states of `steps` steps from `start_frame` on."""
-    program = given.program
+def _cycle(file: SignalsFile, start_frame: int, steps: int, where: str) -> list[tuple[float, str, str]]:
+    """Returns the changes of a fixed cycle that determine the states of `steps` steps from `start_frame` on."""
+    program = file.program
     assert program is not None  # SignalsFile has checked
-    unknown = sorted({group for phase in program.phases for group in phase.states} - set(given.groups))
+    unknown = sorted({group for phase in program.phases for group in phase.states} - set(file.groups))
     if unknown:
         raise InputError(f"{where}: signals, field program: group {', '.join(unknown)} is not among groups")
     cycle = sum(phase.duration_s for phase in program.phases)
@@ -296,7 +314,7 @@ def _cycle(given: SignalsFile, start_frame: int, steps: int, where: str) -> list
     changes: list[tuple[float, str, str]] = []
     while begin <= first + steps * STEP_S:
         for phase in program.phases:
-            changes += [(begin, group, phase.states.get(group, "red")) for group in given.groups]
+            changes += [(begin, group, phase.states.get(group, "red")) for group in file.groups]
             begin += phase.duration_s
     return changes
 
@@ -307,7 +325,7 @@ def _states(
     start_frame: int,
     steps: int,
 ) -> ByteArray:
-    """(g, steps) states; UNAVAILABLE before the first change of a group."""
+    """Returns states (g, steps); UNAVAILABLE before the first change of a group."""
     states = np.full((len(groups), steps), int(SignalState.UNAVAILABLE), np.uint8)
     rows = {group: row for row, group in enumerate(groups)}
     for begin, group, state in changes:
@@ -317,26 +335,26 @@ def _states(
     return states
 
 
-def heed(signals: Signals, log: Log, until: int | None = None) -> dict[str, tuple[int, int]]:
-    """Numbers of vehicles of the log that pass the stop lines, in total and at red, by group.
+def count_passages(signals: Signals, log: Log, until: int | None = None) -> dict[str, tuple[int, int]]:
+    """Returns the numbers of vehicles of the log that pass the stop lines, in total and at red, by group.
 
     Args:
         signals: signals over the steps of `log`.
         log: log of the vehicles.
         until: last step at which passages count, so that later steps show the way taken; None for the last of the log.
     """
-    found = crossings(signals.links, log.x, log.y, log.yaw, log.length, log.valid & ~log.obstacle[:, None])
-    counted = found.step <= (log.steps if until is None else until)
-    group = signals.link_group[found.link[counted]]
-    red = np.isin(signals.states[group, found.step[counted]], STOP_STATES)
+    passages = crossings(signals.links, log.x, log.y, log.yaw, log.length, log.valid & ~log.obstacle[:, None])
+    counted = passages.step <= (log.steps if until is None else until)
+    group = signals.link_group[passages.link[counted]]
+    red = np.isin(signals.states[group, passages.step[counted]], STOP_STATES)
     return {name: (int((group == row).sum()), int(red[group == row].sum())) for row, name in enumerate(signals.groups)}
 
 
-def check_known(given: SignalsFile, known: bool, frames: tuple[int, int], where: str) -> None:
+def check_known(file: SignalsFile, known: bool, frames: tuple[int, int], where: str) -> None:
     """Refuse signals whose states are never known.
 
     Args:
-        given: resolved signals.
+        file: resolved signals.
         known: whether the state of any group is known within `frames`.
         frames: first and last frame of the recording.
         where: names the signals in errors.
@@ -346,7 +364,7 @@ def check_known(given: SignalsFile, known: bool, frames: tuple[int, int], where:
     """
     if known:
         return
-    begins = [begin for begin, *_ in given.changes or []]
+    begins = [begin for begin, *_ in file.changes or []]
     first = f"the first change is at {min(begins):g} s" if begins else "there are no changes"
     begin, end = (frame * STEP_S for frame in frames)
     raise InputError(
@@ -355,8 +373,8 @@ def check_known(given: SignalsFile, known: bool, frames: tuple[int, int], where:
     )
 
 
-def check_heeded(counts: Mapping[str, tuple[int, int]], where: str) -> None:
-    """Refuse signals that most vehicles do not heed, by the counts of :func:`heed`.
+def check_passages(counts: Mapping[str, tuple[int, int]], where: str) -> None:
+    """Refuse signals that most vehicles do not heed, by the counts of :func:`count_passages`.
 
     Raises:
         InputError: a group is not heeded; `where` names the signals.
@@ -369,40 +387,40 @@ def check_heeded(counts: Mapping[str, tuple[int, int]], where: str) -> None:
             )
 
 
-def _read_changes(given: StateList, path: Path) -> list[tuple[float, str, Any]]:
-    """The changes of a file, ascending by time."""
+def _read_changes(states: StateList, path: Path) -> list[tuple[float, str, Any]]:
+    """Returns the changes of a file, ascending by time."""
     if not path.is_file():
         raise InputError(f"{path}: no such file of signal states")
     source = TableFile.open(path)
-    table = source.read([given.group, given.begin, given.state], may_be_empty=True)
+    table = source.read([states.group, states.begin, states.state], may_be_empty=True)
     from pandas import to_numeric  # imported here, as runs without such a file do not need it
 
-    stamped = is_stamped(table[given.begin])
-    times = since_1970(table[given.begin]) if stamped else table[given.begin]
+    stamped = is_stamped(table[states.begin])
+    times = since_1970(table[states.begin]) if stamped else table[states.begin]
     begin = to_numeric(times, errors="coerce").to_numpy(np.float64)
     if not np.isfinite(begin).all():
         at = int(np.argmin(np.isfinite(begin)))
-        found = str(table[given.begin].iloc[at])
-        raise InputError(f"{source.at(table['row'].iloc[at])}: column {given.begin!r} is {found!r}, expected a number")
-    for column in (given.group, given.state):
+        value = str(table[states.begin].iloc[at])
+        raise InputError(f"{source.at(table['row'].iloc[at])}: column {states.begin!r} is {value!r}, expected a number")
+    for column in (states.group, states.state):
         if table[column].isna().any():
             at = int(np.argmax(table[column].isna().to_numpy()))
             raise InputError(f"{source.at(table['row'].iloc[at])}: column {column!r} is empty")
-    codes = {str(code): name for code, name in given.codes.items()}
-    said = table[given.state].map(_plain)
-    names = said.map(lambda value: codes.get(value, value.lower() if value.lower() in NAMES else None))
+    codes = {str(code): name for code, name in states.codes.items()}
+    state = table[states.state].map(_plain)
+    names = state.map(lambda value: codes.get(value, value.lower() if value.lower() in NAMES else None))
     if names.isna().any():
         at = int(np.argmax(names.isna().to_numpy()))
         place = source.at(table["row"].iloc[at])
         raise InputError(
-            f"{place}: state {said.iloc[at]!r} is none of {', '.join(NAMES)}; say in field codes what it is"
+            f"{place}: state {state.iloc[at]!r} is none of {', '.join(NAMES)}; say in field codes what it is"
         )
     order = np.argsort(begin, kind="stable")
-    group = table[given.group].map(_plain).to_numpy()
-    seconds = [round(float(each), 6) for each in begin * (1.0 if stamped else SECONDS[given.unit])]
-    seen: dict[tuple[str, float], int] = {}
+    group = table[states.group].map(_plain).to_numpy()
+    seconds = [round(float(time), 6) for time in begin * (1.0 if stamped else SECONDS[states.unit])]
+    first_at: dict[tuple[str, float], int] = {}
     for i in order:
-        first = seen.setdefault((group[i], seconds[i]), i)
+        first = first_at.setdefault((group[i], seconds[i]), i)
         if NAMES[names.iloc[i]] != NAMES[names.iloc[first]]:
             one, other = (f"{source.at(table['row'].iloc[k])}, {names.iloc[k]}" for k in (first, i))
             raise InputError(f"{one}; {other}: group {group[i]} shows two states at one time, expected one")
@@ -410,5 +428,5 @@ def _read_changes(given: StateList, path: Path) -> list[tuple[float, str, Any]]:
 
 
 def _plain(value: object) -> str:
-    """A group or code as text: 3 and 3.0 are the same."""
+    """Returns a group or code as text; 3 and 3.0 are the same."""
     return str(value).strip().removesuffix(".0")

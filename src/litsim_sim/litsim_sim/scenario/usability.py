@@ -34,24 +34,24 @@ class Usability:
 
 def survey(paths: Iterable[Path], sources: Sequence[Sources | None]) -> list[Usability]:
     """Load the scenario files at `paths`, each with its recording and net from `sources`, if given."""
-    found = []
-    for path, given in zip(paths, sources, strict=True):
+    results = []
+    for path, source in zip(paths, sources, strict=True):
         try:
-            found.append(Usability(path.name, coverage=Scenario.load(path, sources=given).coverage))
+            results.append(Usability(path.name, coverage=Scenario.load(path, sources=source).coverage))
         except InputError as error:
             lacks = str(error.demand) if isinstance(error, UnmetDemandError) else FILES
-            found.append(Usability(path.name, lacks, reason(error)))
-    return found
+            results.append(Usability(path.name, lacks, reason(error)))
+    return results
 
 
-def describe(found: Sequence[Usability]) -> str:
-    """Text with the numbers of scenarios that can and cannot be loaded, and the errors of the first of the latter."""
-    shares = [each.coverage for each in found if each.coverage is not None]
-    lacking = [each for each in found if each.lacks]
+def describe(results: Sequence[Usability]) -> str:
+    """Returns a text on how many scenarios can and cannot be loaded, with the errors of the first of the latter."""
+    shares = [one.coverage for one in results if one.coverage is not None]
+    lacking = [one for one in results if one.lacks]
     range_text = f"; {min(shares):.1%} to {max(shares):.1%} of the box centres on lanes" if shares else ""
-    lines = [f"{len(shares)} of {len(found)} scenarios can be loaded{range_text}"]
-    lines += [f"{count} cannot for their {lacks}" for lacks, count in Counter(each.lacks for each in lacking).items()]
-    lines += [f"  {each.why}" for each in lacking[:SHOWN]]
+    lines = [f"{len(shares)} of {len(results)} scenarios can be loaded{range_text}"]
+    lines += [f"{count} cannot for their {lacks}" for lacks, count in Counter(one.lacks for one in lacking).items()]
+    lines += [f"  {one.why}" for one in lacking[:SHOWN]]
     if len(lacking) > SHOWN:
         lines.append(f"  and {len(lacking) - SHOWN} more")
     return "\n".join(lines)

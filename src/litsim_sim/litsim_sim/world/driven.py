@@ -25,6 +25,7 @@ from litsim_sim.scenario.setting import Setting
 
 # numpy compares plain numbers much faster than members of an enumeration
 POLICY, EGO, LATE = int(Controller.POLICY), int(Controller.EGO), int(ControlSource.LATE)
+BACKGROUND = VehicleLimits()  # of all vehicles but the egos, whose model is the scenario's
 
 
 def check_answers(
@@ -55,7 +56,7 @@ def check_answers(
 
 @kernel(boolean(FLOATS, FLOATS, FLOATS))
 def _finite(acceleration: FloatArray, lateral_acceleration: FloatArray, yaw_rate: FloatArray) -> bool:
-    """Whether all numbers of three arrays (n,) are finite."""
+    """Returns whether all numbers of three arrays (n,) are finite."""
     for values in (acceleration, lateral_acceleration, yaw_rate):
         for value in values:
             if not math.isfinite(value):
@@ -66,18 +67,19 @@ def _finite(acceleration: FloatArray, lateral_acceleration: FloatArray, yaw_rate
 class DrivenVehicles:
     """Moves the agents that are under control, by a kinematic bicycle model."""
 
-    def __init__(self, scenario: Setting, limits: VehicleLimits) -> None:
-        """`limits` hold for all vehicles but the egos, whose model is the scenario's."""
-        self._scenario, self._limits, self._ego_ids = scenario, limits, scenario.ego_ids
+    def __init__(self, scenario: Setting) -> None:
+        self._scenario, self._ego_ids = scenario, scenario.ego_ids
         self._actuators = [Actuators(scenario.vehicle) for _ in self._ego_ids]
-        self._own_limits = any(getattr(limits, f.name) != getattr(scenario.vehicle, f.name) for f in fields(limits))
+        self._egos_differ = any(
+            getattr(BACKGROUND, f.name) != getattr(scenario.vehicle, f.name) for f in fields(BACKGROUND)
+        )
 
     def reset(self, scene: int = 0) -> None:
         """Forget the commands to the actuators of a scene's ego: it begins, or is back on its log."""
         self._actuators[scene].reset()
 
     def step(self, table: AgentTable, controls: ControlTable, egos: Sequence[EgoCommand | None]) -> AgentTable:
-        """The agents under control one step after `table`.
+        """Returns the agents under control one step after `table`.
 
         Args:
             table: the agents of the step that is answered.
@@ -103,7 +105,7 @@ class DrivenVehicles:
         rows, order = rows[listed], rows[listed].argsort(kind="stable")
         now = table.take(rows[order])
         moved = self._move(now, acceleration[listed][order], yaw_rate[listed][order])
-        driven = type(table)(
+        driven = AgentTable(
             table.step + 1,
             now.id,
             now.kind,
@@ -116,6 +118,7 @@ class DrivenVehicles:
             moved.yaw_rate,
             now.length,
             now.width,
+            now.scene,
         )
         log = self._scenario.log
         stays = log.last_step[log.ids.searchsorted(driven.id)] > table.step
@@ -125,16 +128,16 @@ class DrivenVehicles:
         return driven.take(stays | self._scenario.lane_map.inside_road(driven.x, driven.y))
 
     def _actuate(self, table: AgentTable, scene: int, ego: EgoCommand) -> tuple[float, float]:
-        """Acceleration [m/s2] and yaw rate [rad/s] that the actuators of a scene's ego make of its command."""
+        """Returns the acceleration [m/s2] and yaw rate [rad/s] that the actuators of an ego make of its command."""
         row = table.row(int(self._ego_ids[scene]))
         moving = float(table.acceleration[row]), float(table.yaw_rate[row])
         return self._actuators[scene].apply(ego.acceleration, ego.yaw_rate, moving, float(table.speed[row]))
 
     def _move(self, now: AgentTable, acceleration: FloatArray, yaw_rate: FloatArray) -> Motion:
-        """Motion of the agents of `now` one step on, each within the limits of its vehicle."""
+        """Returns the motion of the agents of `now` one step on, each within the limits of its vehicle."""
         motion = Motion(now.x, now.y, now.yaw, now.speed, now.acceleration, now.yaw_rate)
-        moved = bicycle_step(motion, now.length, acceleration, yaw_rate, self._limits)
-        if self._own_limits and (of_egos := now.mask(self._ego_ids)).any():
+        moved = bicycle_step(motion, now.length, acceleration, yaw_rate, BACKGROUND)
+        if self._egos_differ and (of_egos := now.mask(self._ego_ids)).any():
             alone = Motion(*(values[of_egos] for values in motion))
             egos = bicycle_step(
                 alone, now.length[of_egos], acceleration[of_egos], yaw_rate[of_egos], self._scenario.vehicle

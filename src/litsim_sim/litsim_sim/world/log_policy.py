@@ -53,7 +53,7 @@ class Residual:
 
     @classmethod
     def between(cls, table: AgentTable, row: int, logged: AgentTable, logged_row: int) -> Residual:
-        """Residual of the agent in `row` of `table` against the same agent in `logged`."""
+        """Returns the residual of the agent in `row` of `table` against the same agent in `logged`."""
 
         def velocity(at: AgentTable, i: int) -> np.ndarray:
             return at.speed[i] * np.array([np.cos(at.yaw[i]), np.sin(at.yaw[i])])
@@ -69,7 +69,7 @@ class Residual:
         return cls(table.step, int(np.ceil(duration / STEP_S)), position, rate, yaw)
 
     def at(self, step: int) -> Offsets:
-        """The offsets at `step`; zero once faded.
+        """Returns the offsets at `step`; zero once faded.
 
         Quintics that start with the residual's value and rate and end with value, rate and acceleration zero.
         """
@@ -110,24 +110,24 @@ class LogPolicy:
         Args:
             table: the agents of the step.
             agent: its id.
-            with_lag: whether to replay with the lag of :meth:`litsim_sim.scenario.log.Log.lag`, or without any.
+            with_lag: whether to replay with the lag of :meth:`litsim_sim.scenario.log.Log.lags`, or without any.
         """
-        row = table.row(agent)
-        log_row = self.log.row(agent)
+        row, log_row = table.row(agent), self.log.row(agent)
         self._prepared = None
-        self._lag[log_row] = self.log.lag(log_row, table.step, table.x[row], table.y[row]) if with_lag else 0
+        at, place = np.array([log_row]), slice(row, row + 1)
+        self._lag[at] = self.log.lags(at, table.step, table.x[place], table.y[place]) if with_lag else 0
         logged = self.log.table(table.step, self._lag)
         logged_row = logged.row(agent)
         if logged_row >= 0:
             self._residuals[agent] = Residual.between(table, row, logged, logged_row)
 
     def displaced(self, table: AgentTable) -> BoolArray:
-        """(n,) mask of the agents of `table`, from :meth:`table`, with a lag or a residual from their logs."""
+        """Returns the mask (n,) of the agents of `table`, from :meth:`table`, with a lag or a residual."""
         late = self._lag[self.log.ids.searchsorted(table.id)] > 0
         return late | table.mask(np.array(sorted(self._residuals), np.int64))
 
     def table(self, step: int) -> AgentTable:
-        """The agents at the poses of policy L at `step`, with controller LOG."""
+        """Returns the agents at the poses of policy L at `step`, with controller LOG."""
         table, self._prepared = self._prepared, None
         if table is None or table.step != step:
             table = self.log.table(step, self._lag)

@@ -104,7 +104,7 @@ class SumoMirror:
                 self._lights[light] = text
 
     def deviation(self, table: AgentTable) -> FloatArray:
-        """(n,) distance [m] between where SUMO has the front centres and where `show` put them; inf if absent."""
+        """Returns the distance (n,) [m] between front centres in SUMO and where `show` put them; inf if absent."""
         known = set(libsumo.vehicle.getIDList())
         names = [str(agent) for agent in table.id.tolist()]
         at = np.array([libsumo.vehicle.getPosition(n) if n in known else (np.inf, np.inf) for n in names])

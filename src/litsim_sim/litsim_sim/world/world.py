@@ -7,9 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.geometry import overlapping_pairs
-from litsim_sim.core.quantities import Flag, configuration
 from litsim_sim.core.run_end import EndReason, RunEnd
 from litsim_sim.core.scene import (
     AgentTable,
@@ -23,27 +21,11 @@ from litsim_sim.core.scene import (
 )
 from litsim_sim.scenario.setting import Setting
 from litsim_sim.world.driven import DrivenVehicles, check_answers
-from litsim_sim.world.entries import Entries, EntryConfig
+from litsim_sim.world.entries import Entries
 from litsim_sim.world.log_policy import LogPolicy
 
 EGO, LATE = int(Controller.EGO), int(ControlSource.LATE)  # plain numbers: numpy compares them much faster
 DEVIATION_STEPS = 10  # [steps] period of checks of the mirror's positions
-
-
-@configuration
-class WorldConfig:
-    """How the world treats agents that cannot follow their log.
-
-    Attributes:
-        guard_entries: hold back an agent whose log begins where it would collide with an agent that is off its log;
-            False is pure replay, where it appears regardless.
-        entry: when the road is free for a guarded entry.
-        limits: limits of controlled vehicles except the ego, whose model is the scenario's.
-    """
-
-    guard_entries: Flag = True
-    entry: EntryConfig = EntryConfig()
-    limits: VehicleLimits = VehicleLimits()
 
 
 class Mirror(Protocol):
@@ -53,7 +35,7 @@ class Mirror(Protocol):
         """Place the agents of `table` and advance by one step."""
 
     def deviation(self, table: AgentTable) -> FloatArray:
-        """(n,) distance [m] between where the agents are shown and where `table` has them."""
+        """Returns the distance (n,) [m] between where the agents are shown and where `table` has them."""
 
     def close(self) -> None:
         """End the simulation."""
@@ -71,38 +53,31 @@ class World:
     Leaving the road to the side is not leaving the net. If the scenario says so, the run is also over some time after
     the ego has touched an agent that it does not touch in the log.
 
-    Joined scenarios are stepped together, each scene as if it were alone: see :meth:`step_batch`.
+    Batched scenarios are stepped together, each scene as if it were alone: see :meth:`step_batch`.
     """
 
-    def __init__(self, scenario: Setting, config: WorldConfig | None = None, mirror: Mirror | None = None) -> None:
-        self.scenario = scenario
-        self.config = config or WorldConfig()
-        self.entries = Entries(scenario.log, self._entry)
-        """The agents that wait to enter, or have waited."""
-        self.ends: list[RunEnd | None] = []
-        """Why each scene ends at the current step; None while it goes on."""
-        self._gone: BoolArray = np.empty(0, np.bool_)
-        self._contacts: dict[tuple[int, int], int] = {}
+    def __init__(self, scenario: Setting, mirror: Mirror | None = None, *, guard_entries: bool = True) -> None:
+        """The world of `scenario`, at step 0, with a display of its agents.
+
+        Unless entries are guarded, agents appear where and when their logs begin, also where they collide: pure replay.
+        """
+        self.scenario, self._mirror, self._guard_entries = scenario, mirror, guard_entries
+        self._ego_ids, self._caught_up = scenario.ego_ids, True
         after = scenario.steps_after_contact
         self._steps_after_contact = {scene: steps for scene, steps in enumerate(after) if steps is not None}
-        self._mirror_deviation = 0.0
-        self._mirror = mirror
-        self._caught_up = True
-        self._log_policy = LogPolicy(scenario.log)
-        self._table = AgentTable.empty(0)
-        self._ego_ids = scenario.ego_ids
-        self._have_driven = np.zeros(len(self._ego_ids), np.bool_)  # the ego of each scene, in the last step
-        self._vehicles = DrivenVehicles(scenario, self.config.limits)
+        self.reset()
 
     def reset(self) -> AgentTable:
         """Begin a run, independent of earlier ones, and return its step 0."""
-        self._contacts, self.entries = {}, Entries(self.scenario.log, self._entry)
-        self._mirror_deviation, self._have_driven = 0.0, np.zeros(len(self._ego_ids), np.bool_)
-        self.ends = [None] * len(self._ego_ids)
-        self._gone = np.zeros(len(self._ego_ids), np.bool_)
-        for scene in range(len(self._ego_ids)):
-            self._vehicles.reset(scene)
-        self._log_policy = LogPolicy(self.scenario.log)
+        scenes, log = len(self._ego_ids), self.scenario.log
+        self.entries = Entries(log, self._guard_entries)
+        """The agents that wait to enter, or have waited."""
+        self.ends: list[RunEnd | None] = [None] * scenes
+        """Why each scene ends at the current step; None while it goes on."""
+        self._contacts: dict[tuple[int, int], int] = {}
+        self._gone, self._mirror_deviation = np.zeros(scenes, np.bool_), 0.0
+        self._have_driven = np.zeros(scenes, np.bool_)  # the ego of each scene, in the last step
+        self._vehicles, self._log_policy = DrivenVehicles(self.scenario), LogPolicy(log)
         self._table = self._finish(self._log_policy.table(0))
         return self._table
 
@@ -135,11 +110,10 @@ class World:
         logged = self._log_policy.table(step + 1)
         if self._gone.any():
             logged = logged.take(~self._gone[logged.scene])
-        displaced = self._log_policy.displaced(logged)
-        may_follow = self.entries.may_follow(logged, table, driven, displaced)
-        following = logged.take((driven.rows(logged.id) < 0) & may_follow)
-        made = self._without_leavers(type(table).merged(step + 1, (driven, following)))
-        self._table = self._finish(self.entries.admit(made, logged))
+        following = self.entries.may_follow(logged, table, driven, self._log_policy.displaced(logged))
+        following &= driven.rows(logged.id) < 0
+        moved = self._without_leavers(AgentTable.merged(step + 1, (driven, logged.take(following))))
+        self._table = self._finish(self.entries.admit(moved, logged))
         self._end_after_contacts(self._table)
         return self._table
 
@@ -172,19 +146,19 @@ class World:
         self.catch_up()
         return self._contacts
 
-    def summary(self, scene: int = 0, told: Callable[[int], int | None] = lambda agent: agent) -> dict[str, Any]:
-        """Summary of the run by the world, for the recording: reason of the end, contacts, entries, deviation of SUMO.
+    def summary(self, scene: int = 0, recorded_id: Callable[[int], int | None] = lambda agent: agent) -> dict[str, Any]:
+        """Returns a summary of the run for the recording: reason of the end, contacts, entries, deviation of SUMO.
 
         The deviation is the largest at the steps at which it is checked: one in DEVIATION_STEPS, from step 0 on.
-        `told` returns the id to report an agent by; None for an agent of another scene than `scene`.
+        `recorded_id` returns the id to report an agent by; None for an agent of another scene than `scene`.
         """
         self.catch_up()
         missing = self.entries.never_entered | self.entries.waiting.keys()
         return {
             "ended": (self.ends[scene] or RunEnd(EndReason.TIME, self._table.step)).plain(),
-            "contacts": sum(told(agent) is not None for agent, _ in self.contacts),
-            "late_entries": sorted(name for agent in self.entries.late if (name := told(agent)) is not None),
-            "never_entered": sorted(name for agent in missing if (name := told(agent)) is not None),
+            "contacts": sum(recorded_id(agent) is not None for agent, _ in self.contacts),
+            "late_entries": sorted(own for own in map(recorded_id, self.entries.late) if own is not None),
+            "never_entered": sorted(own for own in map(recorded_id, missing) if own is not None),
             "sumo_deviation_m": self._mirror_deviation if self._mirror is not None else None,
         }
 
@@ -201,20 +175,15 @@ class World:
     @property
     def ended(self) -> RunEnd | None:
         """Why the run ends at the current step; None while it goes on."""
-        return self.ends[0] if self.ends else None
+        return self.ends[0]
 
     @property
     def egos_are_driven(self) -> BoolArray:
         """(scenes,) :attr:`ego_is_driven` for the ego of each scene."""
         return (self._table.step >= self.scenario.history_steps) & (self._table.rows(self._ego_ids) >= 0)
 
-    @property
-    def _entry(self) -> EntryConfig | None:
-        """When the road is free for an entry; None where entries are not guarded."""
-        return self.config.entry if self.config.guard_entries else None
-
     def _without_leavers(self, table: AgentTable) -> AgentTable:
-        """`table` without the egos that have just passed an end of the net; notes those that are gone."""
+        """Returns `table` without the egos that have just passed an end of the net; notes those that are gone."""
         lane_map = self.scenario.lane_map
         if table.step <= self.scenario.history_steps:
             return table
@@ -245,16 +214,12 @@ class World:
         if not self._steps_after_contact:
             return
         self._note_contacts(table)
+        log, in_log = self.scenario.log, self.scenario.log_overlaps
         for scene, steps in self._steps_after_contact.items():
-            ego = int(self._ego_ids[scene])
-            touched = [step for pair, step in self._contacts.items() if ego in pair and not self._touch_in_log(*pair)]
+            with_ego = {pair: step for pair, step in self._contacts.items() if self._ego_ids[scene] in pair}
+            touched = [step for (a, b), step in with_ego.items() if not len(in_log.steps(log.row(a), log.row(b)))]
             if self.ends[scene] is None and touched and table.step == min(touched) + steps:
                 self.ends[scene] = RunEnd(EndReason.CONTACT, table.step)
-
-    def _touch_in_log(self, a: int, b: int) -> bool:
-        """Whether two agents touch at some step of the log."""
-        log = self.scenario.log
-        return len(self.scenario.log_overlaps.steps(log.row(a), log.row(b))) > 0
 
     def _finish(self, table: AgentTable) -> AgentTable:
         """Mark the egos; the rest of what is due for the step has time until :meth:`catch_up`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,6 @@ from litsim_policy.driving.features.traffic_observation import BEAM, BEAMS, OWN,
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
-from litsim_sim.scenario.batched import BITS, BatchedTable
 from litsim_sim.scenario.scenario import Scenario
 
 STRAIGHT = np.array([[0.0, -5.49], [900.0, -5.49]])
@@ -89,8 +89,7 @@ def test_beams_end_where_a_walk_along_them_enters_a_box(scenario: Scenario, agen
 
 def test_nobody_sees_into_another_scene(scenario: Scenario, agent_table: Any) -> None:
     table = agent_table(0, {"id": 1, "x": 100.0, "y": -5.49}, {"id": 2, "x": 110.0, "y": -5.49})
-    columns = {name: getattr(table, name) for name in vars(table) if name not in {"step", "id", "scene"}}
-    apart = BatchedTable(step=0, id=np.array([0, 1 << BITS]), **columns)
+    apart = replace(table, scene=np.arange(2))
     assert beams(seen(scenario, table))[0][0, 0] < BEAM
     assert (beams(seen(scenario, apart, np.arange(2)))[0] == BEAM).all()
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file, save_file
 
-from litsim_research.baselines.simnet.config import shipped_weights
 from litsim_research.baselines.simnet.network import GraphNetwork, SmallNetwork, load_network, shapes
 from litsim_research.baselines.simnet.output import FORMAT, OUTPUTS
+from litsim_research.baselines.simnet.plugin import SHIPPED
 from litsim_research.baselines.simnet.raster import CHANNELS, PAPER, SMALL, RasterShape
 from litsim_sim.core.errors import InputError
 
@@ -50,12 +50,12 @@ def test_the_loop_says_what_torch_says_whoever_is_beside(
 
 
 def test_the_weights_that_come_with_litsim_are_of_the_small_backbone() -> None:
-    assert isinstance(load_network(shipped_weights()), SmallNetwork)
-    assert shipped_weights().stat().st_size < 5e6
+    assert isinstance(load_network(SHIPPED), SmallNetwork)
+    assert SHIPPED.stat().st_size < 5e6
 
 
 def test_files_that_are_something_else(tmp_path: Path) -> None:
-    arrays = load_file(shipped_weights())
+    arrays = load_file(SHIPPED)
     told = {"format": FORMAT}
 
     def written(name: str, content: dict[str, np.ndarray], metadata: dict[str, str]) -> Path:

@@ -16,6 +16,7 @@ from litsim_predictor.inference.contract import HISTORY, HORIZON, MANEUVERS
 from litsim_predictor.inference.ways import WAY, Ways
 from litsim_research.predictors.data.augmentation import Augmentation
 from litsim_research.predictors.data.batch import SceneBatch, maneuvers_of
+from litsim_research.predictors.data.scene import cut_scene
 from litsim_research.predictors.data.scenes import scene_batches, training_batches
 from litsim_research.predictors.data.sources import I80PairSource, Us101TrackSource, Us101WindowSource, load
 from litsim_research.predictors.data.tracks import Tracks
@@ -53,8 +54,8 @@ class TestManeuvers:
         share = torch.linspace(1 / HORIZON, 1, HORIZON)[:, None]
         future = share * torch.tensor([along, left])
         known = torch.ones(HORIZON, dtype=torch.bool)
-        found = maneuvers_of(future[None], known[None], torch.tensor([10.0]))
-        assert MANEUVERS[int(found)] == expected
+        maneuver = maneuvers_of(future[None], known[None], torch.tensor([10.0]))
+        assert MANEUVERS[int(maneuver)] == expected
         known[-1] = False
         assert int(maneuvers_of(future[None], known[None], torch.tensor([10.0]))) == -1
 
@@ -77,8 +78,6 @@ class TestScenes:
         tracks = Tracks.from_table("made", straight((1, 0.0, 0.0, 10.0), frames=85), None)
         frames = sum(int(b.target.sum()) for b in scene_batches([tracks], stride=1))
         assert frames == 85 - 30 - 50
-        some = sum(int(b.target.sum()) for b in scene_batches([tracks], stride=1, complete=False))
-        assert some == 85 - 2  # all but those without one step of the future
 
     def test_in_regions_of_interest_each_target_keeps_its_neighbours_and_their_ways(
         self, straight: Straight, monkeypatch: pytest.MonkeyPatch
@@ -102,12 +101,9 @@ class TestScenes:
     def test_a_hole_in_a_track_is_not_bridged(self, straight: Straight) -> None:
         rows = straight((1, 0.0, 0.0, 10.0), frames=90)
         tracks = Tracks.from_table("made", rows[rows["frame"] != 20], None)
-        batch = only(list(scene_batches([tracks], stride=1, complete=False, agents_per_batch=999)))
-        frames = [frame for frame in range(90 - 2) if frame not in (20, 89)]
-        at = frames.index(30)  # frame 20 is five steps back
-        assert not bool(batch.observed[at, 0, HISTORY - 1 - 5])
-        assert int(batch.observed[at, 0].sum()) == HISTORY - 1
-        assert not batch.history[at, 0, HISTORY - 1 - 5].any()
+        inputs = cut_scene(tracks, tracks.rows_at(30)).inputs  # frame 20 is five steps back
+        assert not inputs.observed[0, HISTORY - 1 - 5] and inputs.observed[0].sum() == HISTORY - 1
+        assert not inputs.history[0, HISTORY - 1 - 5].any()
 
     def test_mirrored_scenes_are_the_other_way_round(self, straight: Straight) -> None:
         tracks = Tracks.from_table("made", straight((1, 150.0, -5.5, 10.0), (2, 170.0, -9.0, 8.0)), NET)
@@ -166,15 +162,15 @@ class TestScenes:
     def test_of_fewer_vehicles_to_learn_the_others_are_still_seen(self, straight: Straight) -> None:
         vehicles = [(k, 20.0 * k, 0.0, 10.0) for k in range(8)]
         tracks = Tracks.from_table("made", straight(*vehicles, frames=60), None)
-        found = set()
+        first_ids = set()
         for seed in range(20):
             fewer = tracks.learned_of(0.25, np.random.default_rng(seed))
             one, other = np.unique(fewer.vehicle[fewer.target])
             assert other - one in (1, 7), "neighbours, or the last and the first"
-            found.add(int(one))
+            first_ids.add(int(one))
             batch = next(training_batches([(fewer, 1.0)], 8, 10, UNVARIED, np.random.default_rng(0)))
             assert int(batch.agent.sum()) == 8 and int(batch.target.sum()) == 2
-        assert len(found) > 3
+        assert len(first_ids) > 3
         assert np.array_equal(tracks.learned_of(1.0, np.random.default_rng(0)).target, tracks.target)
         assert tracks.learned_of(0.01, np.random.default_rng(0)).target.sum() == 60
 

@@ -43,8 +43,8 @@ class Hasty(ConstantVelocity):
     """Expects twice the way."""
 
     def forward(self, batch: SceneBatch, decode: str | Tensor = "best") -> Prediction:
-        found = super().forward(batch, decode)
-        return Prediction(found.maneuver, 2.0 * found.mean, found.scale, found.correlation)
+        prediction = super().forward(batch, decode)
+        return Prediction(prediction.maneuver, 2.0 * prediction.mean, prediction.scale, prediction.correlation)
 
 
 @pytest.fixture
@@ -56,9 +56,9 @@ def parked(make_scenario: Make, track: Any) -> Scenario:
 
 def count(scenario: Scenario, model: SceneModel, kind: DriveKind = "keeps_speed", seed: int = 0) -> ConflictCounts:
     done: list[int] = []
-    found = conflict_counts({"it": model.eval()}, scenario, [EGO], seed, lambda: done.append(1))
+    counts = conflict_counts({"it": model.eval()}, scenario, [EGO], seed, lambda: done.append(1))
     assert done == [1]
-    return found["it"][kind]
+    return counts["it"][kind]
 
 
 # Boxes meet 7.55 s after the start. Steps are looked at every 0.2 s from 5.0 s on, when the other is within 30 m, to
@@ -68,25 +68,25 @@ REAL = [5, 10, 13, 13, 11]
 
 
 def test_an_exact_forecast_announces_every_conflict(parked: Scenario) -> None:
-    found = count(parked, ConstantVelocity())
-    assert found.hit.tolist() == REAL
-    assert found.false.tolist() == found.missed.tolist() == [0] * 5
-    assert found.pairs.tolist() == [13, 13, 13, 13, 11]
-    assert found.to_json()["1"] == {"precision": 1.0, "recall": 1.0, "predicted": 5, "real": 5, "pairs": 13}
+    counts = count(parked, ConstantVelocity())
+    assert counts.hit.tolist() == REAL
+    assert counts.false.tolist() == counts.missed.tolist() == [0] * 5
+    assert counts.pairs.tolist() == [13, 13, 13, 13, 11]
+    assert counts.to_json()["1"] == {"precision": 1.0, "recall": 1.0, "predicted": 5, "real": 5, "pairs": 13}
 
 
 def test_a_forecast_that_stands_misses_every_conflict(parked: Scenario) -> None:
-    found = count(parked, Standing())
-    assert found.missed.tolist() == REAL
-    assert found.hit.tolist() == found.false.tolist() == [0] * 5
-    assert (found.to_json()["5"]["precision"], found.to_json()["5"]["recall"]) == (None, 0.0)
+    counts = count(parked, Standing())
+    assert counts.missed.tolist() == REAL
+    assert counts.hit.tolist() == counts.false.tolist() == [0] * 5
+    assert (counts.to_json()["5"]["precision"], counts.to_json()["5"]["recall"]) == (None, 0.0)
 
 
 def test_a_forecast_that_hurries_announces_too_many(parked: Scenario) -> None:
     # Twice the way: within 1 s it goes 20 m, and meets the other from 5.6 s on: 10 steps of which 5 are real.
-    found = count(parked, Hasty())
-    assert (found.hit[0], found.false[0], found.missed[0]) == (5, 5, 0)
-    assert found.to_json()["1"]["precision"] == 0.5
+    counts = count(parked, Hasty())
+    assert (counts.hit[0], counts.false[0], counts.missed[0]) == (5, 5, 0)
+    assert counts.to_json()["1"]["precision"] == 0.5
 
 
 def test_agents_beside_the_path_and_beyond_the_roi_are_in_no_conflict(
@@ -95,9 +95,9 @@ def test_agents_beside_the_path_and_beyond_the_roi_are_in_no_conflict(
     ego = track(EGO, x=20.0, speed=10.0, last=LAST)
     beside = track(OTHER, x=60.0, y=lane_centres[2], speed=0.0, last=LAST)
     far = track(3, x=200.0, speed=0.0, last=LAST)
-    found = count(make_scenario(ego, beside, far, history_steps=HISTORY_STEPS), ConstantVelocity())
-    assert found.pairs[0] > 0
-    assert found.hit.tolist() == found.false.tolist() == found.missed.tolist() == [0] * 5
+    counts = count(make_scenario(ego, beside, far, history_steps=HISTORY_STEPS), ConstantVelocity())
+    assert counts.pairs[0] > 0
+    assert counts.hit.tolist() == counts.false.tolist() == counts.missed.tolist() == [0] * 5
 
 
 def test_a_follower_by_log_runs_into_an_ego_that_brakes(make_scenario: Make, track: Any) -> None:

@@ -9,7 +9,8 @@ import torch
 from litsim_predictor.inference.contract import HORIZON
 from litsim_predictor.kinematic import KinematicPredictor
 from litsim_research.predictors.data.batch import SceneBatch
-from litsim_research.predictors.data.scenes import scene_batches
+from litsim_research.predictors.data.scene import cut_scene
+from litsim_research.predictors.data.scenes import inputs_batch, scene_batches
 from litsim_research.predictors.data.tracks import Tracks
 from litsim_research.predictors.evaluation.scores import ScoreBoard
 from litsim_research.predictors.models.baselines import ConstantTurnRate, ConstantVelocity
@@ -39,13 +40,13 @@ def turning(agent: int, x: float, y: float, yaw: float, speed: float, rate: floa
 
 def tables(rows: pd.DataFrame, until: int) -> list[AgentTable]:
     """The same agents as the node sees them."""
-    found = []
+    tables = []
     for step in range(until + 1):
         of_step = rows[rows["frame"] == step].sort_values("vehicle_id")
         n = len(of_step)
         columns = {name: of_step[name].to_numpy() for name in ("x", "y", "yaw", "speed", "length", "width")}
         zeros = np.zeros(n)
-        found.append(
+        tables.append(
             AgentTable(
                 step=step,
                 id=of_step["vehicle_id"].to_numpy(),
@@ -56,7 +57,7 @@ def tables(rows: pd.DataFrame, until: int) -> list[AgentTable]:
                 **columns,
             )
         )
-    return found
+    return tables
 
 
 def scene_now(rows: pd.DataFrame) -> SceneBatch:
@@ -84,18 +85,18 @@ def test_the_turning_model_is_the_kinematic_predictor() -> None:
         ]
     )
     batch = scene_now(rows)
-    found = ConstantTurnRate()(batch, "all")
+    prediction = ConstantTurnRate()(batch, "all")
     predictor = KinematicPredictor(ego_id=1, roi_m=1000.0)
     for table in tables(rows, NOW):
         forecast = predictor.forecast(table)
     heading = batch.heading[0].double().numpy()
     cos, sin = np.cos(heading)[:, None], np.sin(heading)[:, None]
-    mean = found.mean[0, :, 0].double().numpy()
+    mean = prediction.mean[0, :, 0].double().numpy()
     x = cos * mean[..., 0] - sin * mean[..., 1] + table.x[:, None]
     y = sin * mean[..., 0] + cos * mean[..., 1] + table.y[:, None]
     np.testing.assert_allclose(np.stack([x, y], axis=-1), forecast.mean, atol=1e-3)
     # The determinant of a covariance is the same in every frame.
-    scale, rho = found.scale[0, :, 0].double().numpy(), found.correlation[0, :, 0].double().numpy()
+    scale, rho = prediction.scale[0, :, 0].double().numpy(), prediction.correlation[0, :, 0].double().numpy()
     sigma = forecast.covariance.astype(np.float64)
     area = scale[..., 0] * scale[..., 1] * np.sqrt(1 - rho**2)
     np.testing.assert_allclose(area, sigma[..., 0] * sigma[..., 1] * np.sqrt(1 - sigma[..., 2] ** 2), rtol=1e-3)
@@ -103,7 +104,8 @@ def test_the_turning_model_is_the_kinematic_predictor() -> None:
 
 def test_an_agent_that_has_just_appeared_is_expected_to_go_straight_on() -> None:
     rows = turning(1, 0.0, 0.0, 0.0, 10.0, 0.3)
-    batch = next(iter(scene_batches([Tracks.from_table("made", rows, None)], complete=False)))
+    tracks = Tracks.from_table("made", rows, None)
+    batch = inputs_batch([cut_scene(tracks, tracks.rows_at(2 * k)).inputs for k in range(NOW + 1)])
     assert batch.observed[0, 0].sum() == 1
     turning_on, straight_on = ConstantTurnRate()(batch).mean, ConstantVelocity()(batch).mean
     torch.testing.assert_close(turning_on[0], straight_on[0])

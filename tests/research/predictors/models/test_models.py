@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import fields, replace
 
-import numpy as np
-import pandas as pd
 import pytest
 import torch
 
 from litsim_predictor.inference.contract import HISTORY, HORIZON, MANEUVERS
-from litsim_research.predictors.data.augmentation import Augmentation
 from litsim_research.predictors.data.batch import SceneBatch
-from litsim_research.predictors.data.scenes import training_batches
-from litsim_research.predictors.data.tracks import Tracks
 from litsim_research.predictors.models.model import SceneModel, constant_velocity, negative_log_likelihood
 from litsim_research.predictors.models.registry import build
 from litsim_sim.core.errors import InputError
-from litsim_sim.scenario.scenario import packaged
 
 MODELS = {
     "default": ("joint", {"traffic": True}),
     "near": ("joint", {}),
     "paper": ("joint", {"relative": False, "decoder": "recurrent", "history_channels": 2}),
+    "pairs": ("joint", {"relative": False, "pairs": True, "decoder": "causal", "history_channels": 2}),
     "cs_lstm": ("cs_lstm", {}),
     "bat": ("bat", {}),
 }
@@ -33,16 +27,6 @@ MODELS = {
 def model(request: pytest.FixtureRequest) -> SceneModel:
     torch.manual_seed(0)
     return build(*MODELS[request.param], "test").eval()
-
-
-@pytest.fixture
-def batch(straight: Callable[..., pd.DataFrame]) -> SceneBatch:
-    """Two scenes of four and two agents on the net us101_like."""
-    four = straight((1, 150.0, -5.5, 10.0), (2, 165.0, -5.4, 8.0), (3, 150.0, -9.2, 12.0), (4, 190.0, -9.0, 0.0))
-    two = straight((7, 300.0, -1.8, 14.0), (9, 320.0, -1.8, 13.0))
-    two["frame"] += 1000
-    tracks = Tracks.from_table("made", pd.concat([four, two]), packaged("nets/us101_like.net.xml"))
-    return next(training_batches([(tracks, 1.0)], 99, 45, Augmentation(crop=0), np.random.default_rng(3)))
 
 
 def permuted(batch: SceneBatch, order: torch.Tensor) -> SceneBatch:
@@ -63,9 +47,20 @@ def test_answers_are_finite_and_of_the_promised_shape(model: SceneModel, batch: 
 
 @torch.no_grad()
 def test_the_best_is_the_most_probable_of_all(model: SceneModel, batch: SceneBatch) -> None:
-    every, best = model(batch, "all"), model(batch, "best")
+    every, best = model(batch, "all"), model(batch, "best").mean[batch.agent]
     chosen = every.maneuver.argmax(dim=-1)[..., None, None, None].expand(-1, -1, 1, HORIZON, 2)
-    assert torch.allclose(every.mean.gather(2, chosen)[batch.agent], best.mean[batch.agent], atol=1e-4)
+    assert torch.allclose(every.mean.gather(2, chosen)[batch.agent], best, atol=1e-4)
+    fifth = torch.full_like(batch.maneuver, 4)
+    assert torch.allclose(model(batch, fifth).mean[:, :, 0][batch.agent], every.mean[:, :, 4][batch.agent], atol=1e-4)
+    assert torch.allclose(model(batch, fifth - 5).mean[batch.agent], best, atol=1e-4), "-1 stands for the best"
+    assert (every.mean[:, :, 0] - every.mean[:, :, 8])[batch.agent].abs().amax() > 1e-4
+
+
+@torch.no_grad()
+def test_a_forecast_does_not_read_the_future(model: SceneModel, batch: SceneBatch) -> None:
+    blind = {name: torch.zeros_like(getattr(batch, name)) for name in ("future", "future_known", "maneuver")}
+    answer, blind_answer = model(batch), model(replace(batch, **blind))
+    assert all(torch.equal(getattr(answer, f.name), getattr(blind_answer, f.name)) for f in fields(answer))
 
 
 @torch.no_grad()

@@ -10,7 +10,7 @@ from litsim_predictor.inference.contract import HISTORY_CHANNELS, LayerWidth
 from litsim_sim.core.quantities import Flag, Length, Share, Whole, configuration
 
 Kind = Literal["direct", "recurrent"]
-"""Whether steps are read or written all at once, or one after the other as in the paper."""
+"""Whether steps are read all at once, or one after the other as in the paper."""
 
 
 @configuration
@@ -26,12 +26,15 @@ class JointParameters:
         traffic: whether states include the speed of the traffic ahead; see :mod:`.traffic`. Needs `relative`.
         heads: number of heads of the attention.
         relative: whether attention is over relations between agents, `layers` times; else it is the paper's attention
-            over states in the frame of the scene.
+            over states alone.
+        pairs: whether these states are relative to each agent, and of its neighbours only; else they are in the frame
+            of the scene. Needs `relative` to be False.
         layers: number of layers of relative attention.
-        neighbours: greatest number of nearest agents to which relative attention attends, so that its cost grows with
-            the number of agents only.
+        neighbours: greatest number of nearest agents to which attention to relations or pairs attends, so that its cost
+            grows with the number of agents only.
         reach: distance within which these must be.
-        decoder: how futures are decoded; "recurrent" is the paper's choice.
+        decoder: how futures are decoded; "recurrent" and "causal" are readings of the paper's choice. With teacher
+            forcing, the backward direction of the former sees the answer.
         hidden: width of the decoder.
         dropout: probability with which a value is hidden from the decoder in training.
     """
@@ -45,10 +48,11 @@ class JointParameters:
     traffic: Flag = False
     heads: LayerWidth = 8
     relative: Flag = True
+    pairs: Flag = False
     layers: Annotated[Whole, Field(gt=0, le=8)] = 2
     neighbours: Annotated[Whole, Field(ge=0, le=10**12)] = 12
     reach: Annotated[Length, Field(gt=0, le=10_000)] = 80.0
-    decoder: Kind = "direct"
+    decoder: Literal["direct", "recurrent", "causal"] = "direct"
     hidden: LayerWidth = 128
     dropout: Share = 0.1
 
@@ -58,8 +62,10 @@ class JointParameters:
         if attended % self.heads:
             raise ValueError(f"heads is {self.heads}, expected a divisor of {attended}, the width of the attention")
         for name, kind in (("history_width", self.history), ("hidden", self.decoder)):
-            if kind == "recurrent" and getattr(self, name) % 2:
+            if kind != "direct" and getattr(self, name) % 2:
                 raise ValueError(f"{name} is {getattr(self, name)}, expected an even number: two directions share it")
+        if self.pairs and self.relative:
+            raise ValueError("pairs is True, expected False where relative is True")
         if self.traffic and not self.relative:
             raise ValueError("traffic is True, expected False where relative is False")
         return self

@@ -39,7 +39,7 @@ class SimnetNetwork(Protocol):
     source: Path
 
     def __call__(self, rasters: Rasters) -> Float32Array:
-        """Outputs (m, OUTPUTS) for rasters (m, CHANNELS, rows, columns), see :data:`.simnet_output.OUTPUTS`."""
+        """Returns outputs (m, OUTPUTS) for rasters (m, CHANNELS, rows, columns), see :data:`.output.OUTPUTS`."""
 
 
 class SmallNetwork:
@@ -74,11 +74,11 @@ class SmallNetwork:
                 values = out
             code[:] = values.ravel()
         (weight, bias), last = self._dense
-        hidden, found = np.empty((len(codes), len(bias)), np.float32), np.empty((len(codes), OUTPUTS), np.float32)
+        hidden, outputs = np.empty((len(codes), len(bias)), np.float32), np.empty((len(codes), OUTPUTS), np.float32)
         linear(codes, weight, bias, hidden)
         rectify(hidden)
-        linear(hidden, *last, found)
-        return found
+        linear(hidden, *last, outputs)
+        return outputs
 
 
 @kernel(void(SINGLES3, SINGLES2, SINGLES, OUT_SINGLES2, OUT_SINGLES2))
@@ -148,10 +148,10 @@ class GraphNetwork:
 
     def __call__(self, rasters: Rasters) -> Float32Array:
         """See :class:`SimnetNetwork`."""
-        found = np.empty((len(rasters), OUTPUTS), np.float32)
-        for row, out in enumerate(found):
+        outputs = np.empty((len(rasters), OUTPUTS), np.float32)
+        for row, out in enumerate(outputs):
             out[:] = self._session.run(["future"], {"raster": rasters[row : row + 1]})[0][0]
-        return found
+        return outputs
 
 
 def load_network(path: Path) -> SimnetNetwork:
@@ -173,25 +173,25 @@ def load_network(path: Path) -> SimnetNetwork:
     if metadata.get("format") != FORMAT:
         raise InputError(f"{path}: metadata format is {metadata.get('format')!r}, expected {FORMAT!r}")
     for name, shape in shapes().items():
-        found = arrays.get(name)
-        if found is None or found.shape != shape or found.dtype != np.float32:
-            said = "none" if found is None else f"{found.dtype} {found.shape}"
-            raise InputError(f"{path}: tensor {name} is {said}, expected float32 {shape}")
-        if not np.isfinite(found).all():
+        array = arrays.get(name)
+        if array is None or array.shape != shape or array.dtype != np.float32:
+            actual = "none" if array is None else f"{array.dtype} {array.shape}"
+            raise InputError(f"{path}: tensor {name} is {actual}, expected float32 {shape}")
+        if not np.isfinite(array).all():
             raise InputError(f"{path}: tensor {name} holds non-finite numbers, expected finite ones")
     return SmallNetwork(arrays, path)
 
 
 def shapes() -> dict[str, tuple[int, ...]]:
-    """Shapes of the weights of the small backbone."""
-    found: dict[str, tuple[int, ...]] = {}
+    """Returns shapes of the weights of the small backbone."""
+    weights: dict[str, tuple[int, ...]] = {}
     before = CHANNELS
     for number, width in enumerate(SMALL_WIDTHS):
-        found[f"convolution.{number}.weight"] = (width, before * KERNEL * KERNEL)
-        found[f"convolution.{number}.bias"] = (width,)
+        weights[f"convolution.{number}.weight"] = (width, before * KERNEL * KERNEL)
+        weights[f"convolution.{number}.bias"] = (width,)
         before = width
     halved = 2 ** len(SMALL_WIDTHS)
     cells = (SMALL.rows // halved) * (SMALL.columns // halved)
-    found["hidden.weight"], found["hidden.bias"] = (before * cells, SMALL_HIDDEN), (SMALL_HIDDEN,)
-    found["last.weight"], found["last.bias"] = (SMALL_HIDDEN, OUTPUTS), (OUTPUTS,)
-    return found
+    weights["hidden.weight"], weights["hidden.bias"] = (before * cells, SMALL_HIDDEN), (SMALL_HIDDEN,)
+    weights["last.weight"], weights["last.bias"] = (SMALL_HIDDEN, OUTPUTS), (OUTPUTS,)
+    return weights

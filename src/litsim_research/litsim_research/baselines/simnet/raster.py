@@ -120,7 +120,7 @@ class Painter:
         self._rasters: Rasters = np.empty((0, CHANNELS, shape.rows, shape.columns), np.float32)
 
     def draw(self, step: int, everybody: Motions, rows: IntArray, own: FloatArray | None = None) -> Rasters:
-        """Rasters (m, CHANNELS, rows, columns) of the agents in `rows` (m,) of `everybody` at `step`.
+        """Returns rasters (m, CHANNELS, rows, columns) of the agents in `rows` (m,) of `everybody` at `step`.
 
         They overwrite those of the previous call, since allocating memory costs more than drawing.
 
@@ -144,7 +144,7 @@ class Painter:
         return rasters
 
     def _closed_lines(self, step: int) -> tuple[FloatArray, IntArray]:
-        """The stop lines at which agents must stop.
+        """Returns the stop lines at which agents must stop.
 
         Returns:
             centre [m], heading [rad] and width [m] of each (k, 4), and its scene (k,).

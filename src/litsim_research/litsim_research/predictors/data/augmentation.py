@@ -58,7 +58,7 @@ class Augmentation:
 
 
 def varied_scene(tracks: Tracks, frame: int, augmentation: Augmentation, random: np.random.Generator) -> Scene:
-    """The scene of `tracks` in `frame`, with variations drawn from `random`."""
+    """Returns the scene of `tracks` in `frame`, with variations drawn from `random`."""
     scene = cut_scene(tracks, tracks.rows_at(frame), NO_MAP if random.random() < augmentation.no_map else None)
     if augmentation.stretch and random.random() < augmentation.stretch:
         scene = _stretched(scene, float(np.exp(random.uniform(*np.log(augmentation.stretch_by)))))
@@ -75,15 +75,15 @@ def varied_scene(tracks: Tracks, frame: int, augmentation: Augmentation, random:
     state[:, 2], state[:, 3] = np.maximum(history[:, -1, 3], 0.0), history[:, -1, 2]
     history[:, -1, 3] = state[:, 2]
     traffic = Traffic.of_agents(inputs.frame, history, observed).ahead_of(inputs.frame, state[:, 2])
-    seen = replace(inputs, history=history, observed=observed, state=state, traffic=traffic)
-    scene = replace(scene, inputs=seen)
+    noisy = replace(inputs, history=history, observed=observed, state=state, traffic=traffic)
+    scene = replace(scene, inputs=noisy)
     if scene.target.any() and random.random() < augmentation.crop:
         scene = scene.around(int(random.choice(np.flatnonzero(scene.target))), random.uniform(*augmentation.crop_m))
     return _mirrored(scene) if random.random() < augmentation.mirror else scene
 
 
 def _stretched(scene: Scene, factor: float) -> Scene:
-    """The scene with all lengths along the road multiplied by `factor`, except those of vehicles and of the map.
+    """Returns the scene with lengths along the road multiplied by `factor`, but not those of vehicles and the map.
 
     Speeds, accelerations and distances between centres along the road are scaled as well; time headways and lateral
     speeds do not change. A scene whose vehicles drive in different directions is returned unchanged, since it has no
@@ -105,13 +105,13 @@ def _stretched(scene: Scene, factor: float) -> Scene:
 
 
 def _stretched_motion(yaw: Float32Array, speed: Float32Array, factor: float) -> tuple[Float32Array, Float32Array]:
-    """`yaw` [rad] and `speed` [m/s] of any shape, with the component along the road multiplied by `factor`."""
+    """Returns `yaw` [rad] and `speed` [m/s] of any shape, with the component along the road multiplied by `factor`."""
     along, across = factor * np.cos(yaw), np.sin(yaw)
     return np.arctan2(across, along), speed * np.hypot(along, across)
 
 
 def _mirrored(scene: Scene) -> Scene:
-    """The scene with left and right exchanged."""
+    """Returns the scene with left and right exchanged."""
     inputs = scene.inputs
     raster = inputs.raster[..., ::-1].copy()
     # The sine changes its sign about byte 128; byte 0 does not occur.

@@ -59,15 +59,15 @@ class SceneBatch:
     ways: Ways = NO_WAYS
 
     def in_batch(self) -> SceneBatch:
-        """This scene, whose fields have no dimension B, as a batch with B = 1."""
+        """Returns this scene, whose fields have no dimension B, as a batch with B = 1."""
         return replace(self, **{name: tensor[None] for name, tensor in self.tensors()})
 
     def to(self, device: torch.device | str) -> SceneBatch:
-        """A copy of the batch whose tensors are on `device`."""
+        """Returns a copy of the batch whose tensors are on `device`."""
         return replace(self, **{name: tensor.to(device, non_blocking=True) for name, tensor in self.tensors()})
 
     def tensors(self) -> Iterator[tuple[str, Any]]:
-        """Names and tensors (B, N, ...) of all fields but `ways`."""
+        """Yields names and tensors (B, N, ...) of all fields but `ways`."""
         return ((f.name, getattr(self, f.name)) for f in fields(self) if f.name != "ways")
 
 
@@ -89,12 +89,12 @@ class Prediction:
 
 
 def numbers(values: Tensor) -> FloatArray:
-    """The `values` of a tensor on any device, as a numpy array of float64 of the same shape."""
+    """Returns the `values` of a tensor on any device, as a numpy array of float64 of the same shape."""
     return values.detach().cpu().numpy().astype(np.float64)
 
 
 def maneuvers_of(future: Tensor, future_known: Tensor, speed: Tensor) -> Tensor:
-    """True manoeuvres (...) int64, -1 where the future is not complete.
+    """Returns true manoeuvres (...) int64, -1 where the future is not complete.
 
     Args:
         future: (..., HORIZON, 2) positions in the agent frame [m].

@@ -34,7 +34,7 @@ class Scene:
     ways: Ways = NO_WAYS
 
     def around(self, agent: int, metres: float) -> Scene:
-        """The scene reduced to the agents within `metres` [m] of the agent in row `agent`."""
+        """Returns the scene reduced to the agents within `metres` [m] of the agent in row `agent`."""
         place = self.inputs.frame[:, :2]
         near = np.hypot(*(place - place[agent]).T) <= metres
         bends = near[self.ways.row]
@@ -43,7 +43,7 @@ class Scene:
 
 
 def cut_scene(tracks: Tracks, rows: IntArray, raster: MapRaster | None = None) -> Scene:
-    """The scene of the vehicles in `rows`, all of one frame; `raster`, if given, replaces the map of `tracks`."""
+    """Returns the scene of the vehicles in `rows` of one frame; `raster` replaces the map of `tracks` unless None."""
     past, observed = tracks.history(rows)
     later, known = tracks.future(rows)
     inputs = agent_inputs(

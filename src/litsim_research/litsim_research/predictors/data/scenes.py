@@ -23,23 +23,33 @@ def scene_batches(
     sources: Sequence[Tracks],
     agents_per_batch: int = 512,
     stride: int = 2,
-    *,
-    complete: bool = True,
     roi_m: float = 0.0,
 ) -> Iterator[SceneBatch]:
-    """Scenes of `sources` in temporal order, without variations.
+    """Yields scenes of `sources` in temporal order, without variations.
+
+    As in the published protocol, targets have 3 s of history and 5 s of future without gaps.
 
     Args:
         sources: tracks from which scenes are cut.
         agents_per_batch: approximate number of agents in a batch; a batch contains at least one scene.
         stride: frames between scenes.
-        complete: whether targets need 3 s of history and 5 s of future without gaps, as in the published protocol;
-            otherwise one known step of the future suffices.
         roi_m: if above 0, every target has a scene of its own, with the agents within this distance [m].
     """
     for tracks in sources:
-        moments = [(tracks, int(frame)) for frame in tracks.frames[::stride]]
-        yield from _batches(moments, agents_per_batch, complete=complete, roi_m=roi_m)
+        scenes: list[Scene] = []
+        for frame in tracks.frames[::stride]:
+            rows = tracks.rows_at(int(frame))
+            scene = cut_scene(tracks, rows)
+            target = scene.target & scene.inputs.observed.all(axis=1) & scene.future_known.all(axis=1)
+            if not target.any():
+                continue
+            scene = replace(scene, target=target, ways=tracks.ways(rows))
+            scenes += _around_each(scene, roi_m) if roi_m else [scene]
+            if sum(len(scene.target) for scene in scenes) >= agents_per_batch:
+                yield _stack(scenes)
+                scenes = []
+        if scenes:
+            yield _stack(scenes)
 
 
 def training_batches(
@@ -49,7 +59,7 @@ def training_batches(
     augmentation: Augmentation,
     random: np.random.Generator,
 ) -> Iterator[SceneBatch]:
-    """Scenes of one epoch, shuffled and randomly varied.
+    """Yields scenes of one epoch, shuffled and randomly varied.
 
     Args:
         sources: tracks, each with the share of its scenes that an epoch contains; if that is above 1, scenes occur
@@ -75,27 +85,8 @@ def training_batches(
             yield _stack(scenes)
 
 
-def _batches(moments: list[tuple[Tracks, int]], agents: int, *, complete: bool, roi_m: float) -> Iterator[SceneBatch]:
-    scenes: list[Scene] = []
-    for tracks, frame in moments:
-        rows = tracks.rows_at(frame)
-        scene = cut_scene(tracks, rows)
-        if complete:
-            scene = replace(
-                scene, target=scene.target & scene.inputs.observed.all(axis=1) & scene.future_known.all(axis=1)
-            )
-        if not scene.target.any():
-            continue
-        scene = replace(scene, ways=tracks.ways(rows))
-        scenes += _around_each(scene, roi_m) if roi_m else [scene]
-        if sum(len(scene.target) for scene in scenes) >= agents:
-            yield _stack(scenes)
-            scenes = []
-    if scenes:
-        yield _stack(scenes)
-
-
 def _grouped(moments: list[tuple[Tracks, int]], sizes: IntArray, agents: int) -> Iterator[list[tuple[Tracks, int]]]:
+    """Yields consecutive `moments` in groups of at most `agents` agents, padding included; `sizes` are ascending."""
     group: list[tuple[Tracks, int]] = []
     for moment, size in zip(moments, sizes, strict=True):
         if group and (len(group) + 1) * size > agents:
@@ -107,7 +98,7 @@ def _grouped(moments: list[tuple[Tracks, int]], sizes: IntArray, agents: int) ->
 
 
 def _around_each(scene: Scene, roi_m: float) -> list[Scene]:
-    """A scene for each target of `scene`, reduced to the agents within `roi_m` [m] of it."""
+    """Returns a scene for each target of `scene`, reduced to the agents within `roi_m` [m] of it."""
     alone = np.eye(len(scene.target), dtype=np.bool_)
     return [replace(scene, target=alone[row]).around(int(row), roi_m) for row in np.flatnonzero(scene.target)]
 
@@ -131,7 +122,7 @@ def _stack(scenes: Sequence[Scene]) -> SceneBatch:
 
 
 def inputs_batch(scenes: Sequence[AgentInputs], ways: Sequence[Ways] = ()) -> SceneBatch:
-    """A batch of `scenes`, with the `ways` of each (none if empty), whose futures are unknown as in a run."""
+    """Returns a batch of `scenes`, with the `ways` of each (none if empty), whose futures are unknown as in a run."""
     size = len(scenes), max(len(scene.state) for scene in scenes)
     history = np.zeros((*size, *scenes[0].history.shape[1:]), np.float32)
     observed = np.zeros((*size, HISTORY), np.bool_)

@@ -83,25 +83,14 @@ class I80PairSource(_Source):
     file: str
 
 
-class UrbanSource(_Source):
-    """Windows of signalised streets in local coordinates; scenarios whose names begin with one of `test` are for tests.
-
-    Vehicles of these are not for training.
-    """
-
-    kind: Literal["urban_windows"]
-    files: tuple[str, ...]
-    test: tuple[str, ...]
-
-
 Source = Annotated[
-    RecordingSource | Us101WindowSource | Us101TrackSource | I80LaneSource | I80PairSource | UrbanSource,
+    RecordingSource | Us101WindowSource | Us101TrackSource | I80LaneSource | I80PairSource,
     Field(discriminator="kind"),
 ]
 
 
 def load(source: Source, locate: Callable[[str], Path]) -> dict[Part, list[Tracks]]:
-    """The tracks of a source by part; `locate` finds files by their names in configurations.
+    """Returns the tracks of a source by part; `locate` finds files by their names in configurations.
 
     Raises:
         InputError: a file is missing, or its content does not fit the kind of the source.
@@ -112,25 +101,24 @@ def load(source: Source, locate: Callable[[str], Path]) -> dict[Part, list[Track
         "us101_tracks": _us101_tracks,
         "i80_lanes": _i80_lanes,
         "i80_pairs": _i80_pairs,
-        "urban_windows": _urban_windows,
     }
     return readers[source.kind](source, locate)
 
 
 def files_of(source: Source) -> tuple[str, ...]:
-    """The files that a source reads, as its configuration names them."""
-    if isinstance(source, RecordingSource | UrbanSource):
+    """Returns the files that a source reads, as its configuration names them."""
+    if isinstance(source, RecordingSource):
         return source.files
     return (source.file, source.windows) if isinstance(source, Us101TrackSource) else (source.file,)
 
 
 def digest_of(path: Path) -> str:
-    """SHA-256 of the file at `path`, as hexadecimal digits."""
+    """Returns the SHA-256 of the file at `path`, as hexadecimal digits."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def split(tracks: Tracks) -> dict[Part, list[Tracks]]:
-    """The tracks, split by vehicle id: 70 % train, 10 % val, 20 % test; empty parts are left out."""
+    """Returns the tracks, split by vehicle id: 70 % train, 10 % val, 20 % test; empty parts are left out."""
     part = parts_of(tracks.vehicle)
     return {name: [tracks.take(part == k)] for k, name in enumerate(PARTS) if (part == k).any()}
 
@@ -205,28 +193,13 @@ def _i80_pairs(source: I80PairSource, locate: Callable[[str], Path]) -> dict[Par
 
 
 def _along_lanes(table: pd.DataFrame) -> list[Tracks]:
-    """Tracks of I-80 vehicles by period and lane, each lane as a straight road of its own.
+    """Returns tracks of I-80 vehicles by period and lane, each lane as a straight road of its own.
 
     `table` has columns period, lane, vehicle_id, frame, front [m] along the lane, speed [m/s] and length [m].
     """
-    found = []
+    lanes = []
     for (period, lane), rows in table.groupby(["period", "lane"]):
         straight = rows.drop_duplicates(["vehicle_id", "frame"]).assign(y=0.0, yaw=0.0, width=LEADER_SIZE[1])
         straight["x"] = straight["front"] - 0.5 * straight["length"]
-        found.append(Tracks.from_table(f"i80_{period}_lane{lane}", straight, None))
-    return found
-
-
-def _urban_windows(source: UrbanSource, locate: Callable[[str], Path]) -> dict[Part, list[Tracks]]:
-    columns = ("scenario", "vehicle_id", "frame", "x_m", "y_m", "heading_rad", "speed_mps", "length_m", "width_m")
-    parts: dict[Part, list[Tracks]] = {"train": [], "test": []}
-    for file in source.files:
-        table = read_table(locate(file), columns)
-        table = table.rename(columns=lambda name: {"heading_rad": "yaw"}.get(name, name.rsplit("_m", 1)[0]))
-        test = table["scenario"].str.startswith(source.test)
-        # Windows overlap in time, so that a vehicle of a test window may be in other windows as well.
-        train = ~test & ~table["vehicle_id"].isin(table["vehicle_id"][test].unique())
-        for name, mine in (("train", train), ("test", test)):
-            for scenario, rows in table[mine].groupby("scenario"):
-                parts[name].append(Tracks.from_table(str(scenario), rows, None))  # type: ignore[index]
-    return parts
+        lanes.append(Tracks.from_table(f"i80_{period}_lane{lane}", straight, None))
+    return lanes

@@ -44,7 +44,7 @@ class Tracks:
 
     @classmethod
     def from_table(cls, name: str, table: pd.DataFrame, net: Path | None, target: BoolArray | None = None) -> Tracks:
-        """Tracks of a `table` with columns vehicle_id, frame, x, y, yaw, speed, length, width (neutral schema).
+        """Returns tracks of a `table` with columns vehicle_id, frame, x, y, yaw, speed, length, width (neutral schema).
 
         All rows are targets if `target` (R,), in the order of `table`, is None. Pedestrians and cyclists, if there is a
         column kind, are left out as in runs.
@@ -75,7 +75,7 @@ class Tracks:
         return len(self.vehicle)
 
     def take(self, keep: BoolArray) -> Tracks:
-        """The tracks reduced to the rows in the mask `keep` (R,)."""
+        """Returns the tracks reduced to the rows in the mask `keep` (R,)."""
         return Tracks(
             self.name,
             self.vehicle[keep],
@@ -89,14 +89,14 @@ class Tracks:
         )
 
     def learned_of(self, fraction: float, random: np.random.Generator) -> Tracks:
-        """The tracks with a `fraction` of the target vehicles, at least one, as targets; all other rows are context.
+        """Returns the tracks with a `fraction` of the targets, at least one vehicle; all other rows are context.
 
         These vehicles have consecutive ids from a `random` one on, as in a shorter recording; after the last comes the
         first.
         """
         ids = np.unique(self.vehicle[self.target])
-        kept = np.roll(ids, -int(random.integers(max(1, len(ids)))))[: max(1, round(fraction * len(ids)))]
-        return replace(self, target=self.target & np.isin(self.vehicle, kept))
+        learned = np.roll(ids, -int(random.integers(max(1, len(ids)))))[: max(1, round(fraction * len(ids)))]
+        return replace(self, target=self.target & np.isin(self.vehicle, learned))
 
     @cached_property
     def frames(self) -> IntArray:
@@ -114,7 +114,7 @@ class Tracks:
         return order, np.append(np.searchsorted(self.frame[order], self.frames), len(order))
 
     def rows_at(self, frame: int) -> IntArray:
-        """The rows of the vehicles in `frame`, by ascending id; none in a frame without vehicles."""
+        """Returns the rows of the vehicles in `frame`, by ascending id; none in a frame without vehicles."""
         order, first = self._by_frame
         at = int(np.searchsorted(self.frames, frame))
         if at == len(self.frames) or self.frames[at] != frame:
@@ -122,21 +122,21 @@ class Tracks:
         return order[first[at] : first[at + 1]]
 
     def window(self, rows: IntArray, steps: IntArray) -> tuple[IntArray, BoolArray]:
-        """Rows (n, m) of the vehicles in `rows` (n,) `steps` (m,) frames later, and the mask (n, m) of valid rows."""
+        """Returns rows (n, m) of the vehicles in `rows` (n,) `steps` (m,) frames later, and a mask of valid ones."""
         key = self._key(self.vehicle[rows][:, None], self.frame[rows][:, None] + steps)
         at = np.minimum(np.searchsorted(self._keys, key), len(self._keys) - 1)
         return at, self._keys[at] == key
 
     def history(self, rows: IntArray) -> tuple[IntArray, BoolArray]:
-        """The rows (n, HISTORY) at the steps of a model's history, as :meth:`window` gives them."""
+        """Returns the rows (n, HISTORY) at the steps of a model's history, as :meth:`window` gives them."""
         return self.window(rows, STRIDE * np.arange(1 - HISTORY, 1))
 
     def future(self, rows: IntArray) -> tuple[IntArray, BoolArray]:
-        """The rows (n, HORIZON) at the steps of a model's horizon, as :meth:`window` gives them."""
+        """Returns the rows (n, HORIZON) at the steps of a model's horizon, as :meth:`window` gives them."""
         return self.window(rows, STRIDE * np.arange(1, HORIZON + 1))
 
     def ways(self, rows: IntArray) -> Ways:
-        """The ways ahead of those of the vehicles in `rows` whose lanes bend."""
+        """Returns the ways ahead of those of the vehicles in `rows` whose lanes bend."""
         if self.lanes is None:
             return NO_WAYS
         x, y, yaw, speed = self.motion[rows].T

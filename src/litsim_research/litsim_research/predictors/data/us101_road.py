@@ -49,13 +49,13 @@ class Us101Road:
         return cls(coefficients, float(along.max()))
 
     def pose(self, along: FloatArray, across: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """x, y [m] and heading of the road [rad] in frame map, (n,) each, at local_y, local_x (n,) [m]."""
+        """Returns x, y [m] and heading of the road [rad] in frame map, (n,) each, at local_y, local_x (n,) [m]."""
         x, y = (self._terms(along, across) @ self.coefficients).T
         ahead_x, ahead_y = (self._terms(along + 1.0, across) @ self.coefficients).T
         return x, y, np.arctan2(ahead_y - y, ahead_x - x)
 
     def scale(self, along: FloatArray) -> FloatArray:
-        """Length (n,) in frame map [m] of one metre of local_y at `along` (n,) [m]: about 0.99."""
+        """Returns the length (n,) in frame map [m] of one metre of local_y at `along` (n,) [m]: about 0.99."""
         line = np.zeros_like(along)
         step = (self._terms(along + 0.5, line) - self._terms(along - 0.5, line)) @ self.coefficients
         return np.asarray(np.hypot(step[:, 0], step[:, 1]), np.float64)

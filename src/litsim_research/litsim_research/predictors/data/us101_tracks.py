@@ -23,7 +23,7 @@ US101_NET = packaged("nets/us101.net.xml")
 
 
 def apart_from(table: pd.DataFrame, windows: pd.DataFrame, frames: tuple[int, int], road: Us101Road) -> BoolArray:
-    """Mask (R,) of the rows of single vehicles that are in no test window, by their ids and by their positions.
+    """Returns a mask (R,) of the rows of single vehicles that are in no test window, by ids and by positions.
 
     Rows at the time of the test windows are left out as well, since their leaders may be test vehicles.
     """
@@ -35,13 +35,13 @@ def apart_from(table: pd.DataFrame, windows: pd.DataFrame, frames: tuple[int, in
     here = here[(table["period"] == 0) & table["frame"].between(*frames)]
     met = here.merge(pd.DataFrame({"frame": window["frame"], "front_x": front_x, "front_y": front_y}), on="frame")
     met = met[np.hypot(met["x"] - met["front_x"], met["y"] - met["front_y"]) < SAME_VEHICLE]
-    seen = set(window["vehicle_id"]) | set(met["vehicle"])
-    tested = (table["period"] == 0) & (table["vehicle_id"].isin(seen) | table["frame"].between(*frames))
+    tested_ids = set(window["vehicle_id"]) | set(met["vehicle"])
+    tested = (table["period"] == 0) & (table["vehicle_id"].isin(tested_ids) | table["frame"].between(*frames))
     return np.asarray(~tested, np.bool_)
 
 
 def with_leaders(table: pd.DataFrame, road: Us101Road) -> Tracks:
-    """Vehicles with full tracks, as targets, and the leaders given by their space headways, as context."""
+    """Returns vehicles with full tracks, as targets, and the leaders given by their space headways, as context."""
     runs = _Runs(table["vehicle_id"].to_numpy(np.int64), table["frame"].to_numpy(np.int64))
     along, across = table["local_y_m"].to_numpy(np.float64), table["local_x_m"].to_numpy(np.float64)
     # NGSIM's road coordinates are longer than the road, and its speeds are in these coordinates.
@@ -52,16 +52,16 @@ def with_leaders(table: pd.DataFrame, road: Us101Road) -> Tracks:
 
     headway = table["space_headway_m"].to_numpy(np.float64)
     front = np.minimum(along + headway, road.end)
-    seen = (headway > LEADER_SIZE[0]) & (headway < HEADWAY_MOST) & (front < road.end)
+    leads = (headway > LEADER_SIZE[0]) & (headway < HEADWAY_MOST) & (front < road.end)
     moved = np.abs(np.diff(front, prepend=0.0) - speed * STEP_S)
-    lead = _Runs(runs.vehicle[seen], runs.frame[seen], moved[seen] > LEADER_JUMP)
-    place = road.pose(front[seen], across[seen])
+    lead = _Runs(runs.vehicle[leads], runs.frame[leads], moved[leads] > LEADER_JUMP)
+    place = road.pose(front[leads], across[leads])
     leaders = _neutral(
         LEADER_IDS + lead.number,
         lead.frame,
         place,
         0.0,
-        np.clip(lead.rate(front[seen]) * road.scale(front[seen]), 0.0, 40.0),
+        np.clip(lead.rate(front[leads]) * road.scale(front[leads]), 0.0, 40.0),
     )
     both = leaders.reset_index().merge(vehicles[["frame", "x", "y"]], on="frame", suffixes=("", "_other"))
     near = np.hypot(both["x"] - both["x_other"], both["y"] - both["y_other"]) < SAME_LEADER
@@ -91,7 +91,7 @@ class _Runs:
         self._after = np.minimum(rows + RATE_FRAMES, end[self.number])
 
     def rate(self, values: FloatArray) -> FloatArray:
-        """Rates of change (R,) [1/s] of `values` (R,), over up to one second around each row; 0 in runs of one row."""
+        """Returns rates of change (R,) [1/s] of `values` (R,), over up to 1 s around each row; 0 in runs of one row."""
         span = (self._after - self._before) * STEP_S
         change = values[self._after] - values[self._before]
         return np.divide(change, span, out=np.zeros(len(values)), where=span > 0.0)
@@ -104,7 +104,7 @@ def _neutral(
     drift: FloatArray | float,
     speed: FloatArray,
 ) -> pd.DataFrame:
-    """Columns of the neutral schema for vehicles of LEADER_SIZE.
+    """Returns columns of the neutral schema for vehicles of LEADER_SIZE.
 
     `front` are the x, y [m] of their front centres and the heading of the road there [rad], (n,) each; `drift` [rad] is
     their heading relative to the road.

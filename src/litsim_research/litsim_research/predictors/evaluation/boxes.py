@@ -10,7 +10,7 @@ from litsim_sim.core.scene import BoolArray, FloatArray
 
 
 def path_headings(path: FloatArray, yaw: FloatArray) -> FloatArray:
-    """Headings (..., T) [rad] along `path` (..., T, 2) [m] from the origin, where the heading is `yaw` (...) [rad].
+    """Returns headings (..., T) [rad] along `path` (..., T, 2) [m] from the origin, with heading `yaw` (...) there.
 
     They are computed like those that :class:`.predictor.LearnedPredictor` publishes.
     """
@@ -21,7 +21,7 @@ def path_headings(path: FloatArray, yaw: FloatArray) -> FloatArray:
 def agents_that_overlap(
     x: FloatArray, y: FloatArray, yaw: FloatArray, size: tuple[FloatArray, FloatArray], known: BoolArray
 ) -> BoolArray:
-    """Mask (B, N) of the agents whose box overlaps that of another agent of the same scene at any instant.
+    """Returns a mask (B, N) of the agents whose box overlaps that of another agent of the same scene at any instant.
 
     Args:
         x, y, yaw: (B, N, T) box centres [m] and headings [rad] in the axes of the scene.

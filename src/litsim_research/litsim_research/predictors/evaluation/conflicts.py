@@ -9,7 +9,8 @@ oriented boxes at the same instants. Agents within the ROI are counted, each unt
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -48,26 +49,16 @@ class ConflictCounts:
     pairs: IntArray
 
     @classmethod
-    def none(cls) -> ConflictCounts:
-        """The counts before anything has been counted: all zero."""
-        return cls(*(np.zeros(len(SECONDS), np.int64) for _ in range(4)))
-
-    def plus(self, predicted: BoolArray, real: BoolArray, known: BoolArray) -> ConflictCounts:
-        """These counts plus n pairs; masks (n, 5), by horizon, of predicted conflicts, real ones, and counted pairs."""
-        return ConflictCounts(
-            self.hit + (predicted & real & known).sum(axis=0),
-            self.false + (predicted & ~real & known).sum(axis=0),
-            self.missed + (~predicted & real & known).sum(axis=0),
-            self.pairs + known.sum(axis=0),
-        )
+    def of(cls, predicted: BoolArray, real: BoolArray, known: BoolArray) -> ConflictCounts:
+        """Returns the counts of n pairs; masks (n, 5), by horizon: predicted conflicts, real ones, counted pairs."""
+        masks = predicted & real & known, predicted & ~real & known, ~predicted & real & known, known
+        return cls(*(mask.sum(axis=0) for mask in masks))
 
     def __add__(self, other: ConflictCounts) -> ConflictCounts:
-        return ConflictCounts(
-            self.hit + other.hit, self.false + other.false, self.missed + other.missed, self.pairs + other.pairs
-        )
+        return ConflictCounts(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
     def to_json(self) -> dict[str, Any]:
-        """Precision and recall by horizon, None without predicted or real conflicts, respectively, and the counts."""
+        """Returns precision and recall by horizon, and the counts; None without predicted or real conflicts."""
         return {
             str(second): {
                 "precision": _share(self.hit[k], self.hit[k] + self.false[k]),
@@ -80,10 +71,13 @@ class ConflictCounts:
         }
 
 
+NO_COUNTS = ConflictCounts(*np.zeros((4, len(SECONDS)), np.int64))
+
+
 def conflict_counts(
     models: Mapping[str, SceneModel], scenario: Scenario, egos: Sequence[int], seed: int, done: Callable[[], object]
 ) -> dict[str, dict[DriveKind, ConflictCounts]]:
-    """Count predicted and real conflicts when `egos` of `scenario` deviate from their logs.
+    """Counts predicted and real conflicts when `egos` of `scenario` deviate from their logs.
 
     Args:
         models: models by name.
@@ -95,14 +89,13 @@ def conflict_counts(
     Returns:
         counts by model and kind of drive.
     """
-    counts = {name: {kind: ConflictCounts.none() for kind in DRIVE_KINDS} for name in models}
+    counts = {name: dict.fromkeys(DRIVE_KINDS, NO_COUNTS) for name in models}
     for ego in egos:
         for drive in drives(scenario, ego, np.random.default_rng([seed, ego])):
             for scenes in _batches(_scenes(scenario, drive)):
                 for name, model in models.items():
                     for scene, path in zip(scenes, _ego_paths(model, scenes), strict=True):
-                        of_kind = counts[name][drive.kind]
-                        counts[name][drive.kind] = of_kind.plus(*scene.judge(path))
+                        counts[name][drive.kind] += ConflictCounts.of(*scene.judge(path))
         done()
     return counts
 
@@ -133,12 +126,12 @@ class _Scene:
     horizons: BoolArray
 
     def judge(self, path: FloatArray) -> tuple[BoolArray, BoolArray, BoolArray]:
-        """Masks (m, 5) of conflicts predicted by the forecast `path` (HORIZON, 3), real ones, and counted pairs."""
+        """Returns masks (m, 5) of conflicts that `path` (HORIZON, 3) predicts, of real ones, and of counted pairs."""
         predicted, real = self._within(path), self._within(self.path)
         return predicted, real, np.broadcast_to(self.horizons, predicted.shape)
 
     def _within(self, path: FloatArray) -> BoolArray:
-        """Mask (m, 5) of the others that the ego's boxes along `path` (HORIZON, 3) overlap within 1 to 5 s."""
+        """Returns a mask (m, 5) of the others that the ego overlaps within 1 to 5 s along `path` (HORIZON, 3)."""
         dx, dy = self.box[..., 0] - path[:, 0], self.box[..., 1] - path[:, 1]
         sizes = self.sizes[:, 0, None], self.sizes[:, 1, None]
         hit = boxes_overlap(dx, dy, path[:, 2], self.box[..., 2], (self.size[0], self.size[1]), sizes) & self.there
@@ -146,7 +139,7 @@ class _Scene:
 
 
 def _scenes(scenario: Scenario, drive: Drive) -> Iterator[_Scene]:
-    """The steps of `drive` after the history, at the rate of the models, from which it lasts for at least 1 s."""
+    """Yields the steps of `drive` after the history, at the models' rate, up to 1 s before its end."""
     log, tracks = scenario.log, _tracks(scenario, drive)
     row, steps = log.row(drive.ego), len(drive.x)
     size = np.array([log.length[row], log.width[row]])
@@ -166,11 +159,11 @@ def _scenes(scenario: Scenario, drive: Drive) -> Iterator[_Scene]:
         rows = tracks.rows_at(scenario.start_frame + step)
         past, observed = tracks.history(rows)
         inputs = agent_inputs(tracks.motion[past], observed, tracks.size[rows], tracks.heading[rows], tracks.raster)
-        seen = np.hypot(*(tracks.motion[rows, :2] - (drive.x[step], drive.y[step])).T) <= scenario.roi_m
-        rows = rows[seen]
+        inside = np.hypot(*(tracks.motion[rows, :2] - (drive.x[step], drive.y[step])).T) <= scenario.roi_m
+        rows = rows[inside]
         grid = np.ix_(near, at)
         yield _Scene(
-            inputs=inputs.take(seen),
+            inputs=inputs.take(inside),
             ways=tracks.ways(rows),
             ego=int(np.flatnonzero(tracks.vehicle[rows] == drive.ego)[0]),
             size=size,
@@ -183,7 +176,7 @@ def _scenes(scenario: Scenario, drive: Drive) -> Iterator[_Scene]:
 
 
 def _tracks(scenario: Scenario, drive: Drive) -> Tracks:
-    """The recording of `scenario`, with the ego's rows replaced by `drive`, and none after its end."""
+    """Returns the recording of `scenario`, with the ego's rows replaced by `drive`, and none after its end."""
     table = scenario.recording.table
     step = table["frame"].to_numpy() - scenario.start_frame
     ego = table["vehicle_id"].to_numpy() == drive.ego
@@ -196,18 +189,13 @@ def _tracks(scenario: Scenario, drive: Drive) -> Tracks:
 
 
 def _batches(scenes: Iterator[_Scene]) -> Iterator[list[_Scene]]:
-    batch: list[_Scene] = []
-    for scene in scenes:
-        batch.append(scene)
-        if len(batch) == SCENES_PER_BATCH:
-            yield batch
-            batch = []
-    if batch:
+    """Yields `scenes` in lists of :data:`SCENES_PER_BATCH`, the last of which may be shorter."""
+    while batch := list(islice(scenes, SCENES_PER_BATCH)):
         yield batch
 
 
 def _ego_paths(model: SceneModel, scenes: Sequence[_Scene]) -> FloatArray:
-    """Poses (len(scenes), HORIZON, 3) of the egos in the most probable forecasts of `model`: x, y, yaw in frame map."""
+    """Returns poses (len(scenes), HORIZON, 3) of the egos in their most probable forecasts: x, y, yaw in frame map."""
     device = next((parameter.device for parameter in model.parameters()), torch.device("cpu"))
     with torch.inference_mode():
         batch = inputs_batch([scene.inputs for scene in scenes], [scene.ways for scene in scenes])

@@ -42,7 +42,7 @@ class Drive:
 
 
 def drives(scenario: Scenario, ego: int, rng: np.random.Generator) -> list[Drive]:
-    """The drives of `ego`: one at constant speed after the history, and :data:`BRAKES` that brake at times from `rng`.
+    """Returns the drives of `ego`: one at constant speed, and :data:`BRAKES` that brake at times drawn from `rng`.
 
     Each ends with the ego's log, or at the end of its logged path.
 
@@ -66,7 +66,7 @@ def drives(scenario: Scenario, ego: int, rng: np.random.Generator) -> list[Drive
 
 
 def along_path(log: Log, row: int, kind: DriveKind, start: int, acceleration: FloatArray) -> Drive:
-    """The drive of the agent in `row` of `log`: as logged up to step `start`, then with `acceleration` (steps,) [m/s2].
+    """Returns the drive of the agent in `row`: as logged up to step `start`, then with `acceleration` (steps,) [m/s2].
 
     The agent must be there at step 0. It follows its logged path and does not reverse. The drive ends with the log, or
     at the end of the path.

@@ -17,7 +17,7 @@ from litsim_research.predictors.data.batch import SceneBatch
 from litsim_research.predictors.data.sources import split
 from litsim_research.predictors.data.tracks import Tracks
 from litsim_research.predictors.device import check_device
-from litsim_research.predictors.evaluation.conflicts import ConflictCounts
+from litsim_research.predictors.evaluation.conflicts import NO_COUNTS, ConflictCounts
 from litsim_research.predictors.evaluation.drives import DriveKind
 from litsim_research.predictors.evaluation.scores import ScoreBoard, Scores, by_second
 from litsim_research.predictors.models.along_lanes import AlongLanes
@@ -39,8 +39,8 @@ NEEDED_FRAMES = STRIDE * (HISTORY - 1 + HORIZON) + 1
 _log = logging.getLogger(__name__)
 
 
-def load_models(names: Sequence[str], device: str, *, along_lanes: bool = True) -> dict[str, SceneModel]:
-    """Models by name or file of weights, the reference first, ready to predict on `device`.
+def load_models(names: Sequence[str], device: str, *, along_lanes: bool) -> dict[str, SceneModel]:
+    """Returns models by name or file of weights, the reference first, ready to predict on `device`.
 
     Forecasts of learned models follow lanes that bend if `along_lanes`.
 
@@ -60,7 +60,7 @@ def load_models(names: Sequence[str], device: str, *, along_lanes: bool = True) 
 
 
 def recording_tracks(path: Path, net: str | None) -> Tracks:
-    """The vehicles of a recording in the neutral schema, on the net `net` or, for None, on the one that it names.
+    """Returns the vehicles of a recording in the neutral schema, on the net `net` or, for None, on its own.
 
     If the net that the recording names is not found, a warning is logged and the map is empty.
 
@@ -74,18 +74,18 @@ def recording_tracks(path: Path, net: str | None) -> Tracks:
             f"{path}: the recording is too short: {span} frames, expected at least {NEEDED_FRAMES} "
             f"({DT * (HISTORY - 1):g} s of history, the present, {DT * HORIZON:g} s of future at {1 / STEP_S:g} Hz)"
         )
-    found = None
+    net_path = None
     try:
-        found = net_of(recording.header, path, net)
+        net_path = net_of(recording.header, path, net)
     except InputError as error:
         if net:
             raise
         _log.warning("%s; forecasting without a map", error)
-    return Tracks.from_table(path.stem, recording.table, found)
+    return Tracks.from_table(path.stem, recording.table, net_path)
 
 
 def part_of(sources: Iterable[Tracks], part: Part | Literal["all"]) -> list[Tracks]:
-    """The vehicles of `part` of each of `sources`, split 70/10/20 by vehicle id, without those of other parts.
+    """Returns the vehicles of `part` of each of `sources`, split 70/10/20 by vehicle id, without those of other parts.
 
     Raises:
         InputError: there are none.
@@ -101,10 +101,10 @@ def score(
     models: Mapping[str, SceneModel],
     batches: Iterable[SceneBatch],
     seed: int,
-    device: str = "cpu",
-    done: Callable[[int], object] = lambda _: None,
+    device: str,
+    done: Callable[[int], object],
 ) -> dict[str, Scores]:
-    """Scores of `models` on the same `batches`; see :mod:`.scores`.
+    """Returns scores of `models` on the same `batches`; see :mod:`.scores`.
 
     Args:
         models: models by name, on `device`.
@@ -132,7 +132,7 @@ def score(
 def summary(
     scores: Mapping[str, Scores], conflicts: Mapping[str, Mapping[DriveKind, ConflictCounts]]
 ) -> dict[str, dict[str, Any]]:
-    """Scores by model, with the ratio of the RMSE to that of :data:`REFERENCE`, and conflicts if they were counted."""
+    """Returns scores by model, the RMSE also relative to that of :data:`REFERENCE`; and conflicts if counted."""
     result = {}
     for name, of_model in scores.items():
         reference = scores[REFERENCE].rmse
@@ -144,6 +144,6 @@ def summary(
         }
         if name in conflicts:
             by_drive = conflicts[name]
-            result[name]["conflicts"] = sum(by_drive.values(), ConflictCounts.none()).to_json()
+            result[name]["conflicts"] = sum(by_drive.values(), NO_COUNTS).to_json()
             result[name]["conflicts_by_drive"] = {kind: counts.to_json() for kind, counts in by_drive.items()}
     return result

@@ -58,5 +58,5 @@ def _conflicts(axes: Axes, result: dict[str, dict[str, Any]]) -> None:
 
 
 def _line(values: dict[str, float]) -> tuple[list[float], list[float]]:
-    """The times [s] and the values, from `values` by time."""
+    """Returns the times [s] and the values, from `values` by time."""
     return [float(second) for second in values], list(values.values())

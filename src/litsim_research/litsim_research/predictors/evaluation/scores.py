@@ -66,35 +66,24 @@ class Scores:
     overlap_rate_truth: float
 
     def to_json(self) -> dict[str, Any]:
-        """The scores as plain values for JSON; arrays (5,) as in :func:`by_second`."""
-        return {
-            "samples": self.samples,
-            "scenes": self.scenes,
-            "rmse": by_second(self.rmse),
-            "nll": self.nll,
-            "nll_at": by_second(self.nll_at),
-            "ade": self.ade,
-            "min_ade": self.min_ade,
-            "joint_ade": self.joint_ade,
-            "calibration": self.calibration,
-            "calibration_at": {name: by_second(shares) for name, shares in self.calibration_at.items()},
-            "overlap_rate": self.overlap_rate,
-            "overlap_rate_truth": self.overlap_rate_truth,
-        }
+        """Returns the scores as plain values for JSON; arrays (5,) as in :func:`by_second`."""
+        at_seconds = {name: by_second(getattr(self, name)) for name in ("rmse", "nll_at")}
+        inside = {name: by_second(shares) for name, shares in self.calibration_at.items()}
+        return vars(self) | at_seconds | {"calibration_at": inside}
 
 
 def by_second(values: FloatArray) -> dict[str, float]:
-    """The `values` (5,) at 1 to 5 s, by the names "1" to "5"."""
+    """Returns the `values` (5,) at 1 to 5 s, by the names "1" to "5"."""
     return {str(second): float(value) for second, value in zip(SECONDS, values, strict=True)}
 
 
 def scored_agents(batch: SceneBatch) -> Tensor:
-    """Mask (B, N) of the agents that are scored: targets whose whole history and future are known."""
+    """Returns a mask (B, N) of the agents that are scored: targets whose whole history and future are known."""
     return batch.agent & batch.target & batch.observed.all(dim=-1) & batch.future_known.all(dim=-1)
 
 
 def best_of(values: Tensor, maneuver: Tensor) -> Tensor:
-    """The values (B, N, ...) of the manoeuvres `maneuver` (B, N), from `values` (B, N, K, ...)."""
+    """Returns the values (B, N, ...) of the manoeuvres `maneuver` (B, N), from `values` (B, N, K, ...)."""
     scenes, agents = maneuver.shape
     at = (torch.arange(scenes, device=values.device)[:, None], torch.arange(agents, device=values.device)[None])
     return values[at[0], at[1], maneuver]
@@ -149,7 +138,7 @@ class ScoreBoard:
         self._overlaps += self._count_overlaps(batch, best_of(prediction.mean, best), scored.cpu().numpy())
 
     def scores(self) -> Scores:
-        """The scores over all batches added.
+        """Returns the scores over all batches added.
 
         Raises:
             InputError: nothing was scored.
@@ -175,7 +164,7 @@ class ScoreBoard:
         )
 
     def _joint_ade(self, ade: FloatArray, probability: FloatArray, best: FloatArray, scene: FloatArray) -> float:
-        """Sum over agents of the ADE in the best sample of their scene.
+        """Returns the sum over agents of the ADE in the best sample of their scene.
 
         Args:
             ade, probability: (n, K) ADE [m] and probability of each manoeuvre of each agent.
@@ -192,7 +181,7 @@ class ScoreBoard:
 
     @staticmethod
     def _count_overlaps(batch: SceneBatch, mean: Tensor, scored: BoolArray) -> list[int]:
-        """Numbers of scored agents that overlap another one, in the forecasts `mean` (B, N, T, 2) and in the truth.
+        """Returns how many scored agents overlap another one, in the forecasts `mean` (B, N, T, 2) and in the truth.
 
         Both are counted for the agents and instants of which the true future is known.
         """

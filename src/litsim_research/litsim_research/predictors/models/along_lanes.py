@@ -27,7 +27,7 @@ class AlongLanes(SceneModel):
 
 
 def _bent(prediction: Prediction, ways: Ways) -> Prediction:
-    """The `prediction` for agents (B, N), bent along `ways`, whose rows are indices of the agents in (B * N,)."""
+    """Returns `prediction` for agents (B, N), bent along `ways`, whose rows are indices of agents in (B * N,)."""
     parts = prediction.mean, prediction.scale, prediction.correlation
     changed = [tensor.flatten(0, 1).clone() for tensor in parts]  # (B * N, M, HORIZON, ...)
     straight = [tensor[ways.row].cpu().numpy() for tensor in changed]

@@ -9,19 +9,16 @@ from torch import Tensor
 from litsim_predictor.inference.contract import DT, HISTORY, HORIZON
 from litsim_predictor.kinematic import KinematicConfig, roll_out, spread
 from litsim_research.predictors.data.batch import Prediction, SceneBatch, numbers
-from litsim_research.predictors.models.model import Decode, SceneModel, constant_velocity, rows_of
+from litsim_research.predictors.models.model import Decode, SceneModel, constant_velocity
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, FloatArray
 
 TIMES: FloatArray = DT * np.arange(1, HORIZON + 1, dtype=np.float64)
+CONFIG = KinematicConfig(dt=DT, horizon=DT * HORIZON)
 
 
 class ConstantVelocity(SceneModel):
     """Constant speed along the heading, as a single manoeuvre with the covariances of the `kinematic` predictor."""
-
-    def __init__(self, config: KinematicConfig | None = None) -> None:
-        super().__init__()
-        self._config = config or KinematicConfig(dt=DT, horizon=DT * HORIZON)
 
     def forward(
         self,
@@ -29,13 +26,10 @@ class ConstantVelocity(SceneModel):
         decode: Decode = "best",  # noqa: ARG002 - there is one manoeuvre only
         asked: Tensor | None = None,
     ) -> Prediction:
-        """See :class:`SceneModel`."""
-        yaw = np.repeat(numbers(batch.state[..., 3])[..., None], HORIZON, axis=-1)
-        return self._prediction(batch, constant_velocity(batch.state), yaw, asked)
-
-    def _prediction(self, batch: SceneBatch, mean: Tensor, yaw: FloatArray, asked: Tensor | None) -> Prediction:
-        spreads = rows_of(torch.as_tensor(spread(yaw, TIMES, self._config)).to(batch.state), asked)
-        mean = rows_of(mean, asked)
+        """See :meth:`SceneModel.forward`; `asked` must be None."""
+        assert asked is None
+        mean, yaw = self._paths(batch)
+        spreads = torch.as_tensor(spread(yaw, TIMES, CONFIG)).to(batch.state)
         return Prediction(
             maneuver=batch.state.new_zeros(*mean.shape[:2], 1),
             mean=mean[:, :, None],
@@ -43,29 +37,27 @@ class ConstantVelocity(SceneModel):
             correlation=spreads[:, :, None, :, 2],
         )
 
+    def _paths(self, batch: SceneBatch) -> tuple[Tensor, FloatArray]:
+        """Returns positions (B, N, HORIZON, 2) [m] and headings (B, N, HORIZON) [rad], in the agent frames."""
+        yaw = np.repeat(numbers(batch.state[..., 3])[..., None], HORIZON, axis=-1)
+        return constant_velocity(batch.state), yaw
+
 
 class ConstantTurnRate(ConstantVelocity):
     """The `kinematic` predictor: constant speed, and a decaying turn rate, initially its mean over the last second."""
 
-    def forward(
-        self,
-        batch: SceneBatch,
-        decode: Decode = "best",  # noqa: ARG002 - there is one manoeuvre only
-        asked: Tensor | None = None,
-    ) -> Prediction:
-        """See :class:`SceneModel`."""
-        yaw, way = roll_out(
-            numbers(batch.state[..., 3]), numbers(batch.state[..., 2]), self._turn_rate(batch), TIMES, self._config
-        )
-        return self._prediction(batch, torch.as_tensor(way).to(batch.state), yaw, asked)
+    def _paths(self, batch: SceneBatch) -> tuple[Tensor, FloatArray]:
+        yaw, speed = numbers(batch.state[..., 3]), numbers(batch.state[..., 2])
+        headings, path = roll_out(yaw, speed, self._turn_rate(batch), TIMES, CONFIG)
+        return torch.as_tensor(path).to(batch.state), headings
 
     def _turn_rate(self, batch: SceneBatch) -> FloatArray:
-        """Turn rates (B, N) [rad/s]; zero for agents that have just appeared or hardly turn."""
-        window = self._config.rate_window * STEP_S
+        """Returns turn rates (B, N) [rad/s]; zero for agents that have just appeared or hardly turn."""
+        window = CONFIG.rate_window * STEP_S
         steps = min(round(window / DT), HISTORY - 1)
         yaw, observed = numbers(batch.history[:, :, -steps - 1 :, 2]), batch.observed[:, :, -steps - 1 :].cpu().numpy()
         first = np.argmax(observed, axis=-1)
         start = np.take_along_axis(yaw, first[..., None], axis=-1)[..., 0]
         span = DT * (steps - first)
         rate = np.divide(wrap_angle(yaw[..., -1] - start), span, out=np.zeros(start.shape), where=span > 0.5 * window)
-        return np.where(np.abs(rate) > self._config.rate_dead_band, rate, 0.0)
+        return np.where(np.abs(rate) > CONFIG.rate_dead_band, rate, 0.0)

@@ -22,28 +22,14 @@ import torch
 from pydantic import model_validator
 from torch import Tensor, nn
 
-from litsim_predictor.inference.contract import (
-    DT,
-    HORIZON,
-    LATERAL,
-    LONGITUDINAL,
-    MANEUVERS,
-    STATE_CHANNELS,
-    LayerWidth,
-)
+from litsim_predictor.inference.contract import DT, STATE_CHANNELS, LayerWidth
 from litsim_research.predictors.data.batch import Prediction, SceneBatch
 from litsim_research.predictors.models.centrality import CENTRALITIES, centralities, mean_rates, proximity_graph
-from litsim_research.predictors.models.decoder import ManeuverDecoder
+from litsim_research.predictors.models.decoder import ManeuverModel
 from litsim_research.predictors.models.model import (
     Decode,
-    SceneModel,
-    constant_velocity,
-    decoded_maneuvers,
-    gaussian,
-    maneuver_logits,
     offsets,
     other_agents,
-    padded,
     places,
     present,
     rotate,
@@ -98,7 +84,7 @@ class Neighbours:
     rank: Tensor
 
     def and_nobody(self) -> Neighbours:
-        """These pairs and a dummy pair at the end, which fills unused slots; a graph cannot be run on no pairs."""
+        """Returns these pairs and a dummy at the end, which fills unused slots; a graph cannot be run on no pairs."""
         return Neighbours(*(torch.cat([v, v.new_zeros(1)]) for v in (self.target, self.other, self.cell, self.rank)))
 
 
@@ -129,7 +115,7 @@ class BatParameters:
         return self
 
 
-class Bat(SceneModel):
+class Bat(ManeuverModel):
     """About 0.3 million weights; see the module."""
 
     def __init__(self, parameters: BatParameters) -> None:
@@ -140,35 +126,20 @@ class Bat(SceneModel):
         self.target = MotionEncoder(embedding, parameters.motion_units, behaviour + STATE_CHANNELS)
         self.other = MotionEncoder(embedding, parameters.motion_units, behaviour)
         self.interaction = InteractionEncoder(embedding, parameters.heads)
-        encoding = embedding + self.interaction.size
-        self.lateral = nn.Linear(encoding, len(LATERAL))
-        self.longitudinal = nn.Linear(encoding, len(LONGITUDINAL))
-        self.decoder = ManeuverDecoder(encoding, parameters.decoder_units)
+        self._decodes(embedding + self.interaction.size, parameters.decoder_units)
 
     def forward(self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None) -> Prediction:
         """See :meth:`SceneModel.forward`."""
-        is_agent = batch.agent
-        if not is_agent.any():
-            logits = batch.state.new_zeros(*is_agent.shape, len(MANEUVERS))
-            mean = batch.state.new_zeros(*decoded_maneuvers(logits, decode).shape, HORIZON, 2)
-            return Prediction(logits, mean, torch.ones_like(mean), mean[..., 0])
         motions = motions_of(batch)
-        behaviour = present(self.behaviour(batch), is_agent)
-        answered = rows_of(is_agent, asked)
+        behaviour = present(self.behaviour(batch), batch.agent)
         targets = torch.arange(len(behaviour), device=behaviour.device) if asked is None else asked
-        known = torch.cat([behaviour[targets], present(batch.state, is_agent)[targets] / SPEED_UNIT], dim=-1)
-        target = self.target(polar(motions, targets, targets), known)
+        features = torch.cat([behaviour[targets], present(batch.state, batch.agent)[targets] / SPEED_UNIT], dim=-1)
+        target = self.target(polar(motions, targets, targets), features)
         pairs = neighbours(batch, asked).and_nobody()
-        seen = polar(motions, targets[pairs.target], pairs.other)
-        other = self.other(seen, behaviour[pairs.other])
-        encoding = torch.cat([target, self.interaction(target, other, seen, pairs)], dim=-1)
-
-        logits = padded(maneuver_logits(self.lateral(encoding), self.longitudinal(encoding)), answered)
-        raw = self.decoder(encoding, present(decoded_maneuvers(logits, decode), answered))  # (A, M, HORIZON, 5)
-        everywhere = padded(raw, answered)
-        ahead = constant_velocity(rows_of(batch.state, asked))[:, :, None] + DT * everywhere[..., :2].cumsum(dim=-2)
-        scale, correlation = gaussian(everywhere[..., 2:])
-        return Prediction(logits, torch.where(answered[..., None, None, None], ahead, 0.0), scale, correlation)
+        motion = polar(motions, targets[pairs.target], pairs.other)
+        other = self.other(motion, behaviour[pairs.other])
+        encoding = torch.cat([target, self.interaction(target, other, motion, pairs)], dim=-1)
+        return self._decoded(encoding, batch, decode, asked)
 
 
 class BehaviourEncoder(nn.Module):
@@ -181,14 +152,14 @@ class BehaviourEncoder(nn.Module):
         self.size = 2 * units
 
     def forward(self, batch: SceneBatch) -> Tensor:
-        """Encodings (B, N, size) of the behaviour of all agents of `batch`."""
+        """Returns encodings (B, N, size) of the behaviour of all agents of `batch`."""
         path = rotate(batch.history[..., :2], batch.heading[..., None]) + batch.position[..., None, :]
         observed = batch.observed & batch.agent[..., None]
         length = proximity_graph(path.transpose(1, 2), observed.transpose(1, 2), self.radius)
         series = centralities(length).transpose(1, 2) * observed[..., None]  # (B, N, HISTORY, 6)
         both = (series, mean_rates(series, observed, DT))
-        found = [encoder(each.flatten(0, 1)) for encoder, each in zip(self.series, both, strict=True)]
-        return torch.cat(found, dim=-1).view(*batch.agent.shape, -1)
+        codes = [encoder(values.flatten(0, 1)) for encoder, values in zip(self.series, both, strict=True)]
+        return torch.cat(codes, dim=-1).view(*batch.agent.shape, -1)
 
 
 class SeriesEncoder(nn.Module):
@@ -201,7 +172,7 @@ class SeriesEncoder(nn.Module):
         self.code = nn.Linear(units, units)
 
     def forward(self, series: Tensor) -> Tensor:
-        """Encodings (S, units) of `series` (S, HISTORY, channels)."""
+        """Returns encodings (S, units) of `series` (S, HISTORY, channels)."""
         code: Tensor = self.code(last_state(self.lstm, nn.functional.elu(self.embed(series))))
         return code
 
@@ -216,7 +187,7 @@ class MotionEncoder(nn.Module):
         self.code = nn.Linear(units + known, embedding)
 
     def forward(self, motion: Tensor, known: Tensor) -> Tensor:
-        """Encodings (S, embedding) of `motion` (S, HISTORY, POLAR_CHANNELS) and of features `known` (S, channels)."""
+        """Returns encodings (S, embedding) of `motion` (S, steps, POLAR_CHANNELS) and `known` features (S, k)."""
         state = last_state(self.lstm, nn.functional.elu(self.embed(motion)))
         return nn.functional.elu(self.code(torch.cat([state, known], dim=-1)))
 
@@ -228,39 +199,39 @@ class InteractionEncoder(nn.Module):
         super().__init__()
         self.heads = heads
         self.cell = nn.Embedding(GRID_ROWS * GRID_COLUMNS, embedding)
-        seen = POLAR_CHANNELS - 1  # neighbours are observed now
-        self.contribution = nn.Sequential(nn.Linear(embedding + seen, 128), nn.ReLU(), nn.Linear(128, 256), nn.ReLU())
+        inputs = embedding + POLAR_CHANNELS - 1  # without `observed`: neighbours are observed now
+        self.contribution = nn.Sequential(nn.Linear(inputs, 128), nn.ReLU(), nn.Linear(128, 256), nn.ReLU())
         self.query = nn.Linear(embedding, embedding)
         self.key_value = nn.Linear(embedding, 2 * embedding)
         self.size = embedding + 256
 
-    def forward(self, target: Tensor, other: Tensor, seen: Tensor, pairs: Neighbours) -> Tensor:
-        """Encodings (T, size) of the neighbours of T targets; zeros for targets without neighbours.
+    def forward(self, target: Tensor, other: Tensor, motion: Tensor, pairs: Neighbours) -> Tensor:
+        """Returns encodings (T, size) of the neighbours of T targets; zeros for targets without neighbours.
 
         Args:
             target: (T, embedding) encodings of the targets.
             other: (P, embedding) encodings of the neighbours in `pairs`.
-            seen: (P, HISTORY, POLAR_CHANNELS) motions of the neighbours relative to their targets.
+            motion: (P, HISTORY, POLAR_CHANNELS) motions of the neighbours relative to their targets.
             pairs: the pairs, the last one a dummy; see :meth:`Neighbours.and_nobody`.
         """
         other = other + rank_encoding(pairs.rank, other.shape[-1])
-        now = seen[:, -1, :-1]
+        now = motion[:, -1, :-1]
         contribution = self.contribution(torch.cat([other, now], dim=-1))  # not negative
-        slots, taken = slots_of(pairs.target[:-1], target.shape[0])
-        pooled = (contribution[slots] * taken[..., None]).amax(dim=1)
-        return torch.cat([self._attend(target, other + self.cell(pairs.cell), slots, taken), pooled], dim=-1)
+        slots, used = slots_of(pairs.target[:-1], target.shape[0])
+        pooled = (contribution[slots] * used[..., None]).amax(dim=1)
+        return torch.cat([self._attend(target, other + self.cell(pairs.cell), slots, used), pooled], dim=-1)
 
-    def _attend(self, target: Tensor, other: Tensor, slots: Tensor, taken: Tensor) -> Tensor:
-        """Attention (T, embedding) of each target over its neighbours; `slots` and `taken` as in :func:`slots_of`."""
+    def _attend(self, target: Tensor, other: Tensor, slots: Tensor, used: Tensor) -> Tensor:
+        """Returns attention (T, embedding) of each target to its neighbours; `slots`, `used`: see :func:`slots_of`."""
         query = self.query(target).view(target.shape[0], 1, self.heads, -1)
         key, value = self.key_value(other)[slots].view(*slots.shape, 2, self.heads, -1).unbind(dim=2)
         score = (query * key).sum(dim=-1) * (other.shape[-1] / self.heads) ** -0.5  # (T, R, heads)
-        share = score.masked_fill(~taken[..., None], NEVER).softmax(dim=1) * taken[..., None]
+        share = score.masked_fill(~used[..., None], NEVER).softmax(dim=1) * used[..., None]
         return (share[..., None] * value).sum(dim=1).flatten(1)
 
 
 def motions_of(batch: SceneBatch) -> Motions:
-    """The motions of the agents of all scenes, in one list without padding."""
+    """Returns the motions of the agents of all scenes, in one list without padding."""
     is_agent = batch.agent
     history, position, heading = (present(v, is_agent) for v in (batch.history, batch.position, batch.heading))
     direction = torch.stack([history[..., 2].cos(), history[..., 2].sin()], dim=-1)
@@ -274,7 +245,7 @@ def motions_of(batch: SceneBatch) -> Motions:
 
 
 def polar(motions: Motions, target: Tensor, other: Tensor) -> Tensor:
-    """Motions (P, HISTORY, POLAR_CHANNELS) of agents `other` relative to `target`, both (P,) indices in `motions`.
+    """Returns motions (P, HISTORY, POLAR_CHANNELS) of `other` relative to `target`, both (P,) indices in `motions`.
 
     The polar coordinates r and phi are in the target's present frame, phi as cosine and sine. The radial velocity is
     positive where r grows; at the origin it is minus the speed, as for an agent that arrives there. The relative
@@ -296,7 +267,7 @@ def polar(motions: Motions, target: Tensor, other: Tensor) -> Tensor:
 
 
 def neighbours(batch: SceneBatch, asked: Tensor | None = None) -> Neighbours:
-    """The agents in the grid of :data:`GRID_ROWS` by :data:`GRID_COLUMNS` cells around each target, along its frame.
+    """Returns the agents in the grid of :data:`GRID_ROWS` by :data:`GRID_COLUMNS` cells along each target's frame.
 
     Neighbours are ranked by the mean of two distances, the smallest first: the present one, and that of the closest
     approach within :data:`APPROACH_S` at present velocities. Targets are the agents `asked` of one scene, or all.
@@ -333,18 +304,18 @@ def slots_of(target: Tensor, count: int) -> tuple[Tensor, Tensor]:
     mine = (target == torch.arange(count, device=target.device)[:, None]).long().sum(dim=1, keepdim=True)
     most = cast(int, mine.max())  # remains a tensor, which a trace does not take for a constant
     slot = torch.arange(most + 1, device=target.device)
-    taken = slot < mine
-    return torch.where(taken, mine.cumsum(dim=0) - mine + slot, target.shape[0]), taken
+    used = slot < mine
+    return torch.where(used, mine.cumsum(dim=0) - mine + slot, target.shape[0]), used
 
 
 def rank_encoding(rank: Tensor, size: int) -> Tensor:
-    """Sinusoidal encodings (P, size) of ranks (P,), like the positional encoding of transformers."""
+    """Returns sinusoidal encodings (P, size) of ranks (P,), like the positional encoding of transformers."""
     frequency = torch.exp(torch.arange(0, size, 2, device=rank.device) * (-math.log(10_000.0) / size))
     angle = rank[:, None] * frequency
     return torch.stack([angle.sin(), angle.cos()], dim=-1).flatten(1)
 
 
 def last_state(lstm: nn.LSTM, series: Tensor) -> Tensor:
-    """The hidden state (S, units) of `lstm` after the last step of `series` (S, steps, channels)."""
+    """Returns the hidden state (S, units) of `lstm` after the last step of `series` (S, steps, channels)."""
     state: Tensor = lstm(series)[1][0][-1]
     return state

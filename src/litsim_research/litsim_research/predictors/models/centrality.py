@@ -32,7 +32,7 @@ CHUNK = 1 << 17  # entries of the matrices that are processed at a time, so that
 
 
 def proximity_graph(point: Tensor, present: Tensor, radius: float) -> Tensor:
-    """Edge lengths (..., N, N) in radii; infinite where there is no edge, and zero on the diagonal.
+    """Returns edge lengths (..., N, N) in radii; infinite where there is no edge, and zero on the diagonal.
 
     Args:
         point: (..., N, 2) positions [m].
@@ -47,7 +47,7 @@ def proximity_graph(point: Tensor, present: Tensor, radius: float) -> Tensor:
 
 @torch.no_grad()
 def centralities(length: Tensor) -> Tensor:
-    """The :data:`CENTRALITIES` (..., N, 6) of all agents; 0 for an agent without edges, except where 1 is stated.
+    """Returns the :data:`CENTRALITIES` (..., N, 6) of all agents; 0 without edges, except where 1 is stated.
 
     - degree: sum of the weights of the agent's edges;
     - closeness: inverse of the mean length of the shortest paths to the others;
@@ -75,7 +75,7 @@ def _centralities(graphs: Tensor) -> Tensor:
     near = torch.isfinite(distance)
     degree = weight.sum(dim=-1)
     power, katz = _walks(weight, (degree[:, None, :] * near).amax(dim=-1))
-    found = [
+    measures = [
         degree,
         _closeness(distance, near),
         _eigenvector(weight, near),
@@ -83,17 +83,17 @@ def _centralities(graphs: Tensor) -> Tensor:
         power,
         katz,
     ]
-    return torch.stack(found, dim=-1)
+    return torch.stack(measures, dim=-1)
 
 
 def shortest_ways(length: Tensor) -> tuple[Tensor, Tensor]:
-    """Lengths (G, N, N) of the shortest paths between all agents, and their numbers (G, N, N), 0 on the diagonal."""
+    """Returns lengths and numbers (G, N, N) of the shortest paths between all agents, 0 on the diagonal."""
     joined = torch.isfinite(length).to(length.dtype).masked_fill(diagonal(length), 0.0)
     return _as_loop(_let_in)(length, joined, TIE)
 
 
 def _as_loop(function: Function) -> Function:
-    """`function`; during an export it is scripted, since a trace would unroll its loops over agents."""
+    """Returns `function`; during an export it is scripted, since a trace would unroll its loops over agents."""
     return cast(Function, torch.jit.script(function)) if torch.onnx.is_in_onnx_export() else function
 
 
@@ -110,7 +110,7 @@ def _let_in(distance: Tensor, ways: Tensor, tie: float) -> tuple[Tensor, Tensor]
 
 
 def mean_rates(series: Tensor, observed: Tensor, dt: float) -> Tensor:
-    """Mean absolute rates of change (..., N, F, C) of each channel from the first frame to each frame [1/s].
+    """Returns mean absolute rates of change (..., N, F, C) of each channel from the first frame to each frame [1/s].
 
     Args:
         series: (..., N, F, C) values, oldest first.
@@ -148,7 +148,7 @@ def _betweenness(distance: Tensor, ways: Tensor, near: Tensor) -> Tensor:
 
 
 def _between(distance: Tensor, ways: Tensor, share: Tensor, tie: float) -> Tensor:
-    """Number (G, N) of ordered pairs of others whose shortest paths contain each agent.
+    """Returns the number (G, N) of ordered pairs of others whose shortest paths contain each agent.
 
     A path counts as the `share` (G, N, N) of its pair: the inverse of the pair's number of shortest paths.
     """
@@ -165,7 +165,7 @@ def _between(distance: Tensor, ways: Tensor, share: Tensor, tie: float) -> Tenso
 
 
 def _walks(weight: Tensor, degree_max: Tensor) -> tuple[Tensor, Tensor]:
-    """Bonacich's power and Katz's centrality (G, N); `degree_max` (G, N) is the largest degree in the component.
+    """Returns Bonacich's power and Katz's centrality (G, N); `degree_max` (G, N) is the component's largest degree.
 
     The inverses are geometric series of the attenuated weights A, whose norm is at most CONVERGENCE. The product of
     ``I + A^2``, ``I + A^4``, ... contains all even powers up to the last; multiplied by ``I - A`` it is the series of

@@ -16,19 +16,13 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from litsim_predictor.inference.contract import DT, HISTORY_CHANNELS, LATERAL, LONGITUDINAL, LayerWidth
+from litsim_predictor.inference.contract import HISTORY_CHANNELS, LayerWidth
 from litsim_research.predictors.data.batch import Prediction, SceneBatch
-from litsim_research.predictors.models.decoder import ManeuverDecoder
+from litsim_research.predictors.models.decoder import ManeuverModel
 from litsim_research.predictors.models.model import (
     Decode,
-    SceneModel,
-    constant_velocity,
-    decoded_maneuvers,
-    gaussian,
-    maneuver_logits,
     offsets,
     other_agents,
-    padded,
     places,
     present,
     rotate,
@@ -60,7 +54,7 @@ class CsLstmParameters:
     second: LayerWidth = 16
 
 
-class CsLstm(SceneModel):
+class CsLstm(ManeuverModel):
     """See the module."""
 
     def __init__(self, parameters: CsLstmParameters) -> None:
@@ -78,29 +72,21 @@ class CsLstm(SceneModel):
             nn.MaxPool2d((2, 1), padding=(1, 0)),
             nn.Flatten(),
         )
-        width = embedding + 12 * second
-        self.lateral, self.longitudinal = nn.Linear(width, len(LATERAL)), nn.Linear(width, len(LONGITUDINAL))
-        self.decoder = ManeuverDecoder(width, parameters.decoder)
+        self._decodes(embedding + 12 * second, parameters.decoder)
 
     def forward(self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None) -> Prediction:
         """See :meth:`SceneModel.forward`."""
-        is_agent, answered = batch.agent, rows_of(batch.agent, asked)
-        seen = batch.observed[..., None].to(batch.history.dtype)
-        steps = torch.cat([batch.history / batch.history.new_tensor(UNITS), seen], dim=-1)
-        _, (hidden, _) = self.encoder(self.embed(present(steps, is_agent)))
+        observed = batch.observed[..., None].to(batch.history.dtype)
+        steps = torch.cat([batch.history / batch.history.new_tensor(UNITS), observed], dim=-1)
+        _, (hidden, _) = self.encoder(self.embed(present(steps, batch.agent)))
         encoding = hidden[0]
         dynamics = self.dynamics(encoding if asked is None else encoding[asked])
         context = torch.cat([dynamics, self.social(social_grid(batch, encoding, asked))], dim=-1)
-        logits = padded(maneuver_logits(self.lateral(context), self.longitudinal(context)), answered)
-        raw = self.decoder(context, present(decoded_maneuvers(logits, decode), answered))
-        everywhere = padded(raw, answered)
-        ahead = constant_velocity(rows_of(batch.state, asked))[:, :, None] + DT * everywhere[..., :2].cumsum(dim=-2)
-        scale, correlation = gaussian(everywhere[..., 2:])
-        return Prediction(logits, ahead, scale, correlation)
+        return self._decoded(context, batch, decode, asked)
 
 
 def social_grid(batch: SceneBatch, encoding: Tensor, asked: Tensor | None = None) -> Tensor:
-    """The social tensor (M, width + 2, 27, 3): features of the neighbours in the cells of the grid around each target.
+    """Returns the social tensor (M, width + 2, 27, 3): features of the neighbours in the grid around each target.
 
     The features are the neighbours' encodings, from `encoding` (T, width) of all T agents, and their present velocities
     relative to the target, ahead and to its left; those of neighbours in the same cell are summed. The M targets are

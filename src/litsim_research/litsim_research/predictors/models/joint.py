@@ -4,8 +4,8 @@ A small CNN encodes the map raster, a bidirectional GRU the history, and an MLP 
 agents the current states (the paper's dynamic encoder). Manoeuvres are predicted from these codes, and a decoder
 conditioned on them outputs Gaussians, for all agents of a scene in one pass.
 
-Three parts are chosen by configuration (:class:`.JointParameters`), because the paper's choices measure worse: how
-histories are read (`history`), how agents attend to each other (`relative`) and how futures are decoded (`decoder`).
+Three parts are chosen by configuration (:class:`.JointParameters`): how histories are read (`history`), how agents
+attend to each other (`relative`, `pairs`) and how futures are decoded (`decoder`).
 """
 
 from __future__ import annotations
@@ -19,8 +19,13 @@ from litsim_predictor.inference.contract import HORIZON, MANEUVERS, STATE_CHANNE
 from litsim_predictor.inference.joint.parameters import JointParameters
 from litsim_predictor.inference.joint.units import STATE_UNITS, TRAFFIC_CHANNELS, TRAFFIC_PLACES, TRAFFIC_UNITS
 from litsim_research.predictors.data.batch import Prediction, SceneBatch
-from litsim_research.predictors.models.joint_attention import Neighbours, RelativeAttention, SceneAttention
-from litsim_research.predictors.models.joint_decoders import DirectDecoder, RecurrentDecoder
+from litsim_research.predictors.models.joint_attention import (
+    Neighbours,
+    PairAttention,
+    RelativeAttention,
+    SceneAttention,
+)
+from litsim_research.predictors.models.joint_decoders import CausalDecoder, DirectDecoder, RecurrentDecoder
 from litsim_research.predictors.models.joint_encoders import DirectHistory, MapEncoder, RecurrentHistory
 from litsim_research.predictors.models.model import (
     Decode,
@@ -33,6 +38,8 @@ from litsim_research.predictors.models.model import (
     present,
     rows_of,
 )
+
+DECODERS = {"direct": DirectDecoder, "recurrent": RecurrentDecoder, "causal": CausalDecoder}
 
 
 class JointPredictor(SceneModel):
@@ -47,8 +54,12 @@ class JointPredictor(SceneModel):
             if parameters.history == "direct"
             else RecurrentHistory(parameters.history_width, parameters.history_channels)
         )
-        self.scene = None if parameters.relative else SceneAttention(parameters.state_width, heads)
-        if self.scene is None:
+        self.scene: nn.Module | None = None
+        if parameters.pairs:
+            self.scene = PairAttention(parameters.state_width, heads, parameters.neighbours, parameters.reach)
+        elif not parameters.relative:
+            self.scene = SceneAttention(parameters.state_width, heads)
+        else:
             read = STATE_CHANNELS + TRAFFIC_CHANNELS * parameters.traffic
             self.state = nn.Sequential(nn.Linear(read, parameters.state_width), nn.ReLU())
         self.traffic, self.neighbours, self.reach = parameters.traffic, parameters.neighbours, parameters.reach
@@ -56,7 +67,7 @@ class JointPredictor(SceneModel):
         self.relative = nn.ModuleList([RelativeAttention(width, heads) for _ in range(layers)])
         self.dropout = nn.Dropout(parameters.dropout)
         self.maneuver = nn.Sequential(nn.Linear(width, hidden), nn.ReLU(), nn.Linear(hidden, len(MANEUVERS)))
-        self.decoder = (DirectDecoder if parameters.decoder == "direct" else RecurrentDecoder)(width, hidden)
+        self.decoder = DECODERS[parameters.decoder](width, hidden)
 
     def forward(
         self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None, maps: Tensor | None = None
@@ -93,7 +104,7 @@ class JointPredictor(SceneModel):
         modes = 1 if decode == "best" else maneuver.shape[-1]
 
         def for_each_maneuver(values: Tensor) -> Tensor:
-            """The `values` (..., N, ...) of the agents, repeated for each of their M manoeuvres: (B * N * M, ...)."""
+            """Returns `values` (..., N, ...) of agents, repeated for each of their M manoeuvres: (B * N * M, ...)."""
             by_agent = values if batch.agent.dim() == 1 else values.flatten(0, 1)
             return by_agent if modes == 1 else by_agent.repeat_interleave(modes, dim=0)
 

@@ -62,7 +62,7 @@ class Neighbours:
         return cls(index, squared < reach**2, torch.cat(relation, dim=-1))
 
     def seen_by(self, agents: Tensor | None) -> Neighbours:
-        """The neighbours of the rows `agents` (M,) only; of all rows for None."""
+        """Returns the neighbours of the rows `agents` (M,) only; of all rows for None."""
         dim = self.index.dim() - 2
         return Neighbours(*(rows_of(v, agents, dim) for v in (self.index, self.seen, self.relation)))
 
@@ -84,14 +84,14 @@ class RelativeAttention(nn.Module):
         self.norm = nn.LayerNorm(width)
 
     def forward(self, agents: Tensor, near: Neighbours, asked: Tensor | None = None) -> Tensor:
-        """Codes (..., N, width): `agents` plus attention to those `near` each of them, with layer normalisation.
+        """Returns codes (..., N, width): `agents` plus attention to those `near` each of them, normalised.
 
         With `asked` (M,), only the codes (..., M, width) of these rows; `near` must then be that of these rows.
         """
         size = self.width // self.heads
 
         def by_head(values: Tensor) -> Tensor:
-            """`values` (..., N, width) by head: (..., heads, N, size)."""
+            """Returns `values` (..., N, width) by head: (..., heads, N, size)."""
             return values.view(*values.shape[:-2], -1, self.heads, size).transpose(-2, -3)
 
         # The contribution of a relation to keys and values is linear in `related`. It is factored out of the sums over
@@ -129,7 +129,7 @@ class SceneAttention(nn.Module):
         self.attention = nn.MultiheadAttention(width, heads, batch_first=True)
 
     def forward(self, batch: SceneBatch) -> Tensor:
-        """Codes (..., N, width) of all agents of `batch`, each by attention over all agents of its scene."""
+        """Returns codes (..., N, width) of all agents of `batch`, each by attention over all agents of its scene."""
         is_agent = batch.agent[..., None].to(batch.position.dtype)
         middle = (batch.position * is_agent).sum(dim=-2, keepdim=True) / is_agent.sum(dim=-2, keepdim=True)
         yaw = batch.heading + batch.state[..., 3]
@@ -149,3 +149,37 @@ class SceneAttention(nn.Module):
         weights = logits.masked_fill(~batch.agent[..., None, None, :], float("-inf")).softmax(dim=-1)
         attended = (weights @ value).transpose(-2, -3).reshape(*lead, -1, attention.embed_dim)
         return cast(Tensor, attention.out_proj(attended))
+
+
+class PairAttention(nn.Module):
+    """The paper's dynamic encoder with states relative to each agent: its own state attends to pairs with others.
+
+    Args:
+        width: of the codes.
+        heads: of the attention.
+        neighbours: greatest number of nearest others that an agent attends to, beside itself.
+        reach: distance within which these must be [m].
+    """
+
+    def __init__(self, width: int, heads: int, neighbours: int, reach: float) -> None:
+        super().__init__()
+        self.heads, self.neighbours, self.reach = heads, neighbours, reach
+        self.embed = nn.Sequential(nn.Linear(STATE_CHANNELS, width), nn.ReLU())
+        self.query = nn.Linear(width, width)
+        self.pair = nn.Sequential(
+            nn.Linear(RELATION_CHANNELS, RELATION_WIDTH), nn.ReLU(), nn.Linear(RELATION_WIDTH, 2 * width)
+        )
+        self.out = nn.Linear(width, width)
+
+    def forward(self, batch: SceneBatch) -> Tensor:
+        """Returns codes (..., N, width) of all agents of `batch`."""
+        near = Neighbours.of(batch, self.neighbours, self.reach)
+        own = self.embed[1](linear_of(batch.state, batch.state.new_tensor(STATE_UNITS), cast(nn.Linear, self.embed[0])))
+        first = cast(nn.Linear, self.pair[0])
+        pairs = self.pair[1:](linear_of(near.relation, near.relation.new_tensor(RELATION_UNITS), first))
+        size = own.shape[-1] // self.heads
+        key, value = pairs.view(*pairs.shape[:-1], 2, self.heads, size).unbind(dim=-3)  # (..., N, K, heads, size)
+        query = self.query(own).view(*own.shape[:-1], 1, self.heads, size)
+        logits = (query * key).sum(dim=-1) * size**-0.5
+        weights = logits.masked_fill(~near.seen[..., None], float("-inf")).softmax(dim=-2)
+        return cast(Tensor, own + self.out((weights[..., None] * value).sum(dim=-3).flatten(-2)))

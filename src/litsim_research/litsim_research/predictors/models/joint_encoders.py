@@ -33,7 +33,7 @@ class MapEncoder(nn.Module):
         )
 
     def forward(self, raster: Tensor) -> Tensor:
-        """Codes (n, width) of rasters (n, CHANNELS, ROWS, COLUMNS) uint8."""
+        """Returns codes (n, width) of rasters (n, CHANNELS, ROWS, COLUMNS) uint8."""
         # Bytes are scaled to -1 to 1; the weights are divided instead of the values, since they are fewer.
         first = cast(nn.Conv2d, self.layers[0])
         read = nn.functional.conv2d(raster.float() - MAP_MIDDLE, first.weight / MAP_MIDDLE, first.bias, first.stride, 1)
@@ -50,7 +50,7 @@ class RecurrentHistory(nn.Module):
         self.gru = nn.GRU(width // 2, width // 2, bidirectional=True)
 
     def forward(self, history: Tensor, observed: Tensor) -> Tensor:
-        """Codes (n, width) of `history` (n, HISTORY, HISTORY_CHANNELS), with the mask `observed` (n, HISTORY)."""
+        """Returns codes (n, width) of `history` (n, HISTORY, HISTORY_CHANNELS), with mask `observed` (n, HISTORY)."""
         read = torch.cat([history[..., : self.channels], observed[..., None].to(history.dtype)], dim=-1)
         units = history.new_tensor([*HISTORY_UNITS[: self.channels], 1.0])
         _, last = self.gru(self.embed[1](linear_of(read.transpose(0, 1), units, cast(nn.Linear, self.embed[0]))))
@@ -69,8 +69,8 @@ class DirectHistory(nn.Module):
     def forward(self, history: Tensor, observed: Tensor) -> Tensor:
         """See :meth:`RecurrentHistory.forward`."""
         x, y, yaw, speed = history.unbind(dim=-1)
-        seen, now = observed.to(history.dtype), speed[:, -1:]
+        known, now = observed.to(history.dtype), speed[:, -1:]
         ago = DT * torch.arange(HISTORY - 1, -1, -1, dtype=history.dtype, device=history.device)
-        read = torch.stack([(x + ago * now) * seen, y, yaw, (speed - now) * seen, seen], dim=-1)
+        read = torch.stack([(x + ago * now) * known, y, yaw, (speed - now) * known, known], dim=-1)
         units = history.new_tensor([*DEVIATION_UNITS, 1.0]).repeat(HISTORY)
         return cast(Tensor, self.layers[1:](linear_of(read.flatten(1), units, cast(nn.Linear, self.layers[0]))))

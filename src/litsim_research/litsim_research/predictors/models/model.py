@@ -44,7 +44,7 @@ class SceneModel(nn.Module):
 
 
 def decoded_maneuvers(logits: Tensor, decode: Decode) -> Tensor:
-    """Manoeuvres (B, N, M) int64 to decode, for logits (B, N, K); see :meth:`SceneModel.forward`."""
+    """Returns manoeuvres (B, N, M) int64 to decode, for logits (B, N, K); see :meth:`SceneModel.forward`."""
     if isinstance(decode, str) and decode == "all":
         return torch.arange(logits.shape[-1], device=logits.device).expand_as(logits)
     best = logits.argmax(dim=-1)
@@ -52,25 +52,25 @@ def decoded_maneuvers(logits: Tensor, decode: Decode) -> Tensor:
 
 
 def maneuver_logits(lateral: Tensor, longitudinal: Tensor) -> Tensor:
-    """Logits (..., K) of manoeuvres with independent lateral and longitudinal parts, from logits (..., 3) of each."""
+    """Returns logits (..., K) of manoeuvres whose parts are independent, from logits (..., 3) of each part."""
     return (lateral.log_softmax(-1)[..., :, None] + longitudinal.log_softmax(-1)[..., None, :]).flatten(-2)
 
 
 def maneuver_parts(maneuver: Tensor) -> Tensor:
-    """One-hot encodings (..., 6) int64 of manoeuvres (...): the lateral part, then the longitudinal one."""
+    """Returns one-hot encodings (..., 6) int64 of manoeuvres (...): the lateral part, then the longitudinal one."""
     lateral = nn.functional.one_hot(maneuver // len(LONGITUDINAL), len(LATERAL))
     return torch.cat([lateral, nn.functional.one_hot(maneuver % len(LONGITUDINAL), len(LONGITUDINAL))], dim=-1)
 
 
 def rotate(vector: Tensor, angle: Tensor) -> Tensor:
-    """Vectors (..., 2), rotated counter-clockwise by angles (...) [rad]."""
+    """Returns vectors (..., 2), rotated counter-clockwise by angles (...) [rad]."""
     cos, sin = angle.cos(), angle.sin()
     x, y = vector[..., 0], vector[..., 1]
     return torch.stack([cos * x - sin * y, sin * x + cos * y], dim=-1)
 
 
 def offsets(batch: SceneBatch) -> Tensor:
-    """Offsets (B, N, N, 2) from each agent (first N) to every agent (second N), in the axes of frame map [m].
+    """Returns offsets (B, N, N, 2) from each agent (first N) to every agent (second N), in the axes of frame map [m].
 
     Rotated by ``-batch.heading[..., None]``, they are ahead of the first agent and to its left.
     """
@@ -78,13 +78,13 @@ def offsets(batch: SceneBatch) -> Tensor:
 
 
 def velocities(batch: SceneBatch) -> Tensor:
-    """Present velocities (B, N, 2) of all agents, in the axes of frame map [m/s]."""
+    """Returns present velocities (B, N, 2) of all agents, in the axes of frame map [m/s]."""
     speed, yaw = batch.state[..., 2], batch.heading + batch.state[..., 3]
     return speed[..., None] * torch.stack([yaw.cos(), yaw.sin()], dim=-1)
 
 
 def other_agents(batch: SceneBatch, asked: Tensor | None) -> Tensor:
-    """Mask (B, M, N) of the pairs of a target and another agent, neither of which is padding.
+    """Returns a mask (B, M, N) of the pairs of a target and another agent, neither of which is padding.
 
     The M targets are the agents `asked` of one scene, or all agents.
     """
@@ -94,18 +94,18 @@ def other_agents(batch: SceneBatch, asked: Tensor | None) -> Tensor:
 
 
 def same_agent(batch: SceneBatch) -> Tensor:
-    """Mask (N, N) of the pairs of an agent with itself."""
+    """Returns a mask (N, N) of the pairs of an agent with itself."""
     return diagonal(batch.heading)
 
 
 def diagonal(like: Tensor) -> Tensor:
-    """Mask (N, N) that is True on the diagonal, on the device of `like` (..., N)."""
+    """Returns a mask (N, N) that is True on the diagonal, on the device of `like` (..., N)."""
     place = torch.arange(like.shape[-1], device=like.device)  # ONNX Runtime has no counterpart of torch.eye for bool
     return place[:, None] == place
 
 
 def present(values: Tensor, agent: Tensor) -> Tensor:
-    """Values (T, ...) of the T agents that are not padding, from `values` (B, N, ...) and the mask `agent` (B, N).
+    """Returns values (T, ...) of agents that are not padding, from `values` (B, N, ...) and the mask `agent` (B, N).
 
     For one scene without the dimension B, with `agent` (N,), these are all `values` (N, ...).
     """
@@ -116,7 +116,7 @@ def present(values: Tensor, agent: Tensor) -> Tensor:
 
 
 def padded(values: Tensor, agent: Tensor) -> Tensor:
-    """The inverse of :func:`present`: (B, N, ...) from `values` (T, ...), with zeros for padding."""
+    """Returns the inverse of :func:`present`: (B, N, ...) from `values` (T, ...), with zeros for padding."""
     if agent.dim() == 1:
         return values
     if torch.onnx.is_in_onnx_export():
@@ -127,24 +127,24 @@ def padded(values: Tensor, agent: Tensor) -> Tensor:
 
 
 def places(agent: Tensor) -> Tensor:
-    """Indices (B, N) of the agents `agent` (B, N) in the output of :func:`present`; arbitrary for padding."""
+    """Returns indices (B, N) of the agents `agent` (B, N) in the output of :func:`present`; arbitrary for padding."""
     return (agent.flatten().long().cumsum(dim=0) - 1).view_as(agent)
 
 
 def rows_of(values: Tensor, agents: Tensor | None, dim: int = 1) -> Tensor:
-    """Values (B, M, ...) of `agents` (M,), from `values` (B, N, ...) with agents along `dim`; all values for None."""
+    """Returns values (B, M, ...) of `agents` (M,), from `values` (B, N, ...) with agents along `dim`; all for None."""
     return values if agents is None else values.index_select(dim, agents)
 
 
 def chosen(values: Tensor, index: Tensor) -> Tensor:
-    """Values (B, M, K, ...) of the agents `index` (B, M, K) in each scene, from `values` (B, N, ...); or without B."""
+    """Returns values (B, M, K, ...) of the agents `index` (B, M, K) of each scene, from `values` (B, N, ...)."""
     if index.dim() == 2:
         return values[index]
     return values[torch.arange(len(values), device=index.device)[:, None, None], index]
 
 
 def linear_of(values: Tensor, units: Tensor, layer: nn.Linear) -> Tensor:
-    """The output of `layer` for `values` (..., C) whose channels are divided by `units` (C,).
+    """Returns the output of `layer` for `values` (..., C) whose channels are divided by `units` (C,).
 
     The weights are divided instead, which are fewer than the values; a compiled graph does so only once, when loaded.
     """
@@ -152,31 +152,31 @@ def linear_of(values: Tensor, units: Tensor, layer: nn.Linear) -> Tensor:
 
 
 def future_times(like: Tensor) -> Tensor:
-    """Times (HORIZON,) of the future steps [s], with the device and the type of `like`."""
+    """Returns times (HORIZON,) of the future steps [s], with the device and the type of `like`."""
     return DT * torch.arange(1, HORIZON + 1, device=like.device, dtype=like.dtype)
 
 
 def constant_velocity(state: Tensor) -> Tensor:
-    """Positions (..., HORIZON, 2) at constant velocity, in the agent frame [m], for states (..., STATE_CHANNELS)."""
+    """Returns positions (..., HORIZON, 2) [m] at constant velocity, in the agent frame, for states (..., channels)."""
     speed, yaw = state[..., 2:3], state[..., 3:]
     velocity = speed * torch.cat([yaw.cos(), yaw.sin()], dim=-1)
     return velocity[..., None, :] * future_times(speed)[:, None]
 
 
 def gaussian(raw: Tensor) -> tuple[Tensor, Tensor]:
-    """Standard deviations (..., 2) [m] and correlation (...) from unbounded outputs of a network (..., 3)."""
+    """Returns standard deviations (..., 2) [m] and correlation (...) from unbounded outputs of a network (..., 3)."""
     scale = nn.functional.softplus(raw[..., :2]) + SCALE_FLOOR
     return scale, CORRELATION_LIMIT * torch.tanh(raw[..., 2])
 
 
 def mahalanobis_squared(prediction: Prediction, future: Tensor) -> Tensor:
-    """Squared Mahalanobis distances (B, N, M, HORIZON) of true positions `future` (B, N, HORIZON, 2)."""
+    """Returns squared Mahalanobis distances (B, N, M, HORIZON) of true positions `future` (B, N, HORIZON, 2)."""
     z = (future[:, :, None] - prediction.mean) / prediction.scale
     rho = prediction.correlation
     return (z[..., 0] ** 2 + z[..., 1] ** 2 - 2.0 * rho * z[..., 0] * z[..., 1]) / (1.0 - rho**2)
 
 
 def negative_log_likelihood(prediction: Prediction, future: Tensor) -> Tensor:
-    """NLL (B, N, M, HORIZON) [nats, of a density in 1/m2] of true positions `future` (B, N, HORIZON, 2)."""
+    """Returns NLL (B, N, M, HORIZON) [nats, of a density in 1/m2] of true positions `future` (B, N, HORIZON, 2)."""
     area = prediction.scale.log().sum(dim=-1) + 0.5 * (1.0 - prediction.correlation**2).log()
     return 0.5 * mahalanobis_squared(prediction, future) + area + math.log(2.0 * math.pi)

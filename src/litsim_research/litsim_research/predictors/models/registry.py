@@ -22,7 +22,7 @@ KINDS: dict[str, tuple[type, Callable[[Any], SceneModel]]] = {
 
 
 def build(kind: str, parameters: dict[str, Any], where: str) -> SceneModel:
-    """An untrained model of this kind; `where` names the origin of `kind` and `parameters` in errors.
+    """Returns an untrained model of this kind; `where` names the origin of `kind` and `parameters` in errors.
 
     Raises:
         InputError: the kind or a parameter is unknown, or a parameter is out of its bounds.

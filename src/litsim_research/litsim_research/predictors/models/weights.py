@@ -27,7 +27,7 @@ def save_model(model: SceneModel, provenance: Provenance, path: Path) -> None:
 
 
 def load_model(name: str) -> tuple[SceneModel, Provenance]:
-    """The model of shipped weights or of a file of weights, ready to predict, and the provenance of the weights.
+    """Returns the model of shipped weights or of a file of weights, ready to predict, and their provenance.
 
     Raises:
         InputError: the file is missing, is damaged, or does not contain weights of a known model.

@@ -33,7 +33,7 @@ class Locator:
 
 
 def load_parts(config: TrainingConfig, locate: Locator) -> Parts:
-    """The tracks of all sources, by part.
+    """Returns the tracks of all sources, by part.
 
     Raises:
         InputError: see :func:`.sources.load`; or no source has anything for training or for validation.
@@ -57,10 +57,10 @@ def load_parts(config: TrainingConfig, locate: Locator) -> Parts:
 
 
 def targets_of(parts: Parts) -> dict[str, dict[str, int]]:
-    """Number of rows of target vehicles, by part and then by the name of the tracks."""
-    found: dict[str, dict[str, int]] = {}
+    """Returns the number of rows of target vehicles, by part and then by the name of the tracks."""
+    rows: dict[str, dict[str, int]] = {}
     for part, pieces in parts.items():
         for tracks, _ in pieces:
-            counts = found.setdefault(part, {})
+            counts = rows.setdefault(part, {})
             counts[tracks.name] = counts.get(tracks.name, 0) + int(tracks.target.sum())
-    return found
+    return rows

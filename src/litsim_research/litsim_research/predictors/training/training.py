@@ -66,16 +66,16 @@ class Training:
         self.history: list[dict[str, float]] = []
         self._best: dict[str, float] = {}
 
-    def run(self, *, progress: bool = True) -> None:
+    def run(self) -> None:
         """Train for the remaining epochs; after Ctrl-C the files of the completed epochs can be used and resumed from.
 
         Raises:
             InputError: the training diverges, or no vehicle for validation has a complete history and future.
         """
-        bar = tqdm(total=self._config.epochs, initial=len(self.history), unit="epoch", disable=not progress)
+        bar = tqdm(total=self._config.epochs, initial=len(self.history), unit="epoch")
         with bar, suppress(KeyboardInterrupt):
             while len(self.history) < self._config.epochs:
-                figures = self._epoch(len(self.history), progress=progress)
+                figures = self._epoch(len(self.history))
                 if not np.isfinite(figures["val_nll"]):
                     raise InputError(
                         f"training configuration: field learning_rate is {self._config.learning_rate:g}, with which "
@@ -113,7 +113,7 @@ class Training:
             self.history, self._best = json.loads(state["history"]), json.loads(state["best"])
 
     def _first_model(self, locate: Locator) -> SceneModel:
-        """The model before the first epoch: with random weights, or with those of the file `start`."""
+        """Returns the model before the first epoch: with random weights, or with those of the file `start`."""
         config = self._config
         if not config.start:
             return build(config.model, config.parameters, "training configuration")
@@ -130,7 +130,7 @@ class Training:
         """The model that is validated and saved: the trained one, or the one with the EMA of its weights."""
         return self.model if self._averaged is None else cast(SceneModel, self._averaged.module)
 
-    def _epoch(self, epoch: int, *, progress: bool) -> dict[str, float]:
+    def _epoch(self, epoch: int) -> dict[str, float]:
         """Train for `epoch`, counted from 0; returns its means over the training part, and those of the validation."""
         config = self._config
         rate = self._learning_rate(epoch)
@@ -142,7 +142,7 @@ class Training:
         batches = training_batches(
             self._parts["train"], config.agents_per_batch, config.stride, config.augmentation, self._random
         )
-        for batch in tqdm(batches, desc=f"epoch {epoch + 1}", unit="batch", leave=False, disable=not progress):
+        for batch in tqdm(batches, desc=f"epoch {epoch + 1}", unit="batch", leave=False):
             *losses, distillation = self._losses(batch.to(self._device))
             nll, error, maneuver = losses
             warm = epoch < config.warm_epochs
@@ -162,14 +162,14 @@ class Training:
         return {"epoch": epoch + 1, "agents": count} | figures | self._validate()
 
     def _learning_rate(self, epoch: int) -> float:
-        """The learning rate of `epoch`, counted from 0: in steps, or along a cosine; see :class:`TrainingConfig`."""
+        """Returns the learning rate of `epoch`, counted from 0; see :class:`TrainingConfig`."""
         config = self._config
         if config.decay_every:
             return config.learning_rate * config.decay ** (epoch // config.decay_every)
         return config.learning_rate * 0.5 * (1.0 + float(np.cos(np.pi * epoch / config.epochs)))
 
     def _losses(self, batch: SceneBatch) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Negative log-likelihood, squared error [m2], cross-entropy of manoeuvres, and distillation loss [m2].
+        """Returns negative log-likelihood, squared error [m2], cross-entropy of manoeuvres, and distillation loss [m2].
 
         The first two are means over the known future steps of the targets, the third over the targets with a complete
         future, and the last over all steps of the targets decoded with their most probable manoeuvre.
@@ -185,7 +185,7 @@ class Training:
         return nll, error, maneuver, self._distillation(batch, prediction.mean[:, :, 0], predicted & batch.target)
 
     def _distillation(self, batch: SceneBatch, mean: Tensor, compared: Tensor) -> Tensor:
-        """Mean squared distance [m2] of forecasts `mean` (B, N, HORIZON, 2) from the mean of the teachers' forecasts.
+        """Returns the mean squared distance [m2] of `mean` (B, N, HORIZON, 2) from the mean of the teachers' forecasts.
 
         The mask `compared` (B, N) selects the agents; 0 without teachers or without such agents.
         """
@@ -198,7 +198,7 @@ class Training:
 
     @torch.no_grad()
     def _validate(self) -> dict[str, float]:
-        """RMSE by second [m], its mean, NLL [nats] and share of correct manoeuvres on the validation part.
+        """Returns RMSE by second [m], its mean, NLL [nats] and share of correct manoeuvres on the validation part.
 
         Agents with a complete history and future are scored, with their most probable manoeuvre.
         """

@@ -1,4 +1,4 @@
-"""Precision and recall of conflict detection: predicted overlaps of pairs, compared with the actual ones.
+"""Precision and recall of conflict detection, from which its threshold was chosen (docs/conflicts.md).
 
 An ego deviates from its log along its logged path, once at constant speed and twice braking
 (:mod:`litsim_research.predictors.evaluation.drives`), while all others follow their logs. At every second step, the
@@ -8,7 +8,7 @@ counts until its first overlap.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -16,6 +16,8 @@ import numpy as np
 from litsim_policy.conflict.detector import ConflictDetector
 from litsim_policy.conflict.futures import Futures
 from litsim_predictor.forecast import Forecast, Predictor
+from litsim_predictor.inference.contract import ModeChoice
+from litsim_predictor.models import make_predictor
 from litsim_research.predictors.evaluation.drives import Drive, drives
 from litsim_sim.core.geometry import boxes_overlap
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller, FloatArray
@@ -43,15 +45,11 @@ class PairScores:
 
     @classmethod
     def joined(cls, parts: Sequence[PairScores]) -> PairScores:
-        """Return `parts` concatenated."""
-        empty = {"probability": np.empty((0, len(SECONDS)))}
-        flags = np.empty((0, len(SECONDS)), np.bool_)
-        return cls(
-            *(np.concatenate([empty.get(f.name, flags), *(getattr(p, f.name) for p in parts)]) for f in fields(cls))
-        )
+        """Returns `parts` concatenated; there is at least one."""
+        return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
 
     def curve(self, second: int, thresholds: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Precision and recall (t,) for a horizon; NaN if there is nothing to measure.
+        """Returns precision and recall (t,) for a horizon; NaN if there is nothing to measure.
 
         Args:
             second: horizon, one of :data:`SECONDS`.
@@ -62,37 +60,36 @@ class PairScores:
         probability, real = self.probability[known, at], self.real[known, at]
         predicted = probability[:, None] >= thresholds
         hit = (predicted & real[:, None]).sum(axis=0).astype(np.float64)
-        said = predicted.sum(axis=0)
-        precision = np.divide(hit, said, out=np.full(len(thresholds), np.nan), where=said > 0)
+        count = predicted.sum(axis=0)
+        precision = np.divide(hit, count, out=np.full(len(thresholds), np.nan), where=count > 0)
         recall = hit / real.sum() if real.any() else np.full(len(thresholds), np.nan)
         return precision, recall
 
 
-def score_drives(
-    scenario: Scenario,
-    egos: Sequence[int],
-    predictor: Callable[[int], Predictor],
-    detector: ConflictDetector,
-    seed: int = 0,
-) -> PairScores:
-    """Predicted and actual overlaps in the drives of `egos`.
+NO_PAIRS = PairScores(
+    np.empty((0, len(SECONDS))), np.empty((0, len(SECONDS)), np.bool_), np.empty((0, len(SECONDS)), np.bool_)
+)
+
+
+def score_drives(scenario: Scenario, ego: int, detector: ConflictDetector, model: str, modes: ModeChoice) -> PairScores:
+    """Returns predicted and actual overlaps in the drives of `ego`, which brakes at times drawn by its id.
 
     Args:
         scenario: with the log of all other agents.
-        egos: ids.
-        predictor: makes a new predictor for an ego.
+        ego: id.
         detector: to evaluate.
-        seed: of the times at which egos brake.
+        model: name of the predictor.
+        modes: further manoeuvres that it forecasts.
     """
-    parts = []
-    for ego in egos:
-        for drive in drives(scenario, ego, np.random.default_rng([seed, ego])):
-            parts += list(_scores(scenario, drive, predictor(ego), detector))
+    own = scenario.around(ego, None)
+    parts = [NO_PAIRS]  # a drive may end with the history
+    for drive in drives(scenario, ego, np.random.default_rng([0, ego])):
+        parts += _scores(scenario, drive, make_predictor(model, own, modes=modes), detector)
     return PairScores.joined(parts)
 
 
 def _scores(scenario: Scenario, drive: Drive, predictor: Predictor, detector: ConflictDetector) -> Iterator[PairScores]:
-    """Scores of the pairs of a drive, at every step number EVERY after the history."""
+    """Yields scores of the pairs of a drive, at every step number EVERY after the history."""
     tables = [_driven(scenario, drive, step) for step in range(len(drive.x))]
     meets = [_meeting(table, drive.ego) for table in tables]
     met: set[int] = set()
@@ -114,7 +111,7 @@ def _judged(
     met: set[int],
     ego: int,
 ) -> PairScores:
-    """Scores of the pairs of one step; `meets` are the ids that overlap the ego at each step, `met` all until now."""
+    """Returns scores of the pairs of a step; `meets` are the ids that overlap the ego by step, `met` all until now."""
     off = table.id == ego
     futures = Futures(detector.log, detector.config, table, forecast)
     pairs, probability = detector.pair_probabilities(futures, ~off & ~np.isin(table.id, list(met)), off, LEAST)
@@ -132,7 +129,7 @@ def _judged(
 
 
 def _driven(scenario: Scenario, drive: Drive, step: int) -> AgentTable:
-    """The log at `step`, with the ego as it drives."""
+    """Returns the log at `step`, with the ego as it drives."""
     table = scenario.log.table(step)
     row = table.row(drive.ego)
     changed = {name: getattr(table, name).copy() for name in ("x", "y", "yaw", "speed", "acceleration", "controller")}
@@ -145,7 +142,7 @@ def _driven(scenario: Scenario, drive: Drive, step: int) -> AgentTable:
 
 
 def _meeting(table: AgentTable, ego: int) -> set[int]:
-    """Ids of the agents whose boxes overlap the ego's."""
+    """Returns ids of the agents whose boxes overlap the ego's."""
     row = table.row(ego)
     hit = boxes_overlap(
         table.x - table.x[row],

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.detector import ConflictDetector
-from litsim_predictor.kinematic import KinematicPredictor
-from litsim_research.calibration.conflict_calibration import COSTS, Curve, draw_calibration, threshold_for, tuning_of
-from litsim_research.calibration.conflict_recall import SECONDS, PairScores, score_drives
+from litsim_predictor.inference.contract import NO_MODES
+from litsim_research.calibration import SECONDS, PairScores, score_drives
 from litsim_sim.scenario.scenario import Scenario
 
 AT = SECONDS.index(3)
@@ -19,7 +16,7 @@ AT = SECONDS.index(3)
 
 def scores(scenario: Scenario) -> PairScores:
     detector = ConflictDetector(scenario.log, scenario.roi_m, ConflictConfig(sigma_scale=0.0))
-    return score_drives(scenario, [1], lambda ego: KinematicPredictor(ego, scenario.roi_m), detector)
+    return score_drives(scenario, 1, detector, "kinematic", NO_MODES)
 
 
 @pytest.fixture
@@ -59,24 +56,3 @@ def test_the_curve_is_counted_by_threshold() -> None:
     wide[2][0] = False
     _, recall = PairScores(*wide).curve(3, np.array([0.5]))
     assert recall == pytest.approx([0.5]), "a drive that ends before says nothing"
-
-
-def test_the_best_threshold_is_that_of_the_largest_recall_that_is_precise_enough() -> None:
-    thresholds = np.array([0.1, 0.3, 0.5, 0.9])
-    curve = Curve("made", thresholds, np.array([0.7, 0.92, 0.95, np.nan]), np.array([0.9, 0.8, 0.6, 0.0]))
-    assert threshold_for(curve, 0.9) == (0.3, 0.8)
-    assert threshold_for(curve, 0.99) is None
-
-
-def test_only_tuning_egos_are_looked_at() -> None:
-    demo = Scenario.load("demo")
-    assert tuning_of(demo) == (demo.ego_id,)
-
-
-def test_the_picture_shows_curves_and_costs(tmp_path: Path) -> None:
-    curve = Curve("made", np.array([0.1, 0.5]), np.array([0.7, 0.9]), np.array([0.9, 0.6]))
-    draw_calibration([curve], {0.1: dict.fromkeys(COSTS, 2.0), 0.5: dict.fromkeys(COSTS, 1.0)}, tmp_path / "both.png")
-    draw_calibration([curve], {}, tmp_path / "one.png")
-    sizes = [(tmp_path / name).stat().st_size for name in ("both.png", "one.png")]
-    assert sizes[0] > sizes[1] > 5000
-    assert (tmp_path / "one.png").read_bytes().startswith(b"\x89PNG")

@@ -11,7 +11,7 @@ from litsim_sim.core.scene import STEP_S, BoolArray
 from litsim_sim.core.signals import STOP_STATES
 from litsim_sim.lane_map.signal_links import SignalLink
 from litsim_sim.scenario.log import Log
-from litsim_sim.scenario.signals import Signals, SignalsFile, heed, shown
+from litsim_sim.scenario.signals import Signals, SignalsFile, count_passages, signals_of
 
 TRIED_S = 0.5  # [s] step of the search over offsets
 START_S = 3.0  # [s] time of green after which the first vehicle at a stop line has begun to move
@@ -38,7 +38,7 @@ class OffsetFit:
 
 
 def fit_offset(plan: SignalsFile, links: Sequence[SignalLink], log: Log) -> OffsetFit:
-    """The offset with the fewest passages at red and, among ties, the shortest waits at open lines.
+    """Returns the offset with the fewest passages at red and, among ties, the shortest waits at open lines.
 
     Of a range of equally good offsets the middle is taken; of several ranges, the first.
 
@@ -59,7 +59,7 @@ def fit_offset(plan: SignalsFile, links: Sequence[SignalLink], log: Log) -> Offs
     best = begin + np.flatnonzero(np.roll(good, -begin))
     first = offsets[np.split(best, np.flatnonzero(np.diff(best) > 1) + 1)[0] % len(offsets)]
     offset = float(first[len(first) // 2])
-    heeded = heed(_at(plan, offset, links, log), log)
+    heeded = count_passages(_at(plan, offset, links, log), log)
     return OffsetFit(
         offset,
         {group: passed for group, (passed, _) in heeded.items()},
@@ -72,11 +72,11 @@ def fit_offset(plan: SignalsFile, links: Sequence[SignalLink], log: Log) -> Offs
 def _at(plan: SignalsFile, offset: float, links: Sequence[SignalLink], log: Log) -> Signals:
     assert plan.program is not None
     moved = plan.model_copy(update={"program": plan.program.model_copy(update={"offset_s": offset})})
-    return shown(moved, links, log.steps)
+    return signals_of(moved, links, log.steps)
 
 
 def _cost(signals: Signals, log: Log) -> tuple[int, int]:
-    """Number of passages at red, and number of steps that vehicles stand first at a line that has long been open."""
+    """Returns numbers of passages at red, and of steps that vehicles stand first at a line that has long been open."""
     waiting = 0
     front_x = log.x + 0.5 * log.length[:, None] * np.cos(log.yaw)
     front_y = log.y + 0.5 * log.length[:, None] * np.sin(log.yaw)
@@ -89,4 +89,4 @@ def _cost(signals: Signals, log: Log) -> tuple[int, int]:
         dx, dy = front_x - link.stop[0], front_y - link.stop[1]
         first = (np.abs(cos * dx + sin * dy) < FIRST) & (np.abs(cos * dy - sin * dx) < 0.5 * link.width)
         waiting += int((first & log.valid & (log.speed < STANDS) & long_open).sum())
-    return sum(red for _, red in heed(signals, log).values()), waiting
+    return sum(red for _, red in count_passages(signals, log).values()), waiting

@@ -1,8 +1,7 @@
-"""A conflict stage that is ready and then does not do its part: `mute` never answers, `broken` fails at step 5."""
+"""A conflict stage that is ready, and fails at step 5."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,7 +9,7 @@ from litsim_msgs.msg import RunInfo, Takeovers
 
 from litsim_sim.ros.messages import header
 from litsim_sim.ros.stage import StageNode, run_stages
-from litsim_sim.ros.topics import AGENTS, CONTROLS, FORECASTS, TAKEOVERS
+from litsim_sim.ros.topics import AGENTS, FORECASTS, TAKEOVERS
 from litsim_sim.scenario.scenario import Scenario
 
 
@@ -23,17 +22,13 @@ def as_it_is(message: Any, run_id: str) -> Any:
     return message
 
 
-class MuteStage(StageNode):
+class BrokenStage(StageNode):
     stage = "conflict"
-    inputs = ((AGENTS, itself), (CONTROLS, itself))  # the second one comes only once this stage has answered
+    inputs = ((AGENTS, itself), (FORECASTS, itself))
     outputs = ((TAKEOVERS, as_it_is),)
 
     def configure(self, info: RunInfo, scenario: Scenario) -> None:
         self.run_id = info.run_id
-
-
-class BrokenStage(MuteStage):
-    inputs = ((AGENTS, itself), (FORECASTS, itself))
 
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         step = inputs[AGENTS.name].step
@@ -41,4 +36,4 @@ class BrokenStage(MuteStage):
 
 
 if __name__ == "__main__":
-    run_stages({"mute": MuteStage, "broken": BrokenStage}[sys.argv.pop(1)])
+    run_stages(BrokenStage)

@@ -1,1 +1,0 @@
-"""Calibrations of the detection of conflicts."""
