@@ -25,10 +25,12 @@ with_types = pytest.mark.skipif(
 )
 
 
-def drive(graph: Any, name: str, *options: object, ego: str = "autoware", stack: tuple[str, ...] = ()) -> Any:
+def drive(
+    graph: Any, name: str, *options: object, ego: str = "autoware", stack: tuple[str, ...] = (), policy: str = "replay"
+) -> Any:
     """A run of the stand-in: how the launcher ended, and its metrics."""
     bag = graph.folder / name
-    setup = ("--scenario", graph.scenario(), "--ego", ego, "--policy", "litsim", "--out", bag, *options)
+    setup = ("--scenario", graph.scenario(), "--ego", ego, "--policy", policy, "--out", bag, *options)
     done = graph.launch(*setup, "--", sys.executable, STAND_IN, *stack)
     assert not graph.running()
     return done, json.loads((bag / "metrics.json").read_text()) if (bag / "metrics.json").is_file() else None
@@ -38,7 +40,7 @@ def drive(graph: Any, name: str, *options: object, ego: str = "autoware", stack:
 def test_core_drives_and_drives_the_same_way_again(graph: Any) -> None:
     digests = []
     for name in ("first", "second"):
-        done, metrics = drive(graph, name)
+        done, metrics = drive(graph, name, policy="litsim")
         assert done.returncode == 0, done.stderr + (graph.folder / name / "log/ads.log").read_text()
         port = metrics["lockstep"]["ego_port"]
         assert (metrics["lockstep"]["missed"], port["interface"], port["answered"]) == (0, "control", 36)
@@ -77,7 +79,7 @@ def test_universe_and_real_time(graph: Any, ego: str, options: tuple[str, ...], 
 @with_types
 def test_what_is_waited_for_is_told(graph: Any) -> None:
     bag = graph.folder / "run"
-    options = ("--set", "bridge.external_timeout_s=8", "--out", bag, "--scenario", graph.scenario())
+    options = ("--set", "bridge.external_timeout_s=7", "--out", bag, "--scenario", graph.scenario())
     done = graph.launch("--ego", "autoware", "--policy", "replay", *options, "--", "sleep", 100)
     assert done.returncode == 1
     assert "waiting for service /api/routing/set_route_points" in done.stderr
