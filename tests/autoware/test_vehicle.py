@@ -33,9 +33,9 @@ def test_the_motion_between_steps_is_that_of_the_step_going_on() -> None:
     assert motion.after(20.0).speed == 0.0
 
 
-@pytest.mark.parametrize("speed", [0.0, 10.0])
-def test_a_trajectory_begins_at_the_ego_and_goes_as_fast_as_it_says(speed: float) -> None:
-    points = np.column_stack([np.arange(-5.0, 100.0), np.zeros(105)])
+@pytest.mark.parametrize(("speed", "first"), [(0.0, -5.0), (10.0, -5.0), (10.0, 2.8)])
+def test_a_trajectory_begins_at_the_ego_and_goes_as_fast_as_it_says(speed: float, first: float) -> None:
+    points = np.column_stack([first + np.arange(105.0), np.zeros(105)])
     future = future_of(points, np.full(105, 10.0), RearAxle(2.3, 0.1, 0.0, speed, 0.0, 0.0), 1.4, 5.0)
     assert future[:, 0] == pytest.approx(np.arange(1, 51) * 0.1)
     assert future[:, 2] == pytest.approx(np.zeros(50))

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from ament_index_python.packages import get_package_prefix
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
 
@@ -74,6 +75,21 @@ def test_universe_and_real_time(graph: Any, ego: str, options: tuple[str, ...], 
     assert min(speed) > 5.0 and max(abs(a - b) for a, b in pairwise(speed)) < 0.5
     modes = {values["control_mode"] for values in values_of(graph.folder / "run", "litsim: autoware")}
     assert modes == {"1"}  # autonomous
+
+
+@with_types
+def test_a_trajectory_is_followed_and_the_adapter_may_be_started_by_hand(graph: Any) -> None:
+    bag = graph.folder / "run"
+    setup = ("--scenario", graph.scenario(), "--policy", "replay", "--out", bag, "--set", "bridge.clock=false")
+    program = Path(get_package_prefix("litsim_autoware")) / "lib/litsim_autoware/autoware"
+    adapter = (program, "--answers", "trajectory", "--goal", 120.0, -5.5, 0.0)
+    done = graph.launch("--ego", "external", *setup, "--", *adapter, "--", sys.executable, STAND_IN)
+    assert done.returncode == 0, done.stderr + (bag / "log/ads.log").read_text()
+    port = json.loads((bag / "metrics.json").read_text())["lockstep"]["ego_port"]
+    assert (port["interface"], port["answered"], port["invalid"]) == ("trajectory", 36, 0)
+    run = read_run(bag)
+    speed = [float(table.speed[table.row(run.info.ego_id)]) for table in run.tables]
+    assert min(speed) > 5.0 and max(abs(a - b) for a, b in pairwise(speed)) < 0.9
 
 
 @with_types

@@ -137,7 +137,7 @@ def future_of(points: FloatArray, speeds: FloatArray, now: RearAxle, lever: floa
     heading = np.unwrap(np.arctan2(*np.gradient(points, axis=0).T[::-1]))
     nearest = int(np.hypot(points[:, 0] - now.x, points[:, 1] - now.y).argmin())
     ahead = (now.x - points[nearest, 0]) * cos(heading[nearest]) + (now.y - points[nearest, 1]) * sin(heading[nearest])
-    begin = float(np.clip(along[nearest] + ahead, 0.0, along[-1]))
+    begin = float(min(along[nearest] + ahead, along[-1]))  # less than 0 where the trajectory begins ahead
     later = along > begin
     way = np.append(begin, along[later])
     speed = np.append(now.speed, speeds[later])
@@ -148,4 +148,5 @@ def future_of(points: FloatArray, speeds: FloatArray, now: RearAxle, lever: floa
     times = np.arange(FUTURE_S, min(horizon_s, max(time[-1], FUTURE_S)) + 1e-9, FUTURE_S)
     s = np.interp(times, time, way)
     x, y, turn = (np.interp(s, along, values) for values in (points[:, 0], points[:, 1], heading))
+    x, y = x + np.minimum(s, 0.0) * cos(heading[0]), y + np.minimum(s, 0.0) * sin(heading[0])
     return np.column_stack([times, x + lever * np.cos(turn), y + lever * np.sin(turn)])

@@ -128,8 +128,8 @@ class Broadcast:
 
     def _are_ticks_heard(self) -> bool:
         """Returns whether others than the recorder, which needs the steps' times only, listen to the clock."""
-        listeners = self._publishers[CLOCK].get_subscription_count()
-        return self._with_ticks and listeners > (RECORDER in self._plan.stages)
+        own = int(RECORDER in self._plan.stages)
+        return self._with_ticks and self._publishers[CLOCK].get_subscription_count() > own
 
     def _show_time(self, time_ns: int) -> None:
         seconds, nanoseconds = divmod(time_ns, 10**9)
