@@ -158,7 +158,7 @@ install_cpu_torch() {
     rm -f "$log"
     return
   fi
-  if ! grep -qiE 'no matching distribution|could not find a version' "$log"; then
+  if ! grep -qiE 'no matching distribution|could not find a version|ResolutionImpossible' "$log"; then
     cat "$log" >&2
     fail "pip could not install torch; its message is above"
   fi

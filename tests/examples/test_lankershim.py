@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from litsim_data.maps.commonroad import import_commonroad
+from litsim_data.maps.map_format import CommonRoad
 from litsim_data.maps.netconvert import find_netconvert
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
@@ -120,7 +120,7 @@ def test_the_plan_is_of_the_map(windows: ModuleType, real_data: Callable[..., Pa
         find_netconvert()
     except InputError as error:
         pytest.skip(str(error))
-    import_commonroad(real_data(windows.MAP), tmp_path / "l.net.xml")
+    CommonRoad().write_net(real_data(windows.MAP), None, tmp_path / "l.net.xml")
     plan = read_yaml(FOLDER / "plan.yaml", SignalsFile)
     signals = signals_of(plan, read_links(tmp_path / "l.net.xml"), 1001)
     assert signals.groups == ("east", "north", "south", "south_left", "west")

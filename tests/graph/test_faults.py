@@ -105,9 +105,9 @@ def test_a_node_that_is_killed_is_named(graph: Any, name: str) -> None:
     assert 9 <= assert_whole_steps(bag) < 245
 
 
-def test_messages_lost_late_twice_out_of_order_or_of_another_run_change_nothing(graph: Any, recorded: Any) -> None:
+def test_messages_lost_late_twice_or_out_of_order_change_nothing(graph: Any, recorded: Any) -> None:
     expected = digest_of(recorded, "litsim")
-    relay, stranger = graph.start_script("relay.py", *HOPS.values()), graph.start_script("stranger.py")
+    relay = graph.start_script("relay.py", *HOPS.values())
     recorder = graph.start_node("litsim_sim", "recorder", output=graph.folder / "run")
     start(graph, *PROGRAMS, remapped=tuple(HOPS))
     bridge = graph.finish(start_bridge(graph, *remap("bridge", tuple(HOPS))))
@@ -117,23 +117,18 @@ def test_messages_lost_late_twice_out_of_order_or_of_another_run_change_nothing(
     _, said = graph.end(relay)
     done = {tuple(line.split()) for line in said.splitlines() if line.startswith(DEEDS)}  # not how it was ended
     assert done == {(deed, topic) for deed in DEEDS for topic in HOPS.values()}
-    _, said = graph.end(stranger)
-    assert said.count("step ") > 5  # it was there
 
 
-def test_nodes_that_come_late_and_twice_change_nothing(graph: Any, recorded: Any) -> None:
-    """The bridge is there first, and of each other node there are two, which answer alike."""
+def test_nodes_that_come_late_change_nothing(graph: Any, recorded: Any) -> None:
     expected = digest_of(recorded, "litsim")
     bridge = start_bridge(graph)
     assert "waiting for READY from conflict, ego, policy, predictor" in bridge.stderr.readline()
-    recorders = [graph.start_node("litsim_sim", "recorder", output=graph.folder / name) for name in ("one", "other")]
-    for _ in recorders:
-        start(graph, *reversed(PROGRAMS))
+    recorder = graph.start_node("litsim_sim", "recorder", output=graph.folder / "run")
+    start(graph, *reversed(PROGRAMS))
     done = graph.finish(bridge)
     assert done.returncode == 0, done.stderr
-    for recorder, name in zip(recorders, ("one", "other"), strict=True):
-        assert graph.finish(recorder).returncode == 0
-        assert_valid(graph.folder / name, expected)
+    assert graph.finish(recorder).returncode == 0
+    assert_valid(graph.folder / "run", expected)
 
 
 def test_a_recorder_slower_than_the_run_is_waited_for(graph: Any) -> None:

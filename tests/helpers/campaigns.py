@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,8 @@ import yaml
 
 from litsim_eval.campaign.case import Case, cases_of
 from litsim_eval.campaign.criteria import Criteria
-from litsim_eval.campaign.results import read_campaign
+from litsim_eval.campaign.folder import CampaignFolder
+from litsim_eval.campaign.results import Campaign, RunResult, read_campaign
 from litsim_eval.campaign.suite import Suite
 from litsim_eval.report.experiment import write_experiment_report
 from litsim_sim.scenario.scenario import packaged
@@ -85,6 +87,29 @@ def scenario_file(folder: Path, name: str = "own", **values: Any) -> str:
     path = folder / f"{name}.yaml"
     path.write_text(yaml.safe_dump(DEMO | values))
     return str(path)
+
+
+def stored(
+    folder: Path,
+    outcomes: Sequence[dict[str, Any] | str | None],
+    sources: str = "b",
+    criteria: Criteria = CRITERIA,
+    **asked: Any,
+) -> Campaign:
+    """A campaign with a run for each of `outcomes`: its metrics, a text for an error, None for one not run.
+
+    The runs are of one vehicle, by seeds from 0, unless `asked` has other fields of the suite.
+    """
+    versions = VERSIONS | {"sources": sources}
+    plan = suite(**{"policies": ["litsim"], "seeds": list(range(len(outcomes))), "criteria": criteria} | asked)
+    made, writer = cases_of(plan, with_versions=versions), CampaignFolder(folder)
+    writer.begin(plan, made, versions)
+    for case, outcome in zip(made, outcomes, strict=True):
+        if isinstance(outcome, str):
+            writer.store(RunResult.error(case, outcome))
+        elif outcome is not None:
+            writer.store(RunResult.judged(case, outcome, criteria, report="report.html"))
+    return read_campaign(folder)
 
 
 def told(out: Path) -> list[Any]:

@@ -1,18 +1,10 @@
-"""Made-up traffic in NGSIM's official formats: for tests, and for measuring conversions of the real size.
-
-``./litsim exec python tests/helpers/made_ngsim.py --rows 12000000 FILE.csv`` writes what the portal would: all four
-sites and ten periods, ids that begin at 1 in each, rows out of order, a few of them twice, a few frames missing,
-thousands commas.
-"""
+"""Made-up traffic in NGSIM's official formats."""
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 import pandas as pd
@@ -21,7 +13,7 @@ import pyarrow.compute as pc
 import pyarrow.csv as pcsv
 
 from litsim_data.ngsim.formats import MOTORWAY_COLUMNS, STREET_COLUMNS, URBAN
-from litsim_data.ngsim.sites import FOOT, SITES, Site
+from litsim_data.ngsim.sites import FOOT, Site
 from litsim_sim.core.scene import STEP_S, FloatArray
 
 PORTAL_HEADER = (
@@ -188,12 +180,6 @@ def _number(name: str, value: float) -> str:
 
 def write_portal(made: pd.DataFrame, path: Path, *, commas: bool = True) -> None:
     """Write as the portal's CSV (25 columns); with `commas`, "1,118,847,869,000" as it exports large numbers."""
-    with path.open("wb") as file:
-        file.write(f"{PORTAL_HEADER}\n".encode())
-        _append_portal(made, file, commas=commas)
-
-
-def _append_portal(made: pd.DataFrame, file: IO[bytes], *, commas: bool) -> None:
     columns = {name: pa.array(made[name]) for name in PORTAL_COLUMNS}
     if not made["location"].isin(["lankershim", "peachtree"]).any():
         columns |= {name: pa.nulls(len(made), pa.string()) for name in URBAN}
@@ -202,7 +188,9 @@ def _append_portal(made: pd.DataFrame, file: IO[bytes], *, commas: bool) -> None
             columns[name] = _with_commas(columns[name], 0 if name in WHOLE_NAMES else 3)
     options = pcsv.WriteOptions(include_header=False, quoting_style="needed")
     together = pa.table(columns).combine_chunks()  # pyarrow 23 writes rows of chunked text columns twice
-    pcsv.write_csv(together, file, options)
+    with path.open("wb") as file:
+        file.write(f"{PORTAL_HEADER}\n".encode())
+        pcsv.write_csv(together, file, options)
 
 
 def _with_commas(values: pa.Array, decimals: int) -> pa.Array:
@@ -225,30 +213,3 @@ def _with_commas(values: pa.Array, decimals: int) -> pa.Array:
         digits = pc.utf8_lpad(pc.cast(pa.array(fraction), pa.string()), decimals, "0")
         text = pc.binary_join_element_wise(text, digits, ".")
     return pc.binary_join_element_wise(sign, text, "")
-
-
-def everything(rows: int, seed: int = 0) -> Iterator[pd.DataFrame]:
-    """All sites and periods, about `rows` in all, one table each, with the defects of the real file."""
-    places = [(site, period) for site in SITES.values() for period in site.periods]
-    weights = np.array([1.0 if len(site.headings) == 1 else 0.6 for site, _ in places])
-    for number, (site, period) in enumerate(places):
-        share = int(rows * weights[number] / weights.sum())
-        traffic = Traffic(site, period, share, duplicated=1e-3, missing=1e-3, seed=seed + number)
-        made = table(traffic)
-        yield made.iloc[np.random.default_rng(seed).permutation(len(made))]
-
-
-def main(argv: list[str] | None = None) -> None:
-    """Write a file like the portal's."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
-    parser.add_argument("out", type=Path, metavar="FILE.csv")
-    parser.add_argument("--rows", type=int, default=12_000_000, help="default %(default)s")
-    arguments = parser.parse_args(argv)
-    with arguments.out.open("wb") as file:
-        file.write(f"{PORTAL_HEADER}\n".encode())
-        for made in everything(arguments.rows):
-            _append_portal(made, file, commas=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -9,7 +9,7 @@ LONG_NOTES = ("mapping", "ids", "moved_by_cleaning_m")  # notes of a header that
 
 
 def describe(recording: Recording) -> str:
-    """Description of a recording, as text."""
+    """Returns the description of a recording, as text."""
     header, table = recording.header, recording.table
     vehicles = table.drop_duplicates("vehicle_id")
     per_frame = table.groupby("frame").size()

@@ -29,6 +29,7 @@ PARTS: tuple[Part, ...] = ("train", "val", "test")
 MANIFEST_FILE = "manifest.yaml"  # in a folder of segments
 SHARES = (0.7, 0.1)  # of the vehicle ids for training and validation; the rest is for tests (conv-social-pooling)
 ROUNDING = 1e-6  # since 0.7 + 0.1 is slightly less than 0.8
+EGO_MOVES = 20.0  # [m] shortest way of an ego; excludes vehicles that only stand in a queue
 EGO_KINDS = (Kind.CAR, Kind.TRUCK, Kind.UNKNOWN)
 
 
@@ -44,7 +45,6 @@ class Settings(BaseModel):
         simulation_s: simulated time after that [s].
         stride_s: time between the starts of successive segments [s]; below history_s + simulation_s they overlap.
         ego_min_s: shortest time after the history for which the ego is in the recording [s].
-        ego_moves_m: shortest distance that the ego travels [m]; excludes vehicles that only stand in a queue.
         split: shares of train, val and test.
         coverage_min: field of the scenarios, see :class:`litsim_sim.scenario.scenario_file.ScenarioFile`; None for its
             default.
@@ -57,7 +57,6 @@ class Settings(BaseModel):
     simulation_s: _Seconds = 25.0
     stride_s: _Seconds = 28.1
     ego_min_s: _Seconds = 10.0
-    ego_moves_m: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 20.0
     split: tuple[float, float, float] = (0.7, 0.1, 0.2)
     coverage_min: Annotated[float, Field(ge=0, le=1)] | None = None
 
@@ -135,12 +134,12 @@ class Manifest(BaseModel):
     without_ego: int = 0
 
     def to_yaml(self) -> str:
-        """The manifest as the text of a YAML file."""
+        """Returns the manifest as the text of a YAML file."""
         return yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=120)
 
     @classmethod
     def read(cls, path: Path) -> Manifest:
-        """Read a manifest.
+        """Reads a manifest.
 
         Raises:
             InputError: the file is missing or not a manifest.
@@ -149,14 +148,14 @@ class Manifest(BaseModel):
 
 
 def name_of(file: str, part: str, count: int) -> str:
-    """Name of segment number `count` of a `part` of the recording in `file`."""
+    """Returns the name of segment number `count` of a `part` of the recording in `file`."""
     return f"{Path(file).name.split('.')[0]}_{part}_{count:02d}"
 
 
 def cut(
     recordings: Sequence[tuple[str, str, dict[str, list[float]] | None, Recording]], settings: Settings
 ) -> Manifest:
-    """Cut recordings into segments.
+    """Cuts recordings into segments.
 
     Args:
         recordings: file name and net for the manifest, crop, and content of each.
@@ -172,7 +171,7 @@ def cut(
             f"ego_min_s is {settings.ego_min_s:g}, expected at most simulation_s, which is {settings.simulation_s:g}: "
             f"no ego is there for longer than its segment"
         )
-    sources = [_source(*each) for each in recordings]
+    sources = [_source(*recording) for recording in recordings]
     segments: list[Segment] = []
     without_ego = 0
     for number, (source, (*_, recording)) in enumerate(zip(sources, recordings, strict=True)):
@@ -201,7 +200,7 @@ def cut(
     if not segments:
         raise InputError(
             f"no segment found: expected recordings with {settings.needed_steps * STEP_S:g} s or more in some part of "
-            f"the split {settings.split}, and a vehicle that is there so long and travels {settings.ego_moves_m:g} m; "
+            f"the split {settings.split}, and a vehicle that is there so long and travels {EGO_MOVES:g} m; "
             f"{without_ego} pieces had no such vehicle"
         )
     if len(set(names)) < len(names):
@@ -210,20 +209,15 @@ def cut(
 
 
 def _source(file: str, net: str, crop: dict[str, list[float]] | None, recording: Recording) -> Source:
-    """The manifest's entry of a recording."""
+    """Returns the manifest's entry of a recording."""
     frames, vehicles = recording.columns["frame"], ~is_obstacle(recording.columns["kind"])
-    return Source(
-        file=file,
-        crop=crop,
-        digest=content_digest(recording),
-        net=net,
-        frames=(int(frames.min()), int(frames.max())),
-        vehicles=last_ids(recording.columns["vehicle_id"][vehicles]),
-    )
+    ids = last_ids(recording.columns["vehicle_id"][vehicles])
+    span = int(frames.min()), int(frames.max())
+    return Source(file=file, crop=crop, digest=content_digest(recording), net=net, frames=span, vehicles=ids)
 
 
 def reproduce(manifest: Manifest, folder: Path) -> tuple[Manifest, list[Recording]]:
-    """Cut the recordings of `manifest`, which lies in `folder`, again.
+    """Cuts the recordings of `manifest`, which lies in `folder`, again.
 
     Returns:
         The new manifest, and its recordings, cropped.
@@ -242,7 +236,7 @@ def reproduce(manifest: Manifest, folder: Path) -> tuple[Manifest, list[Recordin
 
 
 def content_digest(recording: Recording) -> str:
-    """SHA-256 over the columns of a recording, independent of the file's format and compression."""
+    """Returns the SHA-256 over the columns of a recording, independent of the file's format and compression."""
     digest = hashlib.sha256(b"litsim-recording-1\n")
     for name, values in recording.table.items():
         array = values.to_numpy()
@@ -252,7 +246,7 @@ def content_digest(recording: Recording) -> str:
 
 
 def scenario_yaml(manifest: Manifest, segment: Segment) -> str:
-    """The text of a scenario file for `segment`, to be put into the manifest's folder."""
+    """Returns the text of a scenario file for `segment`, to be put into the manifest's folder."""
     source, settings = manifest.recordings[segment.recording], manifest.settings
     first, last = segment.frames
     marks = ", shortened" if segment.shortened else ""
@@ -275,7 +269,7 @@ def scenario_yaml(manifest: Manifest, segment: Segment) -> str:
 
 
 def write(manifest: Manifest, folder: Path) -> Path:
-    """Write :data:`MANIFEST_FILE` and a scenario file for every segment; return the manifest's path.
+    """Writes :data:`MANIFEST_FILE` and a scenario file for every segment; returns the manifest's path.
 
     Raises:
         InputError: `folder` cannot be written.
@@ -292,7 +286,7 @@ def write(manifest: Manifest, folder: Path) -> Path:
 
 
 def describe(manifest: Manifest) -> str:
-    """The number of segments by part, and that of recordings, as lines of text."""
+    """Returns the number of segments by part, and that of recordings, as lines of text."""
     lines = []
     for part in PARTS:
         of_part = [segment for segment in manifest.segments if segment.part == part]
@@ -305,7 +299,7 @@ def describe(manifest: Manifest) -> str:
 
 
 def last_ids(vehicle: IntArray) -> tuple[int, int]:
-    """Largest ids of train and of val in the split of vehicles by id: 70/10/20 % of the ids in `vehicle`, rounded down.
+    """Returns the largest ids of train and of val in the split by id: 70/10/20 % of the ids in `vehicle`, rounded down.
 
     Ids of a recording ascend with time, so that the parts follow each other and hardly overlap in time (as in
     conv-social-pooling).
@@ -317,17 +311,12 @@ def last_ids(vehicle: IntArray) -> tuple[int, int]:
 
 
 def parts_of(vehicle: IntArray) -> IntArray:
-    """Parts (R,) of rows of the vehicles with ids `vehicle` (R,), as indices in :data:`PARTS`; see :func:`last_ids`."""
+    """Returns the part (R,) of each id in `vehicle` (R,), as an index in :data:`PARTS`; see :func:`last_ids`."""
     return np.searchsorted(last_ids(vehicle), vehicle)
 
 
-def part_of_vehicle(source: Source, vehicle: int) -> Part:
-    """The part of `vehicle` in the split of `source` by vehicle id, with which predictors are trained and tested."""
-    return PARTS[int(np.searchsorted(source.vehicles, vehicle))]
-
-
 def _windows(first: int, last: int, settings: Settings) -> list[tuple[Part, int, int]]:
-    """Part, first and last frame of every segment of a recording from frame `first` to `last`."""
+    """Returns the part, first and last frame of every segment of a recording from frame `first` to `last`."""
     frames, stride = last - first + 1, max(round(settings.stride_s / STEP_S), 1)
     bounds = [first + round(share * frames) for share in (0.0, *np.cumsum(settings.split))]
     windows: list[tuple[Part, int, int]] = []
@@ -342,19 +331,17 @@ class _Tracks:
     """The tracks of the vehicles of a recording."""
 
     def __init__(self, recording: Recording) -> None:
-        self._table = recording.table[["vehicle_id", "frame", "x", "y", "kind"]].sort_values(["vehicle_id", "frame"])
-        ids, start, count = np.unique(self._table["vehicle_id"].to_numpy(), return_index=True, return_counts=True)
-        self._ids, self._row = ids, start
-        self._first = self._table["frame"].to_numpy()[start]
+        table = recording.table[["vehicle_id", "frame", "x", "y", "kind"]].sort_values(["vehicle_id", "frame"])
+        self._ids, self._row, count = np.unique(table["vehicle_id"].to_numpy(), return_index=True, return_counts=True)
+        self._first = table["frame"].to_numpy()[self._row]
         self._last = self._first + count - 1  # recordings have no holes
-        self._kind = self._table["kind"].to_numpy()[start]
-        step = np.hypot(*(np.diff(self._table[axis], prepend=0.0) for axis in ("x", "y")))
-        self._way: FloatArray = np.cumsum(step)
+        self._kind = table["kind"].to_numpy()[self._row]
+        self._way: FloatArray = np.cumsum(np.hypot(*(np.diff(table[axis], prepend=0.0) for axis in ("x", "y"))))
 
     def egos(self, start: int, end: int, settings: Settings) -> np.ndarray:
-        """Ids (k,) of the vehicles that can be the ego of the segment from frame `start` to `end`."""
+        """Returns ids (k,) of the vehicles that can be the ego of the segment from frame `start` to `end`."""
         last = np.minimum(self._last, end)
         fits = (self._first <= start) & (last >= start + settings.needed_steps) & np.isin(self._kind, EGO_KINDS)
         rows = np.flatnonzero(fits)
         at, until = self._row[rows] + start - self._first[rows], self._row[rows] + last[rows] - self._first[rows]
-        return cast(np.ndarray, self._ids[rows[self._way[until] - self._way[at] >= settings.ego_moves_m]])
+        return cast(np.ndarray, self._ids[rows[self._way[until] - self._way[at] >= EGO_MOVES]])

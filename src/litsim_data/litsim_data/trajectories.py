@@ -19,7 +19,7 @@ EXTRA = ("step", "yaw_rate", "controller")
 
 
 def trajectories(run: Run) -> pd.DataFrame:
-    """One row per agent and step, ordered by step: the columns of the neutral schema and EXTRA.
+    """Returns one row per agent and step, ordered by step: the columns of the neutral schema and EXTRA.
 
     `frame` is the recording's; `lane` is counted from the left of the edge in the bag's net (-1: inside a junction, or
     no net); `controller` is the name of a :class:`litsim_sim.core.scene.Controller` in lower case.
@@ -57,7 +57,7 @@ def _lanes(run: Run, rows: pd.DataFrame) -> np.ndarray:
 
 
 def write(rows: pd.DataFrame, out: Path) -> None:
-    """Write `rows` as CSV or Parquet, by the suffix of `out`.
+    """Writes `rows` as CSV or Parquet, by the suffix of `out`.
 
     Raises:
         InputError: `out` has another suffix, or cannot be written.

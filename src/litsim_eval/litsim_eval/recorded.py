@@ -14,7 +14,7 @@ from litsim_sim.record.run import read_run
 
 
 def analyze_recorded(out: Path, *, quiet: bool, failed: bool) -> int:
-    """Write measures and report of the recording in `out`; return the exit status: 1 if the run is not valid.
+    """Writes measures and report of the recording in `out`; returns the exit status: 1 if the run is not valid.
 
     Args:
         out: folder of the run.

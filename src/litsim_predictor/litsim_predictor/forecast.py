@@ -19,8 +19,7 @@ DT_MIN_S = 1e-3
 class Modes:
     """Less probable alternatives of agents: q further futures over T steps, frame map.
 
-    Only manoeuvres that matter are among them: those that are probable enough, see
-    :class:`litsim_predictor.inference.contract.ModeChoice`.
+    Only the most probable of these are among them; see `litsim_predictor.models.PredictorConfig.modes`.
 
     Attributes:
         row: (q,) of the agent in the forecast, ascending; an agent may have several, the most probable first, or none.
@@ -36,7 +35,7 @@ class Modes:
 
     @classmethod
     def none(cls, steps: int = 0) -> Modes:
-        """No further futures, of `steps` steps."""
+        """Returns no further futures, of `steps` steps."""
         return cls(
             np.empty(0, np.int64),
             np.empty(0, np.float32),
@@ -86,7 +85,7 @@ class Forecast:
 
     @classmethod
     def empty(cls, step: int, dt: float = STEP_S, maneuvers: int = 0) -> Forecast:
-        """The forecast of no agents, by a predictor that knows `maneuvers`."""
+        """Returns the forecast of no agents, by a predictor that knows `maneuvers`."""
         narrow = np.empty((0, 0), np.float32)
         return cls(
             step=step,
@@ -100,7 +99,7 @@ class Forecast:
         )
 
     def rows(self, agents: IntArray) -> IntArray:
-        """Row of each of `agents` (m,), -1 where there is no valid forecast."""
+        """Returns the row of each of `agents` (m,), -1 where there is no valid forecast."""
         rows = index_of(self.id, agents)
         if not self.valid.all():
             rows[~self.valid[rows]] = -1
@@ -114,7 +113,7 @@ class NoPredictor:
         """Nothing is remembered."""
 
     def forecast(self, table: AgentTable) -> Forecast:
-        """An empty forecast."""
+        """Returns an empty forecast."""
         return Forecast.empty(table.step)
 
 

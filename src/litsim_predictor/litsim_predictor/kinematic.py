@@ -10,20 +10,16 @@ from pydantic import Field, model_validator
 from litsim_predictor.forecast import DT_MIN_S, Forecast, Modes
 from litsim_predictor.selection import Egos, Wanted, selected
 from litsim_sim.core.history import History
-from litsim_sim.core.quantities import (
-    Acceleration,
-    AngularRate,
-    Duration,
-    Horizon,
-    Length,
-    NonNegative,
-    Positive,
-    Speed,
-    Steps,
-    at_most,
-    configuration,
-)
+from litsim_sim.core.quantities import Duration, Horizon, at_most, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
+
+RATE_WINDOW = 10  # [steps] over which the turn rate is averaged: recorded headings are noisy
+RATE_DEAD_BAND = 0.03  # [rad/s] turn rates below are noise, and count as none
+RATE_DECAY = 1.5  # [s] time constant with which drivers are expected to end a turn
+SIGMA_START = 0.1  # [m] standard deviation at the start
+SIGMA_ALONG, SIGMA_ACROSS = (0.55, 0.16), (0.15, 0.02)
+"""Linear and quadratic growth [m/s], [m/s2] of the standard deviations, after the published error of constant velocity
+on NGSIM, 0.7 m at 1 s to 6.7 m at 5 s."""
 
 
 @configuration
@@ -31,24 +27,12 @@ class KinematicConfig:
     """Parameters of :class:`KinematicPredictor`.
 
     Attributes:
-        horizon: of the forecast.
-        dt: time between future steps.
-        rate_window: steps over which the turn rate is averaged; recorded headings are noisy.
-        rate_dead_band: turn rates below are noise, and taken as none.
-        rate_decay: time constant with which drivers are expected to end a turn.
-        sigma_along, sigma_across: growth of the standard deviations, linear and quadratic terms; the
-            defaults follow the published error of constant velocity on NGSIM, 0.7 m at 1 s to 6.7 m at 5 s.
-        sigma_start: standard deviation at the start.
+        horizon: time that a forecast covers.
+        dt: time between its steps.
     """
 
     horizon: Horizon = 5.0
     dt: Annotated[Duration, Field(ge=DT_MIN_S)] = 0.2
-    rate_window: Positive[Steps] = 10
-    rate_dead_band: NonNegative[AngularRate] = 0.03
-    rate_decay: Positive[Duration] = 1.5
-    sigma_along: tuple[NonNegative[Speed], NonNegative[Acceleration]] = (0.55, 0.16)
-    sigma_across: tuple[NonNegative[Speed], NonNegative[Acceleration]] = (0.15, 0.02)
-    sigma_start: NonNegative[Length] = 0.1
 
     @model_validator(mode="after")
     def _has_a_step(self) -> Self:
@@ -64,7 +48,7 @@ class KinematicPredictor:
     ) -> None:
         self._ego_id, self._roi_m, self._wanted = ego_id, roi_m, wanted
         self._config = config or KinematicConfig()
-        self._history = History(self._config.rate_window + 1, ["yaw"])
+        self._history = History(RATE_WINDOW + 1, ["yaw"])
 
     def observe(self, table: AgentTable) -> None:
         """See :class:`litsim_predictor.forecast.Predictor`."""
@@ -79,7 +63,7 @@ class KinematicPredictor:
         steps = round(config.horizon / config.dt)
         t: FloatArray = config.dt * np.arange(1, steps + 1, dtype=np.float64)
         rate = self._turn_rate(agents)
-        yaw, way = roll_out(agents.yaw, agents.speed, rate, t, config)
+        yaw, way = roll_out(agents.yaw, agents.speed, rate, t)
         mean = np.stack([agents.x, agents.y], axis=-1)[:, None] + way
         return Forecast(
             step=table.step,
@@ -87,52 +71,47 @@ class KinematicPredictor:
             id=agents.id,
             mean=mean,
             yaw=yaw.astype(np.float32),
-            covariance=spread(yaw, t, config).astype(np.float32),
+            covariance=spread(yaw, t).astype(np.float32),
             maneuver_probability=np.empty((len(agents), 0), np.float32),
             valid=np.ones(len(agents), np.bool_),
             modes=Modes.none(steps),
         )
 
     def _turn_rate(self, agents: AgentTable) -> FloatArray:
-        """(n,) mean turn rate over the window [rad/s]; zero where an agent has just appeared or hardly turns."""
+        """Returns the mean turn rate (n,) [rad/s]; zero for agents that have just appeared or hardly turn."""
         yaw, present = self._history.series("yaw", agents.id)
         first = np.argmax(present, axis=1)
         span = (yaw.shape[1] - 1 - first) * STEP_S
         turned = np.arctan2(
             np.sin(yaw[:, -1] - yaw[np.arange(len(yaw)), first]), np.cos(yaw[:, -1] - yaw[np.arange(len(yaw)), first])
         )
-        rate = np.divide(turned, span, out=np.zeros(len(yaw)), where=span > 0.5 * self._config.rate_window * STEP_S)
-        return np.where(np.abs(rate) > self._config.rate_dead_band, rate, 0.0)
+        rate = np.divide(turned, span, out=np.zeros(len(yaw)), where=span > 0.5 * RATE_WINDOW * STEP_S)
+        return np.where(np.abs(rate) > RATE_DEAD_BAND, rate, 0.0)
 
 
-def roll_out(
-    yaw: FloatArray, speed: FloatArray, rate: FloatArray, t: FloatArray, config: KinematicConfig
-) -> tuple[FloatArray, FloatArray]:
-    """Headings (..., T) [rad] and displacements (..., T, 2) [m] at the times `t` (T,), multiples of `config.dt` [s].
+def roll_out(yaw: FloatArray, speed: FloatArray, rate: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Returns headings (..., T) [rad] and displacements (..., T, 2) [m] at the times `t` (T,), equally spaced [s].
 
     Args:
         yaw, speed: (...) now [rad], [m/s].
         rate: (...) of turn now [rad/s]; it decays.
-        t: [s].
-        config: decay and step.
+        t: multiples of the first [s].
     """
-    yaws = yaw[..., None] + rate[..., None] * config.rate_decay * (1.0 - np.exp(-t / config.rate_decay))
+    yaws = yaw[..., None] + rate[..., None] * RATE_DECAY * (1.0 - np.exp(-t / RATE_DECAY))
     middle = np.concatenate([yaw[..., None], yaws], axis=-1)
     middle = 0.5 * (middle[..., 1:] + middle[..., :-1])
-    distance = (speed * config.dt)[..., None]
+    distance = (speed * t[0])[..., None]
     way = np.stack([np.cumsum(distance * np.cos(middle), axis=-1), np.cumsum(distance * np.sin(middle), axis=-1)], -1)
     return yaws, way
 
 
-def spread(yaw: FloatArray, t: FloatArray, config: KinematicConfig) -> FloatArray:
-    """The standard deviations along x and y [m] and the correlation (..., T, 3) of forecasts at times `t` (T,) [s].
+def spread(yaw: FloatArray, t: FloatArray) -> FloatArray:
+    """Returns the standard deviations along x and y [m] and the correlation (..., T, 3) of forecasts at `t` (T,) [s].
 
-    They grow along and across the headings `yaw` (..., T) [rad] as `config` says, and are given in the axes in which
-    the headings are. Where there is no spread along one of these, the correlation is 0.
+    They grow along and across the headings `yaw` (..., T) [rad], and are given in the axes in which the headings are.
     """
-    along = (config.sigma_start + config.sigma_along[0] * t + config.sigma_along[1] * t**2) ** 2
-    across = (config.sigma_start + config.sigma_across[0] * t + config.sigma_across[1] * t**2) ** 2
+    along = (SIGMA_START + SIGMA_ALONG[0] * t + SIGMA_ALONG[1] * t**2) ** 2
+    across = (SIGMA_START + SIGMA_ACROSS[0] * t + SIGMA_ACROSS[1] * t**2) ** 2
     cos, sin = np.cos(yaw), np.sin(yaw)
     xx, yy, xy = along * cos**2 + across * sin**2, along * sin**2 + across * cos**2, (along - across) * sin * cos
-    both = np.sqrt(xx * yy)
-    return np.stack([np.sqrt(xx), np.sqrt(yy), np.divide(xy, both, out=np.zeros_like(xy), where=both > 0.0)], axis=-1)
+    return np.stack([np.sqrt(xx), np.sqrt(yy), xy / np.sqrt(xx * yy)], axis=-1)

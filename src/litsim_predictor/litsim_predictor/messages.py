@@ -17,7 +17,7 @@ ROUNDING = 1e-3
 
 
 def forecast_to_message(forecast: Forecast, run_id: str) -> JointForecast:
-    """The message ``JointForecast`` that carries `forecast` in the run named `run_id`."""
+    """Returns the message ``JointForecast`` that carries `forecast` in the run named `run_id`."""
     return JointForecast(
         header=header(forecast.step),
         run_id=run_id,
@@ -39,7 +39,7 @@ def forecast_to_message(forecast: Forecast, run_id: str) -> JointForecast:
 
 
 def forecast_from_message(message: JointForecast) -> Forecast:
-    """The forecast that the message ``JointForecast`` carries."""
+    """Returns the forecast that the message ``JointForecast`` carries."""
     count, steps = len(message.id), round(message.horizon / message.dt)
     more = len(message.mode_row)
     return Forecast(
@@ -62,7 +62,7 @@ def forecast_from_message(message: JointForecast) -> Forecast:
 
 
 def received_forecast(message: JointForecast) -> Forecast:
-    """The forecast of a ``JointForecast`` that has come to a stage.
+    """Returns the forecast of a ``JointForecast`` that has come to a stage.
 
     Raises:
         InputError: its arrays are not n agents by T steps, its ids do not ascend, or valid entries are not finite, are

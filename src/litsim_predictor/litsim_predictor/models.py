@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import AfterValidator
 
 from litsim_predictor.forecast import NoPredictor, Predictor
-from litsim_predictor.inference.contract import ModeChoice, Network
+from litsim_predictor.inference.contract import Network
 from litsim_predictor.inference.predictor import LearnedPredictor
 from litsim_predictor.inference.raster import raster_of_net
 from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
@@ -19,7 +19,7 @@ from litsim_predictor.selection import Wanted
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterOverrides, ParameterReader
-from litsim_sim.core.quantities import Flag, Length, NonNegative, configuration
+from litsim_sim.core.quantities import Flag, Length, NonNegative, Whole, configuration
 from litsim_sim.core.stages import PREDICTOR
 from litsim_sim.scenario.run_info import drives_by_region
 from litsim_sim.scenario.setting import Setting
@@ -52,8 +52,8 @@ class Learned(LearnedPredictor, PredictorPlugin):
 
     def __init__(self, scenario: Setting, scope: Scope) -> None:
         net = raster_of_net(scenario.net_path)
-        given = (scenario.ego_ids, scope.roi_m, *net, scope.wanted, scope.modes)
-        super().__init__(network(self.model), *given, along_lanes=scope.along_lanes)
+        selection = (scenario.ego_ids, scope.roi_m, *net, scope.wanted, scope.modes)
+        super().__init__(network(self.model), *selection, along_lanes=scope.along_lanes)
 
 
 class Default(Learned):
@@ -81,7 +81,7 @@ class Bat(Learned):
 
 
 def model_names() -> tuple[str, ...]:
-    """Names of the installed predictors."""
+    """Returns the names of the installed predictors."""
     return plugins.names(plugins.PREDICTORS)
 
 
@@ -105,18 +105,18 @@ class PredictorConfig:
     """Parameters of the predictor stage that all predictors share.
 
     Attributes:
-        model: one of :func:`model_names`, or a file of weights or of a graph.
+        model: default, or another installed predictor; or a file of weights (*.safetensors) or of a graph (*.onnx).
         roi_m: radius around agents off their log within which agents are looked at; 0 is the scenario's.
         forecast_all: whether all agents of interest are forecast, and not only those whose forecast is read.
-        modes: which manoeuvres of an agent are forecast beside the most probable one, by models run by kernels.
-        along_lanes: whether learned models forecast along lanes that bend; see
-            :mod:`litsim_predictor.inference.ways`.
+        modes: greatest number of manoeuvres of an agent that are forecast besides the most probable one, each with a
+            probability of at least 0.05; only by models that kernels run.
+        along_lanes: whether learned models forecast along lanes that bend.
     """
 
     model: ModelName = DEFAULT_MODEL
     roi_m: NonNegative[Length] = 0.0
     forecast_all: Flag = False
-    modes: ModeChoice = ModeChoice()
+    modes: NonNegative[Whole] = 3
     along_lanes: Flag = True
 
 
@@ -141,17 +141,17 @@ def make_predictor(
     scenario: Setting,
     wanted: Wanted = Wanted.READ,
     roi_m: float = 0.0,
-    modes: ModeChoice | None = None,
+    modes: int = 0,
     parameters: Mapping[str, Any] | None = None,
 ) -> Predictor:
-    """The predictor called `model`, for a run of `scenario`.
+    """Returns the predictor called `model`, for a run of `scenario`.
 
     Args:
         model: one of :func:`model_names`, or the path of a file of weights or of a graph.
         scenario: of the run.
         wanted: the agents that it forecasts.
         roi_m: in place of the scenario's, where it is not 0 [m].
-        modes: which of their manoeuvres matter; by default only the most probable one.
+        modes: greatest number of manoeuvres of each besides the most probable one.
         parameters: of the predictor, by name within the stage.
 
     Raises:
@@ -161,7 +161,7 @@ def make_predictor(
         known_model(model)
     except ValueError as error:
         raise InputError(f"predictor: parameter model is {model!r}, {error}") from error
-    scope = Scope(roi_m or scenario.roi_m, wanted, *(() if modes is None else (modes,)))
+    scope = Scope(roi_m or scenario.roi_m, wanted, modes)
     read = ParameterOverrides(PREDICTOR, parameters or {})
     installed = model in model_names()
     make = plugins.load(plugins.PREDICTORS, model).read(read) if installed else _of_file(model)
@@ -171,7 +171,7 @@ def make_predictor(
 
 
 def network(model: str) -> Network:
-    """The trained model `model`, compiled; by torch where it has neither kernels nor a graph.
+    """Returns the trained model `model`, compiled; by torch where it has neither kernels nor a graph.
 
     Runs of one process share it: it remembers nothing of a scene.
 
@@ -201,5 +201,5 @@ def _network(model: str, modified: int) -> Network:
 
 
 def _of_file(file: str) -> type[Learned]:
-    """The class of the predictor in a file."""
+    """Returns the class of the predictor in a file."""
     return type("OfFile", (Learned,), {"model": file})

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from litsim_predictor.forecast import Forecast
-from litsim_predictor.inference.contract import NO_MODES, ModeChoice
 from litsim_predictor.selection import Wanted
 from litsim_sim.core.plugins import Configured
 from litsim_sim.core.scene import AgentTable
@@ -20,13 +19,13 @@ class Scope:
     Attributes:
         roi_m: radius around agents off their log within which agents are looked at [m].
         wanted: the agents that are forecast.
-        modes: which of their manoeuvres matter.
+        modes: greatest number of manoeuvres of each besides the most probable one.
         along_lanes: whether learned models forecast along lanes that bend.
     """
 
     roi_m: float
     wanted: Wanted = Wanted.READ
-    modes: ModeChoice = NO_MODES
+    modes: int = 0
     along_lanes: bool = True
 
 

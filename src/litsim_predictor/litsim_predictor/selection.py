@@ -31,7 +31,7 @@ class Wanted(StrEnum):
 
 
 def selected(table: AgentTable, ego_id: Egos, roi_m: float, wanted: Wanted) -> tuple[AgentTable, IntArray]:
-    """The agents of interest, and the rows among them of those to forecast; both empty if there are none.
+    """Returns the agents of interest, and the rows among them of those to forecast; both empty if there are none.
 
     Of interest are agents within `roi_m` [m] of the ego or of another agent off its log, those included.
     """
@@ -47,7 +47,7 @@ def selected(table: AgentTable, ego_id: Egos, roi_m: float, wanted: Wanted) -> t
 
 
 def agents_read(table: AgentTable, off_log: BoolArray) -> BoolArray:
-    """Mask (n,) of the agents whose forecast the conflict stage reads, or may read.
+    """Returns the mask (n,) of the agents whose forecast the conflict stage reads, or may read.
 
     It reads those of agents that are `off_log` (n,), the ego among them; and, as soon as it has taken an agent over,
     that agent's in the same step, to look for others in conflict with it. Which that will be is not known yet, so these

@@ -16,7 +16,6 @@ import numpy as np
 from litsim_policy.conflict.detector import ConflictDetector
 from litsim_policy.conflict.futures import Futures
 from litsim_predictor.forecast import Forecast, Predictor
-from litsim_predictor.inference.contract import ModeChoice
 from litsim_predictor.models import make_predictor
 from litsim_research.predictors.evaluation.drives import Drive, drives
 from litsim_sim.core.geometry import boxes_overlap
@@ -71,7 +70,7 @@ NO_PAIRS = PairScores(
 )
 
 
-def score_drives(scenario: Scenario, ego: int, detector: ConflictDetector, model: str, modes: ModeChoice) -> PairScores:
+def score_drives(scenario: Scenario, ego: int, detector: ConflictDetector, model: str, modes: int) -> PairScores:
     """Returns predicted and actual overlaps in the drives of `ego`, which brakes at times drawn by its id.
 
     Args:
@@ -79,7 +78,7 @@ def score_drives(scenario: Scenario, ego: int, detector: ConflictDetector, model
         ego: id.
         detector: to evaluate.
         model: name of the predictor.
-        modes: further manoeuvres that it forecasts.
+        modes: greatest number of further manoeuvres that it forecasts.
     """
     own = scenario.around(ego, None)
     parts = [NO_PAIRS]  # a drive may end with the history

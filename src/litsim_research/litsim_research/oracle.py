@@ -25,10 +25,10 @@ class OracleConfig:
     """Where the earlier runs are.
 
     Attributes:
-        happened: folder of their outcomes (:class:`litsim_sim.scenario.outcomes.RecordedOutcomes`).
+        outcomes: folder of their recorded outcomes (:class:`litsim_sim.scenario.outcomes.RecordedOutcomes`).
     """
 
-    happened: str = ""
+    outcomes: str = ""
 
 
 class Oracle(PredictorPlugin):
@@ -46,9 +46,9 @@ class Oracle(PredictorPlugin):
         Raises:
             InputError: the folder does not hold what happened in a run of `scenario`.
         """
-        if not config.happened:
-            raise InputError("predictor: parameter oracle.happened is empty, expected the folder of earlier runs")
-        self._outcomes = RecordedOutcomes.read(Path(config.happened), scenario)
+        if not config.outcomes:
+            raise InputError("predictor: parameter oracle.outcomes is empty, expected the folder of earlier runs")
+        self._outcomes = RecordedOutcomes.read(Path(config.outcomes), scenario)
         self._ids, self._ego_ids, self._scope = scenario.log.ids, scenario.ego_ids, scope
 
     def observe(self, table: AgentTable) -> None:

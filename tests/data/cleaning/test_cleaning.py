@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from litsim_data import cli as data
-from litsim_data.cleaning.cleaning import CleaningConfig, clean, front_centres, smoothed
-from litsim_data.cleaning.track_fit import fit_law
+from litsim_data.cleaning.cleaning import clean, front_centres, smoothed
+from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.scenario.load import load_recording
@@ -96,15 +96,14 @@ def test_circles_are_kept(radius: float, speed: float) -> None:
     turn = speed / radius
     angle = turn * STEP_S * np.arange(100)
     raw = tracks(radius * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)]))
-    table, report = clean(raw)
-    reach = (0.5 + CleaningConfig().rear_axle) * LENGTH
+    table, _ = clean(raw)
+    reach = (0.5 + VehicleLimits.rear_axle) * LENGTH
     inside = slice(15, -15)
     assert np.linalg.norm(fronts(table) - raw[["x", "y"]], axis=1)[inside].max() < 0.02
     np.testing.assert_allclose(table["speed"][inside], speed * np.sqrt(1 - (reach / radius) ** 2), rtol=2e-3)
     yaw = np.unwrap(table["yaw"])[inside]
     np.testing.assert_allclose(yaw, angle[inside] - np.arcsin(reach / radius), atol=0.01)
     np.testing.assert_allclose(np.diff(yaw) / STEP_S, turn, rtol=0.05)
-    assert report.axle_slip < 2e-3
 
 
 def leaving_a_bend(radius: float, speed: float, waits: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
@@ -116,7 +115,7 @@ def leaving_a_bend(radius: float, speed: float, waits: float = 0.0) -> tuple[np.
     yaw = np.concatenate([[0.3], 0.3 + np.cumsum(np.diff(gone) / radius * np.clip((15.0 - gone[:-1]) / 4.0, 0.0, 1.0))])
     towards = np.column_stack([np.cos(yaw), np.sin(yaw)])
     axle = np.concatenate([np.zeros((1, 2)), np.cumsum(np.diff(gone)[:, None] * towards[:-1], axis=0)])
-    return (axle + CleaningConfig().rear_axle * LENGTH * towards)[:-1:fine], yaw[:-1:fine]
+    return (axle + VehicleLimits.rear_axle * LENGTH * towards)[:-1:fine], yaw[:-1:fine]
 
 
 @pytest.mark.parametrize("ahead", [0.5, 0.0, -0.29])
@@ -141,17 +140,6 @@ def test_headings_of_who_stands_are_not_believed_where_it_moves() -> None:
 
 
 # Symmetries
-
-
-def test_time_has_no_direction() -> None:
-    places = np.cumsum(np.maximum(0.0, np.cumsum(np.random.default_rng(3).normal(size=150)))) * 0.1
-    law = fit_law(places, CleaningConfig()).at_frames()
-    back = fit_law(-places[::-1], CleaningConfig()).at_frames()
-    np.testing.assert_allclose(-back[::-1], law, atol=1e-4)
-    raw = lane_change() + noise(120, 0.1, seed=5)
-    forth, reverse = (fronts(clean(tracks(front))[0]) for front in (raw, raw[::-1]))
-    assert np.abs(reverse[::-1, 0] - forth[:, 0]).max() < 0.01
-    assert np.abs(reverse[::-1, 1] - forth[:, 1])[10:-10].max() < 0.05  # a vehicle's front leads whichever way it goes
 
 
 def test_the_order_of_rows_and_vehicles_is_of_no_importance() -> None:
@@ -190,20 +178,10 @@ def test_a_vehicle_that_stops_neither_creeps_nor_turns() -> None:
         standing = slice(61, 121)
         assert (table["speed"][standing] == 0).all() and (table["acceleration"][standing] == 0).all()
         assert np.ptp(table["x"][standing]) < 1e-9 and np.ptp(table["yaw"][standing]) < 1e-9
-        assert report.flips[1] == 0 and report.reversing == 0
+        assert report.flips[1] == 0
         assert report.flips[0] > 5  # of raw steps
         assert np.abs(table["yaw"]).max() < 0.12
         assert rms(table["speed"] - speed) < 0.35
-
-
-def test_stop_and_go_keeps_its_heading_and_never_reverses() -> None:
-    t = STEP_S * np.arange(600)
-    speed = np.maximum(0.0, 2.0 * np.sin(0.35 * t) + 0.7)
-    x = np.cumsum(speed) * STEP_S
-    table, report = clean(tracks(np.column_stack([x, 0.0 * x]) + noise(600, 0.2, 8)))
-    assert (table["speed"] >= 0).all() and report.reversing == 0
-    assert np.abs(table["yaw"]).max() < 0.15
-    assert rms(table["speed"] - speed) < 0.3
 
 
 def test_who_never_moves_points_as_those_around_or_as_published() -> None:
@@ -264,14 +242,13 @@ def test_cleaned_tracks_are_near_the_truth(
     assert rms(table["acceleration"] - truth["acceleration"]) < acceleration
     assert rms(table["yaw"] - truth["yaw"]) < yaw
     assert report.raw.acceleration > 0.5 and report.cleaned.acceleration < 0.005 and report.cleaned.jerk == 0
-    assert report.axle_slip < 3e-3
 
 
 def test_derivatives_agree_with_positions() -> None:
     """Speed, acceleration and yaw against differences of the table's own positions."""
     table, _ = clean(tracks(lane_change() + noise(120, 0.2, seed=4)))
     yaw, speed = np.unwrap(table["yaw"]), table["speed"].to_numpy()
-    lever = CleaningConfig().rear_axle * LENGTH
+    lever = VehicleLimits.rear_axle * LENGTH
     axle = table[["x", "y"]].to_numpy() - lever * np.column_stack([np.cos(yaw), np.sin(yaw)])
     np.testing.assert_allclose(np.diff(speed) / STEP_S, _means(table["acceleration"].to_numpy()), atol=0.01)
     steps = np.diff(axle, axis=0)
@@ -329,11 +306,6 @@ def test_tracks_that_cannot_be_used(change: object, message: str) -> None:
         clean(change(tracks(straight(10, 10.0))))  # type: ignore[operator]
 
 
-def test_configurations_that_cannot_be_used() -> None:
-    with pytest.raises(InputError, match="longitudinal_period_s is -1"):
-        CleaningConfig(longitudinal_period_s=-1)
-
-
 def test_no_heading_is_taken_from_the_last_step_of_one_vehicle_to_the_first_of_the_next() -> None:
     creeping = [tracks(np.column_stack([x + 0.01 * np.arange(5), np.zeros(5)]), n) for n, x in ((1, 0.0), (2, -50.0))]
     _, report = clean(pd.concat(creeping))
@@ -355,7 +327,7 @@ def test_clean_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     cleaned = Recording.read(out)
     assert cleaned.header.net == "made.net.xml"
     assert cleaned.header.notes["cleaned"]["lateral_period_s"] == 2.5  # type: ignore[index]
-    for arguments in (["clean", str(out), str(source)], ["clean", str(source), str(out), "--huber", "0"]):
+    for arguments in (["clean", str(out), str(source)], ["clean", str(source), str(out), "--lateral-period", "0"]):
         with pytest.raises(SystemExit):
             data.main(arguments)
     assert "was cleaned before" in capsys.readouterr().err
@@ -369,5 +341,5 @@ def test_the_real_window(real_data) -> None:
     assert report.published is not None and report.published.acceleration > 0.08
     assert report.cleaned.acceleration < 0.001 and report.cleaned.jerk == 0
     assert report.displacement[0] < 0.1 and report.displacement[1] < 0.3
-    assert report.overlaps == ((0, 0), (0, 0)) and report.flips[1] == 0 and report.reversing == 0
-    assert report.yaw_rate < 0.15 and report.axle_slip < 3e-3
+    assert report.overlaps == ((0, 0), (0, 0)) and report.flips[1] == 0
+    assert report.yaw_rate < 0.15

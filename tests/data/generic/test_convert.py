@@ -12,9 +12,10 @@ import pytest
 import yaml
 
 from litsim_data.generic.convert import convert
-from litsim_data.generic.mapping import Mapping, read_mapping
+from litsim_data.generic.mapping import Mapping
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Kind
+from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.recording import Recording
 
 FRONT = {
@@ -363,23 +364,11 @@ def test_times_that_no_frame_falls_into(tmp_path: Path) -> None:
 def test_mappings_with_defects(tmp_path: Path, change: dict[str, Any], message: str) -> None:
     path = tmp_path / "mapping.yaml"
     path.write_text(yaml.safe_dump(FRONT))
-    assert read_mapping(path) == Mapping.model_validate(FRONT)
+    assert read_yaml(path, Mapping) == Mapping.model_validate(FRONT)
     path.write_text(yaml.safe_dump(FRONT | change))
     pattern = re.escape(message.removesuffix("$")) + "$" * message.endswith("$")
     with pytest.raises(InputError, match=rf"{re.escape(str(path))}: (line \d+, )?field {pattern}"):
-        read_mapping(path)
-
-
-def test_mappings_that_are_no_yaml(tmp_path: Path) -> None:
-    path = tmp_path / "mapping.yaml"
-    with pytest.raises(InputError, match="cannot be read"):
-        read_mapping(path)
-    path.write_text("a: [1")
-    with pytest.raises(InputError, match="malformed YAML"):
-        read_mapping(path)
-    path.write_text("just text")
-    with pytest.raises(InputError, match=r"expected fields such as name, .* found 'just text'"):
-        read_mapping(path)
+        read_yaml(path, Mapping)
 
 
 def test_the_documented_examples(tmp_path: Path) -> None:
@@ -461,33 +450,6 @@ def waiting(noise: float) -> pd.DataFrame:
     return pd.DataFrame({"id": 1, "t": t, "px": 50.0 + x, "py": np.minimum(5.0 * t, 20.0) + y, "l": 5.0, "w": 2.0})
 
 
-@pytest.mark.parametrize(("reference", "yaw"), [("box_centre", True), ("rear_axle", True), ("box_centre", False)])
-def test_a_bend_is_cleaned_to_where_it_was(tmp_path: Path, reference: str, yaw: bool) -> None:
-    """A bend of 8 m radius at 2 m/s, in which the track begins and ends."""
-    angle = 0.25 * np.arange(60) / 10.0
-    table = pd.DataFrame({"id": 1, "n": np.arange(60), "h": angle, "l": 4.5, "w": 1.9})
-    table = table.assign(px=8.0 * np.sin(angle), py=8.0 * (1.0 - np.cos(angle)))  # of a rear axle
-    ahead = 0.29 * 4.5 * np.column_stack([np.cos(angle), np.sin(angle)])
-    if reference == "box_centre":
-        table[["px", "py"]] += ahead
-    columns = {"vehicle_id": "id", "frame": "n", "x": "px", "y": "py", "length": "l", "width": "w"}
-    fields = {**FRONT, "columns": columns | ({"yaw": "h"} if yaw else {}), "reference": reference, "clean": True}
-    out = made(tmp_path, table, fields).table
-    expected = table[["px", "py"]].to_numpy() + (ahead if reference == "rear_axle" else 0.0)
-    assert np.hypot(*(out[["x", "y"]].to_numpy() - expected).T).max() < (0.06 if yaw else 0.2)
-    assert np.abs(out["yaw"] - angle).max() < (0.05 if yaw else 0.3)
-
-
-def test_who_never_moves_is_cleaned_to_point_as_those_around(tmp_path: Path) -> None:
-    driving = straight(angle=2.0, seconds=6.0).assign(id=1)
-    standing = driving.assign(id=2, px=driving["px"].mean() + 3.0, py=driving["py"].mean())
-    columns = {"vehicle_id": "id", "frame": "n", "x": "px", "y": "py", "length": "l", "width": "w"}
-    out = made(tmp_path, pd.concat([driving, standing]), {**BOX, "columns": columns, "clean": True}).table
-    stood = out[out["vehicle_id"] == 2]
-    np.testing.assert_allclose(stood["yaw"], 2.0, atol=0.02)
-    np.testing.assert_allclose(stood[["x", "y"]], standing[["px", "py"]], atol=0.02)
-
-
 def test_who_reverses_stays_where_it_was_or_is_told(tmp_path: Path) -> None:
     """One vehicle backs out 10 m; another does so for 7 m, and drives on."""
     t = np.arange(100) / 10.0
@@ -503,13 +465,6 @@ def test_who_reverses_stays_where_it_was_or_is_told(tmp_path: Path) -> None:
     assert set(counts.moved) == {2} and counts.moved[2] > 1.0
     assert set(recording.header.notes["moved_by_cleaning_m"]) == {"2"}  # type: ignore[call-overload]
     assert re.search(r"cleaned +1 vehicles are moved by more than 1 m, above all 2 by \d\.\d m", counts.text())
-
-
-def test_a_single_row_keeps_its_speed_where_it_is_cleaned(tmp_path: Path) -> None:
-    table = pd.concat([straight().assign(id=1), straight()[:1].assign(id=2, px=90.0)])
-    columns = {**BOX["columns"], "speed": "v"}
-    out = made(tmp_path, table, {**BOX, "columns": columns, "clean": True}).table
-    assert out.loc[out["vehicle_id"] == 2, "speed"].tolist() == pytest.approx([12.0])
 
 
 @pytest.mark.parametrize("reference", ["box_centre", "front_centre"])

@@ -189,9 +189,9 @@ def test_frames_have_a_rate_that_only_the_source_knows(tmp_path: Path, traffic: 
     assert "rate_hz: 10.0  # a guess: frames per second of the camera" in draft(tmp_path / "case.csv")
 
 
-@pytest.mark.parametrize("rate", [2.0, 5.0, 12.5, 25.0])
 @pytest.mark.parametrize(
-    ("unit", "factor"), [("m/s", 1.0), ("km/h", 3.6), ("mph", 1.0 / 0.44704), ("ft/s", 1.0 / 0.3048)]
+    ("rate", "unit", "factor"),
+    [(2.0, "m/s", 1.0), (5.0, "km/h", 3.6), (12.5, "mph", 1.0 / 0.44704), (25.0, "ft/s", 1.0 / 0.3048)],
 )
 def test_the_rate_of_frames_by_which_speeds_agree(
     tmp_path: Path, traffic: Traffic, rate: float, unit: str, factor: float

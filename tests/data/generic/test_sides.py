@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from litsim_data.generic.checks import Sides
+from litsim_data.generic.checks import sides
 from litsim_data.generic.convert import convert
 from litsim_data.generic.mapping import Mapping
 from litsim_sim.core.errors import InputError
@@ -76,7 +76,7 @@ def test_many_vehicles_at_a_time_take_little_time() -> None:
     table["x"], table["y"], table["lane"] = 12.0 * table["t"] + 50.0 * (table["vehicle_id"] % 100), 0.0, -1
     table["y"] = 50.0 * (table["vehicle_id"] // 100)
     begin = time.process_time()
-    assert not len(Sides.of(table).oncoming)
+    assert not len(sides(table)[0])
     assert time.process_time() - begin < 5.0, "all pairs of them take longer"
 
 
@@ -97,8 +97,8 @@ def test_lanes_that_are_counted_across_both_directions(tmp_path: Path) -> None:
 
 def test_who_turns_or_stands_is_nobodys_opposite() -> None:
     table = road(1, 1).rename(columns={"id": "vehicle_id"}).sort_values(["vehicle_id", "t"], ignore_index=True)
-    sides = Sides.of(table)
-    assert len(sides.oncoming) >= 10 and sides.oncoming == pytest.approx(3.5) and not len(sides.next_lane)
+    oncoming, next_lane = sides(table)
+    assert len(oncoming) >= 10 and oncoming == pytest.approx(3.5) and not len(next_lane)
     standing = table["vehicle_id"] >= 100
     parked = table.assign(x=table["x"].where(~standing, 20.0), y=table["y"].where(~standing, 10.0))
-    assert not len(Sides.of(parked).oncoming)
+    assert not len(sides(parked)[0])

@@ -316,4 +316,4 @@ def test_an_openstreetmap_is_no_lanelet2_map(tmp_path: Path) -> None:
     way = '<way id="5"><nd ref="1"/><nd ref="2"/><tag k="highway" v="residential"/></way>'
     (tmp_path / "map.osm").write_text(f'<?xml version="1.0"?><osm version="0.6">{nodes}{way}</osm>')
     with pytest.raises(InputError, match=r"no lanelets that .*; it has 1 ways with tag highway, as OpenStreetMap"):
-        lanelet2_osm.import_lanelet2(tmp_path / "map.osm", (49.0, 8.4), tmp_path / "a.net.xml")
+        lanelet2_osm.read_lanelets(tmp_path / "map.osm", (49.0, 8.4))

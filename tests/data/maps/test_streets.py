@@ -13,8 +13,8 @@ import made_ngsim
 from litsim_data.cli import main
 from litsim_data.maps.check import load_warnings
 from litsim_data.maps.connectivity import connectivity
-from litsim_data.maps.intersections import LEFT, RIGHT, THROUGH, fit_streets, write_net
-from litsim_data.maps.lanelets import Lanelet
+from litsim_data.maps.intersections import LEFT, RIGHT, THROUGH, fit_streets
+from litsim_data.maps.lanelets import Lanelet, write_lanelets
 from litsim_data.maps.netconvert import find_netconvert
 from litsim_data.maps.placement import placement
 from litsim_data.ngsim.sites import FOOT, SITES
@@ -131,7 +131,7 @@ def net(lanelets: list[Lanelet], tmp_path_factory: pytest.TempPathFactory) -> Pa
     except InputError as error:
         pytest.skip(str(error))
     path = tmp_path_factory.mktemp("streets") / "streets.net.xml"
-    write_net(lanelets, path)
+    write_lanelets(lanelets, path)
     return path
 
 

@@ -6,16 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from litsim_data.mining.events import Event, EventKind
-from litsim_data.mining.selection import Found, choose, hardest, spread
+from litsim_data.mining.selection import MinedEvent, choose, hardest, spread
 
 CUT_IN, MERGE = EventKind.CUT_IN, EventKind.MERGE
 
 
-def found(ego: int, severity: float, kind: EventKind = CUT_IN, scenario: str = "a", step: int = 50) -> Found:
-    return Found(scenario, Event(kind, ego, None, step, step, step, severity))
+def found(ego: int, severity: float, kind: EventKind = CUT_IN, scenario: str = "a", step: int = 50) -> MinedEvent:
+    return MinedEvent(scenario, Event(kind, ego, None, step, step, step, severity))
 
 
-def severities(chosen: list[Found]) -> list[float]:
+def severities(chosen: list[MinedEvent]) -> list[float]:
     return [each.event.severity for each in chosen]
 
 
@@ -49,10 +49,6 @@ def test_an_ego_counts_once_for_a_kind_and_is_one_case() -> None:
 def test_without_a_number_all_are_taken_and_kinds_that_are_not_asked_for_are_not() -> None:
     every = [found(1, 0.3), found(2, 0.7), found(3, 0.2, MERGE)]
     assert [case.ego for case in choose(every, {CUT_IN: None})] == [1, 2]
-
-
-def test_the_same_ego_of_another_scenario_is_another() -> None:
-    assert len(choose([found(1, 0.3), found(1, 0.3, scenario="b")], {CUT_IN: 5})) == 2
 
 
 def test_equal_severities_are_chosen_in_their_order() -> None:

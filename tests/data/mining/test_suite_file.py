@@ -10,7 +10,7 @@ from litsim_data import segments
 from litsim_data.mining.events import Event, EventKind
 from litsim_data.mining.mine import mine
 from litsim_data.mining.selection import Chosen
-from litsim_data.mining.suite_file import scenario_names, suite_fields, write_suite
+from litsim_data.mining.suite_file import scenario_names, write_suite
 from litsim_eval.campaign.suite import Suite
 from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.recording import Recording
@@ -39,9 +39,8 @@ def test_a_folder_without_manifest_is_refused(tmp_path: Path) -> None:
 
 def test_a_written_suite_reads_back_with_its_events(tmp_path: Path) -> None:
     scenario = tmp_path / "windows" / "a.yaml"
-    values = suite_fields([chosen("demo"), chosen(str(scenario))], tmp_path, name="s", egos=["idm"])
-    assert values["cases"][1]["scenario"] == "windows/a.yaml"
-    write_suite(tmp_path / "s.yaml", values)
+    write_suite(tmp_path / "s.yaml", [chosen("demo"), chosen(str(scenario))], "s", ["idm"])
+    assert "scenario: windows/a.yaml" in (tmp_path / "s.yaml").read_text()
     suite = Suite.load(tmp_path / "s.yaml")
     assert [(case.scenario, case.ego_id, case.tags) for case in suite.cases] == [
         ("demo", 7, ["cut_in"]),
@@ -53,7 +52,7 @@ def test_a_written_suite_reads_back_with_its_events(tmp_path: Path) -> None:
 
 def test_an_empty_suite_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="nothing to write"):
-        write_suite(tmp_path / "s.yaml", suite_fields([], tmp_path, name="s", egos=["idm"]))
+        write_suite(tmp_path / "s.yaml", [], "s", ["idm"])
     assert list(tmp_path.iterdir()) == []
 
 

@@ -15,8 +15,7 @@ import pytest
 
 from litsim_data.ngsim import official as ngsim
 from litsim_data.ngsim import reading
-from litsim_data.ngsim import windows as ngsim_windows
-from litsim_data.ngsim.formats import FEET
+from litsim_data.ngsim.formats import FEET, NAMES
 from litsim_data.ngsim.sites import FOOT, I80, LANKERSHIM, PEACHTREE, SITES, US101, site_at, site_of
 from litsim_data.ngsim.summary import summary
 from litsim_data.ngsim.tracks import PIECE, TRACK_MIN, tracks_of
@@ -78,11 +77,6 @@ def test_map_frames_are_rigid_and_invertible(site: Any) -> None:
     np.testing.assert_allclose(np.hypot(np.diff(x), np.diff(y)), np.hypot(np.diff(global_x), np.diff(global_y)))
     assert site.holds(global_x, global_y).all()
     assert site_at(site.location.upper()) is site
-
-
-def test_us101_lies_in_the_frame_of_the_windows_file() -> None:
-    x, y = np.array([1966400.0, 1966600.0]), np.array([570900.0, 570700.0])
-    np.testing.assert_allclose(US101.map_from_global(x, y), ngsim_windows.map_from_global(x, y))
 
 
 def test_published_rows_are_where_the_road_runs() -> None:
@@ -427,11 +421,6 @@ def test_a_full_disk_is_named_and_leaves_nothing(portal: Path, tmp_path: Path, m
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["out", "portal.csv"]
 
 
-def test_a_place_that_cannot_be_written(text: Path) -> None:
-    with pytest.raises(InputError, match="cannot be written"):
-        ngsim.convert(text, Path("/dev/null/out.parquet"))
-
-
 # Reading for maps, and as a scenario does
 
 
@@ -439,20 +428,18 @@ def test_read_gives_all_columns_in_si_units(tmp_path: Path) -> None:
     portal = tmp_path / "portal.csv"
     source = pd.concat([made(LANKERSHIM, "0845"), made(US101, "0750")])
     write_portal(source, portal)
-    rows = ngsim.read(portal, site="lankershim", period="0845")
+    rows = ngsim.read(portal, list(NAMES), "lankershim")
     source = source[source["location"] == "lankershim"]
     assert set(rows["recording"]) == {"lankershim_0845"}
     for name in ("section", "direction", "movement", "intersection", "lane", "vehicle_id", "frame"):
         np.testing.assert_array_equal(rows[name], source[name])
     np.testing.assert_allclose(rows["local_y"], source["local_y"] * FOOT, atol=1e-9)
     np.testing.assert_allclose(rows["x"], source["local_y"] * FOOT, atol=1e-3)
-    everything = ngsim.read(portal, columns=["lane"])
+    everything = ngsim.read(portal, ["lane"])
     assert len(everything) == 4000
     assert "section" not in everything and set(everything["recording"]) == {"us101_0750", "lankershim_0845"}
-    with pytest.raises(InputError, match="holds nothing of site i80"):
-        ngsim.read(portal, site="i80")
-    with pytest.raises(InputError, match="site 'mars' is unknown"):
-        ngsim.read(portal, site="mars")
+    with pytest.raises(InputError, match="holds no rows of site i80"):
+        ngsim.read(portal, ["lane"], "i80")
 
 
 def test_official_files_load_as_recordings(text: Path, tmp_path: Path) -> None:

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 import litsim_sim
-from litsim_eval.analysis.collision import Verdict, collisions, judge
-from litsim_eval.analysis.contacts import contacts
-from litsim_eval.analysis.lanes import in_lane_of
+from litsim_eval.analysis.collision import Verdict, collisions, contacts, judge
 from litsim_sim.core.scene import Controller
+from litsim_sim.lane_map.lane_map import LaneMap
 
 NET = Path(litsim_sim.__file__).parent / "nets/us101_like.net.xml"  # lanes of 3.66 m, the leftmost at y = -1.83
 Make = Callable[..., Any]
@@ -23,7 +23,7 @@ Make = Callable[..., Any]
 def verdict(table: Make, ego: dict[str, float], agent: dict[str, float], inside: bool = True) -> tuple[Verdict, bool]:
     scene = table(5, {"id": 1, "x": 0.0, "y": 0.0} | ego, {"id": 2, "speed": 15.0} | agent)
     assert [contact.pair for contact in contacts([scene], 0.1)] == [(1, 2)], "the scene must be a contact"
-    contact = judge(scene, 1, 2, lambda *_: inside)
+    contact = judge(scene, 1, 2, cast(LaneMap, SimpleNamespace(inside_lane=lambda *_: [inside])))
     assert contact.step == 5
     assert contact.agent == 2
     return contact.verdict, contact.ego_at_fault
@@ -79,15 +79,13 @@ def test_verdicts_turn_with_the_scene(table: Make, turn: float) -> None:
 def test_lane_of_the_attached_net_decides(table: Make, make_run: Make, y: float, at_fault: bool) -> None:
     scene = table(1, {"id": 1, "x": 100.0, "y": y}, {"id": 2, "x": 99.9, "y": y - 1.9, "speed": 15.0})
     run = make_run([table(0), scene], net_xml=NET.read_bytes())
-    (contact,) = collisions(run, in_lane_of(run)).ego
+    (contact,) = collisions(run).ego
     assert (contact.verdict, contact.ego_at_fault) == (Verdict.LATERAL, at_fault)
 
 
 def test_without_a_net_lateral_contacts_are_the_ego_s_fault(table: Make, make_run: Make) -> None:
     scene = table(1, {"id": 1, "x": 0.0, "y": 0.0}, {"id": 2, "x": -0.1, "y": 1.9})
-    run = make_run([table(0), scene])
-    assert in_lane_of(run) is None
-    assert collisions(run).ego[0].ego_at_fault
+    assert collisions(make_run([table(0), scene])).ego[0].ego_at_fault
 
 
 def test_what_is_behind_the_ego_is_seen_from_the_rear_axle_of_its_own_vehicle(table: Make, make_run: Make) -> None:

@@ -41,9 +41,9 @@ def test_equal_runs_differ_in_nothing_but_wall_times() -> None:
 def test_what_differs_is_marked_and_by_how_much() -> None:
     found = rows(A, changed(progress_m=12.5, reactive=False, collision={"pairs": 1, "contacts": [{"step": 3}]}))
     assert [name for name, row in found.items() if row.differs] == ["reactive", "collision.pairs", "progress_m"]
-    assert found["progress_m"].changes == (0.0, 2.5)
-    assert found["collision.pairs"].changes == (0, -1)
-    assert found["reactive"].changes == (None, None)
+    assert found["progress_m"].change == 2.5
+    assert found["collision.pairs"].change == -1
+    assert found["reactive"].change is None
 
 
 def test_a_branch_that_is_null_in_a_run_has_no_row_of_its_own() -> None:

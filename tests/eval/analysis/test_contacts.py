@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from litsim_eval.analysis.collision import Verdict, collisions
-from litsim_eval.analysis.contacts import Contact, contacts
+from litsim_eval.analysis.collision import Contact, Verdict, collisions, contacts
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_sim.core.scene import AgentTable, Kind
 from litsim_sim.core.takeover import TakeoverState
@@ -85,18 +84,6 @@ def test_a_second_before_or_after_is_about_that_time(run: Make, begin: int, excu
 
 def test_a_contact_of_the_log_in_the_history_excuses_one_that_goes_on(run: Make) -> None:
     assert collisions(run(range(9), range(4))).in_log == (True,)
-
-
-@pytest.mark.parametrize("more", [[], range(80, 85)])
-def test_what_the_log_has_is_not_the_ego_s_fault(run: Make, more: Collection[int]) -> None:
-    """The ego 1 runs into agent 2 as in the log; where it does so again, later, that is its fault."""
-    metrics = compute_metrics(run([*range(20, 40), *more], range(20, 40), pair=(1, 2)))
-    (contact,) = metrics["collision"]["ego_contacts"]
-    assert (contact["in_log"], contact["step"]) == ((False, 80) if more else (True, 20))
-    counts = metrics["collision"]["ego_at_fault"], metrics["collision"]["background_at_fault"]
-    assert counts == ((1, 0) if more else (0, 0))
-    assert metrics["safety"]["min_ttc_s"] == 0.0
-    assert metrics["safety"]["min_own_ttc_s"] == (0.0 if more else None)
 
 
 def test_another_pair_s_contact_in_the_log_excuses_nothing(scene: Make, make_run: Make) -> None:

@@ -87,9 +87,9 @@ def test_who_has_left_before_its_log_stays_where_it_was(table: Make, make_run: M
     log = log_of(table, HISTORY + 50)
     gone = [t if t.step <= HISTORY + 25 else t.take(t.id != 2) for t in log]
     far = displacements(make_run(gone, log, history_steps=HISTORY))
-    (left,) = far.apart()
-    assert (left.agent, left.controlled_s, left.steps) == (2, None, {5: 50})
-    assert left.ade[5] == pytest.approx(sum(range(1, 26)) / 50)
+    (left,) = far.by_agent()
+    assert (left["agent"], left["controlled_s"], left["steps"]) == (2, None, {"5": 50})
+    assert left["ade_m"]["5"] == pytest.approx(sum(range(1, 26)) / 50)
     assert far.agent_steps(5) == 100  # both, whether or not the run has them
 
 
@@ -97,9 +97,9 @@ def test_agents_apart_are_those_off_their_logs(table: Make, make_run: Make, move
     log = log_of(table, HISTORY + 100)
     late = HISTORY + 61
     run = [t if t.step < late else moved([t], 3, y=1.0, controller=Controller.POLICY)[0] for t in log]
-    (only,) = displacements(make_run(run, log, history_steps=HISTORY)).apart()
-    assert (only.agent, only.controlled_s, only.steps) == (3, 6.1, {5: 50, 10: 100})
-    assert only.ade == {5: 0.0, 10: pytest.approx(0.4)}
+    (only,) = displacements(make_run(run, log, history_steps=HISTORY)).by_agent()
+    assert (only["agent"], only["controlled_s"], only["steps"]) == (3, 6.1, {"5": 50, "10": 100})
+    assert only["ade_m"] == {"5": 0.0, "10": pytest.approx(0.4)}
 
 
 def _entering(k: int, agent: int) -> list[dict[str, float]]:

@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
 from litsim_eval.analysis.metrics import compute_metrics
-from litsim_eval.analysis.metrics_tree import find_field, metric_fields
+from litsim_eval.analysis.metrics_tree import find_field, leaves, metric_fields
 from litsim_sim.core.scene import Controller
 from litsim_sim.scenario.scenario import packaged
 from litsim_sim.scenario.signals import Signals
 
 Make = Callable[..., Any]
-
-
-def leaves(tree: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    if isinstance(tree, dict):
-        for key, inner in tree.items():
-            yield from leaves(inner, f"{name}.{key}" if name else key)
-    else:
-        yield name, tree
 
 
 @pytest.fixture
@@ -45,7 +37,7 @@ def metrics(table: Make, make_run: Make) -> dict[str, Any]:
 
 
 def test_every_leaf_of_a_run_is_a_field_of_its_kind(metrics: dict[str, Any]) -> None:
-    found = dict(leaves(metrics))
+    found = leaves(metrics)
     assert len(found) > 80 and found["realism.score"] is not None and found["safety.avoidable_contacts"] is not None
     for name, value in found.items():
         field = find_field(name)
@@ -64,7 +56,7 @@ def test_every_field_that_a_run_must_have_is_in_it(metrics: dict[str, Any]) -> N
     of_other_runs += ("realism.features.traffic_light_violation",)
     for field in metric_fields():
         if not field.name.startswith(of_other_runs):
-            assert field.name in dict(leaves(metrics)), field.name
+            assert field.name in leaves(metrics), field.name
 
 
 @pytest.mark.parametrize(

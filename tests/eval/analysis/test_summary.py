@@ -1,4 +1,4 @@
-"""What the runs of a row of a table come to together."""
+"""What the runs of a variant come to together."""
 
 from __future__ import annotations
 
@@ -25,16 +25,25 @@ def test_counts_are_summed_and_rates_averaged() -> None:
             "rate_all": 0.1,
         },
     )
-    row = summarise([metrics(), bad, bad])
-    assert [row[name] for name in ("background_faults", "ego_faults_avoidable", "ego_faults_unavoidable")] == [2, 4, 8]
-    row = summarise([metrics(), bad])
-    assert (row["runs"], row["invalid"], row["agents"], row["takeovers"]) == (2, 1, 40, 7)
-    assert (row["colliding_agents"], row["colliding_runs"], row["excess_pairs"], row["ego_contacts"]) == (3, 1, 2, 2)
-    assert row["rate_all"] == pytest.approx(0.05) and row["reactive"] == pytest.approx(0.5)
-    assert row["relevant_ratio"] == pytest.approx(0.3)
-    assert (row["releases"], row["releases_missing"], row["held_s"], row["bound_hits"]) == (2, 2, 17.0, 2)
-    assert (row["takeovers_per_run"], row["hard_brakes"], row["off_road"]) == (3.5, 8, 0.1)
-    assert (row["guarded"], row["hard_brakes_log"]) == (0.1, 6)
+    total = summarise([metrics(), bad, bad])
+    assert [total[name] for name in ("background_faults", "ego_faults_avoidable", "ego_faults_unavoidable")] == [
+        2,
+        4,
+        8,
+    ]
+    total = summarise([metrics(), bad])
+    assert (total["runs"], total["invalid"], total["agents"], total["takeovers"]) == (2, 1, 40, 7)
+    assert (total["colliding_agents"], total["colliding_runs"], total["excess_pairs"], total["ego_contacts"]) == (
+        3,
+        1,
+        2,
+        2,
+    )
+    assert total["rate_all"] == pytest.approx(0.05) and total["reactive"] == pytest.approx(0.5)
+    assert total["relevant_ratio"] == pytest.approx(0.3)
+    assert (total["releases"], total["releases_missing"], total["held_s"], total["bound_hits"]) == (2, 2, 17.0, 2)
+    assert (total["takeovers_per_run"], total["hard_brakes"], total["off_road"]) == (3.5, 8, 0.1)
+    assert (total["guarded"], total["hard_brakes_log"]) == (0.1, 6)
 
 
 def test_guarded_steps_are_a_share_of_all_steps_not_a_mean_over_runs() -> None:
@@ -50,13 +59,13 @@ def test_guarded_steps_are_a_share_of_all_steps_not_a_mean_over_runs() -> None:
 
 
 def test_largest_values_are_kept() -> None:
-    row = summarise(
+    total = summarise(
         [
             metrics(handback={"max_position_jump_m": 0.2, "max_residual_m": None}, replay_error_max_m=None),
             metrics(replay_error_max_m=1e-7),
         ]
     )
-    assert row["max_position_jump_m"] == 0.2 and row["max_residual_m"] == 0.4 and row["replay_error_max_m"] == 1e-7
+    assert (total["max_position_jump_m"], total["max_residual_m"], total["replay_error_max_m"]) == (0.2, 0.4, 1e-7)
 
 
 def test_what_no_run_measures_is_none() -> None:
@@ -66,31 +75,26 @@ def test_what_no_run_measures_is_none() -> None:
         handback={"max_residual_m": None},
         replay_error_max_m=None,
     )
-    row = summarise([alone, alone])
-    assert row["max_residual_m"] is None and row["replay_error_max_m"] is None
-    assert row["rate_controlled"] is None
-    assert row["ade_controlled_m"] == dict.fromkeys(("5", "10", "15", "20", "25"))
+    total = summarise([alone, alone])
+    assert total["max_residual_m"] is None and total["replay_error_max_m"] is None
+    assert total["rate_controlled"] is None
+    assert total["ade_controlled_m"] == dict.fromkeys(("5", "10", "15", "20", "25"))
     mixed = summarise([alone, metrics(collision={"rate_controlled": 0.5})])
     assert mixed["rate_controlled"] == 0.5, "the mean is over the runs that measure it"
 
 
 def test_a_displacement_says_how_many_runs_went_on_for_so_long() -> None:
     long = metrics(ade_all_m={"5": 0.5, "10": 1.0}, ade_controlled_m={"5": None, "10": None})
-    row = summarise([metrics(), metrics(), long], failed=1)
-    assert (row["ade_runs"]["5"], row["ade_runs"]["10"], row["ade_runs"]["15"]) == (3, 1, 0)
-    assert (row["ade_all_m"]["10"], row["ade_controlled_m"]["10"]) == (1.0, None)
-
-
-def test_a_table_of_no_runs_is_empty_not_an_error() -> None:
-    row = summarise([])
-    assert row["runs"] == 0 and row["rate_all"] is None and row["max_position_jump_m"] is None
+    total = summarise([metrics(), metrics(), long], failed=1)
+    assert (total["ade_runs"]["5"], total["ade_runs"]["10"], total["ade_runs"]["15"]) == (3, 1, 0)
+    assert (total["ade_all_m"]["10"], total["ade_controlled_m"]["10"]) == (1.0, None)
 
 
 def test_failed_runs_stay_in_the_denominator_and_are_told() -> None:
-    row = summarise([metrics(), metrics(reactive=False)], failed=2)
-    assert (row["runs"], row["failed"], row["measured"], row["invalid"]) == (4, 2, 2, 0)
-    assert row["reactive"] == 0.25, "a run of which nothing is known is not known to be free of collisions"
-    assert row["relevant_ratio"] == pytest.approx(0.2) and row["takeovers"] == 4
+    total = summarise([metrics(), metrics(reactive=False)], failed=2)
+    assert (total["runs"], total["failed"], total["measured"], total["invalid"]) == (4, 2, 2, 0)
+    assert total["reactive"] == 0.25, "a run of which nothing is known is not known to be free of collisions"
+    assert total["relevant_ratio"] == pytest.approx(0.2) and total["takeovers"] == 4
     lost = summarise([], failed=3)
     assert (lost["runs"], lost["invalid"], lost["reactive"], lost["rate_all"]) == (3, 0, 0.0, None)
 

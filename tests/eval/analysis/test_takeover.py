@@ -48,11 +48,11 @@ def test_takeover_that_prevented_a_contact(table: Make, make_run: Make, moved: M
     assert (entry.agent, entry.opponent, entry.detected_step) == (2, 1, 5)
     assert (entry.handback_step, entry.released_step) == (20, 30)
     assert entry.held_s == pytest.approx(2.6)
-    assert entry.replay is not None
-    assert entry.replay.opponent == 1
-    assert entry.replay.step == 22  # the ego stands at 25 m: the log's box begins to overlap beyond 21 m
+    assert entry.replay_would_collide
+    assert entry.replay_opponent == 1
+    assert entry.replay_step == 22  # the ego stands at 25 m: the log's box begins to overlap beyond 21 m
     assert not entry.false_alarm
-    assert (entry.residual_position, entry.residual_speed) == (1.5, 0.5)
+    assert (entry.residual_m, entry.residual_mps) == (1.5, 0.5)
 
 
 def test_a_takeover_is_held_no_longer_than_the_run_lasts(table: Make, make_run: Make) -> None:
@@ -77,14 +77,8 @@ def test_steps_that_a_damaged_record_lacks_make_no_second_takeover(table: Make, 
 def test_takeover_without_need_is_a_false_alarm(table: Make, make_run: Make) -> None:
     log = follower_log(table)
     (entry,) = ledger(make_run(log, log, takeovers=episode(2, 5, 20, 30)))
-    assert entry.replay is None
+    assert not entry.replay_would_collide
     assert entry.false_alarm
-
-
-def test_blocked_entry_is_never_a_false_alarm(table: Make, make_run: Make) -> None:
-    log = follower_log(table)
-    (entry,) = ledger(make_run(log, log, takeovers={5: [record(2, reason=TakeoverReason.BLOCKED_ENTRY)]}))
-    assert not entry.false_alarm
 
 
 def test_what_no_forecast_predicted_has_no_time_to_conflict(table: Make, make_run: Make) -> None:
@@ -95,7 +89,8 @@ def test_what_no_forecast_predicted_has_no_time_to_conflict(table: Make, make_ru
         run = make_run(log, log, takeovers={5: [found]})
         (entry,) = ledger(run)
         expected = (0.0, 1.0) if reason == TakeoverReason.CONFLICT else (None, None)
-        assert (entry.time_to_conflict, entry.overlap_probability) == expected
+        assert (entry.time_to_conflict_s, entry.overlap_probability) == expected
+        assert entry.false_alarm == (reason == TakeoverReason.CONFLICT)
         rows = takeovers_table(run).to_pylist()
         assert (rows[0]["time_to_conflict_s"], rows[0]["overlap_probability"]) == expected
 
@@ -103,40 +98,40 @@ def test_what_no_forecast_predicted_has_no_time_to_conflict(table: Make, make_ru
 def test_without_a_logged_pose_there_is_no_residual(table: Make, make_run: Make) -> None:
     log = follower_log(table)
     (entry,) = ledger(make_run(log, log, takeovers={5: [record(2, residual_position=-1.0)]}))
-    assert entry.residual_position is None
-    assert entry.residual_speed is None
+    assert entry.residual_m is None
+    assert entry.residual_mps is None
 
 
 def test_contacts_before_the_detection_are_no_reason(table: Make, make_run: Make, moved: Make) -> None:
     log = follower_log(table)
     run = [moved([t], 1, x=-20.0, controller=2)[0] if t.step in (2, 3) else t for t in log]
     (entry,) = ledger(make_run(run, log, takeovers=episode(2, 5, 20, 30)))
-    assert entry.replay is None
+    assert not entry.replay_would_collide
 
 
 def test_an_agent_that_is_taken_over_is_no_obstacle_to_its_own_log(table: Make, make_run: Make, moved: Make) -> None:
     log = follower_log(table)
     run = moved(log, 2, x=-1.0, controller=Controller.POLICY)
     (entry,) = ledger(make_run(run, log, takeovers=episode(2, 5, 20, 30)))
-    assert entry.replay is None
+    assert not entry.replay_would_collide
 
 
 def test_another_agent_off_its_log_is_an_obstacle(table: Make, make_run: Make, moved: Make) -> None:
     log = follower_log(table)
     run = moved(log, 3, x=1.0, y=-50.0, controller=Controller.POLICY)
     (entry,) = ledger(make_run(run, log, takeovers=episode(2, 5, 20, 30)))
-    assert entry.replay is not None
-    assert (entry.replay.opponent, entry.replay.step) == (3, 6)
+    assert entry.replay_would_collide
+    assert (entry.replay_opponent, entry.replay_step) == (3, 6)
 
 
 def test_another_agent_on_its_log_with_a_lag_is_an_obstacle(table: Make, make_run: Make, moved: Make) -> None:
     log = follower_log(table)
     late = moved(log, 3, x=1.0, y=-50.0)  # follows its log, but not where that has it now
     (entry,) = ledger(make_run(late, log, takeovers=episode(2, 5, 20, 30)))
-    assert entry.replay is not None
-    assert (entry.replay.opponent, entry.replay.step) == (3, 6)
+    assert entry.replay_would_collide
+    assert (entry.replay_opponent, entry.replay_step) == (3, 6)
     (entry,) = ledger(make_run(log, moved(log, 3, x=1.0, y=-50.0), takeovers=episode(2, 5, 20, 30)))
-    assert entry.replay is None, "agent 3 is nowhere near the log of agent 2"
+    assert not entry.replay_would_collide, "agent 3 is nowhere near the log of agent 2"
 
 
 def test_an_agent_that_is_late_is_compared_with_its_late_log(table: Make, make_run: Make, moved: Make) -> None:
@@ -145,7 +140,7 @@ def test_an_agent_that_is_late_is_compared_with_its_late_log(table: Make, make_r
     first = {k: [replace(each, time_shift=1.0) for each in records] for k, records in episode(2, 2, 3, 4).items()}
     run = with_ego_stopped(log, moved, 0.0)
     entries = ledger(make_run(run, log, takeovers=first | episode(2, 10, 20, 30)))
-    assert [each.replay.step for each in entries if each.replay] == [22, 32]
+    assert [each.replay_step for each in entries] == [22, 32]
 
 
 def test_two_takeovers_of_one_agent_are_two(table: Make, make_run: Make) -> None:
@@ -168,7 +163,7 @@ def test_teleport_at_hand_back_is_measured(table: Make, make_run: Make, moved: M
     assert back.residual == pytest.approx(2.0)
     assert back.jump.position == pytest.approx(2.0)
     assert (back.jump.speed, back.jump.yaw) == (0.0, 0.0)
-    assert back.log_jump.tuple == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert back.log_jump == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
 
 
 def test_smooth_return_has_no_jump(table: Make, make_run: Make, moved: Make) -> None:
@@ -210,7 +205,7 @@ def test_a_return_to_a_late_log_is_measured_against_that(table: Make, make_run: 
     (back,) = handbacks(make_run(run, log, takeovers=takeovers))
     assert (back.lag, back.residual) == (15, pytest.approx(0.4)), "15 m from where the log would be now"
     assert back.jump.position == pytest.approx(0.4)
-    assert back.log_jump.tuple == pytest.approx((0.0, 0.0, 0.0), abs=1e-9), "the late log goes straight on at step 30"
+    assert back.log_jump == pytest.approx((0.0, 0.0, 0.0), abs=1e-9), "the late log goes straight on at step 30"
     (unknown,) = handbacks(make_run(run, log))
     assert (unknown.lag, unknown.residual) == (0, pytest.approx(np.hypot(15.4, 0.5)))
 
@@ -256,11 +251,11 @@ def test_what_is_measured_at_a_step_is_measured_there_though_others_are_lost(
     found = {20: [record(2, detected_step=20)], 40: [record(2, detected_step=40)]}
     kept = [k for k in range(len(log)) if not 10 <= k < 15]
     lost = make_run([run[k] for k in kept], [log[k] for k in kept], takeovers=found)
-    assert [entry.ego_distance for entry in ledger(lost)] == pytest.approx([18.0, 16.0])
+    assert [entry.ego_distance_m for entry in ledger(lost)] == pytest.approx([18.0, 16.0])
     split = make_run(run, log, takeovers={20: found[20], 30: found[20]})
-    assert [entry.ego_distance for entry in ledger(split)] == pytest.approx([18.0]), "at the detection"
+    assert [entry.ego_distance_m for entry in ledger(split)] == pytest.approx([18.0]), "at the detection"
     gone = make_run(run[:40], log[:40], takeovers=found)
-    assert [entry.ego_distance for entry in ledger(gone)] == [pytest.approx(18.0), None], "step 40 is lost itself"
+    assert [entry.ego_distance_m for entry in ledger(gone)] == [pytest.approx(18.0), None], "step 40 is lost itself"
 
 
 def test_steps_that_are_lost_are_no_jump(table: Make, make_run: Make, moved: Make) -> None:

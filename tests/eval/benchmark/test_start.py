@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import pytest
 
 from litsim_eval.benchmark import start as start_benchmark
-from litsim_eval.benchmark.start import FIRST_STEP, LIBRARIES, TORCH, first_step, measure_start, start_rows
+from litsim_eval.benchmark.start import FIRST_STEP, LIBRARIES, TORCH, measure_start, start_rows
 from litsim_sim.core.errors import InputError
 
 
@@ -31,11 +29,6 @@ def test_where_torch_is_installed_the_start_is_also_compared_with_its_import() -
         ["import torch, which no run does, s", "2.00 (2.00 to 2.00)"],
         ["launcher to first step / import torch", "0.50 (0.50 to 0.50)"],
     ]
-
-
-def test_the_first_step_is_when_it_was_published() -> None:
-    run = SimpleNamespace(marks={"bridge": {0: {"begin": 4.0, "shown": 4.5}, 1: {"shown": 5.0}}})
-    assert first_step(run) == 4.5  # type: ignore[arg-type]
 
 
 def test_libraries_are_imported_each_in_a_process_of_its_own(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:

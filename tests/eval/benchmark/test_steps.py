@@ -14,17 +14,18 @@ import pytest
 
 from litsim_eval.benchmark import steps as benchmark
 from litsim_eval.benchmark.steps import (
+    LANES,
+    SPACING,
+    SPEED,
     execute,
     graph_sample,
     straight_road,
     table_rows,
-    time_graph,
     time_highway_env,
     time_in_process,
     time_recording,
     write_scenario,
 )
-from litsim_eval.benchmark.traffic import LANES, SPACING, SPEED, columns_of_traffic
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import overlapping_pairs
 from litsim_sim.record.bag import BagReader, BagWriter
@@ -60,10 +61,6 @@ def test_an_ego_that_keeps_more_distance_makes_the_benchmark_work(tmp_path: Path
     assert run.world.contacts == {}
 
 
-def test_columns_can_be_generated_twice_the_same() -> None:
-    assert columns_of_traffic(20, 5.0).table.equals(columns_of_traffic(20, 5.0).table)
-
-
 def test_figures_are_said_as_median_and_range_of_the_repetitions() -> None:
     samples = [{"in process": 2.0, "graph / in process": 5.0}, {"in process": 1.0, "graph / in process": 4.0}]
     samples.append({"in process": 4.0, "graph / in process": 3.0})
@@ -93,7 +90,7 @@ def test_a_step_in_process_is_told_apart_by_stage(tmp_path: Path) -> None:
 
 
 def test_a_step_without_sumo_is_timed_as_a_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(benchmark, "SumoMirror", None)  # calling it would fail
+    monkeypatch.setattr(benchmark, "TimedMirror", None)  # calling it would fail
     sample = time_in_process(write_scenario(tmp_path, 20, seconds=5.0), sumo=False)
     assert set(sample) == {"in process without SUMO"} and min(sample.values()) > 0.0
 
@@ -142,16 +139,3 @@ def test_the_straight_road_is_one_that_sumo_loads(tmp_path: Path) -> None:
     net.write_text(straight_road(2500.0))
     program = "import libsumo, sys; libsumo.start(['sumo', '-n', sys.argv[1]]); print(libsumo.lane.getLength('road_4'))"
     assert execute(Path(sys.executable), "-c", program, str(net)).split()[-1] == "2500.0"
-
-
-def test_what_the_launcher_is_told_beside_the_run_is_up_to_who_asks(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    told: list[tuple[Any, ...]] = []
-    monkeypatch.setattr(benchmark, "find_executable", lambda *_: tmp_path)
-    monkeypatch.setattr(benchmark, "execute", lambda *words: told.append(words))
-    monkeypatch.setattr(benchmark, "read_run", lambda bag: bag)
-    monkeypatch.setattr(benchmark, "graph_sample", lambda run: {"of": run})
-    assert time_graph(tmp_path / "150.yaml", tmp_path / "bag") == {"of": tmp_path / "bag"}
-    time_graph(tmp_path / "150.yaml", tmp_path / "bag", ["--apart"])
-    assert told[1] == (*told[0], "--apart") and str(tmp_path / "150.yaml") in told[0]

@@ -24,18 +24,20 @@ def one(**values: Any) -> Case:
 def test_every_ego_policy_seed_and_value_is_a_case() -> None:
     made = cases(egos=["idm", "log"], seeds=[1, 2], parameters={"conflict.horizon": [2.0, 3.0]})
     assert [case.name for case in made] == [
-        f"demo/{EGO}/{ego}/{row[0]}/{seed}{row[1]}"
+        f"demo/{EGO}/{ego}/{variant[0]}/{seed}{variant[1]}"
         for ego in ("idm", "log")
-        for row in (("replay", ""), ("litsim", ", horizon=2.0"), ("litsim", ", horizon=3.0"))
+        for variant in (("replay", ""), ("litsim", ", horizon=2.0"), ("litsim", ", horizon=3.0"))
         for seed in (1, 2)
     ]
     assert len({case.id for case in made}) == len({case.key for case in made}) == len(made)
-    assert [case.row for case in made][::2] == [
-        f"{ego}, {row}" for ego in ("idm", "log") for row in ("replay", "litsim, horizon=2.0", "litsim, horizon=3.0")
+    assert [case.variant for case in made][::2] == [
+        f"{ego}, {variant}"
+        for ego in ("idm", "log")
+        for variant in ("replay", "litsim, horizon=2.0", "litsim, horizon=3.0")
     ]
 
 
-def test_a_replay_has_no_rows_of_the_stages_of_the_policy() -> None:
+def test_a_replay_has_no_variants_of_the_stages_of_the_policy() -> None:
     made = cases(policies=["replay"], parameters={"conflict.horizon": [2.0, 3.0], "ego.headway": [1.0]})
     assert [case.parameters for case in made] == [(("ego.headway", 1.0),)]
 
@@ -50,11 +52,6 @@ def test_which_vehicles_are_the_ego(choice: Any) -> None:
     wanted = {"egos": demo.egos, "ego": (demo.ego_id,), "all": demo.possible_egos}
     found = cases(cases=[{"scenario": "demo", "egos": choice}], policies=["litsim"])
     assert tuple(case.ego_id for case in found) == (wanted[choice] if isinstance(choice, str) else (1, 3))
-
-
-def test_an_ego_that_is_not_there() -> None:
-    with pytest.raises(InputError, match="egos: 99999 not there at the start of demo"):
-        cases(cases=[{"scenario": "demo", "ego_id": 99999}])
 
 
 def test_an_entry_that_cannot_be_used_is_told_by_file_line_and_field(tmp_path: Path) -> None:
@@ -91,13 +88,7 @@ def test_json_keeps_a_case() -> None:
     ego = {"name": "mine", "kind": "external", "command": ["python3", "mine.py"], "ready_s": 3.0}
     case = one(egos=[ego], seeds=[3], parameters={"conflict.horizon": [2.0]}, end_after_contact_s=0.5)
     assert Case.from_json(json.loads(json.dumps(case.to_json()))) == case
-    assert case.shell == "graph"
-
-
-def test_parameters_of_ego_and_row_go_together() -> None:
-    ego = {"name": "braker", "kind": "perturbed", "parameters": {"ego.kind": "brake"}}
-    case = one(egos=[ego], parameters={"conflict.horizon": [2.0]})
-    assert case.stage_parameters == {"ego": {"kind": "brake"}, "conflict": {"horizon": 2.0}}
+    assert case.execution_mode == "graph"
 
 
 def test_equal_runs_have_equal_ids_wherever_their_files_lie(tmp_path: Path) -> None:
@@ -204,27 +195,27 @@ def test_graph_or_not_is_part_of_the_run() -> None:
     assert len(ids) == 2
 
 
-def test_a_setup_makes_a_row_with_its_parameters() -> None:
+def test_a_setup_makes_a_variant_with_its_parameters() -> None:
     near = {"name": "near", "kind": "litsim", "parameters": {"conflict.roi_m": 15.0}}
     made = cases(policies=["replay", "litsim", near], parameters={"conflict.horizon": [2.0]})
-    assert [case.row for case in made] == ["idm, replay", "idm, litsim", "idm, litsim, near"]
+    assert [case.variant for case in made] == ["idm, replay", "idm, litsim", "idm, litsim, near"]
     assert dict(made[2].parameters) == {"conflict.roi_m": 15.0, "conflict.horizon": 2.0}
     assert made[2].policy == "litsim" and len({case.id for case in made}) == 3
 
 
-def test_a_row_tells_which_of_its_own_parameters_the_suite_replaces() -> None:
-    """A row named for a long horizon was run with another one, and nothing said so."""
+def test_a_variant_tells_which_of_its_own_parameters_the_suite_replaces() -> None:
+    """A variant named for a long horizon was run with another one, and nothing said so."""
     long = {"name": "long", "kind": "litsim", "parameters": {"conflict.horizon": 5.0, "conflict.passing": False}}
     ego = {"name": "mine", "kind": "perturbed", "parameters": {"ego.kind": "brake"}}
     replaced = {"conflict.horizon": [2.0], "ego.kind": ["lane_change"]}
     (found,) = cases(policies=[long], egos=[ego], parameters=replaced)
-    assert found.row == "mine, litsim, long, horizon=2.0, kind=lane_change"
+    assert found.variant == "mine, litsim, long, horizon=2.0, kind=lane_change"
     (same,) = cases(policies=[long], egos=[ego], parameters={"conflict.horizon": [5.0], "ego.kind": ["brake"]})
-    assert same.row == "mine, litsim, long"
+    assert same.variant == "mine, litsim, long"
 
 
 @pytest.mark.parametrize(
-    ("policies", "parameters", "rows"),
+    ("policies", "parameters", "variants"),
     [
         (
             ["litsim", {"name": "long", "kind": "litsim", "parameters": {"conflict.horizon": 5.0}}],
@@ -234,9 +225,9 @@ def test_a_row_tells_which_of_its_own_parameters_the_suite_replaces() -> None:
         ([{"name": each, "kind": "yield"} for each in "ab"], [2.0, 3.0], "b, horizon=2.0"),
     ],
 )
-def test_two_rows_of_the_same_runs_are_refused(policies: list[Any], parameters: list[float], rows: str) -> None:
+def test_two_variants_of_the_same_runs_are_refused(policies: list[Any], parameters: list[float], variants: str) -> None:
     """The second would be missing from every table without a word."""
-    with pytest.raises(InputError, match=f"suite some: rows .* and .*{rows}.* ask for the same runs"):
+    with pytest.raises(InputError, match=f"suite some: variants .* and .*{variants}.* ask for the same runs"):
         cases(policies=policies, parameters={"conflict.horizon": parameters})
 
 

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from litsim_eval.analysis.metrics_tree import find_field
-from litsim_eval.campaign.criteria import Criteria, Criterion, Outcome, SuiteCriterion, Verdict, value_at
+from litsim_eval.analysis.metrics_tree import find_field, leaves
+from litsim_eval.campaign.criteria import Criteria, Criterion, Outcome, SuiteCriterion, Verdict
 from litsim_sim.core.errors import InputError
 
 PASSED, FAILED, ERROR = (
@@ -55,8 +55,8 @@ def test_what_is_missing_fails_unless_it_is_said_to_pass(metrics: dict[str, Any]
 
 
 def test_keys_with_dots_are_found() -> None:
-    assert value_at({"safety": {"ttc_below": {"0.95": 0.25}}}, "safety.ttc_below.0.95") == 0.25
-    assert value_at({"lockstep": {"missed_by_topic": {"/a.b": 1}}}, "lockstep.missed_by_topic./a.b") == 1
+    assert leaves({"safety": {"ttc_below": {"0.95": 0.25}}})["safety.ttc_below.0.95"] == 0.25
+    assert leaves({"lockstep": {"missed_by_topic": {"/a.b": 1}}})["lockstep.missed_by_topic./a.b"] == 1
 
 
 @pytest.mark.parametrize(

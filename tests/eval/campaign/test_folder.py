@@ -71,16 +71,6 @@ def test_another_version_is_refused_and_named(tmp_path: Path) -> None:
         CampaignFolder(tmp_path).begin(suite(), cases_of(suite(), with_versions=later), later)
 
 
-def test_overwriting_begins_anew(tmp_path: Path) -> None:
-    first, _ = made = cases()
-    folder = CampaignFolder(tmp_path)
-    folder.begin(suite(), made, VERSIONS)
-    folder.store(RunResult.judged(first, metrics(), CRITERIA))
-    folder.write_results([])
-    assert folder.begin(suite(egos=["log"]), cases(egos=["log"]), VERSIONS, overwrite=True) == {}
-    assert not list(tmp_path.glob("**/result*.json"))
-
-
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_what_others_have_in_the_folder_stays(tmp_path: Path, *, overwrite: bool) -> None:
     made = cases()
@@ -94,11 +84,13 @@ def test_what_others_have_in_the_folder_stays(tmp_path: Path, *, overwrite: bool
 
 
 def test_overwriting_leaves_no_verdicts_of_before(tmp_path: Path) -> None:
-    CampaignFolder(tmp_path).begin(suite(), cases(), VERSIONS)
+    made, folder = cases(), CampaignFolder(tmp_path)
+    folder.begin(suite(), made, VERSIONS)
+    folder.store(RunResult.judged(made[0], metrics(), CRITERIA))
     for name in ("junit.xml", "experiment.html", "results.json", "results.parquet"):
         (tmp_path / name).write_text("passed")
-    CampaignFolder(tmp_path).begin(suite(), cases(), VERSIONS, overwrite=True)
-    assert not [each for each in tmp_path.iterdir() if each.is_file() and each.read_text() == "passed"]
+    assert folder.begin(suite(egos=["log"]), cases(egos=["log"]), VERSIONS, overwrite=True) == {}
+    assert {path.name for path in tmp_path.rglob("*") if path.is_file()} <= {CAMPAIGN_FILE, ".lock"}
 
 
 def test_a_run_whose_folder_cannot_be_made_is_told(tmp_path: Path, case: Case) -> None:
@@ -136,9 +128,9 @@ def test_a_suite_told_more_since_tells_it_of_old_results(tmp_path: Path) -> None
 def test_all_results_in_one_file(tmp_path: Path, case: Case) -> None:
     folder = CampaignFolder(tmp_path)
     result = RunResult.judged(case, metrics(), CRITERIA)
-    path = folder.write_results([result], rows={"idm, litsim": {"runs": 1}})
+    path = folder.write_results([result], variants={"idm, litsim": {"runs": 1}})
     values = json.loads(path.read_text())
-    assert values["rows"] == {"idm, litsim": {"runs": 1}}
+    assert values["variants"] == {"idm, litsim": {"runs": 1}}
     assert [RunResult.from_json(each) for each in values["runs"]] == [result]
 
 

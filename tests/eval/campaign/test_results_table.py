@@ -37,7 +37,8 @@ def test_one_row_a_run_and_one_column_a_measure(tmp_path: Path) -> None:
     assert table["verdict"].tolist() == ["failed", "passed", "error"]
     assert table["reason"][0].startswith("no contact at fault") and table["reason"][2] == "it crashed"
     assert table["scenario"].tolist() == ["demo"] * 3 and table["ego_id"].tolist() == [EGO] * 3
-    assert table["row"].tolist() == [first.row, second.row, third.row] and table["seed"].tolist() == [1, 2, 3]
+    assert table["variant"].tolist() == [first.variant, second.variant, third.variant]
+    assert table["seed"].tolist() == [1, 2, 3]
     assert [list(tags) for tags in table["tags"]] == [["cut_in"]] * 3
     assert table["digest"].fillna("").tolist() == ["abc", "", ""]
     assert table["collision.ego_at_fault"][:2].tolist() == [1, 0] and table["collision.ego_at_fault"].isna()[2]

@@ -157,11 +157,6 @@ def test_what_the_documentation_shows_can_be_used(tmp_path: Path) -> None:
     assert len(suite.criteria.runs) == 3 and len(suite.criteria.suite) == 2
 
 
-def test_no_suite(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.yaml: no such suite"):
-        Suite.load(tmp_path / "none.yaml")
-
-
 def test_policies_may_have_setups_of_their_own(tmp_path: Path) -> None:
     own = "policies: [replay, paper, {name: near, kind: litsim, parameters: {conflict.roi_m: 15.0}}]"
     suite = load(tmp_path, GOOD.replace("policies: [replay]", own))

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from litsim_eval.check_ads.feasibility import is_clipped, motion
 from litsim_eval.check_ads.plot import plot_latency
-from litsim_eval.check_ads.requirements import Clause, Limits, Verdict, judge
+from litsim_eval.check_ads.requirements import Clause, Limits, Verdict, is_clipped, judge, motion
 from litsim_eval.check_ads.trace import Ending, Endpoint, Evidence, Heard, summarised
 from litsim_sim.core.scene import STEP_NS, EgoCommand
 from litsim_sim.core.vehicle import VehicleModel
@@ -56,12 +55,12 @@ def seen(lane_map: LaneMap, lane_centres: tuple[float, ...]) -> Evidence:
     ]
     return Evidence(
         wait_s=30.0,
-        found={TRAJECTORY: 0.5},
+        discovered_s={TRAJECTORY: 0.5},
         endpoints=(
             Endpoint(INPUTS[TRAJECTORY], "/stack", publishes=True),
             Endpoint("/litsim/ego/state", "/stack", publishes=False),
         ),
-        asked={step: [time] for step, time in asked.items()},
+        published_ns={step: [time] for step, time in asked.items()},
         heard=tuple(heard),
         interface=TRAJECTORY,
         counts={"answered": STEPS + 1},
@@ -108,7 +107,9 @@ def test_everything_right(seen: Evidence) -> None:
 
 def test_nobody(seen: Evidence) -> None:
     gone = Ending(5.0, None, present=False)
-    nothing = replace(seen, found={}, endpoints=(), heard=(), interface=None, counts={}, ending=gone, failure="late")
+    nothing = replace(
+        seen, discovered_s={}, endpoints=(), heard=(), interface=None, counts={}, ending=gone, failure="late"
+    )
     found = clauses(nothing)
     assert found.pop("discovery").verdict == FAIL
     assert {each.verdict for each in found.values()} == {OPEN}
@@ -159,8 +160,8 @@ def test_answers_that_were_not_asked_for(seen: Evidence, counts: dict[str, int],
 
 
 def test_a_step_that_is_repeated_may_be_answered_again(seen: Evidence) -> None:
-    asked = seen.asked | {0: seen.asked[0] * 4}
-    twice = replace(seen, asked=asked, counts=seen.counts | {"stale": 3, "surplus": 5})
+    asked = seen.published_ns | {0: seen.published_ns[0] * 4}
+    twice = replace(seen, published_ns=asked, counts=seen.counts | {"stale": 3, "surplus": 5})
     assert clauses(twice)["answers every step"].verdict == PASS
 
 

@@ -57,8 +57,6 @@ def test_help_explains_every_option_and_prints_no_lists(program: EntryPoint, mon
 @pytest.mark.parametrize(
     ("parser", "words"),
     [
-        (evaluate.parser, ["--egos", "7;8"]),
-        (evaluate.parser, ["--processes", "many"]),
         (evaluate.parser, ["--set", "conflict.handback"]),
         (run.parser, ["--set", "conflict.handback=catch_up,time_shift"]),
         (run.parser, ["--ego", "chauffeur"]),

@@ -8,34 +8,28 @@ from typing import Any
 
 import pytest
 
-from campaigns import CRITERIA, EGO, VERSIONS, cases, metrics, suite
-from litsim_eval.campaign.folder import CampaignFolder
-from litsim_eval.campaign.results import RunResult
+from campaigns import EGO, metrics, stored
 from litsim_eval.cli.compare import main
 from litsim_sim.scenario.scenario import Scenario
+
+
+def by_faults(folder: Path, at_fault: list[int], asked: dict[str, Any] | None = None, **values: float) -> str:
+    """A campaign with a run for each of `at_fault`; `values` of its measures grow by 1 from run to run."""
+    changes = [{name: value + k for name, value in values.items()} for k in range(len(at_fault))]
+    outcomes = [metrics(at_fault=hits, **more) for hits, more in zip(at_fault, changes, strict=True)]
+    return str(stored(folder, outcomes, **(asked or {})).folder)
+
 
 VEHICLES = Scenario.load("demo").possible_egos
 
 
 def by_vehicle(count: int) -> dict[str, Any]:
     """A suite of `count` vehicles, with one run each."""
-    return {"policies": ["litsim"], "cases": [{"scenario": "demo", "egos": list(VEHICLES[:count])}]}
-
-
-def campaign(folder: Path, at_fault: list[int], suited: dict[str, Any] | None = None, **values: float) -> str:
-    """A run for each of `at_fault`: by default of one vehicle, by seeds from 0."""
-    asked = suited or {"policies": ["litsim"], "seeds": list(range(len(at_fault)))}
-    lies = CampaignFolder(folder)
-    made = cases(**asked)
-    lies.begin(suite(**asked), made, VERSIONS)
-    for seed, (case, hits) in enumerate(zip(made, at_fault, strict=True)):
-        measured = metrics(at_fault=hits, **{name: value + seed for name, value in values.items()})
-        lies.store(RunResult.judged(case, measured, CRITERIA, report="report.html"))
-    return str(folder)
+    return {"seeds": [], "cases": [{"scenario": "demo", "egos": list(VEHICLES[:count])}]}
 
 
 def test_a_newly_failing_case_is_status_1_with_both_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before, after = campaign(tmp_path / "a", [0, 1, 0]), campaign(tmp_path / "b", [0, 0, 1])
+    before, after = by_faults(tmp_path / "a", [0, 1, 0]), by_faults(tmp_path / "b", [0, 0, 1])
     with pytest.raises(SystemExit) as ended:
         main([before, after])
     assert ended.value.code == 1
@@ -49,7 +43,7 @@ def test_a_newly_failing_case_is_status_1_with_both_reports(tmp_path: Path, caps
 
 
 def test_better_or_equal_is_status_0(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before, after = campaign(tmp_path / "a", [0, 1]), campaign(tmp_path / "b", [0, 0])
+    before, after = by_faults(tmp_path / "a", [0, 1]), by_faults(tmp_path / "b", [0, 0])
     main([before, after])
     assert "0 of 2 newly failing" in capsys.readouterr().out
     main([after, after])
@@ -57,8 +51,8 @@ def test_better_or_equal_is_status_0(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 def test_clear_changes_are_shown_and_the_others_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = campaign(tmp_path / "a", [0, 0, 0], by_vehicle(3), progress_m=10.0)
-    after = campaign(tmp_path / "b", [0, 0, 0], by_vehicle(3), progress_m=12.0)
+    before = by_faults(tmp_path / "a", [0, 0, 0], by_vehicle(3), progress_m=10.0)
+    after = by_faults(tmp_path / "b", [0, 0, 0], by_vehicle(3), progress_m=12.0)
     main([before, after])
     out = capsys.readouterr().out
     row = next(line for line in out.splitlines() if "progress_m" in line)
@@ -71,14 +65,9 @@ def test_names_of_measures_stay_whole_at_100_columns(tmp_path: Path, capsys: pyt
     name = "comfort.ego.within.longitudinal_acceleration"
     folders = []
     for at, value in (("a", -1.23456e-5), ("b", 1.23456e-5)):
-        folder = CampaignFolder(tmp_path / at)
-        asked = by_vehicle(2)
-        folder.begin(suite(**asked), cases(**asked), VERSIONS)
-        for number, case in enumerate(cases(**asked)):
-            within = {"longitudinal_acceleration": value * (1 + number)}
-            measured = metrics(comfort={"ego": {"within": within}})
-            folder.store(RunResult.judged(case, measured, CRITERIA))
-        folders.append(str(folder.path))
+        within = [{"longitudinal_acceleration": value * (1 + number)} for number in range(2)]
+        outcomes = [metrics(comfort={"ego": {"within": each}}) for each in within]
+        folders.append(str(stored(tmp_path / at, outcomes, **by_vehicle(2)).folder))
     main(folders)
     lines = capsys.readouterr().out.splitlines()
     row = next(line for line in lines if name in line)
@@ -86,7 +75,7 @@ def test_names_of_measures_stay_whole_at_100_columns(tmp_path: Path, capsys: pyt
 
 
 def test_json_has_everything(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before, after = campaign(tmp_path / "a", [0]), campaign(tmp_path / "b", [0])
+    before, after = by_faults(tmp_path / "a", [0]), by_faults(tmp_path / "b", [0])
     main([before, after, "--json"])
     found = json.loads(capsys.readouterr().out)
     assert found["common"] == 1 and found["newly_failing"] == []
@@ -97,7 +86,7 @@ def test_json_has_everything(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 def test_what_is_no_pair_of_campaigns_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], others: list[str], said: str
 ) -> None:
-    before = campaign(tmp_path / "a", [0])
+    before = by_faults(tmp_path / "a", [0])
     with pytest.raises(SystemExit) as ended:
         main([before, *(str(tmp_path / other) for other in others)])
     assert ended.value.code == 2
@@ -105,7 +94,7 @@ def test_what_is_no_pair_of_campaigns_is_refused(
 
 
 def test_enough_vehicles_are_not_called_few(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder, repeated = campaign(tmp_path / "a", [0] * 20, by_vehicle(20)), campaign(tmp_path / "b", [0] * 20)
+    folder, repeated = by_faults(tmp_path / "a", [0] * 20, by_vehicle(20)), by_faults(tmp_path / "b", [0] * 20)
     main([folder, folder])
     assert "too narrow" not in capsys.readouterr().out
     main([repeated, repeated])

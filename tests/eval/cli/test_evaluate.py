@@ -17,7 +17,6 @@ import pytest
 import yaml
 
 from campaigns import EGO, scenario_file, told
-from litsim_eval.campaign.results import read_campaign
 from litsim_eval.cli import evaluate, run
 from litsim_sim.scenario.scenario import packaged
 
@@ -57,7 +56,7 @@ def results(out: Path) -> dict[str, Any]:
     [
         (
             ["--policy", "replay", "--set", "conflct.horizon=2"],
-            "row idm, replay: no stage of this run: conflct; expected ego",
+            "variant idm, replay: no stage of this run: conflct; expected ego",
         ),
         (
             ["--policy", "yield", "--set", "conflict.horizon=2,-1"],
@@ -88,19 +87,19 @@ def test_what_is_wrong_is_said_before_the_first_run(
         ("", "line 2, field cases.0: egos: 99999 not there at the start of "),
         (
             "parameters: {conflict.horizon: [2, -1]}",
-            "line 5, field parameters.conflict.horizon: row idm, litsim, horizon=-1: conflict: parameter horizon is",
+            "line 5, field parameters.conflict.horizon: variant idm, litsim, horizon=-1: conflict: parameter horizon",
         ),
         (
             "policies: [replay, {name: a, kind: litsim,\nparameters: {conflict.horizn: 1}}]",
-            "line 5, field policies.1.parameters.conflict.horizn: row idm, litsim, a: conflict: unknown parameter",
+            "line 5, field policies.1.parameters.conflict.horizn: variant idm, litsim, a: conflict: unknown parameter",
         ),
         (
             "policies: [replay]\nparameters:\n  predictor.model: cv\n  ego.kind: brake",
-            "line 7, field parameters.ego.kind: row idm, replay: ego: unknown parameter kind",
+            "line 7, field parameters.ego.kind: variant idm, replay: ego: unknown parameter kind",
         ),
         (
             "egos:\n- {name: own, kind: external, command: [no_such_stack], parameters: {bridge.patience: 1}}",
-            "row own, litsim: bridge: unknown parameter patience",
+            "variant own, litsim: bridge: unknown parameter patience",
         ),
     ],
 )
@@ -156,52 +155,18 @@ def test_intervals_stand_behind_the_figures_on_demand(capsys, tmp_path) -> None:
     assert re.search(r"colliding agents +\d+ *\n", capsys.readouterr().out)
 
 
-def test_policies_and_egos_can_be_chosen_by_their_names_in_the_suite(tmp_path, scenario) -> None:
-    suite = tmp_path / "suite.yaml"
-    policies = ["replay", "yield", {"name": "short", "kind": "yield", "parameters": {"conflict.horizon": 1.5}}]
-    egos = ["idm", {"name": "brake", "kind": "perturbed", "parameters": {"ego.kind": "brake"}}]
-    cases = [{"scenario": str(scenario), "egos": [1]}]
-    suite.write_text(yaml.safe_dump({"name": "some", "cases": cases, "egos": egos, "policies": policies}))
-    called("--suite", suite, "--policy", "short", "replay", "--ego", "brake", "--out", tmp_path / "out")
-    found = [each["case"] for each in results(tmp_path / "out")["runs"]]
-    assert sorted(each["row"] for each in found) == ["brake, replay", "brake, yield, short"]
-    assert [each["parameters"] for each in found if each["policy"] == "yield"] == [{"conflict.horizon": 1.5}]
-
-
-def test_two_files_of_one_name_would_be_one_run_and_are_refused(capsys, tmp_path, scenario) -> None:
-    other = tmp_path / "elsewhere" / scenario.name
-    other.parent.mkdir()
-    shutil.copy(scenario, other)
-    assert called("--scenario", scenario, other, "--out", tmp_path / "out") == 2
-    assert "are all called short" in capsys.readouterr().err
-
-
-def test_all_are_those_that_can_be_the_ego(tmp_path, scenario) -> None:
-    words = ["--scenario", scenario, "--policy", "replay", "--egos", "all", "--out", tmp_path / "out"]
-    called(*words, "--ego", "perturbed", "--set", "ego.kind=brake", "ego.time=[0.0, 0.0]")
-    assert [each["case"]["ego_id"] for each in results(tmp_path / "out")["runs"]] == [1, 2]
-
-
-def test_several_egos_and_values_are_rows_of_the_table(capsys, tmp_path, criteria) -> None:
+def test_several_egos_and_values_are_variants(capsys, tmp_path, criteria) -> None:
     """In this scene those behind the ego are under control for less time if their logs may be shifted."""
     waves = {"recording": str(packaged("scenarios/us101_like.parquet")), "ego": 7, "egos": [7]}
     words = ["--policy", "replay", "yield", "--set", "conflict.handback=catch_up,time_shift", "--egos", "ego"]
     words += ["--scenario", scenario_file(tmp_path, "waves", **waves)]
     called("--ego", "idm", "log", *words, "--out", tmp_path / "out", "--criteria", criteria)
-    found = results(tmp_path / "out")["rows"]
-    rows = ["replay", "yield, handback=catch_up", "yield, handback=time_shift"]
-    assert list(found) == [f"{ego}, {row}" for ego in ("idm", "log") for row in rows]
+    found = results(tmp_path / "out")["variants"]
+    variants = ["replay", "yield, handback=catch_up", "yield, handback=time_shift"]
+    assert list(found) == [f"{ego}, {variant}" for ego in ("idm", "log") for variant in variants]
     assert found["idm, yield, handback=time_shift"]["held_s"] < found["idm, yield, handback=catch_up"]["held_s"]
     printed = capsys.readouterr().out
     assert "time under control s" in printed and "  6  log, yield, handback=time_shift\n" in printed
-
-
-def test_seeds_are_runs_of_their_own(tmp_path) -> None:
-    words = ["--ego", "perturbed", "--policy", "replay", "--egos", "3", "--seeds", "1", "2", "--out", tmp_path / "out"]
-    called(*words)
-    one, two = results(tmp_path / "out")["runs"]
-    assert [each["case"]["seed"] for each in (one, two)] == [1, 2]
-    assert one["metrics"]["digest"] != two["metrics"]["digest"]
 
 
 @pytest.mark.parametrize(("limit", "status"), [(0, 1), (100, 0)])
@@ -216,7 +181,7 @@ def test_the_exit_status_is_the_verdict_by_the_criteria(tmp_path, capsys, limit:
     assert f"{1 - status} passed, {status} failed, 0 errors" in said.out
     found = results(tmp_path / "out")
     assert found["verdict"] == ("failed" if status else "passed")
-    assert found["rows"]["idm, replay"]["colliding_runs"] == 1
+    assert found["variants"]["idm, replay"]["colliding_runs"] == 1
     page = tmp_path / "out/experiment.html"
     assert f"report: {page}\n" in said.out
     assert ('<span class="badge bad">not passed</span>' in page.read_text()) == bool(status)
@@ -275,15 +240,6 @@ def test_a_dry_run_says_what_would_be_run_and_touches_nothing(capsys, tmp_path, 
         "to run  short/2/idm/replay",
         "1 passed, 0 failed, 0 errors; 1 of 2 to be run",
     ]
-
-
-def test_runs_that_are_done_are_not_run_again(monkeypatch, tmp_path, scenario) -> None:
-    words = ["--scenario", scenario, "--egos", "1", "--policy", "replay", "--out", tmp_path / "out"]
-    called(*words)
-    (done,) = read_campaign(tmp_path / "out").results
-    called(*words[:3], "1,2", *words[4:])
-    assert [result.case.ego_id for result in read_campaign(tmp_path / "out").results] == [1, 2]
-    assert read_campaign(tmp_path / "out").results[0] == done
 
 
 def test_another_campaign_in_the_folder_is_kept_unless_it_may_go(capsys, tmp_path, scenario) -> None:

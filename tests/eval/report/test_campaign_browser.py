@@ -95,7 +95,7 @@ def test_a_heading_sorts_and_sorts_back(browser: Browser) -> None:
 def test_filters_narrow_the_table_together(browser: Browser) -> None:
     choose(browser, "verdict", "failed")
     assert browser.run(SHOWN) == "5 of 12 runs: 5 failed"
-    choose(browser, "row", "idm, replay")
+    choose(browser, "variant", "idm, replay")
     assert len(browser.run(NAMES)) == 3
     choose(browser, "criterion", "no contact at fault")
     assert browser.run(NAMES) == ["scene_0/7/idm/replay", "scene_3/7/idm/replay"]
@@ -105,7 +105,7 @@ def test_filters_narrow_the_table_together(browser: Browser) -> None:
     assert "verdict" not in browser.run("document.getElementById('chips').textContent")
     browser.click(*browser.middle("#clear"))
     assert browser.run(SHOWN) == "12 of 12 runs: 1 error, 5 failed, 6 passed"
-    assert browser.run("document.getElementById('row').value") == ""
+    assert browser.run("document.getElementById('variant').value") == ""
 
 
 def test_words_are_searched_in_all_that_a_run_says(browser: Browser) -> None:

@@ -75,7 +75,7 @@ def test_happenings_are_takeovers_and_contacts_that_the_log_has_not(read: Campai
     assert (run["steps"], run["takeovers"], run["contacts"]) == (60, [[12, 60], [3, 10], [7, 20]], [30])
 
 
-def test_runs_of_a_case_are_known_in_other_rows(read: Campaign, tmp_path: Path) -> None:
+def test_runs_of_a_case_are_known_in_other_variants(read: Campaign, tmp_path: Path) -> None:
     runs = unpack(pack_campaign(read, {}, tmp_path))[0]["runs"]
     assert [run["same"] for run in runs[:6]] == [run["same"] for run in runs[6:]]
     assert len({run["same"] for run in runs}) == 6

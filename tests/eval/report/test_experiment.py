@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -176,31 +175,7 @@ def test_command_line(campaign: Write, tmp_path: Path, capsys: pytest.CaptureFix
     assert "a campaign, expected one run for --png" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("text", ["no JSON", "[]", '{"format": 99}', '{"format": 1, "name": "a"}'])
-def test_what_is_no_campaign(text: str, tmp_path: Path) -> None:
-    (tmp_path / "campaign.json").write_text(text)
-    with pytest.raises(InputError, match=r"campaign\.json"):
-        page_of(tmp_path)
-
-
-def test_rows_without_a_result_yet_are_there(campaign: Write, tmp_path: Path) -> None:
+def test_variants_without_a_result_yet_are_there(campaign: Write, tmp_path: Path) -> None:
     data = packed(page_of(campaign(tmp_path, done=2)))
-    assert data["rows"] == ["idm, replay", "idm, litsim"]
-    assert [run["row"] for run in data["runs"]] == [0, 0]
-
-
-def test_the_page_keeps_what_the_campaign_says(campaign: Write, tmp_path: Path) -> None:
-    folder = campaign(tmp_path)
-    values = json.loads((folder / "campaign.json").read_text())
-    values["versions"]["sumo"] = "1.28 <b>"
-    (folder / "campaign.json").write_text(json.dumps(values))
-    html = page_of(folder).read_text()
-    assert "<dt>sumo</dt><dd>1.28 &lt;b&gt;</dd>" in html and values["begun_at"] in html
-
-
-def test_a_row_is_named_by_its_label(tmp_path: Path) -> None:
-    folder = CampaignFolder(tmp_path)
-    (one,) = cases(policies=["replay"])
-    named = replace(one, label="horizon=2.0")
-    folder.begin(suite(), [named], {})
-    assert "idm, replay, horizon=2.0" in page_of(tmp_path).read_text()
+    assert data["variants"] == ["idm, replay", "idm, litsim"]
+    assert [run["variant"] for run in data["runs"]] == [0, 0]

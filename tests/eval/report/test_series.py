@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_eval.report.series import TTC_MAX, counts, deviations, speeds, times_to_leader
+from litsim_eval.report.content import TTC_MAX, counts, deviations, speeds, times_to_leader
 from litsim_eval.report.tracks import collect, ghosts_of, tracks_of
 from litsim_sim.core.colours import Mode
 from litsim_sim.core.scene import Controller

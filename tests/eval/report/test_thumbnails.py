@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from litsim_eval.analysis.metrics import compute_metrics
-from litsim_eval.report.thumbnails import THUMBNAIL_FILE, _in_map, _seen, read_thumbnail, thumbnail_of, write_thumbnail
+from litsim_eval.report.thumbnails import THUMBNAIL_FILE, read_thumbnail, thumbnail_of, write_thumbnail
 from litsim_sim.core.colours import Mode
 from litsim_sim.record.run import Run
 
@@ -95,9 +95,3 @@ def test_none_of_todays_format_is_none(text: str | None, tmp_path: Path) -> None
     if text is not None:
         (tmp_path / THUMBNAIL_FILE).write_text(text)
     assert read_thumbnail(tmp_path) is None
-
-
-def test_the_view_and_the_map_are_each_others_inverse() -> None:
-    points, pose = np.array([[3.0, -7.0], [120.5, 4.0]]), (34.95, 16.82, 2.4)
-    np.testing.assert_allclose(_in_map(_seen(points, pose), pose), points, atol=1e-9)
-    np.testing.assert_allclose(_in_map(np.array([[1.0, 0.0]]), pose), [[34.95 + np.cos(2.4), 16.82 + np.sin(2.4)]])

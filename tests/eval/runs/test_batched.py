@@ -124,13 +124,6 @@ def test_a_run_that_a_contact_ends_ends_no_other(make_scenario: Callable[..., An
     assert reasons == ["contact", "time", "contact"]
 
 
-def test_the_order_and_the_company_do_not_matter(scenes: Scenes) -> None:
-    plans = [RunPlan(scenario, ego, "yield") for scenario, ego in scenes[:2]]
-    forwards, backwards = record_batch(plans), record_batch(plans[::-1])
-    for run, other in zip(forwards, backwards[::-1], strict=True):
-        assert_same(run, other)
-
-
 def test_runs_that_differ_in_what_stages_ask_are_not_joined(scenes: Scenes) -> None:
     demo, wider = scenes[0][0], Scenario.load("demo", simulation_s=9.0, roi_m=60.0)
     with pytest.raises(ValueError, match="policies or parameters"):

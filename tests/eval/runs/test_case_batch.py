@@ -10,9 +10,8 @@ import pytest
 
 import campaigns
 from litsim_eval.report.thumbnails import read_thumbnail
-from litsim_eval.runs import case_batch
-from litsim_eval.runs.batched import record_batch
-from litsim_eval.runs.case_batch import BATCH_MAX, batches, run_batch
+from litsim_eval.runs import batched
+from litsim_eval.runs.batched import BATCH_MAX, batches, record_batch, run_batch
 from litsim_eval.runs.case_run import run_in_process
 
 ROADS = [{"scenario": "demo", "egos": [7, 3]}]
@@ -43,7 +42,7 @@ def test_each_comes_to_the_same_as_alone(tmp_path: Path, monkeypatch: pytest.Mon
         groups.append(len(plans))
         return record_batch(plans)
 
-    monkeypatch.setattr(case_batch, "record_batch", noted)
+    monkeypatch.setattr(batched, "record_batch", noted)
     folders = [tmp_path / str(k) for k in range(len(cases))]
     for folder in folders:
         folder.mkdir()
@@ -59,5 +58,5 @@ def test_one_that_fails_ends_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     lost, other = run_batch([replace(cases[0], ego_id=99999), cases[1]], [None, None])
     assert isinstance(lost, str) and "99999" in lost
     assert isinstance(other, dict)
-    monkeypatch.setattr(case_batch, "record_batch", lambda _: 1 // 0)
+    monkeypatch.setattr(batched, "record_batch", lambda _: 1 // 0)
     assert all(isinstance(each, dict) for each in run_batch(cases, [None, None])), "they are run alone"

@@ -188,24 +188,17 @@ def test_a_message_that_cannot_be_read_is_named(write: Any, run_id: str) -> None
         pass
 
 
-@pytest.mark.parametrize("name", ["scenario.yaml", "net.xml", "recording.parquet"])
-def test_a_bag_that_lacks_a_file_of_the_scenario_is_refused(write: Any, name: str) -> None:
-    with (
-        pytest.raises(InputError, match=f"cannot be repeated without attachment {name}$"),
-        open_record(write(without=name)),
-    ):
-        pass
-
-
-def test_a_bag_without_a_run_is_refused(write: Any) -> None:
-    with (
-        pytest.raises(InputError, match=r"no LitSim run: no message on /litsim/run_info$"),
-        open_record(write(without="run_info")),
-    ):
-        pass
-
-
-def test_messages_of_another_version_are_refused(write: Any) -> None:
-    expected = "/litsim/run_info was recorded with another version of litsim_msgs/msg/RunInfo$"
-    with pytest.raises(InputError, match=expected), open_record(write(hashes="RIHS01_0")):
+@pytest.mark.parametrize(
+    ("lacking", "said"),
+    [
+        *(
+            ({"without": name}, f"cannot be repeated without attachment {name}$")
+            for name in ("scenario.yaml", "net.xml", "recording.parquet")
+        ),
+        ({"without": "run_info"}, "no LitSim run: no message on /litsim/run_info$"),
+        ({"hashes": "RIHS01_0"}, "/litsim/run_info was recorded with another version of litsim_msgs/msg/RunInfo$"),
+    ],
+)
+def test_a_bag_that_lacks_something_is_refused(write: Any, lacking: dict[str, str], said: str) -> None:
+    with pytest.raises(InputError, match=said), open_record(write(**lacking)):
         pass

@@ -147,32 +147,6 @@ def test_who_comes_towards_the_ego_is_no_leader_of_it(look, lane_centres) -> Non
     assert conflict.time_to_conflict == pytest.approx(2.6, abs=0.11)
 
 
-def test_a_crossing_at_an_angle_is_found_when_shapely_finds_it(look, lane_centres) -> None:
-    scene = look({"id": 2, "x": 94.0, "y": lane_centres[3], "speed": 14.0, "yaw": 0.3, "last": 38})
-    futures = scene.futures
-    mine, others = boxes_at(scene, 2, futures.by_log), boxes_at(scene, 1, futures.expected)
-    meet = [a.intersects(b) for a, b in zip(mine, others, strict=True)]
-    (conflict,) = scene.conflicts()
-    at = meet.index(True)
-    assert conflict.time_to_conflict == pytest.approx((at + 1) * STEP_S)
-    assert at > 0 and conflict.pose[:2] == pytest.approx(shapely.get_coordinates(mine[at].centroid)[0])
-    assert conflict.pose[2] == pytest.approx(0.3)
-
-
-def test_driving_alongside_in_the_next_lane_is_none(look, lane_centres) -> None:
-    beside = ({"id": 2, "x": 85.0, "y": lane_centres[0]}, {"id": 3, "x": 85.0, "y": lane_centres[2]})
-    assert look(*beside, ego={"speed": 4.0}).conflicts() == []
-
-
-def test_crossing_where_the_ego_has_been_before_is_none(look, lane_centres) -> None:
-    crossing = {"id": 2, "x": 86.0, "y": lane_centres[3], "speed": 14.0, "yaw": 0.3, "last": 38}
-    scene = look(crossing, ego={"speed": 14.0})
-    futures = scene.futures
-    swept = [shapely.unary_union(boxes_at(scene, *of)) for of in ((2, futures.by_log), (1, futures.expected))]
-    assert swept[0].intersects(swept[1]), "in space, they overlap"
-    assert scene.conflicts() == []
-
-
 def test_agents_outside_of_the_region_of_interest_are_not_looked_at(look) -> None:
     fast = {"id": 2, "x": 65.0, "speed": 25.0}
 

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from litsim_policy.conflict.detector import Conflict
-from litsim_policy.conflict.diverged import DivergedAgents, Residuals
+from litsim_policy.conflict.diverged import DivergedAgents, DivergedNow
 from litsim_policy.motion.reference_path import ReferencePath
-from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverState
 
 STRAIGHT = ReferencePath.of(np.column_stack([np.arange(300.0), np.zeros(300)]))
@@ -48,20 +46,21 @@ def test_who_stays_keeps_the_layout_of_its_paths() -> None:
 def test_who_returns_follows_the_logged_path_to_the_same_goal() -> None:
     off = opened(1).joined(opened(2))
     before = off.paths.count[1]
-    off.return_to_log(np.array([False, True]))
+    off.return_to_log(np.array([1]))
     assert off.path.tolist() == [ROUTE, STRAIGHT]
     assert off.source.tolist() == [PathSource.ROUTE, PathSource.LOGGED]
     assert off.goal_s.tolist() == pytest.approx([30.0, 50.0])
     assert off.paths.count[1] > before, "the batch of paths is that of the paths now"
 
 
-def test_a_report_gives_the_path_from_a_little_behind_the_agent_on() -> None:
+def test_a_report_gives_the_path_from_a_little_behind_the_agent_on(agent_table) -> None:
     off = opened(1).joined(opened(2, STRAIGHT))
     off.in_conflict[:] = [True, False]
-    here = np.array([100.0, 200.0])
-    first, second = off.report(
-        here, np.array([1.0, 0.0]), (np.array([0.5, -1.0]), np.array([2.0, 0.0])), np.array([0, 3])
-    )
+    table = agent_table(9, {"id": 1, "x": 100.0, "y": 1.0, "speed": 7.0}, {"id": 2, "x": 200.0})
+    recorded, log_x = np.array([True, False]), np.array([99.5, 0.0])
+    place = log_x, table.y, table.yaw, np.array([5.0, 0.0])
+    rows, log = np.arange(2), SimpleNamespace(ids=table.id)
+    first, second = DivergedNow(off, table, rows, log, rows, np.array([0, 3]), recorded, *place).report()
     assert first.reference_path[:, 0].tolist() == list(range(95, 252))
     assert second.reference_path[:, 0].tolist() == list(range(195, 300))
     assert (first.agent, first.opponent, first.state, first.reason) == (
@@ -74,41 +73,25 @@ def test_a_report_gives_the_path_from_a_little_behind_the_agent_on() -> None:
     assert first.goal_pose == first.conflict_pose == (50.0, 0.5, 0.1)
     assert (first.log_collision_predicted, second.log_collision_predicted) == (True, False)
     assert (first.residual_position, first.residual_speed, first.time_shift) == (0.5, 2.0, 0.0)
-    assert (second.residual_position, second.time_shift) == (-1.0, pytest.approx(0.3))
-    assert DivergedAgents.empty().report(*[np.empty(0)] * 2, (np.empty(0), np.empty(0)), np.empty(0, np.int64)) == ()
+    assert (second.residual_position, second.residual_speed, second.time_shift) == (-1.0, 0.0, pytest.approx(0.3))
 
 
-# Residuals
+# Places in the logs
 
 
-def test_residuals_are_measured_from_the_log_with_its_lag(make_scenario, track, placed) -> None:
+def test_places_and_residuals_are_those_of_the_log_with_its_lag(make_scenario, track, placed) -> None:
     log = make_scenario(track(1, x=100.0, speed=10.0), track(2, x=50.0, speed=10.0, last=30)).log
     table = placed(log.table(20), 1, x=log.x[0, 15] + 3.0, y=log.y[0, 15] + 4.0, speed=12.0, yaw=0.25)
-    rows, lag = np.arange(2), np.array([5, 21])
-    found = Residuals.of(log, rows, lag, table, rows)
-    assert found.known.tolist() == [True, False], "20 steps into the run no log lags by 21"
-    assert (found.x[0], found.y[0]) == (log.x[0, 15], log.y[0, 15])
-    assert [found.position[0], found.speed[0], found.yaw[0]] == pytest.approx([5.0, 2.0, 0.25])
+    now = DivergedNow.at(log, opened(1).joined(opened(2)), table, np.array([5, 21]))
+    assert now.recorded.tolist() == [True, False], "20 steps into the run no log lags by 21"
+    assert (now.log_x[0], now.log_y[0], now.log_speed[0]) == (log.x[0, 15], log.y[0, 15], 10.0)
+    residuals = now.residual_position[0], now.residual_speed[0], now.residual_yaw[0]
+    assert residuals == pytest.approx((5.0, 2.0, 0.25))
 
 
-@given(st.integers(0, 2**32))
-def test_residuals_of_many_are_those_of_numpy(make_scenario, track, seed: int) -> None:
-    log = make_scenario(*(track(k, x=40.0 * k, y=-9.0, speed=9.0 + k, yaw=0.1 * k, last=20 + k) for k in (1, 2, 3))).log
-    random = np.random.default_rng(seed)
-    table = log.table(19)
-    moved = {f: getattr(table, f) + random.normal(0.0, 3.0, 3) for f in ("x", "y", "yaw", "speed")}
-    table = replace(table, step=int(random.integers(0, 40)), **moved)
-    rows, lag = random.permutation(3), random.integers(0, 30, 3)
-    found = Residuals.of(log, rows, lag, table, rows)
-    now = table.step - lag
-    at = rows, np.clip(now, 0, log.steps - 1)
-    assert (found.known == ((now >= 0) & (now < log.steps) & log.valid[at])).all()
-    assert (found.x == log.x[at]).all() and (found.y == log.y[at]).all()
-    assert (found.position == np.hypot(table.x[rows] - log.x[at], table.y[rows] - log.y[at])).all()
-    assert (found.speed == table.speed[rows] - log.speed[at]).all()
-    assert (found.yaw == wrap_angle(table.yaw[rows] - log.yaw[at])).all()
-    position, speed = found.reported
-    assert (position[~found.known] == -1.0).all() and (speed[~found.known] == 0.0).all()
-    assert (position[found.known] == found.position[found.known]).all()
-    which = random.random(3) < 0.5
-    assert (found.kept(which).position == found.position[which]).all()
+def test_a_log_that_is_over_has_no_place(make_scenario, track) -> None:
+    log = make_scenario(track(1, x=100.0), track(2, x=50.0, last=12)).log
+    table = log.table(12)
+    later = replace(table, step=14)
+    assert DivergedNow.at(log, opened(2), later, np.zeros(2, np.int64)).recorded.tolist() == [False]
+    assert DivergedNow.at(log, opened(2), later, np.array([0, 2])).recorded.tolist() == [True]

@@ -9,7 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from litsim_policy.conflict.config import ConflictConfig
+from litsim_policy.conflict.detector import Conflict
+from litsim_policy.conflict.futures import Futures
 from litsim_policy.conflict.hindsight import Hindsight
+from litsim_predictor.forecast import Forecast
 from litsim_sim.scenario.outcomes import RecordedOutcomes, file_of
 from litsim_sim.scenario.scenario import Scenario
 
@@ -25,12 +29,17 @@ def scenario(make_scenario: Callable[..., Scenario], track: Any, tmp_path: Path)
     return made
 
 
+def conflicts_at(scenario: Scenario, folder: Path, step: int, on_log: list[bool]) -> list[Conflict]:
+    table = scenario.log.table(step)
+    futures = Futures(scenario.log, ConflictConfig(), table, Forecast.empty(step))
+    return Hindsight(scenario, folder, 3.0).conflicts(futures, np.array(on_log), ~np.array(on_log))
+
+
 @pytest.mark.parametrize(("step", "found"), [(9, []), (10, [(2, 1, 3.0)]), (38, [(2, 1, 0.2), (3, 2, 0.7)]), (45, [])])
 def test_a_meeting_is_known_within_the_horizon(
     scenario: Scenario, tmp_path: Path, step: int, found: list[tuple[int, int, float]]
 ) -> None:
-    table = scenario.log.table(step)
-    conflicts = Hindsight(scenario, tmp_path, 3.0).recorded_conflicts(table, np.array([False, True, True]))
+    conflicts = conflicts_at(scenario, tmp_path, step, [False, True, True])
     assert [(c.agent, c.opponent, pytest.approx(c.time_to_conflict)) for c in conflicts] == found
     for conflict in conflicts:
         row, at = scenario.log.row(conflict.agent), step + round(conflict.time_to_conflict / 0.1)
@@ -38,7 +47,5 @@ def test_a_meeting_is_known_within_the_horizon(
 
 
 def test_who_is_off_his_log_already_is_in_no_new_conflict(scenario: Scenario, tmp_path: Path) -> None:
-    conflicts = Hindsight(scenario, tmp_path, 3.0).recorded_conflicts(
-        scenario.log.table(38), np.array([False, False, True])
-    )
+    conflicts = conflicts_at(scenario, tmp_path, 38, [False, False, True])
     assert [c.agent for c in conflicts] == [3]

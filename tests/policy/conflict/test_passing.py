@@ -12,9 +12,8 @@ import pytest
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.runs.batched import record_batch
 from litsim_eval.runs.runner import Runner, record
-from litsim_policy.conflict.config import PassingConfig
 from litsim_policy.conflict.detector import Conflict
-from litsim_policy.conflict.diverged import DivergedAgents, Residuals
+from litsim_policy.conflict.diverged import DivergedAgents, DivergedNow
 from litsim_policy.conflict.passing import Passing
 from litsim_policy.motion.reference_path import logged_path
 from litsim_policy.motion.route import Router
@@ -128,7 +127,7 @@ def test_a_change_that_has_begun_is_given_up_where_somebody_is_or_closes_in(
     row = table.row(HELD)
     pose = np.array([table.x[row], table.y[row], table.yaw[row]])
     lane = lane_map.row(str(lane_map.lanes[int(lane_map.nearest(*pose[:, None]).lane[0])].left))
-    router, config = Router(lane_map), PassingConfig()
+    router = Router(lane_map)
     logged = logged_path(scenario.log, lane_map, HELD)
     conflict = Conflict(HELD, EGO, 2.0, pose, 1.0)
     off = DivergedAgents.opened(conflict, 0, TakeoverReason.CONFLICT, logged, PathSource.ROUTE, logged)
@@ -136,7 +135,7 @@ def test_a_change_that_has_begun_is_given_up_where_somebody_is_or_closes_in(
     assert path is not None and path.points[0] == pytest.approx(pose[:2])
     off.pass_along(0, path, lane, 0)
     assert (off.beside[0], off.source[0], off.changed_step[0]) == (lane, PathSource.LANE, 0)
-    Passing(lane_map, scenario.log, router, config).change_lanes(table, off, np.array([row]), np.array([0]))
+    Passing(lane_map, router).change_lanes(DivergedNow.at(scenario.log, off, table, np.zeros(len(table), np.int64)))
     assert (off.source[0] == PathSource.LANE) == goes_on
     assert (off.beside[0] == lane) == goes_on and (off.path[0] is logged) != goes_on
 
@@ -170,10 +169,11 @@ def before_ramp(make_scenario, track, placed) -> Callable[..., Any]:
         if passes:
             path = Router(lane_map).beside(pose, 20.0, lane_map.row(lane))
             off.pass_along(0, path, lane_map.row(lane), 0)
-        passing = Passing(lane_map, scenario.log, Router(lane_map), PassingConfig())
-        passing.change_lanes(table, off, np.array([row]), np.array([0]))
+        passing = Passing(lane_map, Router(lane_map))
+        now = DivergedNow.at(scenario.log, off, table, np.zeros(len(table), np.int64))
+        passing.change_lanes(now)
         taken = None if off.beside[0] < 0 else lane_map.lanes[off.beside[0]].id
-        return taken, passing, table, off
+        return taken, passing, now
 
     return make
 
@@ -198,10 +198,9 @@ def test_who_has_passed_onto_another_road_is_not_handed_back(before_ramp) -> Non
     """From the ramp the way to the log leads over the grass between."""
 
     def may_return(x: float) -> bool:
-        _, passing, table, off = before_ramp(RAMP_LANE, x, passes=True, speed=SPEED)
-        zero, row = np.zeros(1), table.rows(off.agent)
-        residuals = Residuals(np.array([True]), table.x[row], np.full(1, -16.47), zero, zero, zero)
-        return bool(passing.may_return(table, off, row, np.array([0]), residuals)[0])
+        _, passing, now = before_ramp(RAMP_LANE, x, passes=True, speed=SPEED)
+        now = replace(now, log_x=now.x, log_y=np.full(1, -16.47), log_yaw=np.zeros(1))
+        return bool(passing.may_return(now, np.ones(1, np.bool_))[0])
 
     assert may_return(SPLIT - 160.0)
     off_ramp = SPLIT + 40.0

@@ -7,7 +7,6 @@ from litsim_policy.ego.following import FollowingEgo
 from litsim_policy.ego.idm import IdmEgo
 from litsim_policy.ego.log import LogEgo
 from litsim_policy.ego.perturbed import PerturbedConfig, PerturbedEgo
-from litsim_policy.ego.registry import make_ego
 from litsim_policy.motion.car_following import IdmConfig
 from litsim_sim.core.scene import AgentTable, EgoMode
 from litsim_sim.scenario.batched import BatchedScenario
@@ -46,7 +45,7 @@ def test_egos_that_follow_with_models_of_their_own_answer_as_alone(make_scenario
 def test_who_is_not_asked_answers_nothing_and_a_gone_ego_neither(make_scenario, track) -> None:
     scene = make_scenario(track(7, x=60.0, last=30), track(9, x=90.0))
     batch = BatchedScenario.of((scene, scene))
-    together = BatchedEgos(batch, [make_ego("idm", scene), make_ego("idm", scene)])
+    together = BatchedEgos(batch, [IdmEgo(scene), IdmEgo(scene)])
     table: AgentTable = batch.log.table(scene.history_steps)
     first, second = together.plan(table, [1])
     assert (first.acceleration, first.yaw_rate) == (0.0, 0.0) and second.acceleration != 0.0

@@ -8,20 +8,14 @@ from tests.helpers.made_lanes import made_lane
 
 from litsim_policy.motion.along_path import along_paths
 from litsim_policy.motion.car_following import IdmConfig, idm_acceleration
-from litsim_policy.motion.lane_change import LaneChangeConfig, LaneChanges, weigh_changes
+from litsim_policy.motion.lane_change import POLITENESS, LaneChanges, weigh_changes
 from litsim_policy.motion.lane_lines import LaneLines
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.lane_map.lane_map import LaneMap
 
 RIGHT, LEFT = 0, 1
 LENGTH = 4.5
-CONFIG = LaneChangeConfig(politeness=0.3)
-IDM = IdmConfig(
-    headway=CONFIG.headway,
-    standstill_gap=CONFIG.standstill_gap,
-    acceleration=CONFIG.acceleration,
-    deceleration=CONFIG.deceleration,
-)
+IDM = IdmConfig(headway=0.5, standstill_gap=1.5, acceleration=2.0, deceleration=2.5)
 ME, SPEED, WANTED = 1, 10.0, 15.0
 SLOW = {"id": 2, "x": 120.0, "speed": 9.0}
 
@@ -42,11 +36,11 @@ def weigh(lines, agent_table):
         )
         rows, line = table.rows(np.array([ME])), lines.rows(np.array([RIGHT, LEFT]))
         poses = np.full(2, 100.0), np.array([0.0, 3.5]), np.zeros(2)
-        view = along_paths(lines.made, table, np.repeat(rows, 2), poses=poses, path=line)
+        view = along_paths(lines.batch, table, np.repeat(rows, 2), poses=poses, path=line)
         comes = np.zeros((1, len(table)), np.bool_)
         if claimed is not None:
             comes[0, table.row(claimed)] = True
-        return weigh_changes(CONFIG, table, rows, np.array([WANTED]), view, comes, np.array([reach]))
+        return weigh_changes(table, rows, np.array([WANTED]), view, comes, np.array([reach]))
 
     return weigh
 
@@ -72,7 +66,7 @@ def test_gains_and_losses_of_both_followers_count_by_politeness(weigh) -> None:
     gains = behind(10.0, 10.0, old_gap + LENGTH + lead_gap, 9.0) - behind(10.0, 10.0, old_gap, SPEED)
     loses = behind(12.0, 12.0, new_gap, SPEED) - free(12.0, 12.0)
     assert loses < 0.0 < gains
-    assert found.gain[0] - alone.gain[0] == pytest.approx(CONFIG.politeness * (gains + loses))
+    assert found.gain[0] - alone.gain[0] == pytest.approx(POLITENESS * (gains + loses))
 
 
 @pytest.mark.parametrize(
@@ -114,8 +108,8 @@ def test_lines_begin_before_their_lanes_and_know_who_is_beside() -> None:
     lines, (a, b, c) = LaneLines(lane_map), (lane_map.row(name) for name in ("a_0", "b_0", "b_1"))
     assert lines.left[[a, b, c]].tolist() == [-1, c, -1] and lines.right[[a, b, c]].tolist() == [-1, -1, b]
     line = lines.rows(np.array([b, c]))
-    assert lines.rows(np.array([c, b, c])).tolist() == line[[1, 0, 1]].tolist() and len(lines.made) == 2
-    s = lines.made.project(line, np.array([50.0, 150.0]), np.zeros(2)).s
+    assert lines.rows(np.array([c, b, c])).tolist() == line[[1, 0, 1]].tolist() and len(lines.batch) == 2
+    s = lines.batch.project(line, np.array([50.0, 150.0]), np.zeros(2)).s
     assert s == pytest.approx([50.0, 50.0]), "from where the lane before begins; nothing leads into the other"
 
 

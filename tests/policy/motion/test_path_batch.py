@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_policy.motion.along_path import AlongPath, along_path, along_paths
+from litsim_policy.motion.along_path import along_paths
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
-from litsim_policy.motion.path_kernels import CHUNK
 from litsim_policy.motion.reference_path import ReferencePath, pursuit_yaw_rate
 from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable
 from litsim_sim.lane_map.lane_map import LaneMap
@@ -30,62 +29,10 @@ def several_paths(draw: st.DrawFn) -> list[ReferencePath]:
     return paths
 
 
-@given(several_paths(), st.integers(0, 2**32))
-def test_places_project_onto_each_path_as_onto_that_path_alone(paths: list[ReferencePath], seed: int) -> None:
-    random = np.random.default_rng(seed)
-    batch, count = PathBatch([path.points for path in paths]), 40
-    x, y = random.normal(0.0, 50.0, (2, len(paths), count))
-    for row, path in enumerate(paths):  # corners are where rounding could decide
-        x[row, :10], y[row, :10] = path.points[random.integers(0, len(path.points), 10)].T
-    found = batch.project(np.repeat(np.arange(len(paths)), count), x.ravel(), y.ravel())
-    for row, path in enumerate(paths):
-        s, d = path.project(x[row], y[row])
-        assert (found.s.reshape(-1, count)[row] == s).all() and (found.d.reshape(-1, count)[row] == d).all()
-
-
-@given(several_paths(), st.floats(-0.3, 1.3))
-def test_points_and_headings_are_those_of_each_path_alone(paths: list[ReferencePath], share: float) -> None:
-    batch = PathBatch([path.points for path in paths])
-    s = share * np.array([path.s[-1] for path in paths])
-    points, headings = batch.point(s), batch.heading(np.arange(len(paths)), batch.segment(s[:, None])[:, 0])
-    for row, path in enumerate(paths):
-        assert (points[row] == path.point(float(s[row]))).all()
-        assert headings[row] == path.heading(s[row : row + 1])[0]
-
-
-def test_vertices_at_the_ends_of_chunks() -> None:
-    """Paths that fill their chunks exactly, or begin another with a single segment."""
-    for count in (2, CHUNK, CHUNK + 1, CHUNK + 2, 2 * CHUNK + 1, 2 * CHUNK + 2):
-        path = ReferencePath.of(np.column_stack([np.arange(float(count)), np.zeros(count)]))
-        x = np.arange(-3.0, count + 3.0, 0.5)
-        found = PathBatch([path.points]).project(np.zeros(len(x), np.int64), x, np.full(len(x), 0.25))
-        assert np.allclose(found.s, x) and np.allclose(found.d, 0.25)
-
-
 def test_no_paths_and_no_places() -> None:
     assert len(PathBatch([])) == 0
     batch = PathBatch([np.array([[0.0, 0.0], [1.0, 0.0]])])
     assert batch.project(np.empty(0, np.int64), np.empty(0), np.empty(0)).s.shape == (0,)
-
-
-@given(several_paths(), st.integers(0, 2**32), st.sampled_from([0.0, 0.2]))
-def test_every_vehicle_sees_what_it_would_see_alone(
-    agent_table, paths: list[ReferencePath], seed: int, margin: float
-) -> None:
-    random = np.random.default_rng(seed)
-    agents = [
-        {"id": k, "x": x, "y": y, "yaw": yaw, "speed": speed}
-        for k, (x, y, yaw, speed) in enumerate(random.normal(0.0, [60.0, 10.0, 1.0, 5.0], (12, 4)).tolist())
-    ]
-    table = agent_table(0, *agents)
-    rows = random.permutation(len(agents))[: len(paths)]
-    together = along_paths(PathBatch([path.points for path in paths]), table, rows, margin)
-    for k, (row, path) in enumerate(zip(rows.tolist(), paths, strict=True)):
-        alone = along_path(path, table, row, margin)
-        for field in AlongPath._fields:
-            assert (getattr(together, field)[k] == getattr(alone, field)).all(), field
-        s, d = path.project(table.x[[row]], table.y[[row]])
-        assert (alone.s[row], alone.d[row]) == (s[0], d[0])
 
 
 @given(several_paths(), st.integers(0, 2**32))

@@ -60,17 +60,6 @@ def test_the_projection_is_the_nearest_point_of_the_prolonged_path(path: Referen
     assert abs(d) <= nearest + 1e-6
 
 
-@given(winding_paths(), st.floats(0.02, 0.98), st.floats(-1.0, 1.0))
-def test_points_beside_the_first_segment_have_their_arc_length_and_signed_offset(
-    path: ReferencePath, share: float, left: float
-) -> None:
-    alone = ReferencePath.of(path.points[:2])
-    s = share * alone.s[-1]
-    heading = alone.heading(np.array([s]))[0]
-    x, y = alone.point(s) + left * np.array([-np.sin(heading), np.cos(heading)])
-    assert project(alone, x, y) == pytest.approx((s, left), abs=1e-6)
-
-
 @given(winding_paths(), st.floats(-0.5, 1.5))
 def test_points_of_a_path_are_those_of_shapely_and_project_onto_themselves(path: ReferencePath, share: float) -> None:
     s = share * path.s[-1]
@@ -88,13 +77,6 @@ def test_the_arc_length_is_that_of_shapely_and_headings_are_those_of_the_segment
     middle = 0.5 * (path.s[1:] + path.s[:-1])
     turned = wrap_angle(path.heading(middle) - np.arctan2(steps[:, 1], steps[:, 0]))
     assert turned == pytest.approx(np.zeros(len(turned)), abs=1e-6)
-
-
-def test_before_and_beyond_a_path_arc_lengths_go_on() -> None:
-    path = ReferencePath.of(np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]]))
-    assert project(path, -3.0, 1.0) == pytest.approx((-3.0, 1.0))
-    assert project(path, 9.0, 15.0) == pytest.approx((25.0, 1.0))
-    assert path.heading(np.array([-5.0, 5.0, 15.0, 99.0])) == pytest.approx([0.0, 0.0, np.pi / 2, np.pi / 2])
 
 
 def test_a_path_through_crowded_points_drops_them_and_keeps_the_rest() -> None:

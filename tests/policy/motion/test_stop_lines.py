@@ -17,7 +17,7 @@ from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
 from litsim_policy.motion.car_following import GAP_MIN, IdmConfig
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import lane_path, logged_path
-from litsim_policy.motion.stop_lines import SignalConfig, StopLines, idm_at_signals
+from litsim_policy.motion.stop_lines import StopLines, idm_at_signals
 from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable, ControlTable, EgoCommand, EgoMode
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.takeover import TakeoverTable
@@ -56,9 +56,9 @@ def at_speeds(*speeds: float) -> AgentTable:
     return AgentTable(0, *(columns.get(name, np.zeros(len(speeds))) for name in ARRAY_FIELDS))
 
 
-def gap(signals: Signals, link: str, to_line: float, speed: float, **config: float) -> float:
+def gap(signals: Signals, link: str, to_line: float, speed: float) -> float:
     """Of an agent whose front is `to_line` m before the line, on the way over `link`."""
-    lines = StopLines(signals, SignalConfig(**config))
+    lines = StopLines(signals)
     batch, s = PathBatch([path_over(link)]), np.array([80.0 - to_line - 0.5 * LENGTH])
     return float(lines.gaps(at_speeds(speed), np.array([0]), batch, s)[0])
 
@@ -83,7 +83,7 @@ def test_who_cannot_stop_drives_on() -> None:
     needs_4 = 10.0**2 / (2.0 * 4.0)
     assert gap(red, "WA_1 -> AB_1", needs_4, 10.0) == pytest.approx(needs_4)
     assert gap(amber, "WA_1 -> AB_1", needs_4, 10.0) == np.inf
-    assert gap(amber, "WA_1 -> AB_1", needs_4, 10.0, amber_braking=5.0) == pytest.approx(needs_4)
+    assert gap(amber, "WA_1 -> AB_1", 2.0 * needs_4, 10.0) == pytest.approx(2.0 * needs_4)
     assert gap(red, "WA_1 -> AB_1", 5.0, 10.0) == np.inf  # 10 m/s2
     assert gap(red, "WA_1 -> AB_1", -0.5, 0.0) == GAP_MIN  # on the line
     assert gap(red, "WA_1 -> AB_1", -1.5, 0.0) == np.inf  # past it

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 import pytest
 
@@ -15,12 +14,6 @@ from litsim_predictor.inference.dense_kernels import (
     rectify,
     tanh,
 )
-from litsim_predictor.inference.product_blocks import SUMS, dot
-
-
-@numba.njit
-def part_of(a: np.ndarray, b: np.ndarray, begin: int, size: int) -> float:
-    return dot(a, b, begin, size)
 
 
 def draw(*shape: int, seed: int = 0) -> np.ndarray:
@@ -61,13 +54,6 @@ def test_terms_are_multiplied_and_added_at_once_one_after_the_other(rows: int, c
         expected = (expected + values[:, k : k + 1].astype(exact) * weight[k].astype(exact)).astype(np.float32)
     add_product(values, weight, out)
     assert np.array_equal(out, expected)
-
-
-@pytest.mark.parametrize("sums", [0, 1, 2, 5])
-def test_sums_of_products_are_those_of_their_part(sums: int) -> None:
-    a, b, size = draw(60), draw(60, seed=1), sums * SUMS
-    expected = a[7 : 7 + size].astype(np.float64) @ b[7 : 7 + size]
-    assert part_of(a, b, 7, size) == pytest.approx(expected, abs=1e-5)
 
 
 def test_functions_are_as_close_as_single_precision_allows() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import yaml
 
-from litsim_sim.core.yaml_loader import YamlLoader
+from litsim_sim.core.yaml_loader import NODES_MAX, YamlLoader, load_yaml
 
 
 def load(text: str) -> Any:
@@ -28,3 +28,32 @@ def test_numbers_of_json_are_numbers(value: float) -> None:
 @pytest.mark.parametrize("text", ["12_0", "1_0.5", "e5", "1e", "1e5m", "-e1", ".e1", "1e5_0"])
 def test_names_that_look_like_numbers_are_text(text: str) -> None:
     assert load(text) == text
+
+
+NINE_TIMES = "[" + ", ".join(["*{}"] * 9) + "]"
+
+
+def test_aliases_that_expand_are_refused() -> None:
+    """Ten lines of nine aliases each would be three billion values."""
+    lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    lines += [f"a{i + 1}: &a{i + 1} {NINE_TIMES.replace('{}', f'a{i}')}" for i in range(10)]
+    with pytest.raises(yaml.YAMLError, match=f"more than {NODES_MAX} values, those of aliases counted at each use"):
+        load_yaml("\n".join(lines))
+    assert load_yaml("\n".join(lines[:4]))["a3"][8][8][8] == [1] * 9
+
+
+@pytest.mark.parametrize("text", ["a: &a [*a]", "a: &a {b: *a}", "&a [1, {b: [*a]}]"])
+def test_an_alias_of_what_it_is_part_of_is_refused(text: str) -> None:
+    with pytest.raises(yaml.YAMLError, match="an alias of what it is part of"):
+        load_yaml(text)
+
+
+def test_merge_keys_and_usual_aliases_are_taken() -> None:
+    assert load_yaml("a: &a {x: 1, y: 2}\nb: {<<: *a, y: 3}") == {"a": {"x": 1, "y": 2}, "b": {"x": 1, "y": 3}}
+
+
+def test_too_many_values_and_keys_are_refused_in_time() -> None:
+    keys = "\n".join(f"k{i}: 1" for i in range(20_000))
+    assert len(load_yaml(keys)) == 20_000
+    with pytest.raises(yaml.YAMLError, match=f"more than {NODES_MAX} values"):
+        load_yaml("[" + "1," * (NODES_MAX + 1) + "]")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 from pydantic import BaseModel, ConfigDict
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.yaml_input import SHOWN, load_yaml, parse_yaml, read_yaml, validate_yaml
+from litsim_sim.io.yaml_input import SHOWN, TEXT_MAX, load_yaml, parse_yaml, read_yaml, validate_yaml
 
 
 class Wheel(BaseModel):
@@ -50,6 +51,23 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match=r"binary\.yaml: cannot be read as UTF-8 text"):
         read_yaml(tmp_path / "binary.yaml", Car)
+
+
+def test_what_is_no_file_or_too_large_is_not_read(tmp_path: Path) -> None:
+    pipe, large = tmp_path / "pipe", tmp_path / "large.yaml"
+    os.mkfifo(pipe)
+    for path in (pipe, Path("/dev/zero")):
+        with pytest.raises(InputError, match=f"{path}: is a device, pipe or socket, expected a file"):
+            read_yaml(path, Car)
+    with large.open("wb") as file:
+        file.truncate(TEXT_MAX + 1)
+    with pytest.raises(InputError, match=f"has {TEXT_MAX + 1} bytes, expected at most {TEXT_MAX}"):
+        read_yaml(large, Car)
+
+
+def test_a_huge_value_is_shown_in_short(tmp_path: Path) -> None:
+    assert len(refusal(tmp_path / "car.yaml", f"name: a\ndoors: {'x' * 100_000}\n")) < 300
+    assert len(refusal(tmp_path / "car.yaml", "[" + "[1, 2]," * 10_000 + "]")) < 300
 
 
 @pytest.mark.parametrize(

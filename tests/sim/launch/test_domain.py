@@ -122,6 +122,42 @@ def test_locks_that_cannot_be_written_are_one_line(tmp_path: Path, monkeypatch: 
         pass
 
 
+def test_a_lock_that_others_could_have_put_there_is_not_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Others may write into the folder of temporary files: what they put there is neither written nor waited for."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    folder = tmp_path / f"litsim-{os.getuid()}"
+    victim, lock = tmp_path / "victim", folder / "domain_7.lock"
+    victim.write_text("precious")
+
+    def refused(*, match: str) -> None:
+        with pytest.raises(InputError, match=f"cannot be had: .*{match}"), held_domain(7):
+            pass
+        assert victim.read_text() == "precious"
+
+    folder.symlink_to(tmp_path / "elsewhere", target_is_directory=True)
+    (tmp_path / "elsewhere").mkdir()
+    refused(match="not a folder of yours alone")
+    folder.unlink()
+    folder.mkdir()
+    folder.chmod(0o777)
+    refused(match="not a folder of yours alone")
+    folder.chmod(0o700)
+    lock.symlink_to(victim)
+    refused(match="symbolic link")
+    lock.unlink()
+    os.link(victim, lock)
+    refused(match="not a file of yours alone")
+    lock.unlink()
+    os.mkfifo(lock)
+    refused(match="not a file of yours alone")
+    lock.unlink()
+    lock.mkdir()
+    refused(match="directory")
+    lock.rmdir()
+    with held_domain(7):
+        assert lock.is_file()
+
+
 def test_errors_of_the_run_are_its_own() -> None:
     with pytest.raises(OSError, match="disk"), graph_domain(None, reserve=True):
         raise OSError("no disk")

@@ -44,8 +44,8 @@ def test_whole_seconds_are_taken_as_numbers() -> None:
 
 
 def test_small_numbers_of_stages_are_numbers_as_json_writes_them() -> None:
-    made = options(stage_parameters=json.dumps({"conflict": {"release_speed": 1e-05}}))
-    assert made.plan().parameters == {"conflict": {"release_speed": 1e-05}}
+    made = options(stage_parameters=json.dumps({"conflict": {"urgent_time": 1e-05}}))
+    assert made.plan().parameters == {"conflict": {"urgent_time": 1e-05}}
 
 
 @pytest.mark.parametrize(

@@ -226,3 +226,18 @@ def test_an_earlier_end_is_confirmed_whenever_it_is_announced(already: bool) -> 
     bag.buffer.end(amid_step=False)
     assert bag.steps_of(AGENTS) == list(range(14)), "nothing comes after the last step"
     assert bag.buffer.gaps == ""
+
+
+@pytest.mark.parametrize("steps_later", [0, LAG + 2])
+def test_a_second_answer_to_a_step_that_differs_is_kept_and_named(steps_later: int) -> None:
+    """A stage repeats its own answer when the bridge asks again; a different one is somebody else's."""
+    bag = Bag()
+    for step in range(LAST + 1):
+        bag.show(step)
+        bag.show(step, CONTROLS)
+        if step == 7 + steps_later:
+            bag.buffer.take(CONTROLS, 7, b"of an intruder")
+    bag.buffer.end(amid_step=False)
+    assert bag.steps_of(CONTROLS).count(7) == 2
+    assert len(bag.steps_of(CONTROLS)) == LAST + 2
+    assert bag.buffer.gaps == f"{CONTROLS} has two different messages for step 7, so somebody else publishes there"

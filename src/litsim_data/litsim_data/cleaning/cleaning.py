@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 from tqdm import tqdm
 
 from litsim_data.cleaning.report import CleaningReport, measure
-from litsim_data.cleaning.track_fit import CleaningConfig, Motion, fit_track
+from litsim_data.cleaning.track_fit import REAR_AXLE, CleaningConfig, fit_track
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray, IntArray
@@ -44,118 +44,100 @@ class _Tracks:
         return slice(int(self.start[vehicle]), int(self.start[vehicle + 1]))
 
 
-def clean(
-    tracks: pd.DataFrame, config: CleaningConfig | None = None, *, progress: bool = False
-) -> tuple[pd.DataFrame, CleaningReport]:
-    """Smooth positions, and derive box centres, headings, speeds and accelerations that agree with them.
-
-    Vehicles are cleaned independently, except that one which hardly moves gets the direction of those around it.
+def clean(tracks: pd.DataFrame, config: CleaningConfig | None = None) -> tuple[pd.DataFrame, CleaningReport]:
+    """Cleans tracks of front centres, and reports the changes; see :func:`smoothed`.
 
     Args:
-        tracks: vehicle_id, frame, x, y, length, width, kind, lane and, if known, yaw, speed and acceleration as
-            published. x, y are FRONT centres in frame map [m] at 10 Hz, one row per vehicle and frame, without holes
-            within a track; in any order.
-        config: what is noise.
-        progress: show a bar on stderr.
+        tracks: as for :func:`smoothed`, with FRONT centres; yaw, speed and acceleration are for the report, and yaw is
+            a hint of the direction of vehicles that hardly move.
+        config: cutoff periods.
 
     Returns:
-        The recording's table (:data:`litsim_sim.scenario.recording.COLUMNS`), sorted by frame and vehicle, and
-        figures before and after.
+        The recording's table, as of :func:`smoothed`, and figures before and after.
 
     Raises:
-        InputError: columns are missing or unknown, values are not finite, a size is not positive, rows are duplicated,
-            frames are missing, or a vehicle jumps by more than 60 m.
+        InputError: as :func:`smoothed`.
     """
-    config = config or CleaningConfig()
-    sorted_tracks = _checked(tracks)
-    state = _fitted(sorted_tracks, config, FRONT, measured=False, progress=progress)
-    cleaned = _neutral(sorted_tracks.table, state, config)
-    report = measure(sorted_tracks.table, cleaned, state[:, 5], config)
-    return _in_order(cleaned), report
+    cleaned = smoothed(tracks, ahead=FRONT, measured=False, config=config)
+    order = ["vehicle_id", "frame"]
+    raw = tracks.sort_values(order, ignore_index=True)
+    return cleaned, measure(raw, cleaned.sort_values(order, ignore_index=True))
 
 
 def smoothed(
     tracks: pd.DataFrame, *, ahead: float, measured: bool, config: CleaningConfig | None = None
 ) -> pd.DataFrame:
-    """Like :func:`clean`, for positions of any point of the vehicles and without a report.
+    """Smooths positions, and derives box centres, headings, speeds and accelerations that agree with them.
+
+    Vehicles are cleaned independently, except that one which hardly moves gets the direction of those around it.
 
     Args:
-        tracks: see :func:`clean`; x, y are of the point `ahead`.
-        ahead: distance of that point ahead of the box centre [lengths].
+        tracks: vehicle_id, frame, x, y, length, width, kind, lane and, if known, yaw, speed and acceleration; in frame
+            map and SI units at 10 Hz, one row per vehicle and frame, without holes within a track, in any order.
+        ahead: distance of the point x, y ahead of the box centre [lengths].
         measured: whether column yaw holds measured headings, to be kept to, rather than hints.
-        config: what is noise.
+        config: cutoff periods.
 
     Returns:
-        The recording's table, see :func:`clean`.
+        The recording's table (:data:`litsim_sim.scenario.recording.COLUMNS`), sorted by frame and vehicle.
 
     Raises:
-        InputError: as :func:`clean`.
+        InputError: columns are missing or unknown, values are not finite, a size is not positive, rows are duplicated,
+            frames are missing, or a vehicle jumps by more than 60 m.
     """
-    config = config or CleaningConfig()
-    sorted_tracks = _checked(tracks)
-    return _in_order(_neutral(sorted_tracks.table, _fitted(sorted_tracks, config, ahead, measured=measured), config))
-
-
-def _fitted(
-    tracks: _Tracks, config: CleaningConfig, ahead: float, *, measured: bool, progress: bool = False
-) -> FloatArray:
-    """Motions (n, 6) of all vehicles, with columns as of :func:`_columns`; arguments as of :func:`smoothed`."""
-    table = tracks.table
-    points = table[["x", "y"]].to_numpy(np.float64)
-    length, share = table["length"].to_numpy(np.float64), ahead + config.rear_axle
-    yaw = table["yaw"].to_numpy(np.float64) if measured else None
-    count = len(tracks.start) - 1
-    state = np.empty((len(table), 6))
-    with tqdm(total=count, unit=" vehicles", disable=not progress) as bar:
-        waiting = []
-        for vehicle in range(count):
-            rows = tracks.rows(vehicle)
-            if np.linalg.norm(np.ptp(points[rows], axis=0)) < LEADS_NOWHERE:
-                waiting.append(vehicle)
-                continue
-            seen = None if yaw is None else yaw[rows]
-            state[rows] = _columns(fit_track(points[rows], share * float(np.median(length[rows])), config, yaw=seen))
-            bar.update()
-        hints = _hints(tracks, waiting, state)
-        for vehicle, hint in zip(waiting, hints, strict=True):
-            rows = tracks.rows(vehicle)
-            seen = None if yaw is None else yaw[rows]
-            state[rows] = _columns(fit_track(points[rows], share * float(np.median(length[rows])), config, hint, seen))
-            if rows.stop - rows.start == 1 and "speed" in table:  # one position says nothing about speed
-                state[rows, 3] = table["speed"].to_numpy()[rows]
-            bar.update()
-    return state
-
-
-def _neutral(table: pd.DataFrame, state: FloatArray, config: CleaningConfig) -> pd.DataFrame:
-    """The recording's columns of the tracks `table` with the motions `state` (n, 6)."""
-    yaw, lever = state[:, 2], config.rear_axle * table["length"].to_numpy(np.float64)
-    return table[["vehicle_id", "frame", "length", "width", "kind", "lane"]].assign(
+    checked = _checked(tracks)
+    table = checked.table
+    state = _fitted(checked, config or CleaningConfig(), ahead, measured=measured)
+    yaw, lever = state[:, 2], REAR_AXLE * table["length"].to_numpy(np.float64)
+    cleaned = table[["vehicle_id", "frame", "length", "width", "kind", "lane"]].assign(
         x=state[:, 0] + lever * np.cos(yaw),
         y=state[:, 1] + lever * np.sin(yaw),
         yaw=wrap_angle(yaw),
         speed=state[:, 3],
         acceleration=state[:, 4],
-    )[list(COLUMNS)]
+    )
+    return cleaned[list(COLUMNS)].astype(COLUMNS).sort_values(["frame", "vehicle_id"], ignore_index=True)
 
 
-def _in_order(cleaned: pd.DataFrame) -> pd.DataFrame:
-    return cleaned.astype(COLUMNS).sort_values(["frame", "vehicle_id"], ignore_index=True)
+def _fitted(tracks: _Tracks, config: CleaningConfig, ahead: float, *, measured: bool) -> FloatArray:
+    """Returns the motions (n, 5) of all vehicles: rear axle x, y [m], yaw [rad], speed [m/s], acceleration [m/s2]."""
+    table = tracks.table
+    points = table[["x", "y"]].to_numpy(np.float64)
+    length, share = table["length"].to_numpy(np.float64), ahead + REAR_AXLE
+    yaw = table["yaw"].to_numpy(np.float64) if measured else None
+    count = len(tracks.start) - 1
+    state = np.empty((len(table), 5))
+
+    def fit(rows: slice, hint: float | None) -> None:
+        headings = None if yaw is None else yaw[rows]
+        motion = fit_track(points[rows], share * float(np.median(length[rows])), config, hint, headings)
+        state[rows] = np.column_stack([motion.axle, motion.yaw, motion.speed, motion.acceleration])
+        bar.update()
+
+    with tqdm(total=count, unit=" vehicles", leave=False, disable=None) as bar:
+        waiting = []
+        for vehicle in range(count):
+            rows = tracks.rows(vehicle)
+            if np.linalg.norm(np.ptp(points[rows], axis=0)) < LEADS_NOWHERE:
+                waiting.append(vehicle)
+            else:
+                fit(rows, None)
+        for vehicle, hint in zip(waiting, _hints(tracks, waiting, state), strict=True):
+            rows = tracks.rows(vehicle)
+            fit(rows, float(hint))
+            if rows.stop - rows.start == 1 and "speed" in table:  # one position says nothing about speed
+                state[rows, 3] = table["speed"].to_numpy()[rows]
+    return state
 
 
 def front_centres(table: pd.DataFrame) -> pd.DataFrame:
-    """A recording's table with front centres in place of box centres, as input of :func:`clean`."""
+    """Returns a recording's table with front centres in place of box centres, as input of :func:`clean`."""
     yaw, half = table["yaw"].to_numpy(), FRONT * table["length"].to_numpy()
     return table.assign(x=table["x"] + half * np.cos(yaw), y=table["y"] + half * np.sin(yaw))
 
 
-def _columns(motion: Motion) -> FloatArray:
-    """A motion as rows (n, 6): axle x, y, yaw, speed, acceleration, yaw rate."""
-    return np.column_stack([motion.axle, motion.yaw, motion.speed, motion.acceleration, motion.yaw_rate])
-
-
 def _checked(tracks: pd.DataFrame) -> _Tracks:
-    """Check that the tracks can be cleaned, and sort them by vehicle and frame."""
+    """Checks that the tracks can be cleaned, and sorts them by vehicle and frame."""
     missing = [name for name in NEEDED if name not in tracks.columns]
     unknown = [name for name in tracks.columns if name not in NEEDED + PUBLISHED]
     if missing or unknown:
@@ -199,10 +181,11 @@ def _checked(tracks: pd.DataFrame) -> _Tracks:
 
 
 def _hints(tracks: _Tracks, waiting: list[int], state: FloatArray) -> FloatArray:
-    """Directions (k,) [rad] for the vehicles `waiting`: as published, or those of vehicles around them, or 0.
+    """Returns directions (k,) [rad] for the vehicles `waiting`: as published, or those of vehicles around them, or 0.
 
     Args:
-        state: (n, 6) see :func:`_columns`; valid for all but the waiting vehicles.
+        tracks, waiting: all tracks, and indices of the vehicles.
+        state: (n, 5) as of :func:`_fitted`; valid for all but the waiting vehicles.
     """
     table = tracks.table
     if "yaw" in table:
@@ -221,7 +204,7 @@ def _hints(tracks: _Tracks, waiting: list[int], state: FloatArray) -> FloatArray
 
 
 def _directions_around(tracks: _Tracks, waiting: list[int], state: FloatArray) -> FloatArray:
-    """Directions (k,) [rad] of the nearest vehicles not `waiting`, preferably in the same lane; 0 without any."""
+    """Returns directions (k,) [rad] of the nearest vehicles not `waiting`, those of its lane first; 0 without any."""
     table = tracks.table
     known = np.ones(len(table), np.bool_)
     for vehicle in waiting:

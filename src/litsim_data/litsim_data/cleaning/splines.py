@@ -29,22 +29,17 @@ class Knots:
     step: float
     pieces: int
 
-    @classmethod
-    def covering(cls, low: float, high: float, step: float) -> Knots:
-        """The fewest knots from `low` on, `step` apart, that reach `high`."""
-        return cls(low, step, max(1, int(np.ceil((high - low) / step - 1e-9))))
-
     @property
     def size(self) -> int:
         """Number of coefficients of a spline on these knots."""
         return self.pieces + 3
 
     def places(self) -> FloatArray:
-        """Positions (pieces + 1,) of the knots, in the unit of the parameter."""
+        """Returns the positions (pieces + 1,) of the knots, in the unit of the parameter."""
         return self.origin + self.step * np.arange(self.pieces + 1, dtype=np.float64)
 
     def basis(self, at: FloatArray, derivative: int = 0) -> tuple[IntArray, FloatArray]:
-        """The four B-splines that are not zero at `at` (n,), clipped to the range of the knots.
+        """Returns the four B-splines that are not zero at `at` (n,), clipped to the range of the knots.
 
         Returns:
             Index (n,) of the first of them, and values (n, 4) of their `derivative`-th derivative (0 to 2).
@@ -62,15 +57,17 @@ class Knots:
         return first, np.stack(values, axis=1) / (6.0 * self.step**derivative)
 
     def evaluate(self, coefficients: FloatArray, at: FloatArray, derivative: int = 0) -> FloatArray:
-        """Value or derivative (n, ...) at `at` (n,) of the spline with `coefficients` (size, ...)."""
+        """Returns the value or derivative (n, ...) at `at` (n,) of the spline with `coefficients` (size, ...)."""
         first, values = self.basis(at, derivative)
-        seen = coefficients[first[:, None] + np.arange(4)]
+        near = coefficients[first[:, None] + np.arange(4)]
         if derivative:  # equal in theory, and exactly zero where the spline is constant
-            seen = seen - seen[:, :1]
-        return cast(FloatArray, np.einsum("nk,nk...->n...", values, seen))
+            near = near - near[:, :1]
+        return cast(FloatArray, np.einsum("nk,nk...->n...", values, near))
 
     def gram(self, first: IntArray, rows: FloatArray, weight: FloatArray) -> FloatArray:
-        """Lower diagonals (4, size) of ``R' diag(weight) R``, row i of R holding `rows[i]` from `first[i]` on."""
+        """Returns lower diagonals (4, size) of ``R' diag(weight) R``, row i of R holding `rows[i]` from `first[i]`
+        on.
+        """
         bands = np.zeros((BAND, self.size))
         width = rows.shape[1]
         for below in range(width):
@@ -80,7 +77,7 @@ class Knots:
         return bands
 
     def project(self, first: IntArray, rows: FloatArray, values: FloatArray) -> FloatArray:
-        """``R' values`` (size, m) for `values` (n, m), R as in :meth:`gram`."""
+        """Returns ``R' values`` (size, m) for `values` (n, m), R as in :meth:`gram`."""
         total = np.zeros((self.size, values.shape[1]))
         for column in range(values.shape[1]):
             for left in range(rows.shape[1]):
@@ -88,7 +85,8 @@ class Knots:
         return total
 
     def penalty(self, order: int, weight: FloatArray | float) -> FloatArray:
-        """Lower diagonals (4, size) of the integral of `weight` times the squared derivative of `order` (1 to 3).
+        """Returns lower diagonals (4, size) of the integral of `weight` times the squared derivative of `order` (1
+        to 3).
 
         Args:
             order: order of the derivative; exact for 3, by differences of coefficients for 1 and 2.
@@ -98,24 +96,24 @@ class Knots:
         return self.gram(first, rows, np.broadcast_to(weight, len(first)) * self.step)
 
     def pull(self, order: int, weight: FloatArray, target: FloatArray) -> FloatArray:
-        """Right-hand side (size, m) for a :meth:`penalty` on the difference from `target` (n, m)."""
+        """Returns the right-hand side (size, m) for a :meth:`penalty` on the difference from `target` (n, m)."""
         first, rows = self.differences(order)
         return self.project(first, rows, (weight * self.step)[:, None] * target)
 
     def differences(self, order: int) -> tuple[IntArray, FloatArray]:
-        """Differences of coefficients that approximate a derivative: first index (n,), rows (n, order + 1)."""
+        """Returns differences of coefficients that approximate a derivative: first index (n,), rows (n, order + 1)."""
         signs = np.array([(-1.0) ** (order - k) * comb(order, k) for k in range(order + 1)])
         count = self.size - order
         return np.arange(count), np.broadcast_to(signs / self.step**order, (count, order + 1))
 
 
 def solve(bands: FloatArray, right: FloatArray) -> FloatArray:
-    """Solution (size, m) of the symmetric positive definite system with lower diagonals `bands` (4, size)."""
+    """Returns the solution (size, m) of the positive definite system with lower diagonals `bands` (4, size)."""
     return cast(FloatArray, solveh_banded(bands, right, lower=True, check_finite=False))
 
 
 def huber_weight(residual: FloatArray, limit: float) -> FloatArray:
-    """Weights (n,) of residuals (n, m) by their length: 1 up to `limit`, then falling as its inverse.
+    """Returns weights (n,) of residuals (n, m) by their length: 1 up to `limit`, then falling as its inverse.
 
     Huber, "Robust estimation of a location parameter", Annals of Mathematical Statistics 35, 1964.
     """
@@ -131,7 +129,7 @@ def fit(
     limit: float,
     pull: FloatArray | float = 0.0,
 ) -> FloatArray:
-    """Coefficients (size, m) of the spline that minimises squared residuals, Huber beyond `limit`, plus `penalty`.
+    """Returns the spline (size, m) that minimises squared residuals, Huber beyond `limit`, plus `penalty`.
 
     Args:
         basis: (n,), (n, 4) linear map from coefficients to measurements, in the form of :meth:`Knots.basis`.
@@ -147,8 +145,8 @@ def fit(
         total = weight * robust
         bands = knots.gram(first, rows, total) + penalty
         coefficients = solve(bands, knots.project(first, rows, total[:, None] * values) + pull)
-        seen = np.einsum("nk,nkm->nm", rows, coefficients[first[:, None] + np.arange(4)])
-        renewed = huber_weight(values - seen, limit)
+        fitted = np.einsum("nk,nkm->nm", rows, coefficients[first[:, None] + np.arange(4)])
+        renewed = huber_weight(values - fitted, limit)
         settled = np.abs(renewed - robust).max() < 0.01
         robust = renewed
         if settled:

@@ -34,37 +34,29 @@ NOISE = 0.15  # [m] standard deviation of raw positions
 HINT_SLOPE = 0.1  # [rad] standard deviation of hints of the direction
 HEADING_NOISE = 0.05  # [rad] standard deviation of measured headings
 REVERSED = 1.0  # [m] travel against its headings from which on a vehicle has driven backwards
+PATH_SPEED = 3.0  # [m/s] speed below which a path is smoothed over length instead of time: slow vehicles do not wriggle
+HUBER = 0.3  # [m] residuals beyond this are outliers that count linearly
+STOP_SPEED, STOP_S, STOP_TRAVEL = 0.25, 0.5, 0.4  # [m/s], [s], [m]: stops are slower, as long, and cover less
+ACCELERATION = 3.0  # [m/s2] usual magnitude; regularises short tracks and the ends of tracks
+REAR_AXLE = VehicleLimits.rear_axle  # distance of the rear axle, which does not slip, behind the box centre [lengths]
 
 
 @dataclass(frozen=True)
 class CleaningConfig:
-    """What is noise and what is motion.
+    """Cutoff periods between noise and motion; longer ones give calmer accelerations.
 
     Attributes:
         longitudinal_period_s: cutoff period T0 [s] along the road: oscillations of period T are scaled by
-            1 / (1 + (T0 / T)^6). Longer for calmer accelerations.
-        lateral_period_s: the same across the road, for vehicles faster than `path_speed`.
-        path_speed: below this speed [m/s] the path is smoothed over the length that it covers in the lateral period, so
-            that slow vehicles do not wriggle.
-        huber: residuals beyond this [m] are outliers that count linearly.
-        stop_speed: slower stretches [m/s] are stops if they last `stop_s` [s] and cover less than `stop_travel` [m].
-        acceleration: usual magnitude [m/s2]; regularises short tracks and the ends of tracks.
-        rear_axle: distance of the rear axle, which does not slip, behind the box centre, as a share of the length.
+            1 / (1 + (T0 / T)^6).
+        lateral_period_s: the same across the road.
     """
 
     longitudinal_period_s: float = 3.0
     lateral_period_s: float = 3.0
-    path_speed: float = 3.0
-    huber: float = 0.3
-    stop_speed: float = 0.25
-    stop_s: float = 0.5
-    stop_travel: float = 0.4
-    acceleration: float = 3.0
-    rear_axle: float = VehicleLimits.rear_axle
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not (np.isfinite(value) and (value > 0 or (name == "rear_axle" and value >= -0.5))):
+            if not (np.isfinite(value) and value > 0):
                 raise InputError(f"cleaning: {name} is {value}, expected a positive number")
 
 
@@ -76,16 +68,12 @@ class Motion:
         axle: (n, 2) positions of the rear axle [m].
         yaw: (n,) direction of its motion [rad], continuous, not wrapped.
         speed, acceleration: (n,) along the yaw [m/s], [m/s2].
-        yaw_rate: (n,) [rad/s].
-        travel: length of the path [m].
     """
 
     axle: FloatArray
     yaw: FloatArray
     speed: FloatArray
     acceleration: FloatArray
-    yaw_rate: FloatArray
-    travel: float
 
 
 @dataclass(frozen=True)
@@ -97,7 +85,7 @@ class TimeLaw:
     frames: int
 
     def at_frames(self, derivative: int = 0) -> FloatArray:
-        """The `derivative`-th derivative of the travel at every frame (frames,) [m], [m/s] or [m/s2]."""
+        """Returns the `derivative`-th derivative of the travel at every frame (frames,) [m], [m/s] or [m/s2]."""
         return self.knots.evaluate(self.coefficients, _times(self.frames), derivative)
 
 
@@ -109,65 +97,67 @@ class Path:
     coefficients: FloatArray
 
     def at(self, places: FloatArray, derivative: int = 0) -> FloatArray:
-        """Point [m], or its `derivative`-th derivative by the travel, (n, 2), at the travels `places` (n,) [m]."""
+        """Returns points [m], or their `derivative`-th derivatives by the travel, (n, 2), at travels `places` (n,)
+        [m].
+        """
         return self.knots.evaluate(self.coefficients, places, derivative)
 
 
 def fit_track(
     points: FloatArray, reach: float, config: CleaningConfig, hint: float | None = None, yaw: FloatArray | None = None
 ) -> Motion:
-    """Estimate the motion of one vehicle.
+    """Estimates the motion of one vehicle.
 
     Args:
         points: (n, 2) raw positions of consecutive frames, n at least 1 [m].
         reach: distance of the tracked point ahead of the rear axle [m].
-        config: what is noise.
+        config: cutoff periods.
         hint: direction [rad] for a track that leads nowhere; 0 if needed and missing.
         yaw: (n,) measured headings [rad], if there are any.
     """
     towards = None if hint is None else np.array([np.cos(hint), np.sin(hint)])
     headings = None if yaw is None else np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
-    places = None if headings is None else _places_by_headings(points, headings, reach, config)
+    places = None if headings is None else _places_by_headings(points, headings, reach)
     if places is None or places[-1] < -REVERSED:  # a reversing vehicle is given the direction of its motion
         headings = None
-        places = _first_places(points, config, np.array([1.0, 0.0]) if towards is None else towards)
+        places = _first_places(points, np.array([1.0, 0.0]) if towards is None else towards)
     path = None
     for _ in range(ROUNDS):
-        law = fit_law(places, config)
-        path = fit_path(points, places, law, reach, config, towards, headings, path)
+        law = fit_law(places, config.longitudinal_period_s)
+        path = fit_path(points, places, law, reach, config.lateral_period_s, towards, headings, path)
         places = _project(points, places, path, reach)
-    law = fit_law(places, config)
-    path = fit_path(points, places, law, reach, config, towards, headings, path)
+    law = fit_law(places, config.longitudinal_period_s)
+    path = fit_path(points, places, law, reach, config.lateral_period_s, towards, headings, path)
     travel, rate, change = (law.at_frames(derivative) for derivative in range(3))
     rate = np.maximum(rate, 0.0)  # rounding
     tangent, bend = path.at(travel, 1), path.at(travel, 2)
     stretch = np.linalg.norm(tangent, axis=1)
     tangential = (tangent * bend).sum(axis=1) / stretch
-    across = tangent[:, 0] * bend[:, 1] - tangent[:, 1] * bend[:, 0]
     return Motion(
         axle=path.at(travel),
         yaw=np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0])),
         speed=rate * stretch,
         acceleration=change * stretch + rate**2 * tangential,
-        yaw_rate=rate * across / stretch**2,
-        travel=float(travel[-1] - travel[0]),
     )
 
 
-def fit_law(places: FloatArray, config: CleaningConfig) -> TimeLaw:
-    """The time law for noisy `places` (n,) [m] along the path, one per frame; never decreasing, constant in stops."""
+def fit_law(places: FloatArray, period: float) -> TimeLaw:
+    """Fits the time law to noisy `places` (n,) [m] along the path, one per frame, with the cutoff `period` [s].
+
+    It never decreases, and is constant in stops.
+    """
     count = len(places)
     knots = Knots(0.0, STEP_S, max(count - 1, 1))
     if count == 1:
         return TimeLaw(knots, np.full(knots.size, places[0]), count)
-    guess = 4.0 * NOISE**2 / (2.0 * config.acceleration**2)  # correlation times: noise 0.5 s, accelerations 2 s
-    smooth = knots.penalty(3, _jerk_weight(config.longitudinal_period_s)) + knots.penalty(2, guess)
+    guess = 4.0 * NOISE**2 / (2.0 * ACCELERATION**2)  # correlation times: noise 0.5 s, accelerations 2 s
+    smooth = knots.penalty(3, _jerk_weight(period)) + knots.penalty(2, guess)
     basis = knots.basis(_times(count))
     held = np.zeros(knots.size - 1, np.bool_)
-    coefficients = _rising(knots, basis, places, smooth, config.huber, held)
-    held = _stops(knots, coefficients, count, config)
+    coefficients = _rising(knots, basis, places, smooth, held)
+    held = _stops(knots, coefficients, count)
     if held.any():
-        coefficients = _rising(knots, basis, places, smooth, config.huber, held)
+        coefficients = _rising(knots, basis, places, smooth, held)
     steps = np.maximum(np.diff(coefficients), 0.0)
     steps[held] = 0.0
     exact = np.concatenate([[0.0], np.cumsum(steps)])  # removes what the stiff weight leaves of speeds in stops
@@ -179,38 +169,41 @@ def fit_path(
     places: FloatArray,
     law: TimeLaw,
     reach: float,
-    config: CleaningConfig,
+    period: float,
     hint: FloatArray | None,
     headings: FloatArray | None,
     previous: Path | None,
 ) -> Path:
-    """The rear axle's curve for which the points `reach` ahead of `places` (n,) are at `points` (n, 2).
+    """Fits the rear axle's curve for which the points `reach` [m] ahead of `places` (n,) are at `points` (n, 2).
 
-    The penalty is on lateral jerk: the change of curvature times the cubed speed; below `config.path_speed` on the
-    change of curvature itself. A curve's third derivative has the change of curvature as its normal component and minus
+    The penalty is on lateral jerk: the change of curvature times the cubed speed; below PATH_SPEED on the change of
+    curvature itself. A curve's third derivative has the change of curvature as its normal component and minus
     the squared curvature as its tangential one; the latter is taken from the `previous` round, so that only changes of
     curvature are penalised.
 
     Args:
+        points, places, law, reach: as above.
+        period: cutoff period of lateral motion [s].
         hint: (2,) weak prior of the direction, or None.
         headings: (n, 2) measured directions, or None.
         previous: path of the previous round, or None.
     """
-    knots = Knots.covering(float(places.min()) - MARGIN, float(places.max()) + MARGIN, KNOT)
+    low, high = float(places.min()) - MARGIN, float(places.max()) + MARGIN
+    knots = Knots(low, KNOT, max(1, int(np.ceil((high - low) / KNOT - 1e-9))))
     speed, travel = law.at_frames(1), law.at_frames()
     middles = knots.places()[:-1] + 0.5 * KNOT
-    pace = np.maximum(np.interp(middles, travel, speed), config.path_speed)
-    jerk_weight = _jerk_weight(config.lateral_period_s) * pace**5
+    pace = np.maximum(np.interp(middles, travel, speed), PATH_SPEED)
+    jerk_weight = _jerk_weight(period) * pace**5
     penalty = knots.penalty(3, jerk_weight)
     penalty += knots.penalty(2, 4.0 * NOISE**2 / (CURVATURE**2 * CURVATURE_LENGTH))
     first, point = knots.basis(places)
     rows = point + reach * knots.basis(places, 1)[1]
-    weight = np.clip(speed / config.path_speed, LEAST_WEIGHT, 1.0)
+    weight = np.clip(speed / PATH_SPEED, LEAST_WEIGHT, 1.0)
     values = points
     if headings is not None:
         at, slope = knots.basis(places, 1)
         first, rows = np.concatenate([first, at]), np.concatenate([rows, slope])
-        moving = np.clip(speed / config.path_speed, 0.0, 1.0)  # many sources give no headings at standstill
+        moving = np.clip(speed / PATH_SPEED, 0.0, 1.0)  # many sources give no headings at standstill
         weight = np.concatenate([weight, moving * (NOISE / HEADING_NOISE) ** 2])
         values = np.concatenate([values, headings])
     if hint is not None:
@@ -220,23 +213,23 @@ def fit_path(
         weight = np.concatenate([weight, np.full(len(middles), strength)])
         values = np.concatenate([values, np.broadcast_to(hint, (len(middles), 2))])
     pull = 0.0 if previous is None else knots.pull(3, jerk_weight, _bending(previous, middles))
-    return Path(knots, fit(knots, (first, rows), values, weight, penalty, config.huber, pull))
+    return Path(knots, fit(knots, (first, rows), values, weight, penalty, HUBER, pull))
 
 
 def _bending(path: Path, places: FloatArray) -> FloatArray:
-    """Third derivative (n, 2) at `places` (n,) of a curve of constant curvature, that of `path` there."""
+    """Returns the third derivative (n, 2) at `places` (n,) of a curve of constant curvature, that of `path` there."""
     tangent, bend = path.at(places, 1), path.at(places, 2)
     across = tangent[:, 0] * bend[:, 1] - tangent[:, 1] * bend[:, 0]
     return cast(FloatArray, -((across / (tangent**2).sum(axis=1)) ** 2)[:, None] * tangent)
 
 
 def _times(frames: int) -> FloatArray:
-    """Time (frames,) [s] of every frame since the first one."""
+    """Returns the time (frames,) [s] of every frame since the first one."""
     return STEP_S * np.arange(frames, dtype=np.float64)
 
 
 def _jerk_weight(period: float) -> float:
-    """Weight of the squared jerk, relative to positions at 10 Hz, that halves oscillations of `period` [s]."""
+    """Returns the weight of the squared jerk, relative to positions at 10 Hz, to halve oscillations of `period` [s]."""
     return RATE_HZ * (period / (2.0 * np.pi)) ** 6
 
 
@@ -245,10 +238,9 @@ def _rising(
     basis: tuple[np.ndarray, FloatArray],
     places: FloatArray,
     smooth: FloatArray,
-    limit: float,
     held: BoolArray,
 ) -> FloatArray:
-    """Coefficients (size,) of a robust smoothing spline that never decreases and is constant where `held` (size - 1,).
+    """Fits a robust smoothing spline (size,) that never decreases and is constant where `held` (size - 1,).
 
     Coefficients that do not decrease are sufficient; a stiff penalty where they would makes them so (Eilers, "Unimodal
     smoothing", Journal of Chemometrics 19, 2005).
@@ -260,8 +252,8 @@ def _rising(
         if level.any():
             bands += knots.penalty(1, STIFF * level.astype(np.float64))
         coefficients = solve(bands, knots.project(first, rows, (robust * places)[:, None]))[:, 0]
-        seen = (rows * coefficients[first[:, None] + np.arange(4)]).sum(axis=1)
-        renewed, falling = huber_weight((places - seen)[:, None], limit), held | (np.diff(coefficients) < 0.0)
+        fitted = (rows * coefficients[first[:, None] + np.arange(4)]).sum(axis=1)
+        renewed, falling = huber_weight((places - fitted)[:, None], HUBER), held | (np.diff(coefficients) < 0.0)
         settled = bool(np.abs(renewed - robust).max() < 0.01) and bool((falling == level).all())
         robust, level = renewed, falling
         if settled:
@@ -269,28 +261,28 @@ def _rising(
     return coefficients
 
 
-def _stops(knots: Knots, coefficients: FloatArray, count: int, config: CleaningConfig) -> BoolArray:
-    """Mask (size - 1,) of coefficients that must equal the next because the vehicle is at rest."""
+def _stops(knots: Knots, coefficients: FloatArray, count: int) -> BoolArray:
+    """Returns the mask (size - 1,) of coefficients that must equal the next because the vehicle is at rest."""
     times = _times(count)
     travel, speed = (knots.evaluate(coefficients, times, derivative) for derivative in (0, 1))
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], speed < config.stop_speed, [False]])))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], speed < STOP_SPEED, [False]])))
     held = np.zeros(knots.size - 1, np.bool_)
     for begin, end in edges.reshape(-1, 2):
-        lasts = (end - begin) * STEP_S >= config.stop_s or end - begin == count
-        if lasts and travel[end - 1] - travel[begin] < config.stop_travel:
+        lasts = (end - begin) * STEP_S >= STOP_S or end - begin == count
+        if lasts and travel[end - 1] - travel[begin] < STOP_TRAVEL:
             held[begin : end + 1] = True
     return held
 
 
-def _first_places(points: FloatArray, config: CleaningConfig, fallback: FloatArray) -> FloatArray:
-    """Initial places (n,) [m] along the path: raw steps projected on smoothed directions.
+def _first_places(points: FloatArray, fallback: FloatArray) -> FloatArray:
+    """Returns initial places (n,) [m] along the path: raw steps projected on smoothed directions.
 
     Steps are signed, so noise does not add up to travel; the directions are those of chords of a few metres.
     """
     count = len(points)
     if count == 1:
         return np.zeros(1)
-    rough, velocity = _roughly_smooth(points, config)
+    rough, velocity = _roughly_smooth(points)
     travel = np.cumsum(np.maximum(np.linalg.norm(velocity, axis=1) - CREEP, 0.0)) * STEP_S
     chord = np.stack(
         [
@@ -307,33 +299,33 @@ def _first_places(points: FloatArray, config: CleaningConfig, fallback: FloatArr
     return _travelled(points, direction)
 
 
-def _places_by_headings(points: FloatArray, headings: FloatArray, reach: float, config: CleaningConfig) -> FloatArray:
-    """Initial places (n,) [m] along the path: steps of the rear axle, located by the headings (n, 2)."""
+def _places_by_headings(points: FloatArray, headings: FloatArray, reach: float) -> FloatArray:
+    """Returns initial places (n,) [m] along the path: steps of the rear axle, located by the headings (n, 2)."""
     if len(points) == 1:
         return np.zeros(1)
-    direction = _roughly_smooth(headings, config)[0]
+    direction = _roughly_smooth(headings)[0]
     direction = direction / np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-3)
     return _travelled(points - reach * direction, direction)
 
 
-def _roughly_smooth(values: FloatArray, config: CleaningConfig) -> tuple[FloatArray, FloatArray]:
-    """Robustly smoothed `values` (n, 2) of consecutive frames, n above 1, and their derivative (n, 2) [1/s]."""
+def _roughly_smooth(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Returns robustly smoothed `values` (n, 2) of consecutive frames, n above 1, and their derivative (n, 2) [1/s]."""
     count = len(values)
     knots = Knots(0.0, STEP_S, count - 1)
     times = _times(count)
     penalty = knots.penalty(3, _jerk_weight(ROUGH_PERIOD_S)) + knots.penalty(2, 1e-3)
-    coefficients = fit(knots, knots.basis(times), values, np.ones(count), penalty, config.huber)
+    coefficients = fit(knots, knots.basis(times), values, np.ones(count), penalty, HUBER)
     return knots.evaluate(coefficients, times), knots.evaluate(coefficients, times, 1)
 
 
 def _travelled(points: FloatArray, direction: FloatArray) -> FloatArray:
-    """Distance travelled (n,): steps between `points` (n, 2), projected on the `direction` (n, 2) there."""
+    """Returns the distance travelled (n,): steps between `points` (n, 2), projected on the `direction` (n, 2) there."""
     steps = np.diff(points, axis=0) * 0.5 * (direction[1:] + direction[:-1])
     return np.concatenate([[0.0], np.cumsum(steps.sum(axis=1))])
 
 
 def _project(points: FloatArray, places: FloatArray, path: Path, reach: float) -> FloatArray:
-    """Arc lengths (n,) at which the path is closest to the points (n, 2), by one Newton step from `places`."""
+    """Returns arc lengths (n,) at which the path is closest to the points (n, 2), by one Newton step from `places`."""
     tangent = path.at(places, 1)
     beyond = points - path.at(places) - reach * tangent
     closest = places + (beyond * tangent).sum(axis=1) / (tangent**2).sum(axis=1)

@@ -9,7 +9,6 @@ Every module of this package whose name has no leading underscore is a sub-comma
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import pkgutil
 
@@ -17,20 +16,16 @@ from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import program
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = Parser(prog="data", description=(__doc__ or "").split("\n", maxsplit=1)[0])
-    subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name in sorted(module.name for module in pkgutil.iter_modules(__path__)):
-        if not name.startswith("_"):
-            importlib.import_module(f"{__name__}.{name}").add(subparsers)
-    return parser
-
-
 @program
 def main(
     argv: list[str] | None = None,
 ) -> int | None:  # `list` is no module: those are imported by name
     """Entry point of ``ros2 run litsim_data data``."""
-    arguments = _parser().parse_args(argv)
+    parser = Parser(prog="data", description=(__doc__ or "").split("\n", maxsplit=1)[0])
+    subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name in sorted(module.name for module in pkgutil.iter_modules(__path__)):
+        if not name.startswith("_"):
+            importlib.import_module(f"{__name__}.{name}").add(subparsers)
+    arguments = parser.parse_args(argv)
     status: int | None = arguments.run(arguments)
     return status

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from litsim_data.description import describe
+from litsim_data.ngsim.formats import is_official
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import refuse_input_as_output, replacing
 from litsim_sim.io.yaml_input import read_yaml
@@ -23,7 +24,7 @@ NOT_DRAFTED = ("mapping", "vehicles", "clip", "crop", "raw")  # options that do 
 
 
 def add(subparsers: Any) -> None:
-    """Add the parser of the command."""
+    """Adds the parser of the command."""
     command = subparsers.add_parser(
         "convert",
         help="any known format to the neutral schema",
@@ -47,7 +48,7 @@ def add(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Convert, and print the result.
+    """Converts, and prints the result.
 
     Raises:
         InputError: IN cannot be used, `--crop` or the mapping do not fit it, or OUT cannot be written.
@@ -57,34 +58,37 @@ def run(arguments: argparse.Namespace) -> None:
     source = arguments.sources[0]
     if arguments.draft:
         _draft(arguments)
-    elif arguments.mapping is not None:
+        return
+    if arguments.mapping is not None:
         _convert_mapped(arguments, crop)
-    elif arguments.clip is not None:
-        raise InputError("--clip goes with --mapping")
-    elif arguments.vehicles is not None:
-        raise InputError("--vehicles goes with --mapping")
-    elif len(arguments.sources) > 1:
+        return
+    for option in ("clip", "vehicles"):
+        if getattr(arguments, option) is not None:
+            raise InputError(f"--{option} goes with --mapping")
+    if len(arguments.sources) > 1:
         raise InputError(f"{arguments.sources[1]}: several files IN go with --mapping or --draft")
-    elif _is_official(source):
-        from litsim_data.ngsim import official as ngsim
+    if is_official(source):
+        from litsim_data.ngsim.official import convert
 
-        for one in ngsim.convert(source, arguments.out, cleaned=not arguments.raw, crop=crop, progress=True):
-            print(one.text())
+        for one in convert(source, arguments.out, cleaned=not arguments.raw, crop=crop):
+            print(f"{one.name}: {one.rows} rows, {one.vehicles} vehicles -> {one.path} ({one.mended.text()})")
             if one.cleaning:
                 print(one.cleaning)
-    elif arguments.raw:
+        return
+    if arguments.raw:
         raise InputError(f"{source}: --raw is for official NGSIM files")
-    else:
-        print(describe(convert(source, arguments.out, crop)))
+    recording = load_recording(source, crop)
+    recording.write(_file(arguments.out))
+    print(describe(recording))
 
 
 def _convert_mapped(arguments: argparse.Namespace, crop: dict[str, list[float]]) -> None:
-    from litsim_data.generic.convert import convert as convert_mapped
-    from litsim_data.generic.mapping import Span, read_mapping
+    from litsim_data.generic.convert import convert
+    from litsim_data.generic.mapping import Mapping, Span
 
     if arguments.raw:
         raise InputError("--mapping goes without --raw")
-    mapping = read_mapping(arguments.mapping)
+    mapping = read_yaml(arguments.mapping, Mapping)
     rows = mapping.rows | {column: Span(min=low, max=high) for column, (low, high) in crop.items()}
     clip = mapping.clip if arguments.clip is None else arguments.clip
     if clip is not None and mapping.columns.clip is None:
@@ -95,17 +99,14 @@ def _convert_mapped(arguments: argparse.Namespace, crop: dict[str, list[float]])
             raise InputError(f"{arguments.mapping}: --vehicles is given, but field vehicles does not say what is in it")
         file = os.path.relpath(arguments.vehicles, arguments.sources[0].parent)
         chosen["vehicles"] = mapping.vehicles.model_copy(update={"file": file})
-    recording, counts = convert_mapped(arguments.sources, mapping.model_copy(update=chosen))
-    recording, heeded = _with_signals(recording, mapping, arguments.mapping, arguments.out)
+    recording, counts = convert(arguments.sources, mapping.model_copy(update=chosen))
+    recording, signals = _with_signals(recording, mapping, arguments.mapping, arguments.out)
     recording.write(_file(arguments.out))
-    print(describe(recording))
-    print(counts.text())
-    for line in heeded:
-        print(line)
+    print(describe(recording), counts.text(), *signals, sep="\n")
 
 
 def _with_signals(recording: Recording, mapping: Mapping, file: Path, out: Path) -> tuple[Recording, list[str]]:
-    """The recording with the signals that the mapping in `file` names, and lines on how vehicles heed them.
+    """Returns the recording with the signals that the mapping in `file` names, and lines on how vehicles heed them.
 
     Frames of a file of states are those of the table, where it counts frames, and else those of the recording.
 
@@ -120,11 +121,11 @@ def _with_signals(recording: Recording, mapping: Mapping, file: Path, out: Path)
     from litsim_sim.scenario.signals import SignalsFile, on_clock, resolved
 
     path = file.parent / mapping.signals
-    given = read_yaml(path, SignalsFile)
-    by_frame = given.states is not None and given.states.unit == "frame"
+    signals = read_yaml(path, SignalsFile)
+    by_frame = signals.states is not None and signals.states.unit == "frame"
     zero = 0.0 if by_frame else float(str(recording.header.notes.get(CLOCK, 0.0)))
     slower = recording.header.rate_hz / mapping.rate_hz if by_frame and mapping.columns.frame is not None else 1.0
-    content = on_clock(resolved(given, path.parent, str(path)), zero, slower)
+    content = on_clock(resolved(signals, path.parent, str(path)), zero, slower)
     net = net_of(recording.header, out)
     lines = survey(content, net, recording, str(path))
     header = replace(recording.header, net=net.name, signals=content.model_dump(mode="json", exclude_none=True))
@@ -134,10 +135,10 @@ def _with_signals(recording: Recording, mapping: Mapping, file: Path, out: Path)
 def _draft(arguments: argparse.Namespace) -> None:
     from litsim_data.generic.draft import draft
 
-    given = [name for name in NOT_DRAFTED if getattr(arguments, name) not in (None, False)]
-    if given:
+    options = [f"--{name}" for name in NOT_DRAFTED if getattr(arguments, name) not in (None, False)]
+    if options:
         raise InputError(
-            f"--draft goes without {', '.join(f'--{name}' for name in given)}: it reads IN alone; fields vehicles, clip"
+            f"--draft goes without {', '.join(options)}: it reads IN alone; fields vehicles, clip"
             " and rows of the mapping that it writes say the rest"
         )
     out = _file(arguments.out)
@@ -151,31 +152,14 @@ def _draft(arguments: argparse.Namespace) -> None:
     print(f"look it over, above all what is marked: data convert --mapping {out} {files} OUT.parquet")
 
 
-def convert(source: Path, out: Path, crop: dict[str, list[float]]) -> Recording:
-    """Write the recording at `source`, cut by `crop`, in the neutral schema to `out`.
-
-    Raises:
-        InputError: `source` is no recording, `crop` does not fit it, or `out` cannot be written.
-    """
-    recording = load_recording(source, crop)
-    recording.write(_file(out))
-    return recording
-
-
 def _file(out: Path) -> Path:
     if out.is_dir():
         raise InputError(f"{out}: is a folder, expected a file name such as {out / 'recording.parquet'}")
     return out
 
 
-def _is_official(path: Path) -> bool:
-    from litsim_data.ngsim import formats as ngsim_format
-
-    return path.is_file() and ngsim_format.detect(path) is not None
-
-
 def parse_crop(pairs: list[list[str]] | None) -> dict[str, list[float]]:
-    """The values of `--crop`, as they come from the command line.
+    """Returns the limits that `--crop` gives, by column.
 
     Raises:
         InputError: limits are no numbers.

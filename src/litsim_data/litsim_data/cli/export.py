@@ -8,7 +8,7 @@ from typing import Any
 
 
 def add(subparsers: Any) -> None:
-    """Add the parser of the command."""
+    """Adds the parser of the command."""
     command = subparsers.add_parser("export", help="trajectories of a run as CSV or Parquet")
     command.add_argument("bag", type=Path, help="folder of a run, or its MCAP file")
     command.add_argument("out", type=Path, metavar="OUT", help="OUT.csv or OUT.parquet")
@@ -16,7 +16,7 @@ def add(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Export.
+    """Exports the run.
 
     Raises:
         InputError: there is no run, or OUT cannot be written.

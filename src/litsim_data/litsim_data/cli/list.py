@@ -11,22 +11,17 @@ from litsim_sim.scenario.scenario import packaged, packaged_nets, packaged_scena
 
 
 def add(subparsers: Any) -> None:
-    """Add the parser of the command."""
+    """Adds the parser of the command."""
     command = subparsers.add_parser("list", help="packaged scenarios and nets")
     command.set_defaults(run=run)
 
 
 def run(_arguments: argparse.Namespace) -> None:
-    """Print what is packaged."""
-    print(listing())
-
-
-def listing() -> str:
-    """Packaged scenarios and nets, as text."""
-    lines = ["scenarios:"]
+    """Prints what is packaged."""
+    print("scenarios:")
     for name in packaged_scenarios():
         fields = yaml.safe_load(packaged(f"scenarios/{name}.yaml").read_text(encoding="utf-8"))
-        lines.append(f"  {name:<16}{fields['description']}")
-    lines.append("nets:")
-    lines += [f"  {name:<16}{packaged(f'nets/{name}.net.xml')}" for name in packaged_nets()]
-    return "\n".join(lines)
+        print(f"  {name:<16}{fields['description']}")
+    print("nets:")
+    for name in packaged_nets():
+        print(f"  {name:<16}{packaged(f'nets/{name}.net.xml')}")

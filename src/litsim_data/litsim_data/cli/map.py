@@ -1,4 +1,4 @@
-"""`data map`: build a net, from a recording, published numbers or a map of another format; check or export one."""
+"""`data map`: build a net, from a recording or from a map of another format; check or export one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SITES = ("us101", "i80", "lankershim", "peachtree", "generic")
 
 
 def add(subparsers: Any) -> None:
-    """Add the parser of the command."""
+    """Adds the parser of the command."""
     command = subparsers.add_parser("map", help="build, check or export a net", description=__doc__)
     what = command.add_mutually_exclusive_group()
     for name, known in _formats().items():
@@ -51,7 +51,7 @@ def add(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Build or check; return the exit status: 1 if a check misses its goal.
+    """Builds or checks, and returns the exit status: 1 if a check misses its goal.
 
     Raises:
         InputError: the input cannot be used, or netconvert is missing.
@@ -67,61 +67,49 @@ def run(arguments: argparse.Namespace) -> int:
         print(arguments.out)
         return 0
     print(f"building {arguments.out} ...", file=sys.stderr)
-    for warning in build(arguments):
+    for warning in _build(arguments):
         print(f"netconvert: {warning}", file=sys.stderr)
     return 0
 
 
-def build(arguments: argparse.Namespace) -> list[str]:
-    """Build the net that `arguments` ask for; return netconvert's warnings.
+def _build(arguments: argparse.Namespace) -> list[str]:
+    """Builds the net that `arguments` ask for, and returns netconvert's warnings.
 
     Raises:
         InputError: as :func:`run`.
     """
+    from litsim_data.maps import fitting, highway, intersections, lanelets, positions
+
     out = arguments.out
     for name, known in _formats().items():
         if (path := getattr(arguments, _chosen(name))) is not None:
-            origin = None if arguments.origin is None else (arguments.origin[0], arguments.origin[1])
-            return known().write_net(path, origin, out)
-    return fit(arguments.recording, arguments.site, out)
+            return known().write_net(path, arguments.origin and tuple(arguments.origin), out)
+    if arguments.recording is None:
+        raise InputError("data map: name the recording to fit lanes to with --recording")
+    site = arguments.site or ""
+    table, known_site = positions.for_fitting(arguments.recording, "" if site == "generic" else site)
+    name = site or known_site or "generic"
+    if name in fitting.LAYOUTS:
+        highway.write_net(fitting.fit_plan(table, fitting.LAYOUTS[name]), out)
+    elif name == "generic":
+        highway.write_net(fitting.fit_generic_plan(table), out)
+    else:
+        return lanelets.write_lanelets(intersections.fit_streets(table), out)
+    return []
 
 
 def _formats() -> dict[str, type[MapFormat]]:
-    """The installed formats of maps, by name."""
+    """Returns the installed formats of maps, by name."""
     return {name: plugins.load(plugins.MAPS, name) for name in plugins.names(plugins.MAPS)}
 
 
 def _chosen(name: str) -> str:
-    """Where the arguments hold the map in the format `name`."""
+    """Returns where the arguments hold the map in the format `name`."""
     return f"map_{name}"
 
 
-def fit(recording: Path | None, site: str | None, out: Path) -> list[str]:
-    """Build the net of a site under a recording; I-80 alone can do without one.
-
-    Raises:
-        InputError: the recording is missing or does not allow a fit, or netconvert is missing.
-    """
-    from litsim_data.maps import fitting, highway, intersections, positions
-
-    if recording is None:
-        if site != "i80":
-            raise InputError("data map: name the recording to fit lanes to with --recording")
-        highway.write_net(highway.i80_plan(), out)
-        return []
-    found = positions.for_fitting(recording, "" if site in (None, "generic") else str(site))
-    name = site or found.site or "generic"
-    if name in fitting.LAYOUTS:
-        highway.write_net(fitting.fit_plan(found.table, fitting.LAYOUTS[name]), out)
-    elif name == "generic":
-        highway.write_net(fitting.fit_generic_plan(found.table), out)
-    else:
-        return intersections.write_net(intersections.fit_streets(found.table), out)
-    return []
-
-
 def check(arguments: argparse.Namespace) -> bool:
-    """Check a net, print the result, draw it where asked for, and return whether it meets the goals.
+    """Checks a net, prints the result, draws it where asked for, and returns whether it meets the goals.
 
     Raises:
         InputError: a file cannot be used, or does not fit the net.
@@ -153,7 +141,7 @@ def _net(path: Path) -> Path:
 
 
 def _parts(arguments: argparse.Namespace) -> tuple[dict[str, pd.DataFrame], dict[str, Any] | None]:
-    """What is checked against the net, by name; and the transform by which the recording was mapped, if it was.
+    """Returns what is checked against the net, by name; and the transform by which the recording was mapped, if it was.
 
     Without a recording, scenarios are those of LitSim, whatever of them lies on their net.
     """
@@ -161,6 +149,6 @@ def _parts(arguments: argparse.Namespace) -> tuple[dict[str, pd.DataFrame], dict
 
     if arguments.recording is None:
         loaded = [Scenario.load(name, coverage_min=0.0) for name in arguments.scenario]
-        return {each.name: positions.vehicles_of(each.recording.table, each.name) for each in loaded}, None
+        return {one.name: positions.vehicles_of(one.recording.table, one.name) for one in loaded}, None
     parts = positions.for_checking(arguments.recording, arguments.scenario)
     return parts, positions.mapped_by(arguments.recording)

@@ -20,7 +20,7 @@ from litsim_sim.scenario.signals import Signals, build, read_signals
 
 
 def add(subparsers: Any) -> None:
-    """Add the parser of the command."""
+    """Adds the parser of the command."""
     command = subparsers.add_parser("plot", help="draw space-time diagrams by lane and a map of the tracks")
     command.add_argument("recording", type=Path, help="recording of any known format")
     command.add_argument("out", type=Path, metavar="OUT", help="OUT.png, or OUT.html for a self-contained page")
@@ -37,7 +37,7 @@ def add(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Draw.
+    """Draws the recording.
 
     Raises:
         InputError: the recording, the net or the signals cannot be used, or OUT cannot be written.
@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _signals(recording: Recording, net: Path | None, arguments: argparse.Namespace) -> Signals | None:
-    """What the signals that are named showed, or else those that the recording carries, if they are of this net.
+    """Returns what the signals that are named showed, or else those that the recording carries, if of this net.
 
     Raises:
         InputError: they cannot be used; or some are named, and there is no net.
@@ -65,16 +65,16 @@ def _signals(recording: Recording, net: Path | None, arguments: argparse.Namespa
             raise InputError(f"{named}: signals need a net: name it with --net")
         return None
     where = str(named or arguments.recording)
-    given = recorded_signals(recording.header, net, where) if named is None else read_signals(named)
-    if given is None:
+    signals = recorded_signals(recording.header, net, where) if named is None else read_signals(named)
+    if signals is None:
         return None
     frames = recording.table["frame"]
     first, count = int(frames.min()), int(frames.max() - frames.min()) + 1
-    return build(given, net, Log.from_recording(recording, first, count), first, where)
+    return build(signals, net, Log.from_recording(recording, first, count), first, where)
 
 
 def _net(recording: Recording, path: Path, named: str | None) -> Path | None:
-    """The net that is named, or the one that the header names; None if the latter is missing.
+    """Returns the net that is named, or the one that the header names; None if the latter is missing.
 
     Raises:
         InputError: there is no such net as is named.

@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from litsim_data import segments
+from litsim_data.cli.convert import parse_crop
 from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.load import load_recording
@@ -21,7 +22,7 @@ from litsim_sim.scenario.usability import Usability, describe, survey
 
 
 def add(subparsers: Any) -> None:
-    """Add the parser of the command."""
+    """Adds the parser of the command."""
     command = subparsers.add_parser("segments", help="cut recordings into scenarios of 28 s, split 70/10/20")
     command.add_argument("recordings", nargs="*", type=Path, metavar="RECORDING", help="of any known format")
     command.add_argument("--manifest", type=Path, help="instead: reproduce this manifest and its scenario files")
@@ -49,17 +50,17 @@ def add(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Cut, write and print the result; return the exit status: 1 if none of the scenarios can be loaded.
+    """Cuts, writes and prints the result, and returns the exit status: 1 if none of the scenarios can be loaded.
 
     Raises:
-        InputError: as :func:`cut_files` and :func:`reproduce`, or the arguments do not fit each other.
+        InputError: a recording, its net or OUT cannot be used, or the arguments do not fit each other.
     """
     if bool(arguments.recordings) == bool(arguments.manifest):
         raise InputError("expected either recordings or --manifest")
     if arguments.manifest:
-        manifest, recordings = reproduce(arguments.manifest, arguments.out)
+        manifest, recordings = _reproduce(arguments.manifest, arguments.out)
     else:
-        crop = {column: [_number(low), _number(high)] for column, low, high in arguments.crop or []}
+        crop = parse_crop(arguments.crop)
         try:
             settings = segments.Settings(
                 seed=arguments.seed,
@@ -73,24 +74,17 @@ def run(arguments: argparse.Namespace) -> int:
         except ValidationError as error:
             problem = error.errors()[0]
             raise InputError(f"{'.'.join(map(str, problem['loc']))} is {problem['input']}: {problem['msg']}") from error
-        manifest, recordings = cut_files(arguments.recordings, arguments.out, arguments.net, crop or None, settings)
+        manifest, recordings = _cut_files(arguments.recordings, arguments.out, arguments.net, crop or None, settings)
     usability = _usability(manifest, arguments.out, recordings)
     print(segments.describe(manifest))
     print(describe(usability))
-    return EXIT_FAILED if all(each.lacks for each in usability) else 0
+    return EXIT_FAILED if all(scenario.lacks for scenario in usability) else 0
 
 
-def cut_files(
+def _cut_files(
     paths: list[Path], out: Path, net: str | None, crop: dict[str, list[float]] | None, settings: segments.Settings
 ) -> tuple[segments.Manifest, list[Recording]]:
-    """Cut the recordings at `paths` and write manifest and scenario files to the folder `out`.
-
-    Returns:
-        The manifest, and the cropped recordings.
-
-    Raises:
-        InputError: a recording, its net or `out` cannot be used.
-    """
+    """Cuts the recordings at `paths`, and returns the manifest and the cropped recordings; see :func:`run`."""
     for path in paths:
         try:
             usable_name(segments.name_of(path.name, "train", 0))
@@ -105,25 +99,24 @@ def cut_files(
     return manifest, [recording for *_, recording in sources]
 
 
-def reproduce(path: Path, out: Path) -> tuple[segments.Manifest, list[Recording]]:
-    """Cut again by the manifest at `path`, and write to `out`; return the same as :func:`cut_files`.
-
-    Raises:
-        InputError: the manifest or a recording cannot be used, or `out` cannot be written.
-    """
+def _reproduce(path: Path, out: Path) -> tuple[segments.Manifest, list[Recording]]:
+    """Cuts again by the manifest at `path`, writes to `out`, and returns the same as :func:`_cut_files`."""
     manifest = segments.Manifest.read(path)
     again, cropped = segments.reproduce(manifest, path.parent)
     if again != manifest:
         raise InputError(f"{path}: its recordings and settings give other segments than it lists: was it edited?")
-    files = [source.file for source in again.recordings]
-    moved = [file if file.startswith("$") else _stored(path.parent / file, out) for file in files]
-    nets = [
-        source.net if source.net in packaged_nets() else _stored(path.parent / source.net, out)
-        for source in again.recordings
-    ]
+
+    def moved(name: str, *, stays: bool) -> str:
+        return name if stays else _stored(path.parent / name, out)
+
     recordings = [
-        source.model_copy(update={"file": file, "net": net})
-        for source, file, net in zip(again.recordings, moved, nets, strict=True)
+        source.model_copy(
+            update={
+                "file": moved(source.file, stays=source.file.startswith("$")),
+                "net": moved(source.net, stays=source.net in packaged_nets()),
+            }
+        )
+        for source in again.recordings
     ]
     again = again.model_copy(update={"recordings": recordings})
     segments.write(again, out)
@@ -131,7 +124,7 @@ def reproduce(path: Path, out: Path) -> tuple[segments.Manifest, list[Recording]
 
 
 def _stored(path: Path, folder: Path) -> str:
-    """`path` in the form of the manifest in `folder`: relative to $LITSIM_DATA if below it, else to the folder."""
+    """Returns `path` as the manifest in `folder` has it: relative to $LITSIM_DATA if below it, else to the folder."""
     data = os.environ.get(DATA_VARIABLE)
     if data and path.resolve().is_relative_to(Path(data).resolve()):
         return f"${{{DATA_VARIABLE}}}/{path.resolve().relative_to(Path(data).resolve()).as_posix()}"
@@ -139,23 +132,16 @@ def _stored(path: Path, folder: Path) -> str:
 
 
 def _net(net: Path, out: Path) -> str:
-    """Name of the packaged net, or path of the net relative to `out`."""
+    """Returns the name of the packaged net, or the path of the net relative to `out`."""
     if net.parent == packaged("nets"):
         return net.name.removesuffix(".net.xml")
     return Path(os.path.relpath(net.resolve(), out.resolve())).as_posix()
 
 
 def _usability(manifest: segments.Manifest, out: Path, recordings: list[Recording]) -> list[Usability]:
-    """Which of the scenarios that lie in `out` can be loaded; `recordings` are those of the manifest."""
+    """Returns which of the scenarios that lie in `out` can be loaded; `recordings` are those of the manifest."""
     nets = [packaged(f"nets/{s.net}.net.xml") if s.net in packaged_nets() else out / s.net for s in manifest.recordings]
     lane_maps = {net: LaneMap.from_net(net) for net in nets}
     sources = [Sources(recording, lane_maps[net]) for recording, net in zip(recordings, nets, strict=True)]
     paths = [out / f"{segment.name}.yaml" for segment in manifest.segments]
     return survey(paths, [sources[segment.recording] for segment in manifest.segments])
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError as error:
-        raise InputError(f"--crop: {text} is not a number; expected a column and two numbers") from error

@@ -12,24 +12,24 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
-from litsim_data.mining.events import Event, EventKind
+from litsim_data.mining.events import EventKind
 from litsim_data.mining.mine import mine, possible_egos
-from litsim_data.mining.selection import Chosen, Found, choose
-from litsim_data.mining.suite_file import pack, scenario_names, suite_fields, write_suite
+from litsim_data.mining.selection import Chosen, MinedEvent, choose
+from litsim_data.mining.suite_file import pack, scenario_names, write_suite
 from litsim_sim.cli.program import at_least_one
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
 from litsim_sim.scenario.run_info import driver_names
 from litsim_sim.scenario.scenario import Scenario
 
 CRITICAL = 0.5  # severity at which a measure meets its criticality target
-ASKED = tuple(kind for kind in EventKind if kind not in (EventKind.FOLLOWING, EventKind.TURN))
+SEARCHED = tuple(kind for kind in EventKind if kind not in (EventKind.FOLLOWING, EventKind.TURN))
 """Kinds searched by default: all but the ubiquitous ones."""
 LASTING = (EventKind.FOLLOWING, EventKind.TURN)
 """Kinds whose numbers are from anywhere between their ends, which the ends of a scenario may cut off."""
 
 
 def add(subparsers: Any) -> None:
-    """Add the parser of the command."""
+    """Adds the parser of the command."""
     command = subparsers.add_parser(
         "suite",
         help="find scenarios by what happens in them: cut-ins, braking, lane changes, merges, crossings ...",
@@ -61,7 +61,7 @@ def add(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int | None:
-    """Find, choose, print and write; return status 1 if nothing is found.
+    """Finds, chooses, prints and writes; returns status 1 if nothing is found.
 
     Raises:
         InputError: a scenario cannot be used, an event is unknown, or a file cannot be written.
@@ -69,125 +69,105 @@ def run(arguments: argparse.Namespace) -> int | None:
     if arguments.pack and arguments.out is None:
         raise InputError("--pack goes with --out: scenarios are copied into a folder beside the suite")
     counts = parse_events(arguments.events)
-    names = scenario_names(arguments.scenarios)
-    found = find(names, list(counts))
+    events = find(scenario_names(arguments.scenarios), list(counts))
     count = arguments.hardest or arguments.spread
-    wanted = {kind: count if own is None else own for kind, own in counts.items()}
-    chosen = choose(found, wanted, evenly=arguments.spread is not None)
-    Console().print(table(found, chosen))
-    if not found:
+    wanted = {kind: own or count for kind, own in counts.items()}
+    chosen = choose(events, wanted, evenly=arguments.spread is not None)
+    reasons = [MinedEvent(case.scenario, event) for case in chosen for event in case.events[: len(case.kinds)]]
+    severities = _severities(events), _severities(reasons)
+    Console().print(_table(events, chosen, *severities))
+    if not events:
         print_error("no event is found" + (f": {arguments.out} is not written" if arguments.out else ""))
         return EXIT_FAILED
     if arguments.plot is not None:
         from litsim_data.mining.plots import plot_severities  # matplotlib takes half a second to load
 
-        plot_severities(_severities(found), _severities(_why(chosen)), arguments.plot)
+        plot_severities(*severities, arguments.plot)
         print(arguments.plot)
     if arguments.out is not None:
         if arguments.pack:
             chosen = pack(chosen, arguments.out.with_suffix(""))
-        fields = {"name": arguments.name or arguments.out.stem, "egos": arguments.egos}
-        write_suite(arguments.out, suite_fields(chosen, arguments.out.parent, **fields))
+        write_suite(arguments.out, chosen, arguments.name or arguments.out.stem, arguments.egos)
         print(f"{arguments.out}: {len(chosen)} cases")
     return None
 
 
-def find(names: Sequence[str], kinds: Sequence[EventKind]) -> list[Found]:
-    """The events of `kinds` in the scenarios `names`, in order; with a progress bar on stderr.
+def find(names: Sequence[str], kinds: Sequence[EventKind]) -> list[MinedEvent]:
+    """Returns the events of `kinds` in the scenarios `names`, in order, with a progress bar on a terminal.
 
-    An event in several overlapping scenarios of one recording counts in the first.
+    An event in several overlapping scenarios of one recording counts in the first: one at the same frame, or of a kind
+    of LASTING a part of it that lasts into the next scenario.
 
     Raises:
         InputError: a scenario cannot be used.
     """
-    found: list[Found] = []
-    known, egos = _Known(), 0
-    with tqdm(names, unit="scenario", dynamic_ncols=True, disable=None) as bar:  # on a terminal
+    events: list[MinedEvent] = []
+    known: dict[tuple[object, ...], list[tuple[int, int, int]]] = {}  # frames of begin, numbers and end
+    egos = 0
+    with tqdm(names, unit="scenario", dynamic_ncols=True, disable=None) as bar:
         for name in bar:
             scenario = Scenario.load(name)
             egos += len(possible_egos(scenario))
-            new = [event for event in mine(scenario, kinds) if not known.has(scenario, event)]
-            known.add(scenario, new)
-            found += [Found(name, event) for event in new]
-            bar.set_postfix_str(f"{egos} egos, {len(found)} events")
-    return found
-
-
-class _Known:
-    """The events of the scenarios that have been searched, by recording, kind and vehicles, with their frames."""
-
-    def __init__(self) -> None:
-        self._frames: dict[tuple[object, ...], list[tuple[int, int, int]]] = {}
-
-    def has(self, scenario: Scenario, event: Event) -> bool:
-        """Whether an earlier scenario has `event`: at the same frame, or a part of it that lasts into this one."""
-        begin, at, end = _frames(scenario, event)
-        earlier = self._frames.get(_of(scenario, event), [])
-        if event.kind in LASTING:
-            return any(begin <= its_end and its_begin <= end for its_begin, _, its_end in earlier)
-        return any(at == its_at for _, its_at, _ in earlier)
-
-    def add(self, scenario: Scenario, events: Sequence[Event]) -> None:
-        """Add the `events` of a scenario."""
-        for event in events:
-            self._frames.setdefault(_of(scenario, event), []).append(_frames(scenario, event))
-
-
-def _of(scenario: Scenario, event: Event) -> tuple[object, ...]:
-    return scenario.file.recording, event.kind, event.ego, event.other
-
-
-def _frames(scenario: Scenario, event: Event) -> tuple[int, int, int]:
-    """Frames of the recording at which an event begins, has its numbers, and ends."""
-    begin, at, end = (scenario.start_frame + step for step in (event.begin, event.step, event.end))
-    return begin, at, end
+            of_scenario = []
+            for event in mine(scenario, kinds):
+                key = (scenario.file.recording, event.kind, event.ego, event.other)
+                begin, at, end = (scenario.start_frame + step for step in (event.begin, event.step, event.end))
+                lasting = event.kind in LASTING
+                if not any(
+                    begin <= its_end and its_begin <= end if lasting else at == its_at
+                    for its_begin, its_at, its_end in known.get(key, [])
+                ):
+                    events.append(MinedEvent(name, event))
+                    of_scenario.append((key, (begin, at, end)))
+            for key, frames in of_scenario:
+                known.setdefault(key, []).append(frames)
+            bar.set_postfix_str(f"{egos} egos, {len(events)} events")
+    return events
 
 
 def parse_events(text: str | None) -> dict[EventKind, int | None]:
-    """The kinds that `--events` names, each with its number, if given.
+    """Returns the kinds that `--events` names, each with its number, if given.
 
     Raises:
         InputError: a kind is unknown or named twice, or its number is malformed.
     """
     if text is None:
-        return dict.fromkeys(ASKED)
+        return dict.fromkeys(SEARCHED)
     counts: dict[EventKind, int | None] = {}
-    for each in text.split(","):
-        name, equals, number = each.strip().partition("=")
+    for part in text.split(","):
+        name, equals, number = part.strip().partition("=")
         if name not in set(EventKind):
             raise InputError(f"--events: {name!r} is no event, expected some of {', '.join(EventKind)}")
         if EventKind(name) in counts:
             raise InputError(f"--events: {name} is named twice")
         if equals and (not number.isdecimal() or int(number) < 1):
-            raise InputError(f"--events: {each.strip()!r}, expected a whole number of at least 1 after {name}=")
+            raise InputError(f"--events: {part.strip()!r}, expected a whole number of at least 1 after {name}=")
         counts[EventKind(name)] = int(number) if equals else None
     return counts
 
 
-def table(found: Sequence[Found], chosen: Sequence[Chosen]) -> Table:
-    """Table of the events by kind: their number, egos, severities, and the number of cases chosen."""
+def _table(
+    events: Sequence[MinedEvent],
+    chosen: Sequence[Chosen],
+    severities: dict[EventKind, list[float]],
+    taken: dict[EventKind, list[float]],
+) -> Table:
+    """Returns a table of the events by kind: their number, egos, severities, and the number of cases chosen."""
     columns = ("event", "found", "egos", "least", "25 %", "median", "75 %", "most", f"from {CRITICAL:g} on", "cases")
-    out = Table(title=f"severity of {len(found)} events", title_justify="left", box=None, pad_edge=False)
+    table = Table(title=f"severity of {len(events)} events", title_justify="left", box=None, pad_edge=False)
     for number, column in enumerate(columns):
-        out.add_column(column, justify="right" if number else "left")
-    taken = _severities(_why(chosen))
-    for kind, values in _severities(found).items():
-        seats = {each.seat for each in found if each.event.kind == kind}
+        table.add_column(column, justify="right" if number else "left")
+    for kind, values in severities.items():
+        egos = len({one.seat for one in events if one.event.kind == kind})
         quantiles = [f"{value:.2f}" for value in np.quantile(values, [0.0, 0.25, 0.5, 0.75, 1.0])]
-        critical = sum(value >= CRITICAL for value in values)
-        counts = (len(values), len(seats)), (critical, len(taken.get(kind, ())))
-        out.add_row(kind.replace("_", " "), *map(str, counts[0]), *quantiles, *map(str, counts[1]))
-    out.add_section()
-    out.add_row("all", str(len(found)), str(len({each.seat for each in found})), *[""] * 6, str(len(chosen)))
-    return out
+        critical, cases = sum(value >= CRITICAL for value in values), len(taken.get(kind, ()))
+        table.add_row(kind.replace("_", " "), str(len(values)), str(egos), *quantiles, str(critical), str(cases))
+    table.add_section()
+    table.add_row("all", str(len(events)), str(len({one.seat for one in events})), *[""] * 6, str(len(chosen)))
+    return table
 
 
-def _why(chosen: Sequence[Chosen]) -> list[Found]:
-    """The events for which cases were chosen."""
-    return [Found(each.scenario, event) for each in chosen for event in each.events[: len(each.kinds)]]
-
-
-def _severities(found: Sequence[Found]) -> dict[EventKind, list[float]]:
-    """Severities by kind, in the order of kinds."""
-    by_kind = {kind: [each.event.severity for each in found if each.event.kind == kind] for kind in EventKind}
+def _severities(events: Sequence[MinedEvent]) -> dict[EventKind, list[float]]:
+    """Returns the severities by kind, in the order of kinds."""
+    by_kind = {kind: [one.event.severity for one in events if one.event.kind == kind] for kind in EventKind}
     return {kind: values for kind, values in by_kind.items() if values}

@@ -8,7 +8,6 @@ each other tell them: lanes are numbered from the left, and in right-hand traffi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -58,7 +57,7 @@ SHARE = 0.8  # smallest share of pairs that is conclusive
 
 
 def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
-    """Refuse a table with implausible motion or sizes.
+    """Refuses a table with implausible motion or sizes.
 
     Args:
         table: rows in SI units and frame map, sorted by vehicle and time; columns vehicle_id, t, x, y, length, width,
@@ -70,16 +69,16 @@ def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
         InputError: checks failed; the message has the figure of each.
     """
     step = _steps(table, 1)["dt"].to_numpy()
-    found = {"time": _time(step, mapping), "size": _size(table, mapping)}
-    if not found["time"] or "time" in mapping.accept:  # the others depend on times
+    texts = {"time": _time(step, mapping), "size": _size(table, mapping)}
+    if not texts["time"] or "time" in mapping.accept:  # the others depend on times
         steps = _steps(table, rows_apart(float(np.median(step))) if len(step) else 1)
-        found |= {
+        texts |= {
             "speed": _speed(table, steps, mapping),
             "acceleration": _acceleration(table, mapping),
             "heading": _across(steps, mapping) or _heading(table, steps, mapping),
             "side": _mirrored(table),
         }
-    problems = [f"{text} (check {name})" for name, text in found.items() if text and name not in mapping.accept]
+    problems = [f"{text} (check {name})" for name, text in texts.items() if text and name not in mapping.accept]
     if problems:
         raise InputError(
             f"{where}: {'; '.join(problems)}; nothing was written: correct the mapping, or list a check in its field "
@@ -88,23 +87,23 @@ def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
 
 
 def _time(step: FloatArray, mapping: Mapping) -> str:
-    """Check that the time `step` (n,) [s] between rows of a vehicle is plausible."""
+    """Checks that the time `step` (n,) [s] between rows of a vehicle is plausible."""
     if not len(step):
         return ""
     median = float(np.median(step))
     low, high = STEP_RANGE_S
     if low <= median <= high:
         return ""
-    said = f"rows of a vehicle follow each other by {median:.4g} s (median), expected {low:g} to {high:g} s"
+    finding = f"rows of a vehicle follow each other by {median:.4g} s (median), expected {low:g} to {high:g} s"
     if mapping.columns.time is None:
-        return f"{said}: is rate_hz, which is {mapping.rate_hz:g}, right?"
+        return f"{finding}: is rate_hz, which is {mapping.rate_hz:g}, right?"
     fits = [unit for unit in ("s", "ms", "us", "ns") if _fit((median,), (STEP_RANGE_S,), mapping.units.time, unit)]
     would = f"; units.time {' or '.join(fits)} would fit" if fits else ""
-    return f"{said}, units.time being {mapping.units.time}{would}"
+    return f"{finding}, units.time being {mapping.units.time}{would}"
 
 
 def _speed(table: pd.DataFrame, steps: pd.DataFrame, mapping: Mapping) -> str:
-    """Check that speeds agree with the change of positions."""
+    """Checks that speeds agree with the change of positions."""
     driven = steps["way"].to_numpy() / steps["dt"].to_numpy()
     if "speed" not in table:
         fast = float(np.quantile(driven, 0.9)) if len(driven) else 0.0
@@ -121,21 +120,21 @@ def _speed(table: pd.DataFrame, steps: pd.DataFrame, mapping: Mapping) -> str:
             f"column {mapping.columns.speed!r} is below -{REVERSE_MAX:g} m/s in {back.mean():.0%} of the rows, down to "
             f"{table['speed'].min():.3g} m/s, expected speeds along the heading: is it that along an axis?"
         )
-    said = steps["speed"].to_numpy()
-    moving = (np.abs(said) > 0.05) & ((driven > 0.05) | (np.abs(said) > MOVING))
+    speed = steps["speed"].to_numpy()
+    moving = (np.abs(speed) > 0.05) & ((driven > 0.05) | (np.abs(speed) > MOVING))
     if moving.sum() < ROWS_MIN:
         return ""
-    ratio = float(np.median(driven[moving] / np.abs(said[moving])))
+    ratio = float(np.median(driven[moving] / np.abs(speed[moving])))
     if 1.0 / AGREEMENT <= ratio <= AGREEMENT:
-        return _closer_unit(said[moving], driven[moving], mapping)
+        return _closer_unit(speed[moving], driven[moving], mapping)
     fits = [
         f"{field} {unit}"
-        for field, given, units in (
+        for field, ours, units in (
             ("units.position", mapping.units.position, ("m", "ft", "cm")),
             ("units.speed", mapping.units.speed, SPEED_UNITS),
         )
         for unit in units
-        if unit != given and _agrees(ratio, FACTORS[unit] / FACTORS[given], field == "units.speed")
+        if unit != ours and _agrees(ratio, FACTORS[unit] / FACTORS[ours], field == "units.speed")
     ]
     if mapping.columns.time is None and STEP_RANGE_S[0] <= ratio / mapping.rate_hz <= STEP_RANGE_S[1]:
         fits.append(f"rate_hz {mapping.rate_hz / ratio:.3g}")
@@ -143,9 +142,9 @@ def _speed(table: pd.DataFrame, steps: pd.DataFrame, mapping: Mapping) -> str:
     return f"positions change {ratio:.3g} times as fast as column {mapping.columns.speed!r} says (median){would}"
 
 
-def _closer_unit(said: FloatArray, driven: FloatArray, mapping: Mapping) -> str:
-    """Check that speeds (n,) do not agree better in a unit close to that of the mapping: km/h is 0.91 ft/s."""
-    ratio = pace(said, driven)
+def _closer_unit(speed: FloatArray, driven: FloatArray, mapping: Mapping) -> str:
+    """Checks that speeds (n,) do not agree better in a unit close to that of the mapping: km/h is 0.91 ft/s."""
+    ratio = pace(speed, driven)
     off = abs(np.log(ratio))
     for unit in SPEED_UNITS:
         would = abs(np.log(ratio * FACTORS[mapping.units.speed] / FACTORS[unit]))
@@ -157,30 +156,30 @@ def _closer_unit(said: FloatArray, driven: FloatArray, mapping: Mapping) -> str:
     return ""
 
 
-def pace(said: FloatArray, driven: FloatArray) -> float:
-    """How many times as fast as speeds (n,) say positions change: the median of the fastest quarter by what is said.
+def pace(speed: FloatArray, driven: FloatArray) -> float:
+    """Returns how many times as fast as speeds (n,) say positions change: the median of the fastest quarter.
 
     Noise of positions a few hundredths of a second apart makes slow vehicles seem faster, but hardly fast ones.
     """
-    fast = np.abs(said) >= np.quantile(np.abs(said), 0.75)
-    return float(np.median(driven[fast] / np.maximum(np.abs(said[fast]), 1e-9)))
+    fast = np.abs(speed) >= np.quantile(np.abs(speed), 0.75)
+    return float(np.median(driven[fast] / np.maximum(np.abs(speed[fast]), 1e-9)))
 
 
 def _acceleration(table: pd.DataFrame, mapping: Mapping) -> str:
-    """Check that accelerations agree with the change of positions."""
+    """Checks that accelerations agree with the change of positions."""
     if "acceleration" not in table:
         return ""
-    said, driven = _changes(table)
+    published, driven = _changes(table)
     clear = np.abs(driven) > CHANGE_MIN
     if clear.sum() < ROWS_MIN:
         return ""
-    said, driven = said[clear], driven[clear]
-    ratio, same = float(np.median(said / driven)), float((said * driven > 0.0).mean())
+    published, driven = published[clear], driven[clear]
+    ratio, same = float(np.median(published / driven)), float((published * driven > 0.0).mean())
     where = f"column {mapping.columns.acceleration!r} says"
     if same < SAME_SIGN and ratio != 0.0:
         return (
-            f"{where} the opposite of how speeds change in {1.0 - same:.0%} of {len(said)} clear changes: is it an "
-            f"acceleration along an axis, or is braking positive? Without field columns.acceleration it is derived "
+            f"{where} the opposite of how speeds change in {1.0 - same:.0%} of {len(published)} clear changes: is it "
+            f"an acceleration along an axis, or is braking positive? Without field columns.acceleration it is derived "
             f"from the speeds"
         )
     if CHANGES[0] <= ratio <= CHANGES[1]:
@@ -199,35 +198,35 @@ def _acceleration(table: pd.DataFrame, mapping: Mapping) -> str:
 
 
 def _changes(table: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
-    """(k,) accelerations [m/s2] by the file's column and by its positions, each over two consecutive seconds.
+    """Returns accelerations (k,) [m/s2] by the file's column and by its positions, each over two consecutive seconds.
 
     Both are second differences of the distance travelled, the former of accelerations integrated twice; noise of
     positions has little weight in them.
     """
-    vehicle, t, x, y, given = (table[name].to_numpy() for name in ("vehicle_id", "t", "x", "y", "acceleration"))
+    vehicle, t, x, y, acceleration = (table[name].to_numpy() for name in ("vehicle_id", "t", "x", "y", "acceleration"))
     begins = np.flatnonzero((vehicle[1:] != vehicle[:-1]) | (np.diff(t) > STEP_RANGE_S[1])) + 1
-    said, driven = [np.zeros(0)], [np.zeros(0)]
+    published, driven = [np.zeros(0)], [np.zeros(0)]
     for first, last in zip(np.r_[0, begins], np.r_[begins, len(t)], strict=True):
         rows = slice(first, last)
         at = np.arange(t[first], t[last - 1] + 1e-9, CHANGE_S)
         step = np.diff(t[rows])
-        speed = np.r_[0.0, np.cumsum(0.5 * (given[rows][1:] + given[rows][:-1]) * step)]
+        speed = np.r_[0.0, np.cumsum(0.5 * (acceleration[rows][1:] + acceleration[rows][:-1]) * step)]
         way = np.r_[0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * step)]
-        said.append(np.diff(np.interp(at, t[rows], way), 2) / CHANGE_S**2)
+        published.append(np.diff(np.interp(at, t[rows], way), 2) / CHANGE_S**2)
         gone = np.hypot(*(np.diff(np.interp(at, t[rows], values[rows])) for values in (x, y)))
         driven.append(np.diff(gone) / CHANGE_S**2)
-    return np.concatenate(said), np.concatenate(driven)
+    return np.concatenate(published), np.concatenate(driven)
 
 
 def _degrees(table: pd.DataFrame, mapping: Mapping) -> str:
-    """A hint for positions that may be longitudes and latitudes, which hardly differ in any unit; else empty."""
+    """Returns a hint for positions that may be longitudes and latitudes, which hardly differ; else empty."""
     if mapping.units.position != "m" or max(np.ptp(table[name].to_numpy()) for name in ("x", "y")) > 1.0:
         return ""
     return "; or are they degrees? Longitudes and latitudes have to be projected to metres first"
 
 
 def _across(steps: pd.DataFrame, mapping: Mapping) -> str:
-    """Check, for reference box_corner, that vehicles drive along the x axis of the file."""
+    """Checks, for reference box_corner, that vehicles drive along the x axis of the file."""
     steps = steps[steps["way"] > MOVING * steps["dt"]]
     if mapping.reference != "box_corner" or len(steps) < ROWS_MIN:
         return ""
@@ -242,7 +241,7 @@ def _across(steps: pd.DataFrame, mapping: Mapping) -> str:
 
 
 def _heading(table: pd.DataFrame, steps: pd.DataFrame, mapping: Mapping) -> str:
-    """Check that headings agree with the direction of motion."""
+    """Checks that headings agree with the direction of motion."""
     if "yaw" not in table:
         return ""
     steps = steps[steps["way"] > MOVING * steps["dt"]]
@@ -289,7 +288,7 @@ def _heading(table: pd.DataFrame, steps: pd.DataFrame, mapping: Mapping) -> str:
 
 
 def _turned_headings(table: pd.DataFrame, mapping: Mapping) -> str:
-    """Check that headings of vehicles that go straight are not all turned to one side of their way."""
+    """Checks that headings of vehicles that go straight are not all turned to one side of their way."""
     off = []
     for _, rows in table.groupby("vehicle_id", sort=False):
         yaw = np.unwrap(rows["yaw"].to_numpy())
@@ -308,15 +307,15 @@ def _turned_headings(table: pd.DataFrame, mapping: Mapping) -> str:
 
 
 def _size(table: pd.DataFrame, mapping: Mapping) -> str:
-    """Check that median length and width are those of vehicles; those known to be motorcycles do not count."""
+    """Checks that median length and width are those of vehicles; those known to be motorcycles do not count."""
     wide = table[table["kind"] != Kind.MOTORCYCLE]
     if wide.empty:
         return ""
     vehicles = wide.groupby("vehicle_id")[["length", "width"]].median()
     length, width = (float(vehicles[name].median()) for name in ("length", "width"))
-    said = f"half of the vehicles are longer than {length:.3g} m and wider than {width:.3g} m"
+    finding = f"half of the vehicles are longer than {length:.3g} m and wider than {width:.3g} m"
     if width > length:
-        return f"{said}: are columns length and width swapped?"
+        return f"{finding}: are columns length and width swapped?"
     bounds = (LENGTH_RANGE, WIDTH_RANGE)
     fits = [unit for unit in ("m", "ft", "cm") if _fit((length, width), bounds, mapping.units.size, unit)]
     if mapping.units.size in fits:
@@ -327,21 +326,21 @@ def _size(table: pd.DataFrame, mapping: Mapping) -> str:
     elif not fits and width < WIDTH_RANGE[0]:
         would = "; are most of them motorcycles or people, whom field columns.kind would tell apart?"
     expected = " and ".join(f"{low:g} to {high:g}" for low, high in bounds)
-    return f"{said}, expected {expected}{would}"
+    return f"{finding}, expected {expected}{would}"
 
 
 def heading(angle: FloatArray, zero: str, positive: str) -> FloatArray:
-    """Headings (n,) [rad], counter-clockwise from x, of angles (n,) [rad] in the convention given; axes of the file."""
+    """Returns headings (n,) [rad], counter-clockwise from x, of angles (n,) [rad] in a convention; axes of the file."""
     return (angle if positive == "counterclockwise" else -angle) + (0.5 * np.pi if zero == "y" else 0.0)
 
 
 def rows_apart(step: float) -> int:
-    """How many rows that follow each other by `step` [s], more than 0, are SPAN_S apart; from 1 to 20."""
+    """Returns how many rows that follow each other by `step` [s], more than 0, are SPAN_S apart; from 1 to 20."""
     return round(SPAN_S / max(min(step, SPAN_S), STEP_RANGE_S[0]))
 
 
 def _steps(table: pd.DataFrame, apart: int) -> pd.DataFrame:
-    """From each row of a vehicle to its row `apart` rows later.
+    """Returns the steps from each row of a vehicle to its row `apart` rows later.
 
     Returns:
         Columns `dt` [s], `dx`, `dy`, `way` [m], `speed` (mean of both rows) and `yaw` (of the first).
@@ -350,11 +349,11 @@ def _steps(table: pd.DataFrame, apart: int) -> pd.DataFrame:
     same = vehicle[apart:] == vehicle[:-apart]
 
     def change(column: str) -> FloatArray:
-        given = table[column].to_numpy()
-        return np.asarray((given[apart:] - given[:-apart])[same], np.float64)
+        values = table[column].to_numpy()
+        return np.asarray((values[apart:] - values[:-apart])[same], np.float64)
 
-    values = {name: change(column) for name, column in (("dt", "t"), ("dx", "x"), ("dy", "y"))}
-    steps = pd.DataFrame(values).assign(way=np.hypot(values["dx"], values["dy"]))
+    changes = {name: change(column) for name, column in (("dt", "t"), ("dx", "x"), ("dy", "y"))}
+    steps = pd.DataFrame(changes).assign(way=np.hypot(changes["dx"], changes["dy"]))
     if "speed" in table:
         speed = table["speed"].to_numpy()
         steps["speed"] = (0.5 * (speed[apart:] + speed[:-apart]))[same]
@@ -364,24 +363,24 @@ def _steps(table: pd.DataFrame, apart: int) -> pd.DataFrame:
 
 
 def _agrees(ratio: float, factor: float, of_speed: bool) -> bool:
-    """Whether speeds would agree, were the positions or speeds larger by `factor`."""
+    """Returns whether speeds would agree, were the positions or speeds larger by `factor`."""
     would = ratio / factor if of_speed else ratio * factor
     return 1.0 / AGREEMENT <= would <= AGREEMENT
 
 
 def _apart(angles: FloatArray, others: FloatArray) -> float:
-    """Median distance of two arrays of angles (n,) [rad]."""
+    """Returns the median distance of two arrays of angles (n,) [rad]."""
     return float(np.median(np.abs(wrap_angle(angles - others))))
 
 
 def _off(angles: FloatArray, others: FloatArray) -> float:
-    """Share of pairs of angles (n,) [rad] that differ by more than HEADING_MAX."""
+    """Returns the share of pairs of angles (n,) [rad] that differ by more than HEADING_MAX."""
     return float((np.abs(wrap_angle(angles - others)) > HEADING_MAX).mean())
 
 
-def _fit(values: tuple[float, ...], bounds: tuple[tuple[float, float], ...], given: str, unit: str) -> bool:
-    """Whether all values, read in `unit` instead of `given`, are within their bounds."""
-    factor = FACTORS[unit] / FACTORS[given]
+def _fit(values: tuple[float, ...], bounds: tuple[tuple[float, float], ...], ours: str, unit: str) -> bool:
+    """Returns whether all values, read in `unit` instead of `ours`, are within their bounds."""
+    factor = FACTORS[unit] / FACTORS[ours]
     return all(low <= value * factor <= high for value, (low, high) in zip(values, bounds, strict=True))
 
 
@@ -391,58 +390,53 @@ def _clock(mapping: Mapping) -> str:
     return f"units.time, which is {mapping.units.time}"
 
 
-@dataclass(frozen=True)
-class Sides:
-    """Lateral positions of pairs of vehicles relative to each other.
+def sides(table: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
+    """Measures on which side of each other vehicles drive, in a table sorted by vehicle and time.
 
-    Attributes:
-        oncoming: (p,) median distance to the left at which the other vehicle of an oncoming pair passes [m].
-        next_lane: (q,) median distance to the left of the vehicle in the lane of the next higher number, for pairs that
-            go the same way [m].
+    Args:
+        table: vehicle_id, t [s], x, y [m], lane.
+
+    Returns:
+        Median distance to the left (p,) [m] at which the other vehicle of an oncoming pair passes; and that (q,) [m] of
+        the vehicle in the lane of the next higher number, for pairs that go the same way.
     """
-
-    oncoming: FloatArray
-    next_lane: FloatArray
-
-    @classmethod
-    def of(cls, table: pd.DataFrame) -> Sides:
-        """The pairs in a table sorted by vehicle and time: vehicle_id, t [s], x, y [m], lane."""
-        moving = _moving(table)
-        instant = np.round(moving["t"].to_numpy() / INSTANT_S).astype(np.int64)
-        every = max(1, len(np.unique(instant)) // INSTANTS)
-        moving = moving.assign(instant=instant)[instant % every == 0].drop_duplicates(["vehicle_id", "instant"])
-        found: dict[str, list[pd.DataFrame]] = {"oncoming": [], "next_lane": []}
-        for _, rows in moving.groupby("instant", sort=True):
-            one, other = KDTree(rows[["x", "y"]]).query_pairs(NEAR, output_type="ndarray").T
-            for name, pairs in _pairs(rows, one, other).items():
-                found[name].append(pairs)
-        return cls(*(_medians(found[name]) for name in ("oncoming", "next_lane")))
+    moving = _moving(table)
+    instant = np.round(moving["t"].to_numpy() / INSTANT_S).astype(np.int64)
+    every = max(1, len(np.unique(instant)) // INSTANTS)
+    moving = moving.assign(instant=instant)[instant % every == 0].drop_duplicates(["vehicle_id", "instant"])
+    oncoming, next_lane = [], []
+    for _, rows in moving.groupby("instant", sort=True):
+        one, other = KDTree(rows[["x", "y"]]).query_pairs(NEAR, output_type="ndarray").T
+        pairs = _pairs(rows, one, other)
+        oncoming.append(pairs[0])
+        next_lane.append(pairs[1])
+    return _medians(oncoming), _medians(next_lane)
 
 
 def _mirrored(table: pd.DataFrame) -> str:
-    """Check that a table is not mirrored."""
-    sides, said = Sides.of(table), []
-    near = sides.oncoming[np.abs(sides.oncoming) < BESIDE[1]]
-    oncoming = near if len(near) >= PAIRS_MIN else sides.oncoming
+    """Checks that a table is not mirrored."""
+    findings, (oncoming, next_lane) = [], sides(table)
+    near = oncoming[np.abs(oncoming) < BESIDE[1]]
+    oncoming = near if len(near) >= PAIRS_MIN else oncoming
     right = oncoming < 0.0
     if len(right) >= PAIRS_MIN and right.mean() >= SHARE:
-        said.append(
+        findings.append(
             f"oncoming vehicles pass on the right, {-np.median(oncoming):.1f} m beside, in {right.mean():.0%} of "
             f"{len(right)} encounters: {DOWN}, or traffic keeps to the left there"
         )
-    left = sides.next_lane > 0.0
+    left = next_lane > 0.0
     if len(left) >= PAIRS_MIN and left.mean() > 1.0 - SHARE:
         mirrored = f"{DOWN}, or " if left.mean() >= SHARE else ""
-        said.append(
-            f"the lane of the next higher number is {np.median(sides.next_lane[left]):.1f} m to the left for "
+        findings.append(
+            f"the lane of the next higher number is {np.median(next_lane[left]):.1f} m to the left for "
             f"{left.mean():.0%} of {len(left)} pairs of vehicles, expected to the right: {mirrored}lanes are not "
             f"counted from the left in either direction, and field columns.lane has to go"
         )
-    return "; ".join(said)
+    return "; ".join(findings)
 
 
 def _moving(table: pd.DataFrame) -> pd.DataFrame:
-    """Rows of moving vehicles, with the direction `course` [rad] to their next row."""
+    """Returns rows of moving vehicles, with the direction `course` [rad] to their next row."""
     vehicle, t, x, y = (table[name].to_numpy() for name in ("vehicle_id", "t", "x", "y"))
     dx, dy, dt = np.diff(x), np.diff(y), np.diff(t)
     way = np.hypot(dx, dy)
@@ -451,31 +445,25 @@ def _moving(table: pd.DataFrame) -> pd.DataFrame:
     return columns.assign(course=np.arctan2(dy, dx)[keep])
 
 
-def _pairs(rows: pd.DataFrame, one: IntArray, other: IntArray) -> dict[str, pd.DataFrame]:
-    """Pairs of `rows` of an instant, by kind: ids, and the distance of the second to the left of the first [m]."""
+def _pairs(rows: pd.DataFrame, one: IntArray, other: IntArray) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Returns the oncoming pairs of `rows` of an instant, and those in adjacent lanes.
+
+    Each has two ids, and the distance of the second to the left of the first [m].
+    """
     ids, x, y, course, lane = (rows[name].to_numpy() for name in ("vehicle_id", "x", "y", "course", "lane"))
     swap = lane[one] > lane[other]
     one, other = np.where(swap, other, one), np.where(swap, one, other)
     ahead, left = to_body(x[other] - x[one], y[other] - y[one], course[one])
-    turn = np.abs(wrap_angle(course[other] - course[one]))
-    beside = (np.abs(left) > BESIDE[0]) & (np.abs(left) < BESIDE[1])
-    apart = (np.abs(left) > BESIDE[0]) & (np.abs(left) < APART)
-    chosen = {
-        "oncoming": (turn > ONCOMING) & (np.abs(ahead) < ABREAST) & apart,
-        "next_lane": (turn < SAME_WAY)
-        & (np.abs(ahead) < ALONG)
-        & beside
-        & (lane[one] >= 1)
-        & (lane[other] == lane[one] + 1),
-    }
-    return {
-        name: pd.DataFrame({"one": ids[one[which]], "other": ids[other[which]], "left": left[which]})
-        for name, which in chosen.items()
-    }
+    turn, ahead, beside = np.abs(wrap_angle(course[other] - course[one])), np.abs(ahead), np.abs(left)
+    oncoming = (turn > ONCOMING) & (ahead < ABREAST) & (beside > BESIDE[0]) & (beside < APART)
+    adjacent = (turn < SAME_WAY) & (ahead < ALONG) & (beside > BESIDE[0]) & (beside < BESIDE[1])
+    adjacent &= (lane[one] >= 1) & (lane[other] == lane[one] + 1)
+    pairs = pd.DataFrame({"one": ids[one], "other": ids[other], "left": left})
+    return pairs[oncoming], pairs[adjacent]
 
 
 def _medians(pairs: list[pd.DataFrame]) -> FloatArray:
-    """Median distance to the left (k,) [m] of each pair of vehicles."""
+    """Returns the median distance to the left (k,) [m] of each pair of vehicles."""
     if not pairs:
         return np.zeros(0)
     return np.asarray(pd.concat(pairs).groupby(["one", "other"])["left"].median().to_numpy(), np.float64)

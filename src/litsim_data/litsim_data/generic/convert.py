@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from litsim_data.cleaning.cleaning import smoothed
+from litsim_data.cleaning.report import overlaps
 from litsim_data.generic.checks import check_plausible, heading
 from litsim_data.generic.counts import Counts
 from litsim_data.generic.draft import likely_kind
@@ -31,7 +32,7 @@ from litsim_data.generic.resampling import (
 from litsim_data.ngsim.tracks import PIECE, direction_of_motion
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.geometry import overlapping_pairs, wrap_angle
+from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import RATE_HZ, STEP_S, FloatArray, IntArray, Kind
 from litsim_sim.io.table_input import TableFiles, is_stamped, since_1970
 from litsim_sim.scenario.recording import BOUNDS, COLUMNS, Recording, RecordingHeader
@@ -48,7 +49,7 @@ DERIVED = ("yaw", "speed", "acceleration")  # optional columns
 
 
 def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, Counts]:
-    """The table at `paths` (CSV or Parquet, one file or several) as a recording, and the counts of the conversion.
+    """Returns the table at `paths` (CSV or Parquet, one file or several) as a recording, and counts of the conversion.
 
     Raises:
         InputError: a column is missing, a cell is not a number, a vehicle is at two places at a time or jumps too
@@ -56,12 +57,15 @@ def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, 
             :meth:`Recording.from_table`.
     """
     source, counts = TableFiles.open(paths), Counts()
-    given = _without_dropped_kinds(read_rows(source, mapping, counts), mapping, source, counts)
-    table, names = _in_si(without_unused(given), mapping, source)
+    raw_table = _without_dropped_kinds(read_rows(source, mapping, counts), mapping, source, counts)
+    table, names = _in_si(without_unused(raw_table), mapping, source)
     check_clock(table, source)
     table = in_order(table, source, counts)
     check_plausible(table[~obstacle_rows(table)], mapping, str(source))
-    table = with_usual_sizes(_never_backwards(table, counts), mapping, counts)
+    if "speed" in table:  # below 0 of reversing vehicles, or of noise around 0
+        counts.backwards = int((table["speed"] < 0.0).sum())
+        table = table.assign(speed=table["speed"].clip(lower=0.0))
+    table = with_usual_sizes(table, mapping, counts)
     _count_assumptions(table, mapping, counts)
     table = without_outliers(table, source, counts)
     count_leaps(table[~obstacle_rows(table)], source, counts)
@@ -86,7 +90,8 @@ def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, 
                 f"{np.abs(moving['acceleration']).max():.3g} m/s2, beyond {HARSH:g} m/s2 in {counts.harsh:.1%} of the "
                 f"rows: field clean of the mapping, set to true, smooths such positions{leap}"
             )
-    counts.overlaps = _overlaps(moving[~obstacle_rows(moving)])
+    frames = overlaps(moving[~obstacle_rows(moving)])
+    counts.overlaps = {pair: count * STEP_S for pair, count in frames.items() if count >= OVERLAP_S * RATE_HZ}
     header = RecordingHeader(
         name=mapping.name,
         source=mapping.source,
@@ -97,39 +102,39 @@ def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, 
     return Recording.from_table(header, moving[list(COLUMNS)], f"{source}, brought to 10 Hz"), counts
 
 
-def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Columns in SI units and frame map: vehicle_id, t [s], x, y, length, width, kind, lane, row, and yaw, speed and
-    acceleration where given; and notes on ids and clock for the header.
+def _in_si(raw: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Returns columns in SI units and frame map: vehicle_id, t [s], x, y, length, width, kind, lane, row, and yaw,
+    speed and acceleration where given; and notes on ids and clock for the header.
     """
     units, columns = mapping.units, mapping.columns
-    row = given["row"].to_numpy()
+    row = raw["row"].to_numpy()
 
     def numbers(name: str, unit: str = "m") -> FloatArray:
-        values = pd.to_numeric(given[name], errors="coerce").to_numpy(np.float64, na_value=np.nan)
+        values = pd.to_numeric(raw[name], errors="coerce").to_numpy(np.float64, na_value=np.nan)
         bad = ~np.isfinite(values)
         if bad.any():
             at = int(np.argmax(bad))
             ours = name.removesuffix("_x").removesuffix("_y")
-            theirs, cell = columns.named()[name], given[name].iloc[at]
+            theirs, cell = columns.named()[name], raw[name].iloc[at]
             without = (
                 f"; without field columns.{ours} it is derived from the motion, and rows: {{{theirs}: {{min: -1000}}}} "
                 "leaves such rows out, with gaps of up to half a second interpolated"
                 if ours in DERIVED
                 else ""
             )
-            found = "empty or nan" if pd.isna(cell) else repr(str(cell))
+            content = "empty or nan" if pd.isna(cell) else repr(str(cell))
             raise InputError(
-                f"{source.at(row[at])}: column {theirs!r} is {found}, expected a number; "
+                f"{source.at(row[at])}: column {theirs!r} is {content}, expected a number; "
                 f"{int(bad.sum())} such rows{without}"
             )
         return values * FACTORS[unit]
 
-    ids, names = _ids(given["vehicle_id"], row, source)
+    ids, names = _ids(raw["vehicle_id"], row, source)
     if columns.time is None:
         time = numbers("frame") / mapping.rate_hz
     else:  # frame 0 is the first one
-        stamped = is_stamped(given["time"])
-        given = given.assign(time=since_1970(given["time"])) if stamped else given
+        stamped = is_stamped(raw["time"])
+        raw = raw.assign(time=since_1970(raw["time"])) if stamped else raw
         time = numbers("time", "s" if stamped else units.time)
         zero = float(np.floor(time.min() * RATE_HZ) / RATE_HZ)
         time, names = time - zero, {CLOCK: round(zero, 6) + 0.0} | names
@@ -149,7 +154,7 @@ def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[p
             "x": mapping.transform.x + np.cos(turn) * x - np.sin(turn) * y,
             "y": mapping.transform.y + np.sin(turn) * x + np.cos(turn) * y,
             "row": row,
-            "kind": _kinds(given),
+            "kind": _kinds(raw),
             "lane": numbers("lane") if columns.lane is not None else -1.0,
         }
     )
@@ -166,16 +171,8 @@ def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[p
     return table, names
 
 
-def _never_backwards(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
-    """`table` with negative speeds, of reversing vehicles or noise around 0, set to 0."""
-    if "speed" not in table:
-        return table
-    counts.backwards = int((table["speed"] < 0.0).sum())
-    return table.assign(speed=table["speed"].clip(lower=0.0))
-
-
 def _count_assumptions(table: pd.DataFrame, mapping: Mapping, counts: Counts) -> None:
-    """Count the vehicles whose kind nobody knows, and those whose size is that of other kinds."""
+    """Counts the vehicles whose kind nobody knows, and those whose size is that of other kinds."""
     columns = mapping.columns
     if columns.kind is None:
         counts.kindless = int(table["vehicle_id"].nunique())
@@ -185,7 +182,7 @@ def _count_assumptions(table: pd.DataFrame, mapping: Mapping, counts: Counts) ->
 
 
 def _ids(column: pd.Series, row: IntArray, source: TableFiles) -> tuple[IntArray, dict[str, Any]]:
-    """Ids as integers: small integers stay; others are numbered on from the largest of these, or from 1.
+    """Returns ids as integers: small integers stay; others are numbered on from the largest of these, or from 1.
 
     Raises:
         InputError: an id is missing, or there are too many.
@@ -205,47 +202,49 @@ def _ids(column: pd.Series, row: IntArray, source: TableFiles) -> tuple[IntArray
     numbers = np.where(small, numeric.fillna(0.0), first + np.cumsum(~small) - 1).astype(np.int64)
     if not others:
         return numbers[codes], {}
-    kept = {str(name): int(number) for name, number in zip(names[~small], numbers[~small], strict=True)}
-    return numbers[codes], {"ids": kept} if others <= IDS_KEPT else {"ids_renumbered": others}
+    renumbered = {str(name): int(number) for name, number in zip(names[~small], numbers[~small], strict=True)}
+    return numbers[codes], {"ids": renumbered} if others <= IDS_KEPT else {"ids_renumbered": others}
 
 
-def _without_dropped_kinds(given: pd.DataFrame, mapping: Mapping, source: TableFiles, counts: Counts) -> pd.DataFrame:
-    """The rows of kinds that the mapping keeps, with column `kind` translated by it."""
-    if "kind" not in given:
-        return given
-    said, kinds = texts(given["kind"]), {plain(name): ours for name, ours in mapping.kinds.items()}
-    if missing := sorted(set(said.unique()) - set(kinds)):
-        row = given["row"][said == missing[0]].iloc[0]
+def _without_dropped_kinds(raw: pd.DataFrame, mapping: Mapping, source: TableFiles, counts: Counts) -> pd.DataFrame:
+    """Returns the rows of kinds that the mapping keeps, with column `kind` translated by it."""
+    if "kind" not in raw:
+        return raw
+    kind_names, kinds = texts(raw["kind"]), {plain(name): ours for name, ours in mapping.kinds.items()}
+    if missing := sorted(set(kind_names.unique()) - set(kinds)):
+        row = raw["row"][kind_names == missing[0]].iloc[0]
         entries = ", ".join(f"{name!r}: {likely_kind(name)}" for name in missing)
         raise InputError(
             f"{source.at(row)}: kind {missing[0]!r} is not in field kinds of the mapping, which needs an entry for "
             f"each value of column {mapping.columns.kind!r}, one of {', '.join(get_args(KindName))}: for those that "
             f"are missing, probably kinds: {{{entries}}}"
         )
-    row_kind = said.map(kinds)
-    ours = _of_whole_tracks(row_kind, given, mapping, counts)
-    for kind in sorted(set(said[row_kind == DROP])):
-        counts.leave_out(f"kind {kind}", int(((said == kind) & (ours == DROP)).sum()))
+    row_kind = kind_names.map(kinds)
+    ours = _of_whole_tracks(row_kind, raw, mapping, counts)
+    for kind in sorted(set(kind_names[row_kind == DROP])):
+        counts.leave_out(f"kind {kind}", int(((kind_names == kind) & (ours == DROP)).sum()))
     counts.leave_out("of a track most of whose rows are dropped", int(((row_kind != DROP) & (ours == DROP)).sum()))
-    for kind in sorted(set(said[ours == UNKNOWN])):
-        counts.unknown[kind] = int(given["vehicle_id"][said == kind].nunique())
+    for kind in sorted(set(kind_names[ours == UNKNOWN])):
+        counts.unknown[kind] = int(raw["vehicle_id"][kind_names == kind].nunique())
     if ours.isin([DROP, *OBSTACLES]).all() and not (ours == DROP).all():
-        raise InputError(f"{source}: only pedestrians and cyclists are left; the kinds are {sorted(set(said))}")
+        raise InputError(f"{source}: only pedestrians and cyclists are left; the kinds are {sorted(set(kind_names))}")
     if (ours == DROP).all():
-        raise InputError(f"{source}: field kinds of the mapping drops every row; the kinds are {sorted(set(said))}")
-    return given.assign(kind=ours)[ours != DROP]
+        raise InputError(
+            f"{source}: field kinds of the mapping drops every row; the kinds are {sorted(set(kind_names))}"
+        )
+    return raw.assign(kind=ours)[ours != DROP]
 
 
-def _of_whole_tracks(row_kind: pd.Series, given: pd.DataFrame, mapping: Mapping, counts: Counts) -> pd.Series:
-    """For each row of `given` the kind that most rows of its track have, as trackers change their minds.
+def _of_whole_tracks(row_kind: pd.Series, raw: pd.DataFrame, mapping: Mapping, counts: Counts) -> pd.Series:
+    """Returns, for each row of `raw`, the kind that most rows of its track have, as trackers change their minds.
 
     Tracks end at long holes: trackers use an id again for another object.
     """
-    ids, _ = pd.factorize(given["vehicle_id"])
+    ids, _ = pd.factorize(raw["vehicle_id"])
     kinds, names = pd.factorize(row_kind)
     if (pd.DataFrame({"id": ids, "kind": kinds}).drop_duplicates()["id"].value_counts() == 1).all():
         return row_kind
-    t = _seconds(given, mapping)
+    t = _seconds(raw, mapping)
     order = np.lexsort([t, ids])
     begins = np.r_[True, (np.diff(ids[order]) != 0) | (np.diff(t[order]) > HOLE_MAX_S + STEP_S)]
     track = np.empty(len(ids), np.int64)
@@ -256,27 +255,29 @@ def _of_whole_tracks(row_kind: pd.Series, given: pd.DataFrame, mapping: Mapping,
     return pd.Series(np.asarray(names)[rows.argmax(axis=1)][track], index=row_kind.index)
 
 
-def _seconds(given: pd.DataFrame, mapping: Mapping) -> FloatArray:
-    """Time (n,) of each row of a table as read [s]; NaN for cells that are no time."""
-    if mapping.columns.time is not None and is_stamped(given["time"]):
-        return since_1970(given["time"]).to_numpy(np.float64)
+def _seconds(raw: pd.DataFrame, mapping: Mapping) -> FloatArray:
+    """Returns the time (n,) of each row of a table as read [s]; NaN for cells that are no time."""
+    if mapping.columns.time is not None and is_stamped(raw["time"]):
+        return since_1970(raw["time"]).to_numpy(np.float64)
     by_frame = mapping.columns.time is None
     name, factor = ("frame", 1.0 / mapping.rate_hz) if by_frame else ("time", FACTORS[mapping.units.time])
-    return pd.to_numeric(given[name], errors="coerce").to_numpy(np.float64, na_value=np.nan) * factor
+    return pd.to_numeric(raw[name], errors="coerce").to_numpy(np.float64, na_value=np.nan) * factor
 
 
-def _kinds(given: pd.DataFrame) -> IntArray:
-    if "kind" not in given:
-        return np.full(len(given), int(Kind.UNKNOWN))
-    return np.asarray(given["kind"].map({kind.name.lower(): int(kind) for kind in Kind}), np.int64)
+def _kinds(raw: pd.DataFrame) -> IntArray:
+    if "kind" not in raw:
+        return np.full(len(raw), int(Kind.UNKNOWN))
+    return np.asarray(raw["kind"].map({kind.name.lower(): int(kind) for kind in Kind}), np.int64)
 
 
 def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
-    """`table` with box centres, and with heading, speed and acceleration derived where the file lacks them."""
+    """Returns `table` with box centres, and with heading, speed and acceleration derived where the file lacks them."""
     vehicle, x, y = (table[name].to_numpy() for name in ("vehicle_id", "x", "y"))
     walking = obstacle_rows(table)
     if "yaw" not in table:
-        table = table.assign(yaw=_headings(table, mapping))
+        lever = (VehicleLimits.rear_axle - AHEAD[mapping.reference]) * table["length"].to_numpy()
+        lever = np.zeros(len(table)) if mapping.reference == "box_corner" else lever
+        table = table.assign(yaw=headings(vehicle, x, y, lever))
     if walking.any():
         along = direction_of_motion(vehicle, x, y, np.full(len(table), np.nan))
         table = table.assign(yaw=np.where(walking, along, table["yaw"]))
@@ -295,16 +296,8 @@ def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
     return table
 
 
-def _headings(table: pd.DataFrame, mapping: Mapping) -> FloatArray:
-    """Headings (n,) [rad] of vehicles by the motion of their reference points; see :func:`.headings.headings`."""
-    vehicle, x, y, length = (table[name].to_numpy() for name in ("vehicle_id", "x", "y", "length"))
-    levers = VehicleLimits.rear_axle - AHEAD[mapping.reference]
-    lever = np.zeros(len(table)) if mapping.reference == "box_corner" else levers * length
-    return headings(vehicle, x, y, lever)
-
-
 def _check_walking(table: pd.DataFrame, ids: dict[str, int], source: TableFiles) -> None:
-    """Refuse pedestrians and cyclists, rows of 10 Hz, who jump; `ids` are names of the file by vehicle_id's numbers.
+    """Refuses pedestrians and cyclists, rows of 10 Hz, who jump; `ids` are names of the file by vehicle_id's numbers.
 
     Raises:
         InputError: one does.
@@ -314,7 +307,7 @@ def _check_walking(table: pd.DataFrame, ids: dict[str, int], source: TableFiles)
         return
     first = table.iloc[int(np.argmax(jumps))]
     number = int(first["vehicle_id"]) % PIECE
-    who = next((name for name, given in ids.items() if given == number), number)
+    who = next((name for name, new in ids.items() if new == number), number)
     raise InputError(
         f"{source}: {Kind(int(first['kind'])).name.lower()} {who} jumps {first['frame'] * STEP_S:.1f} s after frame 0, "
         f"as an acceleration of {first['acceleration']:.0f} m/s2 by its positions shows; {int(jumps.sum())} such rows: "
@@ -323,7 +316,7 @@ def _check_walking(table: pd.DataFrame, ids: dict[str, int], source: TableFiles)
 
 
 def _moved(raw: pd.DataFrame, cleaned: pd.DataFrame, ahead: float) -> dict[int, float]:
-    """Largest displacement [m], if over FAR, by vehicle, of the point `ahead` lengths ahead of the centre."""
+    """Returns the largest displacement [m] over FAR, by vehicle, of the point `ahead` lengths ahead of the centre."""
     both = raw.merge(cleaned, on=["vehicle_id", "frame"], suffixes=("", "_cleaned"))
     lever, yaw = ahead * both["length"], both["yaw_cleaned" if "yaw" in raw else "yaw"]
     dx = both["x_cleaned"] + lever * np.cos(yaw) - both["x"]
@@ -332,17 +325,8 @@ def _moved(raw: pd.DataFrame, cleaned: pd.DataFrame, ahead: float) -> dict[int, 
     return {int(vehicle): float(way) for vehicle, way in most[most > FAR].items()}
 
 
-def _overlaps(table: pd.DataFrame) -> dict[tuple[int, int], float]:
-    """How long [s] the boxes of two vehicles overlap, if for OVERLAP_S or more, by their ids; `table` is at 10 Hz."""
-    x, y, yaw, length, width = (table[name].to_numpy() for name in ("x", "y", "yaw", "length", "width"))
-    pairs = overlapping_pairs(x, y, yaw, length, width, table["frame"].to_numpy())
-    who, frames = np.unique(np.sort(table["vehicle_id"].to_numpy()[pairs], axis=1), axis=0, return_counts=True)
-    long = frames >= OVERLAP_S * RATE_HZ
-    return {(int(a), int(b)): float(n * STEP_S) for (a, b), n in zip(who[long], frames[long], strict=True)}
-
-
 def _rate(vehicle: IntArray, values: FloatArray) -> FloatArray:
-    """Time derivative (n,) of `values` (n,) by central differences within each vehicle; 0 for a single row."""
+    """Returns the time derivative (n,) of `values` (n,) by central differences within vehicles; 0 for a single row."""
     index = np.arange(len(vehicle))
     begins = np.r_[True, vehicle[1:] != vehicle[:-1]]
     ends = np.r_[begins[1:], True]

@@ -58,40 +58,43 @@ class Counts:
     rows: int = 0
 
     def leave_out(self, reason: str, rows: int) -> None:
-        """Count `rows` that are left out for `reason`; does nothing for 0."""
+        """Counts `rows` that are left out for `reason`; does nothing for 0."""
         if rows:
             self.left_out[reason] = self.left_out.get(reason, 0) + int(rows)
 
     def note(self) -> dict[str, Any]:
-        """The counts as notes for the header of the recording."""
+        """Returns the counts as notes for the header of the recording."""
+        if_any = {
+            "jumps": self.jumps,
+            "tracks_of_usual_size": self.usual_sizes,
+            "rows_backwards": self.backwards,
+            "leaps": self.leaps,
+            "turns": self.turns,
+            "moved_by_cleaning_m": {str(vehicle): round(way, 2) for vehicle, way in self.moved.items()},
+            "pairs_that_overlap": len(self.overlaps),
+        }
         return {
             "rows_read": self.read,
             "rows_left_out": self.left_out,
             "tracks": self.tracks,
-            **({"jumps": self.jumps} if self.jumps else {}),
             "tracks_after_cuts": self.pieces,
             "tracks_too_short": self.too_short,
-            **({"tracks_of_usual_size": self.usual_sizes} if self.usual_sizes else {}),
-            **({"rows_backwards": self.backwards} if self.backwards else {}),
-            **({"leaps": self.leaps} if self.leaps else {}),
-            **({"turns": self.turns} if self.turns else {}),
-            **({"moved_by_cleaning_m": {str(k): round(way, 2) for k, way in self.moved.items()}} if self.moved else {}),
-            **({"pairs_that_overlap": len(self.overlaps)} if self.overlaps else {}),
+            **{name: count for name, count in if_any.items() if count},
             "rows_at_10_hz": self.rows,
         }
 
     def text(self) -> str:
-        """The counts as text, one line per event."""
-        kept = self.read - sum(self.left_out.values())
-        lines = [f"rows       {self.read} read, {kept} used, {self.rows} at 10 Hz"]
+        """Returns the counts as text, one line per event."""
+        used = self.read - sum(self.left_out.values())
+        lines = [f"rows       {self.read} read, {used} used, {self.rows} at 10 Hz"]
         lines += [f"left out   {rows} rows: {reason}" for reason, rows in self.left_out.items()]
         where = f"long holes and {self.jumps} jumps" if self.jumps else "long holes"
         cut = f", {self.pieces} after {where} were cut" if self.pieces > self.tracks else ""
         short = f", {self.too_short} of them left out: seen between two frames of 10 Hz only" if self.too_short else ""
         if self.unknown:
-            told = ", ".join(f"{name or 'empty'} {vehicles}" for name, vehicles in self.unknown.items())
+            kinds = ", ".join(f"{name or 'empty'} {vehicles}" for name, vehicles in self.unknown.items())
             vehicles = f"{sum(self.unknown.values())} vehicles are of a kind"
-            lines.append(f"unknown    {vehicles} that field kinds of the mapping calls unknown: {told}")
+            lines.append(f"unknown    {vehicles} that field kinds of the mapping calls unknown: {kinds}")
         if self.changing:
             lines.append(f"kinds      {self.changing} tracks change their kind: each is what most of its rows say")
         if self.kindless:
@@ -123,9 +126,9 @@ class Counts:
             lines.append(f"rough      {share}: field clean of the mapping, set to true, smooths positions")
         if self.moved:
             worst = sorted(self.moved, key=lambda vehicle: -self.moved[vehicle])[:SHOWN]
-            told = ", ".join(f"{vehicle} by {self.moved[vehicle]:.1f} m" for vehicle in worst)
+            ways = ", ".join(f"{vehicle} by {self.moved[vehicle]:.1f} m" for vehicle in worst)
             lines.append(
-                f"cleaned    {len(self.moved)} vehicles are moved by more than 1 m, above all {told}: do they reverse?"
+                f"cleaned    {len(self.moved)} vehicles are moved by more than 1 m, above all {ways}: do they reverse?"
             )
         if self.overlaps:
             (one, other), seconds = max(self.overlaps.items(), key=lambda item: item[1])

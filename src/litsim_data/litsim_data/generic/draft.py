@@ -101,7 +101,7 @@ class _Draft:
 
 
 def draft(paths: Path | Sequence[Path]) -> str:
-    """Text of a mapping file for the table at `paths` (CSV or Parquet); guesses are marked by comments.
+    """Returns the text of a mapping file for the table at `paths` (CSV or Parquet); guesses are marked by comments.
 
     Raises:
         InputError: the file cannot be read, or has no columns for id, position and time.
@@ -121,44 +121,46 @@ def draft(paths: Path | Sequence[Path]) -> str:
     components = [columns.pop(name) for name in COMPONENTS if name in columns]
     if len(components) == 2 and "speed" not in columns:
         table["speed"] = np.hypot(table["speed_x"], table["speed_y"])
-    made = _Draft({"name": re.sub(r"\W+", "_", source.files[0].path.stem), "source": "", "licence": "", "net": ""})
-    made.remarks["source"] = "data set, site and period, as in a citation"
-    made.remarks["net"] = "name of the SUMO net in whose frame the positions are"
+    mapping = _Draft({"name": re.sub(r"\W+", "_", source.files[0].path.stem), "source": "", "licence": "", "net": ""})
+    mapping.remarks["source"] = "data set, site and period, as in a citation"
+    mapping.remarks["net"] = "name of the SUMO net in whose frame the positions are"
     sizes = {name: size for name, size in USUAL_SIZE.items() if name not in columns}
-    made.fields["columns"] = columns | sizes | ({"speed": components} if "speed" in table and components else {})
+    mapping.fields["columns"] = columns | sizes | ({"speed": components} if "speed" in table and components else {})
     remarks = [f"{name} has cells without a number, and is not used" for name in held]
     remarks += [f"the file has no {' and '.join(sizes)}: those of a usual car, in metres"] if sizes else []
-    made.remarks["columns"] = "; ".join(remarks)
-    made.fields["reference"] = "box_centre"
-    made.remarks["reference"] = "a guess: box_centre, front_centre or rear_axle"
+    mapping.remarks["columns"] = "; ".join(remarks)
+    mapping.fields["reference"] = "box_centre"
+    mapping.remarks["reference"] = "a guess: box_centre, front_centre or rear_axle"
     if columns["x"] == SUMO_X:
-        made.fields["reference"] = "front_centre"
-        made.remarks["reference"] = "a guess: column names are those of SUMO, whose positions are of front centres"
+        mapping.fields["reference"] = "front_centre"
+        mapping.remarks["reference"] = "a guess: column names are those of SUMO, whose positions are of front centres"
     if columns.get("width") == HEIGHT:
-        made.fields["reference"] = "box_corner"
-        made.remarks["reference"] = "a guess: columns width and height are of boxes in a picture, x and y their corner"
+        mapping.fields["reference"] = "box_corner"
+        mapping.remarks["reference"] = (
+            "a guess: columns width and height are of boxes in a picture, x and y their corner"
+        )
     if "clip" in columns and table["clip"].nunique() < 2:
-        del columns["clip"], made.fields["columns"]["clip"]
+        del columns["clip"], mapping.fields["columns"]["clip"]
     if "clip" in columns:
         clips = texts(table["clip"])
         first = clips[clips != ""].iloc[0]
-        made.fields["clip"] = int(first) if re.fullmatch(r"0|[1-9]\d*", first) else first
-        made.remarks["clip"] = f"the first of {table['clip'].nunique()}"
+        mapping.fields["clip"] = int(first) if re.fullmatch(r"0|[1-9]\d*", first) else first
+        mapping.remarks["clip"] = f"the first of {table['clip'].nunique()}"
         table = table[clips == first]
     steps = _Steps.of(table, 1)
-    _clock(made, steps)
-    _sizes(made, table)
-    _motion(made, _Steps.of(table, _rows_apart(made, steps)))
+    _clock(mapping, steps)
+    _sizes(mapping, table)
+    _motion(mapping, _Steps.of(table, _rows_apart(mapping, steps)))
     if "kind" in columns:
-        _kinds(made, table["kind"])
+        _kinds(mapping, table["kind"])
     unused = [name for name in source.columns if name not in used or name in held]
-    text = _written(made, f"Drafted from the columns of {source.name}; not used: {', '.join(unused) or 'none'}.")
+    text = _written(mapping, f"Drafted from the columns of {source.name}; not used: {', '.join(unused) or 'none'}.")
     Mapping.model_validate(yaml.safe_load(text))  # else this is wrong, not the user
     return text
 
 
 def _numbers(column: pd.Series, row: pd.Series, name: str, source: TableFiles) -> pd.Series:
-    """The numbers of a column, NaN where cells are empty.
+    """Returns the numbers of a column, NaN where cells are empty.
 
     Raises:
         InputError: a cell holds something else; `name` is the column, `row` (n,) the places of the cells.
@@ -174,34 +176,34 @@ def _numbers(column: pd.Series, row: pd.Series, name: str, source: TableFiles) -
 
 
 def _incomplete(table: pd.DataFrame) -> list[str]:
-    """Our names of the columns that a file need not have, and that lack numbers in some rows where they are needed."""
+    """Returns our names of the columns that a file need not have, and that lack numbers where they are needed."""
     vehicles = table  # of people no heading or speed is read
     if "kind" in table:
         vehicles = table[texts(table["kind"]).map(likely_kind) != "drop"]
-    found = [name for name in (*OPTIONAL, *COMPONENTS) if name in table and name != "lane"]
-    found = [name for name in found if vehicles[name].isna().any()]
+    names = [name for name in (*OPTIONAL, *COMPONENTS) if name in table and name != "lane"]
+    names = [name for name in names if vehicles[name].isna().any()]
     lanes = pd.to_numeric(table["lane"], errors="coerce") if "lane" in table else pd.Series()  # many are names
-    return [*found, *(["lane"] if lanes.isna().any() else [])]
+    return [*names, *(["lane"] if lanes.isna().any() else [])]
 
 
 def _named(source: TableFiles) -> dict[str, str]:
-    """The file's columns by our names; the first of several that match."""
-    found: dict[str, str] = {}
+    """Returns the file's columns by our names; the first of several that match."""
+    named: dict[str, str] = {}
     for ours, pattern in NAMES.items():
         for theirs in source.columns:
             plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", theirs.strip()).lower().replace(" ", "_").replace("-", "_")
-            if theirs not in found.values() and re.fullmatch(pattern, plain):
-                found[ours] = theirs
+            if theirs not in named.values() and re.fullmatch(pattern, plain):
+                named[ours] = theirs
                 break
-    if "time" in found:
-        found.pop("frame", None)
-    if "speed" in found or not {*COMPONENTS} <= {*found}:
+    if "time" in named:
+        named.pop("frame", None)
+    if "speed" in named or not {*COMPONENTS} <= {*named}:
         for name in COMPONENTS:
-            found.pop(name, None)
-    if "length" not in found and "width" in found and HEIGHT in source.columns:  # of boxes along x, as in highD
-        found |= {"length": found["width"], "width": HEIGHT}
-    missing = [name for name in IDENTITY if name not in found]
-    missing += [] if "time" in found or "frame" in found else ["time or frame"]
+            named.pop(name, None)
+    if "length" not in named and "width" in named and HEIGHT in source.columns:  # of boxes along x, as in highD
+        named |= {"length": named["width"], "width": HEIGHT}
+    missing = [name for name in IDENTITY if name not in named]
+    missing += [] if "time" in named or "frame" in named else ["time or frame"]
     if missing:
         angles = [name for name in source.columns if re.fullmatch(GEOGRAPHIC, name.strip().lower())]
         degrees = f"{' and '.join(angles)} have to be projected to metres first; " if angles else ""
@@ -209,7 +211,7 @@ def _named(source: TableFiles) -> dict[str, str]:
             f"{source}: no column looks like {', '.join(missing)}; the file has {list(source.columns)}; {degrees}"
             f"write the mapping by hand (docs/data.md)"
         )
-    return found
+    return named
 
 
 @dataclass(frozen=True)
@@ -230,7 +232,7 @@ class _Steps:
 
     @classmethod
     def of(cls, table: pd.DataFrame, apart: int) -> _Steps:
-        """The steps from each row of a vehicle to its row `apart` rows later."""
+        """Returns the steps from each row of a vehicle to its row `apart` rows later."""
         clock = "time" if "time" in table else "frame"
         known = table.dropna(subset=[name for name in (clock, "x", "y", "yaw", "speed") if name in table])
         ordered = known.sort_values(["vehicle_id", clock])
@@ -240,46 +242,48 @@ class _Steps:
         return cls(clock, ordered[:-apart][same], *((place[apart:] - place[:-apart])[same] for place in places))
 
 
-def _clock(made: _Draft, steps: _Steps) -> None:
-    """Guess the unit of times; for frame numbers, put a placeholder for their rate."""
+def _clock(mapping: _Draft, steps: _Steps) -> None:
+    """Guesses the unit of times; for frame numbers, puts a placeholder for their rate."""
     if steps.clock == "frame":
-        made.fields["rate_hz"] = 10.0
-        made.remarks["rate_hz"] = "a guess: frames per second of the camera"
+        mapping.fields["rate_hz"] = 10.0
+        mapping.remarks["rate_hz"] = "a guess: frames per second of the camera"
         return
     (low, high), median = STEP_RANGE_S, float(np.median(steps.dt)) if len(steps.dt) else 0.0
     fits = [unit for unit in ("s", "ms", "us", "ns") if low <= median * FACTORS[unit] <= high]
-    made.fields.setdefault("units", {})["time"] = fits[0] if fits else "s"
-    made.remarks["units.time"] = f"rows of a vehicle follow each other by {median:g}"
+    mapping.fields.setdefault("units", {})["time"] = fits[0] if fits else "s"
+    mapping.remarks["units.time"] = f"rows of a vehicle follow each other by {median:g}"
 
 
-def _rows_apart(made: _Draft, steps: _Steps) -> int:
-    """How many rows apart positions are for the guesses on motion, by the consecutive `steps`, see :data:`SPAN_S`."""
+def _rows_apart(mapping: _Draft, steps: _Steps) -> int:
+    """Returns how many rows apart positions are for the guesses on motion, by consecutive `steps`, see
+    :data:`SPAN_S`.
+    """
     median = float(np.median(steps.dt)) if len(steps.dt) else 0.0
     if steps.clock == "frame" or median <= 0.0:
         return FRAMES_APART
-    return rows_apart(median * FACTORS[made.fields["units"]["time"]])
+    return rows_apart(median * FACTORS[mapping.fields["units"]["time"]])
 
 
-def _sizes(made: _Draft, table: pd.DataFrame) -> None:
-    """Guess the unit of sizes by the median width of the vehicles."""
+def _sizes(mapping: _Draft, table: pd.DataFrame) -> None:
+    """Guesses the unit of sizes by the median width of the vehicles."""
     if "width" not in table:
         return
     width = float(table.groupby("vehicle_id")["width"].median().median())
     low, high = NARROW, WIDTH_RANGE[1]
-    units = made.fields.setdefault("units", {})
+    units = mapping.fields.setdefault("units", {})
     units["size"] = next((u for u in ("m", "ft", "cm") if low <= width * FACTORS[u] <= high), "m")
-    made.remarks["units.size"] = f"half of the vehicles are wider than {width:g}"
+    mapping.remarks["units.size"] = f"half of the vehicles are wider than {width:g}"
 
 
-def _motion(made: _Draft, steps: _Steps) -> None:
-    """Guess the units of positions, speeds and angles such that they agree with each other."""
-    units, columns = made.fields.setdefault("units", {}), made.fields["columns"]
+def _motion(mapping: _Draft, steps: _Steps) -> None:
+    """Guesses the units of positions, speeds and angles such that they agree with each other."""
+    units, columns = mapping.fields.setdefault("units", {}), mapping.fields["columns"]
     in_feet = re.search(FEET, columns["x"].lower())
     units["position"] = "ft" if in_feet else "m"
     if units.get("size") == "ft" and not (in_feet or re.search(METRES, columns["x"].lower())):
-        units["position"], made.remarks["units.position"] = "ft", "a guess: sizes are in feet, too"
+        units["position"], mapping.remarks["units.position"] = "ft", "a guess: sizes are in feet, too"
     by_frame = steps.clock == "frame"
-    dt = steps.dt * (1.0 / made.fields["rate_hz"] if by_frame else FACTORS[units["time"]])
+    dt = steps.dt * (1.0 / mapping.fields["rate_hz"] if by_frame else FACTORS[units["time"]])
     dx, dy = (change * FACTORS[units["position"]] for change in (steps.dx, steps.dy))
     driven = np.hypot(dx, dy) / np.where(dt > 0, dt, np.inf)
     slowest = MOVING
@@ -287,39 +291,39 @@ def _motion(made: _Draft, steps: _Steps) -> None:
         slowest = min(MOVING, 0.5 * float(np.quantile(driven, 0.9)))
     moving = driven > slowest
     if "speed" in steps.begin and moving.any():
-        said = np.abs(steps.begin["speed"].to_numpy(np.float64)[moving])
-        ratio = max(1.0 / pace(said, driven[moving]), 1e-9)
+        speed = np.abs(steps.begin["speed"].to_numpy(np.float64)[moving])
+        ratio = max(1.0 / pace(speed, driven[moving]), 1e-9)
         rates = {0.0: 1.0}
         if by_frame:  # the file does not give the rate: choose that of a camera by which speeds agree
-            rates = {rate: rate / made.fields["rate_hz"] for rate in CAMERA_RATES_HZ}
-        given, agrees = units["position"], _agrees(columns["speed"])
+            rates = {rate: rate / mapping.fields["rate_hz"] for rate in CAMERA_RATES_HZ}
+        position, agrees = units["position"], _agrees(columns["speed"])
         off = {
-            (place, unit, rate): abs(float(np.log(ratio * FACTORS[unit] / faster * FACTORS[given] / FACTORS[place])))
-            for place in ([given] if by_frame else POSITIONS)
+            (place, unit, rate): abs(float(np.log(ratio * FACTORS[unit] / faster * FACTORS[position] / FACTORS[place])))
+            for place in ([position] if by_frame else POSITIONS)
             for unit in SPEED_UNITS
             for rate, faster in rates.items()
         }
-        agreeing = [choice for choice in off if choice[0] == given and off[choice] <= np.log(AGREEMENT)]
+        agreeing = [choice for choice in off if choice[0] == position and off[choice] <= np.log(AGREEMENT)]
         best = min(agreeing or off, key=lambda choice: round(off[choice], 2))
         units["position"], units["speed"], rate = best
-        made.remarks["units.speed"] = f"{agrees} best with the change of positions in this unit"
+        mapping.remarks["units.speed"] = f"{agrees} best with the change of positions in this unit"
         if off[best] > np.log(AGREEMENT):
-            made.remarks["units.speed"] += f", but is off by a factor of {np.exp(off[best]):.2g}"
-        if units["position"] != given:
-            made.remarks["units.position"] = f"a guess: {agrees} with no change of positions in {given}"
+            mapping.remarks["units.speed"] += f", but is off by a factor of {np.exp(off[best]):.2g}"
+        if units["position"] != position:
+            mapping.remarks["units.position"] = f"a guess: {agrees} with no change of positions in {position}"
         if by_frame:
-            made.fields["rate_hz"] = rate
-            made.remarks["rate_hz"] = "a guess by the change of positions: frames per second of the camera"
+            mapping.fields["rate_hz"] = rate
+            mapping.remarks["rate_hz"] = "a guess by the change of positions: frames per second of the camera"
     if "yaw" in steps.begin and moving.any():
-        _angles(made, steps.begin["yaw"].to_numpy(np.float64)[moving], np.arctan2(dy, dx)[moving])
+        _angles(mapping, steps.begin["yaw"].to_numpy(np.float64)[moving], np.arctan2(dy, dx)[moving])
 
 
 def _agrees(column: str | list[str]) -> str:
     return f"column {column} agrees" if isinstance(column, str) else f"columns {' and '.join(column)} agree"
 
 
-def _angles(made: _Draft, angle: FloatArray, motion: FloatArray) -> None:
-    """Guess the convention by which headings `angle` (n,) agree best with the directions of `motion` (n,) [rad]."""
+def _angles(mapping: _Draft, angle: FloatArray, motion: FloatArray) -> None:
+    """Guesses the convention by which headings `angle` (n,) agree best with the directions of `motion` (n,) [rad]."""
     errors = {
         (unit, zero, positive): float(
             np.median(np.abs(wrap_angle(heading(angle * FACTORS[unit], zero, positive) - motion)))
@@ -327,37 +331,37 @@ def _angles(made: _Draft, angle: FloatArray, motion: FloatArray) -> None:
         for unit, zero, positive in product(ANGLE_UNITS, ZEROS, POSITIVES)
     }
     best = min(errors, key=lambda key: errors[key])
-    made.fields["units"]["angle"] = best[0]
-    made.fields["angles"] = {"zero": best[1], "positive": best[2]}
+    mapping.fields["units"]["angle"] = best[0]
+    mapping.fields["angles"] = {"zero": best[1], "positive": best[2]}
     off = np.rad2deg(errors[best])
-    made.remarks["angles"] = f"headings are then {off:.2g} degrees off the direction of motion (median)"
+    mapping.remarks["angles"] = f"headings are then {off:.2g} degrees off the direction of motion (median)"
 
 
-def likely_kind(said: str) -> str:
-    """What a file most probably means by a kind, as field `kinds` of a mapping has it."""
-    return next((ours for ours, like in KINDS.items() if re.fullmatch(like, said.lower())), "unknown")
+def likely_kind(name: str) -> str:
+    """Returns what a file most probably means by a kind, as field `kinds` of a mapping has it."""
+    return next((ours for ours, like in KINDS.items() if re.fullmatch(like, name.lower())), "unknown")
 
 
-def _kinds(made: _Draft, kinds: pd.Series) -> None:
+def _kinds(mapping: _Draft, kinds: pd.Series) -> None:
     counts = texts(kinds).value_counts()
-    found = {str(said): likely_kind(str(said)) for said in counts.index}
-    if made.fields["columns"]["kind"].lower() == "v_class":
-        found = {said: NUMBERED.get(said, ours) for said, ours in found.items()}
-    made.fields["kinds"] = found
-    vehicles = "unknown ones are vehicles, too: say what they are; " if "unknown" in found.values() else ""
-    held = ", ".join(f"{said or 'empty'} {rows}" for said, rows in counts.items())
-    made.remarks["kinds"] = f"{vehicles}drop leaves rows out; pedestrian and bicycle keep them as obstacles: {held}"
+    translation = {str(name): likely_kind(str(name)) for name in counts.index}
+    if mapping.fields["columns"]["kind"].lower() == "v_class":
+        translation = {name: NUMBERED.get(name, ours) for name, ours in translation.items()}
+    mapping.fields["kinds"] = translation
+    vehicles = "unknown ones are vehicles, too: say what they are; " if "unknown" in translation.values() else ""
+    held = ", ".join(f"{name or 'empty'} {rows}" for name, rows in counts.items())
+    mapping.remarks["kinds"] = f"{vehicles}drop leaves rows out; pedestrian and bicycle keep them as obstacles: {held}"
 
 
-def _written(made: _Draft, head: str) -> str:
+def _written(mapping: _Draft, head: str) -> str:
     lines = [f"# {head}"]
-    for name, value in made.fields.items():
-        remark = made.remarks.get(name)
+    for name, value in mapping.fields.items():
+        remark = mapping.remarks.get(name)
         if isinstance(value, dict):
             lines.append(f"{name}:{_comment(remark)}")
-            for inner, each in value.items():
-                told = _comment(made.remarks.get(f"{name}.{inner}"))
-                lines.append(f"  {_scalar(inner)}: {_scalar(each)}{told}")
+            for inner, entry in value.items():
+                comment = _comment(mapping.remarks.get(f"{name}.{inner}"))
+                lines.append(f"  {_scalar(inner)}: {_scalar(entry)}{comment}")
         else:
             lines.append(f"{name}: {_scalar(value)}{_comment(remark)}")
     return "\n".join([*lines, *HINTS]) + "\n"

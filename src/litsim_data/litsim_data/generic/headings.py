@@ -20,7 +20,7 @@ BEND_MAX = 0.9  # sine of the largest angle between heading and direction of mot
 
 
 def headings(vehicle: IntArray, x: FloatArray, y: FloatArray, lever: FloatArray) -> FloatArray:
-    """Headings (n,) [rad] of vehicles that do not slip; held where they creep or stand.
+    """Returns headings (n,) [rad] of vehicles that do not slip; held where they creep or stand.
 
     Args:
         vehicle: (n,) ids; rows of one vehicle are consecutive frames.
@@ -29,17 +29,17 @@ def headings(vehicle: IntArray, x: FloatArray, y: FloatArray, lever: FloatArray)
     """
     direction = direction_of_motion(vehicle, x, y, np.full(len(vehicle), np.nan), CREEPING)
     starts = np.flatnonzero(np.r_[True, vehicle[1:] != vehicle[:-1]])
-    found = np.empty(len(vehicle))
+    yaw = np.empty(len(vehicle))
     for first, end in zip(starts, np.r_[starts[1:], len(vehicle)], strict=True):
         rows = slice(first, end)
         along = _up_to_the_ends(np.unwrap(direction[rows]))
         known = lever[first] > 0.0
-        found[rows] = _drawn(along, _ways(x[rows], y[rows]), float(lever[first])) if known else along
-    return found
+        yaw[rows] = _drawn(along, _ways(x[rows], y[rows]), float(lever[first])) if known else along
+    return yaw
 
 
 def _up_to_the_ends(direction: FloatArray) -> FloatArray:
-    """Directions of motion (k,) [rad] of a track at its rows, of those of the ways around the rows.
+    """Returns directions of motion (k,) [rad] of a track at its rows, of those of the ways around the rows.
 
     At the ends of a track these ways reach to one side only, so that their directions are those in the middle of them:
     to the ends they are continued as they change over the second next to these.
@@ -48,15 +48,15 @@ def _up_to_the_ends(direction: FloatArray) -> FloatArray:
     middle = 0.5 * (np.maximum(index - SMOOTHED, 0.0) + np.minimum(index + SMOOTHED, index[-1]))
     if middle[-1] - middle[0] < SMOOTHED:
         return direction
-    found, near = np.interp(index, middle, direction), min(2 * SMOOTHED, len(direction) - 1)
+    continued, near = np.interp(index, middle, direction), min(2 * SMOOTHED, len(direction) - 1)
     for end, inner, beyond in ((0, near, index < middle[0]), (-1, -1 - near, index > middle[-1])):
         slope = (direction[inner] - direction[end]) / (middle[inner] - middle[end])
-        found[beyond] = direction[end] + slope * (index[beyond] - middle[end])
-    return found
+        continued[beyond] = direction[end] + slope * (index[beyond] - middle[end])
+    return continued
 
 
 def _ways(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Way (k,) [m] from each row of a track to the next, as of its speed over a second; 0 where it creeps."""
+    """Returns the way (k,) [m] from each row of a track to the next, by its speed over a second; 0 where it creeps."""
     index = np.arange(len(x))
     before, after = np.maximum(index - SMOOTHED, 0), np.minimum(index + SMOOTHED, len(x) - 1)
     way = np.hypot(x[after] - x[before], y[after] - y[before])
@@ -64,7 +64,8 @@ def _ways(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _drawn(direction: FloatArray, way: FloatArray, lever: float) -> FloatArray:
-    """Headings (k,) [rad] of a vehicle whose point `lever` [m] ahead of the rear axle moves along `direction` (k,).
+    """Returns headings (k,) [rad] of a vehicle whose point `lever` [m] ahead of the rear axle moves in `direction`
+    (k,).
 
     From row to row the direction is taken as constant, its mean: then the tangent of half the angle between it and the
     heading falls by the factor exp(-way / lever).
@@ -73,9 +74,9 @@ def _drawn(direction: FloatArray, way: FloatArray, lever: float) -> FloatArray:
     run_in = int(np.searchsorted(gone, max(RUN_IN * lever, RUN_IN_MIN)))
     bend = (direction[run_in] - direction[0]) / gone[run_in] if run_in < len(way) else 0.0
     heading = float(direction[0]) - math.asin(min(max(lever * bend, -BEND_MAX), BEND_MAX))
-    found = [heading]
-    kept, middle = np.exp(-0.5 * (way[1:] + way[:-1]) / lever), 0.5 * (direction[1:] + direction[:-1])
-    for share, towards in zip(kept.tolist(), middle.tolist(), strict=True):
+    drawn = [heading]
+    shares, middle = np.exp(-0.5 * (way[1:] + way[:-1]) / lever), 0.5 * (direction[1:] + direction[:-1])
+    for share, towards in zip(shares.tolist(), middle.tolist(), strict=True):
         heading = towards + 2.0 * math.atan(share * math.tan(0.5 * (heading - towards)))
-        found.append(heading)
-    return np.array(found)
+        drawn.append(heading)
+    return np.array(drawn)

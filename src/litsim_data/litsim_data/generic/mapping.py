@@ -6,7 +6,6 @@ docs/data.md has examples for front centres and for box centres.
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
@@ -14,7 +13,6 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from litsim_data.ngsim.sites import FOOT
 from litsim_sim.core.scene import RATE_HZ
-from litsim_sim.io.yaml_input import read_yaml
 
 FACTORS: dict[str, float] = {
     "m": 1.0,
@@ -87,19 +85,19 @@ class Columns(_Strict):
 
     @field_validator("length", "width", mode="before")
     @classmethod
-    def _column_or_size(cls, said: object) -> object:
-        is_size = isinstance(said, int | float) and not isinstance(said, bool) and 0.0 < said < math.inf
-        if not (isinstance(said, str) or is_size):
-            raise ValueError(f"expected a column, or a number greater than 0, found {said!r:.60}")
-        return said
+    def _column_or_size(cls, value: object) -> object:
+        is_size = isinstance(value, int | float) and not isinstance(value, bool) and 0.0 < value < math.inf
+        if not (isinstance(value, str) or is_size):
+            raise ValueError(f"expected a column, or a number greater than 0, found {value!r:.60}")
+        return value
 
     @field_validator("speed", mode="before")
     @classmethod
-    def _one_speed_or_two(cls, said: object) -> object:
-        pair = isinstance(said, list | tuple) and len(said) == 2 and all(isinstance(name, str) for name in said)
-        if not (said is None or isinstance(said, str) or pair):
-            raise ValueError(f"expected a column, or the two of its components, [vx, vy], found {said!r:.60}")
-        return said
+    def _one_speed_or_two(cls, value: object) -> object:
+        pair = isinstance(value, list | tuple) and len(value) == 2 and all(isinstance(name, str) for name in value)
+        if not (value is None or isinstance(value, str) or pair):
+            raise ValueError(f"expected a column, or the two of its components, [vx, vy], found {value!r:.60}")
+        return value
 
     @model_validator(mode="after")
     def _one_clock(self) -> Columns:
@@ -117,11 +115,11 @@ class Columns(_Strict):
         return self
 
     def named(self) -> dict[str, str]:
-        """The file's columns by our names; components of speed are ``speed_x`` and ``speed_y``."""
-        said = self.model_dump()
+        """Returns the file's columns by our names; components of speed are ``speed_x`` and ``speed_y``."""
+        columns = self.model_dump()
         if isinstance(self.speed, tuple):
-            said |= {"speed_x": self.speed[0], "speed_y": self.speed[1]}
-        return {ours: theirs for ours, theirs in said.items() if isinstance(theirs, str)}
+            columns |= {"speed_x": self.speed[0], "speed_y": self.speed[1]}
+        return {ours: theirs for ours, theirs in columns.items() if isinstance(theirs, str)}
 
 
 class Vehicles(_Strict):
@@ -211,12 +209,3 @@ class Mapping(_Strict):
         if self.kinds and self.columns.kind is None:
             raise ValueError("kinds without columns.kind, expected the column with the kinds of vehicles there")
         return self
-
-
-def read_mapping(path: Path) -> Mapping:
-    """Read a mapping file.
-
-    Raises:
-        InputError: it is missing or not YAML, or a field is missing, unknown or of the wrong type.
-    """
-    return read_yaml(path, Mapping)

@@ -22,7 +22,7 @@ UNUSED = ("yaw", "speed", "speed_x", "speed_y", "acceleration")
 
 
 def obstacle_rows(table: pd.DataFrame) -> BoolArray:
-    """Mask (n,) of the rows of pedestrians and cyclists; column `kind` holds names or numbers, and may be absent."""
+    """Returns the mask (n,) of pedestrians and cyclists; column `kind` holds names or numbers, and may be absent."""
     if "kind" not in table:
         return np.zeros(len(table), np.bool_)
     if pd.api.types.is_numeric_dtype(table["kind"]):
@@ -30,20 +30,20 @@ def obstacle_rows(table: pd.DataFrame) -> BoolArray:
     return np.asarray(table["kind"].isin(NAMES), np.bool_)
 
 
-def without_unused(given: pd.DataFrame) -> pd.DataFrame:
-    """`given`, as read, with 0 for the unused columns of pedestrians and cyclists and for their missing sizes."""
-    rows = obstacle_rows(given)
+def without_unused(table: pd.DataFrame) -> pd.DataFrame:
+    """Returns `table`, as read, with 0 for unused columns of pedestrians and cyclists, and for their missing sizes."""
+    rows = obstacle_rows(table)
     if not rows.any():
-        return given
-    given = given.assign(**{name: given[name].astype(object).mask(rows, 0) for name in UNUSED if name in given})
-    for name in {"length", "width"} & {*given.columns}:
-        missing = rows & ~np.isfinite(pd.to_numeric(given[name], errors="coerce").to_numpy(np.float64, na_value=np.nan))
-        given[name] = given[name].astype(object).mask(missing, 0)
-    return given
+        return table
+    table = table.assign(**{name: table[name].astype(object).mask(rows, 0) for name in UNUSED if name in table})
+    for name in {"length", "width"} & {*table.columns}:
+        missing = rows & ~np.isfinite(pd.to_numeric(table[name], errors="coerce").to_numpy(np.float64, na_value=np.nan))
+        table[name] = table[name].astype(object).mask(missing, 0)
+    return table
 
 
 def with_usual_sizes(table: pd.DataFrame, mapping: Mapping, counts: Counts) -> pd.DataFrame:
-    """`table`, in SI units, with default sizes for pedestrians and cyclists without a size.
+    """Returns `table`, in SI units, with default sizes for pedestrians and cyclists without a size.
 
     They have none if the mapping gives one size for all vehicles, or if their median size is below BOUNDS.
     """

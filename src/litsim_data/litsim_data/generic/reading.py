@@ -15,7 +15,7 @@ SHOWN = 12  # most values of a column that a message lists
 
 
 def read_rows(source: TableFiles, mapping: Mapping, counts: Counts) -> pd.DataFrame:
-    """The columns that the mapping names, under our names, for the rows that it keeps; `row` holds their places.
+    """Returns the columns that the mapping names, under our names, of the rows that it keeps; `row` holds their places.
 
     Raises:
         InputError: the file cannot be read, lacks a column, or has several clips of which none is chosen; or the
@@ -37,7 +37,7 @@ def read_rows(source: TableFiles, mapping: Mapping, counts: Counts) -> pd.DataFr
 def _with_vehicles(
     raw: pd.DataFrame, wanted: list[str], vehicles: Vehicles, vehicle_id: str, source: TableFiles
 ) -> pd.DataFrame:
-    """`raw` with the columns `wanted` added from the file `vehicles`, which has one row per vehicle.
+    """Returns `raw` with the columns `wanted` added from the file `vehicles`, which has one row per vehicle.
 
     Raises:
         InputError: that file cannot be read, lacks a column or a vehicle, or has a vehicle twice.
@@ -62,7 +62,7 @@ def _with_vehicles(
 
 
 def _filtered(raw: pd.DataFrame, mapping: Mapping, source: TableFiles, counts: Counts) -> pd.DataFrame:
-    """The rows that field `rows` of the mapping keeps."""
+    """Returns the rows that field `rows` of the mapping keeps."""
     for column, rule in mapping.rows.items():
         keep = _kept(raw[column], rule, f"{source}: field rows.{column}")
         if not keep.any():
@@ -84,7 +84,7 @@ def _kept(values: pd.Series, rule: Value | list[Value] | Span, where: str) -> pd
 
 
 def _of_one_clip(raw: pd.DataFrame, mapping: Mapping, source: TableFiles, counts: Counts) -> pd.DataFrame:
-    """The rows of the clip that the mapping selects, or of the only one."""
+    """Returns the rows of the clip that the mapping selects, or of the only one."""
     column = mapping.columns.clip
     if column is None:
         return raw
@@ -104,7 +104,7 @@ def _of_one_clip(raw: pd.DataFrame, mapping: Mapping, source: TableFiles, counts
 
 
 def texts(column: pd.Series) -> pd.Series:
-    """The values of a column of kinds or ids as normalised text, see :func:`plain`; empty for empty cells."""
+    """Returns the values of a column of kinds or ids as normalised text, see :func:`plain`; empty for empty cells."""
     codes, names = pd.factorize(column, use_na_sentinel=False)
     plainly = np.array(["" if pd.isna(name) else plain(name) for name in names], object)
     return pd.Series(plainly[codes], index=column.index)
@@ -123,8 +123,8 @@ def plain(value: object) -> str:
 
 
 def _values(column: pd.Series) -> str:
-    found = [str(value) for value in column.dropna().unique()[: SHOWN + 1]]
-    return ", ".join(found[:SHOWN]) + (" and more" if len(found) > SHOWN else "")
+    values = [str(value) for value in column.dropna().unique()[: SHOWN + 1]]
+    return ", ".join(values[:SHOWN]) + (" and more" if len(values) > SHOWN else "")
 
 
 def _words(rule: Value | list[Value] | Span) -> str:

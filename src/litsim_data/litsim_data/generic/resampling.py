@@ -47,14 +47,14 @@ def check_clock(table: pd.DataFrame, source: TableFiles) -> None:
 
 
 def in_order(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.DataFrame:
-    """Rows sorted by vehicle and time, without exact copies.
+    """Returns rows sorted by vehicle and time, without exact copies.
 
     Raises:
         InputError: a vehicle has two different rows at one time.
     """
-    kept = table.drop_duplicates([name for name in table.columns if name != "row"])
-    counts.leave_out("exact copy of another", len(table) - len(kept))
-    table = kept.sort_values(["vehicle_id", "t", "row"], ignore_index=True)
+    single = table.drop_duplicates([name for name in table.columns if name != "row"])
+    counts.leave_out("exact copy of another", len(table) - len(single))
+    table = single.sort_values(["vehicle_id", "t", "row"], ignore_index=True)
     vehicle, step = table["vehicle_id"].to_numpy(), np.diff(table["t"].to_numpy())
     twice = (vehicle[1:] == vehicle[:-1]) & (step <= 1e-9)
     if twice.any():
@@ -69,7 +69,7 @@ def in_order(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.Data
 
 
 def without_outliers(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.DataFrame:
-    """Rows, in order, without stretches of less than half a second between two jumps of a vehicle.
+    """Returns the rows, in order, without stretches of less than half a second between two jumps of a vehicle.
 
     Raises:
         InputError: vehicles jump to one place, as rows of absent ones do; or there are so many jumps that rows of one
@@ -114,7 +114,7 @@ def _check_padding(table: pd.DataFrame, jumps: BoolArray, source: TableFiles) ->
 
 
 def split(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
-    """Tracks cut at long holes and jumps, with the pieces renumbered; rows are in order."""
+    """Returns tracks cut at long holes and jumps, with the pieces renumbered; rows are in order."""
     vehicle, step = table["vehicle_id"].to_numpy(), np.diff(table["t"].to_numpy())
     same = vehicle[1:] == vehicle[:-1]
     begins = np.r_[True, ~same]
@@ -129,7 +129,7 @@ def split(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
 
 
 def resampled(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.DataFrame:
-    """Every track at the 10 Hz frames within its time span; values between rows are interpolated.
+    """Returns every track at the 10 Hz frames within its time span; values between rows are interpolated.
 
     Tracks without such a frame are left out.
 
@@ -161,13 +161,13 @@ def resampled(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.Dat
         pieces.append(pd.DataFrame(values))
     if not pieces:
         raise InputError(f"{source}: no vehicle is seen at a frame of 10 Hz: are times in the unit of the mapping?")
-    made = pd.concat(pieces, ignore_index=True)
-    counts.rows = len(made)
-    return made
+    tracks = pd.concat(pieces, ignore_index=True)
+    counts.rows = len(tracks)
+    return tracks
 
 
 def count_leaps(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None:
-    """Count the steps of vehicles, rows in order, that are no jumps but depart from the motion around as none drives.
+    """Counts the steps of vehicles, rows in order, that are no jumps but depart from the motion around as none drives.
 
     A step counts if it ends farther than LEAP from where the median velocity of the steps around it leads, and farther
     than LEAP_ACCELERATION explains: a vehicle that is pushed aside by a lane's width, say, and goes on.
@@ -195,7 +195,7 @@ def count_leaps(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None
 
 
 def count_turns(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None:
-    """Count the steps of vehicles, rows in order, at which `yaw` turns as none does: front and rear swapped, say."""
+    """Counts the steps of vehicles, rows in order, at which `yaw` turns as none does: front and rear swapped, say."""
     if "yaw" not in table:
         return
     vehicle, t = table["vehicle_id"].to_numpy(), table["t"].to_numpy()
@@ -212,7 +212,7 @@ def count_turns(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None
 
 
 def _jumps(table: pd.DataFrame) -> BoolArray:
-    """Mask (n,) of rows farther from the previous one of the vehicle than any vehicle moves in that time."""
+    """Returns the mask (n,) of rows farther from the previous one of the vehicle than any moves in that time."""
     vehicle: IntArray = table["vehicle_id"].to_numpy()
     t, x, y = (table[name].to_numpy() for name in ("t", "x", "y"))
     far = np.hypot(np.diff(x), np.diff(y)) > JUMP_MAX * np.maximum(np.diff(t) / STEP_S, 1.0)

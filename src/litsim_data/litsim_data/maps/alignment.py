@@ -71,11 +71,11 @@ class Alignment:
         return small or self.after < self.before + GAIN_MIN
 
     def apply(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Positions (n,) after the motion [m]."""
+        """Returns positions (n,) after the motion [m]."""
         return _moved(x, y, np.array([*self.shift, self.turn]), self.centre)
 
     def transform(self, yaw_deg: float = 0.0, x: float = 0.0, y: float = 0.0) -> tuple[float, float, float]:
-        """Fields yaw_deg [degrees], x, y [m] of a mapping's transform that does this after what it does now.
+        """Returns fields yaw_deg [degrees], x, y [m] of a mapping's transform that does this after what it does now.
 
         The angle is rounded, and x and y are those that go with it: in UTM, which is 6000 km wide, the angle that is
         written down moves positions by 100 m with its third decimal.
@@ -92,7 +92,7 @@ class Alignment:
 
 
 def align(lane_map: LaneMap, table: pd.DataFrame) -> Alignment:
-    """The best motion of the positions of a neutral `table` (x, y, yaw), at least one row."""
+    """Returns the best motion of the positions of a neutral `table` (x, y, yaw), at least one row."""
     rows = np.unique(np.linspace(0, len(table) - 1, min(POINTS, len(table))).astype(np.int64))
     x, y, yaw = (table[name].to_numpy(np.float64)[rows] for name in ("x", "y", "yaw"))
     centre = (float(x.mean()), float(y.mean()))
@@ -100,10 +100,10 @@ def align(lane_map: LaneMap, table: pd.DataFrame) -> Alignment:
     best, determined = _descended(lane_map, (x, y, yaw), np.zeros(3), centre)
     after = _share(lane_map, *_moved(x, y, best, centre), yaw + best[2])
     for start in _starts(lane_map, (x, y, yaw), centre) if after < 1.0 - BETTER else ():
-        found, known = _descended(lane_map, (x, y, yaw), start, centre)
-        share = _share(lane_map, *_moved(x, y, found, centre), yaw + found[2])
+        motion, complete = _descended(lane_map, (x, y, yaw), start, centre)
+        share = _share(lane_map, *_moved(x, y, motion, centre), yaw + motion[2])
         if share > after + BETTER:
-            best, after, determined = found, share, known
+            best, after, determined = motion, share, complete
     points = np.concatenate([lane.centerline for lane in lane_map.lanes])
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     shift, net_centre = (float(best[0]), float(best[1])), (float(middle[0]), float(middle[1]))
@@ -111,7 +111,7 @@ def align(lane_map: LaneMap, table: pd.DataFrame) -> Alignment:
 
 
 def grid_convergence(latitude: float, longitude: float) -> float:
-    """UTM's grid convergence [rad] at a place [degrees]: by how much grid north lies clockwise of true north.
+    """Returns UTM's grid convergence [rad] at a place [degrees]: by how much grid north lies clockwise of true north.
 
     That of the transverse Mercator projection of a sphere, atan(tan(longitude - central meridian) sin(latitude)); the
     ellipsoid changes it by less than 0.01 degrees within a zone.
@@ -121,7 +121,8 @@ def grid_convergence(latitude: float, longitude: float) -> float:
 
 
 def explained(turn: float, origin: tuple[float, float] | None) -> str:
-    """Possible cause of a turn of the tracks [rad], given latitude and longitude [degrees] of the site; else empty.
+    """Returns a possible cause of a `turn` of the tracks [rad] by the site's latitude and longitude [degrees]; else
+    empty.
 
     Tracks in metres east and true north that are brought onto a net in UTM turn by the convergence, those in UTM on a
     net along true north by its opposite.
@@ -145,7 +146,7 @@ def explained(turn: float, origin: tuple[float, float] | None) -> str:
 def _starts(
     lane_map: LaneMap, poses: tuple[FloatArray, FloatArray, FloatArray], centre: tuple[float, float]
 ) -> list[FloatArray]:
-    """The shifts and turns (3,) of a grid that bring most positions near the middle of lanes, the best first."""
+    """Returns shifts and turns (3,) of a grid that bring most positions near the middle of lanes, the best first."""
     every = max(1, len(poses[0]) // COARSE_POINTS)
     x, y, yaw = (values[::every] for values in poses)
     grid = np.array(list(product(START_SHIFTS, START_SHIFTS, START_TURNS)))
@@ -164,7 +165,7 @@ def _descended(
     start: FloatArray,
     centre: tuple[float, float],
 ) -> tuple[FloatArray, bool]:
-    """Shift and turn (3,) reached from `start`, and whether the lanes determine all three; others are 0."""
+    """Returns the shift and turn (3,) reached from `start`, and whether the lanes determine all three; others are 0."""
     x, y, yaw = poses
     radius = max(1.0, math.sqrt(float(((x - centre[0]) ** 2 + (y - centre[1]) ** 2).mean())))
     scaled = np.array([1.0, 1.0, radius])  # so that the turn, too, is in metres
@@ -179,15 +180,15 @@ def _descended(
         values, vectors = np.linalg.eigh(design.T @ (weight[:, None] * design))
         usable = values > UNDETERMINED * values[-1]
         towards = (vectors.T @ (design.T @ (weight * -at.d)))[usable] / values[usable]
-        kept = vectors[:, usable] @ (vectors[:, usable].T @ (motion * scaled))
-        motion = (kept + vectors[:, usable] @ towards) / scaled
+        unchanged = vectors[:, usable] @ (vectors[:, usable].T @ (motion * scaled))
+        motion = (unchanged + vectors[:, usable] @ towards) / scaled
     return motion, bool(usable.all())
 
 
 def _on_lanes(
     lane_map: LaneMap, x: FloatArray, y: FloatArray, yaw: FloatArray
 ) -> tuple[FloatArray, BoolArray, IntArray]:
-    """Distances (n,) of poses to centre lines [m], whether these have about the same direction, and their lanes."""
+    """Returns distances (n,) of poses to centre lines [m], whether these lead about the same way, and their lanes."""
     at = lane_map.nearest(x, y, yaw)
     foot_x, foot_y, _ = lane_map.pose_at(at.lane, at.s)
     return np.hypot(x - foot_x, y - foot_y), np.abs(wrap_angle(at.heading - yaw)) <= FACING, at.lane
@@ -196,13 +197,13 @@ def _on_lanes(
 def _moved(
     x: FloatArray, y: FloatArray, motion: FloatArray, centre: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Positions (n,) turned by motion[2] about `centre`, then shifted by motion[:2]."""
+    """Returns positions (n,) turned by motion[2] about `centre`, then shifted by motion[:2]."""
     cos, sin, dx, dy = math.cos(motion[2]), math.sin(motion[2]), x - centre[0], y - centre[1]
     return centre[0] + motion[0] + cos * dx - sin * dy, centre[1] + motion[1] + sin * dx + cos * dy
 
 
 def _share(lane_map: LaneMap, x: FloatArray, y: FloatArray, yaw: FloatArray) -> float:
-    """Share of poses (n,) on a lane that leads about where they head."""
+    """Returns the share of poses (n,) on a lane that leads about where they head."""
     distance, facing, lane = _on_lanes(lane_map, x, y, yaw)
-    half = 0.5 * np.array([each.width for each in lane_map.lanes])[lane]
+    half = 0.5 * np.array([lane_of_net.width for lane_of_net in lane_map.lanes])[lane]
     return float(((distance <= half) & facing).mean())

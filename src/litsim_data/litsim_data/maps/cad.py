@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import shapely
 
 from litsim_data.ngsim.sites import FOOT, SITES, Site
 from litsim_sim.core.errors import InputError
@@ -25,7 +26,7 @@ class CenterLine:
 
 
 def read_center_lines(path: Path, site: Site | None = None) -> tuple[list[CenterLine], Site]:
-    """The lines of the file at `path` in frame map of the site on which they lie.
+    """Returns the lines of the file at `path` in frame map of the site on which they lie.
 
     Args:
         path: the file.
@@ -40,22 +41,22 @@ def read_center_lines(path: Path, site: Site | None = None) -> tuple[list[Center
         raise InputError(f"{path}: cannot be read: {error}") from error
     if not lines or lines[0] != "CENTERLINES":
         raise InputError(f"{path}: not a file of CAD centre lines: it does not begin with the line CENTERLINES")
-    found, at = [], 2
+    center_lines, at = [], 2
     while at < len(lines):
         try:
             line = _center_line(lines[at:])
         except (ValueError, IndexError) as error:
             raise InputError(f"{path}: line {at + 1}: not a centre line: {error}") from error
-        found.append(line)
+        center_lines.append(line)
         at += 3 + len(line.points)
-    if not found:
+    if not center_lines:
         raise InputError(f"{path}: no centre lines")
-    site = site or _site_of(found, path)
-    return [CenterLine(line.name, np.column_stack(site.map_from_global(*line.points.T))) for line in found], site
+    site = site or _site_of(center_lines, path)
+    return [CenterLine(line.name, np.column_stack(site.map_from_global(*line.points.T))) for line in center_lines], site
 
 
 def _center_line(lines: list[str]) -> CenterLine:
-    """The line that begins with the first of `lines`, in metres; ValueError or IndexError if it is malformed."""
+    """Returns the line at the beginning of `lines`, in metres; ValueError or IndexError if it is malformed."""
     if lines[0] != "CENTERLINE":
         raise ValueError(f"expected CENTERLINE, found {lines[0]!r}")
     name, count = lines[1], int(lines[2])
@@ -66,32 +67,18 @@ def _center_line(lines: list[str]) -> CenterLine:
 
 
 def distance_to_lines(points: FloatArray, lines: list[CenterLine]) -> tuple[FloatArray, IntArray, BoolArray]:
-    """Distance of points (n, 2) to the nearest of `lines`.
+    """Measures the distance of points (n, 2) to the nearest of `lines`.
 
     Returns:
         (n,) distances [m], (n,) positions of that line in `lines`, and (n,) whether the nearest point is on the line
         rather than at one of its ends.
     """
-    best = np.full(len(points), np.inf)
-    which = np.zeros(len(points), np.int64)
-    within = np.zeros(len(points), np.bool_)
-    for row, line in enumerate(lines):
-        start, step = line.points[:-1], np.diff(line.points, axis=0)
-        square = np.maximum((step**2).sum(axis=1), 1e-12)
-        for first in range(0, len(points), 512):  # in blocks, to bound the memory
-            chunk = points[first : first + 512]
-            apart = chunk[:, None] - start[None]
-            part = np.clip((apart * step).sum(axis=2) / square, 0.0, 1.0)
-            distance = np.hypot(*np.moveaxis(apart - part[..., None] * step, 2, 0))
-            nearest = distance.argmin(axis=1)
-            rows = np.arange(len(chunk))
-            here, share = distance[rows, nearest], part[rows, nearest]
-            inner = ~((nearest == 0) & (share == 0.0)) & ~((nearest == len(step) - 1) & (share == 1.0))
-            better = here < best[first : first + 512]
-            best[first : first + 512][better] = here[better]
-            which[first : first + 512][better] = row
-            within[first : first + 512][better] = inner[better]
-    return best, which, within
+    places, curves = shapely.points(points), [shapely.LineString(line.points) for line in lines]
+    distances = np.array([shapely.distance(curve, places) for curve in curves])
+    nearest = distances.argmin(axis=0)
+    along = np.array([shapely.line_locate_point(curve, places) for curve in curves])[nearest, np.arange(len(points))]
+    length = np.array([curve.length for curve in curves])[nearest]
+    return distances.min(axis=0), nearest, (along > 0.0) & (along < length)
 
 
 def _site_of(lines: list[CenterLine], path: Path) -> Site:

@@ -41,13 +41,11 @@ class CadDistance:
     Attributes:
         median, p95: over all samples [m].
         by_line: median by CAD line [m].
-        samples: number of points compared.
     """
 
     median: float
     p95: float
     by_line: dict[str, float]
-    samples: int
 
 
 @dataclass(frozen=True)
@@ -92,7 +90,7 @@ class NetCheck:
 
 
 def check_net(net: Path, parts: dict[str, pd.DataFrame], cad: list[CenterLine] | None = None) -> NetCheck:
-    """Check the net at `net`.
+    """Checks the net at `net`.
 
     Args:
         net: SUMO net.
@@ -116,7 +114,7 @@ def check_net(net: Path, parts: dict[str, pd.DataFrame], cad: list[CenterLine] |
 
 
 def cad_distance(lane_map: LaneMap, table: pd.DataFrame, cad: list[CenterLine]) -> CadDistance:
-    """Distance of the lanes to the CAD centre lines; ramps and junctions do not count.
+    """Returns the distance of the lanes to the CAD centre lines; ramps and junctions do not count.
 
     A line whose name ends in a number is that of the lane with this number; other lanes are compared with the nearest
     of the other lines.
@@ -133,9 +131,9 @@ def cad_distance(lane_map: LaneMap, table: pd.DataFrame, cad: list[CenterLine]) 
     counts: dict[str, int] = {}
     for lane in lane_map.lanes:
         counts[lane.edge_id] = counts.get(lane.edge_id, 0) + 1
-    by_number = {int(found[0]): line for line in cad if (found := re.findall(r"\d+$", line.name))}
+    by_number = {int(digits[0]): line for line in cad if (digits := re.findall(r"\d+$", line.name))}
     others = [line for line in cad if line not in by_number.values()]
-    found_by_line: dict[str, list[FloatArray]] = {}
+    distances_by_line: dict[str, list[FloatArray]] = {}
     for row, (lane, number) in enumerate(zip(lane_map.lanes, lane_numbers(lane_map).tolist(), strict=True)):
         against = [by_number[number]] if number in by_number else others
         if lane.is_internal or counts[lane.edge_id] == 1 or not against:
@@ -145,21 +143,21 @@ def cad_distance(lane_map: LaneMap, table: pd.DataFrame, cad: list[CenterLine]) 
         keep = np.array([not recorded or cell in recorded for cell in cells], np.bool_)
         distance, which, within = distance_to_lines(np.column_stack([x, y])[keep], against)
         for i, line in enumerate(against):
-            found_by_line.setdefault(line.name, []).append(distance[within & (which == i)])
-    joined = {name: np.concatenate(parts) for name, parts in found_by_line.items()}
+            distances_by_line.setdefault(line.name, []).append(distance[within & (which == i)])
+    joined = {name: np.concatenate(parts) for name, parts in distances_by_line.items()}
     joined = {name: values for name, values in joined.items() if len(values)}
     if not joined:
         raise InputError("the CAD centre lines lie nowhere beside the recorded lanes: is it the right site?")
     every = np.concatenate(list(joined.values()))
     by_line = {name: float(np.median(values)) for name, values in joined.items()}
-    return CadDistance(float(np.median(every)), float(np.quantile(every, 0.95)), by_line, len(every))
+    return CadDistance(float(np.median(every)), float(np.quantile(every, 0.95)), by_line)
 
 
 def load_warnings(net: Path) -> tuple[str, ...]:
-    """What SUMO says when it loads the net, in a process of its own (libsumo is one per process)."""
+    """Returns what SUMO says when it loads the net, in a process of its own (libsumo is one per process)."""
     done = subprocess.run([sys.executable, "-c", _LOAD, str(net)], capture_output=True, text=True, check=False)
-    said = [line.strip() for line in (done.stdout + done.stderr).splitlines()]
-    said = [line for line in said if line.startswith(("Warning", "Error"))]
-    if done.returncode != 0 and not said:
-        said = [f"SUMO ended with status {done.returncode}"]
-    return tuple(said)
+    lines = [line.strip() for line in (done.stdout + done.stderr).splitlines()]
+    lines = [line for line in lines if line.startswith(("Warning", "Error"))]
+    if done.returncode != 0 and not lines:
+        lines = [f"SUMO ended with status {done.returncode}"]
+    return tuple(lines)

@@ -15,7 +15,7 @@ from litsim_data.maps.placement import Placement
 def describe(
     check: NetCheck, transform: Mapping[str, Any] | None = None, origin: tuple[float, float] | None = None
 ) -> str:
-    """The result as lines of text: tables of placements and of the worst misses, and what else was found.
+    """Returns the result as lines of text: tables of placements and of the worst misses, and what else was found.
 
     Args:
         check: the result.
@@ -28,11 +28,11 @@ def describe(
         lines.append(f"{name:<28}{part.rows:>8}{part.inside:>11.2%}{named}{part.offset:>10.2f}")
     for name, part in check.placements.items():
         lines += _misses(name, part)
-    for name, found in check.alignments.items():
-        lines += _alignment(name, found, transform, origin)
+    for name, alignment in check.alignments.items():
+        lines += _alignment(name, alignment, transform, origin)
     if check.cad is not None:
-        each = ", ".join(f"{name} {value:.2f}" for name, value in sorted(check.cad.by_line.items()))
-        lines.append(f"CAD: median {check.cad.median:.3f} m, 95th percentile {check.cad.p95:.3f} m ({each})")
+        medians = ", ".join(f"{name} {value:.2f}" for name, value in sorted(check.cad.by_line.items()))
+        lines.append(f"CAD: median {check.cad.median:.3f} m, 95th percentile {check.cad.p95:.3f} m ({medians})")
     lines += _connectivity(check.lanes, check.connectivity)
     lines.append(f"SUMO: {'; '.join(check.warnings) or 'loads without warnings'}")
     lines += [f"MISSED: {missed}" for missed in check.failures]
@@ -55,30 +55,33 @@ def _misses(name: str, part: Placement) -> list[str]:
 
 
 def _alignment(
-    name: str, found: Alignment, transform: Mapping[str, Any] | None, origin: tuple[float, float] | None
+    name: str, alignment: Alignment, transform: Mapping[str, Any] | None, origin: tuple[float, float] | None
 ) -> list[str]:
-    degrees, far = math.degrees(found.turn), math.hypot(*found.shift)
+    degrees, far = math.degrees(alignment.turn), math.hypot(*alignment.shift)
     before = transform or {}
     yaw_deg, x, y = (float(before.get(key, 0.0)) for key in ("yaw_deg", "x", "y"))
-    if found.lost:
+    if alignment.lost:
         reach = f"{START_SHIFTS[-1]:.0f} m and {math.degrees(START_TURNS[-1]):.0f} degrees"
-        most = f"{max(found.before, found.after):.1%}"
-        x, y = x + found.net_centre[0] - found.centre[0], y + found.net_centre[1] - found.centre[1]
+        most = f"{max(alignment.before, alignment.after):.1%}"
+        x, y = x + alignment.net_centre[0] - alignment.centre[0], y + alignment.net_centre[1] - alignment.centre[1]
         return [
             f"{name}: no motion of about {reach} puts more than {most} of it on lanes of its direction",
             f"  for another check with the middle of both together, {_as_field(before, yaw_deg, x, y)}",
         ]
-    if found.in_place:
+    if alignment.in_place:
         return [f"{name}: in place; the best fit is {far:.2f} m and {degrees:+.2f} degrees off"]
     centre, shift = (
-        f"({each[0]:{sign}.2f}, {each[1]:{sign}.2f})" for each, sign in ((found.centre, ""), (found.shift, "+"))
+        f"({vector[0]:{sign}.2f}, {vector[1]:{sign}.2f})"
+        for vector, sign in ((alignment.centre, ""), (alignment.shift, "+"))
     )
-    along = "" if found.determined else "; the lanes do not tell how far along them"
+    along = "" if alignment.determined else "; the lanes do not tell how far along them"
     lines = [f"{name}: lies best turned by {degrees:+.2f} degrees about {centre} and shifted by {shift} m{along}"]
-    lines.append(f"  then {found.after:.1%} of the positions are on a lane of their direction, now {found.before:.1%}")
-    if why := explained(found.turn, origin):
+    lines.append(
+        f"  then {alignment.after:.1%} of the positions are on a lane of their direction, now {alignment.before:.1%}"
+    )
+    if why := explained(alignment.turn, origin):
         lines.append(f"  {why}")
-    lines.append(f"  {_as_field(before, *found.transform(yaw_deg, x, y))}")
+    lines.append(f"  {_as_field(before, *alignment.transform(yaw_deg, x, y))}")
     return lines
 
 
@@ -87,12 +90,13 @@ def _as_field(before: Mapping[str, Any], yaw_deg: float, x: float, y: float) -> 
     return f"as a mapping's transform: {{{mirrored}yaw_deg: {yaw_deg:.10g}, x: {x:.2f}, y: {y:.2f}}}"
 
 
-def _connectivity(lanes: int, found: Connectivity) -> list[str]:
-    without = ", ".join((*(gap.lane for gap in found.gaps), *found.unreached)) or "none"
-    ends = f"; ending early: {', '.join(found.ending)}" if found.ending else ""
-    begins = f"; beginning late: {', '.join(found.beginning)}" if found.beginning else ""
-    crossing = ", ".join(f"{each.one} and {each.other}" for each in found.crossings) or "none"
+def _connectivity(lanes: int, connectivity: Connectivity) -> list[str]:
+    without = ", ".join((*(gap.lane for gap in connectivity.gaps), *connectivity.unreached)) or "none"
+    ends = f"; ending early: {', '.join(connectivity.ending)}" if connectivity.ending else ""
+    begins = f"; beginning late: {', '.join(connectivity.beginning)}" if connectivity.beginning else ""
+    stuck = ", ".join(connectivity.stuck) or "none"
+    crossings = ", ".join(f"{crossing.one} and {crossing.other}" for crossing in connectivity.crossings) or "none"
     return [
-        f"lanes: {lanes}, without exit: {', '.join(found.stuck) or 'none'}, without a way in: {without}{ends}{begins}",
-        f"edges that cross without a junction: {crossing}",
+        f"lanes: {lanes}, without exit: {stuck}, without a way in: {without}{ends}{begins}",
+        f"edges that cross without a junction: {crossings}",
     ]

@@ -7,27 +7,15 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from litsim_data.maps.lanelets import SPEED_LIMIT, Lanelet, write_lanelets
+from litsim_data.maps.lanelets import SPEED_LIMIT, Lanelet
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 
 SPEED_MIN = 1.0  # [m/s] smaller "limits" are defects of a map
 
 
-def import_commonroad(source: Path, path: Path) -> list[str]:
-    """Convert the CommonRoad file `source` to the net at `path`; the frame is that of the file.
-
-    Returns:
-        netconvert's warnings.
-
-    Raises:
-        InputError: `source` cannot be read, or netconvert is missing or refuses it.
-    """
-    return write_lanelets(read_lanelets(source), path)
-
-
 def read_lanelets(path: Path) -> list[Lanelet]:
-    """The lanelets of a CommonRoad file.
+    """Returns the lanelets of a CommonRoad file.
 
     Raises:
         InputError: the file is missing, no XML, or a lanelet is malformed.
@@ -87,7 +75,7 @@ def _neighbour(element: ET.Element, name: str) -> str | None:
 
 
 def _speed_limits(root: ET.Element) -> dict[str, float]:
-    """Speed limits [m/s] by the id of their sign."""
+    """Returns the speed limits [m/s] by the id of their sign."""
     limits = {}
     for sign in root.findall("trafficSign"):
         for value in sign.iter("additionalValue"):

@@ -87,15 +87,15 @@ class Connectivity:
                 "--no-internal-links)"
             )
         missed += [
-            f"edges {each.one} and {each.other} cross at ({each.x:.1f}, {each.y:.1f}) without a junction: mark their "
-            "lanes there as lanes of an intersection; of a bridge, keep only one level in the recording"
-            for each in self.crossings
+            f"edges {place.one} and {place.other} cross at ({place.x:.1f}, {place.y:.1f}) without a junction: mark "
+            "their lanes there as lanes of an intersection; of a bridge, keep only one level in the recording"
+            for place in self.crossings
         ]
         return missed
 
 
 def connectivity(lane_map: LaneMap) -> Connectivity:
-    """Check the connectivity of the lanes of `lane_map`."""
+    """Checks the connectivity of the lanes of `lane_map`."""
     lanes = lane_map.lanes
     onwards = {lane.edge_id for lane in lanes if lane.successors}
     after = {lane.id: lane.successors for lane in lanes}
@@ -131,26 +131,26 @@ def connectivity(lane_map: LaneMap) -> Connectivity:
 def _closure(
     known: Collection[str], lanes: Collection[Lane], links: Mapping[str, Collection[str]], changing: Collection[str]
 ) -> set[str]:
-    """`known` lanes, and all with a link to one of them, or, of those in `changing`, with a neighbour among them."""
-    found = set(known)
+    """Returns `known` lanes, and all with a link to one of them or, of those in `changing`, a neighbour among them."""
+    closure = set(known)
     while True:
         more = {
             lane.id
             for lane in lanes
-            if lane.id not in found
+            if lane.id not in closure
             and (
-                any(name in found for name in links[lane.id])
-                or (lane.id in changing and not {lane.left, lane.right}.isdisjoint(found))
+                any(name in closure for name in links[lane.id])
+                or (lane.id in changing and not {lane.left, lane.right}.isdisjoint(closure))
             )
         }
         if not more:
-            return found
-        found |= more
+            return closure
+        closure |= more
 
 
 def _gaps(lanes: Collection[Lane], entries: Collection[str]) -> tuple[Gap, ...]:
-    """For every lane of `entries` that begins at the end of another one, the one that ends nearest to it."""
-    found = []
+    """Returns, for every lane of `entries` that begins at the end of another one, the one that ends nearest to it."""
+    gaps = []
     ends = np.array([lane.centerline[-1] for lane in lanes])
     headings = np.array([_heading(lane, -1) for lane in lanes])
     edges = np.array([lane.edge_id for lane in lanes])
@@ -163,28 +163,28 @@ def _gaps(lanes: Collection[Lane], entries: Collection[str]) -> tuple[Gap, ...]:
         apart[edges == lane.edge_id] = np.inf
         nearest = int(apart.argmin())
         if apart[nearest] <= ABUTTING:
-            found.append(Gap(names[nearest], lane.id, *(float(value) for value in lane.centerline[0])))
-    return tuple(found)
+            gaps.append(Gap(names[nearest], lane.id, *(float(value) for value in lane.centerline[0])))
+    return tuple(gaps)
 
 
 def _crossings(lanes: Collection[Lane]) -> tuple[Crossing, ...]:
-    """Where lanes of different edges outside of junctions cross, once for each pair of edges."""
+    """Returns where lanes of different edges outside of junctions cross, once for each pair of edges."""
     outside = [lane for lane in lanes if not lane.is_internal]
     lines = [shapely.LineString(lane.centerline) for lane in outside]
-    found: dict[tuple[str, str], Crossing] = {}
+    crossings: dict[tuple[str, str], Crossing] = {}
     for i, j in sorted(crossing_pairs(lines)):
         pair = (outside[i].edge_id, outside[j].edge_id)
-        if pair[0] >= pair[1] or pair in found:
+        if pair[0] >= pair[1] or pair in crossings:
             continue
         for point in crossing_points(lines[i], lines[j]):
             if _crosses(outside[i], outside[j], lines[i], lines[j], point):
-                found[pair] = Crossing(*pair, float(point.x), float(point.y))
+                crossings[pair] = Crossing(*pair, float(point.x), float(point.y))
                 break
-    return tuple(found.values())
+    return tuple(crossings.values())
 
 
 def _crosses(a: Lane, b: Lane, line_a: shapely.LineString, line_b: shapely.LineString, point: shapely.Point) -> bool:
-    """Whether two lanes cross at `point`, at an angle and off their ends."""
+    """Returns whether two lanes cross at `point`, at an angle and off their ends."""
     headings = []
     for lane, line in ((a, line_a), (b, line_b)):
         s = float(line.project(point))
@@ -196,6 +196,6 @@ def _crosses(a: Lane, b: Lane, line_a: shapely.LineString, line_b: shapely.LineS
 
 
 def _heading(lane: Lane, segment: int) -> float:
-    """Direction [rad] of a segment of the centre line."""
+    """Returns the direction [rad] of a segment of the centre line."""
     steps: FloatArray = np.diff(lane.centerline, axis=0)
     return float(np.arctan2(steps[segment, 1], steps[segment, 0]))

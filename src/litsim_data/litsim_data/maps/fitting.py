@@ -15,16 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from litsim_data.maps.highway import (
-    I80_LANE_7_END,
-    I80_LANES,
-    I80_ON_RAMP_GORE,
-    LANE_WIDTH,
-    MARGIN,
-    VERTEX_SPACING,
-    HighwayPlan,
-    Ramp,
-)
+from litsim_data.maps.highway import LANE_WIDTH, MARGIN, VERTEX_SPACING, HighwayPlan, Ramp
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray, IntArray
 
@@ -59,12 +50,14 @@ class Layout:
 LAYOUTS = {
     # 579 ft and 1277 ft in the description of the site.
     "us101": Layout(lanes=5, on_ramp_x=177.0, off_ramp_x=388.0),
-    "i80": Layout(lanes=I80_LANES, on_ramp_x=I80_ON_RAMP_GORE, auxiliary_end_x=I80_LANE_7_END),
+    # Lane 1 is for high-occupancy vehicles. 420 ft in the site plan as remembered, not looked up: the CAD ramp is then
+    # 2.3 m off. Lane 7 ends where none of its 644 vehicles is in it any more.
+    "i80": Layout(lanes=6, on_ramp_x=128.0, auxiliary_end_x=203.0),
 }
 
 
 def fit_plan(table: pd.DataFrame, layout: Layout) -> HighwayPlan:
-    """The plan of a carriageway that runs roughly along +x.
+    """Returns the plan of a carriageway that runs roughly along +x.
 
     Args:
         table: columns x, y [m] in frame map and lane; where it has one, column local_x [m], the distance of (front_x,
@@ -94,18 +87,17 @@ def fit_plan(table: pd.DataFrame, layout: Layout) -> HighwayPlan:
         grid, edge = fit_left_edge(table)
         left_edge = _extend(np.column_stack([grid, edge]))
     else:
-        left_edge = _shift_left(_extend(np.column_stack([grid, centre])), 0.5 * widths[0])
+        left_edge = shift_left(_extend(np.column_stack([grid, centre])), 0.5 * widths[0])
     s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(left_edge, axis=0).T))])
 
     def along(x: float) -> float:
         return float(np.interp(x, left_edge[:, 0], s))
 
-    plan = HighwayPlan(left_edge, lanes=layout.lanes, lane_width=float(np.round(np.mean(widths), 3)))
-    plan = replace(plan, lane_widths=tuple(float(np.round(width, 3)) for width in widths))
+    plan = HighwayPlan(left_edge, widths=tuple(float(np.round(width, 3)) for width in widths))
     if layout.on_ramp_x is None:
         return plan
     on_ramp = Ramp(along(layout.on_ramp_x), _fit_taper(layout.on_ramp_x - at, beyond))
-    plan = replace(plan, on_ramp=on_ramp, auxiliary_width=LANE_WIDTH)
+    plan = replace(plan, on_ramp=on_ramp)
     if layout.off_ramp_x is not None:
         off_ramp = Ramp(along(layout.off_ramp_x), _fit_taper(at - layout.off_ramp_x, beyond))
         return replace(plan, off_ramp=off_ramp)
@@ -113,7 +105,7 @@ def fit_plan(table: pd.DataFrame, layout: Layout) -> HighwayPlan:
 
 
 def fit_generic_plan(table: pd.DataFrame) -> HighwayPlan:
-    """The plan of any carriageway whose lanes are numbered from 1 at the left.
+    """Returns the plan of any carriageway whose lanes are numbered from 1 at the left.
 
     Args:
         table: columns x, y [m], yaw [rad] and lane.
@@ -147,7 +139,7 @@ def fit_generic_plan(table: pd.DataFrame) -> HighwayPlan:
 
 
 def fit_lanes(x: FloatArray, y: FloatArray, lane: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Fit parallel lanes to labelled positions on a road that runs roughly along +x.
+    """Fits parallel lanes to labelled positions on a road that runs roughly along +x.
 
     Args:
         x, y: (n,) positions [m].
@@ -164,7 +156,7 @@ def fit_lanes(x: FloatArray, y: FloatArray, lane: IntArray) -> tuple[FloatArray,
 
 
 def fit_left_edge(table: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
-    """The line on which NGSIM's lateral coordinate is 0: the left edge of the road.
+    """Returns the line on which NGSIM's lateral coordinate is 0: the left edge of the road.
 
     Args:
         table: columns front_x, front_y, local_x [m]; local_x may be stretched against the other two.
@@ -179,7 +171,7 @@ def fit_left_edge(table: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
 
 
 def lane_widths(offsets: FloatArray) -> FloatArray:
-    """Widths (k,) of lanes side by side from their centres' offsets (k,): as equal as the offsets allow."""
+    """Returns widths (k,) of lanes side by side from their centres' offsets (k,): as equal as the offsets allow."""
     if len(offsets) == 1:
         return np.array([LANE_WIDTH])
     apart = np.diff(offsets)
@@ -192,7 +184,7 @@ def lane_widths(offsets: FloatArray) -> FloatArray:
 def _fit_line(
     x: FloatArray, y: FloatArray, features: FloatArray, cells: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Fit y = line(x) - stretch * features @ coefficients; `stretch` turns metres across the road into metres of y.
+    """Fits y = line(x) - stretch * features @ coefficients; `stretch` turns metres across the road into metres of y.
 
     Args:
         x, y: (n,) [m].
@@ -239,7 +231,9 @@ def _fit_line(
 
 
 def _fit_taper(away: FloatArray, offset: FloatArray) -> float:
-    """Robust `taper` of offset = taper * away, from (n,) distances from the gore [m]; those before it do not count."""
+    """Fits `taper` of offset = taper * away robustly to distances (n,) from the gore [m]; those before it do not
+    count.
+    """
     away, offset = away[away > 0.0], offset[away > 0.0]
     if len(away) < RAMP_ROWS_MIN:
         raise InputError(f"cannot fit a ramp: {len(away)} rows lie on it, expected {RAMP_ROWS_MIN}")
@@ -251,7 +245,7 @@ def _fit_taper(away: FloatArray, offset: FloatArray) -> float:
 
 
 def _extend(line: FloatArray) -> FloatArray:
-    """Vertices every VERTEX_SPACING along `line` (k, 2), lengthened straight at both ends."""
+    """Returns vertices every VERTEX_SPACING along `line` (k, 2), lengthened straight at both ends."""
     keep = line[:: round(VERTEX_SPACING / GRID)]
     back = min(round(END_TANGENT / VERTEX_SPACING), len(keep) - 1)
     head, tail = keep[0] - keep[back], keep[-1] - keep[-1 - back]
@@ -260,8 +254,8 @@ def _extend(line: FloatArray) -> FloatArray:
     return np.vstack([before, keep, after])
 
 
-def _shift_left(line: FloatArray, distance: float) -> FloatArray:
-    """The vertices of `line` (k, 2) moved `distance` metres to its left."""
+def shift_left(line: FloatArray, distance: FloatArray | float) -> FloatArray:
+    """Returns the vertices of `line` (k, 2) moved to its left by `distance`, one for all or (k,) [m]."""
     tangent = np.gradient(line, axis=0)
-    tangent /= np.hypot(tangent[:, 0], tangent[:, 1])[:, None]
-    return line + distance * np.column_stack([-tangent[:, 1], tangent[:, 0]])
+    tangent /= np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-9)[:, None]
+    return line + np.reshape(distance, (-1, 1)) * np.column_stack([-tangent[:, 1], tangent[:, 0]])

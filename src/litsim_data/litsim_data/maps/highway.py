@@ -1,8 +1,7 @@
 """Nets of one motorway carriageway: through lanes, an auxiliary lane, an on-ramp and an off-ramp.
 
 The layouts are those of NGSIM's sites as their published descriptions give them. Packaged under ``nets/``:
-``us101_like``, straight and of round numbers; ``us101``, fitted to real tracks by :mod:`litsim_data.maps.fitting`; and
-``i80``, of published numbers.
+``us101_like``, straight and of round numbers; and ``us101``, fitted to real tracks by :mod:`litsim_data.maps.fitting`.
 """
 
 from __future__ import annotations
@@ -22,11 +21,6 @@ SPEED_LIMIT = 29.0  # [m/s] 65 mph
 RAMP_SPEED_LIMIT = 22.0  # [m/s] 50 mph
 VERTEX_SPACING = 10.0  # [m] of the written shapes: the chord error is below 1 cm at the sites' curvature
 MARGIN = 120.0  # [m] of road before and after the recorded stretch
-
-I80_LANES = 6  # lane 1 is for high-occupancy vehicles
-I80_STRETCH = 503.0  # [m] 1650 ft of road that were recorded
-I80_ON_RAMP_GORE = 128.0  # [m] 420 ft in the site plan as remembered, not looked up; the CAD ramp is then 2.3 m off
-I80_LANE_7_END = 203.0  # [m] by the longitudinal positions of 644 vehicles of lane 7 none is in it further on
 
 
 @dataclass(frozen=True)
@@ -52,46 +46,24 @@ class HighwayPlan:
         left_edge: (k, 2) left edge of the leftmost lane in driving direction [m].
         on_ramp, off_ramp: the auxiliary lane lies between their gores; without an off-ramp it ends at
             `auxiliary_end`, without an on-ramp there is neither ramp nor auxiliary lane.
-        lanes: through lanes.
-        lane_width: width of through lanes, and by default of the auxiliary lane and the ramps [m].
-        lane_widths: width of each through lane, leftmost first [m]; empty: all are `lane_width`.
-        auxiliary_width: width of auxiliary lane and ramps [m].
+        widths: width of each through lane, leftmost first [m]; auxiliary lane and ramps have LANE_WIDTH.
         auxiliary_end: along the left edge, where the auxiliary lane ends if there is no off-ramp [m].
     """
 
     left_edge: FloatArray
     on_ramp: Ramp | None = None
     off_ramp: Ramp | None = None
-    lanes: int = 5
-    lane_width: float = LANE_WIDTH
-    lane_widths: tuple[float, ...] = ()
-    auxiliary_width: float | None = None
+    widths: tuple[float, ...] = (LANE_WIDTH,) * 5
     auxiliary_end: float | None = None
 
     @property
-    def widths(self) -> tuple[float, ...]:
-        """Widths of the through lanes [m], leftmost first."""
-        return self.lane_widths or (self.lane_width,) * self.lanes
-
-    @property
-    def beside(self) -> float:
-        """Width of auxiliary lane and ramps [m]."""
-        return self.lane_width if self.auxiliary_width is None else self.auxiliary_width
-
-
-def i80_plan() -> HighwayPlan:
-    """I-80 at Emeryville as published: x is the distance along the road from where recording began, y = 0 left edge.
-
-    Six lanes of 12 ft; the on-ramp of Powell Street becomes lane 7, which ends within the recorded stretch; the
-    off-ramp of Ashby Avenue lies beyond it. The road is taken as straight.
-    """
-    left_edge = np.array([[-MARGIN, 0.0], [I80_STRETCH + MARGIN, 0.0]])
-    on_ramp = Ramp(gore=MARGIN + I80_ON_RAMP_GORE)
-    return HighwayPlan(left_edge, on_ramp, lanes=I80_LANES, auxiliary_end=MARGIN + I80_LANE_7_END)
+    def lanes(self) -> int:
+        """Number of through lanes."""
+        return len(self.widths)
 
 
 def write_net(plan: HighwayPlan, path: Path) -> None:
-    """Build the SUMO net of `plan` at `path`.
+    """Builds the SUMO net of `plan` at `path`.
 
     Raises:
         InputError: netconvert is not installed or refuses the plan, or `path` cannot be written.
@@ -100,7 +72,7 @@ def write_net(plan: HighwayPlan, path: Path) -> None:
 
 
 def plain_xml(plan: HighwayPlan) -> dict[str, ET.Element]:
-    """The plan as SUMO's plain XML, by file name: nodes, edges, connections.
+    """Returns the plan as SUMO's plain XML, by file name: nodes, edges, connections.
 
     Raises:
         InputError: the gores lie off the road or in the wrong order.
@@ -143,21 +115,19 @@ def plain_xml(plan: HighwayPlan) -> dict[str, ET.Element]:
 
 def _edge(plan: HighwayPlan, name: str, ends: tuple[str, str], lanes: int, shape: FloatArray) -> ET.Element:
     ramp = "ramp" in name
-    same = not ramp and not plan.lane_widths and plan.auxiliary_width is None
-    width = plan.lane_width if same or not ramp else plan.beside
-    attributes = {"id": name, "from": ends[0], "to": ends[1], "numLanes": str(lanes), "width": _number(width)}
+    attributes = {"id": name, "from": ends[0], "to": ends[1], "numLanes": str(lanes), "width": _number(LANE_WIDTH)}
     attributes |= {"speed": str(RAMP_SPEED_LIMIT if ramp else SPEED_LIMIT), "priority": "1" if ramp else "3"}
     attributes |= {"spreadType": "right", "shape": " ".join(f"{_number(x)},{_number(y)}" for x, y in shape)}
     edge = ET.Element("edge", attributes)
-    if not same and not ramp:
-        widths = plan.widths + ((plan.beside,) if name == "weave" else ())
+    if not ramp:
+        widths = plan.widths + ((LANE_WIDTH,) if name == "weave" else ())
         for index, of_lane in enumerate(reversed(widths)):
             ET.SubElement(edge, "lane", {"index": str(index), "width": _number(of_lane)})
     return edge
 
 
 def _links(plan: HighwayPlan, shapes: dict[str, FloatArray]) -> list[tuple[str, int, str, int]]:
-    """From edge and lane to edge and lane; lanes count from the right."""
+    """Returns the links, from edge and lane to edge and lane; lanes count from the right."""
     if "weave" not in shapes:
         return []
     links = [("on_ramp", 0, "weave", 0)]
@@ -172,7 +142,7 @@ def _number(value: float) -> str:
 
 
 def _edge_shapes(plan: HighwayPlan) -> dict[str, FloatArray]:
-    """The left edge (k, 2) [m] of every SUMO edge, by its name."""
+    """Returns the left edge (k, 2) [m] of every SUMO edge, by its name."""
     edge = plan.left_edge
     steps = np.hypot(*np.diff(edge, axis=0).T)
     s = np.concatenate([[0.0], np.cumsum(steps)])
@@ -204,7 +174,7 @@ def _edge_shapes(plan: HighwayPlan) -> dict[str, FloatArray]:
 
 
 def _offset_to_right(line: FloatArray, s_line: FloatArray, s: FloatArray, lateral: FloatArray) -> FloatArray:
-    """Points (m, 2) at arc lengths `s` (m,) of `line`, `lateral` (m,) metres to its right."""
+    """Returns points (m, 2) at arc lengths `s` (m,) of `line`, `lateral` (m,) metres to its right."""
     reach = 1.0  # [m] over which the tangent is taken, so that a vertex has the mean of its two segments
     ahead, behind = np.minimum(s + reach, s_line[-1]), np.maximum(s - reach, 0.0)
 

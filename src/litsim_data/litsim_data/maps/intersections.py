@@ -11,16 +11,15 @@ The result is a lanelet map of our own, of which :mod:`litsim_data.maps.lanelets
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from litsim_data.maps.fitting import fit_lanes, lane_widths
-from litsim_data.maps.lanelets import Lanelet, write_lanelets
+from litsim_data.maps.fitting import fit_lanes, lane_widths, shift_left
+from litsim_data.maps.lanelets import Lanelet, at_shares
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 
@@ -60,13 +59,8 @@ class _Arm:
     lanelets: dict[int, list[Lanelet]] = field(default_factory=dict)
 
 
-def write_net(lanelets: Iterable[Lanelet], path: Path) -> list[str]:
-    """Build the net of fitted streets at `path`; return netconvert's warnings."""
-    return write_lanelets(lanelets, path)
-
-
 def fit_streets(table: pd.DataFrame) -> list[Lanelet]:
-    """The lanes and movements under a table of positions.
+    """Returns the lanes and movements under a table of positions.
 
     Args:
         table: COLUMNS, in frame map and SI units; `vehicle_id` names one track.
@@ -100,7 +94,7 @@ def fit_streets(table: pd.DataFrame) -> list[Lanelet]:
 
 
 def _arms(rows: pd.DataFrame) -> tuple[list[_Arm], IntArray]:
-    """Arms with their rows, and the arm of every row (n,), -1 within intersections."""
+    """Returns arms with their rows, and the arm of every row (n,), -1 within intersections."""
     x, y = rows["x"].to_numpy(np.float64), rows["y"].to_numpy(np.float64)
     vehicle = rows["vehicle_id"].to_numpy(np.int64)
     section, direction = rows["section"].to_numpy(np.int64), rows["direction"].to_numpy(np.int64)
@@ -149,7 +143,7 @@ def _arms(rows: pd.DataFrame) -> tuple[list[_Arm], IntArray]:
 
 
 def _main_direction(vehicle: IntArray, x: FloatArray, y: FloatArray) -> FloatArray | None:
-    """Unit vector of the prevailing direction of displacements over about a second; None if no vehicle moves."""
+    """Returns the unit vector of the prevailing displacement over about a second; None if no vehicle moves."""
     ahead = 10
     if len(x) <= ahead:
         return None
@@ -167,7 +161,9 @@ def _main_direction(vehicle: IntArray, x: FloatArray, y: FloatArray) -> FloatArr
 
 
 def _quadrants(vehicle: IntArray, x: FloatArray, y: FloatArray) -> IntArray:
-    """(n,) quarter of the compass in which a vehicle is heading, 0: along +x; by its way over the next metres."""
+    """Returns the quarter (n,) of the compass in which a vehicle heads, 0: along +x; by its way over the next
+    metres.
+    """
     result = np.zeros(len(x), np.int64)
     for rows in _tracks(vehicle):
         track = np.column_stack([x[rows], y[rows]])
@@ -179,7 +175,7 @@ def _quadrants(vehicle: IntArray, x: FloatArray, y: FloatArray) -> IntArray:
 
 
 def _straight_part(vehicle: IntArray, u: FloatArray, v: FloatArray, *, leaving: bool) -> tuple[IntArray, IntArray]:
-    """Rows of an approach (or, `leaving`, an exit) that are not turning yet (any more), and their lanes from 1."""
+    """Returns rows of an approach (or, `leaving`, an exit) that do not turn yet (any more), and their lanes from 1."""
     towards = -u if leaving else u  # grows towards the intersection
     border = float(np.quantile([towards[rows].min() for rows in _tracks(vehicle)], 0.5))
     outer = np.flatnonzero(towards < border + STUB[0])
@@ -202,7 +198,7 @@ def _straight_part(vehicle: IntArray, u: FloatArray, v: FloatArray, *, leaving: 
 
 
 def _fit_arm(arm: _Arm) -> None:
-    """Fill `arm.lanelets`: by lane, its parts along the road."""
+    """Fills `arm.lanelets`: by lane, its parts along the road."""
     labels = [
         int(label)
         for label in np.unique(arm.lane[arm.lane > 0])
@@ -254,10 +250,12 @@ def _fit_arm(arm: _Arm) -> None:
 
 
 def _movements(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> list[tuple[Lanelet, str]]:
-    """Movements as lanelets, each with the id of the lanelet from which it begins."""
+    """Returns movements as lanelets, each with the id of the lanelet from which it begins."""
     x, y = rows["x"].to_numpy(np.float64), rows["y"].to_numpy(np.float64)
-    vehicle, label = rows["vehicle_id"].to_numpy(np.int64), _labels(rows, arms, arm_of)
-    said = rows["movement"].to_numpy(np.int64)
+    vehicle, label = rows["vehicle_id"].to_numpy(np.int64), np.zeros(len(rows), np.int64)
+    for number, arm in enumerate(arms):
+        label[arm_of == number] = arm.lane
+    movement = rows["movement"].to_numpy(np.int64)
     crossing = rows["intersection"].to_numpy(np.int64)
     paths: dict[tuple[int, int, int, int], list[FloatArray]] = {}
     turns: dict[tuple[int, int, int, int], list[int]] = {}
@@ -270,11 +268,11 @@ def _movements(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> list[t
             key = (int(arm_of[before]), int(label[before]), int(arm_of[after]), int(label[after]))
             between = np.arange(before, after + 1)
             paths.setdefault(key, []).append(np.column_stack([x[between], y[between]]))
-            told = said[between][said[between] > 0]
-            turns.setdefault(key, []).append(int(np.bincount(told).argmax()) if len(told) else 0)
+            codes = movement[between][movement[between] > 0]
+            turns.setdefault(key, []).append(int(np.bincount(codes).argmax()) if len(codes) else 0)
             named = crossing[between][crossing[between] > 0]
             places[key] = int(named[0]) if len(named) else 0
-    found = []
+    movements = []
     for (from_arm, from_lane, to_arm, to_lane), ways in sorted(paths.items()):
         key = (from_arm, from_lane, to_arm, to_lane)
         starts, ends = arms[from_arm].lanelets.get(from_lane), arms[to_arm].lanelets.get(to_lane)
@@ -282,25 +280,16 @@ def _movements(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> list[t
             continue
         turn = _turn(arms[from_arm].along, arms[to_arm].along)
         # A way that contradicts the column is a mistake of one or the other.
-        agreeing = [way for way, told in zip(ways, turns[key], strict=True) if told in (0, turn)]
+        agreeing = [way for way, column in zip(ways, turns[key], strict=True) if column in (0, turn)]
         if len(agreeing) < MOVEMENTS_MIN:
             continue
         start, end = starts[-1], ends[0]
         line = _median_path(agreeing, start.centerline[-1], end.centerline[0])
         half = 0.5 * np.linspace(start.width, end.width, len(line))
-        normal = _left_normals(line)
         name = f"i{places[key]}_{start.id}_{end.id}"
-        sides = line + half[:, None] * normal, line - half[:, None] * normal
-        found.append((Lanelet(name, *sides, successors=(end.id,), junction=True), start.id))
-    return found
-
-
-def _labels(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> IntArray:
-    """Lane number (n,) of each of the `rows` within the arm that `arm_of` (n,) gives."""
-    label = np.zeros(len(rows), np.int64)
-    for number, arm in enumerate(arms):
-        label[np.flatnonzero(arm_of == number)] = arm.lane
-    return label
+        sides = shift_left(line, half), shift_left(line, -half)
+        movements.append((Lanelet(name, *sides, successors=(end.id,), junction=True), start.id))
+    return movements
 
 
 def _turn(before: FloatArray, after: FloatArray) -> int:
@@ -309,31 +298,21 @@ def _turn(before: FloatArray, after: FloatArray) -> int:
 
 
 def _median_path(ways: list[FloatArray], start: FloatArray, end: FloatArray) -> FloatArray:
-    """(PATH_POINTS, 2) the median of polylines at equal shares of their length, led from `start` to `end`."""
+    """Returns the median (PATH_POINTS, 2) of polylines at equal shares of their length, led from `start` to `end`."""
     share = np.linspace(0.0, 1.0, PATH_POINTS)
-    sampled = []
-    for way in ways:
-        s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
-        sampled.append(np.column_stack([np.interp(share * s[-1], s, way[:, axis]) for axis in (0, 1)]))
-    line = np.median(sampled, axis=0)
+    line = np.median([at_shares(way, share) for way in ways], axis=0)
     smooth = line.copy()
     smooth[1:-1] = 0.25 * line[:-2] + 0.5 * line[1:-1] + 0.25 * line[2:]
     led = smooth + (1.0 - share)[:, None] * (start - smooth[0]) + share[:, None] * (end - smooth[-1])
     return np.asarray(led, np.float64)
 
 
-def _left_normals(line: FloatArray) -> FloatArray:
-    tangent = np.gradient(line, axis=0)
-    tangent /= np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-9)[:, None]
-    return np.column_stack([-tangent[:, 1], tangent[:, 0]])
-
-
 def _in_map(arm: _Arm, u: FloatArray, v: FloatArray) -> FloatArray:
-    """Points (m, 2) in frame map [m] that lie `u` (m,) along an arm and `v` (m,) to its left [m]."""
+    """Returns points (m, 2) in frame map [m] that lie `u` (m,) along an arm and `v` (m,) to its left [m]."""
     across = np.array([-arm.along[1], arm.along[0]])
     return arm.origin + u[:, None] * arm.along + v[:, None] * across
 
 
 def _tracks(vehicle: IntArray) -> Iterator[IntArray]:
-    """The rows of each vehicle in turn, of the column `vehicle` (n,), by which the rows are sorted."""
+    """Yields the rows of each vehicle in turn, of the column `vehicle` (n,), by which the rows are sorted."""
     yield from np.split(np.arange(len(vehicle)), np.flatnonzero(np.diff(vehicle)) + 1)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from litsim_data.maps.lanelets import SPEED_LIMIT, Lanelet, write_lanelets
+from litsim_data.maps.lanelets import SPEED_LIMIT, Lanelet
 from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.core.scene import FloatArray
 
@@ -17,25 +17,11 @@ TURNS = ("left", "right", "straight")
 """Values of the attribute `turn_direction`, which lanelets inside intersections have."""
 
 
-def import_lanelet2(source: Path, origin: tuple[float, float], path: Path) -> list[str]:
-    """Convert the Lanelet2 file `source` to the net at `path`.
-
-    Frame map: UTM metres from `origin` (latitude, longitude [degrees]), x east, y north.
-
-    Returns:
-        netconvert's warnings.
-
-    Raises:
-        InputError: the lanelet2 package or netconvert is missing, or `source` cannot be used.
-    """
-    return write_lanelets(read_lanelets(source, origin), path)
-
-
 def read_lanelets(source: Path, origin: tuple[float, float]) -> list[Lanelet]:
-    """The lanelets of a Lanelet2 file that vehicles may use, in metres from `origin`.
+    """Returns the lanelets of a Lanelet2 file that vehicles may use, in metres from `origin`.
 
     Raises:
-        InputError: as :func:`import_lanelet2`.
+        InputError: the lanelet2 package is missing, or `source` cannot be used.
     """
     io, projection, routing, traffic_rules = _modules()
     if not source.is_file():
@@ -50,22 +36,22 @@ def read_lanelets(source: Path, origin: tuple[float, float]) -> list[Lanelet]:
         raise InputError(f"{source}: not a readable Lanelet2 file: {_why(str(error), origin)}") from error
     rules = traffic_rules.create(traffic_rules.Locations.Germany, traffic_rules.Participants.Vehicle)
     graph = routing.RoutingGraph(lanelet_map, rules)
-    found = [_lanelet(raw, graph, rules) for raw in lanelet_map.laneletLayer if rules.canPass(raw)]
-    if not found:
+    lanelets = [_lanelet(raw, graph, rules) for raw in lanelet_map.laneletLayer if rules.canPass(raw)]
+    if not lanelets:
         roads = sum("highway" in line.attributes for line in lanelet_map.lineStringLayer)
         plain = f"; it has {roads} ways with tag highway, as OpenStreetMap, which does not say where lanes lie"
         raise InputError(f"{source}: no lanelets that vehicles may use{plain if roads else ''}")
-    if not all(np.isfinite(lanelet.centerline).all() for lanelet in found):
+    if not all(np.isfinite(lanelet.centerline).all() for lanelet in lanelets):
         raise InputError(f"{source}: bounds are not finite: is --origin within the map's UTM zone?")
-    return found
+    return lanelets
 
 
 def _why(error: str, origin: tuple[float, float]) -> str:
-    """The text of an error of the lanelet2 package, which has a line for each node of the file, in one line."""
+    """Returns the text of an error of the lanelet2 package, which has a line for each node of the file, in one line."""
     lines = error.splitlines()
-    said = " ".join(" ".join(lines[:2]).split()) + (f"; {len(lines) - 2} more such lines" if len(lines) > 2 else "")
-    asked = f"; is --origin {origin[0]:g} {origin[1]:g}, latitude and longitude, near the map?"
-    return said + (asked if "UTM zone" in said else "")
+    text = " ".join(" ".join(lines[:2]).split()) + (f"; {len(lines) - 2} more such lines" if len(lines) > 2 else "")
+    question = f"; is --origin {origin[0]:g} {origin[1]:g}, latitude and longitude, near the map?"
+    return text + (question if "UTM zone" in text else "")
 
 
 def _modules() -> tuple[Any, Any, Any, Any]:

@@ -19,6 +19,7 @@ import shapely
 from litsim_data.maps.netconvert import DECIMALS, build_net
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
+from litsim_sim.lane_map.lane_crossings import crossing_pairs, crossing_points
 
 SPEED_LIMIT = 13.89  # [m/s] 50 km/h, where the map gives none
 INNER_LENGTH_MAX = 60.0  # [m] longer lanelets that split or join are ramps, not turns
@@ -60,7 +61,7 @@ class Lanelet:
         """Both bounds at the same shares of their length (m, 2)."""
         length = max(_length(self.left), _length(self.right))
         share = np.linspace(0.0, 1.0, max(SAMPLES_MIN, int(np.ceil(length / SAMPLE)) + 1))
-        return _at_shares(self.left, share), _at_shares(self.right, share)
+        return at_shares(self.left, share), at_shares(self.right, share)
 
     @cached_property
     def centerline(self) -> FloatArray:
@@ -69,7 +70,7 @@ class Lanelet:
         return 0.5 * (left + right)
 
     def ends(self, at: int) -> FloatArray:
-        """The points (2, 2) [m] of the left and the right bound at the start (`at` 0) or the end (`at` -1)."""
+        """Returns the points (2, 2) [m] of the left and the right bound at the start (`at` 0) or the end (`at` -1)."""
         return np.stack([self.left[at], self.right[at]])
 
     @cached_property
@@ -138,18 +139,20 @@ class _Plan:
         raise InputError("the lanelets do not add up to roads and junctions")
 
     def _first_inner(self) -> set[str]:
-        """Lanelets inside intersections: as the map says, or that cross others, or that split or join and are short."""
+        """Returns the lanelets inside intersections: by the map, or as they cross others, or are short and split or
+        join.
+        """
         self.kept_outer: set[str] = set()
-        found = {name for name, lanelet in self.by_id.items() if lanelet.junction}
-        found |= {name for pair in self.crossing for name in pair}
+        inner = {name for name, lanelet in self.by_id.items() if lanelet.junction}
+        inner |= {name for pair in self.crossing for name in pair}
         for following in (self.after, self.before):
             for names in following.values():
                 if len(names) > 1:
-                    found |= {name for name in names if self.by_id[name].length < INNER_LENGTH_MAX}
-        return {name for name in found if self.after[name] and self.before[name]}
+                    inner |= {name for name in names if self.by_id[name].length < INNER_LENGTH_MAX}
+        return {name for name in inner if self.after[name] and self.before[name]}
 
     def _groups(self) -> list[list[str]]:
-        """The outer lanelets that lie side by side, group by group, each with the rightmost first."""
+        """Returns the outer lanelets that lie side by side, group by group, each with the rightmost first."""
         outer = [name for name in self.by_id if name not in self.inner]
         left_of: dict[str, str] = {}
         for name in outer:
@@ -163,7 +166,7 @@ class _Plan:
             if left in has_right:
                 del left_of[name]
             has_right.add(left)
-        groups, seen = [], set()
+        groups, grouped = [], set()
         for name in outer:
             if name in has_right:
                 continue
@@ -171,8 +174,8 @@ class _Plan:
             while group[-1] in left_of and left_of[group[-1]] not in group:
                 group.append(left_of[group[-1]])
             groups.append(group)
-            seen |= set(group)
-        return groups + [[name] for name in outer if name not in seen]
+            grouped |= set(group)
+        return groups + [[name] for name in outer if name not in grouped]
 
     def _links(self) -> Iterator[_Link]:
         for name in self.group_of:
@@ -185,7 +188,9 @@ class _Plan:
                     stack += [(*path, other) for other in self.after[path[-1]] if other not in path]
 
     def _nodes(self) -> dict[tuple[int, int], int]:
-        """Junction of each group's start (row, 0) and end (row, 1): ends meet that are linked, or whose links cross."""
+        """Returns the junction of each group's start (row, 0) and end (row, 1): ends that are linked, or whose links
+        cross, meet.
+        """
         parent: dict[tuple[int, int] | str, tuple[int, int] | str] = {}
 
         def root(item: tuple[int, int] | str) -> tuple[int, int] | str:
@@ -211,7 +216,7 @@ class _Plan:
 
 
 def write_lanelets(lanelets: Iterable[Lanelet], path: Path) -> list[str]:
-    """Build the SUMO net of a lanelet map at `path`, in the frame of the map.
+    """Builds the SUMO net of a lanelet map at `path`, in the frame of the map.
 
     Returns:
         netconvert's warnings.
@@ -224,7 +229,7 @@ def write_lanelets(lanelets: Iterable[Lanelet], path: Path) -> list[str]:
 
 
 def lanelets_plain_xml(lanelets: Iterable[Lanelet]) -> tuple[dict[str, ET.Element], dict[str, str]]:
-    """The map as SUMO's plain XML.
+    """Returns the map as SUMO's plain XML.
 
     Edges are named by the id of their rightmost lanelet, junctions by a number.
 
@@ -243,7 +248,7 @@ def lanelets_plain_xml(lanelets: Iterable[Lanelet]) -> tuple[dict[str, ET.Elemen
     signals: set[int] = set()
     for row, group in enumerate(plan.groups):
         members = [plan.by_id[name] for name in group]
-        middle = 0.5 * (_at_shares(members[0].centerline, SHARES) + _at_shares(members[-1].centerline, SHARES))
+        middle = 0.5 * (at_shares(members[0].centerline, SHARES) + at_shares(members[-1].centerline, SHARES))
         ends = plan.node_of[row, 0], plan.node_of[row, 1]
         for node, at in zip(ends, (0, -1), strict=True):
             by_node.setdefault(node, []).append(middle[at])
@@ -273,7 +278,7 @@ def lanelets_plain_xml(lanelets: Iterable[Lanelet]) -> tuple[dict[str, ET.Elemen
 
 
 def _clear_place(corners: FloatArray, lines: list[FloatArray]) -> FloatArray:
-    """A triangle (3, 2) of a centimetre which neither the centre lines of a junction's lanes nor their extensions hit.
+    """Returns a triangle (3, 2) of a centimetre that neither the lanes of a junction nor their extensions hit.
 
     netconvert cuts or lengthens lanes to where they meet the outline of their junction. Ours are already as long as
     they should be, so it is given an outline that they do not meet.
@@ -288,7 +293,7 @@ def _clear_place(corners: FloatArray, lines: list[FloatArray]) -> FloatArray:
 
 
 def _extended(line: FloatArray) -> FloatArray:
-    """`line` (k, 2), straight on at both ends for as far as netconvert looks."""
+    """Returns `line` (k, 2), straight on at both ends for as far as netconvert looks."""
     head, tail = line[0] - line[1], line[-1] - line[-2]
     before, after = (end + EXTENSION * way / np.hypot(*way) for end, way in ((line[0], head), (line[-1], tail)))
     return np.vstack([before, line, after])
@@ -310,47 +315,25 @@ def _connection(plan: _Plan, link: _Link) -> ET.Element:
 
 
 def _crossing_pairs(lanelets: list[Lanelet], after: dict[str, tuple[str, ...]]) -> list[tuple[str, str]]:
-    """Pairs of lanelets whose centre lines cross, other than where one leads into the other."""
-    boxes = [(line.min(axis=0), line.max(axis=0)) for line in (lanelet.centerline for lanelet in lanelets)]
+    """Returns pairs of lanelets whose centre lines cross off their ends, other than where one leads into the other."""
+    lines = [shapely.LineString(lanelet.centerline) for lanelet in lanelets]
     pairs = []
-    for row, one in enumerate(lanelets):
-        for column in range(row + 1, len(lanelets)):
-            other = lanelets[column]
-            (low, high), (low_other, high_other) = boxes[row], boxes[column]
-            if (low > high_other).any() or (low_other > high).any():
-                continue
-            if other.id in after[one.id] or one.id in after[other.id]:
-                continue
-            if _cross(one.centerline, other.centerline):
-                pairs.append((one.id, other.id))
+    for row, column in sorted(crossing_pairs(lines)):
+        one, other = lanelets[row].id, lanelets[column].id
+        if row > column or other in after[one] or one in after[other]:
+            continue
+        ends = shapely.union(lines[row].boundary, lines[column].boundary)
+        if any(ends.distance(point) > ENDS_APART for point in crossing_points(lines[row], lines[column])):
+            pairs.append((one, other))
     return pairs
-
-
-def _cross(one: FloatArray, other: FloatArray) -> bool:
-    """Whether two polylines cross at least ENDS_APART from their ends."""
-    a, b = one[:-1, None], other[None, :-1]
-    da, db = np.diff(one, axis=0)[:, None], np.diff(other, axis=0)[None]
-    cross = da[..., 0] * db[..., 1] - da[..., 1] * db[..., 0]
-    parallel = np.abs(cross) < 1e-9
-    safe = np.where(parallel, 1.0, cross)
-    gap = b - a
-    t = (gap[..., 0] * db[..., 1] - gap[..., 1] * db[..., 0]) / safe
-    u = (gap[..., 0] * da[..., 1] - gap[..., 1] * da[..., 0]) / safe
-    hit = ~parallel & (t >= 0) & (t <= 1) & (u >= 0) & (u <= 1)
-    for i, j in zip(*np.nonzero(hit), strict=True):
-        point = one[i] + t[i, j] * (one[i + 1] - one[i])
-        ends = np.stack([one[0], one[-1], other[0], other[-1]])
-        if np.hypot(*(ends - point).T).min() > ENDS_APART:
-            return True
-    return False
 
 
 def _length(line: FloatArray) -> float:
     return float(np.hypot(*np.diff(line, axis=0).T).sum())
 
 
-def _at_shares(line: FloatArray, share: FloatArray) -> FloatArray:
-    """Points (m, 2) of a polyline at shares (m,) of its length."""
+def at_shares(line: FloatArray, share: FloatArray) -> FloatArray:
+    """Returns points (m, 2) of a polyline at shares (m,) of its length."""
     s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
     return np.column_stack([np.interp(share * s[-1], s, line[:, axis]) for axis in (0, 1)])
 

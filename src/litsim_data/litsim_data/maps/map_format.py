@@ -22,7 +22,7 @@ class MapFormat(ABC):
 
     @abstractmethod
     def write_net(self, path: Path, origin: tuple[float, float] | None, out: Path) -> list[str]:
-        """Write the map at `path` as a SUMO net to `out`; return netconvert's warnings.
+        """Writes the map at `path` as a SUMO net to `out`; returns netconvert's warnings.
 
         Args:
             path: file of this format.
@@ -35,33 +35,35 @@ class MapFormat(ABC):
 
 
 class CommonRoad(MapFormat):
-    """Maps of CommonRoad scenarios."""
+    """Maps of CommonRoad scenarios, in their own frame."""
 
     file, content = "F.xml", "a CommonRoad lanelet map"
 
     def write_net(self, path: Path, origin: tuple[float, float] | None, out: Path) -> list[str]:  # noqa: ARG002 - has its own frame
         """See :class:`MapFormat`."""
-        from litsim_data.maps.commonroad import import_commonroad
+        from litsim_data.maps.commonroad import read_lanelets
+        from litsim_data.maps.lanelets import write_lanelets
 
-        return import_commonroad(path, out)
+        return write_lanelets(read_lanelets(path), out)
 
 
 class Lanelet2(MapFormat):
-    """Lanelet2 maps, as of Autoware."""
+    """Lanelet2 maps, as of Autoware; frame map is UTM metres from the origin, x east, y north."""
 
     file, content = "F.osm", "a Lanelet2 map (pip install lanelet2)"
 
     def write_net(self, path: Path, origin: tuple[float, float] | None, out: Path) -> list[str]:
         """See :class:`MapFormat`."""
-        from litsim_data.maps.lanelet2_osm import import_lanelet2
+        from litsim_data.maps.lanelet2_osm import read_lanelets
+        from litsim_data.maps.lanelets import write_lanelets
 
         if origin is None:
             raise InputError("data map: --lanelet2 needs --origin LAT LON, the point that becomes (0, 0)")
-        return import_lanelet2(path, origin, out)
+        return write_lanelets(read_lanelets(path, origin), out)
 
 
 class OpenDrive(MapFormat):
-    """OpenDRIVE maps, through netconvert."""
+    """OpenDRIVE maps, through netconvert, in the frame of the file."""
 
     file, content = "F.xodr", "an OpenDRIVE map through netconvert"
 

@@ -24,17 +24,13 @@ PLAIN_OPTIONS = {
     ".nod.xml": "--node-files",
     ".edg.xml": "--edge-files",
     ".con.xml": "--connection-files",
-    ".tll.xml": "--tllogic-files",
 }
 WITHOUT_INTERNAL_LANES = ("--no-internal-links",)
 """For nets whose lanes follow each other without a gap: no lanes are put between them."""
 
-PlainXml = Mapping[str, ET.Element]
-"""Root elements by the file name that they get; the ending of the name says what they are."""
-
 
 def find_netconvert() -> Path:
-    """The netconvert program: beside this Python, inside the ``eclipse-sumo`` package, or on the PATH.
+    """Returns the netconvert program: beside this Python, inside the ``eclipse-sumo`` package, or on the PATH.
 
     Raises:
         InputError: it is in none of these places.
@@ -52,12 +48,12 @@ def find_netconvert() -> Path:
 
 
 def build_net(
-    plain: PlainXml, path: Path, options: Sequence[str] = (), outlines: Mapping[str, str] | None = None
+    plain: Mapping[str, ET.Element], path: Path, options: Sequence[str] = (), outlines: Mapping[str, str] | None = None
 ) -> list[str]:
-    """Assemble `plain` to the net at `path`, in the frame of its coordinates.
+    """Assembles `plain` to the net at `path`, in the frame of its coordinates.
 
     Args:
-        plain: what to build.
+        plain: root elements of SUMO's plain XML by file name, whose ending says what they are.
         path: file of the net.
         options: options of netconvert.
         outlines: shapes of junctions in SUMO's format by their id, to replace those of netconvert.
@@ -79,7 +75,7 @@ def build_net(
 
 
 def import_opendrive(source: Path, path: Path) -> list[str]:
-    """Convert the OpenDRIVE file `source` to the net at `path`; the frame is that of the file.
+    """Converts the OpenDRIVE file `source` to the net at `path`; the frame is that of the file.
 
     Returns:
         netconvert's warnings.
@@ -108,15 +104,15 @@ def _convert(options: Sequence[str], path: Path, folder: Path, outlines: Mapping
         *("--offset.disable-normalization", "--no-turnarounds"),
     ]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    made = folder / "made.net.xml"
-    if done.returncode != 0 or not made.is_file():
+    net_file = folder / "made.net.xml"
+    if done.returncode != 0 or not net_file.is_file():
         why = " ".join((done.stderr or done.stdout).split())
         raise InputError(f"netconvert refused {source}: {why}")
     # netconvert heads the file with the date and its command line, which would make every regeneration differ.
-    net = re.sub(r"<!--.*?-->\n*", "", made.read_text(encoding="UTF-8"), count=1, flags=re.DOTALL)
+    net = re.sub(r"<!--.*?-->\n*", "", net_file.read_text(encoding="UTF-8"), count=1, flags=re.DOTALL)
     for junction, outline in outlines.items():
         net = re.sub(rf'(<junction id="{re.escape(junction)}"[^>]*? shape=")[^"]*', rf"\g<1>{outline}", net, count=1)
     with replacing(path) as new:
         new.write_text(net, encoding="UTF-8")
-    said = (done.stdout + done.stderr).splitlines()
-    return [line.removeprefix("Warning: ").strip() for line in said if line.startswith("Warning")]
+    output = (done.stdout + done.stderr).splitlines()
+    return [line.removeprefix("Warning: ").strip() for line in output if line.startswith("Warning")]

@@ -70,7 +70,7 @@ class Placement:
 
 
 def placement(lane_map: LaneMap, table: pd.DataFrame) -> Placement:
-    """How the vehicle centres of a neutral `table` (vehicle_id, frame, x, y, yaw, lane) lie on the lanes."""
+    """Returns how the vehicle centres of a neutral `table` (vehicle_id, frame, x, y, yaw, lane) lie on the lanes."""
     x, y, yaw = (table[name].to_numpy(np.float64) for name in ("x", "y", "yaw"))
     label = table["lane"].to_numpy(np.int64)
     at = lane_map.nearest(x, y, yaw)
@@ -99,15 +99,19 @@ def placement(lane_map: LaneMap, table: pd.DataFrame) -> Placement:
         missing=len(worst),
         past_end=float(past_end.mean()) if len(past_end) else 0.0,
         worst=tuple(
-            Miss(int(each), int(frame), float(at_x), float(at_y), float(far), lane_map.lanes[int(lane)].id, bool(past))
-            for each, frame, far, lane, past, at_x, at_y in worst.head(WORST).to_numpy(object)
+            Miss(
+                int(vehicle), int(frame), float(at_x), float(at_y), float(far), lane_map.lanes[int(lane)].id, bool(past)
+            )
+            for vehicle, frame, far, lane, past, at_x, at_y in worst.head(WORST).to_numpy(object)
         ),
         against=float((inside & at.against(yaw)).mean()),
     )
 
 
 def off_lanes(lane_map: LaneMap, x: FloatArray, y: FloatArray) -> tuple[FloatArray, IntArray, BoolArray]:
-    """Distances (n,) of points [m] to the edge of the nearest lane, its position, and whether they are past its end."""
+    """Returns distances (n,) [m] of points to the edge of the nearest lane, its row, and whether they are past its
+    end.
+    """
     at = lane_map.nearest(x, y)
     foot_x, foot_y, _ = lane_map.pose_at(at.lane, at.s)
     half = 0.5 * np.array([lane.width for lane in lane_map.lanes])[at.lane]
@@ -118,7 +122,7 @@ def off_lanes(lane_map: LaneMap, x: FloatArray, y: FloatArray) -> tuple[FloatArr
 
 
 def lane_numbers(lane_map: LaneMap) -> IntArray:
-    """(lanes,) numbers from 1 at the left edge of the road; 0 inside junctions.
+    """Returns the numbers (lanes,) from 1 at the left edge of the road; 0 inside junctions.
 
     A ramp (an edge of one lane that runs into or comes out of one lane of several) goes on with the number of that
     lane.

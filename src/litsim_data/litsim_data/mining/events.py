@@ -75,7 +75,7 @@ class Event:
     numbers: Mapping[str, Number] = field(default_factory=dict)
 
     def entry(self) -> dict[str, Number]:
-        """The event as an entry of a suite, with times in seconds of the scenario."""
+        """Returns the event as an entry of a suite, with times in seconds of the scenario."""
         times = {"time_s": self.step, "begin_s": self.begin, "end_s": self.end}
         head: dict[str, Number] = {"kind": str(self.kind), "other": self.other}
         head |= {name: round(step * STEP_S, DECIMALS) for name, step in times.items()}
@@ -90,7 +90,7 @@ def severity(
     brake_threat: float | None = None,
     lateral_acceleration: float | None = None,
 ) -> float:
-    """Severity of an event, from 0 to 1: the maximum over its measures.
+    """Returns the severity of an event, from 0 to 1: the maximum over its measures.
 
     A measure x with criticality target c has severity c / (c + x) if small values are critical (TTC 2 s, time headway
     0.9 s, PET 1.5 s), and x / (c + x) if large ones are (brake threat number 1, lateral acceleration 3 m/s2), so that
@@ -104,7 +104,7 @@ def severity(
 
 
 def measured(value: float) -> float | None:
-    """`value` rounded for an event; None if it is not finite."""
+    """Returns `value` rounded for an event; None if it is not finite."""
     return round(float(value), DECIMALS) if isfinite(value) else None
 
 
@@ -134,7 +134,7 @@ class Situation:
 
     @classmethod
     def of(cls, log: Log, lane_map: LaneMap, signals: WaySignals | None = None) -> Situation:
-        """The situation of `log` on the lanes of `lane_map`."""
+        """Returns the situation of `log` on the lanes of `lane_map`."""
         tracks = LaneTracks.of(log, lane_map)
         return cls(
             log=log,
@@ -150,20 +150,22 @@ class Situation:
 
     @classmethod
     def of_scenario(cls, scenario: Scenario) -> Situation:
-        """The situation of a scenario's log, net and signals."""
+        """Returns the situation of a scenario's log, net and signals."""
         return cls.of(scenario.log, scenario.lane_map, WaySignals.of(scenario))
 
     def id_of(self, row: int) -> int:
-        """Id of the agent in `row`."""
+        """Returns the id of the agent in `row`."""
         return int(self.log.ids[row])
 
     def followers(self, row: int, step: int) -> IntArray:
-        """Rows (k,) of the agents that follow the one in `row` at `step`, the nearest first."""
+        """Returns rows (k,) of the agents that follow the one in `row` at `step`, the nearest first."""
         behind = np.flatnonzero(self.following.leader[:, step] == row)
         return behind[np.argsort(self.following.gap[behind, step], kind="stable")]
 
     def ttc_min(self, row: int, first: int, last: int) -> float:
-        """Shortest time [s] to collision of the agent in `row` with its leader, steps `first` to `last`; else inf."""
+        """Returns the shortest time to collision [s] of agent `row` with its leader, steps `first` to `last`; else
+        inf.
+        """
         piece = slice(first, last + 1)
         gap, closing = self.following.gap[row, piece], self.following.closing[row, piece]
         times = np.divide(gap, closing, out=np.full(len(gap), np.inf), where=closing > CLOSING_MIN)

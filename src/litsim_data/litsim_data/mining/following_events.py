@@ -23,25 +23,30 @@ FOLLOWING_HEADWAY_S, FOLLOWING_SPEED, FOLLOWING_TTC_S, FOLLOWING_S = (0.7, 3.0),
 
 
 def hard_braking(situation: Situation) -> Iterator[Event]:
-    """The leader, within a headway of 3.5 s, brakes at 3 m/s2 or more for at least 0.6 s and loses at least 1 m/s."""
-    log = situation.log
-    for row in range(len(log.ids)):
-        for begin, end in true_runs(log.valid[row] & (log.acceleration[row] <= HARD_MPS2)):
-            lost = float(log.speed[row, begin] - log.speed[row, end - 1])
-            if (end - begin) * STEP_S >= HARD_S - 1e-9 and lost >= LOST_MPS:
-                yield from _braking(situation, row, begin, end - 1, EventKind.HARD_BRAKING)
+    """Yields events: the leader brakes at 3 m/s2 or more for at least 0.6 s and loses at least 1 m/s."""
+    speed = situation.log.speed
+    for row, begin, end in _decelerations(situation, HARD_MPS2):
+        lasts = (end - begin) * STEP_S >= HARD_S - 1e-9
+        if lasts and float(speed[row, begin] - speed[row, end - 1]) >= LOST_MPS:
+            yield from _braking(situation, row, begin, end - 1, EventKind.HARD_BRAKING)
 
 
 def leader_braking(situation: Situation) -> Iterator[Event]:
-    """The leader, within a headway of 3.5 s, brakes at 2.5 m/s2 or more."""
+    """Yields events in which the leader, within a headway of 3.5 s, brakes at 2.5 m/s2 or more."""
+    for row, begin, end in _decelerations(situation, LEADER_MPS2):
+        yield from _braking(situation, row, begin, end - 1, EventKind.LEADER_BRAKING)
+
+
+def _decelerations(situation: Situation, most: float) -> Iterator[tuple[int, int, int]]:
+    """Yields row, first step and end (exclusive) of each run of accelerations of at most `most` [m/s2]."""
     log = situation.log
     for row in range(len(log.ids)):
-        for begin, end in true_runs(log.valid[row] & (log.acceleration[row] <= LEADER_MPS2)):
-            yield from _braking(situation, row, begin, end - 1, EventKind.LEADER_BRAKING)
+        for begin, end in true_runs(log.valid[row] & (log.acceleration[row] <= most)):
+            yield row, begin, end
 
 
 def stop_and_go(situation: Situation) -> Iterator[Event]:
-    """An ego slows from 5 m/s to below 2 m/s within 30 m behind its leader, and gets back to 5 m/s."""
+    """Yields events: an ego slows from 5 m/s to below 2 m/s within 30 m behind its leader, and gets back to 5 m/s."""
     log, following = situation.log, situation.following
     for row in range(len(log.ids)):
         speed, there = log.speed[row], log.valid[row]
@@ -70,7 +75,7 @@ def stop_and_go(situation: Situation) -> Iterator[Event]:
 
 
 def steady_following(situation: Situation) -> Iterator[Event]:
-    """An ego follows one leader for 2 s or more: headway 0.7 to 3 s, closing speed within 3 m/s, TTC above 3 s."""
+    """Yields events: an ego follows a leader for 2 s: headway 0.7 to 3 s, closing speed within 3 m/s, TTC above 3 s."""
     following = situation.following
     low, high = FOLLOWING_HEADWAY_S
     steady: BoolArray = (following.headway >= low) & (following.headway <= high)
@@ -95,7 +100,7 @@ def steady_following(situation: Situation) -> Iterator[Event]:
 
 
 def _braking(situation: Situation, row: int, begin: int, end: int, kind: EventKind) -> Iterator[Event]:
-    """Events of the agent in `row` braking from step `begin` to `end`, one for each of its followers."""
+    """Yields events of the agent in `row` braking from step `begin` to `end`, one for each of its followers."""
     log, following = situation.log, situation.following
     piece = slice(begin, end + 1)
     concerned = (following.leader[:, piece] == row) & (following.headway[:, piece] < HEADWAY_MAX_S)
@@ -120,7 +125,7 @@ def _braking(situation: Situation, row: int, begin: int, end: int, kind: EventKi
 
 
 def brake_threat(gap: float, speed: float, leader_speed: float, leader_braking: float) -> float:
-    """Brake threat number: the share of full braking, 0.774 g, that an ego needs behind a leader that brakes to a stop.
+    """Returns the share of full braking, 0.774 g, that an ego needs behind a leader that brakes to a stop.
 
     Above 1 braking cannot avoid a contact, even without reaction time; inf without any room. After Brannstrom, Sjoberg
     and Coelingh (2008), for a leader that keeps braking.

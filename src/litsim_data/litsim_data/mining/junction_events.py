@@ -19,7 +19,7 @@ TURN_PET_S = 3.0  # [s] largest post-encroachment time of a turn across oncoming
 
 
 def turn_events(situation: Situation) -> Iterator[Event]:
-    """The ego turns by more than 45 degrees at more than 5 degrees per second."""
+    """Yields turns of the ego by more than 45 degrees at more than 5 degrees per second."""
     for turn in situation.turns:
         most = turn.lateral_acceleration
         numbers: dict[str, Number] = {
@@ -33,87 +33,74 @@ def turn_events(situation: Situation) -> Iterator[Event]:
 
 
 def encounters(situation: Situation) -> Iterator[Event]:
-    """Two vehicles that enter a junction from two roads use one place of it within 5 s of each other.
+    """Yields events: two vehicles that enter a junction from two roads use one place of it within 5 s of each other.
 
     Left turn: one turns left across the path of an oncoming vehicle that goes straight, within 3 s, without a protected
     signal. Right turn: the same to the right, where traffic keeps to the left. Merge: they leave in the same lane.
     Crossing: all others. Each gives one event per vehicle, with its role.
     """
     by_junction: dict[str, list[Passage]] = {}
-    for each in situation.passages:
-        by_junction.setdefault(each.junction, []).append(each)
+    for passage in situation.passages:
+        by_junction.setdefault(passage.junction, []).append(passage)
     for _, inside in sorted(by_junction.items()):
         for a, b in combinations(inside, 2):
-            if _comparable(situation, a, b):
+            roads = {situation.lane_map.lanes[passage.from_lane].edge_id for passage in (a, b)}
+            apart = max(a.first - b.last, b.first - a.last) - 2 * MARGIN
+            if a.agent != b.agent and len(roads) == 2 and apart * STEP_S <= PET_HORIZON_S:
                 yield from _encounter(situation, a, b)
 
 
-def _comparable(situation: Situation, a: Passage, b: Passage) -> bool:
-    """Whether two passages are of different vehicles, from different roads, and close in time."""
-    roads = {situation.lane_map.lanes[each.from_lane].edge_id for each in (a, b)}
-    apart = max(a.first - b.last, b.first - a.last) - 2 * MARGIN
-    return a.agent != b.agent and len(roads) == 2 and apart * STEP_S <= PET_HORIZON_S
-
-
 def _encounter(situation: Situation, a: Passage, b: Passage) -> Iterator[Event]:
-    steps_a, steps_b = _steps(situation, a), _steps(situation, b)
-    ways = (boxes(situation.log, each.agent, *steps) for each, steps in ((a, steps_a), (b, steps_b)))
-    at_a, at_b = (np.arange(first, last + 1) for first, last in (steps_a, steps_b))
-    way_a, way_b = ways
-    use = closest_use(at_a, way_a, at_b, way_b)
+    log, at, ways = situation.log, [], []
+    for passage in (a, b):  # with the approach and the exit
+        first = max(passage.first - MARGIN, int(log.first_step[passage.agent]))
+        last = min(passage.last + MARGIN, int(log.last_step[passage.agent]))
+        at.append(np.arange(first, last + 1))
+        ways.append(boxes(log, passage.agent, first, last))
+    use = closest_use(at[0], ways[0], at[1], ways[1])
     if use is None:
         return
     i, j, apart = use
-    step = int(max(at_a[i], at_b[j]))
-    pet, first = apart * STEP_S, a if at_a[i] < at_b[j] else b
-    angle = float(np.abs(wrap_angle(np.asarray(way_b[j, 2] - way_a[i, 2]))))
+    step = int(max(at[0][i], at[1][j]))
+    pet, earlier = apart * STEP_S, a if at[0][i] < at[1][j] else b
+    angle = float(np.abs(wrap_angle(np.asarray(ways[1][j, 2] - ways[0][i, 2]))))
     kind, signal = _kind(situation, a, b, pet)
     size = severity(pet=pet)
     for own, other in ((a, b), (b, a)):
         numbers: dict[str, Number] = {
             "pet_s": measured(pet),
-            "first": "ego" if own is first else "other",
+            "first": "ego" if own is earlier else "other",
             "angle_rad": measured(angle),
             "speed_mps": _speed(situation, own.agent, step),
             "other_speed_mps": _speed(situation, other.agent, step),
-            "way": _way(own),
-            "other_way": _way(other),
+            "way": own.way,
+            "other_way": other.way,
         }
         if signal is not None:
-            numbers |= {"role": "oncoming" if own.is_straight else "turning", "signal": str(signal)}
+            numbers |= {"role": "oncoming" if own.way == "straight" else "turning", "signal": str(signal)}
         ids = situation.id_of(own.agent), situation.id_of(other.agent)
         yield Event(kind, *ids, min(own.first, step), step, max(own.last, step), size, numbers)
 
 
 def _speed(situation: Situation, row: int, step: int) -> float | None:
-    """Speed [m/s] of the agent in `row` at `step`; None if it is not on the road."""
+    """Returns the speed [m/s] of the agent in `row` at `step`; None if it is not on the road."""
     return measured(situation.log.speed[row, step]) if situation.log.valid[row, step] else None
 
 
 def _kind(situation: Situation, a: Passage, b: Passage, pet: float) -> tuple[EventKind, Protection | None]:
-    """Kind of an encounter with post-encroachment time `pet` [s], and the protection of one that turns."""
+    """Returns the kind of an encounter with post-encroachment time `pet` [s], and the protection of one that turns."""
     if a.to_lane == b.to_lane:
         return EventKind.MERGE, None
     for turning, straight in ((a, b), (b, a)):
         opposite = np.pi - abs(float(wrap_angle(np.asarray(turning.heading - straight.heading)))) <= TURN_RAD
-        if not turning.is_straight and straight.is_straight and opposite and pet <= TURN_PET_S:
+        if turning.way != "straight" and straight.way == "straight" and opposite and pet <= TURN_PET_S:
             ways = _lanes(situation, turning), _lanes(situation, straight)
             signal = situation.signals.protection(*ways, turning.first)
             if signal != Protection.PROTECTED:
-                return EventKind.LEFT_TURN if turning.is_left_turn else EventKind.RIGHT_TURN, signal
+                return EventKind.LEFT_TURN if turning.way == "left" else EventKind.RIGHT_TURN, signal
     return EventKind.CROSSING, None
 
 
 def _lanes(situation: Situation, passage: Passage) -> Way:
     lanes = situation.lane_map.lanes
     return lanes[passage.from_lane].id, lanes[passage.to_lane].id
-
-
-def _steps(situation: Situation, passage: Passage) -> tuple[int, int]:
-    """First and last step of a passage, extended by the approach and the exit."""
-    log, row = situation.log, passage.agent
-    return max(passage.first - MARGIN, int(log.first_step[row])), min(passage.last + MARGIN, int(log.last_step[row]))
-
-
-def _way(passage: Passage) -> str:
-    return "straight" if passage.is_straight else "left" if passage.is_left_turn else "right"

@@ -45,29 +45,29 @@ class LaneChange:
 
 
 def lane_changes(tracks: LaneTracks) -> list[LaneChange]:
-    """The lane changes of all agents, sorted by agent and time.
+    """Returns the lane changes of all agents, sorted by agent and time.
 
     A lane counts as taken if the agent comes within 0.375 m of its centre line, stays in it for 2 s, or is first seen
     in it; excursions to other lanes are not changes, nor are crossings of two borders at once, nor turns at junctions.
     """
-    found = []
+    changes = []
     for row in range(len(tracks.lane)):
         for begin, end in runs(tracks.stretch[row]):
             if tracks.stretch[row, begin] != NOWHERE:
-                found += _changes(tracks, row, begin, end)
-    return found
+                changes += _changes(tracks, row, begin, end)
+    return changes
 
 
 def _changes(tracks: LaneTracks, row: int, first: int, last: int) -> list[LaneChange]:
-    """Changes of the agent in `row` within one stretch, the steps from `first` to `last` (exclusive)."""
+    """Returns changes of the agent in `row` within one stretch, the steps from `first` to `last` (exclusive)."""
     level, centred = tracks.level[row], np.abs(tracks.d[row]) <= CENTRE_M
-    taken = [
+    lanes_taken = [
         (first + begin, first + end)
         for begin, end in runs(level[first:last])
         if begin == 0 or end - begin >= round(STAYED_S / STEP_S) or centred[first + begin : first + end].any()
     ]
-    found = []
-    for before, after in pairwise(taken):
+    changes = []
+    for before, after in pairwise(lanes_taken):
         step, cross = int(level[after[0]] - level[before[0]]), after[0]
         if abs(step) != 1:
             continue
@@ -76,12 +76,12 @@ def _changes(tracks: LaneTracks, row: int, first: int, last: int) -> list[LaneCh
         fastest = float(speed[begin : end + 1].max())
         if fastest >= LATERAL_SPEED_MIN:
             lanes = (int(tracks.lane[row, cross - 1]), int(tracks.lane[row, cross]))
-            found.append(LaneChange(row, begin, cross, end, step > 0, *lanes, fastest))
-    return found
+            changes.append(LaneChange(row, begin, cross, end, step > 0, *lanes, fastest))
+    return changes
 
 
 def _borders(centred: BoolArray, speed: FloatArray, steps: tuple[int, int, int]) -> tuple[int, int]:
-    """First and last step of a change that crosses at the second of `steps`, bounded by the first and the third."""
+    """Returns first and last step of a change that crosses at the second of `steps`, within the first and the third."""
     low, cross, high = steps
     still: BoolArray = centred | (speed < LATERAL_SPEED_MIN)
     before: IntArray = np.flatnonzero(still[low:cross])

@@ -18,7 +18,7 @@ R157_BRAKING, R157_DELAY = 6.0, 0.35  # [m/s2], [s] UN Regulation 157: of the TT
 
 
 def cut_ins(situation: Situation) -> Iterator[Event]:
-    """A vehicle becomes the leader of an ego that keeps its lane, by its only lane change within 3 s."""
+    """Yields cut-ins: a vehicle becomes the leader of an ego that keeps its lane, by its one lane change within 3 s."""
     leader = situation.following.leader
     for change in situation.changes:
         if _again(situation, change):
@@ -31,7 +31,7 @@ def cut_ins(situation: Situation) -> Iterator[Event]:
 
 
 def cut_outs(situation: Situation) -> Iterator[Event]:
-    """The leader of an ego that keeps its lane changes lanes and reveals the vehicle ahead of it."""
+    """Yields cut-outs: the leader of an ego that keeps its lane changes lanes and reveals the vehicle ahead of it."""
     following = situation.following
     for change in situation.changes:
         shown = int(following.leader[change.agent, change.cross - 1])
@@ -50,13 +50,13 @@ def cut_outs(situation: Situation) -> Iterator[Event]:
 
 
 def lane_change_events(situation: Situation) -> Iterator[Event]:
-    """The ego changes lanes, between a new leader and a new follower, if any."""
+    """Yields lane changes of the ego, between a new leader and a new follower, if any."""
     for change in situation.changes:
         yield _own_change(situation, change, EventKind.LANE_CHANGE)
 
 
 def lane_merges(situation: Situation) -> Iterator[Event]:
-    """A vehicle changes from a lane of a smaller road, such as a ramp, to one of a larger road.
+    """Yields merges: a vehicle changes from a lane of a smaller road, such as a ramp, to one of a larger road.
 
     Gives one event for the merging vehicle, and one for its new follower.
     """
@@ -92,7 +92,7 @@ def _cut_in(
 def _own_change(
     situation: Situation, change: LaneChange, kind: EventKind, more: dict[str, Number] | None = None
 ) -> Event:
-    """A lane change as an event of the vehicle that makes it, with the more critical of its new leader and follower."""
+    """Returns a lane change as an event of who makes it, with the more critical of its new leader and follower."""
     at, row = change.cross, change.agent
     ahead, worst_ahead = _gap(situation, row, at)
     numbers: dict[str, Number] = {f"ahead_{name}": value for name, value in ahead.items()}
@@ -136,7 +136,7 @@ def _gap(situation: Situation, row: int, step: int) -> tuple[dict[str, Number], 
 
 
 def _near(situation: Situation, row: int, step: int) -> bool:
-    """Whether the leader is within a headway of 3.5 s, at the ego's speed or at least 1 m/s."""
+    """Returns whether the leader is within a headway of 3.5 s, at the ego's speed or at least 1 m/s."""
     speed = max(float(situation.log.speed[row, step]), CREEP)
     return bool(situation.following.gap[row, step] <= HEADWAY_MAX_S * speed)
 
@@ -146,7 +146,7 @@ def _later(situation: Situation, row: int, step: int) -> int:
 
 
 def _again(situation: Situation, change: LaneChange) -> bool:
-    """Whether the agent makes another lane change within 3 s."""
+    """Returns whether the agent makes another lane change within 3 s."""
     return any(
         other is not change and other.agent == change.agent and abs(other.cross - change.cross) <= AROUND
         for other in situation.changes
@@ -154,12 +154,12 @@ def _again(situation: Situation, change: LaneChange) -> bool:
 
 
 def _keeps_lane(situation: Situation, row: int, begin: int, end: int) -> bool:
-    """Whether the agent in `row` makes no lane change from step `begin` to `end`."""
+    """Returns whether the agent in `row` makes no lane change from step `begin` to `end`."""
     return not any(other.agent == row and other.begin <= end and other.end >= begin for other in situation.changes)
 
 
 def _merging(situation: Situation, change: LaneChange) -> bool:
-    """Whether the old lane comes from another and smaller road than the new one."""
+    """Returns whether the old lane comes from another and smaller road than the new one."""
     left, entered = (_upstream(situation, lane) for lane in (change.from_lane, change.to_lane))
     lanes = situation.lane_map.lanes
 
@@ -170,17 +170,17 @@ def _merging(situation: Situation, change: LaneChange) -> bool:
 
 
 def _upstream(situation: Situation, lane: int) -> set[str]:
-    """Ids of the edges that lead to a lane without lane changes, within 300 m upstream."""
+    """Returns ids of the edges that lead to a lane without lane changes, within 300 m upstream."""
     lanes = situation.lane_map.lanes
-    waiting, found, seen = [(lane, 0.0)], set[str](), set[int]()
+    waiting, edges, visited = [(lane, 0.0)], set[str](), set[int]()
     while waiting:
         here, way = waiting.pop()
         for before in situation.ways.predecessors[here]:
-            if before in seen:
+            if before in visited:
                 continue
-            seen.add(before)
+            visited.add(before)
             if not lanes[before].is_internal:
-                found.add(lanes[before].edge_id)
+                edges.add(lanes[before].edge_id)
             if way + lanes[before].length < ORIGIN_M:
                 waiting.append((before, way + lanes[before].length))
-    return found
+    return edges

@@ -54,7 +54,7 @@ class LaneTracks:
 
     @classmethod
     def of(cls, log: Log, lane_map: LaneMap) -> LaneTracks:
-        """Place the agents of `log` on the lanes of `lane_map`."""
+        """Places the agents of `log` on the lanes of `lane_map`."""
         valid = log.valid & ~log.obstacle[:, None]  # pedestrians and cyclists do not keep to lanes
         width = np.array([lane.width for lane in lane_map.lanes])
         lane = np.full(valid.shape, NOWHERE)
@@ -90,22 +90,18 @@ class Ways:
         self.successors = [tuple(row[name] for name in lane.successors) for lane in lanes]
         self.predecessors: list[list[int]] = [[] for _ in lanes]
         for number, following in enumerate(self.successors):
-            for each in following:
-                self.predecessors[each].append(number)
+            for lane_after in following:
+                self.predecessors[lane_after].append(number)
         self._edge: dict[str, list[int]] = {}
         for number, lane in enumerate(lanes):
             self._edge.setdefault(lane.edge_id, []).append(number)
         self._reached = [frozenset(self._through_junction(number)) for number in range(len(lanes))]
-        self.straightest = [NOWHERE if each is None else each for each in straightest_successors(lanes)]
-
-    def angle(self, before: int, after: int) -> float:
-        """Angle from the end of one lane to the beginning of another, positive to the left [rad]."""
-        end, begin = (np.diff(self._lanes[each].centerline, axis=0) for each in (before, after))
-        turn = np.arctan2(begin[0, 1], begin[0, 0]) - np.arctan2(end[-1, 1], end[-1, 0])
-        return float(wrap_angle(np.asarray(turn)))
+        self.straightest = [
+            NOWHERE if lane_after is None else lane_after for lane_after in straightest_successors(lanes)
+        ]
 
     def levels(self, lane: IntArray) -> tuple[IntArray, IntArray]:
-        """`LaneTracks.stretch` and `level` (steps,) of an agent on `lane` (steps,)."""
+        """Returns `LaneTracks.stretch` and `level` (steps,) of an agent on `lane` (steps,)."""
         stretch, level = np.full(len(lane), NOWHERE), np.zeros(len(lane), np.int64)
         number, height, last = -1, 0, NOWHERE
         for begin, end in runs(lane):
@@ -124,7 +120,7 @@ class Ways:
         return stretch, level
 
     def taken(self, lane: IntArray) -> Iterator[tuple[int, int]]:
-        """Pairs of successive lanes of an agent on `lane` (steps,)."""
+        """Yields pairs of successive lanes of an agent on `lane` (steps,)."""
         passed = [int(lane[begin]) for begin, _ in runs(lane)]
         for before, after in pairwise(passed):
             if NOWHERE in (before, after):
@@ -136,31 +132,35 @@ class Ways:
                     yield from ((before, between), (between, after))
 
     def _step(self, before: int, after: int) -> int | None:
-        """Number of lanes to the left by which an agent has changed; None if the two lanes are not comparable."""
+        """Returns the number of lanes to the left by which an agent has changed; None if both are not comparable."""
         lanes = self._lanes
         if lanes[before].edge_id == lanes[after].edge_id:
             return lanes[after].index - lanes[before].index
         beside = self._edge[lanes[before].edge_id]
-        steps = [lanes[each].index - lanes[before].index for each in beside if after in self._reached[each]]
+        steps = [
+            lanes[lane_after].index - lanes[before].index for lane_after in beside if after in self._reached[lane_after]
+        ]
         step = min(steps, key=abs, default=None)
-        return None if step and abs(self.angle(before, after)) > TURN_RAD else step
+        end, begin = (np.diff(lanes[lane].centerline, axis=0) for lane in (before, after))
+        turn = np.arctan2(begin[0, 1], begin[0, 0]) - np.arctan2(end[-1, 1], end[-1, 0])
+        return None if step and abs(float(wrap_angle(np.asarray(turn)))) > TURN_RAD else step
 
     def _through_junction(self, lane: int) -> Iterator[int]:
-        """The lanes outside junctions that follow a lane, directly or through lanes inside a junction."""
-        waiting, seen = list(self.successors[lane]), set[int]()
+        """Yields the lanes outside junctions that follow a lane, directly or through lanes inside a junction."""
+        waiting, visited = list(self.successors[lane]), set[int]()
         while waiting:
-            each = waiting.pop()
-            if each in seen:
+            lane_after = waiting.pop()
+            if lane_after in visited:
                 continue
-            seen.add(each)
-            if self._lanes[each].is_internal:
-                waiting += self.successors[each]
+            visited.add(lane_after)
+            if self._lanes[lane_after].is_internal:
+                waiting += self.successors[lane_after]
             else:
-                yield each
+                yield lane_after
 
 
 def runs(values: IntArray | BoolArray) -> list[tuple[int, int]]:
-    """Start and end (exclusive) of each run of equal `values` (k,)."""
+    """Returns the start and end (exclusive) of each run of equal `values` (k,)."""
     if not len(values):
         return []
     cuts = np.flatnonzero(values[1:] != values[:-1]) + 1
@@ -168,12 +168,12 @@ def runs(values: IntArray | BoolArray) -> list[tuple[int, int]]:
 
 
 def true_runs(values: BoolArray) -> list[tuple[int, int]]:
-    """Start and end (exclusive) of each run of true `values` (k,)."""
+    """Returns the start and end (exclusive) of each run of true `values` (k,)."""
     return [(begin, end) for begin, end in runs(values) if values[begin]]
 
 
 def _lateral_speed(lane: IntArray, d: FloatArray, stretch: IntArray, level: IntArray, width: FloatArray) -> FloatArray:
-    """`LaneTracks.lateral_speed`, from offsets `d` made continuous across the borders of lanes."""
+    """Returns `LaneTracks.lateral_speed`, from offsets `d` made continuous across the borders of lanes."""
     step = np.zeros(d.shape)
     together = (stretch[:, 1:] == stretch[:, :-1]) & (stretch[:, 1:] != NOWHERE)
     half = 0.5 * (width[lane[:, 1:]] + width[lane[:, :-1]])

@@ -14,7 +14,8 @@ HOPS_MAX = 64  # most lanes searched ahead; more than fit into 100 m
 
 
 def leaders(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> Following:
-    """Leader of every agent at every step, and how it is followed; arrays (n, steps), `leader` as rows of the log.
+    """Returns leaders of all agents at all steps, and how they are followed; arrays (n, steps), `leader` as rows of
+    the log.
 
     The leader is the nearest agent ahead within 100 m with its centre in the same lane, or in the lanes that the agent
     takes next (as recorded; beyond its log the straightest). The gap is measured along the lanes from bumper to bumper;
@@ -40,7 +41,7 @@ def leaders(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> Following:
 def _look_ahead(
     tracks: LaneTracks, lane_map: LaneMap, reach: float, nearest: IntArray, leader: IntArray, distance: FloatArray
 ) -> None:
-    """Fill `leader` and `distance` (n, steps) for the foremost agents of each lane, from the lanes that follow.
+    """Fills `leader` and `distance` (n, steps) for the foremost agents of each lane, from the lanes that follow.
 
     Those that begin farther away than `reach` [m] are left out.
     """
@@ -55,14 +56,19 @@ def _look_ahead(
         if not len(agent):
             return
         ahead = nearest[step, lane]
-        found = (ahead != NOWHERE) & (ahead != agent)
-        leader[agent[found], step[found]] = ahead[found]
-        distance[agent[found], step[found]] = (way + tracks.s[ahead, step])[found]
-        agent, step, lane, way = agent[~found], step[~found], lane[~found], (way + length[lane])[~found]
+        has_leader = (ahead != NOWHERE) & (ahead != agent)
+        leader[agent[has_leader], step[has_leader]] = ahead[has_leader]
+        distance[agent[has_leader], step[has_leader]] = (way + tracks.s[ahead, step])[has_leader]
+        agent, step, lane, way = (
+            agent[~has_leader],
+            step[~has_leader],
+            lane[~has_leader],
+            (way + length[lane])[~has_leader],
+        )
 
 
 def _followed(log: Log, along: FloatArray, leader: IntArray, distance: FloatArray) -> Following:
-    """The measures from speeds `along` lanes [m/s], leaders, and distances to their centres [m]; all (n, steps)."""
+    """Returns measures from speeds `along` lanes [m/s], leaders, and distances to their centres [m]; all (n, steps)."""
     steps = np.arange(leader.shape[1])
     gap = distance - 0.5 * (log.length[:, None] + log.length[leader])
     leader = np.where(gap < SIGHT_M, leader, NOWHERE)

@@ -27,19 +27,19 @@ FINDERS: tuple[tuple[Callable[[Situation], Iterator[Event]], tuple[EventKind, ..
 
 
 def events_in(situation: Situation, kinds: Collection[EventKind] = tuple(EventKind)) -> list[Event]:
-    """The events of the given kinds around every agent, sorted by ego, time and kind."""
-    found = [
+    """Returns the events of the given kinds around every agent, sorted by ego, time and kind."""
+    events = [
         event
         for finder, finds in FINDERS
         if not set(finds).isdisjoint(kinds)
         for event in finder(situation)
         if event.kind in kinds
     ]
-    return sorted(found, key=lambda event: (event.ego, event.step, event.kind, event.other or 0))
+    return sorted(events, key=lambda event: (event.ego, event.step, event.kind, event.other or 0))
 
 
 def mine(scenario: Scenario, kinds: Collection[EventKind] = tuple(EventKind)) -> list[Event]:
-    """The events of the given kinds around every possible ego of `scenario`, motorcycles excepted.
+    """Returns the events of the given kinds around every possible ego of `scenario`, motorcycles excepted.
 
     Only events with their step between the end of the history and the end of the scenario count.
     """
@@ -52,7 +52,7 @@ def mine(scenario: Scenario, kinds: Collection[EventKind] = tuple(EventKind)) ->
 
 
 def possible_egos(scenario: Scenario) -> Sequence[int]:
-    """Ids of the vehicles that can be the ego: present from step 0 to the first simulated one, and not motorcycles."""
+    """Returns ids of possible egos: present from step 0 to the first simulated one, and not motorcycles."""
     ids = np.array(scenario.possible_egos, np.int64)
     kinds = scenario.log.kind[np.searchsorted(scenario.log.ids, ids)]
-    return [int(each) for each in ids[np.isin(kinds, EGO_KINDS)]]
+    return [int(ego) for ego in ids[np.isin(kinds, EGO_KINDS)]]

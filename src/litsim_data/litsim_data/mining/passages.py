@@ -42,14 +42,9 @@ class Passage:
     heading: float
 
     @property
-    def is_left_turn(self) -> bool:
-        """Whether it turns to the left by more than 45 degrees."""
-        return self.turned > TURN_RAD
-
-    @property
-    def is_straight(self) -> bool:
-        """Whether it turns by 45 degrees at most."""
-        return abs(self.turned) <= TURN_RAD
+    def way(self) -> str:
+        """Where it turns by more than 45 degrees: left or right; else straight."""
+        return "straight" if abs(self.turned) <= TURN_RAD else "left" if self.turned > 0.0 else "right"
 
 
 @dataclass(frozen=True)
@@ -71,16 +66,16 @@ class Turn:
 
 
 def passages(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> list[Passage]:
-    """The passages of all agents through junctions, sorted by agent and time.
+    """Returns the passages of all agents through junctions, sorted by agent and time.
 
     Passages of agents that appear or disappear inside a junction are left out, and so are those back to the same road:
     the agent waited at the border.
     """
     lanes = lane_map.lanes
-    found = []
+    through = []
     for row in range(len(log.ids)):
         pieces = [(begin, end, int(tracks.lane[row, begin])) for begin, end in runs(tracks.lane[row])]
-        roads = [each for each in pieces if each[2] != NOWHERE and not lanes[each[2]].is_internal]
+        roads = [piece for piece in pieces if piece[2] != NOWHERE and not lanes[piece[2]].is_internal]
         for (_, leaves, before), (enters, _, after) in pairwise(roads):
             inside = tracks.lane[row, leaves:enters]
             if lanes[before].edge_id == lanes[after].edge_id or not len(inside) or (inside == NOWHERE).any():
@@ -89,13 +84,15 @@ def passages(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> list[Passage]:
             first, last = max(leaves - MARGIN, int(log.first_step[row])), min(enters + MARGIN, int(log.last_step[row]))
             yaw = np.unwrap(log.yaw[row, first : last + 1])
             turned = float(yaw[-1] - yaw[0])
-            found.append(Passage(row, junction, leaves, enters - 1, before, after, turned, float(log.yaw[row, leaves])))
-    return found
+            through.append(
+                Passage(row, junction, leaves, enters - 1, before, after, turned, float(log.yaw[row, leaves]))
+            )
+    return through
 
 
 def turns(log: Log) -> list[Turn]:
-    """The turns of all agents, sorted by agent and time; waiting in the middle of a turn does not end it."""
-    found = []
+    """Returns the turns of all agents, sorted by agent and time; waiting in the middle of a turn does not end it."""
+    all_turns = []
     for row in range(len(log.ids)):
         first, last = int(log.first_step[row]), int(log.last_step[row])
         yaw = np.unwrap(log.yaw[row, first : last + 1])
@@ -107,12 +104,12 @@ def turns(log: Log) -> list[Turn]:
                 angle = float(yaw[end - 1] - yaw[begin])
                 if side * angle > TURN_RAD:
                     most = float((speed * np.abs(rate))[begin:end].max())
-                    found.append(Turn(row, first + begin, first + end - 1, angle, most))
-    return sorted(found, key=lambda turn: (turn.agent, turn.begin))
+                    all_turns.append(Turn(row, first + begin, first + end - 1, angle, most))
+    return sorted(all_turns, key=lambda turn: (turn.agent, turn.begin))
 
 
 def _bridged(turning: BoolArray, standing: BoolArray) -> BoolArray:
-    """`turning` (k,) with gaps closed that are short, or in which the agent stands."""
+    """Returns `turning` (k,) with gaps closed that are short, or in which the agent stands."""
     closed = turning.copy()
     for begin, end in true_runs(~turning):
         inner = begin > 0 and end < len(turning)
@@ -122,7 +119,7 @@ def _bridged(turning: BoolArray, standing: BoolArray) -> BoolArray:
 
 
 def boxes(log: Log, row: int, first: int, last: int) -> FloatArray:
-    """Boxes (k, 5) of an agent on the road from step `first` to `last`: x, y, yaw, length, width."""
+    """Returns boxes (k, 5) of an agent on the road from step `first` to `last`: x, y, yaw, length, width."""
     piece = slice(first, last + 1)
     size = np.broadcast_to([log.length[row], log.width[row]], (last + 1 - first, 2))
     return np.column_stack([log.x[row, piece], log.y[row, piece], log.yaw[row, piece], size])

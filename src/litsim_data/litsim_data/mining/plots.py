@@ -22,7 +22,7 @@ TARGET = 0.5  # severity at which a measure meets its criticality target
 def plot_severities(
     found: Mapping[EventKind, Sequence[float]], taken: Mapping[EventKind, Sequence[float]], path: Path
 ) -> None:
-    """Draw the severities of all events that were `found`, by kind, and of those that were `taken` into a suite.
+    """Draws the severities, by kind, of all events and of those in a suite.
 
     Raises:
         InputError: `path` cannot be written.

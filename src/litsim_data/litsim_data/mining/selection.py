@@ -11,7 +11,7 @@ from litsim_data.mining.events import Event, EventKind
 
 
 @dataclass(frozen=True)
-class Found:
+class MinedEvent:
     """An event and the scenario that it was found in.
 
     Attributes:
@@ -44,51 +44,53 @@ class Chosen:
     events: tuple[Event, ...]
 
 
-def hardest(found: Sequence[Found], count: int) -> list[Found]:
-    """The `count` most severe of `found`, in descending order; ties in the order of `found`."""
-    return sorted(found, key=lambda each: -each.event.severity)[:count]
+def hardest(events: Sequence[MinedEvent], count: int) -> list[MinedEvent]:
+    """Returns the `count` most severe of `events`, in descending order; ties in the order of `events`."""
+    return sorted(events, key=lambda one: -one.event.severity)[:count]
 
 
-def spread(found: Sequence[Found], count: int) -> list[Found]:
-    """`count` of `found` with severities spread as evenly as possible over their range.
+def spread(events: Sequence[MinedEvent], count: int) -> list[MinedEvent]:
+    """Returns `count` of `events` with severities spread as evenly as possible over their range.
 
     For each of `count` evenly spaced severities, in descending order, the nearest event that is left.
     """
-    left = hardest(found, len(found))
+    left = hardest(events, len(events))
     if len(left) <= count:
         return left
-    taken = []
+    chosen = []
     for target in np.linspace(left[0].event.severity, left[-1].event.severity, count):
         nearest = min(range(len(left)), key=lambda at: (abs(left[at].event.severity - target), at))
-        taken.append(left.pop(nearest))
-    return taken
+        chosen.append(left.pop(nearest))
+    return chosen
 
 
-def worst_of_each(found: Iterable[Found]) -> list[Found]:
-    """The most severe event of every scenario and ego, the first of ties; in the order of `found`."""
-    best: dict[tuple[str, int], Found] = {}
-    for each in found:
-        if each.seat not in best or each.event.severity > best[each.seat].event.severity:
-            best[each.seat] = each
+def worst_of_each(events: Iterable[MinedEvent]) -> list[MinedEvent]:
+    """Returns the most severe event of every scenario and ego, the first of ties; in the order of `events`."""
+    best: dict[tuple[str, int], MinedEvent] = {}
+    for one in events:
+        if one.seat not in best or one.event.severity > best[one.seat].event.severity:
+            best[one.seat] = one
     return list(best.values())
 
 
-def choose(found: Sequence[Found], wanted: Mapping[EventKind, int | None], *, evenly: bool = False) -> list[Chosen]:
-    """Cases for each kind of `wanted`, as many as it says (None: all), the most severe or `evenly` spread.
+def choose(
+    events: Sequence[MinedEvent], wanted: Mapping[EventKind, int | None], *, evenly: bool = False
+) -> list[Chosen]:
+    """Returns cases for each kind of `wanted`, as many as it says (None: all), the most severe or `evenly` spread.
 
     An ego counts once for a kind, with its most severe event; one chosen for several kinds is one case. Deterministic;
-    in the order of `found`.
+    in the order of `events`.
     """
     pick = spread if evenly else hardest
     chosen: dict[tuple[str, int], list[Event]] = {}
     for kind, count in wanted.items():
-        candidates = worst_of_each(each for each in found if each.event.kind == kind)
-        for each in pick(candidates, len(candidates) if count is None else count):
-            chosen.setdefault(each.seat, []).append(each.event)
+        candidates = worst_of_each(one for one in events if one.event.kind == kind)
+        for one in pick(candidates, len(candidates) if count is None else count):
+            chosen.setdefault(one.seat, []).append(one.event)
     around: dict[tuple[str, int], list[Event]] = {}
-    for each in found:
-        around.setdefault(each.seat, []).append(each.event)
-    return [_case(seat, chosen[seat], events) for seat, events in around.items() if seat in chosen]
+    for one in events:
+        around.setdefault(one.seat, []).append(one.event)
+    return [_case(seat, chosen[seat], around_ego) for seat, around_ego in around.items() if seat in chosen]
 
 
 def _case(seat: tuple[str, int], why: list[Event], events: list[Event]) -> Chosen:

@@ -49,11 +49,11 @@ class WaySignals:
 
     @classmethod
     def of(cls, scenario: Scenario) -> WaySignals:
-        """The signals of a scenario and of its net."""
+        """Returns the signals of a scenario and of its net."""
         return cls(signal_plans(scenario.net_path), _shown(scenario))
 
     def protection(self, turning: Way, crossed: Way, step: int) -> Protection:
-        """How a vehicle on way `turning` at `step` is protected from traffic on way `crossed` of the same junction."""
+        """Returns how a vehicle on way `turning` at `step` is protected from traffic on way `crossed` there."""
         if turning not in self.plans and turning not in self.shown:
             return Protection.NONE
         if turning in self.shown and crossed in self.shown:
@@ -69,7 +69,7 @@ class WaySignals:
 
 
 def _goes_alone(own: str, theirs: str) -> bool:
-    """Whether one of two ways has green while the other has not, by their letters in the phases of a program.
+    """Returns whether one of two ways has green while the other has not, by their letters in the phases of a program.
 
     Two lights with different numbers of phases are not synchronised: at some time only one shows green.
     """
@@ -77,7 +77,7 @@ def _goes_alone(own: str, theirs: str) -> bool:
 
 
 def signal_plans(net: Path) -> dict[Way, tuple[str, ...]]:
-    """The signal plans of a SUMO net, by way; see :class:`WaySignals`."""
+    """Returns the signal plans of a SUMO net, by way; see :class:`WaySignals`."""
     # Of internal lanes that it skips, sumolib takes the parameters for those of a program, and fails.
     read: Any = sumolib.net.readNet(str(net), withPrograms=True, withInternal=True, lxml=False)
     plans = {}

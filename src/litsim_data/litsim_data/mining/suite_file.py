@@ -7,7 +7,6 @@ import shutil
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -18,62 +17,58 @@ from litsim_sim.io.files import replacing
 from litsim_sim.scenario.scenario import Scenario, packaged, packaged_nets, packaged_scenarios
 
 
-def scenario_names(given: Iterable[str]) -> list[str]:
-    """Unique names and files of scenarios, with each folder of segments replaced by the scenarios of its manifest.
+def scenario_names(scenarios: Iterable[str]) -> list[str]:
+    """Returns unique names and files of scenarios, with folders of segments replaced by the scenarios of their
+    manifests.
 
     Raises:
         InputError: a folder has no manifest, or it cannot be read.
     """
     names: list[str] = []
-    for each in given:
-        path = Path(each)
-        if each not in packaged_scenarios() and path.is_dir():
+    for name in scenarios:
+        path = Path(name)
+        if name not in packaged_scenarios() and path.is_dir():
             if not (path / MANIFEST_FILE).is_file():
                 raise InputError(
                     f"{path}: no {MANIFEST_FILE}: expected scenarios, or a folder that `data segments` wrote"
                 )
             names += [str(path / f"{segment.name}.yaml") for segment in Manifest.read(path / MANIFEST_FILE).segments]
         else:
-            names.append(each)
+            names.append(name)
     return list(dict.fromkeys(names))
 
 
-def suite_fields(chosen: Sequence[Chosen], folder: Path, **fields: Any) -> dict[str, Any]:
-    """The fields of a suite file in `folder` with the chosen cases; `fields` are the other fields."""
-    cases = [
-        {
-            "scenario": _seen_from(each.scenario, folder),
-            "ego_id": each.ego,
-            "tags": [str(kind) for kind in each.kinds],
-            "events": [event.entry() for event in each.events],
-        }
-        for each in chosen
-    ]
-    return fields | {"cases": cases}
-
-
-def write_suite(path: Path, values: dict[str, Any]) -> None:
-    """Write a suite file with the fields `values`.
+def write_suite(path: Path, chosen: Sequence[Chosen], name: str, egos: Sequence[str]) -> None:
+    """Writes the suite `name` of the chosen cases, with `egos`, to a file.
 
     Raises:
-        InputError: it has no cases, or cannot be written.
+        InputError: there are no cases, or the file cannot be written.
     """
-    if not values["cases"]:
+    if not chosen:
         raise InputError("no scenario holds any of the events that were asked for: there is nothing to write")
-    text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=10**6)
+    cases = [
+        {
+            "scenario": _seen_from(case.scenario, path.parent),
+            "ego_id": case.ego,
+            "tags": [str(kind) for kind in case.kinds],
+            "events": [event.entry() for event in case.events],
+        }
+        for case in chosen
+    ]
+    suite = {"name": name, "egos": list(egos), "cases": cases}
     with replacing(path) as new:
-        new.write_text(text, encoding="utf-8")
+        new.write_text(yaml.safe_dump(suite, sort_keys=False, default_flow_style=None, width=10**6), encoding="utf-8")
 
 
 def pack(chosen: Sequence[Chosen], folder: Path) -> list[Chosen]:
-    """Copy the scenarios of `chosen` to `folder`, each with its part of the recording; return the cases of the copies.
+    """Copies the scenarios of `chosen` to `folder`, each with its part of the recording; returns cases of the copies.
 
     The folder is self-contained, except for packaged nets and packaged scenarios, which are not copied.
 
     Raises:
         InputError: a scenario cannot be used, two have one name, or a file cannot be written.
     """
-    names = [name for name in dict.fromkeys(each.scenario for each in chosen) if name not in packaged_scenarios()]
+    names = [name for name in dict.fromkeys(case.scenario for case in chosen) if name not in packaged_scenarios()]
     moved: dict[str, str] = {}
     for name in names:
         scenario = Scenario.load(name)
@@ -82,7 +77,7 @@ def pack(chosen: Sequence[Chosen], folder: Path) -> list[Chosen]:
             raise InputError(f"{name}: a second scenario with the name {scenario.name}: rename one to pack both")
         _pack(scenario, path)
         moved[name] = str(path)
-    return [replace(each, scenario=moved.get(each.scenario, each.scenario)) for each in chosen]
+    return [replace(case, scenario=moved.get(case.scenario, case.scenario)) for case in chosen]
 
 
 def _pack(scenario: Scenario, path: Path) -> None:

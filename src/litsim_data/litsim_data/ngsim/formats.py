@@ -81,8 +81,13 @@ class Layout:
         return f"official NGSIM {kind}, {len(self.columns)} columns"
 
 
+def is_official(path: Path) -> bool:
+    """Returns whether `path` is an official file; raises InputError as :func:`detect`."""
+    return path.is_file() and detect(path) is not None
+
+
 def detect(path: Path) -> Layout | None:
-    """Layout of the file at `path`, from its first bytes; None if it is not NGSIM's.
+    """Returns the layout of the file at `path`, from its first bytes; None if it is not NGSIM's.
 
     Raises:
         InputError: it cannot be read, or it resembles NGSIM's but columns are missing, unknown or of the wrong number.
@@ -115,13 +120,13 @@ def _text_layout(text: str, start: int, line: int, path: Path) -> Layout | None:
 
 def _csv_layout(text: str, start: int, line: int, path: Path) -> Layout | None:
     separator = max(",;\t", key=text.count)
-    given = [field.strip().strip('"') for field in text.split(separator)]
+    fields = [field.strip().strip('"') for field in text.split(separator)]
     ours = {_plain(theirs): name for name, spellings in NAMES.items() for theirs in spellings}
-    columns = [ours.get(_plain(field), "") for field in given]
+    columns = [ours.get(_plain(field), "") for field in fields]
     if not {"vehicle_id", "frame", "time_ms"} <= set(columns):
         return None
     missing = [name for name in REQUIRED if name not in columns]
-    unknown = [field for field, name in zip(given, columns, strict=True) if not name]
+    unknown = [field for field, name in zip(fields, columns, strict=True) if not name]
     twice = sorted({name for name in columns if name and columns.count(name) > 1})
     if missing or unknown or twice:
         raise InputError(
@@ -135,6 +140,7 @@ def _plain(field: str) -> str:
 
 
 def is_number(text: str | None) -> bool:
+    """Returns whether `text` is a number."""
     if text is None:  # the line has too few fields
         return False
     try:

@@ -55,7 +55,7 @@ class Period:
     minutes: tuple[int, int]
 
     def holds(self, time_ms: IntArray) -> np.ndarray:
-        """Mask (n,) of the times `time_ms` (n,) [ms] of its clock that belong to this period."""
+        """Returns the mask (n,) of the times `time_ms` (n,) [ms] of its clock that belong to this period."""
         minute = time_ms // MINUTE_MS
         return (minute >= self.minutes[0]) & (minute <= self.minutes[1])
 
@@ -98,17 +98,17 @@ class Clocks:
         return len(self.clocks) - 1
 
     def periods(self) -> list[Period]:
-        """The recordings, sorted by site and time, with unique names."""
+        """Returns the recordings, sorted by site and time, with unique names."""
         stretches = []
         for code, clock in enumerate(self.clocks):
             minutes = np.array(sorted(clock.minutes))
             pieces = np.split(minutes, np.flatnonzero(np.diff(minutes) > 2) + 1)
             stretches += [(clock.site, int(piece[0]), int(piece[-1]), code) for piece in pieces]
         order = list(SITES)
-        found: list[Period] = []
+        periods: list[Period] = []
         for name, first, last, code in sorted(stretches, key=lambda s: (order.index(s[0]), s[1], s[3])):
             site = SITES[name]
             title = f"{name}_{site.period(first * MINUTE_MS)}"
-            same = sum(period.name == title or period.name.startswith(f"{title}_") for period in found)
-            found.append(Period(f"{title}_{same + 1}" if same else title, site, code, (first, last)))
-        return found
+            same = sum(period.name == title or period.name.startswith(f"{title}_") for period in periods)
+            periods.append(Period(f"{title}_{same + 1}" if same else title, site, code, (first, last)))
+        return periods

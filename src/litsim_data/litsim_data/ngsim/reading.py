@@ -53,13 +53,12 @@ def layout_of(path: Path) -> Layout:
     return layout
 
 
-def blocks(path: Path, wanted: Sequence[str], *, progress: bool = False) -> Iterator[pd.DataFrame]:
-    """Yields the rows of an official file in its order, block by block.
+def blocks(path: Path, wanted: Sequence[str]) -> Iterator[pd.DataFrame]:
+    """Yields the rows of an official file in its order, block by block, with a bar on a terminal.
 
     Args:
         path: the file.
         wanted: our names of the columns to read; those that the file lacks are left out.
-        progress: show a bar on stderr.
 
     Yields:
         The columns in SI units, time and positions among them, and `site`, the index in ``SITES``, and `line`.
@@ -73,7 +72,7 @@ def blocks(path: Path, wanted: Sequence[str], *, progress: bool = False) -> Iter
     line, site, first = layout.line, None, True
     with (
         path.open("rb") as file,
-        tqdm(total=path.stat().st_size, unit="B", unit_scale=True, desc=path.name, disable=not progress) as bar,
+        tqdm(total=path.stat().st_size, unit="B", unit_scale=True, desc=path.name, leave=False, disable=None) as bar,
     ):
         file.seek(layout.start)
         while data := file.read(BLOCK) + file.readline():

@@ -1,7 +1,7 @@
 """The four NGSIM sites: location, dates, periods, and frame ``map`` of each.
 
-NGSIM publishes positions in feet of the State Plane zone of the site ("global") and along the road ("local"). Frame
-``map`` is a RIGID transform of the global positions in metres, one per site, fixed here, and shared by converted
+NGSIM publishes positions in feet of the NAD 83 State Plane zone of the site ("global") and along the road ("local").
+Frame ``map`` is a RIGID transform of the global positions in metres, one per site, fixed here, and shared by converted
 recordings and the nets that :mod:`litsim_data.maps` builds. x points along the main direction of the site (US-101:
 downstream, south-east; I-80: downstream, north; Lankershim and Peachtree: northbound), y to its left.
 """
@@ -13,7 +13,6 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from litsim_data.ngsim import windows as ngsim_windows
 from litsim_sim.core.scene import BoolArray, FloatArray
 
 FOOT = 0.3048
@@ -32,7 +31,6 @@ class Site:
         name: name used in file names.
         location: value of column Location in the portal's file.
         title: title for citations.
-        zone: State Plane zone (NAD 83) of Global_X and Global_Y, which are in feet.
         date: local date of the recording.
         utc_offset_h: offset of local time at that date [h].
         periods: published periods by the local time of their start, "HHMM".
@@ -40,14 +38,12 @@ class Site:
         global_anchor: a point [m] in the State Plane zone.
         map_anchor: the same point [m] in frame map.
         headings: usual headings [rad] in frame map by column Direction (0: the only one, on motorways).
-        lanes: meaning of Lane_ID.
         net: file name of the SUMO net in this frame.
     """
 
     name: str
     location: str
     title: str
-    zone: str
     date: str
     utc_offset_h: int
     periods: tuple[str, ...]
@@ -55,25 +51,24 @@ class Site:
     global_anchor: tuple[float, float]
     map_anchor: tuple[float, float]
     headings: dict[int, float]
-    lanes: str
     net: str
 
     def map_from_global(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """x, y (n,) [m] in frame map of positions `x`, `y` (n,) [m] in the State Plane zone."""
+        """Returns x, y (n,) [m] in frame map of positions `x`, `y` (n,) [m] in the State Plane zone."""
         cos, sin = np.cos(self.yaw), np.sin(self.yaw)
         dx, dy = x - self.global_anchor[0], y - self.global_anchor[1]
         return self.map_anchor[0] + cos * dx - sin * dy, self.map_anchor[1] + sin * dx + cos * dy
 
     def holds(self, x: FloatArray, y: FloatArray) -> BoolArray:
-        """Mask (n,) of the State Plane positions (n,) [m] that can be on this site."""
+        """Returns the mask (n,) of the State Plane positions (n,) [m] that can be on this site."""
         return (np.abs(x - self.global_anchor[0]) < EXTENT) & (np.abs(y - self.global_anchor[1]) < EXTENT)
 
     def local_time(self, time_ms: int) -> datetime:
-        """Local time at the site of a Global_Time [ms since 1970, UTC]."""
+        """Returns the local time at the site of a Global_Time [ms since 1970, UTC]."""
         return datetime.fromtimestamp(time_ms / 1000.0, UTC) + timedelta(hours=self.utc_offset_h)
 
     def period(self, time_ms: int) -> str:
-        """Name "HHMM" of the published period that begins at about `time_ms`; without one, the local time."""
+        """Returns the name "HHMM" of the published period that begins at about `time_ms`, else the local time."""
         begin = self.local_time(time_ms)
         for period in self.periods:
             nominal = begin.replace(hour=int(period[:2]), minute=int(period[2:]), second=0, microsecond=0)
@@ -86,31 +81,25 @@ def _feet(x: float, y: float) -> tuple[float, float]:
     return x * FOOT, y * FOOT
 
 
-URBAN_LANES = (
-    "numbered from the left within a section and direction; 0 within intersections; 11 and above: turn bays and others"
-)
-
 US101 = Site(
     name="us101",
     location="us-101",
     title="US-101 southbound, Los Angeles, 2005-06-15",
-    zone="California V (FIPS 0405)",
     date="2005-06-15",
     utc_offset_h=-7,
     periods=("0750", "0805", "0820"),
-    # The frame of the windows file and of nets/us101.net.xml: x is about Local_Y, y about -Local_X.
-    yaw=ngsim_windows.MAP_FROM_GLOBAL_YAW,
-    global_anchor=ngsim_windows.GLOBAL_ANCHOR,
-    map_anchor=ngsim_windows.MAP_ANCHOR,
+    # Least-squares rigid fit of (Local_Y, -Local_X) to the global positions of frames 316-543, Local_Y 180-415 m.
+    # Fixed, because nets/us101.net.xml lies in this frame.
+    yaw=0.718612,
+    global_anchor=(1966511.071, 570797.706),
+    map_anchor=(297.468, -9.641),
     headings={0: 0.0},
-    lanes="1 (left) to 5 through, 6 auxiliary between the ramps, 7 on-ramp, 8 off-ramp",
     net="us101.net.xml",
 )
 I80 = Site(
     name="i80",
     location="i-80",
     title="I-80 eastbound, Emeryville, 2005-04-13",
-    zone="California III (FIPS 0403)",
     date="2005-04-13",
     utc_offset_h=-7,
     periods=("1600", "1700", "1715"),
@@ -120,14 +109,12 @@ I80 = Site(
     global_anchor=_feet(6042832.6, 2133067.4),
     map_anchor=(0.0, 0.0),
     headings={0: 0.0},
-    lanes="1 (left) HOV, 2 to 6 through, 7 on-ramp",
     net="i80.net.xml",
 )
 LANKERSHIM = Site(
     name="lankershim",
     location="lankershim",
     title="Lankershim Boulevard, Los Angeles, 2005-06-16",
-    zone="California V (FIPS 0405)",
     date="2005-06-16",
     utc_offset_h=-7,
     periods=("0830", "0845"),
@@ -136,14 +123,12 @@ LANKERSHIM = Site(
     global_anchor=_feet(6452059.0, 1873180.8),
     map_anchor=(0.0, 0.0),
     headings={1: -0.5 * np.pi, 2: 0.0, 3: 0.5 * np.pi, 4: np.pi},  # eastbound, northbound, westbound, southbound
-    lanes=URBAN_LANES,
     net="lankershim.net.xml",
 )
 PEACHTREE = Site(
     name="peachtree",
     location="peachtree",
     title="Peachtree Street, Atlanta, 2006-11-08",
-    zone="Georgia West (FIPS 1002)",
     date="2006-11-08",
     utc_offset_h=-5,
     periods=("1245", "1600"),
@@ -152,7 +137,6 @@ PEACHTREE = Site(
     global_anchor=_feet(2230849.0, 1376809.0),
     map_anchor=(0.0, 0.0),
     headings={1: -0.5 * np.pi, 2: 0.0, 3: 0.5 * np.pi, 4: np.pi},
-    lanes=URBAN_LANES,
     net="peachtree.net.xml",
 )
 
@@ -161,13 +145,13 @@ SITES: dict[str, Site] = {site.name: site for site in (US101, I80, LANKERSHIM, P
 
 
 def site_at(location: str) -> Site | None:
-    """The site of a value of column Location, in any spelling ("us-101", "US 101", "i80"); None if unknown."""
+    """Returns the site of a value of column Location, in any spelling ("us-101", "US 101", "i80"); None if unknown."""
     plain = "".join(c for c in location.lower() if c.isalnum())
     return SITES.get(plain)
 
 
 def site_of(time_ms: float, x: float, y: float, *, urban: bool) -> Site | None:
-    """The site at State Plane position x, y [m], or None.
+    """Returns the site at State Plane position x, y [m], or None.
 
     US-101 and Lankershim are close to each other: the date of `time_ms` [ms since 1970] decides between them, or else
     whether the file has the columns of an `urban` site.

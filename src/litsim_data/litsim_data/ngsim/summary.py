@@ -14,14 +14,14 @@ SHOWN = ("vehicle_id", "frame", "time_ms", "local_x", "local_y", "length", "spee
 ROWS_SHOWN = 3
 
 
-def summary(path: Path, *, progress: bool = False) -> str:
+def summary(path: Path) -> str:
     """Returns the layout, first rows, and the rows, vehicles, times, mean speed and lanes of every recording, as text.
 
     Raises:
         InputError: it is not an official file, or a line cannot be used.
     """
     clocks, head, parts = Clocks(), "", []
-    for rows in blocks(path, SHOWN, progress=progress):
+    for rows in blocks(path, SHOWN):
         by_clock = rows.groupby(clocks.assign(rows, str(path)))
         head = head or rows[[*SHOWN]].head(ROWS_SHOWN).to_string(index=False, float_format="%.3f")
         parts.append(

@@ -14,7 +14,7 @@ from litsim_data.cleaning.cleaning import CleaningReport, clean
 from litsim_data.ngsim.reading import on_site
 from litsim_data.ngsim.sites import Site
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import RATE_HZ, STEP_S, BoolArray, FloatArray, IntArray, Kind
+from litsim_sim.core.scene import RATE_HZ, BoolArray, FloatArray, IntArray, Kind
 from litsim_sim.scenario.recording import BOUNDS, COLUMNS
 
 HOLE_MAX = 5  # [frames] longest hole that is interpolated; a longer one splits the track
@@ -66,14 +66,14 @@ class RepairCounts:
     incomplete: int = 0
 
     def text(self) -> str:
-        """The non-zero counts with their names, as one line."""
+        """Returns the non-zero counts with their names, as one line."""
         return ", ".join(
             f"{field.name} {getattr(self, field.name)}" for field in fields(self) if getattr(self, field.name)
         )
 
 
 def tracks_of(raw: pd.DataFrame, site: Site, where: str) -> tuple[pd.DataFrame, RepairCounts]:
-    """Make tracks of the rows of one recording.
+    """Makes tracks of the rows of one recording.
 
     Args:
         raw: columns NEEDED (SI units, global axes) and `line`; rows in any order.
@@ -106,26 +106,22 @@ def tracks_of(raw: pd.DataFrame, site: Site, where: str) -> tuple[pd.DataFrame, 
     return _filled(table, site, counts), counts
 
 
-def neutral(
-    tracks: pd.DataFrame, *, cleaned: bool, progress: bool = False
-) -> tuple[pd.DataFrame, CleaningReport | None]:
-    """Tracks in the columns of the neutral schema.
+def neutral(tracks: pd.DataFrame, *, cleaned: bool) -> tuple[pd.DataFrame, CleaningReport | None]:
+    """Returns tracks in the columns of the neutral schema, and the report on their cleaning (None without).
 
     Args:
         tracks: see :func:`tracks_of`.
         cleaned: whether headings, speeds and accelerations are derived from smoothed positions; else speed and
             acceleration stay as published, and yaw is the direction of motion over a second.
-        progress: show a bar on stderr.
 
     Raises:
         InputError: the tracks cannot be cleaned.
     """
     if cleaned:
-        columns = [name for name in tracks.columns if name != "hint"]
-        table = tracks[columns]
+        table = tracks.drop(columns="hint")
         if tracks["hint"].notna().all():
             table = table.assign(yaw=tracks["hint"])
-        return clean(table, progress=progress)
+        return clean(table)
     yaw = direction_of_motion(
         tracks["vehicle_id"].to_numpy(), tracks["x"].to_numpy(), tracks["y"].to_numpy(), tracks["hint"].to_numpy()
     )
@@ -137,7 +133,7 @@ def neutral(
 def direction_of_motion(
     vehicle: IntArray, x: FloatArray, y: FloatArray, hint: FloatArray, least: float = DIRECTION_MIN
 ) -> FloatArray:
-    """Heading [rad] (n,) from the way between half a second before and after; held where a vehicle stands.
+    """Returns the heading [rad] (n,) from the way between half a second before and after; held where a vehicle stands.
 
     Args:
         vehicle: (n,) ids; rows of one vehicle are consecutive frames.
@@ -151,26 +147,26 @@ def direction_of_motion(
     last = np.r_[first[1:], len(vehicle)] - 1
     before, after = np.maximum(index - SMOOTHED, first[track]), np.minimum(index + SMOOTHED, last[track])
     dx, dy = x[after] - x[before], y[after] - y[before]
-    seen = np.hypot(dx, dy) >= least
-    yaw = pd.Series(np.where(seen, np.arctan2(dy, dx), np.nan))
+    moves = np.hypot(dx, dy) >= least
+    yaw = pd.Series(np.where(moves, np.arctan2(dy, dx), np.nan))
     held = yaw.groupby(track).ffill().groupby(track).bfill().to_numpy()
     return np.where(np.isnan(held), np.nan_to_num(hint), held)
 
 
 def _without_duplicates(raw: pd.DataFrame, counts: RepairCounts, where: str) -> pd.DataFrame:
     content = [name for name in raw.columns if name != "line"]
-    kept = raw.drop_duplicates(content)
-    counts.duplicates = len(raw) - len(kept)
-    if (kept["vehicle_id"].abs() >= PIECE).any():
-        at = kept.loc[kept["vehicle_id"].abs() >= PIECE].iloc[0]
+    single = raw.drop_duplicates(content)
+    counts.duplicates = len(raw) - len(single)
+    if (single["vehicle_id"].abs() >= PIECE).any():
+        at = single.loc[single["vehicle_id"].abs() >= PIECE].iloc[0]
         raise InputError(
             f"{where}: line {at['line']:.0f}: Vehicle_ID is {at['vehicle_id']:.0f}, expected below {PIECE}"
         )
-    return kept.sort_values(["vehicle_id", "frame", "line"], ignore_index=True)
+    return single.sort_values(["vehicle_id", "frame", "line"], ignore_index=True)
 
 
 def _without_contradictions(table: pd.DataFrame, counts: RepairCounts, where: str) -> pd.DataFrame:
-    """One row per vehicle and frame: rows at the same place are merged, contradicting ones are all left out."""
+    """Returns one row per vehicle and frame: rows at the same place are merged, contradicting ones are all left out."""
     vehicle, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
     again = np.r_[False, (vehicle[1:] == vehicle[:-1]) & (frame[1:] == frame[:-1])]
     if not again.any():
@@ -194,7 +190,7 @@ def _without_contradictions(table: pd.DataFrame, counts: RepairCounts, where: st
 
 
 def _sized(table: pd.DataFrame, counts: RepairCounts, where: str) -> pd.DataFrame:
-    """`table` with kinds, and one plausible size per vehicle: its median, or that of its class."""
+    """Returns `table` with kinds, and one plausible size per vehicle: its median, or that of its class."""
     kind = table["vehicle_class"].map(KINDS).fillna(int(Kind.UNKNOWN)).astype("uint8")
     table = table.assign(kind=kind)
     vehicles = table.groupby("vehicle_id")[["length", "width", "kind"]].median()
@@ -217,7 +213,7 @@ def _sized(table: pd.DataFrame, counts: RepairCounts, where: str) -> pd.DataFram
 
 
 def _split(table: pd.DataFrame, counts: RepairCounts) -> pd.DataFrame:
-    """Tracks cut at long holes and jumps, with the pieces renumbered and short ones left out."""
+    """Returns tracks cut at long holes and jumps, with the pieces renumbered and short ones left out."""
     vehicle, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
     same = vehicle[1:] == vehicle[:-1]
     step = np.diff(frame)
@@ -237,7 +233,7 @@ def _split(table: pd.DataFrame, counts: RepairCounts) -> pd.DataFrame:
 
 
 def _filled(table: pd.DataFrame, site: Site, counts: RepairCounts) -> pd.DataFrame:
-    """The columns of :func:`tracks_of`, with short holes interpolated."""
+    """Returns the columns of :func:`tracks_of`, with short holes interpolated."""
     vehicle, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
     begins = np.r_[True, vehicle[1:] != vehicle[:-1]]
     step = np.r_[np.diff(frame), 1]
@@ -273,7 +269,7 @@ def _filled(table: pd.DataFrame, site: Site, counts: RepairCounts) -> pd.DataFra
 
 
 def _hints(table: pd.DataFrame, site: Site) -> FloatArray:
-    """Usual heading (n,) [rad] in frame map by Direction; the vehicle's median or 0 if unknown; NaN on motorways."""
+    """Returns usual headings (n,) [rad] by Direction; the vehicle's median or 0 if unknown; NaN on motorways."""
     if "direction" not in table or len(site.headings) < 2:
         return np.full(len(table), np.nan)
     hint = table["direction"].map(site.headings).astype(np.float64)
@@ -283,11 +279,6 @@ def _hints(table: pd.DataFrame, site: Site) -> FloatArray:
     return np.asarray(hint.fillna(usual), np.float64)
 
 
-def frames_of(time_ms: IntArray, origin_ms: int) -> IntArray:
-    """Frame numbers (n,) of the times `time_ms` (n,) [ms], with frame 0 at `origin_ms` [ms]."""
-    return np.round((time_ms - origin_ms) / (1000.0 * STEP_S)).astype(np.int64)
-
-
 def origins_of(time_ms: IntArray, frame: IntArray) -> IntArray:
-    """Time (n,) [ms] of frame 0 by the clock of each row; every period has its own."""
+    """Returns the time (n,) [ms] of frame 0 by the clock of each row; every period has its own."""
     return time_ms - np.round(1000.0 / RATE_HZ * frame).astype(np.int64)

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from litsim_data.ngsim.sites import US101
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.core.scene import FloatArray, Kind
+from litsim_sim.core.scene import Kind
 from litsim_sim.io import parquet_input
 from litsim_sim.scenario.cropping import NUMBERS, Crop, within
 from litsim_sim.scenario.recording import Recording, RecordingHeader
@@ -44,12 +45,6 @@ UNUSED = ("t_ms", "scenario")
 MARKERS = ("global_x_m", "local_y_m", "lane_est", "src")
 """Columns by which the format is recognised."""
 
-# Least-squares rigid fit of (local_y, -local_x) to the global positions of frames 316-543, local_y 180-415 m. Fixed,
-# because nets/us101.net.xml lies in this frame.
-MAP_FROM_GLOBAL_YAW = 0.718612  # [rad]
-GLOBAL_ANCHOR = (1966511.071, 570797.706)  # [m] State Plane California V
-MAP_ANCHOR = (297.468, -9.641)  # [m] the same point in frame map
-
 # The file has no vehicle classes: they are guessed from sizes.
 MOTORCYCLE_BELOW = 3.2  # [m] length of most motorcycles
 MOTORCYCLE_NARROWER = 1.4  # [m] width of motorcycles; short cars are wider
@@ -58,12 +53,12 @@ WINDOW_SOURCES = 2  # src 0 and 1 are the windows with all vehicles; others are 
 
 
 def is_windows(columns: Sequence[str]) -> bool:
-    """Whether a table with these columns has this format."""
+    """Returns whether a table with these columns has this format."""
     return set(MARKERS) <= set(columns)
 
 
 def read_table(path: Path) -> pd.DataFrame:
-    """All windows of the file at `path`, in the columns of the neutral schema; tracks may have holes between windows.
+    """Returns all windows of the file at `path` in the neutral columns; tracks may have holes between windows.
 
     Raises:
         InputError: the file is missing or not of this format.
@@ -72,7 +67,7 @@ def read_table(path: Path) -> pd.DataFrame:
 
 
 def load(path: Path, crop: Crop | None = None) -> Recording:
-    """The windows of the file at `path` within `crop` as a recording.
+    """Returns the windows of the file at `path` within `crop` as a recording.
 
     Raises:
         InputError: the file is missing or not of this format, `crop` does not fit it, vehicles are missing between
@@ -82,8 +77,8 @@ def load(path: Path, crop: Crop | None = None) -> Recording:
     columns: Mapping[str, Any] = parquet_input.plain_columns(arrow)
     if not {*arrow.column_names, *(crop or {})} - {*UNUSED} <= {*columns} or {*UNUSED} & {*(crop or {})}:
         columns = arrow.to_pandas()
-    kept = within(columns, arrow.num_rows, crop, where)
-    neutral = neutral_columns({name: columns[name][kept] for name in columns}, where)
+    rows = within(columns, arrow.num_rows, crop, where)
+    neutral = neutral_columns({name: columns[name][rows] for name in columns}, where)
     by_vehicle = np.lexsort((neutral["frame"], neutral["vehicle_id"]))
     vehicle, frame = neutral["vehicle_id"][by_vehicle], neutral["frame"][by_vehicle]
     if ((vehicle[1:] == vehicle[:-1]) & (frame[1:] - frame[:-1] > 1)).any():
@@ -102,7 +97,7 @@ def load(path: Path, crop: Crop | None = None) -> Recording:
 
 
 def neutral_table(table: pd.DataFrame, where: str) -> pd.DataFrame:
-    """A windows table in the columns of the neutral schema; tracks may have holes between the windows.
+    """Returns a windows table in the columns of the neutral schema; tracks may have holes between the windows.
 
     Raises:
         InputError: as :func:`neutral_columns`.
@@ -113,7 +108,7 @@ def neutral_table(table: pd.DataFrame, where: str) -> pd.DataFrame:
 
 
 def neutral_columns(columns: Mapping[str, Any], where: str) -> dict[str, np.ndarray]:
-    """Columns of a windows table, arrays or pandas series (n,), as arrays in the neutral schema.
+    """Returns columns of a windows table, arrays or pandas series (n,), as arrays in the neutral schema.
 
     Raises:
         InputError: a column is missing, unknown or not numeric, or no row is of a window.
@@ -122,20 +117,21 @@ def neutral_columns(columns: Mapping[str, Any], where: str) -> dict[str, np.ndar
     unknown = [name for name in columns if name not in COLUMNS]
     if missing or unknown:
         raise InputError(f"{where}: unknown columns {unknown}, missing columns {missing}; expected {list(COLUMNS)}")
-    given = {name: columns[name] for name in COLUMNS if name not in UNUSED}
-    if words := [name for name, column in given.items() if column.dtype.kind not in NUMBERS]:
+    used = {name: columns[name] for name in COLUMNS if name not in UNUSED}
+    if words := [name for name, column in used.items() if column.dtype.kind not in NUMBERS]:
         raise InputError(f"{where}: columns {words} do not hold numbers")
-    of_windows = np.asarray(given["src"]) < WINDOW_SOURCES
+    of_windows = np.asarray(used["src"]) < WINDOW_SOURCES
     if not of_windows.any():
         raise InputError(f"{where}: no rows of the windows (src below {WINDOW_SOURCES}) are left to read")
-    given = {name: np.asarray(column)[of_windows] for name, column in given.items()}
-    values = {name: column.astype(np.float64) for name, column in given.items()}
-    yaw = wrap_angle(values["heading_rad"] + MAP_FROM_GLOBAL_YAW)
-    front_x, front_y = map_from_global(values["global_x_m"], values["global_y_m"])
+    used = {name: np.asarray(column)[of_windows] for name, column in used.items()}
+    values = {name: column.astype(np.float64) for name, column in used.items()}
+    yaw = wrap_angle(values["heading_rad"] + US101.yaw)
+    front_x, front_y = US101.map_from_global(values["global_x_m"], values["global_y_m"])
     length, width = values["length_m"], values["width_m"]
+    motorcycle = (length < MOTORCYCLE_BELOW) & (width < MOTORCYCLE_NARROWER)
     return {
-        "vehicle_id": given["vehicle_id"],
-        "frame": given["frame"],
+        "vehicle_id": used["vehicle_id"],
+        "frame": used["frame"],
         "x": front_x - 0.5 * length * np.cos(yaw),
         "y": front_y - 0.5 * length * np.sin(yaw),
         "yaw": yaw,
@@ -143,19 +139,6 @@ def neutral_columns(columns: Mapping[str, Any], where: str) -> dict[str, np.ndar
         "acceleration": values["accel_mps2"],
         "length": length,
         "width": width,
-        "kind": kind_of(length, width),
-        "lane": given["lane_est"],
+        "kind": np.select([motorcycle, length > TRUCK_ABOVE], [Kind.MOTORCYCLE, Kind.TRUCK], Kind.CAR),
+        "lane": used["lane_est"],
     }
-
-
-def map_from_global(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """x, y (n,) [m] in frame map of positions `x`, `y` (n,) [m] in the State Plane zone."""
-    cos, sin = np.cos(MAP_FROM_GLOBAL_YAW), np.sin(MAP_FROM_GLOBAL_YAW)
-    dx, dy = x - GLOBAL_ANCHOR[0], y - GLOBAL_ANCHOR[1]
-    return MAP_ANCHOR[0] + cos * dx - sin * dy, MAP_ANCHOR[1] + sin * dx + cos * dy
-
-
-def kind_of(length: FloatArray, width: FloatArray) -> FloatArray:
-    """Kind (n,), as numbered by ``Kind``, guessed from length and width (n,) [m]."""
-    motorcycle = (length < MOTORCYCLE_BELOW) & (width < MOTORCYCLE_NARROWER)
-    return np.select([motorcycle, length > TRUCK_ABOVE], [Kind.MOTORCYCLE, Kind.TRUCK], Kind.CAR)

@@ -28,7 +28,6 @@ DPI = 110
 WIDTH, LEGEND = 14.0, 0.9  # [inch] width of the picture, and height of the legend
 HEIGHTS = (2.5, 8.0)  # [inch] bounds of the overview's height
 STRETCHED = 0.15  # height to width below which y is stretched: a straight motorway would be a hairline
-BESIDE_RATIO = 0.6  # height to width from which on the details lie beside the overview
 DETAILS = 4  # most places that are drawn enlarged
 DETAIL_M = 40.0  # [m] side of each
 PLACES_APART = 40.0  # [m] smallest distance between them
@@ -40,7 +39,7 @@ TRACK, MISS, FITTED, NO_WAY_IN, NO_EXIT, CROSSES = "#3b7dd8", "#d62728", "#2a9d5
 
 
 def draw(path: Path, lane_map: LaneMap, parts: Mapping[str, pd.DataFrame], check: NetCheck) -> None:
-    """Draw the lanes, the tracks of all `parts` and the findings of `check` to a PNG file.
+    """Draws the lanes, the tracks of all `parts` and the findings of `check` to a PNG file.
 
     Raises:
         InputError: `path` has another suffix or cannot be written.
@@ -75,25 +74,17 @@ def draw(path: Path, lane_map: LaneMap, parts: Mapping[str, pd.DataFrame], check
 
 
 def _panels(ratio: float, details: int) -> tuple[Figure, Axes, list[Axes]]:
-    """A figure with an overview of an extent of a height-to-width `ratio`, and panels for `details` below or beside."""
-    spans: tuple[int | slice, int | slice]
-    if ratio < BESIDE_RATIO:
-        height = min(max(WIDTH * ratio, HEIGHTS[0]), HEIGHTS[1])
-        rows, columns, size = 1 + bool(details), max(details, 1), WIDTH / DETAILS
-        spans, places = (0, slice(None)), [(1, column) for column in range(details)]
-        figure = Figure((WIDTH, height + LEGEND + size * bool(details)), DPI, facecolor="white")
-        grid = figure.add_gridspec(rows, columns, height_ratios=(height, size)[:rows])
-    else:  # a street that runs upwards: details in two columns to the right
-        rows, columns = 2, 1 + min(details, 2)
-        spans, places = (slice(None), 0), [(number // 2, 1 + number % 2) for number in range(details)]
-        figure = Figure((WIDTH, HEIGHTS[1]), DPI, facecolor="white")
-        grid = figure.add_gridspec(rows, columns, width_ratios=(2.0, *(1.0,) * (columns - 1)))
+    """Returns a figure with an overview of an extent of a height-to-width `ratio`, and `details` panels below."""
+    height, size = min(max(WIDTH * ratio, HEIGHTS[0]), HEIGHTS[1]), WIDTH / DETAILS
+    rows = 1 + bool(details)
+    figure = Figure((WIDTH, height + LEGEND + size * bool(details)), DPI, facecolor="white")
+    grid = figure.add_gridspec(rows, max(details, 1), height_ratios=(height, size)[:rows])
     figure.set_layout_engine("constrained", w_pad=0.12, h_pad=0.06)
-    return figure, figure.add_subplot(grid[spans]), [figure.add_subplot(grid[place]) for place in places]
+    return figure, figure.add_subplot(grid[0, :]), [figure.add_subplot(grid[1, column]) for column in range(details)]
 
 
 def lane_outline(lane: Lane) -> FloatArray:
-    """Corners (m, 2) of the area of a lane, along its right side and back along its left [m]."""
+    """Returns corners (m, 2) of the area of a lane, along its right side and back along its left [m]."""
     step = np.diff(lane.centerline, axis=0)
     direction = np.vstack([step[:1], step[:-1] + step[1:], step[-1:]])
     direction /= np.maximum(np.hypot(*direction.T), 1e-9)[:, None]
@@ -102,13 +93,13 @@ def lane_outline(lane: Lane) -> FloatArray:
 
 
 def _thinned(table: pd.DataFrame) -> pd.DataFrame:
-    """Rows of a table, sorted by vehicle and frame; of more than POINTS_MAX, every n-th."""
+    """Returns rows of a table, sorted by vehicle and frame; of more than POINTS_MAX, every n-th."""
     ordered = table.sort_values(["vehicle_id", "frame"], ignore_index=True)
     return ordered.iloc[:: max(1, len(ordered) // POINTS_MAX)]
 
 
 def _extent(lane_map: LaneMap, tables: list[pd.DataFrame]) -> tuple[FloatArray, FloatArray]:
-    """Corners (2,) of the extent drawn: the tracks with a margin; without tracks the net."""
+    """Returns corners (2,) of the extent drawn: the tracks with a margin; without tracks the net."""
     if not tables:
         bounds = np.array(lane_map.bounds)
         return bounds[:2] - MARGIN, bounds[2:] + MARGIN
@@ -119,9 +110,9 @@ def _extent(lane_map: LaneMap, tables: list[pd.DataFrame]) -> tuple[FloatArray, 
 
 
 def _places(misses: list[Miss]) -> list[Miss]:
-    """The worst misses at up to DETAILS places at least PLACES_APART apart."""
+    """Returns the worst misses at up to DETAILS places at least PLACES_APART apart."""
     chosen: list[Miss] = []
-    for miss in sorted(misses, key=lambda each: -each.beyond):
+    for miss in sorted(misses, key=lambda one: -one.beyond):
         if len(chosen) < DETAILS and all(
             math.hypot(miss.x - other.x, miss.y - other.y) > PLACES_APART for other in chosen
         ):
@@ -130,7 +121,7 @@ def _places(misses: list[Miss]) -> list[Miss]:
 
 
 def _scene(axes: Axes, lane_map: LaneMap, tables: list[pd.DataFrame], check: NetCheck) -> None:
-    """Lanes, tracks, misses and marks."""
+    """Draws lanes, tracks, misses and marks."""
     for internal, colour in ((True, INSIDE), (False, LANE)):
         areas = [lane_outline(lane) for lane in lane_map.lanes if lane.is_internal == internal]
         axes.add_collection(
@@ -144,22 +135,28 @@ def _scene(axes: Axes, lane_map: LaneMap, tables: list[pd.DataFrame], check: Net
             axes.add_collection(_lines(*fitted.apply(x, y), new, FITTED, 3))
         off = ~lane_map.inside_road(x, y)
         axes.plot(x[off], y[off], ".", ms=2.5, color=MISS, zorder=4)
-    found = check.connectivity
+    connectivity = check.connectivity
     for names, marker, colour, vertex in (
-        ((*(gap.lane for gap in found.gaps), *found.unreached), ">", NO_WAY_IN, 0),
-        (found.stuck, "s", NO_EXIT, -1),
+        ((*(gap.lane for gap in connectivity.gaps), *connectivity.unreached), ">", NO_WAY_IN, 0),
+        (connectivity.stuck, "s", NO_EXIT, -1),
     ):
         points = np.array([lane_map.lanes[lane_map.row(name)].centerline[vertex] for name in names]).reshape(-1, 2)
         axes.plot(*points.T, marker, ms=8, mfc=colour, mec="white", ls="none", zorder=5)
     axes.plot(
-        [c.x for c in found.crossings], [c.y for c in found.crossings], "x", ms=9, mew=2.5, color=CROSSES, zorder=5
+        [c.x for c in connectivity.crossings],
+        [c.y for c in connectivity.crossings],
+        "x",
+        ms=9,
+        mew=2.5,
+        color=CROSSES,
+        zorder=5,
     )
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(colors=INK, labelsize=8)
 
 
 def _lines(x: FloatArray, y: FloatArray, new: np.ndarray, colour: str, order: int) -> LineCollection:
-    """Tracks; `new` are the rows at which another vehicle begins."""
+    """Returns tracks as lines; `new` are the rows at which another vehicle begins."""
     return LineCollection(
         np.split(np.column_stack([x, y]), new), colors=colour, linewidths=0.6, alpha=0.55, zorder=order
     )
@@ -172,8 +169,8 @@ def _title(check: NetCheck) -> str:
 
 
 def _legend(check: NetCheck) -> list[Line2D | Patch]:
-    """What is drawn, and how much of it."""
-    found = check.connectivity
+    """Returns the entries of the legend: what is drawn, and how much of it."""
+    connectivity = check.connectivity
     missing = sum(part.missing for part in check.placements.values())
     entries: list[Line2D | Patch] = [
         Patch(fc=LANE, ec=EDGE, label="lane"),
@@ -181,12 +178,12 @@ def _legend(check: NetCheck) -> list[Line2D | Patch]:
         Line2D([], [], color=TRACK, label="track"),
         Line2D([], [], color=MISS, marker=".", ls="none", label=f"centre on no lane ({missing} vehicles)"),
     ]
-    if any(not each.in_place for each in check.alignments.values()):
+    if any(not alignment.in_place for alignment in check.alignments.values()):
         entries.append(Line2D([], [], color=FITTED, label="tracks, moved to their best fit"))
     for count, marker, colour, text in (
-        (len(found.gaps) + len(found.unreached), ">", NO_WAY_IN, "lane without a way in"),
-        (len(found.stuck), "s", NO_EXIT, "lane without exit"),
-        (len(found.crossings), "x", CROSSES, "edges cross"),
+        (len(connectivity.gaps) + len(connectivity.unreached), ">", NO_WAY_IN, "lane without a way in"),
+        (len(connectivity.stuck), "s", NO_EXIT, "lane without exit"),
+        (len(connectivity.crossings), "x", CROSSES, "edges cross"),
     ):
         if count:
             entries.append(Line2D([], [], color=colour, marker=marker, ls="none", ms=8, label=f"{text} ({count})"))

@@ -50,18 +50,18 @@ class Area:
 
     @classmethod
     def around(cls, points: FloatArray) -> Area:
-        """The rectangle around `points` (n, 2), with a margin and at least SIDE_MIN wide and high."""
+        """Returns the rectangle around `points` (n, 2), with a margin and at least SIDE_MIN wide and high."""
         low, high = points.min(axis=0) - ROOM, points.max(axis=0) + ROOM
         more = np.maximum(0.0, SIDE_MIN - (high - low)) / 2
         return cls(low - more, high + more)
 
     def holds(self, points: FloatArray) -> np.ndarray:
-        """(...) whether each of `points` (..., 2) lies in the area."""
+        """Returns whether each of `points` (..., 2) lies in the area, (...)."""
         return np.asarray(((points >= self.low) & (points <= self.high)).all(axis=-1))
 
 
 def crossed(lane_map: LaneMap | None, path: FloatArray) -> FloatArray:
-    """(k, 2) crossings of lanes that a path (n, 2) goes over; none without a map."""
+    """Returns the crossings (k, 2) of lanes that a path (n, 2) goes over; none without a map."""
     if lane_map is None or not len(path):
         return np.empty((0, 2))
     points = lane_crossings(lane_map.lanes)
@@ -72,7 +72,7 @@ def crossed(lane_map: LaneMap | None, path: FloatArray) -> FloatArray:
 
 
 def draw_lanes(axes: Axes, lane_map: LaneMap) -> None:
-    """Draw the surface of the road."""
+    """Draws the surface of the road."""
     surfaces = [shapely.LineString(lane.centerline).buffer(lane.width / 2, cap_style="flat") for lane in lane_map.lanes]
     for part in shapely.get_parts(shapely.union_all(surfaces)):
         axes.fill(*np.asarray(part.exterior.coords).T, facecolor=ROAD, edgecolor="none", zorder=0)
@@ -83,7 +83,7 @@ def draw_lanes(axes: Axes, lane_map: LaneMap) -> None:
 
 
 def draw_stop_lines(axes: Axes, signals: Signals, step: int) -> None:
-    """Draw the stop lines, the part of each connection in the colour of its signal at `step`."""
+    """Draws the stop lines, the part of each connection in the colour of its signal at `step`."""
     by_lane: dict[str, list[int]] = {}
     for k, link in enumerate(signals.links):
         by_lane.setdefault(link.from_lane, []).append(k)
@@ -100,18 +100,18 @@ def draw_stop_lines(axes: Axes, signals: Signals, step: int) -> None:
 
 
 def paths(steps: Steps, area: Area) -> dict[Controller, list[FloatArray]]:
-    """Pieces (k, 2) of the paths of all agents in `area`, by controller."""
+    """Returns pieces (k, 2) of the paths of all agents in `area`, by controller."""
     table = steps.stacked
     points = np.stack([table.x, table.y], axis=-1)
     order, follows = tracks(steps)
     inside = area.holds(points[order])
     follows[1:] &= inside[1:] | inside[:-1]
-    found = pieces(points[order], follows, table.controller[order].astype(np.int64))
-    return {controller: found.get(controller.value, []) for controller in Controller}
+    lines = pieces(points[order], follows, table.controller[order].astype(np.int64))
+    return {controller: lines.get(controller.value, []) for controller in Controller}
 
 
 def tracks(steps: Steps) -> tuple[IntArray, BoolArray]:
-    """The rows of :attr:`Steps.stacked`, sorted by agent and step.
+    """Returns the rows of :attr:`Steps.stacked`, sorted by agent and step.
 
     Returns:
         The rows (m,), and whether each continues the one before (m,): the same agent at the next step.
@@ -124,7 +124,7 @@ def tracks(steps: Steps) -> tuple[IntArray, BoolArray]:
 
 
 def pieces(points: FloatArray, follows: BoolArray, kind: IntArray) -> dict[int, list[FloatArray]]:
-    """Lines (k, 2) through `points` (m, 2), by `kind` (m,): a segment is of the kind of its end point.
+    """Returns lines (k, 2) through `points` (m, 2), by `kind` (m,): a segment is of the kind of its end point.
 
     A line continues as long as each point `follows` (m,) the one before and is of the same kind.
     """
@@ -132,14 +132,14 @@ def pieces(points: FloatArray, follows: BoolArray, kind: IntArray) -> dict[int, 
     begins[1:] &= ~follows[:-1] | (np.diff(kind) != 0)
     ends = follows.copy()
     ends[:-1] &= ~follows[1:] | begins[1:]
-    found: dict[int, list[FloatArray]] = {}
+    lines: dict[int, list[FloatArray]] = {}
     for begin, end in zip(np.flatnonzero(begins).tolist(), np.flatnonzero(ends).tolist(), strict=True):
-        found.setdefault(int(kind[begin]), []).append(points[begin - 1 : end + 1])
-    return found
+        lines.setdefault(int(kind[begin]), []).append(points[begin - 1 : end + 1])
+    return lines
 
 
 def draw_boxes(axes: Axes, table: AgentTable, colours: list[str], **style: Any) -> None:
-    """Draw the boxes of `table`, each with a bar at its front."""
+    """Draws the boxes of `table`, each with a bar at its front."""
     corners = box_corners(table.x, table.y, table.yaw, table.length, table.width)
     style = {"facecolors": colours, "edgecolors": INK, "linewidths": 0.7, "zorder": 6} | style
     axes.add_collection(PolyCollection(list(corners), **style))
@@ -147,20 +147,20 @@ def draw_boxes(axes: Axes, table: AgentTable, colours: list[str], **style: Any) 
 
 
 def frame(axes: Axes, area: Area) -> None:
-    """Limit `axes` to `area`, with equal aspect."""
+    """Limits `axes` to `area`, with equal aspect."""
     axes.set(xlim=(area.low[0], area.high[0]), ylim=(area.low[1], area.high[1]), aspect="equal")
     axes.set(xlabel="x [m]", ylabel="y [m]")
 
 
 def groups_in(signals: Signals, area: Area, first: list[str]) -> list[int]:
-    """Indices of the signal groups named `first`, then of others with a stop line in `area`."""
+    """Returns indices of the signal groups named `first`, then of others with a stop line in `area`."""
     inside = {int(g) for g, link in zip(signals.link_group, signals.links, strict=True) if area.holds(link.stop)}
     order = [signals.groups.index(name) for name in dict.fromkeys(first) if name in signals.groups]
     return [*order, *sorted(inside - set(order))]
 
 
 def draw_signals(axes: Axes, signals: Signals, groups: list[int], steps: int) -> None:
-    """Draw the states of `groups` from step 0 to `steps`, one bar per group, the first at the top."""
+    """Draws the states of `groups` from step 0 to `steps`, one bar per group, the first at the top."""
     used: set[SignalState] = set()
     for row, group in enumerate(groups):
         shown = signals.states[group, : steps + 1]
@@ -178,5 +178,5 @@ def draw_signals(axes: Axes, signals: Signals, groups: list[int], steps: int) ->
 
 
 def line_handle(colour: str, label: str, **style: Any) -> Line2D:
-    """A line for a legend."""
+    """Returns a line for a legend."""
     return Line2D([], [], color=colour, label=label, **({"lw": 2.5} | style))

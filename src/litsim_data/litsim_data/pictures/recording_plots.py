@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -51,10 +50,10 @@ def draw(
     signals: Signals | None = None,
     moments: Sequence[float] = (),
 ) -> None:
-    """Draw `recording` to a PNG, or to a self-contained HTML page if `path` ends so.
+    """Draws `recording` to a PNG, or to a self-contained HTML page if `path` ends so.
 
     Where lanes of the net cross under the tracks, it is an intersection: its plan is drawn, in true proportions, and
-    below it what the signals showed; else space-time diagrams by lane.
+    below it what the signals showed; else space-time diagrams by lane, and a map of the tracks.
 
     Args:
         recording: what to draw.
@@ -70,46 +69,33 @@ def draw(
     """
     if path.suffix not in (".png", ".html", ".htm"):
         raise InputError(f"{path}: expected a name that ends with .png or .html")
-    crossing = lane_map if lane_map is not None and _is_intersection(recording, lane_map) else None
-    if crossing is None and moments:
+    if lane_map is not None and _is_intersection(recording, lane_map):
+        figure = _intersection(recording, lane_map, signals, moments)
+    elif moments:
         raise InputError(f"{path}: moments are drawn of an intersection, and no lanes of a net cross under the tracks")
-    if path.suffix == ".png":
-        with replacing(path) as new:
-            new.write_bytes(_bytes(_overview(recording, lane_map, crossing, signals, moments)))
-        return
-    if crossing is not None:
-        pictures = {"Plan": intersection(recording, crossing, signals, moments)}
     else:
-        pictures = {"Space and time, by lane": space_time(recording), "Tracks": track_map(recording, lane_map)}
-    page = (
-        _environment()
-        .get_template("recording.html.j2")
-        .render(
-            name=recording.header.name,
-            text=text,
-            pictures=[(title, base64.b64encode(_bytes(figure)).decode()) for title, figure in pictures.items()],
+        figure = _road(recording, lane_map)
+    name = recording.header.name
+    title = f"{name}   {recording.header.source}"
+    figure.suptitle(title, x=0.012, ha="left", fontsize=11, color=INK, parse_math=False)
+    FigureCanvasAgg(figure)
+    sink = io.BytesIO()
+    figure.savefig(sink, format="png", dpi=DPI)
+    content = sink.getvalue()
+    if path.suffix != ".png":
+        environment = Environment(
+            loader=PackageLoader("litsim_data.pictures"), autoescape=True, undefined=StrictUndefined
         )
-    )
+        picture = base64.b64encode(content).decode()
+        content = environment.get_template("recording.html.j2").render(name=name, text=text, picture=picture).encode()
     with replacing(path) as new:
-        new.write_text(page, encoding="utf-8")
+        new.write_bytes(content)
 
 
-def space_time(recording: Recording) -> Figure:
-    """One diagram per lane and direction: place along the main direction over time, coloured by speed."""
-    figure = Figure(figsize=(WIDTH, _height(recording.table)), dpi=DPI, layout="constrained", facecolor="white")
-    _space_time(figure, recording)
-    return figure
-
-
-def track_map(recording: Recording, lane_map: LaneMap | None = None) -> Figure:
-    """All tracks in frame map, coloured by lane, over the lanes of the net."""
-    figure = Figure(figsize=(WIDTH, MAP), dpi=DPI, layout="constrained", facecolor="white")
-    _tracks(figure.add_subplot(), recording.table, lane_map)
-    return figure
-
-
-def main_direction(table: pd.DataFrame) -> float:
-    """Direction [rad] of most of the way driven, there or back: as clearly more of it goes, else nearer to +x."""
+def _main_direction(table: pd.DataFrame) -> float:
+    """Returns the direction [rad] of most of the way driven, there or back: as clearly more of it goes, else nearer to
+    +x.
+    """
     yaw, weight = table["yaw"].to_numpy(), table["speed"].to_numpy() + 1e-3
     axis = 0.5 * float(np.arctan2((weight * np.sin(2 * yaw)).sum(), (weight * np.cos(2 * yaw)).sum()))
     ahead = float((weight * np.cos(yaw - axis)).sum() / weight.sum())
@@ -117,10 +103,8 @@ def main_direction(table: pd.DataFrame) -> float:
     return float(wrap_angle(np.array([axis + np.pi]))[0]) if turned else axis
 
 
-def intersection(
-    recording: Recording, lane_map: LaneMap, signals: Signals | None = None, moments: Sequence[float] = ()
-) -> Figure:
-    """All tracks in frame map, coloured by speed, over the lanes and the stop lines; below, the signals over time.
+def _intersection(recording: Recording, lane_map: LaneMap, signals: Signals | None, moments: Sequence[float]) -> Figure:
+    """Draws all tracks in frame map, coloured by speed, over lanes and stop lines; below, the signals over time.
 
     Between them, one plan with boxes and stop lines for each of the `moments` [s] from the first frame on.
 
@@ -166,7 +150,7 @@ def intersection(
 
 
 def _step(moment: float, steps: int) -> int:
-    """The step nearest to a moment [s] of a recording of `steps` steps after the first frame.
+    """Returns the step nearest to a moment [s] of a recording of `steps` steps after the first frame.
 
     Raises:
         InputError: it lies outside.
@@ -178,7 +162,7 @@ def _step(moment: float, steps: int) -> int:
 
 
 def _paths(axes: Axes, table: pd.DataFrame, speeds: Normalize) -> None:
-    """All tracks, coloured by speed."""
+    """Draws all tracks, coloured by speed."""
     table = table.sort_values(["vehicle_id", "frame"], ignore_index=True)
     pieces, at = _pieces(table, np.ones(len(table), np.bool_), table[["x", "y"]].to_numpy())
     colour = table["speed"].to_numpy()[at]
@@ -186,13 +170,13 @@ def _paths(axes: Axes, table: pd.DataFrame, speeds: Normalize) -> None:
 
 
 def _boxes(axes: Axes, recording: Recording, frame: int, speeds: Normalize) -> None:
-    """Draw the boxes of all agents at `frame`, coloured by speed."""
+    """Draws the boxes of all agents at `frame`, coloured by speed."""
     agents = Log.from_recording(recording, frame, 1).table(0)
     draw_boxes(axes, agents, [to_hex(colour) for colour in colormaps[SPEEDS](speeds(agents.speed))])
 
 
 def _is_intersection(recording: Recording, lane_map: LaneMap) -> bool:
-    """Whether any track goes over a crossing of lanes."""
+    """Returns whether any track goes over a crossing of lanes."""
     crossings = lane_crossings(lane_map.lanes)
     if not len(crossings):
         return False
@@ -200,60 +184,27 @@ def _is_intersection(recording: Recording, lane_map: LaneMap) -> bool:
     return bool((shapely.distance(shapely.points(crossings), tracks) <= NEAR).any())
 
 
-def _overview(
-    recording: Recording,
-    lane_map: LaneMap | None,
-    crossing: LaneMap | None,
-    signals: Signals | None,
-    moments: Sequence[float],
-) -> Figure:
-    """Everything in one picture; `crossing` is the map of what is an intersection."""
-    title = f"{recording.header.name}   {recording.header.source}"
-    if crossing is not None:
-        figure = intersection(recording, crossing, signals, moments)
-        figure.suptitle(title, x=0.012, ha="left", fontsize=11, color=INK)
-        return figure
-    diagrams = _height(recording.table)
+def _road(recording: Recording, lane_map: LaneMap | None) -> Figure:
+    """Draws space-time diagrams by lane and direction, the busiest, and a map of the tracks below them."""
+    table = recording.table.sort_values(["vehicle_id", "frame"], ignore_index=True)
+    direction = _main_direction(table)
+    against = np.asarray(np.cos(table["yaw"].to_numpy() - direction) < 0, np.bool_)
+    counts = pd.Series(list(zip(against.tolist(), table["lane"].tolist(), strict=True))).value_counts()
+    diagrams = DIAGRAM * min(len(counts), LANES_MAX) + 0.6
     figure = Figure(figsize=(WIDTH, diagrams + MAP), dpi=DPI, layout="constrained", facecolor="white")
     upper, lower = figure.subfigures(2, 1, height_ratios=(diagrams, MAP))
-    _space_time(upper, recording)
-    _tracks(lower.add_subplot(), recording.table, lane_map)
-    figure.suptitle(title, x=0.012, ha="left", fontsize=11, color=INK)
+    _space_time(upper, table, direction, against, list(counts.index))
+    _tracks(lower.add_subplot(), table, lane_map)
     return figure
 
 
-@cache
-def _environment() -> Environment:
-    """The templates of this folder: every value is escaped."""
-    return Environment(loader=PackageLoader("litsim_data.pictures"), autoescape=True, undefined=StrictUndefined)
+def _space_time(
+    figure: FigureBase, table: pd.DataFrame, direction: float, turned: BoolArray, groups: list[tuple[bool, int]]
+) -> None:
+    """Draws a diagram for each of the busiest `groups`: place along `direction` [rad] over time, coloured by speed.
 
-
-def _bytes(figure: Figure) -> bytes:
-    FigureCanvasAgg(figure)
-    sink = io.BytesIO()
-    figure.savefig(sink, format="png", dpi=DPI)
-    return sink.getvalue()
-
-
-def _groups(table: pd.DataFrame) -> list[tuple[bool, int]]:
-    """Each (whether against the main direction, lane), the busiest first."""
-    against = _against(table)
-    counts = pd.Series(list(zip(against.tolist(), table["lane"].tolist(), strict=True))).value_counts()
-    return list(counts.index)
-
-
-def _height(table: pd.DataFrame) -> float:
-    """Height of the space-time diagrams [inch]."""
-    return DIAGRAM * min(len(_groups(table)), LANES_MAX) + 0.6
-
-
-def _against(table: pd.DataFrame) -> BoolArray:
-    return np.asarray(np.cos(table["yaw"].to_numpy() - main_direction(table)) < 0, np.bool_)
-
-
-def _space_time(figure: FigureBase, recording: Recording) -> None:
-    table = recording.table.sort_values(["vehicle_id", "frame"], ignore_index=True)
-    direction, turned, groups = main_direction(table), _against(table), _groups(table)
+    A group is a lane, and whether its vehicles go against that direction, as the mask `turned` (n,) says of each row.
+    """
     shown = sorted(groups[:LANES_MAX])
     along = np.cos(direction) * table["x"].to_numpy() + np.sin(direction) * table["y"].to_numpy()
     lane = table["lane"].to_numpy()
@@ -277,7 +228,6 @@ def _space_time(figure: FigureBase, recording: Recording) -> None:
 
 
 def _tracks(axes: Axes, table: pd.DataFrame, lane_map: LaneMap | None) -> None:
-    table = table.sort_values(["vehicle_id", "frame"], ignore_index=True)
     lane = table["lane"].to_numpy()
     for known in lane_map.lanes if lane_map is not None else ():
         axes.plot(*known.centerline.T, color=LANE, lw=3.0, zorder=0, solid_capstyle="butt")
@@ -296,7 +246,9 @@ def _tracks(axes: Axes, table: pd.DataFrame, lane_map: LaneMap | None) -> None:
 
 
 def _pieces(table: pd.DataFrame, rows: BoolArray, points: FloatArray) -> tuple[FloatArray, np.ndarray]:
-    """Pieces (k, 2, 2) of tracks between consecutive `points` of chosen rows, and the row (k,) where each begins."""
+    """Returns pieces (k, 2, 2) of tracks between consecutive `points` of chosen rows, and the row (k,) at which each
+    begins.
+    """
     vehicle, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
     chosen = np.flatnonzero(rows)
     stride = max(1, len(chosen) // PIECES_MAX)

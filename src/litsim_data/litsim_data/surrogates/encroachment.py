@@ -36,7 +36,7 @@ class Encroachment:
 
 
 def encroachments(tables: Sequence[AgentTable], agent: int) -> list[Encroachment]:
-    """Post-encroachment times of up to 5 s of `agent` with every other agent, shortest first.
+    """Returns the post-encroachment times of up to 5 s of `agent` with every other agent, shortest first.
 
     Each is the time between two steps at which their boxes overlap in space, to the resolution of a step; the two need
     not be on the road at the same time. Following in the same lane counts too: the time is the headway to the rear of
@@ -50,7 +50,7 @@ def encroachments(tables: Sequence[AgentTable], agent: int) -> list[Encroachment
     own_step, own = steps.step[table.number[own_rows]], boxes[own_rows]
     in_time = (steps.step >= own_step[0] - PET_HORIZON) & (steps.step <= own_step[-1] + PET_HORIZON)
     near = (steps.rows[in_time] >= 0).any(axis=0)
-    found = []
+    encounters = []
     for k in np.flatnonzero(near & (steps.ids != agent)).tolist():
         other, rows = int(steps.ids[k]), steps.rows[:, k]
         rows = rows[rows >= 0]
@@ -59,12 +59,12 @@ def encroachments(tables: Sequence[AgentTable], agent: int) -> list[Encroachment
         if entry is not None:
             i, j, gap = entry
             first, step = (agent, other_step[j]) if own_step[i] < other_step[j] else (other, own_step[i])
-            found.append(Encroachment(other, gap * STEP_S, first, int(step)))
-    return sorted(found, key=lambda e: (e.pet, e.agent))
+            encounters.append(Encroachment(other, gap * STEP_S, first, int(step)))
+    return sorted(encounters, key=lambda e: (e.pet, e.agent))
 
 
 def closest_use(step_a: IntArray, a: FloatArray, step_b: IntArray, b: FloatArray) -> tuple[int, int, int] | None:
-    """The two uses of one place by two tracks that are closest in time.
+    """Returns the two uses of one place by two tracks that are closest in time.
 
     Args:
         step_a, step_b: (n,), (m,) steps of the tracks.
@@ -102,7 +102,7 @@ def _closest_use(
 
 
 def times_since_others(tables: Sequence[AgentTable]) -> tuple[FloatArray, IntArray]:
-    """For every agent at every step, the time since another agent's box covered a place that its box covers now.
+    """Returns, for every agent at every step, the time since another agent covered a place that its own box covers now.
 
     Returns:
         Time (m,) [s], 0 in contact and inf beyond :data:`PET_HORIZON_S`, and id (m,) of the other agent, the lowest of

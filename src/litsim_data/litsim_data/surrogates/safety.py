@@ -46,7 +46,7 @@ class Following:
 
     @classmethod
     def measured(cls, leader: IntArray, gap: FloatArray, closing: FloatArray, speed: FloatArray) -> Following:
-        """Derive the measures from the own `speed` [m/s] and the attributes of the same names."""
+        """Derives the measures from the own `speed` [m/s] and the attributes of the same names."""
         there = leader >= 0
         headway = np.divide(gap, speed, out=np.full(gap.shape, np.inf), where=there & (speed > 0.0))
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -78,7 +78,7 @@ class SafetySeries:
 
 
 def safety_series(tables: Sequence[AgentTable], agent: int) -> SafetySeries:
-    """The measures of `agent` over the steps `tables`."""
+    """Returns the measures of `agent` over the steps `tables`."""
     steps = Steps.of(tables)
     rows, table = steps.track(agent), steps.stacked
     behind, step = following(table, rows), steps.step[table.number[rows]]
@@ -86,7 +86,7 @@ def safety_series(tables: Sequence[AgentTable], agent: int) -> SafetySeries:
 
 
 def shortest_own_ttc(tables: Sequence[AgentTable], agent: int, touched: Mapping[int, int]) -> float:
-    """Shortest time to collision [s] of `agent` with agents that it has not touched; inf if none within 3 s.
+    """Returns the shortest time to collision [s] of `agent` with agents that it has not touched; inf beyond 3 s.
 
     An agent counts until the first contact with it, as in nuPlan's measure: what follows is not a new approach.
 
@@ -106,7 +106,7 @@ def shortest_own_ttc(tables: Sequence[AgentTable], agent: int, touched: Mapping[
 
 
 def times_to_collision(table: AgentTable, rows: IntArray) -> FloatArray:
-    """Time (m,) [s] until the boxes in `rows` (m,) first overlap another, at constant velocities; inf beyond 3 s.
+    """Returns times (m,) [s] until boxes in `rows` (m,) overlap another, at constant velocities; inf beyond 3 s.
 
     0 in contact. Agents behind count only while in contact, as in nuPlan's measure. Scenes are independent.
     """
@@ -151,7 +151,7 @@ def _first_meetings(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
 
 def following(table: AgentTable, rows: IntArray) -> Following:
-    """How the agents in `rows` (m,) of `table` follow their leaders; arrays (m,). Scenes are independent.
+    """Returns how the agents in `rows` (m,) of `table` follow their leaders; arrays (m,). Scenes are independent.
 
     The leader is the agent within :data:`SIGHT_M` whose box is the first that the strip meets which the own box sweeps
     straight ahead; the gap is the distance to where they meet.

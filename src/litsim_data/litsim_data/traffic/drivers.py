@@ -1,4 +1,4 @@
-"""Vehicles and drivers of generated traffic, with calibrated parameters or SUMO's defaults."""
+"""Vehicles and drivers of generated traffic; the drivers are calibrated to NGSIM."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,34 +53,28 @@ class Vehicle:
     width: float
 
 
-@dataclass(frozen=True)
-class Behaviour:
-    """How vehicles are driven.
+class CalibratedDrivers(NamedTuple):
+    """Drivers that were calibrated to NGSIM.
 
     Attributes:
-        name: name in headers and tables.
-        drivers: (n, 5) IDM parameters v0, T, s0, a_max, b, by site of calibration; empty for SUMO's defaults.
-        speed_gain: eagerness to change lanes for speed, SUMO's lcSpeedGain: the mean over drivers.
+        drivers: (n, 5) IDM parameters v0 [m/s], T [s], s0 [m], a_max, b [m/s2], by site of the recorded drivers.
+        speed_gain: mean over drivers of SUMO's lcSpeedGain, the eagerness to change lanes for speed.
     """
 
-    name: str
     drivers: Mapping[str, FloatArray]
     speed_gain: float
 
 
-SUMO_DEFAULT = Behaviour("SUMO's defaults", {}, 1.0)
-
-
 @cache
-def calibrated() -> Behaviour:
-    """The packaged result of ``data calibrate``: see :mod:`litsim_data.traffic.calibration_run`."""
+def calibrated() -> CalibratedDrivers:
+    """Returns the packaged drivers; ``calibration.json`` says how they were fitted."""
     values = json.loads(PARAMETERS.read_text(encoding="utf-8"))
     drivers = {site: np.array(rows, np.float64) for site, rows in values["drivers"].items()}
-    return Behaviour("calibrated", drivers, float(values["lane_change"]["lcSpeedGain"]))
+    return CalibratedDrivers(drivers, float(values["lcSpeedGain"]))
 
 
 def draw_vehicle(fleet: Fleet, rng: np.random.Generator) -> Vehicle:
-    """A vehicle drawn at random from `fleet`: its kind and its size."""
+    """Draws a vehicle, its kind and its size, from `fleet`."""
     draw = rng.random()
     if draw < fleet.truck_share:
         length, width = float(rng.uniform(*fleet.truck_length)), float(rng.uniform(2.3, 2.55))
@@ -91,18 +86,17 @@ def draw_vehicle(fleet: Fleet, rng: np.random.Generator) -> Vehicle:
     return Vehicle(Kind.CAR, round(length, 2), round(width, 2))
 
 
-def vehicle_type(vehicle: Vehicle, fleet: Fleet, behaviour: Behaviour, rng: np.random.Generator) -> dict[str, str]:
-    """SUMO's vType of `vehicle` with one of the drivers at the wheel."""
-    size = {"length": f"{vehicle.length:.2f}", "width": f"{vehicle.width:.2f}"}
-    plain = {"vClass": VEHICLE_CLASS[vehicle.kind], **size}
-    draw = rng.random(3)  # in any case, so that all behaviours meet the same vehicles at the same times
-    if not behaviour.drivers:
-        return plain
+def vehicle_type(vehicle: Vehicle, fleet: Fleet, rng: np.random.Generator) -> dict[str, str]:
+    """Returns the attributes of SUMO's vType for `vehicle` with one of the calibrated drivers, drawn by `rng`."""
+    behaviour, draw = calibrated(), rng.random(3)
     drivers = np.concatenate([behaviour.drivers[site] for site in fleet.drivers])
     v0, time_gap, s0, a_max, b = drivers[int(draw[0] * len(drivers))]
     slow = vehicle.kind == Kind.TRUCK
     low, high = ASSERTIVENESS
-    return plain | {
+    return {
+        "vClass": VEHICLE_CLASS[vehicle.kind],
+        "length": f"{vehicle.length:.2f}",
+        "width": f"{vehicle.width:.2f}",
         "carFollowModel": "IDM",
         "tau": f"{max(time_gap, TIME_GAP_MIN):.3f}",
         "minGap": f"{np.clip(s0, *STANDSTILL_GAP):.3f}",

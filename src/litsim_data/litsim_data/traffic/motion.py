@@ -50,7 +50,7 @@ class Smoothness:
     seed: int = 0
 
     def for_driver(self, rng: np.random.Generator) -> Smoothness:
-        """One driver of this kind: `offset` is the standard deviation over drivers here."""
+        """Returns one driver of this kind: `offset` is the standard deviation over drivers here."""
         return replace(
             self,
             offset=float(np.clip(rng.normal(0.0, self.offset), -OFFSET_MAX * self.offset, OFFSET_MAX * self.offset)),
@@ -72,7 +72,7 @@ class Motion:
 
 
 def smooth_motion(front: FloatArray, sumo_speed: FloatArray, length: float, smoothness: Smoothness) -> Motion | None:
-    """Motion of a vehicle of `length` [m]; None if it hardly moved.
+    """Returns the motion of a vehicle of `length` [m]; None if it hardly moved.
 
     Args:
         front: (k, 2) where SUMO had its front centre at successive steps [m].
@@ -86,8 +86,8 @@ def smooth_motion(front: FloatArray, sumo_speed: FloatArray, length: float, smoo
     odometer = np.concatenate([[0.0], np.cumsum(moved)])
     if len(front) < 3 or odometer[-1] < 2.0 * PATH_STEP:
         return None
-    kept = np.concatenate([[True], moved > 0.0])
-    grid, x, y = _path(odometer[kept], front[kept], length, smoothness)
+    moves = np.concatenate([[True], moved > 0.0])
+    grid, x, y = _path(odometer[moves], front[moves], length, smoothness)
     centre = smooth(odometer, TIME_FILTER_S / STEP_S)
     centre = np.maximum.accumulate(centre + _unsteady(np.gradient(centre, STEP_S), smoothness)) - 0.5 * length
     way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
@@ -108,7 +108,7 @@ def smooth_motion(front: FloatArray, sumo_speed: FloatArray, length: float, smoo
 def _path(
     odometer: FloatArray, front: FloatArray, length: float, smoothness: Smoothness
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where the path is at the odometer's values `grid` (m,) [m]: grid, x and y (m,) [m]."""
+    """Returns where the path is at the odometer's values `grid` (m,) [m]: grid, x and y (m,) [m]."""
     reach = 4.0 * smoothness.path_filter + TAIL
     # The path begins behind the rear bumper at the first step: straight back from there, as the net's edges begin.
     ahead = np.searchsorted(odometer, min(odometer[0] + 5.0, odometer[-1]))
@@ -131,7 +131,9 @@ def _path(
 
 
 def _turning(path: FloatArray) -> FloatArray:
-    """(m,) share, from 0 to 1, to which each point of `path` (2, m), PATH_STEP apart, is in a turn of the road."""
+    """Returns the share (m,), from 0 to 1, to which points of `path` (2, m), PATH_STEP apart, are in a turn of the
+    road.
+    """
     near, far = round(TURN_NEAR / PATH_STEP), round(TURN_FAR / PATH_STEP)
     padded = np.pad(path, ((0, 0), (far, far)), "reflect", reflect_type="odd") if path.shape[1] > far else None
     if padded is None:
@@ -145,7 +147,7 @@ def _turning(path: FloatArray) -> FloatArray:
 
 
 def _unsteady(speed: FloatArray, smoothness: Smoothness) -> FloatArray:
-    """(k,) way [m] by which the driver is ahead of a steady one with `speed` (k,) [m/s]."""
+    """Returns the way (k,) [m] by which the driver is ahead of a steady one with `speed` (k,) [m/s]."""
     deviation, limit = UNSTEADY_S / STEP_S, max(smoothness.unsteadiness, STANDING)
     noise = smooth(np.random.default_rng(smoothness.seed).normal(size=len(speed)), deviation)
     noise *= smoothness.unsteadiness * np.sqrt(2.0 * np.sqrt(np.pi) * deviation)  # back to the wanted deviation
@@ -155,7 +157,7 @@ def _unsteady(speed: FloatArray, smoothness: Smoothness) -> FloatArray:
 
 
 def smooth(values: FloatArray, deviation: float) -> FloatArray:
-    """Gaussian filter of standard deviation `deviation` samples; the ends are continued by point reflection."""
+    """Returns `values` after a Gaussian filter of standard deviation `deviation` samples; ends are point-reflected."""
     reach = int(np.ceil(4.0 * deviation))
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
     before = 2.0 * values[0] - np.interp(np.arange(reach, 0, -1), np.arange(len(values)), values)

@@ -11,7 +11,7 @@ from litsim_sim.core.errors import InputError
 
 
 def write_segment_set(net: str, count: int, seed: int, folder: Path) -> segments.Manifest:
-    """Write recordings, manifest and scenario files for `count` segments on `net` to `folder`; return the manifest.
+    """Writes recordings, manifest and scenario files for `count` segments on `net` to `folder`; returns the manifest.
 
     Raises:
         InputError: `net` is not one of ``SITES``, the seed gives no usable traffic, a segment has no possible ego, or

@@ -38,7 +38,7 @@ THROUGH, LEFT, RIGHT = 0.66, 0.17, 0.17  # shares of turns at each junction
 
 
 def _urban_routes() -> tuple[Route, ...]:
-    """Every way through the two junctions with its flow; lanes of turns are SUMO's choice."""
+    """Returns every way through the two junctions with its flow; lanes of turns are SUMO's choice."""
     ring = {"A": ("W", "AN", "B", "AS"), "B": ("A", "BN", "E", "BS")}  # arms from west, clockwise
     routes: list[Route] = []
 

@@ -11,12 +11,11 @@ from dataclasses import asdict, replace
 import numpy as np
 import pandas as pd
 
-from litsim_data.traffic.drivers import SUMO_DEFAULT, Behaviour, calibrated
+from litsim_data.cleaning.report import overlaps
 from litsim_data.traffic.motion import Smoothness, smooth_motion
 from litsim_data.traffic.sites import US101_LIKE
 from litsim_data.traffic.traffic import Observation, Site, observe
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.geometry import overlapping_pairs
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.signals import OF_SUMO
 from litsim_sim.lane_map.lane_map import LaneMap
@@ -26,7 +25,6 @@ from litsim_sim.scenario.recording import Recording, RecordingHeader
 
 DEFAULT_SEED = 17  # that of the packaged us101_like.parquet, on which predictors are trained
 DEFAULT_SECONDS = 28.1  # [s] 281 frames: steps 0 to 280
-STRETCH = (US101_LIKE.window[0], US101_LIKE.window[2])  # [m] of x in which vehicles of us101_like are recorded
 MARGIN_S = 8.0  # [s] observed before and after, so that filters have run in: they are metres long, and some creep
 SEGMENTS_PER_RECORDING = 10  # so that 70, 10 and 20 % of one are whole segments
 REPAIRS = 10  # most rounds in which contacts are removed from a recording
@@ -37,30 +35,19 @@ DECIMALS = {"x": 6, "y": 6, "yaw": 5, "speed": 5, "acceleration": 3}
 """Decimals written: coarser positions would give steps longer than the speeds allow, finer ones large files."""
 
 
-def synthesize(
-    seed: int = DEFAULT_SEED,
-    seconds: float = DEFAULT_SECONDS,
-    site: Site = US101_LIKE,
-    behaviour: Behaviour | None = None,
-) -> Recording:
-    """Generate a recording; equal arguments give equal recordings.
-
-    Args:
-        seed: seed of demand and SUMO.
-        seconds: duration.
-        site: net and traffic.
-        behaviour: behaviour of the drivers; default: the calibrated one.
+def synthesize(seed: int = DEFAULT_SEED, seconds: float = DEFAULT_SECONDS, site: Site = US101_LIKE) -> Recording:
+    """Generates a recording of `seconds` on `site`, by `seed`; equal arguments give equal recordings.
 
     Raises:
         InputError: `seconds` is too short, or boxes of the smoothed traffic overlap too often (another seed will do).
     """
-    return next(synthesize_all(site, [seed], seconds, behaviour))
+    return next(_synthesize_all(site, [seed], seconds, attempts=1))
 
 
 def synthesize_segments(site: Site, segments: int, seed: int) -> Iterator[Recording]:
-    """Recordings for `segments` segments of 28 s, at most SEGMENTS_PER_RECORDING in each, on all processors.
+    """Generates recordings for `segments` segments of 28 s, at most SEGMENTS_PER_RECORDING in each.
 
-    A recording whose seed gives overlaps is made with another one, in a fixed order; its header names the one that was.
+    If a seed gives overlaps, others are tried in a fixed order; the header of a recording names the one that was used.
 
     Raises:
         InputError: as :func:`synthesize`.
@@ -70,40 +57,38 @@ def synthesize_segments(site: Site, segments: int, seed: int) -> Iterator[Record
     count = -(-segments // SEGMENTS_PER_RECORDING)
     longest = -(-segments // count)
     seeds = [seed + 1000 * number for number in range(count)]  # so that neighbouring seeds share no recording
-    return synthesize_all(site, seeds, longest * DEFAULT_SECONDS, attempts=ATTEMPTS)
+    return _synthesize_all(site, seeds, longest * DEFAULT_SECONDS, attempts=ATTEMPTS)
 
 
-def synthesize_all(
-    site: Site, seeds: list[int], seconds: float, behaviour: Behaviour | None = None, attempts: int = 1
-) -> Iterator[Recording]:
-    """One recording for each of `seeds`, on all processors, with up to `attempts` seeds; see :func:`synthesize`."""
+def _synthesize_all(site: Site, seeds: list[int], seconds: float, attempts: int) -> Iterator[Recording]:
+    """Generates one recording for each of `seeds`, on all processors, each with up to `attempts` seeds."""
     if seconds < STEP_S:
         raise InputError(f"a recording of {seconds} s holds no frame, expected at least {STEP_S} s")
     # libsumo holds one simulation per process, and the caller may be using its own.
     workers = min(len(seeds), os.cpu_count() or 1)
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        waiting = [pool.submit(_attempt, site, seed, seconds, behaviour or calibrated(), attempts) for seed in seeds]
+        waiting = [pool.submit(_attempt, site, seed, seconds, attempts) for seed in seeds]
         for job in waiting:
             yield job.result()
 
 
-def _attempt(site: Site, seed: int, seconds: float, behaviour: Behaviour, attempts: int) -> Recording:
-    """The recording of the first of `attempts` seeds that gives one, in a process of its own."""
+def _attempt(site: Site, seed: int, seconds: float, attempts: int) -> Recording:
+    """Returns the recording of the first of `attempts` seeds that gives one."""
     for attempt in range(attempts - 1):
         try:
-            return _record(site, seed + attempt * NEXT_SEED, seconds, behaviour)
+            return _record(site, seed + attempt * NEXT_SEED, seconds)
         except InputError:
             continue
-    return _record(site, seed + (attempts - 1) * NEXT_SEED, seconds, behaviour)
+    return _record(site, seed + (attempts - 1) * NEXT_SEED, seconds)
 
 
-def _record(site: Site, seed: int, seconds: float, behaviour: Behaviour) -> Recording:
-    """Observe simulated traffic and make a recording of it, with motion smoothed and overlaps repaired."""
-    seen = observe(site, seed, seconds + 2 * MARGIN_S, behaviour)
+def _record(site: Site, seed: int, seconds: float) -> Recording:
+    """Makes a recording of simulated traffic, with motion smoothed and overlaps repaired."""
+    observation = observe(site, seed, seconds + 2 * MARGIN_S)
     centred, removed = set[int](), set[int]()
-    tracks = [_track(site, seen, vehicle, seed, seconds) for vehicle in range(len(seen.vehicles))]
-    for _ in range(0 if behaviour == SUMO_DEFAULT else REPAIRS):
-        pairs = _overlaps(_joined(tracks))
+    tracks = [_track(site, observation, vehicle, seed, seconds) for vehicle in range(len(observation.vehicles))]
+    for _ in range(REPAIRS):
+        pairs = overlaps(_joined(tracks))
         if not pairs:
             break
         ids = [vehicle for pair in pairs for vehicle in pair]
@@ -118,9 +103,9 @@ def _record(site: Site, seed: int, seconds: float, behaviour: Behaviour) -> Reco
                 continue
             for vehicle in pair:
                 centred.add(vehicle)
-                tracks[vehicle] = _track(site, seen, vehicle, seed, seconds, centred=True)
+                tracks[vehicle] = _track(site, observation, vehicle, seed, seconds, centred=True)
     table = _joined(tracks)
-    left = [] if behaviour == SUMO_DEFAULT else _overlaps(table)
+    left = overlaps(table)
     if left or len(removed) > max(2.0, REMOVED_MAX * len(tracks)):
         raise InputError(
             f"seed {seed}: the boxes of {len(left)} pairs of vehicles overlap after {len(removed)} vehicles have been "
@@ -129,7 +114,7 @@ def _record(site: Site, seed: int, seconds: float, behaviour: Behaviour) -> Reco
     numbers = {old: new for new, old in enumerate(pd.unique(table["vehicle_id"]), start=1)}
     table["vehicle_id"] = table["vehicle_id"].map(numbers)
     table["lane"] = _lane_from_left(site, table)
-    traffic = {"drivers": behaviour.name, "flow": sum(route.flow for route in site.routes)}
+    traffic = {"drivers": "calibrated", "flow": sum(route.flow for route in site.routes)}
     notes = {"seed": seed, "seconds": seconds, "traffic": traffic, "left_out": len(removed)}
     header = RecordingHeader(
         name=site.name,
@@ -137,24 +122,24 @@ def _record(site: Site, seed: int, seconds: float, behaviour: Behaviour) -> Reco
         licence="Apache-2.0",
         net=site.net.name,
         notes=notes,
-        signals=_signals(site, seen, seconds),
+        signals=_signals(site, observation, seconds),
     )
     return Recording.from_table(header, table, f"synthetic recording of seed {seed}")
 
 
 def _track(
-    site: Site, seen: Observation, vehicle: int, seed: int, seconds: float, *, centred: bool = False
+    site: Site, observation: Observation, vehicle: int, seed: int, seconds: float, *, centred: bool = False
 ) -> pd.DataFrame:
-    """Rows of one vehicle in the neutral schema (without lane), for the frames in which it is in the window."""
-    body = seen.vehicles[vehicle]
+    """Returns the rows of one vehicle in the window, in the neutral schema without lane."""
+    body = observation.vehicles[vehicle]
     kind = Smoothness(site.path_filter, site.offset, site.wander, unsteadiness=site.unsteadiness)
     driver = kind.for_driver(np.random.default_rng([seed, vehicle]))
     if centred:
         driver = replace(driver, offset=0.0, wander=0.0)
-    motion = smooth_motion(seen.front[vehicle], seen.speed[vehicle], body.length, driver)
+    motion = smooth_motion(observation.front[vehicle], observation.speed[vehicle], body.length, driver)
     if motion is None:
         return pd.DataFrame()
-    step = seen.first[vehicle] - round(MARGIN_S / STEP_S) + np.arange(len(motion.x))
+    step = observation.first[vehicle] - round(MARGIN_S / STEP_S) + np.arange(len(motion.x))
     rows = pd.DataFrame({"vehicle_id": vehicle, "frame": step, **asdict(motion)})
     rows = rows.assign(length=body.length, width=body.width, kind=int(body.kind))
     x_min, y_min, x_max, y_max = site.window
@@ -164,30 +149,19 @@ def _track(
 
 
 def _joined(tracks: list[pd.DataFrame]) -> pd.DataFrame:
-    """All tracks, in the order in which vehicles appear."""
+    """Returns all tracks, in the order in which vehicles appear."""
     table = pd.concat([track for track in tracks if len(track)], ignore_index=True)
     return table.sort_values(["frame", "x"], ignore_index=True)
 
 
-def _overlaps(table: pd.DataFrame) -> list[tuple[int, int]]:
-    """Pairs of vehicles whose boxes overlap in any frame, which makes a recording unusable as a log."""
-    values = table[["x", "y", "yaw", "length", "width"]].to_numpy(np.float64)
-    ids, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
-    pairs: set[tuple[int, int]] = set()
-    for rows in np.split(np.arange(len(frame)), np.flatnonzero(np.diff(frame)) + 1):
-        for i, j in overlapping_pairs(*values[rows].T):
-            pairs.add((int(min(ids[rows[i]], ids[rows[j]])), int(max(ids[rows[i]], ids[rows[j]]))))
-    return sorted(pairs)
-
-
-def _signals(site: Site, seen: Observation, seconds: float) -> dict[str, object]:
-    """States of the signals in the form of the header; links that always show the same form a group."""
+def _signals(site: Site, observation: Observation, seconds: float) -> dict[str, object]:
+    """Returns the states of the signals as the header has them; links that always show the same form a group."""
     begin, frames = round(MARGIN_S / STEP_S), round(seconds / STEP_S)
     groups: dict[str, list[str]] = {}
     changes: list[tuple[float, str, str]] = []
     by_course: dict[tuple[str, str], str] = {}
     for link in read_links(site.net):
-        shown = seen.lights[link.light][begin : begin + frames]
+        shown = observation.lights[link.light][begin : begin + frames]
         course = "".join(states[link.index] for states in shown)
         group = by_course.setdefault((link.light, course), f"{link.light}{sum(g[0] == link.light for g in by_course)}")
         if group not in groups:
@@ -200,7 +174,7 @@ def _signals(site: Site, seen: Observation, seconds: float) -> dict[str, object]
 
 
 def _lane_from_left(site: Site, table: pd.DataFrame) -> np.ndarray:
-    """(n,) lane counted from the left edge of its road, 1 first; -1 inside junctions."""
+    """Returns the lane (n,) of each row, counted from the left edge of its road, 1 first; -1 inside junctions."""
     lane_map = LaneMap.from_net(site.net)
     at = lane_map.nearest(*(table[name].to_numpy() for name in ("x", "y", "yaw")))
     numbers = [

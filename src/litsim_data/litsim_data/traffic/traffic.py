@@ -7,14 +7,14 @@ travel upstream through dense traffic, as they do at NGSIM's site.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from litsim_data.traffic.drivers import Behaviour, Fleet, Vehicle, draw_vehicle, vehicle_type
+from litsim_data.traffic.drivers import Fleet, Vehicle, draw_vehicle, vehicle_type
 from litsim_sim.core.scene import STEP_S, FloatArray
 from litsim_sim.scenario.scenario import packaged
 
@@ -105,8 +105,8 @@ class Observation:
     lights: dict[str, list[str]]
 
 
-def observe(site: Site, seed: int, seconds: float, behaviour: Behaviour) -> Observation:
-    """Simulate the traffic of `site` and watch it for `seconds` after the warm-up.
+def observe(site: Site, seed: int, seconds: float) -> Observation:
+    """Simulates the traffic of `site`, and observes it for `seconds` after the warm-up.
 
     Takes this process's only libsumo; :mod:`litsim_data.traffic.synthetic` calls it in other processes.
 
@@ -114,16 +114,15 @@ def observe(site: Site, seed: int, seconds: float, behaviour: Behaviour) -> Obse
         site: net and demand.
         seed: seed of demand and SUMO.
         seconds: duration of the observation [s].
-        behaviour: behaviour of the drivers; with another one the same vehicles take the same routes.
     """
     import libsumo
 
     rng = np.random.default_rng(seed)
     phases = rng.uniform(0.0, 2.0 * np.pi, 8)
-    seen: dict[str, tuple[int, list[tuple[float, float, float]]]] = {}
+    observed: dict[str, tuple[int, list[tuple[float, float, float]]]] = {}
     with tempfile.TemporaryDirectory() as folder:
         demand = Path(folder) / "demand.rou.xml"
-        fleet = _write_demand(demand, site, site.warm_up_s + seconds, rng, behaviour)
+        fleet = _write_demand(demand, site, site.warm_up_s + seconds, rng)
         command = ["sumo", "--net-file", str(site.net), "--route-files", str(demand), "--seed", str(seed)]
         command += ["--step-length", str(STEP_S), "--lanechange.duration", "4", "--collision.action", "none"]
         command += ["--time-to-teleport", "-1", "--no-warnings", "true", "--no-step-log", "true"]
@@ -137,7 +136,7 @@ def observe(site: Site, seed: int, seconds: float, behaviour: Behaviour) -> Obse
                     for light, states in lights.items():
                         states.append(libsumo.trafficlight.getRedYellowGreenState(light))
                     for name, place in places.items():
-                        seen.setdefault(name, (step, []))[1].append((*place, libsumo.vehicle.getSpeed(name)))
+                        observed.setdefault(name, (step, []))[1].append((*place, libsumo.vehicle.getSpeed(name)))
                 if site.bottleneck is not None:
                     speeds = _bottleneck_speeds(site.bottleneck, step, phases)
                     for name, (x, _) in places.items():
@@ -146,41 +145,37 @@ def observe(site: Site, seed: int, seconds: float, behaviour: Behaviour) -> Obse
                             libsumo.vehicle.setMaxSpeed(name, float(speeds[lane]))
         finally:
             libsumo.close()
-    names = sorted(seen, key=lambda name: (seen[name][0], int(name)))
-    first = np.array([seen[name][0] for name in names])
-    rows = [np.array(seen[name][1]) for name in names]
+    names = sorted(observed, key=lambda name: (observed[name][0], int(name)))
+    first = np.array([observed[name][0] for name in names])
+    rows = [np.array(observed[name][1]) for name in names]
     vehicles, front, speed = [fleet[name] for name in names], [r[:, :2] for r in rows], [r[:, 2] for r in rows]
     return Observation(vehicles, first, front, speed, lights)
 
 
 def _bottleneck_speeds(bottleneck: Bottleneck, step: int, phases: FloatArray) -> FloatArray:
-    """Speed limit (lanes,) [m/s] of each lane of the bottleneck at `step`."""
+    """Returns the speed limit (lanes,) [m/s] of each lane of the bottleneck at `step`."""
     swing = np.sin(2.0 * np.pi * step * STEP_S / bottleneck.period + phases)
     return np.maximum(bottleneck.speed + bottleneck.swing * swing, 1.0)
 
 
-def _write_demand(
-    path: Path, site: Site, total: float, rng: np.random.Generator, behaviour: Behaviour
-) -> dict[str, Vehicle]:
-    """Write SUMO's route file for `total` seconds; return every vehicle by name."""
+def _write_demand(path: Path, site: Site, total: float, rng: np.random.Generator) -> dict[str, Vehicle]:
+    """Writes SUMO's route file for `total` seconds, and returns every vehicle by name."""
     root = ET.Element("routes")
     for number, route in enumerate(site.routes):
         ET.SubElement(root, "route", {"id": f"route_{number}", "edges": " ".join(route.edges)})
     fleet: dict[str, Vehicle] = {}
-    for number, (time, route_number) in enumerate(sorted(_departures(site, total, rng)), start=1):
+    departures = [
+        (float(time), number)
+        for number, route in enumerate(site.routes)
+        for time in rng.uniform(0.0, total, rng.poisson(route.flow * total / 3600.0))
+    ]
+    for number, (time, route_number) in enumerate(sorted(departures), start=1):
         name = str(number)
         fleet[name] = vehicle = draw_vehicle(site.fleet, rng)
-        driver = vehicle_type(vehicle, site.fleet, behaviour, rng)
+        driver = vehicle_type(vehicle, site.fleet, rng)
         ET.SubElement(root, "vType", {"id": f"type_{name}", **driver})
         trip = {"id": name, "type": f"type_{name}", "route": f"route_{route_number}", "depart": f"{time:.1f}"}
         lane = site.routes[route_number].lane
         ET.SubElement(root, "vehicle", {**trip, "departLane": lane, "departSpeed": "avg", "departPos": "base"})
     ET.ElementTree(root).write(path, encoding="UTF-8")
     return fleet
-
-
-def _departures(site: Site, total: float, rng: np.random.Generator) -> Iterator[tuple[float, int]]:
-    """Time [s] and number of the route of every vehicle."""
-    for number, route in enumerate(site.routes):
-        for time in rng.uniform(0.0, total, rng.poisson(route.flow * total / 3600.0)):
-            yield float(time), number

@@ -15,7 +15,7 @@ FILES = (METRICS_FILE, SERIES_FILE, TAKEOVERS_FILE, PLOT_FILE)
 
 
 def analyze(bag: Path, out: Path | None = None) -> dict[str, Any]:
-    """Measure the run in `bag` (folder or MCAP file); write :data:`FILES` beside it, each whole or not at all.
+    """Measures the run in `bag` (folder or MCAP file); writes :data:`FILES` beside it, each whole or not at all.
 
     Args:
         bag: the run's bag.
@@ -32,7 +32,7 @@ def analyze(bag: Path, out: Path | None = None) -> dict[str, Any]:
 
 
 def measure(run: Run, folder: Path) -> dict[str, Any]:
-    """Like :func:`analyze`, for a run already read; writes to `folder`."""
+    """Returns like :func:`analyze`, for a run already read; writes to `folder`."""
     make_folder(folder)
     metrics = compute_metrics(run)
     write_metrics(metrics, folder / METRICS_FILE)

@@ -51,7 +51,7 @@ class CarefulDriver:
 def careful_driver(
     tables: Sequence[AgentTable], driven: int, agent: int, contact_step: int, dt: float, lane_map: LaneMap | None
 ) -> CarefulDriver:
-    """Replace the driver of `driven` by the careful driver before its contact with `agent`.
+    """Replaces the driver of `driven` by the careful driver before its contact with `agent`.
 
     The regulation defines this for the vehicle under test; here it applies to background agents as well. The other
     vehicle moves as in the run, whatever the driver does. Where the run ends before the driver has stayed free for long
@@ -89,13 +89,13 @@ def careful_driver(
 
 
 def _straight_on(table: AgentTable, rows: IntArray, later: IntArray, dt: float) -> tuple[FloatArray, FloatArray]:
-    """Where the vehicles in `rows` (k,) are [m] at constant speed and heading, `later` (k,) steps of `dt` [s] later."""
+    """Returns where vehicles in `rows` (k,) are [m] `later` (k,) steps of `dt` [s] later, if they drive straight on."""
     way = table.speed[rows] * dt * later
     return table.x[rows] + way * np.cos(table.yaw[rows]), table.y[rows] + way * np.sin(table.yaw[rows])
 
 
 def speed_lost(time: float) -> float:
-    """Speed [m/s] lost to braking `time` [s] after the risk is perceived, for a driver that does not come to rest.
+    """Returns the speed [m/s] lost to braking `time` [s] after the risk is perceived, unless the driver comes to rest.
 
     0 during the reaction time; then the deceleration grows with BRAKE_JERK up to BRAKE_MAX, and stays there.
     """
@@ -104,7 +104,7 @@ def speed_lost(time: float) -> float:
 
 
 def _braked(real: list[float], path: list[float], time: list[float]) -> tuple[list[float], list[float]]:
-    """The driver's position [m] along the path of the replaced vehicle and its speed [m/s], at each step.
+    """Returns the driver's position [m] along the path of the replaced vehicle and its speed [m/s], at each step.
 
     Args:
         real: speeds of the replaced vehicle [m/s].
@@ -122,7 +122,7 @@ def _braked(real: list[float], path: list[float], time: list[float]) -> tuple[li
 
 
 def _risky(table: AgentTable, own: IntArray, other: IntArray, lane_map: LaneMap | None) -> BoolArray:
-    """Whether the driver perceives the other as a risk (k,); `own`, `other` (k,) are rows of `table`, one step each."""
+    """Returns (k,) whether the driver perceives the other as a risk; `own`, `other` (k,) are rows of `table`."""
     pairs = table.take(np.sort([own, other], axis=0).ravel("F"))
     e, a = 2 * np.arange(len(own)) + [own > other, own < other]
     risky = times_to_collision(pairs, e) <= TTC_S

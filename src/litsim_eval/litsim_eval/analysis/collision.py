@@ -2,26 +2,107 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 import shapely
 
-from litsim_eval.analysis.contacts import Contact, LogContacts, Pair, contacts
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.geometry import box_corners, wrap_angle
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.core.steps import Steps
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.record.lanes import lane_map_of
 from litsim_sim.record.run import Run
 
+TOLERANCE_S = 1.0
+"""Time [s] between overlaps of a pair up to which they are one contact, or up to which one in the log excuses one."""
+
+Pair = tuple[int, int]
+"""Ids of two agents, the smaller one first."""
 STOPPED_SPEED = 0.05  # [m/s] up to which a vehicle counts as stopped (nuPlan)
 REAR_AXLE = VehicleLimits().rear_axle  # of an ego whose scenario says nothing else
 BEHIND_ANGLE = np.deg2rad(150.0)  # bearing from the ego's heading beyond which a track is behind the ego (nuPlan)
 
-InLane = Callable[[AgentTable, int], bool]
-"""Whether the box of the agent in a row of a table lies wholly inside one lane."""
+
+@dataclass(frozen=True)
+class Contact:
+    """An overlap of two boxes; interruptions of up to TOLERANCE_S do not end it.
+
+    Attributes:
+        pair: ids of the agents.
+        first, last: first and last step of the overlap.
+    """
+
+    pair: Pair
+    first: int
+    last: int
+
+
+def contacts(tables: Iterable[AgentTable], dt: float) -> list[Contact]:
+    """Returns the contacts in `tables`, ascending steps of `dt` [s], sorted by first step.
+
+    Touching edges do not count, nor do contacts among pedestrians and cyclists, which always follow the recording.
+    """
+    return list(Steps.of(tables).once(_contacts_in, dt))
+
+
+class LogContacts:
+    """The contacts in the log of a run, history included; they excuse contacts of the run.
+
+    Attributes:
+        first: first step after the history at which the boxes of each pair of logged agents overlap, the ego's logged
+            trajectory included.
+    """
+
+    def __init__(self, run: Run) -> None:
+        self._tolerance = round(TOLERANCE_S / run.info.dt)
+        self.first: dict[Pair, int] = {}
+        for step, pair in run.logged.once(_overlaps):
+            if step > run.info.history_steps:
+                self.first.setdefault(pair, step)
+        self._by_pair: dict[Pair, list[Contact]] = {}
+        for contact in contacts(run.logged, run.info.dt):
+            self._by_pair.setdefault(contact.pair, []).append(contact)
+        self._lags: dict[int, list[tuple[int, int]]] = {}  # by agent: (step, lag from then on)
+        for step in sorted(run.takeovers):
+            for each in run.takeovers[step]:
+                self._lags.setdefault(each.agent, []).append((step, round(each.time_shift / run.info.dt)))
+
+    def excuse(self, contact: Contact) -> bool:
+        """Returns whether the log has a contact of the pair at about that time, with or without a lag of either log."""
+        shifts = {0, *(self._lag(agent, contact.first) for agent in contact.pair)}
+        logged: Sequence[Contact] = self._by_pair.get(contact.pair, ())
+        first, last = contact.first - self._tolerance, contact.last + self._tolerance
+        return any(each.first <= last - shift and first - shift <= each.last for shift in shifts for each in logged)
+
+    def _lag(self, agent: int, step: int) -> int:
+        """Returns the lag [steps] of the log of `agent` at `step`, as left by its last takeover until then."""
+        return next((lag for at, lag in reversed(self._lags.get(agent, [])) if at <= step), 0)
+
+
+def _overlaps(steps: Steps) -> list[tuple[int, Pair]]:
+    """Returns step and ids of each pair of overlapping boxes, except where both are pedestrians or cyclists."""
+    table, pairs = steps.stacked, steps.overlaps
+    pairs = pairs[~table.obstacle[pairs].all(axis=1)]
+    at = steps.step[table.number[pairs[:, 0]]].tolist()
+    return [(step, (i, j)) for step, (i, j) in zip(at, table.id[pairs].tolist(), strict=True)]
+
+
+def _contacts_in(steps: Steps, dt: float) -> tuple[Contact, ...]:
+    """See :func:`contacts`."""
+    merge = round(TOLERANCE_S / dt)
+    by_pair: dict[Pair, list[list[int]]] = {}
+    for step, pair in steps.once(_overlaps):
+        stretches = by_pair.setdefault(pair, [])
+        if stretches and step - stretches[-1][1] <= merge:
+            stretches[-1][1] = step
+        else:
+            stretches.append([step, step])
+    made_contacts = (Contact(pair, first, last) for pair, stretches in by_pair.items() for first, last in stretches)
+    return tuple(sorted(made_contacts, key=lambda contact: contact.first))
 
 
 class Verdict(StrEnum):
@@ -95,59 +176,43 @@ class Collisions:
         return frozenset(agent for pair in self.excess for agent in pair)
 
 
-def collisions(run: Run, in_lane: InLane | None = None) -> Collisions:
-    """The collisions of a run; without `in_lane` the ego counts as outside its lane in lateral contacts."""
+def collisions(run: Run) -> Collisions:
+    """Returns the collisions of a run; without lanes the ego counts as outside its lane in lateral contacts."""
     tables, ego = run.simulated, run.info.ego_id
-    found, logged = tuple(contacts(tables, run.info.dt)), LogContacts(run)
-    in_log = tuple(map(logged.excuse, found))
+    touching, logged = tuple(contacts(tables, run.info.dt)), LogContacts(run)
+    in_log = tuple(map(logged.excuse, touching))
     by_step, axle = {table.step: table for table in tables}, _rear_axle_of(run)
-    telling = _first(each for _, each in sorted(zip(in_log, found, strict=True), key=lambda pair: pair[0]))
-    mine = sorted((step, pair) for pair, step in telling.items() if ego in pair)
+    telling = _first(each for _, each in sorted(zip(in_log, touching, strict=True), key=lambda pair: pair[0]))
+    of_ego = sorted((step, sum(pair) - ego) for pair, step in telling.items() if ego in pair)
+    lane_map = lane_map_of(run) if of_ego else None
     return Collisions(
-        contacts=found,
+        contacts=touching,
         in_log=in_log,
         log=logged.first,
-        agents=agents_of(tables) | agents_of(run.simulated_log),
-        controlled=controlled_agents(tables),
-        ego=tuple(
-            judge(by_step[step], ego, pair[0] if pair[1] == ego else pair[1], in_lane, axle) for step, pair in mine
-        ),
+        agents=frozenset(tables.ids.tolist()) | frozenset(run.simulated_log.ids.tolist()),
+        controlled=frozenset(tables.stacked.id[tables.stacked.of_policy].tolist()),
+        ego=tuple(judge(by_step[step], ego, agent, lane_map, axle) for step, agent in of_ego),
     )
 
 
 def _rear_axle_of(run: Run) -> float:
-    """Distance of the ego's rear axle behind its box centre, as a share of its length, by the run's scenario."""
+    """Returns how far the ego's rear axle is behind its box centre by the run's scenario, as a share of its length."""
     vehicle = run.scenario.get("vehicle")
     return float(vehicle.get("rear_axle", REAR_AXLE)) if isinstance(vehicle, dict) else REAR_AXLE
 
 
-def _first(found: Iterable[Contact]) -> dict[Pair, int]:
-    """First step of the first contact of each pair in `found`."""
+def _first(made: Iterable[Contact]) -> dict[Pair, int]:
+    """Returns the first step of the first contact of each pair."""
     first: dict[Pair, int] = {}
-    for each in found:
-        first.setdefault(each.pair, each.first)
+    for contact in made:
+        first.setdefault(contact.pair, contact.first)
     return first
 
 
-def agents_of(tables: Iterable[AgentTable]) -> frozenset[int]:
-    """Ids of all agents that are ever on the road."""
-    return Steps.of(tables).once(_agents)
-
-
-def _agents(steps: Steps) -> frozenset[int]:
-    return frozenset(steps.ids.tolist())
-
-
-def controlled_agents(tables: Iterable[AgentTable]) -> frozenset[int]:
-    """Ids of all agents that are ever under POLICY control."""
-    table = Steps.of(tables).stacked
-    return frozenset(np.unique(table.id[table.of_policy]).tolist())
-
-
 def judge(
-    table: AgentTable, ego: int, agent: int, in_lane: InLane | None = None, rear_axle: float = REAR_AXLE
+    table: AgentTable, ego: int, agent: int, lane_map: LaneMap | None = None, rear_axle: float = REAR_AXLE
 ) -> EgoContact:
-    """Kind and attribution of the contact between `ego` and `agent` in `table`.
+    """Returns kind and attribution of the contact between `ego` and `agent` in `table`.
 
     Order of tests, thresholds and attribution are those of nuPlan's no-at-fault-collision metric (Caesar et al. 2021,
     nuplan-devkit): the ego is at fault in contacts with a stopped track, in contacts of its front bumper, and in
@@ -156,14 +221,20 @@ def judge(
     Args:
         table: the agents at the first step of the contact.
         ego, agent: ids.
-        in_lane: see :func:`collisions`.
+        lane_map: lanes; without them the ego counts as outside its lane.
         rear_axle: distance of the ego's rear axle, from which a track is seen, behind its box centre [lengths].
     """
     e, a = table.row(ego), table.row(agent)
     verdict = _verdict(table, e, a, rear_axle)
-    inside = verdict == Verdict.LATERAL and in_lane is not None and in_lane(table, e)
-    at_fault = verdict in (Verdict.STOPPED_TRACK, Verdict.FRONT) or (verdict == Verdict.LATERAL and not inside)
+    at_fault = verdict in (Verdict.STOPPED_TRACK, Verdict.FRONT)
+    if verdict == Verdict.LATERAL:
+        at_fault = lane_map is None or not _in_lane(table.take(np.array([e])), lane_map)
     return EgoContact(agent, table.step, verdict, at_fault, _delta_v(table, e, a))
+
+
+def _in_lane(one: AgentTable, lane_map: LaneMap) -> bool:
+    """Returns whether the box of the only agent of a table lies wholly inside one lane."""
+    return bool(lane_map.inside_lane(one.x, one.y, one.yaw, one.length, one.width)[0])
 
 
 def _verdict(table: AgentTable, e: int, a: int, rear_axle: float) -> Verdict:
@@ -182,7 +253,7 @@ def _verdict(table: AgentTable, e: int, a: int, rear_axle: float) -> Verdict:
 
 
 def _delta_v(table: AgentTable, e: int, a: int) -> float:
-    """Half the relative velocity [m/s]: a perfectly inelastic impact of equal masses."""
+    """Returns half the relative velocity [m/s]: a perfectly inelastic impact of equal masses."""
     yaw, speed = table.yaw[[e, a]], table.speed[[e, a]]
     difference = np.diff(np.stack([speed * np.cos(yaw), speed * np.sin(yaw)], axis=1), axis=0)
     return 0.5 * float(np.hypot(*difference[0]))

@@ -48,7 +48,7 @@ class Comfort:
 
 
 def comfort(tables: Sequence[AgentTable], agent: int, dt: float) -> Comfort | None:
-    """Comfort of `agent` over `tables`, steps of `dt` [s].
+    """Returns the comfort of `agent` over `tables`, steps of `dt` [s].
 
     None where it is on the road for fewer than three steps, or for no two in a row.
     """
@@ -70,7 +70,7 @@ def comfort(tables: Sequence[AgentTable], agent: int, dt: float) -> Comfort | No
 
 
 def hard_brakes_begin(acceleration: FloatArray) -> BoolArray:
-    """(n,) whether a hard brake, beyond 3 m/s2, begins at each of consecutive steps; `acceleration` is (n,) [m/s2].
+    """Returns (n,) whether a brake beyond 3 m/s2 begins at each of consecutive steps with `acceleration` (n,) [m/s2].
 
     It is over once the deceleration is below 1 m/s2, so that a deceleration around 3 m/s2 counts once.
     """
@@ -83,7 +83,7 @@ def hard_brakes_begin(acceleration: FloatArray) -> BoolArray:
 
 
 def hard_brakes_in_log(tables: Sequence[AgentTable], log: Sequence[AgentTable], agent: int) -> int:
-    """Number of hard brakes that begin in the log of `agent` at steps at which the run has it off its log.
+    """Returns the number of hard brakes that begin in the log of `agent` at steps at which the run has it off its log.
 
     Args:
         tables: steps of the run.
@@ -101,7 +101,7 @@ def hard_brakes_in_log(tables: Sequence[AgentTable], log: Sequence[AgentTable], 
 def motion_values(
     speed: FloatArray, acceleration: FloatArray, yaw_rate: FloatArray, dt: float
 ) -> dict[str, FloatArray]:
-    """The quantities of BOUNDS from speed [m/s], acceleration [m/s2] and yaw rate [rad/s], each (n,).
+    """Returns the quantities of BOUNDS from speed [m/s], acceleration [m/s2] and yaw rate [rad/s], each (n,).
 
     Derivatives are differences over a step, so they have n - 1 values.
     """

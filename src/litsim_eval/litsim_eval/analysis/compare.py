@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from litsim_eval.analysis.metrics import compute_metrics
+from litsim_eval.analysis.metrics_tree import leaves
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.bag import find_mcap
 from litsim_sim.record.run import read_run
@@ -41,9 +42,10 @@ class Row:
         return self.name.split(".")[0] not in OF_AN_EXECUTION
 
     @property
-    def changes(self) -> tuple[float | None, ...]:
-        """Difference of each value from that of the first run; None where either is not a number."""
-        return tuple(_minus(value, self.values[0]) for value in self.values)
+    def change(self) -> float | None:
+        """Difference of the second run's value from the first one's; None where either is not a number."""
+        first, second = self.values[:2]
+        return second - first if _number(first) and _number(second) else None
 
 
 @dataclass(frozen=True)
@@ -64,31 +66,31 @@ class Comparison:
         return not any(row.differs for row in self.rows if row.of_the_run)
 
     def to_json(self) -> dict[str, Any]:
-        """Names of the runs, whether they are equal, and all rows, as values for JSON."""
+        """Returns names of the runs, whether they are equal, and all rows, as values for JSON."""
         rows = [{"name": row.name, "values": list(row.values), "differs": row.differs} for row in self.rows]
         return {"runs": list(self.names), "equal": self.equal, "rows": rows}
 
 
 def compare(metrics: dict[str, dict[str, Any]]) -> Comparison:
-    """Compare trees of :func:`litsim_eval.analysis.metrics.compute_metrics`, keyed by name of the run.
+    """Compares trees of :func:`litsim_eval.analysis.metrics.compute_metrics`, keyed by name of the run.
 
     A branch of one run that is null in another has rows for its leaves alone.
     """
-    columns = [dict(leaves(tree)) for tree in metrics.values()]
+    columns = [leaves(tree) for tree in metrics.values()]
     names = list(dict.fromkeys(name for column in columns for name in column))
     branches = {name[:dot] for name in names for dot, letter in enumerate(name) if letter == "."}
     rows = []
     for name in names:
         if name in branches:
             continue
-        found = [column.get(name) for column in columns]
-        shown = tuple(len(value) if isinstance(value, list) else value for value in found)
-        rows.append(Row(name, shown, any(not _same(found[0], value) for value in found[1:])))
+        values = [column.get(name) for column in columns]
+        shown = tuple(len(value) if isinstance(value, list) else value for value in values)
+        rows.append(Row(name, shown, any(not _same(values[0], value) for value in values[1:])))
     return Comparison(tuple(metrics), tuple(rows))
 
 
 def load(path: Path) -> dict[str, Any]:
-    """Measures of a run, read from a JSON file or computed from a bag (a `metrics.json` beside it is ignored).
+    """Returns measures of a run, read from a JSON file or computed from a bag (a `metrics.json` beside it is ignored).
 
     Raises:
         InputError: `path` is neither.
@@ -96,29 +98,22 @@ def load(path: Path) -> dict[str, Any]:
     if path.suffix != _SUFFIX:
         return compute_metrics(read_run(find_mcap(path)))
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        metrics = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: not a readable file of measures: {error}") from error
-    if not isinstance(found, dict) or "run_id" not in found:
+    if not isinstance(metrics, dict) or "run_id" not in metrics:
         raise InputError(f"{path}: not measures of a run: no field run_id")
-    return found
+    return metrics
 
 
 def names_of(paths: list[Path]) -> list[str]:
-    """Short unique names: as many of the last parts of the paths as it takes."""
+    """Returns short unique names: as many of the last parts of the paths as it takes."""
     parts = [path.resolve().with_suffix("").parts for path in paths]
     for count in range(1, max(map(len, parts)) + 1):
         names = ["/".join(p[-count:]) for p in parts]
         if len(set(names)) == len(names):
             return names
     return [f"{index + 1}: {path.name}" for index, path in enumerate(paths)]
-
-
-def leaves(tree: Any, name: str = "") -> list[tuple[str, Any]]:
-    """The leaves of a tree, each with its path joined by dots; a list is a leaf."""
-    if isinstance(tree, dict):
-        return [leaf for key, below in tree.items() for leaf in leaves(below, f"{name}.{key}" if name else str(key))]
-    return [(name, tree)]
 
 
 def _number(value: Any) -> bool:
@@ -129,7 +124,3 @@ def _same(a: Any, b: Any) -> bool:
     if _number(a) and _number(b):
         return bool(abs(a - b) <= SAME_RELATIVE * max(abs(a), abs(b)))
     return bool(a == b) and type(a) is type(b)
-
-
-def _minus(value: Any, base: Any) -> float | None:
-    return value - base if _number(value) and _number(base) else None

@@ -20,7 +20,7 @@ PROGRESS_LEAST_M = 0.1  # lower bound on both distances of the ratio: 1 where ne
 
 
 def ego_motion(run: Run) -> EgoMetrics:
-    """Measures of the ego after the history; `log` holds those of the recorded vehicle. None: nothing to measure.
+    """Returns measures of the ego after the history; `log` holds those of the recorded vehicle.
 
     - `off_road`, `over_edge`: shares of steps at which its centre, or a corner of its box, is on no lane;
     - `hard_brakes`: number of manoeuvres that brake harder than 3 m/s2;

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from litsim_eval.analysis.careful_driver import CarefulDriver, careful_driver
 from litsim_eval.analysis.collision import Collisions, EgoContact
+from litsim_eval.analysis.metrics_tree import FaultMetrics
 from litsim_sim.record.lanes import lane_map_of
 from litsim_sim.record.run import Run
 
@@ -27,23 +28,8 @@ class ContactVerdict:
     other: CarefulDriver | None
 
 
-@dataclass(frozen=True)
-class FaultCounts:
-    """Numbers of pairs of agents with contacts that are not in the log, by fault.
-
-    Attributes:
-        background: a background agent is at fault: it hit the ego or another background agent.
-        ego_avoidable: the ego is at fault, and the careful driver in place of the other agent would have avoided it.
-        ego_unavoidable: the ego is at fault, and that driver would not have avoided it either.
-    """
-
-    background: int
-    ego_avoidable: int
-    ego_unavoidable: int
-
-
 def contact_verdicts(run: Run, hits: Collisions) -> list[ContactVerdict]:
-    """Verdicts on the ego's contacts, in the order of `hits`, the collisions of `run`."""
+    """Returns verdicts on the ego's contacts, in the order of `hits`, the collisions of `run`."""
     ego = run.info.ego_id
     return [
         ContactVerdict(
@@ -56,16 +42,21 @@ def contact_verdicts(run: Run, hits: Collisions) -> list[ContactVerdict]:
     ]
 
 
-def count_faults(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> FaultCounts:
-    """Count the contacts of `hits` that are not in the log, by fault; `verdicts` are those of :func:`contact_verdicts`.
+def count_faults(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> FaultMetrics:
+    """Counts pairs of agents with contacts of `hits` that are not in the log, by fault; `verdicts` as returned above.
 
-    A contact between two background agents is always the fault of the background.
+    A contact between two background agents is always the fault of the background. A contact at the fault of the ego is
+    avoidable if the careful driver in place of the other agent would have avoided it.
     """
     among = sum(run.info.ego_id not in pair for pair in hits.excess)
     new = [each for each in verdicts if not each.in_log]
     ego = [each for each in new if each.contact.ego_at_fault]
     avoidable = sum(each.other is not None and each.other.avoided for each in ego)
-    return FaultCounts(among + len(new) - len(ego), avoidable, len(ego) - avoidable)
+    return {
+        "background": among + len(new) - len(ego),
+        "ego_avoidable": avoidable,
+        "ego_unavoidable": len(ego) - avoidable,
+    }
 
 
 def _driver(run: Run, driver: int, agent: int, step: int) -> CarefulDriver:

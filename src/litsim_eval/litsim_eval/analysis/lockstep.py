@@ -1,60 +1,72 @@
-"""Whether every stage answered every step, and whether the recording is complete."""
+"""Whether every stage answered every step, whether the recording is complete, and what makes a run invalid."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+import numpy as np
 
+from litsim_eval.analysis.metrics_tree import LockstepMetrics
 from litsim_sim.core.errors import INTERRUPTED
+from litsim_sim.core.scene import ARRAY_FIELDS
 from litsim_sim.core.stages import StageState
-from litsim_sim.record.run import Run, TopicGaps
+from litsim_sim.record.run import LOST_ATTACHMENTS, Run, TopicGaps
 
 
-@dataclass(frozen=True)
-class Lockstep:
-    """Completeness of a run.
+def lockstep(run: Run) -> LockstepMetrics:
+    """Returns missing answers, gaps in the recording, and counts of the ego's messages.
 
-    Attributes:
-        missed: number of steps at which the bridge held the previous answer, by topic.
-        gaps: topics with missing, duplicated or unordered steps.
-        problems: descriptions of all that makes the run invalid; empty for a valid run.
-        port: counts of the ego's messages, see :data:`litsim_sim.ego_port.port.COUNTS`, and their `interface`; empty if
-            the ego was not driven over topics.
+    `ego_port` holds :data:`litsim_sim.ego_port.port.COUNTS` and the `interface`; it is empty if the ego was not driven
+    over topics.
     """
-
-    missed: dict[str, int]
-    gaps: dict[str, TopicGaps]
-    problems: tuple[str, ...]
-    port: dict[str, Any]
-
-
-def lockstep(run: Run) -> Lockstep:
-    """Check a run for missing answers, gaps in the recording, and an early end."""
-    missed = {str(topic): int(n) for topic, n in (run.summary.get("missed") or {}).items()}
-    gaps = {topic: found for topic, found in run.gaps.items() if found}
-    problems = _problems(run, missed, gaps)
-    port = dict(run.summary.get("ego_port") or {})
-    if port.get("invalid"):
-        problems.append(f"{port['invalid']} answers of the ego could not be used")
-    return Lockstep(missed, gaps, tuple(problems), port)
+    missed = _missed(run)
+    return {
+        "missed": sum(missed.values()),
+        "gaps": sum(len(gap.missing) + len(gap.duplicated) + len(gap.unordered) for gap in run.gaps.values()),
+        "missed_by_topic": missed,
+        "ego_port": dict(run.summary.get("ego_port") or {}),
+    }
 
 
-def _problems(run: Run, missed: dict[str, int], gaps: dict[str, TopicGaps]) -> list[str]:
+def problems(run: Run) -> list[str]:
+    """Returns all that makes a run invalid, in words; empty for a valid run."""
+    return [*_failures(run), *_unanswered(run), *_unusable(run)]
+
+
+def _failures(run: Run) -> list[str]:
     failed = [(s.stage, s.text.strip()) for s in run.statuses if s.state == StageState.FAILED]
     if run.failure:  # it ended other stages, and may repeat the text of the one that failed
         failed = [(stage, text) for stage, text in failed if text != INTERRUPTED and text not in run.failure]
-    problems = [run.failure] if run.failure else []
-    problems += [] if run.complete else [f"the recording is {run.problem}"]
-    problems += [f"{stage} failed: {text}" for stage, text in failed]
-    last = run.tables[-1].step
+    texts = [run.failure] if run.failure else []
+    texts += [] if run.complete else [f"the recording is {run.problem}"]
+    texts += [f"{stage} failed: {text}" for stage, text in failed]
     if not run.summary:
-        problems.append(f"the bridge did not finish: last step {last} of {run.last_step}")
-    problems += [f"{n} answers missed on {topic}" for topic, n in sorted(missed.items()) if n]
-    problems += [f"{topic}: {describe(found)}" for topic, found in sorted(gaps.items())]
-    return problems
+        texts.append(f"the bridge did not finish: last step {run.tables[-1].step} of {run.last_step}")
+    return texts
 
 
-def describe(gaps: TopicGaps) -> str:
-    """The gaps of a topic as text."""
+def _unanswered(run: Run) -> list[str]:
+    texts = [f"{n} answers missed on {topic}" for topic, n in sorted(_missed(run).items()) if n]
+    texts += [f"{topic}: {_described(gaps)}" for topic, gaps in sorted(run.gaps.items()) if gaps]
+    invalid = (run.summary.get("ego_port") or {}).get("invalid")
+    return [*texts, f"{invalid} answers of the ego could not be used"] if invalid else texts
+
+
+def _unusable(run: Run) -> list[str]:
+    texts = [] if run.log else ["the bag holds no recording to compare with"]
+    if lost := run.metadata.get(LOST_ATTACHMENTS):
+        texts.append(f"the recording was damaged and repaired, without {lost}")
+    table = run.steps.stacked
+    finite = np.logical_and.reduce([np.isfinite(getattr(table, field)) for field in ARRAY_FIELDS])
+    if not finite.all():
+        bad = run.steps.step[np.unique(table.number[~finite])].tolist()
+        texts.append(f"agent states are not finite at {len(bad)} steps (first {bad[0]})")
+    return texts
+
+
+def _missed(run: Run) -> dict[str, int]:
+    """Returns the number of steps at which the bridge held the previous answer, by topic."""
+    return {str(topic): int(n) for topic, n in (run.summary.get("missed") or {}).items()}
+
+
+def _described(gaps: TopicGaps) -> str:
     kinds = (("missing", gaps.missing), ("duplicated", gaps.duplicated), ("out of order", gaps.unordered))
     return ", ".join(f"{len(steps)} steps {kind} (first {steps[0]})" for kind, steps in kinds if steps)

@@ -39,12 +39,12 @@ class Metric(ABC):
 
     @abstractmethod
     def measure(self, run: Run) -> float | None:
-        """The value of a recorded run; None if there is nothing to measure."""
+        """Returns the value of a recorded run; None if there is nothing to measure."""
 
 
 @cache
 def added_metrics() -> dict[str, Metric]:
-    """The installed measures, by name.
+    """Returns the installed measures, by name.
 
     Raises:
         InputError: one cannot be imported.
@@ -53,7 +53,7 @@ def added_metrics() -> dict[str, Metric]:
 
 
 def measure_added(run: Run) -> dict[str, float | None]:
-    """Values of the installed measures of a run, by name.
+    """Returns values of the installed measures of a run, by name.
 
     Raises:
         InputError: a value is no finite number.
@@ -66,7 +66,7 @@ def measure_added(run: Run) -> dict[str, float | None]:
 
 
 def title_of(name: str) -> str:
-    """Name, unit and better direction of an installed measure, for tables."""
+    """Returns name, unit and better direction of an installed measure, for tables."""
     metric = added_metrics()[name]
     direction = {Better.LOWER: " (lower is better)", Better.HIGHER: " (higher is better)", Better.NEITHER: ""}
     return f"{name} {metric.unit}".rstrip() + direction[metric.better]

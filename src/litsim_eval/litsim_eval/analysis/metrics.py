@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Set
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,57 +17,52 @@ from litsim_eval.analysis.comfort import comfort, hard_brakes_in_log
 from litsim_eval.analysis.displacement import Displacements, displacements
 from litsim_eval.analysis.ego import ego_motion
 from litsim_eval.analysis.fault import ContactVerdict, contact_verdicts, count_faults
-from litsim_eval.analysis.guard import guarded
-from litsim_eval.analysis.lanes import in_lane_of, off_road_controlled
-from litsim_eval.analysis.lockstep import Lockstep, lockstep
+from litsim_eval.analysis.lockstep import lockstep, problems
 from litsim_eval.analysis.metric import measure_added
 from litsim_eval.analysis.metrics_tree import (
     CollisionMetrics,
     ComfortMetrics,
-    DisplacementMetrics,
     EndMetrics,
+    Guard,
     HandbackMetrics,
-    LockstepMetrics,
     Metrics,
     RealismMetrics,
     SafetyMetrics,
     SignalMetrics,
-    Spread,
-    TimingMetrics,
 )
 from litsim_eval.analysis.progress import mean_progress
 from litsim_eval.analysis.realism import Naturalness
 from litsim_eval.analysis.signals import log_passages, run_passages
-from litsim_eval.analysis.tables import ledger_row
 from litsim_eval.analysis.takeover import Handback, Jump, handbacks, ledger
-from litsim_eval.analysis.timing import StageTime, Timing, timing
+from litsim_eval.analysis.timing import timing
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import ARRAY_FIELDS, Controller, Kind
+from litsim_sim.core.scene import Controller, ControlSource, Kind
 from litsim_sim.io.files import replacing
 from litsim_sim.record.digest import RunDigest
 from litsim_sim.record.lanes import lane_map_of
-from litsim_sim.record.run import LOST_ATTACHMENTS, Run
+from litsim_sim.record.run import Run
 
 METRICS_FILE = "metrics.json"
 ROI_M = 30.0  # [m] default of a scenario without `roi_m`
 
 
 def compute_metrics(run: Run) -> dict[str, Any]:
-    """Every measure of a run: the tree of :class:`litsim_eval.analysis.metrics_tree.Metrics`.
+    """Returns every measure of a run: the tree of :class:`litsim_eval.analysis.metrics_tree.Metrics`.
 
     Measures cover the steps after the history. Rates are shares between 0 and 1; a measure with nothing to measure is
     None. Agents exclude the ego, except in `collision` and in progress.
     """
-    hits, far, back = collisions(run, in_lane_of(run)), displacements(run), handbacks(run)
-    entries, lock = ledger(run), lockstep(run)
+    hits, apart, entries = collisions(run), displacements(run), ledger(run)
     driven, logged = (steps.after(run.info.history_steps - 1) for steps in (run.steps, run.logged))
     verdicts = contact_verdicts(run, hits)
     background = hits.agents - {run.info.ego_id}
-    taken = {entry.agent for entry in entries}
-    near = {entry.agent for entry in entries if entry.ego_distance is not None and entry.ego_distance <= roi_of(run)}
+    taken_over = {entry.agent for entry in entries}
+    near = {
+        entry.agent for entry in entries if entry.ego_distance_m is not None and entry.ego_distance_m <= roi_of(run)
+    }
     beside = _near_ego_in_log(run)
     natural = _naturalness(run, hits.controlled | beside)
-    problems = [*lock.problems, *_unusable(run)]
+    wrong = problems(run)
     metrics: Metrics = {
         "run_id": run.info.run_id,
         "scenario": run.info.scenario,
@@ -82,17 +78,20 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "collision": _collision(run, hits, verdicts),
         "reactive": not hits.excess,
         "collision_free": not hits.first,
-        "ade_controlled_m": _by_horizon(far, far.ade_controlled),
-        "ade_all_m": _by_horizon(far, far.ade_all),
-        "ade_ego_m": _by_horizon(far, far.ade_ego),
-        "displacement": _displacement(far),
+        "ade_controlled_m": _by_horizon(apart, apart.ade_controlled),
+        "ade_all_m": _by_horizon(apart, apart.ade_all),
+        "ade_ego_m": _by_horizon(apart, apart.ade_ego),
+        "displacement": {
+            "agent_steps": {str(horizon): apart.agent_steps(horizon) for horizon in apart.horizons},
+            "agents": apart.by_agent(),
+        },
         "ego_motion": ego_motion(run),
-        "off_road_controlled": off_road_controlled(run),
-        "replay_error_max_m": max(far.replay_error().values(), default=None),
+        "off_road_controlled": _off_road_controlled(run),
+        "replay_error_max_m": max(apart.replay_error().values(), default=None),
         "progress_m": mean_progress(driven, logged),
         "progress_controlled_m": mean_progress(driven, logged, hits.controlled),
         "progress_log_m": mean_progress(logged, logged),
-        "relevant_ratio": _share(len(taken & background), len(background)),
+        "relevant_ratio": _share(len(taken_over & background), len(background)),
         "relevant_ratio_roi": _share(len(near & background), len(background)),
         "takeovers": len(entries),
         "false_alarms": sum(entry.false_alarm for entry in entries),
@@ -100,34 +99,34 @@ def compute_metrics(run: Run) -> dict[str, Any]:
             "max_iterations": max((d.iterations for d in run.detections.values()), default=0),
             "bound_hits": sum(not d.converged for d in run.detections.values()),
         },
-        "ledger": [ledger_row(entry) for entry in entries],
-        "handback": _handback(back),
+        "ledger": [asdict(entry) for entry in entries],
+        "handback": _handback(handbacks(run)),
         "safety": _safety(run, verdicts),
         "comfort": _comfort(run, hits),
         "realism": _realism(natural, hits.controlled, signals=run.signals is not None),
-        "realism_near": None if (found := natural.of(beside)) is None else found.score,
+        "realism_near": None if (near_ego := natural.of(beside)) is None else near_ego.score,
         "signals": _signals(run),
-        "lockstep": _lockstep(lock),
-        "timing": _timing(timing(run)),
+        "lockstep": lockstep(run),
+        "timing": timing(run),
         "world": {
             "late_entries": run.summary.get("late_entries"),
             "never_entered": run.summary.get("never_entered"),
             "sumo_deviation_m": run.summary.get("sumo_deviation_m"),
         },
         "added": measure_added(run),
-        "valid": not problems,
-        "why": "; ".join(problems),
+        "valid": not wrong,
+        "why": "; ".join(wrong),
     }
     return dict(metrics)
 
 
 def roi_of(run: Run) -> float:
-    """Radius [m] of the region of interest of the run's scenario."""
+    """Returns the radius [m] of the region of interest of the run's scenario."""
     return float(run.scenario.get("roi_m", ROI_M))
 
 
 def digest(run: Run) -> str:
-    """Digest of a run; equals the in-process runner's for an equal run."""
+    """Returns the digest of a run; equals the in-process runner's for an equal run."""
     total = RunDigest()
     for table in run.tables:
         total.update(table, run.controls.get(table.step), run.ego_commands.get(table.step))
@@ -135,7 +134,7 @@ def digest(run: Run) -> str:
 
 
 def write_metrics(metrics: dict[str, Any], path: Path) -> None:
-    """Write `metrics` as JSON.
+    """Writes `metrics` as JSON.
 
     Raises:
         InputError: `path` cannot be written, or a measure is not finite.
@@ -152,7 +151,7 @@ def write_metrics(metrics: dict[str, Any], path: Path) -> None:
 
 
 def _not_finite(value: Any, name: str = "") -> Iterator[str]:
-    """Paths of the numbers in the tree `value`, which is at `name`, that are not finite, joined by dots."""
+    """Yields paths of the numbers in the tree `value`, which is at `name`, that are not finite, joined by dots."""
     if isinstance(value, dict | list):
         for key, below in value.items() if isinstance(value, dict) else enumerate(value):
             yield from _not_finite(below, f"{name}.{key}" if name else str(key))
@@ -160,25 +159,13 @@ def _not_finite(value: Any, name: str = "") -> Iterator[str]:
         yield name
 
 
-def _unusable(run: Run) -> list[str]:
-    problems = [] if run.log else ["the bag holds no recording to compare with"]
-    if lost := run.metadata.get(LOST_ATTACHMENTS):
-        problems.append(f"the recording was damaged and repaired, without {lost}")
-    table = run.steps.stacked
-    finite = np.logical_and.reduce([np.isfinite(getattr(table, field)) for field in ARRAY_FIELDS])
-    if not finite.all():
-        bad = run.steps.step[np.unique(table.number[~finite])].tolist()
-        problems.append(f"agent states are not finite at {len(bad)} steps (first {bad[0]})")
-    return problems
-
-
 def _ended(run: Run) -> EndMetrics | None:
-    """Why and when the run ended; None if the recording does not say."""
-    found = run.ended
-    if found is None:
+    """Returns why and when the run ended; None if the recording does not say."""
+    end = run.ended
+    if end is None:
         return None
-    time_s = round(found.step * run.info.dt, 6)
-    return {"reason": str(found.reason), "step": found.step, "time_s": time_s, "lane": found.lane}
+    time_s = round(end.step * run.info.dt, 6)
+    return {"reason": str(end.reason), "step": end.step, "time_s": time_s, "lane": end.lane}
 
 
 def _share(part: int, whole: int) -> float | None:
@@ -193,7 +180,6 @@ def _collision(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> Co
     table, kinds = run.simulated.stacked, {}
     for agent in hits.colliding:
         kinds[agent] = int(table.kind[run.simulated.track(agent)[-1]])
-    faults = count_faults(run, hits, verdicts)
     new = [each.contact for each in verdicts if not each.in_log]
     touching = [{kinds[agent] for agent in pair} for pair in hits.first]
     return {
@@ -206,11 +192,7 @@ def _collision(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> Co
         "excess_rate_controlled": _share(len(hits.colliding_beyond_log & hits.controlled), len(hits.controlled)),
         "ego_at_fault": sum(contact.ego_at_fault for contact in new),
         "background_at_fault": sum(not contact.ego_at_fault for contact in new),
-        "by_fault": {
-            "background": faults.background,
-            "ego_avoidable": faults.ego_avoidable,
-            "ego_unavoidable": faults.ego_unavoidable,
-        },
+        "by_fault": count_faults(run, hits, verdicts),
         "log_floor": len(hits.log),
         "excess": len(hits.excess),
         "by_kind": {kind.name.lower(): sum(int(kind) in pair for pair in touching) for kind in Kind},
@@ -232,24 +214,8 @@ def _collision(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> Co
     }
 
 
-def _displacement(far: Displacements) -> DisplacementMetrics:
-    """Displacements that pairs of runs are compared by; agents never off their logs count only in `agent_steps`."""
-    return {
-        "agent_steps": {str(horizon): far.agent_steps(horizon) for horizon in far.horizons},
-        "agents": [
-            {
-                "agent": each.agent,
-                "controlled_s": each.controlled_s,
-                "steps": {str(horizon): count for horizon, count in each.steps.items()},
-                "ade_m": {str(horizon): value for horizon, value in each.ade.items()},
-            }
-            for each in far.apart()
-        ],
-    }
-
-
 def _safety(run: Run, verdicts: list[ContactVerdict]) -> SafetyMetrics:
-    """Surrogate measures of the ego, and the verdicts of the careful driver on each of its contacts."""
+    """Returns surrogate measures of the ego, and the verdicts of the careful driver on each of its contacts."""
     tables, ego = run.simulated, run.info.ego_id
     series = safety_series(tables, ego)
     near = encroachments(tables, ego)
@@ -276,9 +242,10 @@ def _safety(run: Run, verdicts: list[ContactVerdict]) -> SafetyMetrics:
 
 
 def _own_ttc(run: Run, verdicts: list[ContactVerdict], shortest: float) -> float | None:
-    """Shortest time to collision [s] that the ego causes: 0 if a contact is its fault; others count until contact.
+    """Returns the shortest time to collision [s] that the ego causes: 0 for a contact at its fault.
 
-    Agents that the ego touches in the log too do not count: their recorded boxes are too large, or too close.
+    Other agents count until their contact. Those that the ego touches in the log too do not count: their recorded
+    boxes are too large, or too close.
 
     Args:
         run: the run.
@@ -292,47 +259,66 @@ def _own_ttc(run: Run, verdicts: list[ContactVerdict], shortest: float) -> float
 
 
 def _comfort(run: Run, hits: Collisions) -> ComfortMetrics:
-    """Comfort of the ego and, summarised, of the agents ever under control, with their guarded commands.
+    """Returns the comfort of the ego and, summarised, of the agents ever under control, with their guarded commands.
 
     Of the agents' hard brakes only those begun under control count; the others are the recording's.
     """
     tables, dt = run.simulated, run.info.dt
     ego = comfort(tables, run.info.ego_id, dt)
-    changed, controlled = guarded(run), sorted(hits.controlled)
-    others = [found for agent in controlled if (found := comfort(tables, agent, dt)) is not None]
+    controlled = sorted(hits.controlled)
+    others = [felt for agent in controlled if (felt := comfort(tables, agent, dt)) is not None]
     return {
         "ego": {"within": ego.within, "hard_brakes": ego.hard_brakes} if ego else None,
         "controlled": {
             "comfortable": _share(sum(each.comfortable for each in others), len(others)),
             "hard_brakes": sum(each.hard_brakes_driven for each in others),
             "hard_brakes_log": sum(hard_brakes_in_log(tables, run.simulated_log, agent) for agent in controlled),
-            "guarded": {"count": changed.changed, "commands": changed.commands, "share": changed.share},
+            "guarded": _guard(run),
         },
     }
 
 
+def _guard(run: Run) -> Guard:
+    """Counts the commands of the policy that were applied, and those of them that its safety layer changed.
+
+    Applied are the answers to all steps after the history but the last. Hand-backs and baselines have no guard.
+    """
+    last = run.tables[-1].step
+    answers = [c.source for step, c in run.controls.items() if run.info.history_steps <= step < last]
+    source = np.concatenate(answers) if answers else np.empty(0, np.uint8)
+    changed, unchanged = (int(np.sum(source == kind)) for kind in (ControlSource.GUARDED, ControlSource.POLICY))
+    return {"count": changed, "commands": changed + unchanged, "share": _share(changed, changed + unchanged)}
+
+
+def _off_road_controlled(run: Run) -> float | None:
+    """Returns the share of agent-steps under control with the box centre on no lane; None without any, or a net."""
+    lane_map, table = lane_map_of(run), run.simulated.stacked
+    x, y = table.x[table.of_policy], table.y[table.of_policy]
+    return None if lane_map is None else _mean(~lane_map.inside_road(x, y))
+
+
 def _naturalness(run: Run, agents: Set[int]) -> Naturalness:
-    """The judge of `agents` under the histograms of the log."""
+    """Returns the judge of `agents` under the histograms of the log."""
     lines = run_passages(run) or (), log_passages(run)
     return Naturalness(run.simulated, run.simulated_log, agents, lane_map_of(run), run.info.dt, *lines)
 
 
 def _realism(natural: Naturalness, controlled: Set[int], *, signals: bool) -> RealismMetrics | None:
-    """Likelihood of the agents ever under control, under the histograms of the log."""
-    found = natural.of(controlled)
-    if found is None:
+    """Returns the likelihood of the agents ever under control, under the histograms of the log."""
+    likelihood = natural.of(controlled)
+    if likelihood is None:
         return None
-    lights = "judged" if "traffic_light_violation" in found.features else "no stop line passed"
+    lights = "judged" if "traffic_light_violation" in likelihood.features else "no stop line passed"
     return {
-        "score": found.score,
-        "features": found.features,
+        "score": likelihood.score,
+        "features": likelihood.features,
         "traffic_lights": lights if signals else "no signals",
-        "agent_steps": found.steps,
+        "agent_steps": likelihood.steps,
     }
 
 
 def _near_ego_in_log(run: Run) -> set[int]:
-    """Agents whose logs enter the region of interest around the ego's log; the same for every policy."""
+    """Returns agents whose logs enter the region of interest around the ego's log; the same for every policy."""
     logged = run.simulated_log
     table = logged.stacked
     ego = logged.rows_of(np.array([run.info.ego_id]))[table.number, 0]
@@ -342,7 +328,7 @@ def _near_ego_in_log(run: Run) -> set[int]:
 
 
 def _signals(run: Run) -> SignalMetrics | None:
-    """Stop lines passed by all agents, and passed at red by the ego, by agents under control, and in the recording."""
+    """Stops lines passed by all agents, and passed at red by the ego, by agents under control, and in the recording."""
     passed = run_passages(run)
     if passed is None:
         return None
@@ -374,39 +360,18 @@ def _mean(values: np.ndarray) -> float | None:
 
 
 def _handback(back: list[Handback]) -> HandbackMetrics:
-    found, noise = Jump(), Jump()
+    largest, noise = Jump(), Jump()
     for each in back:
-        found, noise = found.largest(each.jump), noise.largest(each.log_jump)
+        largest, noise = largest.largest(each.jump), noise.largest(each.log_jump)
     residuals = [each.residual for each in back if each.residual is not None]
     return {
         "count": len(back),
-        "max_position_jump_m": found.position,
-        "max_speed_jump_mps": found.speed,
-        "max_yaw_jump_rad": found.yaw,
+        "max_position_jump_m": largest.position,
+        "max_speed_jump_mps": largest.speed,
+        "max_yaw_jump_rad": largest.yaw,
         "residual_m": float(np.mean(residuals)) if residuals else None,
         "max_residual_m": max(residuals, default=None),
         "log_position_jump_m": noise.position,
         "log_speed_jump_mps": noise.speed,
         "log_yaw_jump_rad": noise.yaw,
-    }
-
-
-def _lockstep(lock: Lockstep) -> LockstepMetrics:
-    return {
-        "missed": sum(lock.missed.values()),
-        "gaps": sum(len(g.missing) + len(g.duplicated) + len(g.unordered) for g in lock.gaps.values()),
-        "missed_by_topic": lock.missed,
-        "ego_port": lock.port,
-    }
-
-
-def _timing(times: Timing) -> TimingMetrics:
-    def spread(of: dict[str, StageTime]) -> dict[str, Spread]:
-        return {name: {"min": s.min, "median": s.median, "max": s.max} for name, s in of.items()}
-
-    return {
-        "wall_s": times.wall_s,
-        "realtime_factor": times.realtime_factor,
-        "stage_ms": spread(times.stages),
-        "path_ms": spread(times.path),
     }

@@ -5,7 +5,7 @@ A value of None means that there was nothing to measure. docs/metrics.md defines
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
@@ -297,22 +297,30 @@ class MetricField:
         return bool(self.kinds & {int, float, list})
 
     def covers(self, name: str) -> bool:
-        """Whether `name` names this field."""
+        """Returns whether `name` names this field."""
         before, star, after = self.name.partition(ANY_KEY)
         if not star:
             return name == self.name
         return name.startswith(before) and name.endswith(after) and len(name) > len(before) + len(after)
 
 
+def leaves(tree: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Returns the leaves of a tree of measures by their paths, joined by dots; a list is a leaf."""
+    by_path: dict[str, Any] = {}
+    for key, value in tree.items():
+        by_path |= leaves(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}": value}
+    return by_path
+
+
 @cache
 def metric_fields() -> tuple[MetricField, ...]:
-    """Every field that a run may have, in the order of `metrics.json`; of added measures, those that are installed."""
+    """Returns every field that a run may have, in the order of `metrics.json`, with the installed added measures."""
     own = tuple(field for field in _fields(Metrics, "") if not field.name.startswith(f"{ADDED}."))
     return (*own, *(MetricField(f"{ADDED}.{name}", frozenset({float})) for name in plugins.names(plugins.METRICS)))
 
 
 def find_field(name: str) -> MetricField:
-    """The field called `name`.
+    """Returns the field called `name`.
 
     Raises:
         ValueError: there is none; the message suggests similar names.
@@ -329,12 +337,12 @@ def _near(name: str) -> str:
     alike = get_close_matches(last, {each.rsplit(".", 1)[-1] for each in names}, NEAR_MAX, 0.75)
     same_end = [each for each in names if each.rsplit(".", 1)[-1] in alike]
     below = [each for each in names if each.startswith(f"{name}.")]
-    found = dict.fromkeys(chain(below, get_close_matches(name, names, NEAR_MAX), same_end))
-    return f" (near: {', '.join(list(found)[:NEAR_MAX])})" if found else "; docs/metrics.md has all"
+    nearest = dict.fromkeys(chain(below, get_close_matches(name, names, NEAR_MAX), same_end))
+    return f" (near: {', '.join(list(nearest)[:NEAR_MAX])})" if nearest else "; docs/metrics.md has all"
 
 
 def _fields(annotation: Any, name: str) -> Iterator[MetricField]:
-    """The leaves of a type; a dictionary with unknown keys has one leaf."""
+    """Yields the leaves of a type; a dictionary with unknown keys has one leaf."""
     kind: Any = annotation
     keys: tuple[str, ...] = (ANY_KEY,)
     between = None

@@ -37,6 +37,7 @@ from litsim_eval.analysis.takeover import LedgerEntry, ledger
 from litsim_sim.core.colours import FAINT, INK, ROAD, colour_of
 from litsim_sim.core.geometry import box_corners, to_body
 from litsim_sim.core.scene import AgentTable, Controller, FloatArray
+from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.record.lanes import lane_map_of
 from litsim_sim.record.run import Run
@@ -61,7 +62,7 @@ PAINT = "#ffffff"
 
 
 def overview(run: Run, path: Path) -> None:
-    """Draw a run as a PNG of 1600 x 1120 px: the scene at a telling moment, the ego's speed and its logged speed, and
+    """Draws a run as a PNG of 1600 x 1120 px: the scene at a telling moment, the ego's speed and its logged speed, and
     the number of agents off their logs.
 
     If the ego crosses an intersection, the scene is a plan view of it with the paths of all agents, above a diagram of
@@ -74,9 +75,9 @@ def overview(run: Run, path: Path) -> None:
     figure = Figure(figsize=(SIZE_PX[0] / DPI, SIZE_PX[1] / DPI), dpi=DPI, layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
     entries, lane_map = ledger(run), lane_map_of(run)
-    moment = telling_moment(run, entries)
+    moment = notable_moment(run, entries)
     figure.suptitle(_title(run, entries), x=0.012, ha="left", fontsize=15, color=INK)
-    crossings = crossed(lane_map, _way(run))
+    crossings = crossed(lane_map, _ego_track(run, run.steps)[:, 1:3])
     if lane_map is not None and len(crossings):
         speed, off_log = _intersection(figure, run, moment, lane_map, crossings)
     else:
@@ -90,17 +91,11 @@ def overview(run: Run, path: Path) -> None:
     figure.savefig(path, dpi=DPI)
 
 
-def _way(run: Run) -> FloatArray:
-    """(k, 2) positions of the ego [m]."""
-    rows = [(table, table.row(run.info.ego_id)) for table in run.tables]
-    return np.array([(table.x[row], table.y[row]) for table, row in rows if row >= 0]).reshape(-1, 2)
-
-
 def _intersection(
     figure: Figure, run: Run, moment: Moment, lane_map: LaneMap, crossings: FloatArray
 ) -> tuple[Axes, Axes]:
-    """Draw the intersection and its signals; return axes for the ego's speed and for the agents off their logs."""
-    area = Area.around(np.concatenate([_way(run), crossings]))
+    """Draws the intersection and its signals; returns axes for the ego's speed and for the agents off their logs."""
+    area = Area.around(np.concatenate([_ego_track(run, run.steps)[:, 1:3], crossings]))
     signals = run.signals
     passed = [each for each in run_passages(run) or [] if each.agent == run.info.ego_id]
     names = [each.group for each in passed]
@@ -118,16 +113,15 @@ def _intersection(
             axes.plot(each.step * run.info.dt, row, "D", color=COLOURS[Controller.EGO], mec="white", ms=9, zorder=5)
         title = f"{len(groups)} of {len(known)} signals" if len(groups) < len(known) else "Signals"
         title += "; the diamond is the ego at the stop line" if passed else ""
-        axes.set_title(title, loc="left", fontsize=12, color=INK)
         axes.axvline(moment.step * run.info.dt, color=INK, lw=0.9, ls=":")
-        _plain(axes)
+        _finish(axes, title)
     below = right.add_gridspec(2, 1)
     speed = right.add_subplot(below[0])
     return speed, right.add_subplot(below[1], sharex=speed)
 
 
 def _plan(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap, area: Area) -> None:
-    """Draw the paths of all agents over the intersection, and their boxes at `moment`."""
+    """Draws the paths of all agents over the intersection, and their boxes at `moment`."""
     table, _ = _at(run, moment.step)
     draw_lanes(axes, lane_map)
     if run.signals is not None:
@@ -138,7 +132,7 @@ def _plan(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap, area: Area) -
     axes.add_collection(
         LineCollection(driven[Controller.EGO], colors=COLOURS[Controller.EGO], linewidths=2.8, zorder=5)
     )
-    logged = _logged_ego(run)
+    logged = _ego_track(run, run.logged)
     axes.plot(logged[:, 1], logged[:, 2], color=INK, lw=1.1, ls=DASHED, zorder=5)
     here = table.take(area.holds(np.stack([table.x, table.y], axis=-1)))
     draw_boxes(axes, here, [COLOURS[Controller(c)] for c in here.controller])
@@ -149,8 +143,7 @@ def _plan(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap, area: Area) -
     handles.append(line_handle(INK, "ego's log", lw=1.1, ls=DASHED))
     _legend_below(axes, handles)
     none = "" if run.signals is not None else " (no signals are known)"
-    axes.set_title(f"{table.step * run.info.dt:.1f} s: {moment.why}{none}", loc="left", fontsize=12, color=INK)
-    _plain(axes)
+    _finish(axes, f"{table.step * run.info.dt:.1f} s: {moment.why}{none}")
 
 
 @dataclass(frozen=True)
@@ -161,13 +154,13 @@ class Moment:
     why: str
 
 
-def telling_moment(run: Run, entries: list[LedgerEntry]) -> Moment:
-    """The first contact that pure replay would have had, else the first takeover, the first contact, or the middle."""
+def notable_moment(run: Run, entries: list[LedgerEntry]) -> Moment:
+    """Returns the first contact that replay would have had, else the first takeover or contact, else the middle."""
     dt = run.info.dt
     for entry in entries:
-        if entry.replay is not None and entry.replay.step <= entry.detected_step + entry.held_s / dt:
-            other = "the ego" if entry.replay.opponent == run.info.ego_id else f"agent {entry.replay.opponent}"
-            step = min(entry.replay.step + LATER, run.tables[-1].step)
+        if entry.replay_step is not None and entry.replay_step <= entry.detected_step + entry.held_s / dt:
+            other = "the ego" if entry.replay_opponent == run.info.ego_id else f"agent {entry.replay_opponent}"
+            step = min(entry.replay_step + LATER, run.tables[-1].step)
             return Moment(step, f"the log of agent {entry.agent} has run into {other}; the agent itself is taken over")
     if entries:
         entry = entries[0]
@@ -186,13 +179,13 @@ def _title(run: Run, entries: list[LedgerEntry]) -> str:
 
 
 def _at(run: Run, step: int) -> tuple[AgentTable, AgentTable | None]:
-    """The agents at the recorded step nearest to `step`, and those of the log."""
+    """Returns the agents at the recorded step nearest to `step`, and those of the log."""
     index = int(np.argmin([abs(table.step - step) for table in run.tables]))
     return run.tables[index], run.log[index] if run.log else None
 
 
 def _bird_view(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -> None:
-    """Draw the boxes around the ego in a frame whose x axis points along its lane."""
+    """Draws the boxes around the ego in a frame whose x axis points along its lane."""
     table, logged = _at(run, moment.step)
     row = table.row(run.info.ego_id)
     x, y, yaw = (
@@ -225,16 +218,15 @@ def _bird_view(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -
             axes.text(ahead, left, str(table.id[i]), ha="center", va="center", fontsize=8, color="white", zorder=7)
     axes.set(xlim=(-BEHIND, AHEAD), ylim=(low, high), aspect="equal", xlabel="along the road from the ego [m]")
     axes.set_ylabel("to the left [m]")
-    axes.set_title(f"{table.step * run.info.dt:.1f} s: {moment.why}", loc="left", fontsize=12, color=INK)
     shown = [c for c in COLOURS if c in table.controller]
     handles: list[Any] = [Patch(facecolor=COLOURS[c], edgecolor=INK, label=NAMES[c]) for c in shown]
     handles.append(Patch(facecolor="none", edgecolor=INK, linestyle=DASHED, label="where the log has it"))
     _legend_below(axes, handles)
-    _plain(axes)
+    _finish(axes, f"{table.step * run.info.dt:.1f} s: {moment.why}")
 
 
 def _legend_below(axes: Axes, handles: list[Any]) -> None:
-    """Draw a legend below the name of the x axis, however low the axes are."""
+    """Draws a legend below the name of the x axis, however low the axes are."""
     figure = axes.get_figure(root=True)
     assert figure is not None
     anchor = axes.transAxes + ScaledTranslation(0.0, -LEGEND_BELOW_PT / 72.0, figure.dpi_scale_trans)
@@ -247,7 +239,7 @@ def _fill(axes: Axes, boxes: FloatArray, **style: Any) -> None:
 
 
 def _draw_road(axes: Axes, lane_map: LaneMap, to_view: Any) -> tuple[float, float]:
-    """Draw the lanes with painted borders; return the lower and upper limit of the view's y axis [m]."""
+    """Draws the lanes with painted borders; returns the lower and upper limit of the view's y axis [m]."""
     window = shapely.box(-BEHIND, -60.0, AHEAD, 60.0)
     low, high = -6.0, 6.0
     for lane in lane_map.lanes:
@@ -270,7 +262,7 @@ def _boxes(table: AgentTable) -> FloatArray:
 
 
 def _space_time(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -> None:
-    """Draw the paths of the agents in the ego's lane and beside it over time, coloured by controller."""
+    """Draws the paths of the agents in the ego's lane and beside it over time, coloured by controller."""
     steps, route = run.steps, _route(run, lane_map)
     table = steps.stacked
     s, d = _along(route, table.x, table.y)
@@ -287,10 +279,10 @@ def _space_time(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) 
     axes.add_collection(LineCollection(lines.get(LOG_BESIDE, []), colors=FAINT, linewidths=0.8))
     drawn = ((Controller.LOG, 1.4), (Controller.POLICY, 2.4), (Controller.EGO, 2.6))
     for controller, width in drawn:
-        found = lines.get(controller.value, [])
-        axes.add_collection(LineCollection(found, colors=COLOURS[controller], linewidths=width))
+        segments = lines.get(controller.value, [])
+        axes.add_collection(LineCollection(segments, colors=COLOURS[controller], linewidths=width))
     extent = s[ego[:until]]
-    ego_log = _logged_ego(run)
+    ego_log = _ego_track(run, run.logged)
     if len(ego_log):
         axes.plot(ego_log[:, 0], _along(route, ego_log[:, 1], ego_log[:, 2])[0], color=INK, lw=1.1, ls=DASHED)
     handles = [Line2D([], [], color=COLOURS[c], lw=2.5, label=NAMES[c]) for c in COLOURS if c.value in lines]
@@ -299,13 +291,12 @@ def _space_time(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) 
     axes.legend(handles=handles, loc="upper left", fontsize=10, framealpha=0.92, edgecolor="none")
     axes.set(xlim=(0.0, _end(run)), ylim=(min(extent, default=0.0) - AHEAD, max(extent, default=0.0) + AHEAD))
     axes.set(xlabel="time [s]", ylabel="along the ego's lane [m]")
-    axes.set_title("Traffic in the ego's lane and beside it", loc="left", fontsize=12, color=INK)
     _mark(axes, run, moment.step)
-    _plain(axes)
+    _finish(axes, "Traffic in the ego's lane and beside it")
 
 
 def _route(run: Run, lane_map: LaneMap | None) -> shapely.LineString:
-    """The line along which positions are measured: from the ego's first pose along its lane, or straight ahead."""
+    """Returns the line along which positions are measured: the ego's lane from its first pose, or straight ahead."""
     table = next((t for t in run.tables if t.row(run.info.ego_id) >= 0), run.tables[0])
     row = max(0, table.row(run.info.ego_id))
     x, y, yaw = (values[row : row + 1] for values in (table.x, table.y, table.yaw))
@@ -317,7 +308,7 @@ def _route(run: Run, lane_map: LaneMap | None) -> shapely.LineString:
 
 
 def _along(route: shapely.LineString, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Positions of points along `route`, and their distances to its left [m]."""
+    """Returns positions of points along `route`, and their distances to its left [m]."""
     points = shapely.points(x, y)
     s = shapely.line_locate_point(route, points)
     foot, ahead = shapely.line_interpolate_point(route, s), shapely.line_interpolate_point(route, s + 1.0)
@@ -326,25 +317,22 @@ def _along(route: shapely.LineString, x: FloatArray, y: FloatArray) -> tuple[Flo
     return s, left
 
 
-def _logged_ego(run: Run) -> FloatArray:
-    """(k, 4) time [s], x, y [m] and speed [m/s] of the ego in the log."""
-    rows = [(table, table.row(run.info.ego_id)) for table in run.log]
-    found = [(t.step * run.info.dt, t.x[i], t.y[i], t.speed[i]) for t, i in rows if i >= 0]
-    return np.array(found).reshape(-1, 4)
+def _ego_track(run: Run, steps: Steps) -> FloatArray:
+    """Returns (k, 4) time [s], x, y [m] and speed [m/s] of the ego in the run or in its log."""
+    rows, table = steps.track(run.info.ego_id), steps.stacked
+    time = steps.step[table.number[rows]] * run.info.dt
+    return np.column_stack([time, table.x[rows], table.y[rows], table.speed[rows]])
 
 
 def _speed(axes: Axes, run: Run, step: int) -> None:
-    rows = [(table, table.row(run.info.ego_id)) for table in run.tables]
-    driven = np.array([(t.step * run.info.dt, t.speed[i]) for t, i in rows if i >= 0]).reshape(-1, 2)
-    logged = _logged_ego(run)
+    driven, logged = (_ego_track(run, steps) for steps in (run.steps, run.logged))
     axes.plot(logged[:, 0], logged[:, 3], color=INK, lw=1.1, ls=DASHED, label="log")
-    axes.plot(driven[:, 0], driven[:, 1], color=COLOURS[Controller.EGO], lw=2.0, label=f"ego ({run.info.ego})")
+    axes.plot(driven[:, 0], driven[:, 3], color=COLOURS[Controller.EGO], lw=2.0, label=f"ego ({run.info.ego})")
     axes.set_ylim(bottom=0.0)
     axes.set(ylabel="speed [m/s]")
     axes.legend(loc="best", frameon=False, fontsize=10)
-    axes.set_title("Speed of the ego", loc="left", fontsize=12, color=INK)
     _mark(axes, run, step)
-    _plain(axes)
+    _finish(axes, "Speed of the ego")
 
 
 def _off_log(axes: Axes, run: Run, step: int) -> None:
@@ -359,23 +347,24 @@ def _off_log(axes: Axes, run: Run, step: int) -> None:
     axes.set(xlim=(0.0, _end(run)), xlabel="time [s]", ylabel="agents")
     axes.set_ylim(0.0, max(1.0, 1.15 * float(counts.max())))
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_title("Background off its log", loc="left", fontsize=12, color=INK)
     _mark(axes, run, step)
-    _plain(axes)
+    _finish(axes, "Background off its log")
 
 
 def _end(run: Run) -> float:
-    """Time [s] of the last recorded step, at least that of step 1, so that the time axis is never empty."""
+    """Returns the time [s] of the last recorded step, at least that of step 1, so that the time axis is never empty."""
     return max(run.tables[-1].step, 1) * run.info.dt
 
 
 def _mark(axes: Axes, run: Run, step: int) -> None:
-    """Mark the history, and the moment of the scene."""
+    """Marks the history, and the moment of the scene."""
     axes.axvspan(0.0, run.info.history_steps * run.info.dt, color="#f4f5f7", zorder=0)
     axes.axvline(step * run.info.dt, color=INK, lw=0.9, ls=":")
 
 
-def _plain(axes: Axes) -> None:
+def _finish(axes: Axes, title: str) -> None:
+    """Gives axes a title, and lines and ticks that do not catch the eye."""
+    axes.set_title(title, loc="left", fontsize=12, color=INK)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color("#9aa0a8")
     axes.tick_params(colors=INK, labelsize=10)

@@ -11,7 +11,7 @@ from litsim_sim.core.steps import Steps
 
 
 def distance_of(tables: Sequence[AgentTable], agent: int, last: int | None = None) -> float | None:
-    """Distance [m] that an agent's box centre travels between consecutive steps; None if it is never on the road.
+    """Returns the distance [m] that an agent travels between consecutive steps; None if it is never on the road.
 
     Only steps up to `last` count, if given.
     """
@@ -26,7 +26,7 @@ def distance_of(tables: Sequence[AgentTable], agent: int, last: int | None = Non
 def mean_progress(
     tables: Sequence[AgentTable], log: Sequence[AgentTable], agents: Collection[int] | None = None
 ) -> float | None:
-    """Mean distance [m] travelled by the agents of `log`, or those of them in `agents`; None without agents.
+    """Returns the mean distance [m] travelled by the agents of `log`, or by those in `agents`; None without agents.
 
     Only the time in which its log has an agent on the road counts. An agent that is not on the road then, such as one
     held back at its entry, makes no progress.
@@ -44,7 +44,7 @@ def mean_progress(
 
 
 def _lengths(steps: Steps, log: Steps) -> FloatArray:
-    """Distance (n,) [m] travelled by each agent of `log`; see :func:`mean_progress`."""
+    """Returns the distance (n,) [m] travelled by each agent of `log`; see :func:`mean_progress`."""
     common = min(len(steps), len(log))
     rows, known = steps.rows_of(log.ids)[:common], log.rows[:common] >= 0
     there = (rows >= 0) & known
@@ -58,5 +58,5 @@ def _lengths(steps: Steps, log: Steps) -> FloatArray:
 
 
 def _added_up(parts: FloatArray) -> FloatArray:
-    """Sum of `parts` (k, ...) over the first axis, added in order so that rounding is reproducible."""
+    """Returns the sum of `parts` (k, ...) over the first axis, added in order so that rounding is reproducible."""
     return np.cumsum(parts, axis=0)[-1] if len(parts) else np.zeros(parts.shape[1:])

@@ -80,7 +80,7 @@ class Naturalness:
         passed: Sequence[Passage] = (),
         passed_in_log: Sequence[Passage] = (),
     ) -> None:
-        """Prepare to judge `agents` or subsets of them.
+        """Prepares to judge `agents` or subsets of them.
 
         Args:
             tables, log: the same steps of the run and of the log.
@@ -95,7 +95,7 @@ class Naturalness:
         self._passed = passed
 
     def of(self, agents: Set[int]) -> Realism | None:
-        """Realism of `agents`, a subset of the agents prepared; None if nothing can be judged."""
+        """Returns the realism of `agents`, a subset of the agents prepared; None if nothing can be judged."""
         whose = np.isin(self._ids, sorted(agents))
         judged = {name: values[whose] if len(values) else values for name, values in self._judged.items()}
         judged["traffic_light_violation"] = _at_red(each for each in self._passed if each.agent in agents)
@@ -103,13 +103,13 @@ class Naturalness:
         if not count or not logged["linear_speed"].count:
             return None
         names = [n for n in FEATURES if len(judged[n]) and logged[n].count]
-        found = {name: logged[name].relative_likelihood(judged[name]) for name in names}
+        likelihoods = {name: logged[name].relative_likelihood(judged[name]) for name in names}
         total = sum(FEATURES[name].weight for name in names)
-        return Realism(sum(FEATURES[n].weight * found[n] for n in names) / total, found, count)
+        return Realism(sum(FEATURES[n].weight * likelihoods[n] for n in names) / total, likelihoods, count)
 
 
 def _at_red(passed: Iterable[Passage]) -> FloatArray:
-    """(m,) 1 for each passage at red, 0 for each other."""
+    """Returns (m,) 1 for each passage at red, 0 for each other."""
     return np.array([each.at_red for each in passed], np.float64)
 
 
@@ -131,7 +131,7 @@ class _Histogram:
 
     @classmethod
     def of(cls, name: str, logged: FloatArray) -> _Histogram:
-        """The histogram of the values `logged` (m,) of the feature `name`."""
+        """Returns the histogram of the values `logged` (m,) of the feature `name`."""
         feature = FEATURES[name]
         edges = np.linspace(feature.low, feature.high, feature.bins + 1)[1:-1]
         own = np.digitize(logged, edges)
@@ -140,13 +140,13 @@ class _Histogram:
         return cls(edges, log_likelihood, log_likelihood[own].mean() if len(own) else 0.0, len(own))
 
     def relative_likelihood(self, judged: FloatArray) -> float:
-        """Geometric mean likelihood of `judged` (m,) over that of the logged values, at most 1."""
+        """Returns the geometric mean likelihood of `judged` (m,) over that of the logged values, at most 1."""
         excess = self.log_likelihood[np.digitize(judged, self.edges)].mean() - self.mean
         return float(min(1.0, np.exp(excess)))
 
 
 def _histograms(log: Steps, lane_map: LaneMap | None, dt: float) -> dict[str, _Histogram]:
-    """The histogram of every feature over all agents of the log."""
+    """Returns the histogram of every feature over all agents of the log."""
     _, logged = _values(log, None, lane_map, dt)
     return {name: _Histogram.of(name, values) for name, values in logged.items()}
 
@@ -154,7 +154,7 @@ def _histograms(log: Steps, lane_map: LaneMap | None, dt: float) -> dict[str, _H
 def _values(
     steps: Steps, agents: frozenset[int] | None, lane_map: LaneMap | None, dt: float
 ) -> tuple[IntArray, dict[str, FloatArray]]:
-    """The ids (m,) and features (m,) by name of `agents` (None: all) at every fifth of `steps`."""
+    """Returns the ids (m,) and features (m,) by name of `agents` (None: all) at every fifth of `steps`."""
     table, number = steps.stacked, steps.stacked.number
     looked_at = (number % SAMPLE == 0) & steps.follows[number]
     if agents is not None:
@@ -162,40 +162,42 @@ def _values(
     rows = np.flatnonzero(looked_at)
     before = steps.rows[number[rows] - 1, steps.agent[rows]]
     rows, before = rows[before >= 0], before[before >= 0]
-    found = dict.fromkeys(FEATURES, np.empty(0))
+    features = dict.fromkeys(FEATURES, np.empty(0))
     if not len(rows):
-        return np.empty(0, np.int64), found
+        return np.empty(0, np.int64), features
     turn = _turn(table, rows, before, dt)
     first = steps.rows[number[before] - 1, steps.agent[before]]
-    found["linear_speed"] = table.speed[rows]
-    found["linear_acceleration"] = (table.speed[rows] - table.speed[before]) / dt
-    found["angular_speed"] = turn
+    features["linear_speed"] = table.speed[rows]
+    features["linear_acceleration"] = (table.speed[rows] - table.speed[before]) / dt
+    features["angular_speed"] = turn
     known = (first >= 0) & steps.follows[number[before]]
-    found["angular_acceleration"] = np.where(known, (turn - _turn(table, before, first, dt)) / dt, 0.0)
-    found["distance_to_nearest"] = _distances_to_nearest(steps, rows)
-    found["collision"] = np.isin(rows, steps.overlaps).astype(np.float64)
-    found["time_to_collision"] = np.minimum(times_to_collision(table, rows), TTC_HORIZON_S)
+    features["angular_acceleration"] = np.where(known, (turn - _turn(table, before, first, dt)) / dt, 0.0)
+    features["distance_to_nearest"] = _distances_to_nearest(steps, rows)
+    features["collision"] = np.isin(rows, steps.overlaps).astype(np.float64)
+    features["time_to_collision"] = np.minimum(times_to_collision(table, rows), TTC_HORIZON_S)
     if lane_map is not None:
         edge = _distance_to_edge(table, rows, lane_map)
-        found["distance_to_road_edge"], found["off_road"] = edge, (edge < 0.0).astype(np.float64)
-    return table.id[rows], found
+        features["distance_to_road_edge"], features["off_road"] = edge, (edge < 0.0).astype(np.float64)
+    return table.id[rows], features
 
 
 def _turn(table: AgentTable, rows: IntArray, before: IntArray, dt: float) -> FloatArray:
-    """Angular speed (m,) [rad/s] of agents from the rows `before` (m,) to the rows `rows` (m,) a step later."""
+    """Returns the angular speed (m,) [rad/s] of agents from rows `before` (m,) to `rows` (m,), a step later."""
     return np.angle(np.exp(1j * (table.yaw[rows] - table.yaw[before]))) / dt
 
 
 def _distances_to_nearest(steps: Steps, rows: IntArray) -> FloatArray:
-    """:func:`_distance_to_nearest` of the agents in `rows` (m,), ascending, of the stacked table."""
+    """Returns :func:`_distance_to_nearest` of the agents in `rows` (m,), ascending, of the stacked table."""
     number = steps.stacked.number[rows]
-    each, first = np.unique(number, return_index=True)
+    steps_of_rows, first = np.unique(number, return_index=True)
     parts = np.split(rows - steps.begin[number], first[1:])
-    return np.concatenate([_distance_to_nearest(steps[k], part) for k, part in zip(each.tolist(), parts, strict=True)])
+    return np.concatenate(
+        [_distance_to_nearest(steps[k], part) for k, part in zip(steps_of_rows.tolist(), parts, strict=True)]
+    )
 
 
 def _distance_to_nearest(table: AgentTable, rows: np.ndarray) -> FloatArray:
-    """Distances (m,) [m] to the nearest agent: between centres, minus half of both lengths; 40 m without others."""
+    """Returns distances (m,) [m] to the nearest agent: of centres, minus half of both lengths; 40 m without others."""
     if len(table) < 2:
         return np.full(len(rows), 40.0)
     distance = np.hypot(table.x[rows, None] - table.x, table.y[rows, None] - table.y)
@@ -205,7 +207,7 @@ def _distance_to_nearest(table: AgentTable, rows: np.ndarray) -> FloatArray:
 
 
 def _distance_to_edge(table: AgentTable, rows: np.ndarray, lane_map: LaneMap) -> FloatArray:
-    """Distances (m,) [m] of the outermost corner of each box from the edge of the road; negative off the road.
+    """Returns distances (m,) [m] of the outermost corner of each box from the edge of the road; negative off the road.
 
     A border of the lane nearest to the corner is an edge if no lane adjoins it; else it counts as 20 m away.
     """

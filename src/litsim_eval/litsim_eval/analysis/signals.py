@@ -9,6 +9,7 @@ import numpy as np
 
 from litsim_sim.core.scene import AgentTable, Controller
 from litsim_sim.core.signals import STOP_STATES, SignalState
+from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.signal_links import crossings
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.signals import Signals
@@ -41,30 +42,25 @@ class Passage:
 
 
 def passages(signals: Signals, tables: Sequence[AgentTable]) -> list[Passage]:
-    """Passages of stop lines by vehicles in `tables`, which are consecutive steps; sorted by agent and step.
+    """Returns passages of stop lines by vehicles in `tables`, which are consecutive steps; sorted by agent and step.
 
     Pedestrians and cyclists are left out: they do not keep to lanes.
     """
-    tables = [table.take(~table.obstacle) if table.obstacle.any() else table for table in tables]
-    if not tables:
+    steps = Steps(table.take(~table.obstacle) if table.obstacle.any() else table for table in tables)
+    if not len(steps.ids):
         return []
-    ids = np.unique(np.concatenate([table.id for table in tables]))
-    shape = (len(ids), len(tables))
-    x, y, yaw, length = (np.zeros(shape) for _ in range(4))
-    valid, controller = np.zeros(shape, np.bool_), np.zeros(shape, np.uint8)
-    for column, table in enumerate(tables):
-        rows = np.searchsorted(ids, table.id)
-        for values, name in ((x, "x"), (y, "y"), (yaw, "yaw"), (length, "length"), (controller, "controller")):
-            values[rows, column] = getattr(table, name)
-        valid[rows, column] = True
-    found = crossings(signals.links, x, y, yaw, length.max(axis=1), valid)
-    made = []
-    for agent, column, link in zip(found.agent.tolist(), found.step.tolist(), found.link.tolist(), strict=True):
-        step, group = tables[column].step, int(signals.link_group[link])
+    rows, table = steps.rows.T, steps.stacked  # (agents, steps)
+    x, y, yaw, length, controller = (
+        np.where(rows >= 0, getattr(table, name)[rows], 0) for name in ("x", "y", "yaw", "length", "controller")
+    )
+    crossed = crossings(signals.links, x, y, yaw, length.max(axis=1), rows >= 0)
+    passed = []
+    for agent, column, link in zip(crossed.agent.tolist(), crossed.step.tolist(), crossed.link.tolist(), strict=True):
+        step, group = int(steps.step[column]), int(signals.link_group[link])
         shown = signals.table(step).state[group] if signals.states.shape[1] else SignalState.UNAVAILABLE
-        made.append(
+        passed.append(
             Passage(
-                agent=int(ids[agent]),
+                agent=int(steps.ids[agent]),
                 step=step,
                 connection=signals.links[link].name,
                 group=signals.groups[group],
@@ -72,19 +68,19 @@ def passages(signals: Signals, tables: Sequence[AgentTable]) -> list[Passage]:
                 controller=Controller(int(controller[agent, column])),
             )
         )
-    return made
+    return passed
 
 
 def run_passages(run: Run) -> list[Passage] | None:
-    """Passages after the history of a run; None if the scenario has no signals."""
+    """Returns passages after the history of a run; None if the scenario has no signals."""
     return None if run.signals is None else passages(run.signals, _driven(run, run.tables))
 
 
 def log_passages(run: Run) -> list[Passage]:
-    """Passages in the recording at the same steps; empty if the scenario has no signals."""
+    """Returns passages in the recording at the same steps; empty if the scenario has no signals."""
     return [] if run.signals is None else passages(run.signals, _driven(run, run.log))
 
 
 def _driven(run: Run, tables: Sequence[AgentTable]) -> list[AgentTable]:
-    """The tables from the last step of the history on: a passage needs the step before it."""
+    """Returns the tables from the last step of the history on: a passage needs the step before it."""
     return [table for table in tables if table.step >= run.info.history_steps]

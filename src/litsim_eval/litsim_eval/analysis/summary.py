@@ -1,4 +1,4 @@
-"""Summary of several runs: one row of the table that compares policies."""
+"""Summary of the runs of one variant: its column in the table that compares policies."""
 
 from __future__ import annotations
 
@@ -68,17 +68,17 @@ RATIOS: dict[str, tuple[Figure, Figure]] = {
 
 
 def displacement(name: str, horizon: str) -> Figure:
-    """The figure `name` of :data:`DISPLACEMENTS` up to `horizon` [s]."""
+    """Returns the figure `name` of :data:`DISPLACEMENTS` up to `horizon` [s]."""
     return lambda run: run[name].get(horizon)
 
 
 def added(name: str) -> Figure:
-    """The figure of an added measure, see :mod:`litsim_eval.analysis.metric`."""
+    """Returns the figure of an added measure, see :mod:`litsim_eval.analysis.metric`."""
     return lambda run: run.get(ADDED, {}).get(name)
 
 
 def summarise(runs: Iterable[Metrics], failed: int = 0) -> dict[str, Any]:
-    """One row of the table: sums, means and maxima over the measured runs; None where there are no values.
+    """Returns the sums, means and maxima over the measured runs; None where there are no values.
 
     Args:
         runs: metrics of the measured runs, valid or not.
@@ -87,14 +87,14 @@ def summarise(runs: Iterable[Metrics], failed: int = 0) -> dict[str, Any]:
             to a horizon of those that lasted that long: as many as `ade_runs` says.
     """
     runs = list(runs)
-    every = len(runs) + failed
+    total = len(runs) + failed
     horizons = [str(horizon) for horizon in HORIZONS_S]
     return {
-        "runs": every,
+        "runs": total,
         "failed": failed,
         "measured": len(runs),
         "invalid": sum(not run["valid"] for run in runs),
-        "reactive": sum(run["reactive"] for run in runs) / every if every else None,
+        "reactive": sum(run["reactive"] for run in runs) / total if total else None,
         "ade_runs": {horizon: sum(horizon in run["ade_all_m"] for run in runs) for horizon in horizons},
         **{name: _known_sum(map(figure, runs)) for name, figure in SUMS.items()},
         **{
@@ -109,9 +109,9 @@ def summarise(runs: Iterable[Metrics], failed: int = 0) -> dict[str, Any]:
 
 
 def _known_sum(values: Iterable[float | None]) -> float | None:
-    """Sum of `values`; None if there are none, or if one is None."""
-    found = list(values)
-    return None if None in found or not found else sum(value for value in found if value is not None)
+    """Returns the sum of `values`; None if there are none, or if one is None."""
+    addends = list(values)
+    return None if None in addends or not addends else sum(value for value in addends if value is not None)
 
 
 def _ratio(above: float | None, below: float | None) -> float | None:

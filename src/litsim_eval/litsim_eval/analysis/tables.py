@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -13,8 +12,8 @@ import pyarrow.parquet as pq
 from litsim_data.surrogates.encroachment import times_since_others
 from litsim_data.surrogates.safety import following, times_to_collision
 from litsim_eval.analysis.comfort import BOUNDS, motion_values
-from litsim_eval.analysis.takeover import LedgerEntry, ledger
-from litsim_sim.core.scene import AgentTable, Controller
+from litsim_eval.analysis.takeover import ledger
+from litsim_sim.core.scene import Controller
 from litsim_sim.core.steps import Steps
 from litsim_sim.io.files import replacing
 from litsim_sim.record.run import Run
@@ -81,7 +80,7 @@ TAKEOVERS = pa.schema(
         ("ego_distance_m", pa.float64()),
     ]
 )
-"""Columns of the takeovers: the fields of `ledger` in `metrics.json`."""
+"""Columns of the takeovers: the fields of :class:`litsim_eval.analysis.takeover.LedgerEntry`."""
 
 _MOTION = {  # bounded quantity of comfort: column
     "lateral_acceleration": "lateral_acceleration_mps2",
@@ -92,19 +91,19 @@ _MOTION = {  # bounded quantity of comfort: column
 
 
 def series_table(run: Run) -> pa.Table:
-    """One row per agent and step after the history, sorted by step and id; columns as SERIES.
+    """Returns one row per agent and step after the history, sorted by step and id; columns as SERIES.
 
     Missing values are null, never NaN or infinite.
     """
-    tables = run.simulated
-    columns = {name: _joined([getattr(t, field) for t in tables]) for name, field in _STATES.items()}
-    columns["step"] = np.repeat(np.array([t.step for t in tables], np.int64), [len(t) for t in tables])
+    steps = run.simulated
+    table = steps.stacked
+    columns = {name: getattr(table, field) for name, field in _STATES.items()}
+    columns["step"] = steps.step[table.number]
     columns["time_s"] = columns["step"] * run.info.dt
-    columns |= _surroundings(tables) | _deviations(run, tables)
+    columns |= _surroundings(steps) | _deviations(run)
     columns |= _motion(columns, run.info.dt)
     arrays = {name: _array(values, SERIES.field(name).type) for name, values in columns.items()}
-    controllers = _joined([t.controller for t in tables]).tolist()
-    arrays["controller"] = pa.array([_CONTROLLERS.get(each) for each in controllers], TEXT)
+    arrays["controller"] = pa.array([_CONTROLLERS.get(each) for each in table.controller.tolist()], TEXT)
     states = {(step, t.agent): t.state.name.lower() for step, found in run.takeovers.items() for t in found}
     keys = zip(columns["step"].tolist(), columns["agent"].tolist(), strict=True)
     arrays["takeover"] = pa.array([states.get(key) for key in keys], TEXT)
@@ -112,38 +111,12 @@ def series_table(run: Run) -> pa.Table:
 
 
 def takeovers_table(run: Run) -> pa.Table:
-    """One row per takeover, in order of detection; columns as TAKEOVERS."""
-    rows = [ledger_row(entry) for entry in ledger(run)]
-    return _about(run, pa.Table.from_pylist(rows, schema=TAKEOVERS))
-
-
-def ledger_row(entry: LedgerEntry) -> dict[str, Any]:
-    """A takeover as a row of TAKEOVERS, and of `ledger` in `metrics.json`."""
-    return {
-        "agent": entry.agent,
-        "opponent": entry.opponent,
-        "reason": entry.reason.name.lower(),
-        "detected_step": entry.detected_step,
-        "handback_step": entry.handback_step,
-        "released_step": entry.released_step,
-        "outcome": None if entry.outcome is None else str(entry.outcome),
-        "held_s": entry.held_s,
-        "time_to_conflict_s": entry.time_to_conflict,
-        "overlap_probability": entry.overlap_probability,
-        "log_collision_predicted": entry.log_collision_predicted,
-        "replay_would_collide": entry.replay is not None,
-        "replay_step": entry.replay.step if entry.replay else None,
-        "replay_opponent": entry.replay.opponent if entry.replay else None,
-        "false_alarm": entry.false_alarm,
-        "residual_m": entry.residual_position,
-        "residual_mps": entry.residual_speed,
-        "time_shift_s": entry.time_shift,
-        "ego_distance_m": entry.ego_distance,
-    }
+    """Returns one row per takeover, in order of detection; columns as TAKEOVERS."""
+    return _about(run, pa.Table.from_pylist([asdict(entry) for entry in ledger(run)], schema=TAKEOVERS))
 
 
 def write_tables(run: Run, folder: Path) -> None:
-    """Write :data:`SERIES_FILE` and :data:`TAKEOVERS_FILE` to `folder`.
+    """Writes :data:`SERIES_FILE` and :data:`TAKEOVERS_FILE` to `folder`.
 
     Raises:
         InputError: they cannot be written.
@@ -168,44 +141,42 @@ _CONTROLLERS = {each.value: each.name.lower() for each in Controller}
 
 
 def _surroundings(tables: Steps) -> dict[str, np.ndarray]:
-    """Measures between each agent and the others; missing values are infinite, missing ids -1."""
-    every = tables.stacked
-    rows = np.arange(len(every))
-    found = following(every, rows)
-    there = found.leader >= 0
+    """Returns measures between each agent and the others; missing values are infinite, missing ids -1."""
+    stacked = tables.stacked
+    rows = np.arange(len(stacked))
+    leaders = following(stacked, rows)
+    there = leaders.leader >= 0
     pet, other = times_since_others(tables)
     return {
-        "leader": np.where(there, every.id[found.leader], -1),
-        "gap_m": found.gap,
-        "headway_s": found.headway,
-        "drac_mps2": np.where(there, found.drac, np.inf),
-        "ttc_s": times_to_collision(every, rows),
+        "leader": np.where(there, stacked.id[leaders.leader], -1),
+        "gap_m": leaders.gap,
+        "headway_s": leaders.headway,
+        "drac_mps2": np.where(there, leaders.drac, np.inf),
+        "ttc_s": times_to_collision(stacked, rows),
         "pet_s": pet,
         "pet_agent": other,
     }
 
 
-def _deviations(run: Run, tables: Sequence[AgentTable]) -> dict[str, np.ndarray]:
-    """Distance from the logged pose, and speed minus the logged one; NaN where the log lacks the agent."""
-    far: list[np.ndarray] = []
-    faster: list[np.ndarray] = []
-    for table, logged in zip(tables, run.simulated_log or [AgentTable.empty(t.step) for t in tables], strict=True):
-        rows = logged.rows(table.id)
-        both = rows >= 0
-        now, then = table.take(both), logged.take(rows[both])
-        for part, values in ((far, np.hypot(now.x - then.x, now.y - then.y)), (faster, now.speed - then.speed)):
-            part.append(np.full(len(table), np.nan))
-            part[-1][both] = values
-    return {"deviation_m": _joined(far), "speed_deviation_mps": _joined(faster)}
+def _deviations(run: Run) -> dict[str, np.ndarray]:
+    """Returns the distance from the logged pose, and speed minus the logged one; NaN where the log lacks the agent."""
+    steps, log = run.simulated, run.simulated_log
+    table = steps.stacked
+    rows = log.rows_of(steps.ids)[table.number, steps.agent] if len(log) else np.full(len(table), -1)
+    both = rows >= 0
+    now, then = table.take(both), log.stacked.take(rows[both])
+    far, faster = np.full((2, len(table)), np.nan)
+    far[both], faster[both] = np.hypot(now.x - then.x, now.y - then.y), now.speed - then.speed
+    return {"deviation_m": far, "speed_deviation_mps": faster}
 
 
 def _motion(columns: dict[str, np.ndarray], dt: float) -> dict[str, np.ndarray]:
-    """The quantities bounded by comfort; derivatives are NaN at an agent's first step."""
+    """Returns the quantities bounded by comfort; derivatives are NaN at an agent's first step."""
     order = np.lexsort((columns["step"], columns["agent"]))
     agent, step = columns["agent"][order], columns["step"][order]
     speed, acceleration, yaw_rate = (columns[n][order] for n in ("speed_mps", "acceleration_mps2", "yaw_rate_radps"))
     follows = (np.diff(agent) == 0) & (np.diff(step) == 1)
-    found, comfortable = {}, np.ones(len(order), np.bool_)
+    columns_of_motion, comfortable = {}, np.ones(len(order), np.bool_)
     for name, values in motion_values(speed, acceleration, yaw_rate, dt).items():
         low, high = BOUNDS[name]
         column = np.full(len(order), np.nan)
@@ -214,23 +185,19 @@ def _motion(columns: dict[str, np.ndarray], dt: float) -> dict[str, np.ndarray]:
         else:
             column[order[1:]] = np.where(follows, values, np.nan)
         comfortable &= ~((column < low) | (column > high))
-        found[_MOTION.get(name, "")] = column
-    found.pop("")  # recorded quantities, which have columns already
-    return found | {"comfortable": comfortable}
-
-
-def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
-    return np.concatenate(parts) if parts else np.empty(0)
+        columns_of_motion[_MOTION.get(name, "")] = column
+    columns_of_motion.pop("")  # recorded quantities, which have columns already
+    return columns_of_motion | {"comfortable": comfortable}
 
 
 def _array(values: np.ndarray, kind: pa.DataType) -> pa.Array:
-    """A column with null for values that are not finite and for negative ids."""
+    """Returns a column with null for values that are not finite and for negative ids."""
     nothing = ~np.isfinite(values) if pa.types.is_floating(kind) else values < 0
     return pa.array(values, mask=nothing & (values.dtype != np.bool_)).cast(kind)
 
 
 def _about(run: Run, table: pa.Table) -> pa.Table:
-    """`table` with the run id as its first column, and RUN_KEYS as metadata."""
+    """Returns `table` with the run id as its first column, and RUN_KEYS as metadata."""
     about = {key: str(getattr(run.info, key)) for key in RUN_KEYS}
     run_id = pa.array([run.info.run_id] * len(table), TEXT)
     return table.add_column(0, "run_id", run_id).replace_schema_metadata(about)

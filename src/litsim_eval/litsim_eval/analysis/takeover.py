@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 
 from litsim_sim.core.dynamics import SPEED_MIN, VehicleLimits
-from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.core.pair_geometry import overlap
-from litsim_sim.core.scene import AgentTable, BoolArray, Controller, FloatArray, IntArray
-from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
-from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_INTS2, kernel
+from litsim_sim.core.geometry import overlapping_pairs, wrap_angle
+from litsim_sim.core.scene import AgentTable, BoolArray, Controller, FloatArray
+from litsim_sim.core.takeover import Takeover, TakeoverState
 from litsim_sim.record.run import Run
 
 SETTLED = 1e-3  # [m] distance from the log below which the return is over
 SETTLING_MAX = 100  # longest return that is examined [steps]
+
+
+Episode = list[tuple[int, Takeover]]
+"""The records of a takeover, each with its step."""
 
 
 class Outcome(StrEnum):
@@ -31,74 +33,56 @@ class Outcome(StrEnum):
 
 
 @dataclass(frozen=True)
-class Replay:
-    """The log of an agent, replayed after the step `after` with a lag of `lag` steps."""
-
-    agent: int
-    after: int
-    lag: int = 0
-
-
-@dataclass(frozen=True)
-class ReplayContact:
-    """Overlap of the logged box of an agent with the box of an agent that is not where its own log has it."""
-
-    step: int
-    opponent: int
-
-
-@dataclass(frozen=True)
 class LedgerEntry:
-    """One takeover, from detection to release.
+    """One takeover, from detection to release; a row of `takeovers.parquet` and of `ledger` in `metrics.json`.
 
     Attributes:
         agent: id of the agent taken over.
         opponent: id of the other agent of the predicted overlap.
-        reason: reason of the takeover.
+        reason: name of a :class:`TakeoverReason`, in small letters.
         detected_step: step of the detection.
         handback_step: first step of the handback; None without one.
         released_step: last step off the log; None if the run or the agent's presence ended before.
+        outcome: how the takeover ended; None if the run ended first, before the log.
         held_s: time from the detection to the first step on the log again, or to the last step of the run [s].
-        time_to_conflict: predicted at detection [s]; None for other reasons than a conflict, which are not predicted.
+        time_to_conflict_s: predicted at detection [s]; None for other reasons than a conflict, which are not predicted.
         overlap_probability: predicted at detection; None likewise.
         log_collision_predicted: whether the log itself led into the opponent's forecast.
-        replay: first contact after the detection that pure replay of this agent, with the lag of its last takeover,
-            would have had with the ego and with other agents off their logs or on them with a lag, as they actually
-            moved; None without one.
-        residual_position: distance from the log, delayed by its lag, at the last step of the takeover [m]; None if the
-            log is over by then.
-        residual_speed: speed minus that of the delayed log at the last step of the takeover [m/s]; None likewise.
-        time_shift: lag of the log at the last step of the takeover [s].
-        outcome: how the takeover ended; None if the run ended first, before the log.
-        ego_distance: distance between the centres of agent and ego at the detection [m]; None if the ego is gone, or
+        replay_would_collide: whether pure replay of this agent after the detection, with the lag of its last takeover,
+            would have had a contact with the ego, or with another agent off its log or on it with a lag, as they
+            actually moved.
+        replay_step, replay_opponent: step and other agent of the first such contact; None without one.
+        false_alarm: whether a predicted conflict is the reason, and the agent could have stayed on its log.
+        residual_m: distance from the log, delayed by its lag, at the last step of the takeover [m]; None if the log is
+            over by then.
+        residual_mps: speed minus that of the delayed log at the last step of the takeover [m/s]; None likewise.
+        time_shift_s: lag of the log at the last step of the takeover [s].
+        ego_distance_m: distance between the centres of agent and ego at the detection [m]; None if the ego is gone, or
             the recording lacks that step.
     """
 
     agent: int
     opponent: int
-    reason: TakeoverReason
+    reason: str
     detected_step: int
     handback_step: int | None
     released_step: int | None
+    outcome: Outcome | None
     held_s: float
-    time_to_conflict: float | None
+    time_to_conflict_s: float | None
     overlap_probability: float | None
     log_collision_predicted: bool
-    replay: ReplayContact | None
-    residual_position: float | None
-    residual_speed: float | None
-    time_shift: float = 0.0
-    outcome: Outcome | None = None
-    ego_distance: float | None = None
-
-    @property
-    def false_alarm(self) -> bool:
-        """Whether the agent could have stayed on its log."""
-        return self.replay is None and self.reason == TakeoverReason.CONFLICT
+    replay_would_collide: bool
+    replay_step: int | None
+    replay_opponent: int | None
+    false_alarm: bool
+    residual_m: float | None
+    residual_mps: float | None
+    time_shift_s: float
+    ego_distance_m: float | None
 
 
-@dataclass(frozen=True)
-class Jump:
+class Jump(NamedTuple):
     """The part of an agent's motion over one step that its speeds and the vehicle limits do not explain.
 
     Attributes:
@@ -112,13 +96,8 @@ class Jump:
     yaw: float = 0.0
 
     def largest(self, other: Jump) -> Jump:
-        """The componentwise maximum of both jumps."""
-        return Jump(*(max(a, b) for a, b in zip(self.tuple, other.tuple, strict=True)))
-
-    @property
-    def tuple(self) -> tuple[float, float, float]:
-        """The jump as (position [m], speed [m/s], yaw [rad])."""
-        return self.position, self.speed, self.yaw
+        """Returns the componentwise maximum of both jumps."""
+        return Jump(*map(max, self, other))
 
 
 @dataclass(frozen=True)
@@ -143,81 +122,55 @@ class Handback:
 
 
 def ledger(run: Run) -> list[LedgerEntry]:
-    """The takeovers of a run, sorted by step of detection and agent."""
-    episodes, replays, lags = list(_episodes(run)), [], dict[int, int]()
-    for episode in episodes:
-        (_, first), (_, last) = episode[0], episode[-1]
-        replays.append(Replay(first.agent, first.detected_step, lags.get(first.agent, 0)))
-        lags[first.agent] = round(last.time_shift / run.info.dt)
-    contacts = replay_contacts(run, replays)
+    """Returns the takeovers of a run, sorted by step of detection and agent."""
+    episodes = list(_episodes(run))
+    contacts = _replay_contacts(run, episodes)
     return sorted(
         (_entry(run, episode, contact) for episode, contact in zip(episodes, contacts, strict=True)),
         key=lambda entry: (entry.detected_step, entry.agent),
     )
 
 
-def replay_contacts(run: Run, replays: Sequence[Replay]) -> list[ReplayContact | None]:
-    """The first contact of each of `replays` with an agent that is not where its own log has it then; None for none."""
-    contacts: list[ReplayContact | None] = [None] * len(replays)
-    if not (run.log and replays):
+def _replay_contacts(run: Run, episodes: Sequence[Episode]) -> list[tuple[int, int] | None]:
+    """Returns the first contact that pure replay of each taken agent would have had, as step and other agent.
+
+    The agent follows its log after the detection, with the lag that its last takeover left. Contacts count with agents
+    that are not where their own logs have them then; None stands for no contact.
+    """
+    contacts: list[tuple[int, int] | None] = [None] * len(episodes)
+    if not (run.log and episodes):
         return contacts
-    steps, table, logged = run.simulated, run.simulated.stacked, run.logged
-    agent, after, lag = np.array([(each.agent, each.after, each.lag) for each in replays], np.int64).T
+    replays, lags = [], dict[int, int]()
+    for (_, first), (_, last) in ((episode[0], episode[-1]) for episode in episodes):
+        replays.append((first.agent, first.detected_step, lags.get(first.agent, 0)))
+        lags[first.agent] = round(last.time_shift / run.info.dt)
+    steps, logged = run.simulated, run.logged
+    agent, after, lag = np.array(replays, np.int64).T
     shown = steps.step[:, None] - lag  # (steps, replays) step of the log
     at = logged.step.searchsorted(shown)
     recorded = (at < len(logged)) & (logged.step[np.minimum(at, len(logged) - 1)] == shown)
     rows = logged.rows_of(agent)[np.where(recorded, at, 0), np.arange(len(replays))]
     number, which = np.nonzero(recorded & (rows >= 0) & (steps.step[:, None] > after))
-    ghosts, movers = logged.stacked.take(rows[number, which]), table.take(_away_from_log(run))
-    boxes = [(each.x, each.y, each.yaw, each.length, each.width) for each in (ghosts, movers)]
-    for i, j in _overlapping(number, *boxes[0], movers.number, *boxes[1]).tolist():
-        if contacts[which[i]] is None and ghosts.id[i] != movers.id[j]:
-            contacts[which[i]] = ReplayContact(int(steps.step[number[i]]), int(movers.id[j]))
+    ghosts, movers = logged.stacked.take(rows[number, which]), steps.stacked.take(_away_from_log(run))
+    x, y, yaw, length, width = (
+        np.concatenate([getattr(ghosts, name), getattr(movers, name)]) for name in ("x", "y", "yaw", "length", "width")
+    )
+    pairs = overlapping_pairs(x, y, yaw, length, width, np.concatenate([number, movers.number]))
+    for i, k in pairs[(pairs[:, 0] < len(ghosts)) & (pairs[:, 1] >= len(ghosts))].tolist():
+        other = int(movers.id[k - len(ghosts)])
+        if contacts[which[i]] is None and ghosts.id[i] != other:
+            contacts[which[i]] = int(steps.step[number[i]]), other
     return contacts
 
 
 def _away_from_log(run: Run) -> BoolArray:
-    """(m,) rows of the steps after the history with agents off their logs, or on them with a lag that still shows."""
+    """Returns (m,) whether each row after the history is of an agent off its log, or on it with a visible lag."""
     steps, table, log = run.simulated, run.simulated.stacked, run.simulated_log.stacked
     then = run.simulated_log.rows_of(steps.ids)[table.number, steps.agent]
     there = then >= 0
     apart = np.full(len(table), np.inf)
     apart[there] = np.hypot(table.x[there] - log.x[then[there]], table.y[there] - log.y[then[there]])
     return np.asarray(table.off_log | (apart > SETTLED))
-
-
-@kernel(OUT_INTS2(INTS, *[FLOATS] * 5, INTS, *[FLOATS] * 5))
-def _overlapping(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    number_a: IntArray,
-    x_a: FloatArray,
-    y_a: FloatArray,
-    yaw_a: FloatArray,
-    length_a: FloatArray,
-    width_a: FloatArray,
-    number_b: IntArray,
-    x_b: FloatArray,
-    y_b: FloatArray,
-    yaw_b: FloatArray,
-    length_b: FloatArray,
-    width_b: FloatArray,
-) -> IntArray:
-    """Pairs (p, 2) of indices, ascending, of overlapping boxes a (n,) and b (m,) with equal `number`, which ascends."""
-    pairs, count = np.empty((8, 2), np.int64), 0
-    begin = np.searchsorted(number_b, number_a)
-    for i in range(len(number_a)):
-        reach = 0.5 * math.hypot(length_a[i], width_a[i])
-        for j in range(begin[i], len(number_b)):
-            if number_b[j] != number_a[i]:
-                break
-            dx, dy = x_b[j] - x_a[i], y_b[j] - y_a[i]
-            if not math.hypot(dx, dy) < reach + 0.5 * math.hypot(length_b[j], width_b[j]):
-                continue
-            if overlap(dx, dy, yaw_a[i], yaw_b[j], length_a[i], width_a[i], length_b[j], width_b[j]):
-                if count == len(pairs):
-                    pairs = np.concatenate((pairs, np.empty_like(pairs)))
-                pairs[count, 0], pairs[count, 1] = i, j
-                count += 1
-    return pairs[:count].copy()
 
 
 def handbacks(run: Run) -> list[Handback]:
@@ -234,7 +187,7 @@ def handbacks(run: Run) -> list[Handback]:
 
 
 def jump(before: AgentTable, after: AgentTable, agent: int, dt: float) -> Jump:
-    """Jump of `agent` between consecutive steps `dt` [s] apart, by the limits of the vehicle model."""
+    """Returns the jump of `agent` between consecutive steps `dt` [s] apart, by the limits of the vehicle model."""
     i, j = before.row(agent), after.row(agent)
     limits = VehicleLimits()
     v0, v1 = _velocity(before, i), _velocity(after, j)
@@ -254,12 +207,12 @@ def _velocity(table: AgentTable, row: int) -> FloatArray:
     return np.array([np.cos(table.yaw[row]), np.sin(table.yaw[row])]) * table.speed[row]
 
 
-def _episodes(run: Run) -> Iterator[list[tuple[int, Takeover]]]:
-    """The records of each takeover as (step, record): of one agent and one step of detection, up to its release.
+def _episodes(run: Run) -> Iterator[Episode]:
+    """Yields the records of each takeover: of one agent and one step of detection, up to its release.
 
     Steps that the recording lacks do not end one.
     """
-    open_episodes: dict[int, list[tuple[int, Takeover]]] = {}
+    open_episodes: dict[int, Episode] = {}
     for step in sorted(run.takeovers):
         records = {record.agent: record for record in run.takeovers[step]}
         detected = {agent: record.detected_step for agent, record in records.items()}
@@ -272,32 +225,36 @@ def _episodes(run: Run) -> Iterator[list[tuple[int, Takeover]]]:
     yield from open_episodes.values()
 
 
-def _entry(run: Run, episode: list[tuple[int, Takeover]], replay: ReplayContact | None) -> LedgerEntry:
+def _entry(run: Run, episode: Episode, contact: tuple[int, int] | None) -> LedgerEntry:
     (first_step, first), (last_step, last) = episode[0], episode[-1]
-    back = (step for step, record in episode if record.state == TakeoverState.HANDBACK)
+    released = last.state == TakeoverState.RELEASED
     logged = last.residual_position >= 0  # -1 stands for no logged pose
+    step, opponent = contact or (None, None)
     return LedgerEntry(
         agent=first.agent,
         opponent=first.opponent,
-        reason=first.reason,
+        reason=first.reason.name.lower(),
         detected_step=first.detected_step,
-        handback_step=next(back, None),
-        released_step=last_step if last.state == TakeoverState.RELEASED else None,
+        handback_step=next((step for step, record in episode if record.state == TakeoverState.HANDBACK), None),
+        released_step=last_step if released else None,
+        outcome=_outcome(run, first.agent, last_step, released=released),
         held_s=round((min(last_step + 1, run.tables[-1].step) - first_step) * run.info.dt, 6),
-        time_to_conflict=first.time_to_conflict if first.predicted else None,
+        time_to_conflict_s=first.time_to_conflict if first.predicted else None,
         overlap_probability=first.overlap_probability if first.predicted else None,
         log_collision_predicted=bool(first.log_collision_predicted),
-        replay=replay,
-        residual_position=last.residual_position if logged else None,
-        residual_speed=last.residual_speed if logged else None,
-        time_shift=last.time_shift,
-        outcome=_outcome(run, first.agent, last_step, released=last.state == TakeoverState.RELEASED),
-        ego_distance=_ego_distance(run, first.agent, first.detected_step),
+        replay_would_collide=contact is not None,
+        replay_step=step,
+        replay_opponent=opponent,
+        false_alarm=contact is None and first.predicted,
+        residual_m=last.residual_position if logged else None,
+        residual_mps=last.residual_speed if logged else None,
+        time_shift_s=last.time_shift,
+        ego_distance_m=_ego_distance(run, first.agent, first.detected_step),
     )
 
 
 def _ego_distance(run: Run, agent: int, step: int) -> float | None:
-    """Distance [m] between the centres of `agent` and the ego at `step`; None if either or the step is missing."""
+    """Returns the distance [m] between the centres of `agent` and the ego at `step`; None if either is missing."""
     at = int(run.steps.step.searchsorted(step))
     if at == len(run.tables) or run.tables[at].step != step:
         return None
@@ -307,7 +264,7 @@ def _ego_distance(run: Run, agent: int, step: int) -> float | None:
 
 
 def _outcome(run: Run, agent: int, last_step: int, *, released: bool) -> Outcome | None:
-    """Outcome of the takeover of `agent` with its last record at `last_step`."""
+    """Returns the outcome of the takeover of `agent` with its last record at `last_step`."""
     after = next((table for table in run.tables if table.step > last_step), None)
     if after is None:
         outlived = bool(run.log) and run.log[-1].row(agent) < 0
@@ -319,32 +276,32 @@ def _outcome(run: Run, agent: int, last_step: int, *, released: bool) -> Outcome
 
 
 def _handback(run: Run, index: int, agent: int) -> Handback:
-    """The return of `agent`, with its last step under control in the table at `index`."""
+    """Returns the return of `agent`, with its last step under control in the table at `index`."""
     lag = _lag(run, run.tables[index].step, agent)
-    found, noise = Jump(), Jump()
+    largest, noise = Jump(), Jump()
     for k in range(index, min(index + SETTLING_MAX, len(run.tables) - 1)):
         before, after = run.tables[k], run.tables[k + 1]
         row = after.row(agent)
         if row < 0 or after.controller[row] != Controller.LOG or not run.steps.follows[k + 1]:
             break
-        found = found.largest(jump(before, after, agent, run.info.dt))
+        largest = largest.largest(jump(before, after, agent, run.info.dt))
         logged = _logged(run, k, agent, lag), _logged(run, k + 1, agent, lag)
         if logged[0] is not None and logged[1] is not None:
             noise = noise.largest(jump(logged[0], logged[1], agent, run.info.dt))
         apart = _from_log(run, k + 1, agent, lag)
         if apart is not None and apart < SETTLED:
             break
-    return Handback(agent, run.tables[index].step, _from_log(run, index, agent, lag), found, noise, lag)
+    return Handback(agent, run.tables[index].step, _from_log(run, index, agent, lag), largest, noise, lag)
 
 
 def _lag(run: Run, step: int, agent: int) -> int:
-    """Lag [steps] of the log of `agent` as of its takeover at `step`; 0 if no takeover was recorded."""
+    """Returns the lag [steps] of the log of `agent` as of its takeover at `step`; 0 if no takeover was recorded."""
     shift = next((t.time_shift for t in run.takeovers.get(step, ()) if t.agent == agent), 0.0)
     return round(shift / run.info.dt)
 
 
 def _logged(run: Run, index: int, agent: int, lag: int) -> AgentTable | None:
-    """The log `lag` steps before the table at `index`; None if it is missing or lacks `agent`."""
+    """Returns the log `lag` steps before the table at `index`; None if it is missing or lacks `agent`."""
     at = index - lag
     if not run.log or at < 0 or run.log[at].step != run.tables[index].step - lag:
         return None
@@ -352,7 +309,7 @@ def _logged(run: Run, index: int, agent: int, lag: int) -> AgentTable | None:
 
 
 def _from_log(run: Run, index: int, agent: int, lag: int) -> float | None:
-    """Distance [m] of `agent` in the table at `index` from its log `lag` steps before; None if unknown."""
+    """Returns the distance [m] of `agent` in the table at `index` from its log `lag` steps before; None if unknown."""
     logged, table = _logged(run, index, agent, lag), run.tables[index]
     if logged is None or table.row(agent) < 0:
         return None

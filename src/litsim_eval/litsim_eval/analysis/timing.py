@@ -1,53 +1,79 @@
-"""Wall time of a run."""
+"""Wall time of a run, and how a step spends it on its way from the bridge through the stages and back."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from itertools import pairwise
 
 import numpy as np
 
-from litsim_eval.analysis.step_path import step_path
+from litsim_eval.analysis.metrics_tree import Spread, TimingMetrics
+from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES
 from litsim_sim.record.run import Run
 
-
-@dataclass(frozen=True)
-class StageTime:
-    """Time [ms] of one stage, or of one part of a step's way, over the steps after the first."""
-
-    min: float
-    median: float
-    max: float
+Marks = Mapping[str, Mapping[int, Mapping[str, float]]]
+"""Clock times [s] by stage, step and mark: `begin` and `answered` for every stage, and more for the bridge."""
 
 
-@dataclass(frozen=True)
-class Timing:
-    """Wall time of a run.
-
-    Attributes:
-        wall_s: from the first answered step to the last [s]; None if the bridge did not finish.
-        realtime_factor: simulated time over wall time; above 1 is faster than real time.
-        stages: compute times by stage.
-        path: durations of the parts of a step; see :func:`litsim_eval.analysis.step_path.step_path`.
-    """
-
-    wall_s: float | None
-    realtime_factor: float | None
-    stages: dict[str, StageTime]
-    path: dict[str, StageTime]
-
-
-def timing(run: Run) -> Timing:
-    """Wall time and compute times; the latter without step 0, which includes loading and compilation."""
+def timing(run: Run) -> TimingMetrics:
+    """Returns wall time and compute times; the latter without step 0, which includes loading and compilation."""
     wall = run.summary.get("wall_s")
-    simulated = run.tables[-1].step * run.info.dt
+    last = run.tables[-1].step
     path: dict[str, list[float]] = {}
-    for step in range(1, run.tables[-1].step):
+    for step in range(1, last):
         for name, seconds in step_path(step, run.marks).items():
             path.setdefault(name, []).append(seconds)
     stages = {name: [s for step, s in seconds.items() if step > 0] for name, seconds in sorted(run.timing.items())}
-    return Timing(wall, simulated / wall if wall else None, _spread(stages), _spread(path))
+    return {
+        "wall_s": wall,
+        "realtime_factor": last * run.info.dt / wall if wall else None,
+        "stage_ms": _spread(stages),
+        "path_ms": _spread(path),
+    }
 
 
-def _spread(seconds: dict[str, list[float]]) -> dict[str, StageTime]:
-    found = {name: 1e3 * np.array(values) for name, values in seconds.items() if values}
-    return {name: StageTime(float(v.min()), float(np.median(v)), float(v.max())) for name, v in found.items()}
+def _spread(seconds: dict[str, list[float]]) -> dict[str, Spread]:
+    times = {name: 1e3 * np.array(values) for name, values in seconds.items() if values}
+    return {
+        name: {"min": float(ms.min()), "median": float(np.median(ms)), "max": float(ms.max())}
+        for name, ms in times.items()
+    }
+
+
+def step_path(step: int, marks: Marks) -> dict[str, float]:
+    """Returns the durations [s] of the parts of one step, in order; empty if marks of a participant are missing.
+
+    A hop between two stages is the serialisation, transport and reading of a message; it is negative where the receiver
+    begins before the sender has noted that everything is published. `wait for ego` is the time by
+    which the ego answered later than the policy, `recorder` the bridge's wait for the recorder's confirmation. The
+    parts add up to `whole step`; the part in brackets runs in parallel.
+    """
+    now = {stage: each.get(step, {}) for stage, each in marks.items()}
+    bridge, after = now.get(BRIDGE, {}), marks.get(BRIDGE, {}).get(step + 1, {})
+    chain = [stage for stage in POLICY_STAGES if marks.get(stage)]
+    ego = now.get(EGO, {}).get("answered")
+    if not {"begin", "shown", "free", "answered", "complete"} <= bridge.keys() or "begin" not in after:
+        return {}
+    if not chain or not all(now[stage] for stage in chain):
+        return {}
+    last = now[chain[-1]]["answered"]
+    ready = max(last, last if ego is None else ego)
+    return {
+        "bridge publishes": bridge["shown"] - bridge["begin"],
+        f"hop to {chain[0]}": now[chain[0]]["begin"] - bridge["shown"],
+        chain[0]: now[chain[0]]["answered"] - now[chain[0]]["begin"],
+        **{
+            name: seconds
+            for one, other in pairwise(chain)
+            for name, seconds in (
+                (f"hop to {other}", now[other]["begin"] - now[one]["answered"]),
+                (other, now[other]["answered"] - now[other]["begin"]),
+            )
+        },
+        "wait for ego": ready - last,
+        "hop to bridge": bridge["answered"] - ready,
+        "recorder": bridge["complete"] - bridge["answered"],
+        "world": after["begin"] - bridge["complete"],
+        "whole step": after["begin"] - bridge["begin"],
+        "(bridge: standard types and SUMO)": bridge["free"] - bridge["shown"],
+    }

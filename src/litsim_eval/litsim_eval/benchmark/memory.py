@@ -37,18 +37,18 @@ class Memory:
     resident: list[float] = field(default_factory=list)
 
     def at(self, share: float) -> float:
-        """Resident memory [MB] after `share` of the run."""
+        """Returns the resident memory [MB] after `share` of the run."""
         return float(np.interp(share, self.share, self.resident))
 
     def slope(self, minutes: float) -> float:
-        """Growth [MB per simulated minute] after SETTLED in a run of `minutes`, by a fitted line."""
+        """Returns the growth [MB per simulated minute] after SETTLED in a run of `minutes`, by a fitted line."""
         share, resident = np.array(self.share), np.array(self.resident)
         settled = share >= SETTLED
         return float(np.polyfit(share[settled] * minutes, resident[settled], 1)[0])
 
 
 def measure_memory(agents: int, minutes: float) -> dict[str, Memory]:
-    """Run benchmark traffic for `minutes` in process, keeping no results, then over the graph with recording.
+    """Runs benchmark traffic for `minutes` in process, keeping no results, then over the graph with recording.
 
     Returns:
         memory by process.
@@ -65,12 +65,10 @@ def measure_memory(agents: int, minutes: float) -> dict[str, Memory]:
 
 
 def memory_in_process(scenario_file: Path) -> Memory:
-    """Memory of this process while it runs a scenario and keeps no results."""
-    scenario = Scenario.load(scenario_file)
-    memory = Memory()
-    for now in Runner(
-        RunPlan(scenario, EGO, POLICY), SumoMirror(scenario.net_path, scenario.seed, scenario.signals)
-    ).steps():
+    """Returns memory of this process while it runs a scenario and keeps no results."""
+    scenario, memory = Scenario.load(scenario_file), Memory()
+    mirror = SumoMirror(scenario.net_path, scenario.seed, scenario.signals)
+    for now in Runner(RunPlan(scenario, EGO, POLICY), mirror).steps():
         if now.table.step % EVERY == 0:
             memory.share.append(now.table.step / scenario.total_steps)
             memory.resident.append(resident_mb(os.getpid()))
@@ -78,7 +76,7 @@ def memory_in_process(scenario_file: Path) -> Memory:
 
 
 def memory_of_graph(scenario_file: Path, bag: Path) -> dict[str, Memory]:
-    """Memory of each process of a graph from step 0 of a run on, recorded to `bag`.
+    """Returns memory of each process of a graph from step 0 of a run on, recorded to `bag`.
 
     Raises:
         InputError: the run failed.
@@ -86,7 +84,7 @@ def memory_of_graph(scenario_file: Path, bag: Path) -> dict[str, Memory]:
     command = [find_executable("litsim_sim", LAUNCHER), "--no-analyze", "--out", bag, "--scenario", scenario_file]
     environment = {key: value for key, value in os.environ.items() if key != "ROS_DOMAIN_ID"}
     log = bag.with_suffix(".log")
-    looks: list[tuple[float, dict[str, float]]] = []
+    samples: list[tuple[float, dict[str, float]]] = []
     with log.open("w") as stream:
         launcher = subprocess.Popen(
             [*map(str, command), "--ego", EGO, "--policy", POLICY], stdout=stream, stderr=stream, env=environment
@@ -94,24 +92,30 @@ def memory_of_graph(scenario_file: Path, bag: Path) -> dict[str, Memory]:
         try:
             while launcher.poll() is None:
                 if "step/s" in log.read_text(errors="replace"):  # its progress bar
-                    found = {name: resident_mb(process) for name, process in children(launcher.pid).items()}
-                    looks.append((time.monotonic(), found))
+                    resident = {name: resident_mb(process) for name, process in children(launcher.pid).items()}
+                    samples.append((time.monotonic(), resident))
                 time.sleep(PERIOD_S)
         finally:
             launcher.terminate()
             launcher.wait()
-    if launcher.returncode != 0 or not looks:
+    if launcher.returncode != 0 or not samples:
         raise InputError(f"launch ended with status {launcher.returncode}: {log.read_text()[-500:]}")
-    whole = {name for name in looks[0][1] if all(name in found for _, found in looks[: len(looks) * 9 // 10])}
-    looks = [(when, found) for when, found in looks if whole <= found.keys() and all(found[name] for name in whole)]
-    first, last = looks[0][0], looks[-1][0]
-    share = [(when - first) / (last - first) for when, _ in looks]
-    return {name: Memory(share, [found[name] for _, found in looks]) for name in sorted(whole)}
+    whole = {
+        name for name in samples[0][1] if all(name in resident for _, resident in samples[: len(samples) * 9 // 10])
+    }
+    samples = [
+        (when, resident)
+        for when, resident in samples
+        if whole <= resident.keys() and all(resident[name] for name in whole)
+    ]
+    first, last = samples[0][0], samples[-1][0]
+    share = [(when - first) / (last - first) for when, _ in samples]
+    return {name: Memory(share, [resident[name] for _, resident in samples]) for name in sorted(whole)}
 
 
 def children(parent: int) -> dict[str, int]:
-    """Ids of the LitSim processes that the process `parent` has started, by the name of their executable."""
-    found = {}
+    """Returns ids of the LitSim processes that the process `parent` has started, by the name of their executable."""
+    processes = {}
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             fields = (folder / "stat").read_text().rsplit(")", 1)[1].split()
@@ -120,12 +124,12 @@ def children(parent: int) -> dict[str, int]:
             continue
         program = next((word for word in words if NODES in word), "")
         if int(fields[1]) == parent and program:
-            found[Path(program).name] = int(folder.name)
-    return found
+            processes[Path(program).name] = int(folder.name)
+    return processes
 
 
 def resident_mb(process: int) -> float:
-    """Resident memory of a process [MB]; 0 if it has ended."""
+    """Returns the resident memory of a process [MB]; 0 if it has ended."""
     try:
         pages = int((Path("/proc") / str(process) / "statm").read_text().split()[1])
     except (OSError, IndexError):
@@ -134,7 +138,7 @@ def resident_mb(process: int) -> float:
 
 
 def memory_rows(found: Mapping[str, Memory], minutes: float) -> Iterator[list[str]]:
-    """Rows of the table: process, memory [MB] at the start, when settled, at the end; growth [MB per minute]."""
+    """Yields rows of the table: process, memory [MB] at the start, when settled, at the end; growth [MB per minute]."""
     for name, memory in found.items():
         figures = (memory.at(0.0), memory.at(SETTLED), memory.at(1.0))
         yield [name, *(f"{figure:.1f}" for figure in figures), f"{memory.slope(minutes):+.2f}"]

@@ -5,14 +5,13 @@ from __future__ import annotations
 import statistics
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from litsim_eval.benchmark.steps import EGO, POLICY, execute, write_scenario
+from litsim_eval.benchmark.steps import Sample, execute, launch, spread, write_scenario
 from litsim_sim.core.stages import BRIDGE
-from litsim_sim.launch.nodes import find_executable
-from litsim_sim.record.run import Run, read_run
+from litsim_sim.record.run import read_run
 
 LIBRARIES = ("numpy", "shapely", "pyarrow", "pydantic", "numba", "libsumo", "rclpy.node")
 """Slow imports of the processes of this run, each with its own dependencies."""
@@ -21,12 +20,9 @@ TORCH = "torch"
 FIRST_STEP, SLOWEST, RATIO = "launcher to first step", "slowest import", "first step / slowest import"
 SECONDS = 4.0  # [s] simulated time, 3 s of history included
 
-Start = dict[str, float]
-"""Times of one repetition [s]: :data:`FIRST_STEP`, and the import of each library on its own."""
 
-
-def measure_start(folder: Path, agents: int, repeats: int, advance: Callable[[], object]) -> list[Start]:
-    """Time, `repeats` times, the import of each library in a new process, and the launch of a run.
+def measure_start(folder: Path, agents: int, repeats: int, advance: Callable[[], object]) -> list[Sample]:
+    """Times, `repeats` times, the import of each library in a new process, and the launch of a run [s].
 
     The libraries are :data:`LIBRARIES`, and :data:`TORCH` where it is installed.
 
@@ -35,54 +31,45 @@ def measure_start(folder: Path, agents: int, repeats: int, advance: Callable[[],
     """
     scenario = write_scenario(folder, agents, SECONDS)
     libraries = [*LIBRARIES, *([TORCH] if find_spec(TORCH) else [])]
-    found = []
+    starts = []
     for _ in range(repeats):
         bare = _import_time("sys")
         start = {library: _import_time(library) - bare for library in libraries}
-        found.append(start | {FIRST_STEP: time_to_first_step(scenario, folder / "bag")})
+        starts.append(start | {FIRST_STEP: time_to_first_step(scenario, folder / "bag")})
         advance()
-    return found
+    return starts
 
 
 def time_to_first_step(scenario_file: Path, bag: Path) -> float:
-    """Time [s] from the start of the launcher until the bridge has published step 0.
+    """Returns the time [s] from the start of the launcher until the bridge has published step 0.
 
     Raises:
         InputError: the run failed.
     """
-    command = ["--quiet", "--no-analyze", "--overwrite", "--out", str(bag), "--scenario", str(scenario_file)]
-    program = find_executable("litsim_sim", "launch")
     begin = time.perf_counter()
-    execute(program, *command, "--ego", EGO, "--policy", POLICY)
-    return first_step(read_run(bag)) - begin
+    launch(scenario_file, bag, "--no-analyze")
+    return read_run(bag).marks[BRIDGE][0]["shown"] - begin
 
 
-def first_step(run: Run) -> float:
-    """Time at which step 0 of a recorded run was published, by the clock of ``time.perf_counter`` [s]."""
-    return run.marks[BRIDGE][0]["shown"]
-
-
-def start_rows(found: Sequence[Mapping[str, float]]) -> Iterator[list[str]]:
-    """Rows of the table: name, and median (minimum to maximum) of the repetitions; ratios are within repetitions."""
-    names = [*sorted(LIBRARIES, key=lambda name: -statistics.median(each[name] for each in found))]
-    for name in names:
-        yield [f"import {name}, s", _spread([each[name] for each in found])]
-    slowest = [max(each[name] for name in LIBRARIES) for each in found]
-    first = [each[FIRST_STEP] for each in found]
-    yield [f"{SLOWEST}, s", _spread(slowest)]
-    yield [f"{FIRST_STEP}, s", _spread(first)]
-    yield [RATIO, _spread([a / b for a, b in zip(first, slowest, strict=True)])]
-    if all(TORCH in each for each in found):
-        yield [f"import {TORCH}, which no run does, s", _spread([each[TORCH] for each in found])]
-        yield [f"{FIRST_STEP} / import {TORCH}", _spread([each[FIRST_STEP] / each[TORCH] for each in found])]
+def start_rows(starts: Sequence[Sample]) -> Iterator[list[str]]:
+    """Yields rows of the table: name, and median (minimum to maximum); ratios are within repetitions."""
+    slowest = [max(start[name] for name in LIBRARIES) for start in starts]
+    figures = [
+        start | {SLOWEST: most, RATIO: start[FIRST_STEP] / most} for start, most in zip(starts, slowest, strict=True)
+    ]
+    for name in sorted(LIBRARIES, key=lambda name: -statistics.median(start[name] for start in starts)):
+        yield [f"import {name}, s", spread(figures, name)]
+    yield [f"{SLOWEST}, s", spread(figures, SLOWEST)]
+    yield [f"{FIRST_STEP}, s", spread(figures, FIRST_STEP)]
+    yield [RATIO, spread(figures, RATIO)]
+    if all(TORCH in start for start in starts):
+        ratio = f"{FIRST_STEP} / import {TORCH}"
+        yield [f"import {TORCH}, which no run does, s", spread(figures, TORCH)]
+        yield [ratio, spread([{ratio: start[FIRST_STEP] / start[TORCH]} for start in starts], ratio)]
 
 
 def _import_time(library: str) -> float:
-    """Duration [s] of a process that imports `library` and ends."""
+    """Returns the duration [s] of a process that imports `library` and ends."""
     begin = time.perf_counter()
     execute(Path(sys.executable), "-c", f"import {library}")
     return time.perf_counter() - begin
-
-
-def _spread(values: Sequence[float]) -> str:
-    return f"{statistics.median(values):.2f} ({min(values):.2f} to {max(values):.2f})"

@@ -15,21 +15,28 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import yaml
 
-from litsim_eval.analysis.step_path import step_path
-from litsim_eval.benchmark.traffic import LANE_WIDTH, LANES, columns_of_traffic
+from litsim_eval.analysis.timing import step_path
 from litsim_eval.runs.runner import Runner
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
+from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, Kind
 from litsim_sim.core.stages import BRIDGE
 from litsim_sim.launch.nodes import find_executable
 from litsim_sim.record.bag import BagReader, BagWriter
 from litsim_sim.record.run import Run, read_run
+from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.sumo import SumoMirror
 
+LANES = 5
+LANE_WIDTH = 3.66  # [m]
+SPACING = 10.0  # [m] between vehicles of a lane
+SPEED = 8.0  # [m/s]
+SIZE = (4.5, 1.8)  # [m]
 EGO, POLICY = "idm", "litsim"
 LOOP = ("predictor", "conflict", "policy")  # stages that wait for each other; the ego answers in parallel
 FREE_ROAD = 400.0  # [m] of road ahead of the foremost vehicle
@@ -47,15 +54,36 @@ RATIOS = {
 }
 
 PATH = "graph: "
-"""Prefix of the parts of a step's way through the graph, see :mod:`litsim_eval.analysis.step_path`."""
+"""Prefix of the parts of a step's way through the graph, see :mod:`litsim_eval.analysis.timing`."""
 
 Sample = dict[str, float]
 """Times of a step in one repetition [ms], by name: :data:`PARTS` (medians over the steps of the run, except transport,
 which is the rest of a step), parts of its way through the graph (medians), and whole steps (means)."""
 
 
+def columns_of_traffic(agents: int, seconds: float) -> Recording:
+    """Returns a recording of `agents` vehicles in five lanes, all at 8 m/s and 10 m apart, for `seconds` [s].
+
+    They are on the net of the demo; the ids go up from 1, lane by lane and then back along the road.
+    """
+    frames = round(seconds / STEP_S) + 1
+    number = np.arange(agents)
+    x0 = 15.0 + SPACING * (number // LANES) + 2.0 * (number % LANES)
+    y0 = -LANE_WIDTH * (number % LANES + 0.5)
+    frame, vehicle = (grid.ravel() for grid in np.meshgrid(np.arange(frames), number, indexing="ij"))
+    table = pd.DataFrame({"vehicle_id": vehicle + 1, "frame": frame})
+    table["x"] = x0[vehicle] + SPEED * STEP_S * frame
+    table["y"] = y0[vehicle]
+    table["yaw"] = table["acceleration"] = 0.0
+    table["speed"] = SPEED
+    table["length"], table["width"] = SIZE
+    table["kind"] = int(Kind.CAR)
+    table["lane"] = vehicle % LANES + 1
+    return Recording.from_table(RecordingHeader("columns", source="generated for the benchmark"), table, "benchmark")
+
+
 def write_scenario(folder: Path, agents: int, seconds: float) -> Path:
-    """Write a scenario of :func:`columns_of_traffic` on a straight road, with the ego in the middle.
+    """Writes a scenario of :func:`columns_of_traffic` on a straight road, with the ego in the middle.
 
     The ego keeps a longer headway than its log and falls back, so that agents behind it are taken over.
     """
@@ -77,7 +105,7 @@ def write_scenario(folder: Path, agents: int, seconds: float) -> Path:
 
 
 def straight_road(length: float) -> str:
-    """A SUMO net of one straight road along +x, `length` [m] long, whose leftmost lane has its left edge at y = 0."""
+    """Returns a SUMO net of a straight road along +x, `length` [m] long, whose left edge is at y = 0."""
     centres = [-LANE_WIDTH * (LANES - lane - 0.5) for lane in range(LANES)]  # SUMO counts from the right
     lanes = "".join(
         f'<lane id="road_{lane}" index="{lane}" speed="36.00" length="{length:.2f}" width="{LANE_WIDTH}" '
@@ -99,35 +127,31 @@ def straight_road(length: float) -> str:
     )
 
 
-class TimedMirror:
+class TimedMirror(SumoMirror):
     """SUMO with the time it takes in each step, `seconds` [s]."""
 
-    def __init__(self, mirror: SumoMirror) -> None:
-        self._mirror = mirror
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario.net_path, scenario.seed, scenario.signals)
         self.seconds: list[float] = []
 
     def show(self, table: AgentTable) -> None:
         """See :class:`litsim_sim.world.world.Mirror`."""
         begin = time.perf_counter()
-        self._mirror.show(table)
+        super().show(table)
         self.seconds.append(time.perf_counter() - begin)
 
     def deviation(self, table: AgentTable) -> FloatArray:
         """See :class:`litsim_sim.world.world.Mirror`; its time counts as well."""
         begin = time.perf_counter()
-        deviation = self._mirror.deviation(table)
+        deviation = super().deviation(table)
         self.seconds[-1] += time.perf_counter() - begin
         return deviation
 
-    def close(self) -> None:
-        """See :class:`litsim_sim.world.world.Mirror`."""
-        self._mirror.close()
-
 
 def time_in_process(scenario_file: Path, *, sumo: bool) -> Sample:
-    """Time the steps after the history in a run in this process; by stage with SUMO, as a whole without."""
+    """Times the steps after the history in a run in this process; by stage with SUMO, as a whole without."""
     scenario = Scenario.load(scenario_file)
-    mirror = TimedMirror(SumoMirror(scenario.net_path, scenario.seed, scenario.signals)) if sumo else None
+    mirror = TimedMirror(scenario) if sumo else None
     runner = Runner(RunPlan(scenario, EGO, POLICY), mirror)
     parts: dict[str, list[float]] = {}
     begin, steps = 0.0, 0
@@ -148,18 +172,27 @@ def time_in_process(scenario_file: Path, *, sumo: bool) -> Sample:
 
 
 def time_graph(scenario_file: Path, bag: Path, options: Sequence[str] = ()) -> Sample:
-    """Time the steps after the history in a run over DDS, recorded to `bag`, with further `options` of the launcher.
+    """Times the steps after the history in a run over DDS, recorded to `bag`, with further `options` of the launcher.
 
     Raises:
         InputError: the run failed.
     """
-    command = ["--quiet", "--overwrite", "--out", str(bag), "--scenario", str(scenario_file)]
-    execute(find_executable("litsim_sim", "launch"), *command, "--ego", EGO, "--policy", POLICY, *options)
+    launch(scenario_file, bag, *options)
     return graph_sample(read_run(bag))
 
 
+def launch(scenario_file: Path, bag: Path, *options: str) -> None:
+    """Makes a run over DDS, recorded to `bag`, with further `options` of the launcher.
+
+    Raises:
+        InputError: the run failed.
+    """
+    words = ["--quiet", "--overwrite", "--out", str(bag), "--scenario", str(scenario_file)]
+    execute(find_executable("litsim_sim", "launch"), *words, "--ego", EGO, "--policy", POLICY, *options)
+
+
 def graph_sample(run: Run) -> Sample:
-    """Times of the steps after the history in a run over DDS, from the recorded marks of bridge and stages."""
+    """Returns times of the steps after the history in a run over DDS, from the recorded marks of bridge and stages."""
     begins = {step: at["begin"] for step, at in run.marks[BRIDGE].items() if step >= run.info.history_steps}
     first, last = min(begins), max(begins)
     whole = 1e3 * (begins[last] - begins[first]) / (last - first)
@@ -173,7 +206,7 @@ def graph_sample(run: Run) -> Sample:
 
 
 def time_recording(bag: Path, folder: Path) -> Sample:
-    """Time the writing of the messages of `bag`: the work of the recorder per step without receiving them."""
+    """Times the writing of the messages of `bag`: the work of the recorder per step without receiving them."""
     reader = BagReader(bag)
     messages = list(reader.messages())
     steps = 1 + round(max(message.log_time_ns for message in messages) * 1e-9 / STEP_S)
@@ -187,7 +220,7 @@ def time_recording(bag: Path, folder: Path) -> Sample:
 
 
 def time_highway_env(python: Path, script: Path, agents: int, steps: int) -> Sample:
-    """Time highway-env with as many vehicles, at the same 10 Hz, with `python` of its own environment.
+    """Times highway-env with as many vehicles, at the same 10 Hz, with `python` of its own environment.
 
     Raises:
         InputError: it cannot be run.
@@ -204,7 +237,7 @@ def measure(
     done: Callable[[], object],
     options: Sequence[str] = (),
 ) -> list[Sample]:
-    """Measure everything `repeats` times with one number of agents.
+    """Measures everything `repeats` times with one number of agents.
 
     Args:
         folder: for the scenario and the records.
@@ -235,13 +268,13 @@ def measure(
 
 
 def spread(samples: Sequence[Sample], name: str) -> str:
-    """The figure `name` over the repetitions, as `median (minimum to maximum)`."""
+    """Returns the figure `name` over the repetitions, as `median (minimum to maximum)`."""
     values = [sample[name] for sample in samples]
     return f"{statistics.median(values):.2f} ({min(values):.2f} to {max(values):.2f})"
 
 
 def table_rows(by_agents: dict[int, list[Sample]]) -> Iterator[list[str]]:
-    """Rows of the table: name, and figure for each number of agents; a dash if it was not measured."""
+    """Yields rows of the table: name, and figure for each number of agents; a dash if it was not measured."""
     path = dict.fromkeys(name for each in by_agents.values() for name in each[0] if name.startswith(PATH))
     for name in (*PARTS, IN_PROCESS, WITHOUT_SUMO, GRAPH, *path, HIGHWAY_ENV, *RATIOS):
         if any(name in samples[0] for samples in by_agents.values()):
@@ -250,20 +283,18 @@ def table_rows(by_agents: dict[int, list[Sample]]) -> Iterator[list[str]]:
 
 
 def execute(program: Path, *arguments: str, environment: Mapping[str, str] | None = None) -> str:
-    """Run a program, outside of this process's ROS domain, and return its standard output.
+    """Runs a program, outside of this process's ROS domain, and returns its standard output.
 
     `environment` replaces the environment of this process; None keeps it.
 
     Raises:
         InputError: it cannot be run, or fails.
     """
-    given = os.environ if environment is None else environment
-    environment = {key: value for key, value in given.items() if key != "ROS_DOMAIN_ID"}
+    own = {key: value for key, value in (environment or os.environ).items() if key != "ROS_DOMAIN_ID"}
     try:
-        ended = subprocess.run([program, *arguments], capture_output=True, text=True, check=False, env=environment)
+        ended = subprocess.run([program, *arguments], capture_output=True, text=True, check=False, env=own)
     except OSError as error:
         raise InputError(f"{program}: cannot be run: {error.strerror or error}") from error
     if ended.returncode != 0:
-        said = ended.stderr.strip()[-500:]
-        raise InputError(f"{program.name} ended with status {ended.returncode}: {said}")
+        raise InputError(f"{program.name} ended with status {ended.returncode}: {ended.stderr.strip()[-500:]}")
     return ended.stdout

@@ -13,20 +13,20 @@ LEVEL, RESAMPLES, SEED = 0.95, 2000, 0
 
 
 def drawn_units(count: int) -> IntArray:
-    """(RESAMPLES, count) positions of `count` units, drawn with replacement, the same at every call."""
+    """Returns (RESAMPLES, count) positions of `count` units, drawn with replacement, the same at every call."""
     return np.random.default_rng(SEED).integers(count, size=(RESAMPLES, count))
 
 
 @lru_cache(maxsize=8)
 def times_drawn(count: int) -> FloatArray:
-    """(RESAMPLES, count) how often each of `count` units is in each of the draws of :func:`drawn_units`."""
+    """Returns (RESAMPLES, count) how often each of `count` units is in each of the draws of :func:`drawn_units`."""
     times = np.stack([np.bincount(draw, minlength=count) for draw in drawn_units(count)]).astype(np.float64)
     times.setflags(write=False)
     return times
 
 
 def percentile_bounds(figures: FloatArray) -> tuple[float, float] | None:
-    """Bounds of a figure from its values in the draws (Efron 1979), without those that are nan; None if all are."""
+    """Returns bounds of a figure from its values in the draws (Efron 1979) that are not nan; None if all are."""
     known = figures[np.isfinite(figures)]
     if not len(known):
         return None
@@ -35,5 +35,5 @@ def percentile_bounds(figures: FloatArray) -> tuple[float, float] | None:
 
 
 def ratios(above: FloatArray, below: FloatArray) -> FloatArray:
-    """`above` over `below` by draw; nan where `below` is 0."""
+    """Returns `above` over `below` by draw; nan where `below` is 0."""
     return np.divide(above, below, out=np.full(len(above), np.nan), where=below > 0)

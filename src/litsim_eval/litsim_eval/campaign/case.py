@@ -22,13 +22,15 @@ from litsim_sim.scenario.scenario import Scenario
 
 ID_LENGTH = 16
 SCENARIOS_KEPT = 4  # most scenarios in memory while cases are made
-MODEL = "model"  # a parameter that labels of rows name by its value alone
+MODEL = "model"  # a parameter that labels of variants name by its value alone
 NOT_OF_THE_RESULT = ("commit",)
 """Versions that reports show but that do not affect identities: the digest of the sources does."""
+OF_NO_RUN = {"name", "description", "ego", "egos", "tuning", "seed", "end_after_contact_s"}
+"""Fields of a scenario that do not affect its runs, or that a case states itself."""
 
-Shell = Literal["graph", "process"]
-GRAPH: Shell = "graph"
-PROCESS: Shell = "process"
+ExecutionMode = Literal["graph", "process"]
+GRAPH: ExecutionMode = "graph"
+PROCESS: ExecutionMode = "process"
 Settings = tuple[tuple[str, Any], ...]
 
 
@@ -45,11 +47,11 @@ class Case:
         ego_id: id of the vehicle that is the ego.
         ego: driver of the ego.
         policy: what moves the background.
-        label: distinguishes its row from others of the same ego and policy; may be empty.
+        label: distinguishes the variant from others of the same ego and policy; may be empty.
         seed: seed of all randomness; None for the scenario's.
         end_after_contact_s: time after the ego's first contact at which the run ends [s]; None for the scenario's.
-        parameters: `stage.name` and value of each parameter set by the row; those of the ego are in `ego`.
-        shell: whether it is run over DDS or in process.
+        parameters: `stage.name` and value of each parameter set by the variant; those of the ego are in `ego`.
+        execution_mode: whether it is run over DDS or in process.
         tags, events: as the suite gives them.
     """
 
@@ -64,7 +66,7 @@ class Case:
     seed: int | None
     end_after_contact_s: float | None
     parameters: Settings
-    shell: Shell
+    execution_mode: ExecutionMode
     tags: tuple[str, ...] = ()
     events: tuple[Mapping[str, Any], ...] = ()
 
@@ -78,18 +80,18 @@ class Case:
         return self.scenario, self.ego_id
 
     @property
-    def row(self) -> str:
-        """Name of the row of tables that the run is counted in: ego, policy and label."""
+    def variant(self) -> str:
+        """Name of what campaigns compare, by which runs are counted together: ego, policy and label."""
         return ", ".join(part for part in (self.ego.name, self.policy, self.label) if part)
 
     @property
     def stage_parameters(self) -> Parameters:
         """All parameters of the run, the ego's own included, by stage and name."""
-        given = {**self.ego.parameters, **dict(self.parameters)}
-        return by_stage((*name.split(".", 1), value) for name, value in given.items())
+        values = {**self.ego.parameters, **dict(self.parameters)}
+        return by_stage((*name.split(".", 1), value) for name, value in values.items())
 
     def to_json(self) -> dict[str, Any]:
-        """The case as values for JSON; the inverse of :meth:`from_json`."""
+        """Returns the case as values for JSON; the inverse of :meth:`from_json`."""
         return {
             "id": self.id,
             "key": self.key,
@@ -100,22 +102,23 @@ class Case:
             "ego_setup": self.ego.model_dump(mode="json"),
             "policy": self.policy,
             "label": self.label,
-            "row": self.row,
+            "variant": self.variant,
             "seed": self.seed,
             "end_after_contact_s": self.end_after_contact_s,
             "parameters": dict(self.parameters),
-            "shell": self.shell,
+            "execution_mode": self.execution_mode,
             "tags": list(self.tags),
             "events": [dict(event) for event in self.events],
         }
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Case:
-        """The inverse of :meth:`to_json`; raises KeyError or ValueError for other values."""
-        apart = ("ego", "parameters", "end_after_contact_s")  # the last was not always there
+        """Returns what :meth:`to_json` was made of; raises KeyError or ValueError for other values."""
+        apart = ("ego", "parameters", "end_after_contact_s", "execution_mode")
         own = {field: values[field] for field in cls.__dataclass_fields__ if field not in apart}
         own |= {
-            "end_after_contact_s": values.get("end_after_contact_s"),
+            "end_after_contact_s": values.get("end_after_contact_s"),  # was not always there
+            "execution_mode": values.get("execution_mode") or values["shell"],  # its name in format 1
             "tags": tuple(values["tags"]),
             "events": tuple(values["events"]),
         }
@@ -123,7 +126,7 @@ class Case:
 
 
 def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, str] | None = None) -> list[Case]:
-    """Every case of a suite, sorted by row, seed and entry.
+    """Returns every case of a suite, sorted by variant, seed and entry.
 
     Entries that give the same run are one case, with the tags and events of all.
 
@@ -134,29 +137,33 @@ def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, s
 
     Raises:
         InputError: a scenario cannot be used, an ego is not in it, or two scenarios have the same name; it names file
-            and line of the entry, where it has them. Or two rows are of the same runs.
+            and line of the entry, where it has them. Or two variants are of the same runs.
     """
     _check_scenario_names(suite)
-    found = code_versions() if with_versions is None else with_versions
-    deciding = {name: version for name, version in found.items() if name not in NOT_OF_THE_RESULT}
+    versions_of_all = code_versions() if with_versions is None else with_versions
+    deciding = {name: version for name, version in versions_of_all.items() if name not in NOT_OF_THE_RESULT}
     load = lru_cache(maxsize=SCENARIOS_KEPT)(Scenario.load)  # entries of one scenario follow each other
     roads = [road for entry in suite.cases for road in _roads(entry, load)]
     seeds: list[int | None] = [*suite.seeds] or [None]
     cases: dict[str, Case] = {}
-    for row, seed, road in product(_rows(suite), seeds, roads):
-        case = _case(row, seed, suite.end_after_contact_s, road, graph=graph, deciding=deciding)
+    for variant, seed, road in product(_variants(suite), seeds, roads):
+        case = _case(variant, seed, suite.end_after_contact_s, road, graph=graph, deciding=deciding)
         same = cases.get(case.id)
-        if same is not None and same.row != case.row:
+        if same is not None and same.variant != case.variant:
             raise InputError(
-                f"suite {suite.name}: rows {same.row!r} and {case.row!r} ask for the same runs, expected different "
-                f"policies or parameters; those of the suite replace those of a policy or an ego"
+                f"suite {suite.name}: variants {same.variant!r} and {case.variant!r} ask for the same runs, "
+                f"expected different policies or parameters; those of the suite replace those of a policy or an ego"
             )
-        cases[case.id] = case if same is None else _merged(same, case)
+        if same is not None:
+            events = [*same.events, *(event for event in case.events if event not in same.events)]
+            tags = dict.fromkeys((*same.tags, *case.tags))
+            case = replace(same, tags=tuple(tags), events=tuple(events))
+        cases[case.id] = case
     return list(cases.values())
 
 
 def chosen_egos(choice: EgoChoice | Sequence[int], scenario: Scenario) -> tuple[int, ...]:
-    """Ids of the vehicles of `scenario` that are the ego, one run each.
+    """Returns ids of the vehicles of `scenario` that are the ego, one run each.
 
     Raises:
         InputError: the scenario lists none, or one that was chosen is not present at its start.
@@ -177,13 +184,13 @@ def chosen_egos(choice: EgoChoice | Sequence[int], scenario: Scenario) -> tuple[
 
 
 def code_versions() -> dict[str, str]:
-    """Versions of the dependencies of a run, and as `sources` a digest of all files of the packages with stages."""
+    """Returns versions of the dependencies of a run, and as `sources` a digest of the packages with stages."""
     return {**versions(), "sources": _sources()}
 
 
 @dataclass(frozen=True)
-class _Row:
-    """The common properties of all runs of a row of tables."""
+class _Variant:
+    """The common properties of all runs of a variant."""
 
     ego: EgoSetup
     policy: str
@@ -202,93 +209,89 @@ class _Road:
     content: Mapping[str, Any]
 
 
-def _rows(suite: Suite) -> Iterator[_Row]:
-    """Ego, policy, parameters and label of every row: each ego with each policy and combination of parameters.
+def _variants(suite: Suite) -> Iterator[_Variant]:
+    """Yields every variant: each ego with each policy and combination of parameters.
 
-    Parameters of the policy's stages make no rows of a replay, which has none of these stages. Labels tell the
+    Parameters of the policy's stages make no variants of a replay, which has none of these stages. Labels tell the
     parameters that have several values, and those of the ego or the policy that the suite replaces.
     """
     for ego, setup in product(suite.egos, suite.setups):
         own = {**ego.parameters, **setup.parameters}
-        mine = {
+        varied_by = {
             name: values
             for name, values in suite.parameters.items()
             if setup.kind != REPLAY or name.split(".")[0] not in POLICY_STAGES
         }
-        for values in product(*mine.values()):
-            varied = dict(zip(mine, values, strict=True))
-            told = [
+        for values in product(*varied_by.values()):
+            varied = dict(zip(varied_by, values, strict=True))
+            labels = [
                 str(value) if short == MODEL else f"{short}={value}"
                 for name, value in varied.items()
                 for short in [name.split(".", 1)[1]]
-                if len(mine[name]) > 1 or short == MODEL or own.get(name, value) != value
+                if len(varied_by[name]) > 1 or short == MODEL or own.get(name, value) != value
             ]
-            label = ", ".join(part for part in (setup.label, *told) if part)
-            yield _Row(ego, setup.kind, tuple({**setup.parameters, **varied}.items()), label)
+            label = ", ".join(part for part in (setup.label, *labels) if part)
+            yield _Variant(ego, setup.kind, tuple({**setup.parameters, **varied}.items()), label)
 
 
 def _roads(entry: CaseEntry, load: Callable[[str], Scenario]) -> list[_Road]:
-    """What happens on the road, once for each vehicle that is the ego.
+    """Returns an entry of the suite for each vehicle that is the ego.
 
     Raises:
         InputError: the scenario cannot be used, or an ego is not in it.
     """
     try:
-        return list(_roads_of(entry, load(entry.scenario)))
+        scenario = load(entry.scenario)
+        egos = chosen_egos(entry.chosen, scenario)
     except InputError as error:
         raise InputError(": ".join(filter(None, (entry.place, str(error))))) from error
-
-
-def _roads_of(entry: CaseEntry, scenario: Scenario) -> Iterator[_Road]:
-    """The same for a scenario that has been read."""
-    of_no_run = {"name", "description", "ego", "egos", "tuning", "seed", "end_after_contact_s"}
-    content = scenario.file.model_dump(mode="json", exclude=of_no_run)
-    files = {field: Path(getattr(scenario.file, field)) for field in ("recording", "net")}
+    file = scenario.file
+    content = file.model_dump(mode="json", exclude=OF_NO_RUN)
+    files = {field: Path(getattr(file, field)) for field in ("recording", "net")}
     content |= {field: [path.name, file_digest(path)] for field, path in files.items()}
-    for ego_id in chosen_egos(entry.chosen, scenario):
-        yield _Road(entry, ego_id, scenario.seed, scenario.file.end_after_contact_s, content)
+    return [_Road(entry, ego_id, scenario.seed, file.end_after_contact_s, content) for ego_id in egos]
 
 
 def _case(
-    row: _Row, seed: int | None, end: float | None, road: _Road, *, graph: bool, deciding: Mapping[str, str]
+    variant: _Variant, seed: int | None, end: float | None, road: _Road, *, graph: bool, deciding: Mapping[str, str]
 ) -> Case:
-    short, ego = Path(road.entry.scenario).stem, row.ego
+    short, ego = Path(road.entry.scenario).stem, variant.ego
     seed = road.entry.seed if seed is None else seed
     question = {
         "scenario": [short, road.content],
         "ego_id": str(road.ego_id),
         "ego": ego.name,
-        "policy": row.policy,
-        "parameters": dict(row.parameters),
+        "policy": variant.policy,
+        "parameters": dict(variant.parameters),
         "seed": road.seed if seed is None else seed,
     }
     ends = road.end if end is None else end
     if ends is not None:  # questions of before runs could end so stay the same
         question["end_after_contact_s"] = ends
-    shell = GRAPH if graph or ego.kind == EXTERNAL else PROCESS
-    given = [*ego.command, *ego.parameters.values(), *dict(row.parameters).values()]
-    setup = {"ego": ego.model_dump(mode="json"), "files": _files(given)}
-    name = "/".join((short, str(road.ego_id), ego.name, row.policy, *([] if seed is None else [str(seed)])))
+    mode = GRAPH if graph or ego.kind == EXTERNAL else PROCESS
+    settings = [*ego.command, *ego.parameters.values(), *dict(variant.parameters).values()]
+    setup = {"ego": ego.model_dump(mode="json"), "files": _files(settings)}
+    name = "/".join((short, str(road.ego_id), ego.name, variant.policy, *([] if seed is None else [str(seed)])))
     return Case(
-        id=_digest({"question": question, "setup": setup, "shell": shell, "versions": deciding}),
+        id=_digest({"question": question, "setup": setup, "execution_mode": mode, "versions": deciding}),
         key=_digest(question),
-        name=", ".join(part for part in (name, row.label) if part),
+        name=", ".join(part for part in (name, variant.label) if part),
         scenario=road.entry.scenario,
         ego_id=road.ego_id,
         ego=ego,
-        policy=row.policy,
-        label=row.label,
+        policy=variant.policy,
+        label=variant.label,
         seed=seed,
         end_after_contact_s=end,
-        parameters=row.parameters,
-        shell=shell,
+        parameters=variant.parameters,
+        execution_mode=mode,
         tags=tuple(road.entry.tags),
         events=tuple(road.entry.events),
     )
 
 
 def _check_scenario_names(suite: Suite) -> None:
-    """Check that the scenarios' files have unique names, by which runs are distinguished.
+    """Checks that the scenarios' files have unique names, by which runs are distinguished.
 
     Raises:
         InputError: two files have the same name.
@@ -299,12 +302,6 @@ def _check_scenario_names(suite: Suite) -> None:
     for name, files in by_name.items():
         if len(files) > 1:
             raise InputError(f"suite {suite.name}: scenarios {', '.join(sorted(files))} are all called {name}")
-
-
-def _merged(one: Case, other: Case) -> Case:
-    """One case of two for the same run, with the tags and events of both."""
-    events = [*one.events, *(event for event in other.events if event not in one.events)]
-    return replace(one, tags=tuple(dict.fromkeys((*one.tags, *other.tags))), events=tuple(events))
 
 
 @lru_cache(maxsize=1)
@@ -323,7 +320,7 @@ def _sources() -> str:
 
 
 def file_digest(path: Path) -> str:
-    """SHA-256 of the file at `path`, in hexadecimal digits."""
+    """Returns the SHA-256 of the file at `path`, in hexadecimal digits."""
     status = path.stat()
     return _file_digest(path, status.st_size, status.st_mtime_ns)
 
@@ -335,7 +332,7 @@ def _file_digest(path: Path, size: int, changed_ns: int) -> str:  # noqa: ARG001
 
 
 def _files(values: Sequence[Any]) -> dict[str, str]:
-    """Digests of those of `values` that are paths of files, such as scripts of a command and weights."""
+    """Returns digests of those of `values` that are paths of files, such as scripts of a command and weights."""
     paths = [Path(value) for value in values if isinstance(value, str) and value]
     return {str(path): file_digest(path.resolve()) for path in paths if path.is_file()}
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from litsim_eval.analysis.compare import OF_AN_EXECUTION, leaves
+from litsim_eval.analysis.compare import OF_AN_EXECUTION
+from litsim_eval.analysis.metrics_tree import leaves
 from litsim_eval.campaign.bootstrap import LEVEL, RESAMPLES, SEED, percentile_bounds, ratios, times_drawn
 from litsim_eval.campaign.case import Case
 from litsim_eval.campaign.criteria import CriterionResult, Verdict
@@ -73,29 +74,23 @@ class Change:
         name: path in `metrics.json`, with lists by their lengths and booleans by the share of true; or :data:`PASSED`,
             the share of cases that pass.
         pairs: number of pairs that have it.
-        before, after: means.
-        low, high: bounds of the mean difference, after minus before, by :func:`paired_interval`; None if all pairs are
-            of one vehicle.
         differs: number of pairs in which it differs.
+        before, after, change: means, and the mean difference, after minus before.
+        interval: bounds of `change` by :func:`paired_interval`; None if all pairs are of one vehicle.
     """
 
     name: str
     pairs: int
+    differs: int
     before: float
     after: float
-    low: float | None
-    high: float | None
-    differs: int
-
-    @property
-    def change(self) -> float:
-        """Mean difference, after minus before."""
-        return self.after - self.before
+    change: float
+    interval: tuple[float, float] | None
 
     @property
     def clear(self) -> bool:
         """Whether the bounds exclude 0, that is no change."""
-        return self.low is not None and self.high is not None and (self.low > 0.0 or self.high < 0.0)
+        return self.interval is not None and (self.interval[0] > 0.0 or self.interval[1] < 0.0)
 
 
 @dataclass(frozen=True)
@@ -116,25 +111,9 @@ class CampaignComparison:
     only_after: tuple[Case, ...]
     changes: tuple[Change, ...]
 
-    @property
-    def newly_failing(self) -> list[Pair]:
-        """Cases that passed and do not any more."""
-        return [pair for pair in self.pairs if pair.newly_failing]
-
-    @property
-    def newly_passing(self) -> list[Pair]:
-        """Cases that did not pass and do now."""
-        return [pair for pair in self.pairs if pair.newly_passing]
-
-    @property
-    def still_failing(self) -> list[Pair]:
-        """Cases that pass in neither."""
-        return [pair for pair in self.pairs if pair.still_failing]
-
-    @property
-    def worse(self) -> list[Pair]:
-        """Those of :attr:`still_failing` that now miss further criteria, or cannot be judged any more."""
-        return [pair for pair in self.pairs if pair.worse]
+    def those(self, verdict: str) -> list[Pair]:
+        """Returns the pairs of which this property of :class:`Pair` is true, such as `newly_failing`."""
+        return [pair for pair in self.pairs if getattr(pair, verdict)]
 
     @property
     def vehicles(self) -> int:
@@ -144,9 +123,8 @@ class CampaignComparison:
     @property
     def other_versions(self) -> dict[str, tuple[str | None, str | None]]:
         """Dependencies of the runs with different versions, with both versions."""
-        names = {**self.before.versions, **self.after.versions}
-        both = {name: (self.before.versions.get(name), self.after.versions.get(name)) for name in names}
-        return {name: pair for name, pair in both.items() if pair[0] != pair[1]}
+        before, after = self.before.versions, self.after.versions
+        return {n: (before.get(n), after.get(n)) for n in {**before, **after} if before.get(n) != after.get(n)}
 
     @property
     def other_criteria(self) -> list[str]:
@@ -161,38 +139,27 @@ class CampaignComparison:
         return [case.name for case in self.only_before if case.name in names]
 
     def to_json(self) -> dict[str, Any]:
-        """The comparison as values for JSON: changed verdicts with both reports of each run, and every measure."""
+        """Returns the comparison as values for JSON: changed verdicts with both reports of each run, all measures."""
+        changed = ("newly_failing", "newly_passing", "still_failing")
         return {
             "before": _described(self.before),
             "after": _described(self.after),
-            "versions": {name: list(pair) for name, pair in self.other_versions.items()},
+            "versions": self.other_versions,
             "other_criteria": self.other_criteria,
             "common": len(self.pairs),
             "vehicles": self.vehicles,
-            "newly_failing": [self._told(pair) for pair in self.newly_failing],
-            "newly_passing": [self._told(pair) for pair in self.newly_passing],
-            "still_failing": [self._told(pair) for pair in self.still_failing],
+            **{verdict: [self._described(pair) for pair in self.those(verdict)] for verdict in changed},
             "worse": [
-                self._told(pair) | {"newly_missed": [each.name for each in pair.newly_missed]} for pair in self.worse
+                self._described(pair) | {"newly_missed": [each.name for each in pair.newly_missed]}
+                for pair in self.those("worse")
             ],
             "only_before": [case.name for case in self.only_before],
             "only_after": [case.name for case in self.only_after],
             "bootstrap": {"level": LEVEL, "resamples": RESAMPLES, "seed": SEED},
-            "measures": [
-                {
-                    "name": each.name,
-                    "pairs": each.pairs,
-                    "differs": each.differs,
-                    "before": each.before,
-                    "after": each.after,
-                    "change": each.change,
-                    "interval": None if each.low is None else [each.low, each.high],
-                }
-                for each in self.changes
-            ],
+            "measures": [asdict(each) for each in self.changes],
         }
 
-    def _told(self, pair: Pair) -> dict[str, Any]:
+    def _described(self, pair: Pair) -> dict[str, Any]:
         both = {"before": (self.before, pair.before), "after": (self.after, pair.after)}
         return {"name": pair.case.name, "key": pair.case.key} | {
             name: {
@@ -205,14 +172,16 @@ class CampaignComparison:
 
 
 def compare_campaigns(before: Campaign, after: Campaign) -> CampaignComparison:
-    """Compare two campaigns; their cases are matched by :attr:`litsim_eval.campaign.case.Case.key`.
+    """Compares two campaigns; their cases are matched by :attr:`litsim_eval.campaign.case.Case.key`.
 
     Raises:
         InputError: they have no case in common.
     """
-    ours, theirs = ({case.key: case for case in each.cases} for each in (before, after))
+    cases_before, cases_after = ({case.key: case for case in each.cases} for each in (before, after))
     first, second = ({result.case.key: result for result in each.results} for each in (before, after))
-    pairs = tuple(Pair(case, first.get(key), second.get(key)) for key, case in theirs.items() if key in ours)
+    pairs = tuple(
+        Pair(case, first.get(key), second.get(key)) for key, case in cases_after.items() if key in cases_before
+    )
     if not pairs:
         raise InputError(
             f"{before.folder} and {after.folder}: no case in common; expected the same scenarios, names of egos, "
@@ -222,26 +191,26 @@ def compare_campaigns(before: Campaign, after: Campaign) -> CampaignComparison:
         before=before,
         after=after,
         pairs=pairs,
-        only_before=tuple(case for key, case in ours.items() if key not in theirs),
-        only_after=tuple(case for key, case in theirs.items() if key not in ours),
+        only_before=tuple(case for key, case in cases_before.items() if key not in cases_after),
+        only_after=tuple(case for key, case in cases_after.items() if key not in cases_before),
         changes=tuple(_changes(pairs)),
     )
 
 
 def report_of(campaign: Campaign, result: RunResult | None) -> Path | None:
-    """The report of a run of `campaign`; None if it has none."""
+    """Returns the report of a run of `campaign`; None if it has none."""
     return campaign.folder / RUNS_FOLDER / result.case.id / result.report if result and result.report else None
 
 
 def paired_interval(difference: FloatArray, vehicles: IntArray) -> tuple[float, float] | None:
-    """Bounds at :data:`LEVEL` of the mean of `difference` (n,) by the bootstrap over vehicles; None for fewer than two.
+    """Returns bounds at :data:`LEVEL` of a mean by the bootstrap over vehicles; None for fewer than two.
 
     The interval is the percentiles of :data:`RESAMPLES` means of the pairs of vehicles drawn with replacement (Efron
     1979), drawn with the same seed every time. All pairs of one vehicle (its seeds, drivers and policies) are drawn
     together, since they resemble each other: what only repeats a run would narrow the interval otherwise.
 
     Args:
-        difference: of each pair.
+        difference: (n,) values, one for each pair.
         vehicles: (n,) number of the vehicle that is the ego of each pair.
     """
     drawn, vehicle = np.unique(vehicles, return_inverse=True)
@@ -255,40 +224,43 @@ def paired_interval(difference: FloatArray, vehicles: IntArray) -> tuple[float, 
 
 
 def _changes(pairs: Sequence[Pair]) -> list[Change]:
-    """Every measure that both runs of any pair have, whether it differs or not, in the order of `metrics.json`.
+    """Returns every measure that both runs of any pair have, whether it differs or not, in the order of `metrics.json`.
 
     Runs that could not be judged have no measures, but count as not passed.
     """
     vehicles = {vehicle: number for number, vehicle in enumerate(dict.fromkeys(pair.case.vehicle for pair in pairs))}
-    columns: dict[str, list[tuple[float, float, int]]] = {PASSED: []}
+    columns: dict[str, list[tuple[float, float, int]]] = {}
     for pair in pairs:
-        number = vehicles[pair.case.vehicle]
-        columns[PASSED].append((float(_passed(pair.before)), float(_passed(pair.after)), number))
-        before, after = _measures(pair.before), _measures(pair.after)
-        for name in before:
+        before, after = ({PASSED: float(_passed(result))} | _measures(result) for result in (pair.before, pair.after))
+        for name, value in before.items():
             if name in after:
-                columns.setdefault(name, []).append((before[name], after[name], number))
+                columns.setdefault(name, []).append((value, after[name], vehicles[pair.case.vehicle]))
     return [_change(name, values) for name, values in columns.items()]
 
 
 def _change(name: str, values: Sequence[tuple[float, float, int]]) -> Change:
-    """The change of a measure from its value before and after and the number of the vehicle, of each pair."""
+    """Returns the change of a measure from its value before and after and the number of the vehicle, of each pair."""
     before, after, vehicles = np.array(values).T
-    low, high = paired_interval(after - before, vehicles.astype(np.int64)) or (None, None)
-    differs = int(np.count_nonzero(after != before))
-    return Change(name, len(values), float(before.mean()), float(after.mean()), low, high, differs)
+    return Change(
+        name=name,
+        pairs=len(values),
+        differs=int(np.count_nonzero(after != before)),
+        before=float(before.mean()),
+        after=float(after.mean()),
+        change=float(after.mean()) - float(before.mean()),
+        interval=paired_interval(after - before, vehicles.astype(np.int64)),
+    )
 
 
 def _measures(result: RunResult | None) -> dict[str, float]:
-    """The numbers of a run that was judged, by name, without those of the execution."""
+    """Returns the numbers of a run that was judged, by name, without those of the execution."""
     if result is None or result.verdict == Verdict.ERROR:
         return {}
-    found = {}
-    for name, value in leaves(dict(result.metrics or {})):
-        if name.split(".")[0] in OF_AN_EXECUTION or value is None or isinstance(value, str):
-            continue
-        found[name] = float(len(value) if isinstance(value, list) else value)
-    return found
+    return {
+        name: float(len(value) if isinstance(value, list) else value)
+        for name, value in leaves(result.metrics or {}).items()
+        if name.split(".")[0] not in OF_AN_EXECUTION and value is not None and not isinstance(value, str)
+    }
 
 
 def _passed(result: RunResult | None) -> bool:

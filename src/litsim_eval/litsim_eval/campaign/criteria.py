@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from litsim_eval.analysis.metrics_tree import COUNT, SHARE, MetricField, find_field
+from litsim_eval.analysis.metrics_tree import COUNT, SHARE, MetricField, find_field, leaves
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.scenario import packaged
 
@@ -69,11 +69,11 @@ class Limits(BaseModel):
 
     @model_validator(mode="after")
     def _check_limits(self) -> Limits:
-        given = [name for name in ("min", "max", "equals", "one_of") if getattr(self, name) is not None]
-        if not given:
+        limits = [name for name in ("min", "max", "equals", "one_of") if getattr(self, name) is not None]
+        if not limits:
             raise ValueError(f"criterion on {self.field}: no limit, expected min, max, equals or one_of")
-        if len(given) > 1 and given != ["min", "max"]:
-            raise ValueError(f"criterion on {self.field}: {' and '.join(given)}, expected one of them, or min and max")
+        if len(limits) > 1 and limits != ["min", "max"]:
+            raise ValueError(f"criterion on {self.field}: {' and '.join(limits)}, expected one of them, or min and max")
         if self.min is not None and self.max is not None and self.min > self.max:
             raise ValueError(f"criterion on {self.field}: min is {self.min:g}, expected at most max, {self.max:g}")
         return self
@@ -85,7 +85,7 @@ class Limits(BaseModel):
             f"{said} {bound:g}" for said, bound in (("at least", self.min), ("at most", self.max)) if bound is not None
         ]
         return " and ".join(bounds) or (
-            _said(self.equals) if self.one_of is None else f"one of {', '.join(map(_said, self.one_of))}"
+            _as_text(self.equals) if self.one_of is None else f"one of {', '.join(map(_as_text, self.one_of))}"
         )
 
     @property
@@ -99,14 +99,14 @@ class Limits(BaseModel):
         return self.name or f"{self.measure} {self.limit}"
 
     def judge(self, value: Value | None) -> CriterionResult:
-        """Check `value` against the limits; None stands for a missing measure."""
+        """Checks `value` against the limits; None stands for a missing measure."""
         if value is None:
             passed = self.when_missing == "pass"
-            said = "is missing"
+            fault = "is missing"
         else:
             passed = self._keeps(value)
-            said = f"is {_said(value)}, expected {self.limit}"
-        reason = "" if passed else f"{self.measure} {said}"
+            fault = f"is {_as_text(value)}, expected {self.limit}"
+        reason = "" if passed else f"{self.measure} {fault}"
         return CriterionResult(self.title, self.measure, value, self.limit, passed, reason)
 
     def _keeps(self, value: Value) -> bool:
@@ -118,7 +118,7 @@ class Limits(BaseModel):
 
 
 def _check_kinds(criterion: Limits, field: MetricField) -> None:
-    """Check that the limits are of the type of the field.
+    """Checks that the limits are of the type of the field.
 
     Raises:
         ValueError: one is not.
@@ -132,24 +132,24 @@ def _check_kinds(criterion: Limits, field: MetricField) -> None:
     for value in values:
         if type(value) not in kinds:
             wanted = " or ".join(sorted({_KINDS[kind] for kind in kinds if kind in _KINDS}))
-            raise ValueError(f"field {criterion.field} never is {_said(value)}, expected {wanted}")
+            raise ValueError(f"field {criterion.field} never is {_as_text(value)}, expected {wanted}")
 
 
 def _check_between(criterion: Limits, field: MetricField, values: Sequence[Value]) -> None:
-    """Check that the limits are within the range of the field: others would be met never, or always.
+    """Checks that the limits are within the range of the field: others would be met never, or always.
 
     Raises:
         ValueError: one is not.
     """
     if (between := field.between) is None:
         return
-    given: list[tuple[str, Value | None]] = [("min", criterion.min), ("max", criterion.max)]
-    given += [("equals" if criterion.one_of is None else "one_of", value) for value in values]
-    for name, value in given:
+    limits: list[tuple[str, Value | None]] = [("min", criterion.min), ("max", criterion.max)]
+    limits += [("equals" if criterion.one_of is None else "one_of", value) for value in values]
+    for name, value in limits:
         if isinstance(value, int | float) and not between.low <= value <= between.high:
             share = between == SHARE
             expected = "a share from 0 to 1" if share else f"{between.low:g} or more"
-            raise ValueError(f"field {criterion.measure}: {name} is {_said(value)}, expected {expected}")
+            raise ValueError(f"field {criterion.measure}: {name} is {_as_text(value)}, expected {expected}")
 
 
 class Criterion(Limits):
@@ -161,8 +161,8 @@ class Criterion(Limits):
         return self
 
     def of_run(self, metrics: Mapping[str, Any]) -> CriterionResult:
-        """Judge one run by its measures."""
-        return self.judge(value_at(metrics, self.field))
+        """Judges one run by its measures."""
+        return self.judge(counted(leaves(metrics).get(self.field)))
 
 
 class SuiteCriterion(Limits):
@@ -205,13 +205,13 @@ class SuiteCriterion(Limits):
         return min((float(value) for value in values), default=-inf if self.min is None else self.min)
 
     def of_runs(self, outcomes: Sequence[Outcome]) -> CriterionResult:
-        """Judge all runs of a campaign."""
+        """Judges all runs of a campaign."""
         if self.aggregate is None:
             return self.judge(_counts(outcomes)[self.field])
-        found = [value_at(outcome.metrics or {}, self.field) for outcome in outcomes]
-        known = [float(value) for value in found if value is not None and not isinstance(value, str)]
-        if len(known) < len(found) and self.when_missing == "fail":
-            reason = f"{self.field} is missing in {len(found) - len(known)} of {len(found)} runs"
+        values = [counted(leaves(outcome.metrics or {}).get(self.field)) for outcome in outcomes]
+        known = [float(value) for value in values if value is not None and not isinstance(value, str)]
+        if len(known) < len(values) and self.when_missing == "fail":
+            reason = f"{self.field} is missing in {len(values) - len(known)} of {len(values)} runs"
             return CriterionResult(self.title, self.measure, None, self.limit, passed=False, reason=reason)
         return self.judge(_AGGREGATES[self.aggregate](known) if known else None)
 
@@ -242,26 +242,26 @@ class Criteria(BaseModel):
     suite: Annotated[list[SuiteCriterion], Field(min_length=1)] = [ALL_PASS]
 
     def of_runs(self, outcomes: Sequence[Outcome]) -> tuple[CriterionResult, ...]:
-        """Judge all cases of a campaign, whether they were run or not.
+        """Judges all cases of a campaign, whether they were run or not.
 
         Runs that are errors fail it, unless :attr:`suite` limits the number of passes or errors; so do cases that have
         not been run, unless it limits their number.
         """
-        asked = {criterion.field for criterion in self.suite}
-        more = [] if asked & {"passed", PASSED_SHARE, "errors"} else [NO_ERRORS]
-        more += [] if "unfinished" in asked else [NO_GAPS]
+        limited = {criterion.field for criterion in self.suite}
+        more = [] if limited & {"passed", PASSED_SHARE, "errors"} else [NO_ERRORS]
+        more += [] if "unfinished" in limited else [NO_GAPS]
         return tuple(criterion.of_runs(outcomes) for criterion in (*self.suite, *more))
 
     def check_counts(self, runs: int) -> None:
-        """Refuse limits on :data:`COUNTS` that a campaign of `runs` runs can never meet.
+        """Refuses limits on :data:`COUNTS` that a campaign of `runs` runs can never meet.
 
         Raises:
             ValueError: there is one; the message begins with its place among these fields.
         """
         for number, criterion in enumerate(self.suite):
             if criterion.aggregate is None and criterion.field != PASSED_SHARE and criterion.least > runs:
-                said = f"{criterion.field} is at most {runs}, the number of runs, expected {criterion.limit}"
-                raise ValueError(f"suite.{number}: {said}")
+                fault = f"{criterion.field} is at most {runs}, the number of runs, expected {criterion.limit}"
+                raise ValueError(f"suite.{number}: {fault}")
 
     @model_validator(mode="after")
     def _check_names(self) -> Criteria:
@@ -273,7 +273,7 @@ class Criteria(BaseModel):
 
     @classmethod
     def load(cls, name_or_path: str = DEFAULT, folder: Path | None = None) -> Criteria:
-        """Read the packaged set :data:`DEFAULT`, or a file, relative to `folder`.
+        """Reads the packaged set :data:`DEFAULT`, or a file, relative to `folder`.
 
         Raises:
             InputError: the file cannot be read, or a field does not fit.
@@ -307,25 +307,16 @@ class CriterionResult:
     reason: str
 
 
-def value_at(metrics: Mapping[str, Any], field: str) -> Value | None:
-    """The value at a dotted path, the length for a list; None if there is none.
-
-    A key may itself contain dots, like the limits of `safety.ttc_below`.
-    """
-    if field in metrics:
-        found = metrics[field]
-        return float(len(found)) if isinstance(found, list) else found if isinstance(found, Value) else None
-    for key, inner in metrics.items():
-        if isinstance(inner, Mapping) and field.startswith(f"{key}."):
-            return value_at(inner, field.removeprefix(f"{key}."))
-    return None
+def counted(value: Any) -> Value | None:
+    """Returns the value of a measure for criteria and tables: the length of a list; None for what is none."""
+    return float(len(value)) if isinstance(value, list) else value if isinstance(value, Value) else None
 
 
 def _equal(a: Value, b: Value | None) -> bool:
     return a == b and isinstance(a, bool) == isinstance(b, bool)
 
 
-def _said(value: Value | None) -> str:
+def _as_text(value: Value | None) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     return f"{value:.6g}" if isinstance(value, float | int) else str(value)
@@ -333,7 +324,7 @@ def _said(value: Value | None) -> str:
 
 def _counts(outcomes: Sequence[Outcome]) -> dict[str, float | int | None]:
     verdicts = Counter(outcome.verdict for outcome in outcomes)
-    passed, every = verdicts[Verdict.PASSED], len(outcomes)
-    share = passed / every if every else None
-    counts = (every, passed, verdicts[Verdict.FAILED], verdicts[Verdict.ERROR], verdicts[None], share)
+    passed, total = verdicts[Verdict.PASSED], len(outcomes)
+    share = passed / total if total else None
+    counts = (total, passed, verdicts[Verdict.FAILED], verdicts[Verdict.ERROR], verdicts[None], share)
     return dict(zip(COUNTS, counts, strict=True))

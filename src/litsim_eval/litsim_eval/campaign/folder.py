@@ -48,7 +48,7 @@ class CampaignFolder:
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Lock the folder against other campaigns on this machine; the lock ends with the process.
+        """Locks the folder against other campaigns on this machine; the lock ends with the process.
 
         Raises:
             InputError: one is running here, or the folder cannot be used.
@@ -68,7 +68,7 @@ class CampaignFolder:
     def begin(
         self, suite: Suite, cases: Sequence[Case], versions: Mapping[str, str], *, overwrite: bool = False
     ) -> dict[str, RunResult]:
-        """Begin a campaign, or resume the one in this folder.
+        """Begins a campaign, or resumes the one in this folder.
 
         Folders of runs without a result, which a killed campaign leaves behind, are removed; foreign files in the
         folder stay. Results that were judged by other criteria are judged again, from their measures.
@@ -114,20 +114,12 @@ class CampaignFolder:
                 self.store(again)
         return done
 
-    def finished(self, cases: Sequence[Case]) -> list[RunResult]:
-        """Results of those of `cases` that are in this folder, as they were judged; changes nothing.
-
-        Raises:
-            InputError: one cannot be read.
-        """
-        return read_results(self.path, cases)
-
     def run_folder(self, case: Case) -> Path:
-        """Folder of the files of the run of `case`."""
+        """Returns the folder of the files of the run of `case`."""
         return self.path / RUNS_FOLDER / case.id
 
     def clear(self, case: Case) -> Path:
-        """Create the folder of the run of `case`, or empty it; return it.
+        """Creates the folder of the run of `case`, or empties it; returns it.
 
         Raises:
             Unwritable: it cannot be made.
@@ -141,7 +133,7 @@ class CampaignFolder:
         return folder
 
     def store(self, result: RunResult) -> None:
-        """Write a result atomically: from then on its case is finished.
+        """Writes a result atomically: from then on its case is finished.
 
         Raises:
             Unwritable: it cannot be written.
@@ -149,7 +141,7 @@ class CampaignFolder:
         _write(self.run_folder(result.case) / RESULT_FILE, result.to_json())
 
     def write_results(self, results: Sequence[RunResult], **more: Any) -> Path:
-        """Write the file with all results, in order, and the further fields `more`, and the table; return its path.
+        """Writes the file with all results, in order, and the further fields `more`, and the table; returns its path.
 
         Raises:
             Unwritable: it cannot be written.
@@ -175,12 +167,12 @@ class CampaignFolder:
                 shutil.rmtree(folder, ignore_errors=True)
 
     def _run_folders(self) -> list[Path]:
-        """The folders of runs in this folder."""
+        """Returns the folders of runs in this folder."""
         return [each for each in (self.path / RUNS_FOLDER).glob("*") if RUN_FOLDER.fullmatch(each.name)]
 
 
 def _check_same(earlier: Campaign, cases: Sequence[Case], versions: Mapping[str, str]) -> None:
-    """Check that all cases of the campaign in a folder are among those to be run there.
+    """Checks that all cases of the campaign in a folder are among those to be run there.
 
     Raises:
         InputError: some are not.

@@ -20,21 +20,21 @@ _NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def write_junit(campaign: Campaign, path: Path) -> None:
-    """Write the verdicts of `campaign` to `path`.
+    """Writes the verdicts of `campaign` to `path`.
 
-    A test suite is a row of the table, a test one of its cases; a criterion that is not met is a failure, a run that
-    could not be judged or was not run an error. The last test suite holds the criteria of the campaign as a whole.
+    A test suite is a variant, a test one of its cases; a criterion that is not met is a failure, a run that could not
+    be judged or was not run an error. The last test suite holds the criteria of the campaign as a whole.
 
     Raises:
         Unwritable: `path` cannot be written.
     """
     document = JUnitXml(_clean(campaign.name))
     results = {result.case.id: result for result in campaign.results}
-    rows: dict[str, list[Case]] = {}  # in the order of the table
+    variants: dict[str, list[Case]] = {}  # in the order of the table
     for case in campaign.cases:
-        rows.setdefault(case.row, []).append(case)
-    for row, cases in rows.items():
-        document.add_testsuite(_suite(row, campaign, [_run(case, results.get(case.id)) for case in cases]))
+        variants.setdefault(case.variant, []).append(case)
+    for variant, cases in variants.items():
+        document.add_testsuite(_suite(variant, campaign, [_run(case, results.get(case.id)) for case in cases]))
     whole = f"campaign {campaign.name}"
     document.add_testsuite(_suite(whole, campaign, [_criterion(each, whole) for each in campaign.judged]))
     document.update_statistics()
@@ -52,13 +52,13 @@ def _suite(name: str, campaign: Campaign, tests: list[TestCase]) -> TestSuite:
 
 
 def _run(case: Case, result: RunResult | None) -> TestCase:
-    test = TestCase(_clean(case.name), _clean(case.row))
+    test = TestCase(_clean(case.name), _clean(case.variant))
     test.time = 0.0 if result is None or result.wall_s is None else round(result.wall_s, 3)
     if result is None:
         test.result = [_with_text(Error(NOT_RUN, TYPE_OF_GAP), NOT_RUN)]
     elif result.verdict == Verdict.FAILED:
-        said = [f"{each.name}: {each.reason}" for each in result.criteria if not each.passed]
-        test.result = [_with_text(Failure(_clean(said[0]), TYPE_OF_FAILURE), "\n".join([*said, *_files(result)]))]
+        faults = [f"{each.name}: {each.reason}" for each in result.criteria if not each.passed]
+        test.result = [_with_text(Failure(_clean(faults[0]), TYPE_OF_FAILURE), "\n".join([*faults, *_files(result)]))]
     elif result.verdict == Verdict.ERROR:
         text = "\n".join([result.reason, *_files(result)])
         test.result = [_with_text(Error(_clean(result.reason), TYPE_OF_ERROR), text)]
@@ -73,7 +73,7 @@ def _criterion(criterion: CriterionResult, of: str) -> TestCase:
 
 
 def _files(result: RunResult) -> list[str]:
-    """Files with details of a run, relative to the folder of the campaign."""
+    """Returns files with details of a run, relative to the folder of the campaign."""
     folder = f"{RUNS_FOLDER}/{result.case.id}"
     return [f"{what}: {folder}/{name}" for what, name in (("report", result.report), ("log", result.log)) if name]
 
@@ -84,5 +84,5 @@ def _with_text(element: Failure | Error, text: str) -> Failure | Error:
 
 
 def _clean(text: str) -> str:
-    """`text` without the control characters that XML cannot hold, as logs of stacks have them."""
+    """Returns `text` without the control characters that XML cannot hold, as logs of stacks have them."""
     return _NO_XML.sub("", text)

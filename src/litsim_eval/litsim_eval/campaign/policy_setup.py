@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from litsim_sim.core.quantities import OneOf
 from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
@@ -16,8 +16,28 @@ PACKAGE, SETUPS = "litsim_eval", "setups"  # folder of the packaged ones
 Name = Annotated[str, Field(min_length=1)]
 
 
+def stage_and_name(name: str) -> str:
+    """Checks that `name` has the form of a parameter, such as conflict.horizon, and returns it.
+
+    Raises:
+        ValueError: it is not.
+    """
+    stage, _, rest = name.partition(".")
+    if not (stage and rest):
+        raise ValueError(f"{name!r}, expected STAGE.NAME, such as conflict.horizon")
+    return name
+
+
+def _checked(values: dict[str, Any]) -> dict[str, Any]:
+    return {stage_and_name(name): value for name, value in values.items()}
+
+
+Parameters = Annotated[dict[str, Any], AfterValidator(_checked)]
+"""Values of parameters by `stage.name`."""
+
+
 class PolicySetup(BaseModel):
-    """A policy with a name of its own, as a row of tables.
+    """A policy with parameters and a name of its own: a variant of it that campaigns compare.
 
     Attributes:
         name: name in tables.
@@ -31,26 +51,21 @@ class PolicySetup(BaseModel):
     name: Name
     kind: Annotated[str, OneOf(policy_names)]
     description: str = ""
-    parameters: dict[str, Any] = {}
-
-    @field_validator("parameters")
-    @classmethod
-    def _check_parameters(cls, values: dict[str, Any]) -> dict[str, Any]:
-        return {stage_and_name(name): value for name, value in values.items()}
+    parameters: Parameters = {}
 
     @property
     def label(self) -> str:
-        """What tells its row from that of the policy as it comes; empty for that one."""
+        """Label of its variants; empty for the policy as it comes."""
         return "" if self.name == self.kind else self.name
 
 
 def packaged_setups() -> tuple[str, ...]:
-    """Names of the packaged setups, sorted."""
+    """Returns names of the packaged setups, sorted."""
     return tuple(sorted(path.stem for path in packaged(SETUPS, PACKAGE).glob("*.yaml")))
 
 
 def setup_of(policy: str | PolicySetup) -> PolicySetup:
-    """The setup that an entry of a suite means: itself, a packaged one by its name, or a policy as it comes."""
+    """Returns the setup that an entry of a suite means: itself, a packaged one by its name, or a policy as it comes."""
     if isinstance(policy, PolicySetup):
         return policy
     return PolicySetup(name=policy, kind=policy) if policy in policy_names() else _packaged(policy)
@@ -61,15 +76,3 @@ def _packaged(name: str) -> PolicySetup:
     path = packaged(f"{SETUPS}/{name}.yaml", PACKAGE)
     text = read_text(path)
     return validate_yaml(parse_yaml(text, str(path), PolicySetup), PolicySetup, str(path), text)
-
-
-def stage_and_name(name: Any) -> str:
-    """Check that `name` has the form of a parameter, such as conflict.horizon, and return it.
-
-    Raises:
-        ValueError: it is not.
-    """
-    stage, _, rest = str(name).partition(".")
-    if not (stage and rest):
-        raise ValueError(f"{name!r}, expected STAGE.NAME, such as conflict.horizon")
-    return str(name)

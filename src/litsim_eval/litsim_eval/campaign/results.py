@@ -15,7 +15,8 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import validate_yaml
 from litsim_sim.launch.output import OF_MANY_RUNS
 
-FORMAT = 1
+FORMAT = 2
+READABLE = (1, FORMAT)  # in format 1, `variant` is called `row`, and `execution_mode` is `shell`
 CAMPAIGN_FILE = OF_MANY_RUNS
 RESULT_FILE = "result.json"
 RESULTS_FILE = "results.json"
@@ -51,29 +52,29 @@ class RunResult:
 
     @classmethod
     def judged(cls, case: Case, metrics: Mapping[str, Any], criteria: Criteria, **files: Any) -> RunResult:
-        """The result of a run that was measured; `files` are further fields. One that is not valid is an error."""
+        """Returns the result of a run that was measured, an error if it is not valid; `files` are further fields."""
         if not metrics["valid"]:
             return cls.error(case, f"the run is not valid: {metrics['why']}", metrics=metrics, **files)
-        found = tuple(criterion.of_run(metrics) for criterion in criteria.runs)
-        reason = "; ".join(f"{each.name}: {each.reason}" for each in found if not each.passed)
+        judged = tuple(criterion.of_run(metrics) for criterion in criteria.runs)
+        reason = "; ".join(f"{each.name}: {each.reason}" for each in judged if not each.passed)
         verdict = Verdict.FAILED if reason else Verdict.PASSED
-        return cls(case, verdict, reason, found, metrics, **({"finished_at": now()} | files))
+        return cls(case, verdict, reason, judged, metrics, **({"finished_at": now()} | files))
 
     @classmethod
     def error(cls, case: Case, reason: str, metrics: Mapping[str, Any] | None = None, **files: Any) -> RunResult:
-        """The result of a run that could not be judged, and why; `files` are further fields."""
-        said = " ".join(reason.split())
-        return cls(case, Verdict.ERROR, said, (), metrics, **({"finished_at": now()} | files))
+        """Returns the result of a run that could not be judged, and why; `files` are further fields."""
+        one_line = " ".join(reason.split())
+        return cls(case, Verdict.ERROR, one_line, (), metrics, **({"finished_at": now()} | files))
 
     def judged_again(self, criteria: Criteria) -> RunResult:
-        """The same run judged by other criteria; an error stays one."""
+        """Returns the same run judged by other criteria; an error stays one."""
         if self.verdict == Verdict.ERROR or self.metrics is None:
             return self
         files = {name: getattr(self, name) for name in ("recording", "report", "log", "wall_s", "finished_at")}
         return RunResult.judged(self.case, self.metrics, criteria, **files)
 
     def to_json(self) -> dict[str, Any]:
-        """The result as values for JSON; the inverse of :meth:`from_json`."""
+        """Returns the result as values for JSON; the inverse of :meth:`from_json`."""
         own = {name: getattr(self, name) for name in self.__dataclass_fields__}
         own |= {"case": self.case.to_json(), "verdict": self.verdict.value}
         own |= {"criteria": [asdict(each) for each in self.criteria]}
@@ -81,7 +82,7 @@ class RunResult:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> RunResult:
-        """The inverse of :meth:`to_json`; raises KeyError, TypeError or ValueError for other values."""
+        """Returns what :meth:`to_json` was made of; raises KeyError, TypeError or ValueError for other values."""
         own = {name: values[name] for name in cls.__dataclass_fields__}
         own |= {"case": Case.from_json(values["case"]), "verdict": Verdict(values["verdict"])}
         own |= {"criteria": tuple(CriterionResult(**each) for each in values["criteria"])}
@@ -114,8 +115,8 @@ class Campaign:
     def judged(self) -> tuple[CriterionResult, ...]:
         """Results of the criteria of the suite for the campaign."""
         by_id = {result.case.id: result for result in self.results}
-        found = (by_id.get(case.id) for case in self.cases)
-        return self.criteria.of_runs([Outcome(*((r.verdict, r.metrics) if r else (None, None))) for r in found])
+        results = (by_id.get(case.id) for case in self.cases)
+        return self.criteria.of_runs([Outcome(*((r.verdict, r.metrics) if r else (None, None))) for r in results])
 
     @property
     def passes(self) -> bool:
@@ -123,12 +124,12 @@ class Campaign:
         return all(each.passed for each in self.judged)
 
     @property
-    def rows(self) -> dict[str, list[RunResult]]:
-        """The finished runs of each row of its tables, in the order of the cases; a row may have none yet."""
-        rows: dict[str, list[RunResult]] = {case.row: [] for case in self.cases}
+    def variants(self) -> dict[str, list[RunResult]]:
+        """The finished runs of each variant, in the order of the cases; a variant may have none yet."""
+        variants: dict[str, list[RunResult]] = {case.variant: [] for case in self.cases}
         for result in self.results:
-            rows[result.case.row].append(result)
-        return rows
+            variants[result.case.variant].append(result)
+        return variants
 
     @property
     def missing(self) -> tuple[Case, ...]:
@@ -138,12 +139,12 @@ class Campaign:
 
 
 def is_campaign(path: Path) -> bool:
-    """Whether `path` is the folder of a campaign."""
+    """Returns whether `path` is the folder of a campaign."""
     return (path / CAMPAIGN_FILE).is_file()
 
 
 def read_campaign(path: Path) -> Campaign:
-    """Read the campaign in the folder `path`, finished or not.
+    """Reads the campaign in the folder `path`, finished or not.
 
     Raises:
         InputError: there is none, or one of its files is damaged or of another format.
@@ -166,31 +167,31 @@ def read_campaign(path: Path) -> Campaign:
 
 
 def read_results(path: Path, cases: Iterable[Case]) -> list[RunResult]:
-    """Results of those of `cases` that are finished, in their order, from the folder `path`.
+    """Returns results of those of `cases` that are finished, in their order, from the folder `path`.
 
     Name, tags and events are those of `cases`: they may have been added to the suite since.
 
     Raises:
         InputError: one cannot be read.
     """
-    found = []
+    results = []
     for case in cases:
         file = path / RUNS_FOLDER / case.id / RESULT_FILE
         if not file.is_file():
             continue
         try:
             values = _read(file)
-            found.append(replace(RunResult.from_json(values), case=case))
+            results.append(replace(RunResult.from_json(values), case=case))
         except InputError as error:
             raise InputError(f"{error}{_again(file)}") from error
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            said = f"{file}: not a result of a run: {type(error).__name__}: {error}"
-            raise InputError(f"{said}{_again(file)}") from error
-    return found
+            fault = f"{file}: not a result of a run: {type(error).__name__}: {error}"
+            raise InputError(f"{fault}{_again(file)}") from error
+    return results
 
 
 def _again(file: Path) -> str:
-    """A hint on the `file` of a result that cannot be used."""
+    """Returns a hint on the `file` of a result that cannot be used."""
     return f"; once the folder {file.parent} is removed, evaluate runs this case again"
 
 
@@ -199,12 +200,12 @@ def _read(path: Path) -> dict[str, Any]:
         values = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
-    found = values.get("format") if isinstance(values, dict) else None
-    if found != FORMAT:
-        raise InputError(f"{path}: format {found}, expected {FORMAT}")
+    written = values.get("format") if isinstance(values, dict) else None
+    if written not in READABLE:
+        raise InputError(f"{path}: format {written}, expected {FORMAT}")
     return dict(values)
 
 
 def now() -> str:
-    """Date and time, ISO 8601, UTC."""
+    """Returns date and time, ISO 8601, UTC."""
     return datetime.now(UTC).isoformat(timespec="seconds")

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from litsim_eval.analysis.metrics_tree import ANY_KEY, MetricField, metric_fields
-from litsim_eval.campaign.criteria import value_at
+from litsim_eval.analysis.metrics_tree import ANY_KEY, leaves, metric_fields
+from litsim_eval.campaign.criteria import counted
 from litsim_eval.campaign.results import RunResult
 from litsim_sim.io.files import replacing
 
@@ -22,7 +22,7 @@ OF_THE_RUN = pa.schema(
         ("ego_id", pa.int64()),
         ("ego", pa.string()),
         ("policy", pa.string()),
-        ("row", pa.string()),
+        ("variant", pa.string()),
         ("seed", pa.int64()),
         ("tags", pa.list_(pa.string())),
         ("verdict", pa.string()),
@@ -35,7 +35,7 @@ OF_THE_RUN = pa.schema(
 
 
 def write_results_table(results: Sequence[RunResult], path: Path) -> None:
-    """Write :func:`results_table` to `path`.
+    """Writes :func:`results_table` to `path`.
 
     Raises:
         Unwritable: it cannot be written.
@@ -45,7 +45,7 @@ def write_results_table(results: Sequence[RunResult], path: Path) -> None:
 
 
 def results_table(results: Sequence[RunResult]) -> pa.Table:
-    """The results as a table: :data:`OF_THE_RUN`, then each measure that is a number, a boolean or a list.
+    """Returns the results as a table: :data:`OF_THE_RUN`, then each measure that is a number, a boolean or a list.
 
     A column is called by the dotted path of its measure in `metrics.json`. Of a list it has the length, as in criteria.
     A value is null if a run does not have the measure, or could not be measured.
@@ -53,9 +53,15 @@ def results_table(results: Sequence[RunResult]) -> pa.Table:
     columns = {
         field.name: pa.array([_of_the_run(each)[field.name] for each in results], field.type) for field in OF_THE_RUN
     }
-    trees = [each.metrics or {} for each in results]
-    for name, kind in _measures(trees).items():
-        columns.setdefault(name, pa.array([_value(tree, name, kind) for tree in trees], kind))
+    runs = [{name: counted(value) for name, value in leaves(each.metrics or {}).items()} for each in results]
+    of_any = dict.fromkeys(name for run in runs for name in run)
+    for field in metric_fields():
+        if str in field.kinds:
+            continue
+        kind = pa.bool_() if field.kinds == {bool} else pa.float64() if float in field.kinds else pa.int64()
+        for name in filter(field.covers, of_any) if ANY_KEY in field.name else [field.name]:
+            values = [pa.scalar(run.get(name)).cast(kind).as_py() for run in runs]
+            columns.setdefault(name, pa.array(values, kind))
     return pa.table(columns)
 
 
@@ -67,7 +73,7 @@ def _of_the_run(result: RunResult) -> dict[str, Any]:
         "ego_id": case.ego_id,
         "ego": case.ego.name,
         "policy": case.policy,
-        "row": case.row,
+        "variant": case.variant,
         "seed": metrics.get("seed", case.seed),
         "tags": case.tags,
         "verdict": result.verdict.value,
@@ -75,33 +81,3 @@ def _of_the_run(result: RunResult) -> dict[str, Any]:
         "digest": metrics.get("digest"),
         "wall_s": result.wall_s,
     }
-
-
-def _measures(trees: Sequence[Mapping[str, Any]]) -> dict[str, pa.DataType]:
-    """Names and types of the columns of measures; those with a key that depends on the run, as the runs have them."""
-    names = dict.fromkeys(name for tree in trees for name in _leaves(tree))
-    return {
-        name: _type(field)
-        for field in metric_fields()
-        if str not in field.kinds
-        for name in (filter(field.covers, names) if ANY_KEY in field.name else [field.name])
-    }
-
-
-def _leaves(tree: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
-    for key, value in tree.items():
-        if isinstance(value, Mapping):
-            yield from _leaves(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}"
-
-
-def _type(field: MetricField) -> pa.DataType:
-    if field.kinds == {bool}:
-        return pa.bool_()
-    return pa.float64() if float in field.kinds else pa.int64()
-
-
-def _value(tree: Mapping[str, Any], name: str, kind: pa.DataType) -> Any:
-    value = value_at(tree, name)
-    return None if value is None else pa.scalar(value).cast(kind).as_py()

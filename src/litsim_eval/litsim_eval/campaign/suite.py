@@ -21,7 +21,7 @@ from pydantic import (
 )
 
 from litsim_eval.campaign.criteria import Criteria
-from litsim_eval.campaign.policy_setup import PolicySetup, packaged_setups, setup_of, stage_and_name
+from litsim_eval.campaign.policy_setup import Name, Parameters, PolicySetup, packaged_setups, setup_of, stage_and_name
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import OneOf
 from litsim_sim.ego_port.answer import AUTO, INTERFACES
@@ -31,7 +31,6 @@ from litsim_sim.scenario.run_info import EXTERNAL, REPLAY, ego_names, policy_nam
 from litsim_sim.scenario.scenario import packaged, packaged_scenarios
 from litsim_sim.scenario.scenario_file import SEEDS
 
-Name = Annotated[str, Field(min_length=1)]
 EgoChoice = Literal["egos", "tuning", "ego", "all"]
 """Which vehicles of a scenario are the ego, one run each: those that its fields `egos`, `tuning` or `ego` list, or all
 that are there from step 0 through the first simulated step."""
@@ -74,7 +73,7 @@ class CaseEntry(BaseModel):
     _place: tuple[Path, int] | None = PrivateAttr(None)
 
     def within(self, suite: Path, number: int) -> CaseEntry:
-        """The same, as entry `number` of the file of a `suite`, which :attr:`place` names."""
+        """Returns the same, as entry `number` of the file of a `suite`, which :attr:`place` names."""
         entry = self.model_copy()
         entry._place = suite, number  # noqa: SLF001 - of this class
         return entry
@@ -121,7 +120,7 @@ class EgoSetup(BaseModel):
     name: Name
     kind: Annotated[str, OneOf(ego_names)]
     adapter: str = ""
-    parameters: dict[str, Any] = {}
+    parameters: Parameters = {}
     command: list[Name] = []
     interface: Annotated[str, OneOf(INTERFACES)] = AUTO
     ready_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
@@ -141,11 +140,6 @@ class EgoSetup(BaseModel):
     def _without_no_adapter(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leaves an empty adapter out, so that the identities of cases without one stay as they were."""
         return {name: value for name, value in dump(self).items() if name != "adapter" or value}
-
-    @field_validator("parameters")
-    @classmethod
-    def _check_parameters(cls, values: dict[str, Any]) -> dict[str, Any]:
-        return {stage_and_name(name): value for name, value in values.items()}
 
     @model_validator(mode="after")
     def _check_command(self) -> EgoSetup:
@@ -175,7 +169,7 @@ class Suite(BaseModel):
         policies: of :func:`litsim_sim.scenario.run_info.policy_names`, names of packaged setups, or setups.
         seeds: seeds, with a run for each; default: the scenario's seed.
         end_after_contact_s: time after the first contact of its ego at which a run ends [s]; null for the scenario's.
-        parameters: values to try, by `stage.name`; several values of one make several rows.
+        parameters: values to try, by `stage.name`; several values of one make several variants.
         criteria: criteria for each run, and for the campaign as a whole.
     """
 
@@ -195,10 +189,10 @@ class Suite(BaseModel):
     @field_validator("parameters", mode="before")
     @classmethod
     def _check_parameters(cls, values: Any) -> Any:
-        """A single value is a list of one."""
+        """Makes a single value a list of one."""
         if not isinstance(values, dict):
             return values
-        return {stage_and_name(name): v if isinstance(v, list) else [v] for name, v in values.items()}
+        return {stage_and_name(str(name)): v if isinstance(v, list) else [v] for name, v in values.items()}
 
     @model_validator(mode="after")
     def _check_cases(self) -> Suite:
@@ -222,7 +216,7 @@ class Suite(BaseModel):
 
     @classmethod
     def load(cls, name: str | Path, among: Sequence[Path] = ()) -> Suite:
-        """Read a suite; scenarios, a file of criteria and suites that it includes are found relative to its file.
+        """Reads a suite; scenarios, a file of criteria and suites that it includes are found relative to its file.
 
         Args:
             name: a packaged name, or a YAML file.
@@ -250,29 +244,31 @@ class Suite(BaseModel):
 
 
 def place_of(name: str | Path, setting: tuple[str, Any] | None) -> str:
-    """Where a suite, by its name or file, gives a parameter, `stage.name`, this value: by file, line and field.
+    """Returns where a suite, by its name or file, gives a parameter, `stage.name`, this value: by file, line and field.
 
     The suite alone if it does not, or without a `setting`.
     """
     if setting is None:
         return str(name)
     suite, (parameter, value) = Suite.load(name), setting
-    given: list[tuple[tuple[str | int, ...], Any]]
-    given = [(("parameters", parameter), each) for each in suite.parameters.get(parameter, [])]
+    places: list[tuple[tuple[str | int, ...], Any]]
+    places = [(("parameters", parameter), each) for each in suite.parameters.get(parameter, [])]
     for field, entries in (("policies", suite.policies), ("egos", suite.egos)):
         setups = [(number, each) for number, each in enumerate(entries) if not isinstance(each, str)]
-        given += [((field, number, "parameters", parameter), each.parameters.get(parameter)) for number, each in setups]
-    place = next((place for place, each in given if each == value), None)
+        places += [
+            ((field, number, "parameters", parameter), each.parameters.get(parameter)) for number, each in setups
+        ]
+    place = next((place for place, each in places if each == value), None)
     return place_in(_suite_file(name), *place) if place else str(name)
 
 
 def packaged_suites() -> tuple[str, ...]:
-    """Names of the packaged suites, sorted."""
+    """Returns names of the packaged suites, sorted."""
     return tuple(sorted(path.stem for path in packaged(SUITES, PACKAGE).glob("*.yaml")))
 
 
 def located(scenario: str, folder: Path) -> str:
-    """A scenario as :meth:`litsim_sim.scenario.scenario.Scenario.load` finds it from anywhere.
+    """Returns a scenario as :meth:`litsim_sim.scenario.scenario.Scenario.load` finds it from anywhere.
 
     A packaged name stays as it is; the path of a file, relative to `folder`, becomes absolute.
     """
@@ -280,7 +276,7 @@ def located(scenario: str, folder: Path) -> str:
 
 
 def _files(scenario: str, suite: Path) -> list[str]:
-    """The scenarios of an entry of a `suite`, sorted: one, or as many as there are files of the pattern.
+    """Returns the scenarios of an entry of a `suite`, sorted: one, or as many as there are files of the pattern.
 
     Raises:
         InputError: it is a pattern, and there is none.
@@ -288,14 +284,14 @@ def _files(scenario: str, suite: Path) -> list[str]:
     one = located(scenario, suite.parent)
     if not has_magic(scenario) or Path(one).exists():
         return [one]
-    found = sorted(glob(scenario, root_dir=suite.parent, recursive=True))  # noqa: PTH207 - takes absolute ones, too
-    if not found:
+    names = sorted(glob(scenario, root_dir=suite.parent, recursive=True))  # noqa: PTH207 - takes absolute ones, too
+    if not names:
         raise InputError(f"{suite}: field cases: scenario {scenario}: no file has such a name")
-    return [located(name, suite.parent) for name in found]
+    return [located(name, suite.parent) for name in names]
 
 
 def _suite_file(name: str | Path) -> Path:
-    """The file of a suite, packaged or not.
+    """Returns the file of a suite, packaged or not.
 
     Raises:
         InputError: there is no such suite.

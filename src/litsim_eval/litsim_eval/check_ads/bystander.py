@@ -39,9 +39,9 @@ class Bystander:
     """Listens in a domain, in a context of its own; a context manager.
 
     Attributes:
-        asked: times at which the bridge published each step, by this machine's clock [ns].
+        published_ns: times at which the bridge published each step, by this machine's clock [ns].
         heard: answers in order of arrival.
-        found: seconds from :meth:`start` until a publisher of each interface was found.
+        discovered_s: seconds from :meth:`start` until a publisher of each interface was found.
         present: whether any such publisher is there now.
         state, counts, interface: latest values on ``/diagnostics``.
         remarks: all messages of the ego port on ``/diagnostics``.
@@ -50,9 +50,9 @@ class Bystander:
     declared = Endpoints(NAME, (), (*EGO_INPUTS.values(), EGO_STATE, DIAGNOSTICS))
 
     def __init__(self, domain_id: int) -> None:
-        self.asked: dict[int, list[int]] = {}
+        self.published_ns: dict[int, list[int]] = {}
         self.heard: list[Heard] = []
-        self.found: dict[Interface, float] = {}
+        self.discovered_s: dict[Interface, float] = {}
         self.present = False
         self.state = ""
         self.counts: dict[str, int] = {}
@@ -70,7 +70,7 @@ class Bystander:
 
             def hear(message: Any, info: Any, interface: Interface = interface) -> None:
                 answer = CONVERT[interface](message)
-                self.heard.append(Heard(answer, info["received_timestamp"], max(self.asked, default=-1)))
+                self.heard.append(Heard(answer, info["received_timestamp"], max(self.published_ns, default=-1)))
 
             self._node.create_subscription(topic.type, topic.name, hear, ANY_PUBLISHER)
         self._node.create_subscription(EGO_STATE.type, EGO_STATE.name, self._on_state, EGO_STATE.qos)
@@ -85,7 +85,7 @@ class Bystander:
         rclpy.shutdown(context=self._context)
 
     def start(self) -> None:
-        """Reset the time from which :attr:`found` counts."""
+        """Resets the time from which :attr:`discovered_s` counts."""
         self._began = time.monotonic()
 
     @property
@@ -105,19 +105,19 @@ class Bystander:
         return all(self._node.count_publishers(topic.name) for topic in (EGO_STATE, DIAGNOSTICS))
 
     def listen(self, seconds: float) -> None:
-        """Process messages for `seconds`, then look at the endpoints of the graph."""
+        """Processes messages for `seconds`, then look at the endpoints of the graph."""
         until = time.monotonic() + seconds
         while (left := until - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left)
         self._look()
 
     def _look(self) -> None:
-        """Record the endpoints; any publisher on a topic of the port counts as the stack's."""
+        """Records the endpoints; any publisher on a topic of the port counts as the stack's."""
         present = False
         for interface, topic in EGO_INPUTS.items():
             for info in self._node.get_publishers_info_by_topic(topic.name):
                 present = True
-                self.found.setdefault(interface, time.monotonic() - self._began)
+                self.discovered_s.setdefault(interface, time.monotonic() - self._began)
                 self._note(topic, info, publishes=True)
         for topic in EGO_FEEDS:
             for info in self._node.get_subscriptions_info_by_topic(topic.name):
@@ -133,7 +133,7 @@ class Bystander:
     def _on_state(self, message: Any, info: Any) -> None:
         stamp = message.header.stamp
         step = round((stamp.sec * 10**9 + stamp.nanosec) / STEP_NS)
-        self.asked.setdefault(step, []).append(info["source_timestamp"])
+        self.published_ns.setdefault(step, []).append(info["source_timestamp"])
 
     def _on_diagnostics(self, array: Any) -> None:
         for status in array.status:
@@ -149,7 +149,7 @@ class Bystander:
 
 
 def _mismatch(topic: Topic, info: Any, *, publishes: bool) -> str:
-    """Why an endpoint of the stack and the bridge's on the same topic do not match; empty if they do."""
+    """Returns why an endpoint of the stack and the bridge's on the same topic do not match; empty if they do."""
     kind = info.topic_type
     package, name = topic.type.__module__.split(".")[0], topic.type.__name__
     expected = f"{package}/msg/{name}"

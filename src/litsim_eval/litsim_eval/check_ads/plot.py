@@ -14,13 +14,13 @@ from litsim_sim.core.scene import STEP_S
 from litsim_sim.io.files import replacing
 
 
-def plot_latency(seen: Evidence, path: Path) -> bool:
-    """Write a PNG of the latency by step and its distribution; without answers, return False and write none.
+def plot_latency(evidence: Evidence, path: Path) -> bool:
+    """Writes a PNG of the latency by step and its distribution; returns False without answers, and writes none.
 
     Raises:
         InputError: the file cannot be written.
     """
-    steps, took = latencies(seen)
+    steps, took = latencies(evidence)
     if not steps:
         return False
     figure = Figure(figsize=(11, 4), dpi=100, layout="constrained", facecolor="white")

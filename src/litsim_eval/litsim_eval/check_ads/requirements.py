@@ -9,16 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from litsim_eval.check_ads.feasibility import is_clipped
 from litsim_eval.check_ads.trace import FINISHED, Endpoint, Evidence, Heard
 from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.core.scene import STEP_S, FloatArray
+from litsim_sim.core.scene import STEP_S, EgoCommand, FloatArray
+from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import BODY_FRAMES, INPUTS, MAP_FRAME, Answer, Interface, problem
-from litsim_sim.ego_port.tracking import CRAWL, OFFSET_MAX, Reference, Trajectory
+from litsim_sim.ego_port.tracking import CRAWL, OFFSET_MAX, EgoState, Reference, Trajectory, TwistTarget
 
 ALONG = np.deg2rad(60.0)  # [rad] largest angle between a heading along the road and the lane's
 STRAY = 0.05  # share of a trajectory's headings that may deviate by more
 QUIET_S = 1.0  # [s] without a message, after which a stack counts as idle
+SLACK = 1.05  # factor by which a demand may exceed a limit before it counts as clipped
+SMALL = 1e-2  # [m/s2], [rad/s] excess that never counts as clipped
 
 
 class Verdict(StrEnum):
@@ -50,73 +52,73 @@ class Limits:
     clipped: float = 0.1
 
 
-def judge(seen: Evidence, limits: Limits) -> list[Clause]:
-    """Judge all clauses, in the order of a run."""
+def judge(evidence: Evidence, limits: Limits) -> list[Clause]:
+    """Judges all clauses, in the order of a run."""
     return [
-        discovery(seen),
-        qos(seen),
-        answers(seen),
-        latency(seen, limits.latency_ms),
-        frames(seen),
-        values(seen, limits.clipped),
-        ending(seen),
+        discovery(evidence),
+        qos(evidence),
+        answers(evidence),
+        latency(evidence, limits.latency_ms),
+        frames(evidence),
+        values(evidence, limits.clipped),
+        ending(evidence),
     ]
 
 
-def discovery(seen: Evidence) -> Clause:
+def discovery(evidence: Evidence) -> Clause:
     """A publisher on a topic of the port is found in time."""
     name = "discovery"
-    reads = sorted({each.topic for each in seen.endpoints if not each.publishes})
-    if not seen.found:
+    reads = sorted({each.topic for each in evidence.endpoints if not each.publishes})
+    if not evidence.discovered_s:
         hears = f"; it reads {', '.join(reads)}" if reads else ""
         topics = ", ".join(INPUTS.values())
-        when = f"within {seen.wait_s:g} s" if seen.left is None else "before the stack left"
+        when = f"within {evidence.wait_s:g} s" if evidence.left is None else "before the stack left"
         return Clause(name, Verdict.FAIL, f"no publisher on {topics} {when}{hears}")
-    after = {INPUTS[each]: round(seconds, 2) for each, seconds in seen.found.items()}
+    after = {INPUTS[each]: round(seconds, 2) for each, seconds in evidence.discovered_s.items()}
     text = ", ".join(f"{topic} after {seconds:.1f} s" for topic, seconds in after.items())
-    nodes = sorted({each.node for each in seen.endpoints if each.publishes})
+    nodes = sorted({each.node for each in evidence.endpoints if each.publishes})
     text += f", by {', '.join(nodes)}" if nodes else ""
     return Clause(name, Verdict.PASS, text, {"publishers_s": after, "nodes": nodes, "reads": reads})
 
 
-def qos(seen: Evidence) -> Clause:
+def qos(evidence: Evidence) -> Clause:
     """Types and QoS match on all topics that the stack publishes or reads at the port."""
     name = "types and QoS"
-    if not seen.endpoints:
+    if not evidence.endpoints:
         return Clause(name, Verdict.OPEN, "nothing was found")
-    found = _by_topic(seen.endpoints)
-    wrong = {topic: text for topic, text in found.items() if text}
+    mismatches = _by_topic(evidence.endpoints)
+    wrong = {topic: text for topic, text in mismatches.items() if text}
     text = "; ".join(f"{topic}: {text}" for topic, text in wrong.items())
     return Clause(
         name,
         Verdict.FAIL if wrong else Verdict.PASS,
-        text or f"{len(found)} topics match: {', '.join(found)}",
-        {topic: text or "matches" for topic, text in found.items()},
+        text or f"{len(mismatches)} topics match: {', '.join(mismatches)}",
+        {topic: text or "matches" for topic, text in mismatches.items()},
     )
 
 
 def _by_topic(endpoints: Sequence[Endpoint]) -> dict[str, str]:
-    """First mismatch by topic; an empty text if there is none."""
-    found: dict[str, str] = {}
+    """Returns the first mismatch by topic; an empty text if there is none."""
+    mismatches: dict[str, str] = {}
     for each in sorted(endpoints, key=lambda e: e.topic):
-        found[each.topic] = found.get(each.topic) or each.problem
-    return found
+        mismatches[each.topic] = mismatches.get(each.topic) or each.problem
+    return mismatches
 
 
-def answers(seen: Evidence) -> Clause:
+def answers(evidence: Evidence) -> Clause:
     """Every step is answered once per publication, under its own stamp."""
     name = "answers every step"
-    if not seen.reachable:
+    if not evidence.reachable:
         return Clause(name, Verdict.OPEN, "the bridge cannot hear the stack")
-    last = max(seen.asked, default=-1) if seen.left is None else seen.left - 1
+    last = max(evidence.published_ns, default=-1) if evidence.left is None else evidence.left - 1
     steps = range(last + 1)
     if not steps:
         return Clause(name, Verdict.OPEN, "no step was published")
     # A run does not go past a step without an answer, so the number of answered steps tells which are missing.
-    heard = {each.answer.step_answered for each in seen.used} & set(steps)
-    missing = list(steps[max(len(heard), seen.counts.get("answered", 0) + seen.counts.get("invalid", 0)) :])
-    repeats = sum(len(times) - 1 for times in seen.asked.values())
-    counts = {kind: seen.counts.get(kind, 0) for kind in ("late", "stale", "future", "surplus", "refused")}
+    heard = {each.answer.step_answered for each in evidence.used} & set(steps)
+    missing = list(steps[max(len(heard), evidence.counts.get("answered", 0) + evidence.counts.get("invalid", 0)) :])
+    repeats = sum(len(times) - 1 for times in evidence.published_ns.values())
+    counts = {kind: evidence.counts.get(kind, 0) for kind in ("late", "stale", "future", "surplus", "refused")}
     faults = []
     if missing:
         faults.append(f"{len(missing)} missing, first {missing[0]}")
@@ -130,31 +132,31 @@ def answers(seen: Evidence) -> Clause:
         faults.append(f"{counts['refused']} on a second interface")
     if counts["late"]:
         faults.append(f"{counts['late']} late")
-    if seen.failure and seen.left is None:
-        faults.append(seen.failure)
+    if evidence.failure and evidence.left is None:
+        faults.append(evidence.failure)
     text = f"{len(steps) - len(missing)} of {len(steps)} steps"
-    text += "" if seen.left is None else ", until the stack left"
+    text += "" if evidence.left is None else ", until the stack left"
     figures = {"steps": len(steps), "missing": missing, "repeated_by_bridge": repeats} | counts
     return Clause(
-        name, Verdict.FAIL if faults else Verdict.PASS, "; ".join([text, *faults]), figures | {"run": seen.failure}
+        name, Verdict.FAIL if faults else Verdict.PASS, "; ".join([text, *faults]), figures | {"run": evidence.failure}
     )
 
 
-def latencies(seen: Evidence) -> tuple[list[int], FloatArray]:
-    """Steps after step 0, and their latencies [ms] from the step's first publication to its first answer."""
+def latencies(evidence: Evidence) -> tuple[list[int], FloatArray]:
+    """Returns steps after step 0, and their latencies [ms] from the step's first publication to its first answer."""
     first: dict[int, int] = {}
-    for each in seen.used:
+    for each in evidence.used:
         if each.answer.step_answered is not None:
             first.setdefault(each.step, each.received_ns)
-    steps = sorted(step for step in first.keys() & seen.asked.keys() if step > 0)
-    return steps, np.array([1e-6 * (first[step] - seen.asked[step][0]) for step in steps], np.float64)
+    steps = sorted(step for step in first.keys() & evidence.published_ns.keys() if step > 0)
+    return steps, np.array([1e-6 * (first[step] - evidence.published_ns[step][0]) for step in steps], np.float64)
 
 
-def latency(seen: Evidence, limit_ms: float) -> Clause:
+def latency(evidence: Evidence, limit_ms: float) -> Clause:
     """The 95th percentile of the latency is within the limit."""
     name = "latency"
-    _, took = latencies(seen)
-    if not seen.reachable or not len(took):
+    _, took = latencies(evidence)
+    if not evidence.reachable or not len(took):
         return Clause(name, Verdict.OPEN, "nothing to time")
     low, median, high, most = (float(v) for v in np.percentile(took, [0, 50, 95, 100]))
     in_time = float(np.mean(took <= 1e3 * STEP_S))
@@ -165,15 +167,15 @@ def latency(seen: Evidence, limit_ms: float) -> Clause:
     return Clause(name, Verdict.PASS, text, figures)
 
 
-def frames(seen: Evidence) -> Clause:
+def frames(evidence: Evidence) -> Clause:
     """Frames are those of the contract; trajectories begin at the ego and lead along the road."""
     name = "frames plausible"
-    if not seen.reachable or not seen.used:
+    if not evidence.reachable or not evidence.used:
         return Clause(name, Verdict.OPEN, "no answers")
-    wrong = [each for each in seen.used if not _frame_is_right(each.answer)]
-    good = [each for each in seen.used if _frame_is_right(each.answer) and not problem(each.answer)]
-    away = [(each, offset) for each in good if (offset := _offset(each, seen)) is not None]
-    stray = [(each, share) for each in good if (share := _stray(each.answer, seen)) is not None]
+    wrong = [each for each in evidence.used if not _frame_is_right(each.answer)]
+    good = [each for each in evidence.used if _frame_is_right(each.answer) and not problem(each.answer)]
+    away = [(each, offset) for each in good if (offset := _offset(each, evidence)) is not None]
+    stray = [(each, share) for each in good if (share := _stray(each.answer, evidence)) is not None]
     faults = []
     if wrong:
         faults.append(_first(wrong, f"{len(wrong)} with another frame", problem(wrong[0].answer)))
@@ -183,7 +185,7 @@ def frames(seen: Evidence) -> Clause:
     if lost := [(each, share) for each, share in stray if share > STRAY]:
         words = f"{lost[0][1]:.0%} of its headings more than 60 degrees off the lane's"
         faults.append(_first([each for each, _ in lost], f"{len(lost)} deviate from the road's direction", words))
-    used = sorted({each.answer.frame for each in seen.used})
+    used = sorted({each.answer.frame for each in evidence.used})
     text = f"frame {', '.join(repr(frame) for frame in used)}"
     if away:
         text += f"; begins at most {max(offset for _, offset in away):.2f} m from the ego"
@@ -198,23 +200,23 @@ def frames(seen: Evidence) -> Clause:
     return Clause(name, Verdict.FAIL if faults else Verdict.PASS, "; ".join(faults) or text, figures)
 
 
-def values(seen: Evidence, limit: float) -> Clause:
+def values(evidence: Evidence, limit: float) -> Clause:
     """Values are finite, in order, and within the vehicle's limits."""
     name = "values finite and feasible"
-    if not seen.reachable or not seen.used:
+    if not evidence.reachable or not evidence.used:
         return Clause(name, Verdict.OPEN, "no answers")
     wrong: list[tuple[Heard, str]] = []
     clipped, judged = 0, 0
-    for each in seen.used:
-        answer, ego = _in_frame(each.answer), seen.driven(each.step)
+    for each in evidence.used:
+        answer, ego = _in_frame(each.answer), evidence.driven(each.step)
         if fault := problem(answer):
             wrong.append((each, fault))
         elif ego is not None and answer.target is not None:
             judged += 1
-            clipped += is_clipped(answer.target, ego, seen.vehicle)
-            offset = _offset(each, seen)
+            clipped += is_clipped(answer.target, ego, evidence.vehicle)
+            offset = _offset(each, evidence)
             if isinstance(answer.target, Trajectory) and (offset is None or offset <= OFFSET_MAX):
-                fault = Reference(answer.target, ego).problem(ego, seen.vehicle)
+                fault = Reference(answer.target, ego).problem(ego, evidence.vehicle)
                 wrong += [(each, fault)] if fault else []
     share = clipped / judged if judged else 0.0
     text = f"{share:.1%} of {judged} answers beyond the vehicle's limits"
@@ -227,18 +229,23 @@ def values(seen: Evidence, limit: float) -> Clause:
     return Clause(name, Verdict.FAIL if faults else Verdict.PASS, "; ".join(faults) or f"finite; {text}", figures)
 
 
-def ending(seen: Evidence) -> Clause:
+def ending(evidence: Evidence) -> Clause:
     """The stack stays until the run is over, then falls silent, and does not crash."""
     name = "end of run"
-    end = seen.ending
-    figures = {"state": seen.state, "left": seen.left, "exit_status": end.exit_status, "last_message_s": end.last_s}
-    if not seen.found and seen.left is None:
+    end = evidence.ending
+    figures = {
+        "state": evidence.state,
+        "left": evidence.left,
+        "exit_status": end.exit_status,
+        "last_message_s": end.last_s,
+    }
+    if not evidence.discovered_s and evidence.left is None:
         return Clause(name, Verdict.OPEN, "nothing was found", figures)
     how = f": {end.obituary}" if end.obituary else ""
-    if seen.left is not None:
-        text = f"the stack left at step {seen.left} of {seen.total_steps}, before the run was over{how}"
+    if evidence.left is not None:
+        text = f"the stack left at step {evidence.left} of {evidence.total_steps}, before the run was over{how}"
         return Clause(name, Verdict.FAIL, text, figures)
-    after = "after FINISHED" if seen.state == FINISHED else "after the run had ended early"
+    after = "after FINISHED" if evidence.state == FINISHED else "after the run had ended early"
     if end.exit_status:
         return Clause(name, Verdict.FAIL, f"{after}, the stack crashed{how}", figures)
     if end.last_s is not None and end.last_s > end.watched_s - QUIET_S:
@@ -259,16 +266,16 @@ def _frame_is_right(answer: Answer) -> bool:
 
 
 def _in_frame(answer: Answer) -> Answer:
-    """`answer` with the right frame, so that a wrong one, which another clause judges, is not reported again."""
+    """Returns `answer` with the right frame, so that a wrong one, which another clause judges, is reported once."""
     return replace(answer, frame=MAP_FRAME if answer.interface == Interface.TRAJECTORY else BODY_FRAMES[0])
 
 
-def _offset(heard: Heard, seen: Evidence) -> float | None:
-    """Distance [m] from the ego to the trajectory of `heard` at the time of the step that it answers.
+def _offset(heard: Heard, evidence: Evidence) -> float | None:
+    """Returns the distance [m] from the ego to the trajectory of `heard` at the time of the step that it answers.
 
     None if the answer is not a trajectory, does not cover that time, or does not drive the ego.
     """
-    target, ego = heard.answer.target, seen.driven(heard.step)
+    target, ego = heard.answer.target, evidence.driven(heard.step)
     if not isinstance(target, Trajectory) or ego is None or problem(_in_frame(heard.answer)):
         return None
     if not len(target.time) or target.time[0] > ego.time + 0.5 * STEP_S:
@@ -277,8 +284,8 @@ def _offset(heard: Heard, seen: Evidence) -> float | None:
     return float(np.hypot(at[0] - ego.x, at[1] - ego.y))
 
 
-def _stray(answer: Answer, seen: Evidence) -> float | None:
-    """Share (0 to 1) of the segments of a trajectory that do not lead along their lane; None where it does not move."""
+def _stray(answer: Answer, evidence: Evidence) -> float | None:
+    """Returns the share of the segments of a trajectory that do not lead along their lane; None if it does not move."""
     target = answer.target
     if not isinstance(target, Trajectory) or len(target.time) < 2:
         return None
@@ -287,5 +294,42 @@ def _stray(answer: Answer, seen: Evidence) -> float | None:
     if not moving.any():
         return None
     heading = np.arctan2(step[1], step[0])[moving]
-    lane = seen.lane_map.nearest(target.x[1:][moving], target.y[1:][moving])
+    lane = evidence.lane_map.nearest(target.x[1:][moving], target.y[1:][moving])
     return float(np.mean(np.abs(wrap_angle(heading - lane.heading)) > ALONG))
+
+
+def is_clipped(target: EgoCommand | TwistTarget | Trajectory, ego: EgoState, vehicle: VehicleModel) -> bool:
+    """Returns whether `target`, of finite values, asks for more than the vehicle can do.
+
+    Args:
+        target: acceleration and yaw rate; or speed and yaw rate to be reached within a step; or a trajectory, judged by
+            its motion from pose to pose.
+        ego: state of the ego at the step that is answered.
+        vehicle: with the limits.
+    """
+    if isinstance(target, EgoCommand):
+        return _exceeds(target.acceleration, target.yaw_rate, ego.speed, vehicle)
+    if isinstance(target, TwistTarget):
+        acceleration = (target.speed - ego.speed) / (STEP_S + 3.0 * vehicle.reaction_s)
+        return _exceeds(acceleration, target.yaw_rate, ego.speed + STEP_S * max(acceleration, 0.0), vehicle)
+    demands = np.stack(motion(target), axis=1).tolist()
+    return any(_exceeds(acceleration, yaw_rate, speed, vehicle) for speed, acceleration, yaw_rate in demands)
+
+
+def motion(trajectory: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Returns speed [m/s], acceleration [m/s2] and yaw rate [rad/s] at the inner poses of a trajectory, (m - 2,) each.
+
+    The yaw rate is 0 where two poses are too close to each other to define a direction.
+    """
+    took = np.diff(trajectory.time)
+    x, y = np.diff(trajectory.x), np.diff(trajectory.y)
+    speed, heading = np.hypot(x, y) / took, np.arctan2(y, x)
+    apart = 0.5 * (took[1:] + took[:-1])
+    turn = np.remainder(np.diff(heading) + np.pi, 2.0 * np.pi) - np.pi
+    moving = np.minimum(speed[1:], speed[:-1]) > CRAWL
+    return np.maximum(speed[1:], speed[:-1]), np.diff(speed) / apart, np.where(moving, turn / apart, 0.0)
+
+
+def _exceeds(acceleration: float, yaw_rate: float, speed: float, vehicle: VehicleModel) -> bool:
+    cut = vehicle.within(acceleration, yaw_rate, speed)
+    return any(abs(asked) > SLACK * abs(can) + SMALL for asked, can in zip((acceleration, yaw_rate), cut, strict=True))

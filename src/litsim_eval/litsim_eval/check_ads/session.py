@@ -58,7 +58,7 @@ class Check:
 
 
 def observe(check: Check) -> Evidence:
-    """Make the run, to its end or as far as the stack allows.
+    """Makes the run, to its end or as far as the stack allows.
 
     Raises:
         InputError: the command cannot be started, or the workspace is not complete.
@@ -85,13 +85,13 @@ def observe(check: Check) -> Evidence:
                 _end(stack)
         return Evidence(
             wait_s=check.wait_s,
-            found=bystander.found,
+            discovered_s=bystander.discovered_s,
             endpoints=bystander.endpoints,
-            asked=bystander.asked,
+            published_ns=bystander.published_ns,
             heard=tuple(bystander.heard),
             interface=bystander.interface,
             counts=bystander.counts,
-            remarks=summarised(filter(_names_an_input, bystander.remarks)),
+            remarks=summarised(text for text in bystander.remarks if any(topic in text for topic in INPUTS.values())),
             states=_states(check),
             history_steps=check.scenario.history_steps,
             lane_map=check.scenario.lane_map,
@@ -104,13 +104,8 @@ def observe(check: Check) -> Evidence:
         )
 
 
-def _names_an_input(remark: str) -> bool:
-    """Whether a remark of the ego port is about a topic of the stack's answers."""
-    return any(topic in remark for topic in INPUTS.values())
-
-
 def _bridge(check: Check, plan: RunPlan, file: Path) -> dict[str, object]:
-    """Parameters of the bridge: invalid answers are counted, and only missing ones end the run."""
+    """Returns parameters of the bridge: invalid answers are counted, and only missing ones end the run."""
     return {
         "scenario": str(file),
         "ego": plan.ego,
@@ -125,7 +120,7 @@ def _bridge(check: Check, plan: RunPlan, file: Path) -> dict[str, object]:
 
 
 def _meet(bridge: Child, bystander: Bystander) -> None:
-    """Wait until the bystander hears the bridge, which itself waits for the recorder, so that no step is missed.
+    """Waits until the bystander hears the bridge, which itself waits for the recorder, so that no step is missed.
 
     Raises:
         InputError: the bridge has ended, or is not discovered.
@@ -141,17 +136,17 @@ def _meet(bridge: Child, bystander: Bystander) -> None:
 
 
 def _discover(check: Check, bystander: Bystander, stack: Child | None) -> None:
-    """Wait for a publisher of the stack; the run has not begun yet, so its answers are heard from step 0 on."""
+    """Waits for a publisher of the stack; the run has not begun yet, so its answers are heard from step 0 on."""
     bystander.start()
     until = time.monotonic() + check.wait_s
-    while not bystander.found and time.monotonic() < until and (stack is None or stack.running):
+    while not bystander.discovered_s and time.monotonic() < until and (stack is None or stack.running):
         bystander.listen(TICK_S)
-    if bystander.found:
+    if bystander.discovered_s:
         bystander.listen(3 * TICK_S)  # for the stack to find the bystander, too
 
 
 def _start(check: Check) -> Child:
-    """Start the stack in the domain of the graph."""
+    """Starts the stack in the domain of the graph."""
     log = check.out / "log" / f"{STACK}.log"
     environment = os.environ | {"ROS_DOMAIN_ID": str(check.domain_id)} | enclave_setting(os.environ, ADS, check.command)
     with log.open("w") as stream, signals_deferred():
@@ -160,23 +155,23 @@ def _start(check: Check) -> Child:
 
 
 def _follow(bridge: Child, bystander: Bystander, stack: Child | None) -> int | None:
-    """Listen until the bridge ends, the stack leaves or none is found; return the step at which it left, or None."""
+    """Listens until the bridge ends, the stack leaves or none is found; returns the step at which it left, or None."""
     hopeless = time.monotonic() + LAZY_S
     while bridge.running:
         bystander.listen(TICK_S)
-        if not bystander.found and time.monotonic() > hopeless:
+        if not bystander.discovered_s and time.monotonic() > hopeless:
             break
-        gone = (stack is not None and not stack.running) or (bool(bystander.found) and not bystander.present)
+        gone = (stack is not None and not stack.running) or (bool(bystander.discovered_s) and not bystander.present)
         if gone and not bystander.over:
             bystander.listen(5 * TICK_S)  # the stack may have heard of the end of the run before this program
             if not bystander.over:
-                return max(bystander.asked, default=0)
+                return max(bystander.published_ns, default=0)
     bystander.listen(TICK_S)
     return None
 
 
 def _failure(graph: Graph, left: int | None) -> str:
-    """Why the run failed; empty if it did not."""
+    """Returns why the run failed; empty if it did not."""
     if left is not None or graph.children[BRIDGE].running:
         graph.stop()
         return "no stack answers" if left is None else "the stack left"
@@ -188,19 +183,19 @@ def _failure(graph: Graph, left: int | None) -> str:
 
 
 def _watch_end(check: Check, bystander: Bystander, stack: Child | None, left: int | None) -> tuple[Ending, int | None]:
-    """Watch the stack after the run; return its ending, and the step at which it left the run, if it did.
+    """Watches the stack after the run; returns its ending, and the step at which it left the run, if it did.
 
     A silent stack that was started elsewhere is watched until DDS would have noticed its death.
     """
     began_ns, began = time.time_ns(), time.monotonic()
-    silent = bystander.state != FINISHED and left is None and stack is None and bool(bystander.found)
+    silent = bystander.state != FINISHED and left is None and stack is None and bool(bystander.discovered_s)
     watch = max(check.end_wait_s, LEASE_S) if silent else check.end_wait_s
     while (watched := time.monotonic() - began) < watch:
         bystander.listen(TICK_S)
         if not bystander.present and (stack is None or not stack.running):
             break
     if silent and not bystander.present and bystander.state in (FAILED, ""):
-        left = max(bystander.asked, default=0)
+        left = max(bystander.published_ns, default=0)
     after = [each.received_ns for each in bystander.heard if each.received_ns > began_ns]
     last_s = 1e-9 * (after[-1] - began_ns) if after else None
     gone = stack is not None and not stack.running
@@ -217,7 +212,7 @@ def _watch_end(check: Check, bystander: Bystander, stack: Child | None, left: in
 
 
 def _end(stack: Child) -> None:
-    """End the stack and its child processes."""
+    """Ends the stack and its child processes."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
         if not stack.running:
             return
@@ -228,7 +223,7 @@ def _end(stack: Child) -> None:
 
 
 def _states(check: Check) -> dict[int, EgoState]:
-    """States of the ego by step, from the record; empty if there is none."""
+    """Returns states of the ego by step, from the record; empty if there is none."""
     try:
         run = read_run(check.out)
     except InputError:

@@ -71,9 +71,9 @@ class Evidence:
 
     Attributes:
         wait_s: longest time to wait for a publisher [s].
-        found: seconds until a publisher of each interface was found, since the stack was started or could have been.
+        discovered_s: seconds until a publisher of each interface was found, from the start of the stack on.
         endpoints: of the stack.
-        asked: times at which each step was published [ns].
+        published_ns: times at which each step was published [ns].
         heard: answers over all interfaces, in order of arrival.
         interface: in use by the bridge; None if no answer has reached it.
         counts: of the answers at the bridge, by :data:`litsim_sim.ego_port.port.COUNTS`.
@@ -90,9 +90,9 @@ class Evidence:
     """
 
     wait_s: float
-    found: dict[Interface, float]
+    discovered_s: dict[Interface, float]
     endpoints: tuple[Endpoint, ...]
-    asked: dict[int, list[int]]
+    published_ns: dict[int, list[int]]
     heard: tuple[Heard, ...]
     interface: Interface | None
     counts: dict[str, int]
@@ -108,7 +108,7 @@ class Evidence:
     ending: Ending = field(default_factory=lambda: Ending(0.0, None, present=False))
 
     def driven(self, step: int) -> EgoState | None:
-        """State of the ego at a step; None if the answer to that step does not drive it, or the state is unknown."""
+        """Returns the state of the ego at a step; None if it is unknown, or the answer does not drive the ego."""
         return self.states.get(step) if step >= self.history_steps else None
 
     @property
@@ -123,5 +123,5 @@ class Evidence:
 
 
 def summarised(remarks: Iterable[str]) -> tuple[str, ...]:
-    """The last of all remarks that differ only in numbers, which contains their count; in order of the first ones."""
+    """Returns, of remarks that differ only in numbers, the last one, which holds their count."""
     return tuple({NUMBER.sub("#", text): text for text in remarks}.values())

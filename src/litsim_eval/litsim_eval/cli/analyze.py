@@ -12,7 +12,7 @@ from litsim_sim.cli.program import RUN_STATUS_HELP, program, run_status
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_eval analyze``."""
+    """Returns the parser of ``ros2 run litsim_eval analyze``."""
     p = Parser(prog="analyze", description=__doc__, epilog=f"Files: {', '.join(FILES)}. {RUN_STATUS_HELP}")
     p.add_argument("bag", type=Path, help="folder of a run, or its MCAP file")
     p.add_argument("--out", type=Path, metavar="FOLDER", help="default: beside the bag")
@@ -22,7 +22,7 @@ def parser() -> argparse.ArgumentParser:
 
 @program
 def main(argv: list[str] | None = None) -> int:
-    """Entry point of ``ros2 run litsim_eval analyze``."""
+    """Runs ``ros2 run litsim_eval analyze``."""
     arguments = parser().parse_args(argv)
     metrics = analyze(arguments.bag, arguments.out)
     if not arguments.quiet:

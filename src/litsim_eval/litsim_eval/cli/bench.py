@@ -6,6 +6,7 @@ import argparse
 import os
 import platform
 import tempfile
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -24,9 +25,12 @@ from litsim_sim.io.files import replacing
 HIGHWAY_ENV_MOST = 250  # with more vehicles highway-env takes minutes
 HIGHWAY_ENV_STEPS = 20
 
+Content = tuple[str, Sequence[str], Iterable[Sequence[str]]]
+"""Title, head and rows of a table."""
+
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_eval bench``."""
+    """Returns the parser of ``ros2 run litsim_eval bench``."""
     p = Parser(prog="bench", description=__doc__, formatter_class=DefaultsFormatter)
     p.add_argument("--agents", type=int, nargs="+", default=[50, 150, 250, 1000], help="numbers of agents")
     p.add_argument("--seconds", type=float, default=13.0, help="simulated time of a run, 3 s of history included")
@@ -59,20 +63,21 @@ def parser() -> argparse.ArgumentParser:
 
 @program
 def main() -> None:
-    """Entry point of ``ros2 run litsim_eval bench``."""
+    """Runs ``ros2 run litsim_eval bench``."""
     arguments = parser().parse_args()
     if arguments.memory is not None:
-        show(*memory_table(arguments.agents[0], arguments.memory), arguments.markdown)
+        content = memory_table(arguments)
     elif arguments.start:
-        show(*start_table(arguments.agents[0], arguments.repeats), arguments.markdown)
-    elif arguments.throughput:
-        show(*throughput_table(arguments), arguments.markdown)
+        content = start_table(arguments)
     else:
-        show(*run_table(arguments), arguments.markdown)
+        content = throughput_table(arguments) if arguments.throughput else run_table(arguments)
+    show(*content, arguments.markdown)
 
 
-def show(title: str, head: list[str], rows: list[list[str]], markdown: Path | None) -> None:
-    """Print a table, and write it to the file `markdown` unless that is None."""
+def show(title: str, head: Sequence[str], body: Iterable[Sequence[str]], markdown: Path | None) -> None:
+    """Prints a table, and writes it to the file `markdown` unless that is None."""
+    title = f"{title}, {os.cpu_count()} CPU cores, Python {platform.python_version()}"
+    rows = list(body)
     table = Table(title=title, title_justify="left")
     for k, each in enumerate(head):
         table.add_column(each, justify="right" if k else "left", no_wrap=True)
@@ -80,18 +85,15 @@ def show(title: str, head: list[str], rows: list[list[str]], markdown: Path | No
         table.add_row(*row)
     Console(width=160).print(table)
     if markdown is not None:
-        lines = [
-            title + ".",
-            "",
-            *(f"| {' | '.join(row)} |" for row in (head, ["---", *["---:"] * (len(head) - 1)], *rows)),
-        ]
+        rule = ["---", *["---:"] * (len(head) - 1)]
+        lines = [title + ".", "", *(f"| {' | '.join(row)} |" for row in (head, rule, *rows))]
         with replacing(markdown) as new:
             new.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def run_table(arguments: argparse.Namespace) -> tuple[str, list[str], list[list[str]]]:
-    """Whole runs by number of agents: title, head and rows."""
-    found = {}
+def run_table(arguments: argparse.Namespace) -> Content:
+    """Returns the time of a step by number of agents."""
+    samples = {}
     with (
         tempfile.TemporaryDirectory() as folder,
         tqdm(total=arguments.repeats * len(arguments.agents), unit="repetition", dynamic_ncols=True) as bar,
@@ -101,48 +103,35 @@ def run_table(arguments: argparse.Namespace) -> tuple[str, list[str], list[list[
             if arguments.highway_env is not None and agents <= HIGHWAY_ENV_MOST:
                 python, script = arguments.highway_env / ".venv/bin/python", arguments.highway_env / "step_time.py"
                 beside = partial(time_highway_env, python.absolute(), script, steps=HIGHWAY_ENV_STEPS)
-            given = (Path(folder), agents, arguments.seconds, arguments.repeats, beside, bar.update)
-            found[agents] = measure(*given, ["--apart"] if arguments.apart else [])
-    title = f"a step, median (minimum to maximum) of {arguments.repeats} repetitions, {_machine()}"
-    return title, ["", *(f"{agents} agents" for agents in found)], [list(row) for row in table_rows(found)]
+            settings = (Path(folder), agents, arguments.seconds, arguments.repeats, beside, bar.update)
+            samples[agents] = measure(*settings, ["--apart"] if arguments.apart else [])
+    title = f"a step, median (minimum to maximum) of {arguments.repeats} repetitions"
+    return title, ["", *(f"{agents} agents" for agents in samples)], table_rows(samples)
 
 
-def memory_table(agents: int, minutes: float) -> tuple[str, list[str], list[list[str]]]:
-    """Memory of a long run by process: title, head and rows."""
+def memory_table(arguments: argparse.Namespace) -> Content:
+    """Returns the memory of a long run by process."""
+    agents, minutes = arguments.agents[0], arguments.memory
     head = ["resident memory, MB", "step 0", "after a quarter", "at the end", "growth since, MB per simulated minute"]
-    found = measure_memory(agents, minutes)
-    return f"a run of {minutes:g} min, {agents} agents, {_machine()}", head, list(memory_rows(found, minutes))
+    return f"a run of {minutes:g} min, {agents} agents", head, memory_rows(measure_memory(agents, minutes), minutes)
 
 
-def start_table(agents: int, repeats: int) -> tuple[str, list[str], list[list[str]]]:
-    """Start-up time of a run: title, head and rows."""
+def start_table(arguments: argparse.Namespace) -> Content:
+    """Returns the start-up time of a run."""
+    agents, repeats = arguments.agents[0], arguments.repeats
     with tempfile.TemporaryDirectory() as folder, tqdm(total=repeats, unit="repetition", dynamic_ncols=True) as bar:
-        found = measure_start(Path(folder), agents, repeats, bar.update)
-    title = f"the start of a run, {agents} agents, {repeats} repetitions, {_machine()}"
-    return title, ["", "median (minimum to maximum)"], list(start_rows(found))
+        starts = measure_start(Path(folder), agents, repeats, bar.update)
+    title = f"the start of a run, {agents} agents, {repeats} repetitions"
+    return title, ["", "median (minimum to maximum)"], start_rows(starts)
 
 
-def throughput_table(arguments: argparse.Namespace) -> tuple[str, list[str], list[list[str]]]:
-    """Throughput of evaluation and training: title, head and rows."""
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        tqdm(total=arguments.repeats, unit="pair", dynamic_ncols=True) as bar,
-    ):
-        found = measure_throughput(
-            Path(folder),
-            arguments.beside,
-            arguments.scenario,
-            arguments.egos,
-            arguments.processes,
-            arguments.repeats,
-            bar.update,
-        )
-    title = f"throughput, median (minimum to maximum) of {arguments.repeats} repetitions, {_machine()}"
-    return title, ["", *found], list(throughput_rows(found))
-
-
-def _machine() -> str:
-    return f"{os.cpu_count()} CPU cores, Python {platform.python_version()}"
+def throughput_table(arguments: argparse.Namespace) -> Content:
+    """Returns the throughput of evaluation and training."""
+    a = arguments
+    with tempfile.TemporaryDirectory() as folder, tqdm(total=a.repeats, unit="pair", dynamic_ncols=True) as bar:
+        samples = measure_throughput(Path(folder), a.beside, a.scenario, a.egos, a.processes, a.repeats, bar.update)
+    title = f"throughput, median (minimum to maximum) of {a.repeats} repetitions"
+    return title, ["", *samples], throughput_rows(samples)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ import os
 import tempfile
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -30,7 +29,7 @@ PLOT_FILE = "latency.png"
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_eval check_ads``."""
+    """Returns the parser of ``ros2 run litsim_eval check_ads``."""
     p = Parser(
         prog="check_ads",
         description=__doc__,
@@ -84,7 +83,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def check_ads(arguments: argparse.Namespace, console: Console) -> int:
-    """Check a stack and return the exit status.
+    """Checks a stack and returns the exit status.
 
     Raises:
         InputError: an argument or a file cannot be used.
@@ -106,17 +105,24 @@ def check_ads(arguments: argparse.Namespace, console: Console) -> int:
             answer_timeout_s=arguments.answer_timeout,
             end_wait_s=arguments.end_wait,
         )
-        seen = observe(check)
-        clauses = judge(seen, limits)
+        evidence = observe(check)
+        clauses = judge(evidence, limits)
         if arguments.out:
-            plot_latency(seen, out / PLOT_FILE)
+            plot_latency(evidence, out / PLOT_FILE)
     passed = all(clause.verdict == Verdict.PASS for clause in clauses)
     console.print(_table(clauses))
-    for remark in seen.remarks:
+    for remark in evidence.remarks:
         console.print(f"/diagnostics: {remark}", highlight=False, markup=False, soft_wrap=True)
     if arguments.json:
-        described = {"passed": passed, "scenario": scenario.name, "steps": scenario.total_steps}
-        _write(described | {"clauses": _as_json(clauses), "remarks": list(seen.remarks)}, arguments.json)
+        result = {
+            "passed": passed,
+            "scenario": scenario.name,
+            "steps": scenario.total_steps,
+            "clauses": {each.name: {"verdict": each.verdict, "why": each.text, **each.figures} for each in clauses},
+            "remarks": evidence.remarks,
+        }
+        with replacing(arguments.json) as new:
+            new.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     return 0 if passed else EXIT_FAILED
 
 
@@ -130,17 +136,8 @@ def _table(clauses: list[Clause]) -> Table:
     return table
 
 
-def _as_json(clauses: list[Clause]) -> dict[str, Any]:
-    return {each.name: {"verdict": str(each.verdict), "why": each.text, **each.figures} for each in clauses}
-
-
-def _write(result: dict[str, Any], path: Path) -> None:
-    with replacing(path) as new:
-        new.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-
-
 def _writable(out: Path) -> Path:
-    """Create the folder `out` for the record, or fail before anything is started."""
+    """Creates the folder `out` for the record, or fail before anything is started."""
     if any(out.glob("*.mcap")):
         raise InputError(f"{out}: holds a recording already; give another --out")
     make_folder(out / "log")
@@ -149,7 +146,7 @@ def _writable(out: Path) -> Path:
 
 @program
 def main() -> int:
-    """Entry point of ``ros2 run litsim_eval check_ads``."""
+    """Runs ``ros2 run litsim_eval check_ads``."""
     arguments = parser().parse_args()
     interrupt_on_signals()  # so that child processes are ended
     return check_ads(arguments, Console())

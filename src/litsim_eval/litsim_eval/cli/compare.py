@@ -29,7 +29,7 @@ STATUS_HELP = "Exit status: 0; of campaigns 1 where a case passed and does not a
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_eval compare``."""
+    """Returns the parser of ``ros2 run litsim_eval compare``."""
     p = Parser(prog="compare", description=__doc__, epilog=STATUS_HELP)
     p.add_argument(
         "runs",
@@ -45,7 +45,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def print_comparison(comparison: Comparison, only_differences: bool = False, console: Console | None = None) -> None:
-    """Print a table; wall times are never marked."""
+    """Prints a table; wall times are never marked."""
     console = console or Console(width=None if sys.stdout.isatty() else WIDTH)
     two = len(comparison.names) == 2
     table = Table(box=None, pad_edge=False)
@@ -61,20 +61,15 @@ def print_comparison(comparison: Comparison, only_differences: bool = False, con
             if marked:
                 table.rows[-1].style = "bold yellow"
     console.print(table)
-    console.print("equal but for wall times" if comparison.equal else _count(comparison), highlight=False)
-
-
-def _count(comparison: Comparison) -> str:
-    differing = [row for row in comparison.rows if row.differs and row.of_the_run]
-    return f"{len(differing)} measures differ"
+    differing = sum(row.differs and row.of_the_run for row in comparison.rows)
+    console.print(f"{differing} measures differ" if differing else "equal but for wall times", highlight=False)
 
 
 def _cells(row: Row, with_change: bool) -> list[str]:
     mark = "* " if row.differs and row.of_the_run else "  "  # also without colours
     cells = [mark + row.name, *(_text(value) for value in row.values)]
     if with_change:
-        change = row.changes[1]
-        cells.append(f"{change:+.{DIGITS}g}" if row.differs and change is not None else "")
+        cells.append(f"{row.change:+.{DIGITS}g}" if row.differs and row.change is not None else "")
     return cells
 
 
@@ -91,7 +86,7 @@ def _text(value: Any) -> str:
 
 @program
 def main(argv: list[str] | None = None) -> int:
-    """Entry point of ``ros2 run litsim_eval compare``."""
+    """Runs ``ros2 run litsim_eval compare``."""
     p = parser()
     arguments = p.parse_args(argv)
     if len(arguments.runs) < 2:
@@ -108,7 +103,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _campaigns(arguments: argparse.Namespace) -> int:
-    """Compare two campaigns; return the exit status.
+    """Compares two campaigns; returns the exit status.
 
     Raises:
         InputError: they are not two, or cannot be compared.
@@ -123,7 +118,7 @@ def _campaigns(arguments: argparse.Namespace) -> int:
         print(json.dumps(comparison.to_json(), indent=2))
     else:
         print_campaigns(comparison, everything=arguments.all)
-    return EXIT_FAILED if comparison.newly_failing else 0
+    return EXIT_FAILED if comparison.those("newly_failing") else 0
 
 
 if __name__ == "__main__":

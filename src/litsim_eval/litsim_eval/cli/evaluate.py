@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Self
 
 from rich.console import Console
 from tqdm import tqdm
@@ -15,10 +14,9 @@ from tqdm import tqdm
 from litsim_eval.campaign.case import Case, cases_of, code_versions
 from litsim_eval.campaign.criteria import Verdict
 from litsim_eval.campaign.folder import CampaignFolder
-from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RESULTS_FILE, Campaign, RunResult
-from litsim_eval.campaign.row_bounds import row_bounds
-from litsim_eval.campaign.row_summary import row_summary
+from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RESULTS_FILE, Campaign, RunResult, read_results
 from litsim_eval.campaign.suite import place_of
+from litsim_eval.campaign.variant_summary import variant_bounds, variant_summary
 from litsim_eval.cli.suite_arguments import add_suite_arguments, suite_of
 from litsim_eval.runs.campaign import LocalRuns, conclude
 from litsim_eval.runs.case_run import TIME_LIMIT_S, CaseRefused, check_cases
@@ -35,13 +33,13 @@ STATUS_HELP = (
     "and stderr says why; 2, bad input; 130, interrupted; the same command resumes it."
 )
 DEFAULT_OUT = "bags/evaluation"
-TOLD_AS = {Verdict.PASSED: "passed", Verdict.FAILED: "failed", Verdict.ERROR: "errors"}
+VERDICT_NAMES = {Verdict.PASSED: "passed", Verdict.FAILED: "failed", Verdict.ERROR: "errors"}
 SMOOTHING = 0.02  # of tqdm's time left: low, since the durations of runs vary widely
-TOLD_MAX = 20  # most runs that have not passed and are printed with their reasons
+REASONS_MAX = 20  # most runs that have not passed and are printed with their reasons
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_eval evaluate``."""
+    """Returns the parser of ``ros2 run litsim_eval evaluate``."""
     p = Parser(prog="evaluate", description=__doc__, epilog=STATUS_HELP, formatter_class=DefaultsFormatter)
     add_suite_arguments(p)
     p.add_argument("--graph", action="store_true", help="run LitSim's own egos over DDS, too, and record them")
@@ -65,7 +63,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def evaluate(arguments: argparse.Namespace) -> int:
-    """Run the campaign that the arguments describe, or the rest of it, and return the exit status.
+    """Runs the campaign that the arguments describe, or the rest of it, and returns the exit status.
 
     Raises:
         InputError: an argument or a file cannot be used; raised before the first run.
@@ -87,18 +85,15 @@ def evaluate(arguments: argparse.Namespace) -> int:
     runs: LocalRuns | RayRuns = LocalRuns(folder, suite.criteria, arguments.processes, arguments.time_limit)
     if arguments.ray is not None:
         runs = RayRuns(folder, suite.criteria, arguments.ray, arguments.processes, arguments.time_limit)
-    runs.check(cases)
+        runs.check(cases)
     if arguments.dry_run:
-        return _tell(cases, folder, arguments)
+        return _list_cases(cases, folder, arguments)
     with folder.alone():
         done = folder.begin(suite, cases, versions, overwrite=arguments.overwrite)
         if arguments.retry_errors:
             done = _judged(done)
-        to_run = [case for case in cases if case.id not in done]
         try:
-            with Progress(len(cases), done.values()) as progress, closing(runs.run(to_run)) as results:
-                for result in results:
-                    progress.add(result)
+            _run_the_rest(runs, cases, done)
         except BaseException:  # finished runs are kept
             without_interrupts(lambda: conclude(folder))
             print_error("the campaign ended before all runs were done; the same command resumes it")
@@ -109,34 +104,29 @@ def evaluate(arguments: argparse.Namespace) -> int:
     return 0 if campaign.passes else EXIT_FAILED
 
 
-class Progress:
-    """A progress bar with the numbers of runs that have passed, failed and were errors."""
-
-    def __init__(self, total: int, done: Collection[RunResult]) -> None:
-        self._counts = Counter(result.verdict for result in done)
-        self._bar = tqdm(total=total, initial=len(done), unit="run", dynamic_ncols=True, smoothing=SMOOTHING)
-        self._show()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.close()
-
-    def add(self, result: RunResult) -> None:
-        """Count a finished run."""
-        self._counts[result.verdict] += 1
-        self._bar.update()
-        self._show()
-
-    def _show(self) -> None:
-        told = {name: self._counts[verdict] for verdict, name in TOLD_AS.items()}
-        self._bar.set_postfix(told, refresh=False)
+def _run_the_rest(runs: LocalRuns | RayRuns, cases: Sequence[Case], done: Mapping[str, RunResult]) -> None:
+    """Runs those of `cases` that are not `done`, with a progress bar that counts the verdicts."""
+    results = list(done.values())
+    with (
+        tqdm(total=len(cases), initial=len(done), unit="run", dynamic_ncols=True, smoothing=SMOOTHING) as bar,
+        closing(runs.run([case for case in cases if case.id not in done])) as running,
+    ):
+        bar.set_postfix(_counts(results), refresh=False)
+        for result in running:
+            results.append(result)
+            bar.set_postfix(_counts(results), refresh=False)
+            bar.update()
 
 
-def _tell(cases: Sequence[Case], folder: CampaignFolder, arguments: argparse.Namespace) -> int:
-    """Print for every case its verdict, or that it is to be run; return the exit status."""
-    done = {result.case.id: result for result in folder.finished(cases)}
+def _counts(results: Collection[RunResult]) -> dict[str, int]:
+    """Returns how many runs have passed, failed and were errors."""
+    verdicts = Counter(result.verdict for result in results)
+    return {name: verdicts[verdict] for verdict, name in VERDICT_NAMES.items()}
+
+
+def _list_cases(cases: Sequence[Case], folder: CampaignFolder, arguments: argparse.Namespace) -> int:
+    """Prints for every case its verdict, or that it is to be run; returns the exit status."""
+    done = {result.case.id: result for result in read_results(folder.path, cases)}
     if arguments.retry_errors:
         done = _judged(done)
     for case in cases:
@@ -146,35 +136,34 @@ def _tell(cases: Sequence[Case], folder: CampaignFolder, arguments: argparse.Nam
 
 
 def _judged(results: Mapping[str, RunResult]) -> dict[str, RunResult]:
-    """The `results` without those that are errors."""
+    """Returns the `results` without those that are errors."""
     return {each: result for each, result in results.items() if result.verdict != Verdict.ERROR}
 
 
 def _counted(results: Collection[RunResult]) -> str:
-    counts = Counter(result.verdict for result in results)
-    return ", ".join(f"{counts[verdict]} {name}" for verdict, name in TOLD_AS.items())
+    return ", ".join(f"{count} {name}" for name, count in _counts(results).items())
 
 
 def _print(campaign: Campaign, *, intervals: bool) -> None:
-    """Print the table, the criteria that the campaign fails, and the runs that have not passed, with reasons."""
-    summary = {row: row_summary(results) for row, results in campaign.rows.items()}
+    """Prints the table, the criteria that the campaign fails, and the runs that have not passed, with reasons."""
+    summary = {variant: variant_summary(results) for variant, results in campaign.variants.items()}
     replayed = all(case.policy == REPLAY for case in campaign.cases)
-    bounds = {row: row_bounds(results) for row, results in campaign.rows.items()} if intervals else None
+    bounds = {variant: variant_bounds(results) for variant, results in campaign.variants.items()} if intervals else None
     print_summary(campaign.name, summary, Console(), replayed=replayed, bounds=bounds)
     print(f"{_counted(campaign.results)}; every run: {campaign.folder / RESULTS_FILE}")
     for criterion in campaign.judged:
         if not criterion.passed:
             print_error(f"{criterion.name}: {criterion.reason}")
     bad = [result for result in campaign.results if result.verdict != Verdict.PASSED]
-    for result in bad[:TOLD_MAX]:
+    for result in bad[:REASONS_MAX]:
         print_error(f"{result.case.name}: {result.verdict}: {result.reason}")
-    if len(bad) > TOLD_MAX:
-        print_error(f"and {len(bad) - TOLD_MAX} more, in {campaign.folder / RESULTS_FILE}")
+    if len(bad) > REASONS_MAX:
+        print_error(f"and {len(bad) - REASONS_MAX} more, in {campaign.folder / RESULTS_FILE}")
 
 
 @program
 def main(argv: list[str] | None = None) -> int:
-    """Entry point of ``ros2 run litsim_eval evaluate``."""
+    """Runs ``ros2 run litsim_eval evaluate``."""
     arguments = parser().parse_args(argv)
     interrupt_on_signals()
     return evaluate(arguments)

@@ -12,7 +12,7 @@ from litsim_sim.core.errors import InputError
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_eval report``."""
+    """Returns the parser of ``ros2 run litsim_eval report``."""
     p = Parser(prog="report", description=__doc__)
     p.add_argument("run", type=Path, help="folder of a run, its MCAP file, or the folder of a campaign")
     p.add_argument("--out", type=Path, metavar="HTML", help="default: report.html (experiment.html) in the folder")
@@ -24,7 +24,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def report(arguments: argparse.Namespace) -> list[Path]:
-    """Write the files that the arguments request; return their paths.
+    """Writes the files that the arguments request; returns their paths.
 
     Raises:
         InputError: the input cannot be read, or a file cannot be written.
@@ -49,20 +49,20 @@ def _write_picture(arguments: argparse.Namespace) -> list[Path]:
         raise InputError(f"--png {arguments.png}: expected a name that ends in .png")
     if is_campaign(arguments.run):
         raise InputError(f"{arguments.run}: a campaign, expected one run for --png")
-    from litsim_eval.analysis.plots import telling_moment  # matplotlib takes half a second to load
+    from litsim_eval.analysis.plots import notable_moment  # matplotlib takes half a second to load
     from litsim_eval.analysis.takeover import ledger
     from litsim_eval.report.pictures import write_png
     from litsim_sim.record.run import read_run
 
     run = read_run(arguments.run)
-    step = telling_moment(run, ledger(run)).step if arguments.step is None else arguments.step
+    step = notable_moment(run, ledger(run)).step if arguments.step is None else arguments.step
     write_png(run, step, arguments.png)
     return [arguments.png]
 
 
 @program
 def main(argv: list[str] | None = None) -> None:
-    """Entry point of ``ros2 run litsim_eval report``."""
+    """Runs ``ros2 run litsim_eval report``."""
     arguments = parser().parse_args(argv)
     written = report(arguments)
     for path in () if arguments.quiet else written:

@@ -19,7 +19,7 @@ SHOWN = 5  # most fields in the summary of a difference
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_eval rerun``."""
+    """Returns the parser of ``ros2 run litsim_eval rerun``."""
     p = Parser(prog="rerun", description=__doc__)
     p.add_argument("bag", type=Path, metavar="BAG", help="folder of a run, or its MCAP file")
     kind = p.add_mutually_exclusive_group(required=True)
@@ -32,32 +32,32 @@ def parser() -> argparse.ArgumentParser:
 
 
 def rerun(arguments: argparse.Namespace) -> bool:
-    """Repeat a stage or the run, print the result, and return whether it is equal to the record.
+    """Repeats a stage or the run, prints the result, and returns whether it is equal to the record.
 
     Raises:
         InputError: the record cannot be used, or the file cannot be written.
     """
     with open_record(arguments.bag) as record:
-        found: dict[str, Any] = {"run_id": record.info.run_id}
+        report: dict[str, Any] = {"run_id": record.info.run_id}
         if arguments.resimulate:
             result = resimulate(record)
             tally, equal = result.tally, result.recorded == result.computed and not result.tally.different
-            found |= {"steps": result.steps, "digest_recorded": result.recorded, "digest_computed": result.computed}
+            report |= {"steps": result.steps, "digest_recorded": result.recorded, "digest_computed": result.computed}
             lines = [f"run {record.info.run_id}: {result.steps} steps repeated: {'equal' if equal else 'DIFFERENT'}"]
             lines += [f"digest recorded {result.recorded}", f"       computed {result.computed}"]
         else:
             tally = rerun_stage(record, arguments.node)
             equal = not tally.different
-            found |= {"stage": arguments.node}
+            report |= {"stage": arguments.node}
             verdict = "equal" if equal else f"DIFFERENT, {tally.different} of them"
             lines = [f"{arguments.node}: {tally.compared} answers compared with the record: {verdict}"]
         notes = record.notes
-    found |= {"equal": equal, "notes": notes} | asdict(tally)
+    report |= {"equal": equal, "notes": notes} | asdict(tally)
     for line in (*(f"note: {note}" for note in notes), *lines, *_where(tally)):
         print(line)
     if arguments.json:
         try:
-            arguments.json.write_text(json.dumps(found, indent=2) + "\n")
+            arguments.json.write_text(json.dumps(report, indent=2) + "\n")
         except OSError as error:
             raise InputError(f"{arguments.json}: cannot be written: {error.strerror or error}") from error
     return equal
@@ -73,7 +73,7 @@ def _where(tally: DiffSummary) -> list[str]:
 
 @program
 def main(argv: list[str] | None = None) -> int:
-    """Entry point of ``ros2 run litsim_eval rerun``."""
+    """Runs ``ros2 run litsim_eval rerun``."""
     arguments = parser().parse_args(argv)
     return 0 if rerun(arguments) else EXIT_FAILED
 

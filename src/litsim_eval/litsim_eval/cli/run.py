@@ -19,7 +19,7 @@ from litsim_sim.world.sumo import SumoMirror
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_eval run``."""
+    """Returns the parser of ``ros2 run litsim_eval run``."""
     p = Parser(prog="run", description=__doc__, epilog=RUN_STATUS_HELP, formatter_class=DefaultsFormatter)
     add_run_arguments(p, driver_names())
     p.add_argument("--json", type=Path, help="write the metrics to this file")
@@ -27,7 +27,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Make the run, show its metrics, and return the exit status.
+    """Makes the run, shows its metrics, and returns the exit status.
 
     Raises:
         InputError: an argument or a file cannot be used.
@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 @program
 def main(argv: list[str] | None = None) -> int:
-    """Entry point of ``ros2 run litsim_eval run``."""
+    """Runs ``ros2 run litsim_eval run``."""
     arguments = parser().parse_args(argv)
     interrupt_on_signals()
     try:

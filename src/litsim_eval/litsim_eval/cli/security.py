@@ -25,7 +25,7 @@ DOMAIN = "ROS_DOMAIN_ID"
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_eval security``."""
+    """Returns the parser of ``ros2 run litsim_eval security``."""
     p = Parser(prog="security", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--out", type=Path, required=True, metavar="POLICY.xml", help="file to write")
     stack = p.add_argument_group("a stack under test")
@@ -38,7 +38,7 @@ def parser() -> argparse.ArgumentParser:
 
 @program
 def main(argv: list[str] | None = None) -> None:
-    """Entry point of ``ros2 run litsim_eval security``."""
+    """Runs ``ros2 run litsim_eval security``."""
     arguments = parser().parse_args(argv)
     if bool(arguments.ego_interface) != bool(arguments.stack_node):
         raise InputError("--ego-interface and --stack-node: expected both for a stack under test, or none")
@@ -51,7 +51,7 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def policy(interface: Interface | None = None, stack_nodes: Sequence[str] = ()) -> str:
-    """The policy as XML, with an enclave for a stack if `interface` is given, for its nodes `stack_nodes`.
+    """Returns the policy as XML, with an enclave for a stack if `interface` is given, for its nodes `stack_nodes`.
 
     Raises:
         InputError: a name of a node is not valid.

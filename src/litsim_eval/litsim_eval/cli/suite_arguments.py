@@ -23,7 +23,7 @@ DEFAULTS: dict[str, Any] = {"scenario": ["demo"], "ego": ["idm"]}
 
 
 def add_suite_arguments(p: argparse.ArgumentParser) -> None:
-    """Add the arguments that define the runs, most with several values; :func:`suite_of` reads them."""
+    """Adds the arguments that define the runs, most with several values; :func:`suite_of` reads them."""
     p.add_argument("--suite", help=f"YAML file, or packaged: {', '.join(packaged_suites())}; options override it")
     p.add_argument("--scenario", nargs="+", help="names of packaged scenarios, or YAML files (default: demo)")
     p.add_argument(
@@ -42,7 +42,7 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
         nargs="+",
         help=f"what moves the background: {', '.join(_usual_policies())}, or one of the suite (default: replay litsim)",
     )
-    p.add_argument("--predictor", nargs="+", metavar="MODEL", help="forecasting model; a row for each")
+    p.add_argument("--predictor", nargs="+", metavar="MODEL", help="forecasting model; a variant for each")
     p.add_argument("--seeds", nargs="+", type=int, help="a run for each seed; default: the scenario's")
     p.add_argument("--end-after-contact", **END_AFTER_CONTACT)
     p.add_argument(
@@ -51,7 +51,7 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[],
         metavar="STAGE.NAME=VALUE[,VALUE]",
-        help=f"{SET_HELP}; a row for each of several values",
+        help=f"{SET_HELP}; a variant for each of several values",
     )
     p.add_argument("--criteria", metavar="FILE", help="criteria that judge the runs (YAML); default: the packaged ones")
     p.add_argument(
@@ -63,28 +63,28 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
 
 
 def suite_of(arguments: argparse.Namespace) -> Suite:
-    """The suite that the arguments describe.
+    """Returns the suite that the arguments describe.
 
     Raises:
         InputError: a file cannot be used, or the arguments do not fit together.
     """
     base = None if arguments.suite is None else Suite.load(arguments.suite)
-    given: dict[str, Any] = {"cases": _cases(arguments, base), "egos": _setups(arguments, base)}
+    fields: dict[str, Any] = {"cases": _cases(arguments, base), "egos": _setups(arguments, base)}
     if base is None:
         names = arguments.scenario or DEFAULTS["scenario"]
-        given["name"] = Path(names[0]).stem if len(names) == 1 else f"{len(names)} scenarios"
-    asked = {
+        fields["name"] = Path(names[0]).stem if len(names) == 1 else f"{len(names)} scenarios"
+    options = {
         "policies": None if arguments.policy is None else _policies(arguments.policy, base),
         "seeds": arguments.seeds,
         "end_after_contact_s": arguments.end_after_contact,
     }
-    given |= {name: value for name, value in asked.items() if value is not None}
+    fields |= {name: value for name, value in options.items() if value is not None}
     varied = {"predictor.model": arguments.predictor} if arguments.predictor else {}
     varied |= {f"{stage}.{name}": values for stage, name, values in arguments.set}
-    given["parameters"] = (base.parameters if base else {}) | varied
+    fields["parameters"] = (base.parameters if base else {}) | varied
     if arguments.criteria is not None:
-        given["criteria"] = Criteria.load(arguments.criteria)
-    return validate_yaml((base.model_dump() if base else {}) | given, Suite, arguments.suite or "options", "")
+        fields["criteria"] = Criteria.load(arguments.criteria)
+    return validate_yaml((base.model_dump() if base else {}) | fields, Suite, arguments.suite or "options", "")
 
 
 def _cases(arguments: argparse.Namespace, base: Suite | None) -> list[CaseEntry]:
@@ -100,7 +100,7 @@ def _cases(arguments: argparse.Namespace, base: Suite | None) -> list[CaseEntry]
 
 
 def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]:
-    """The ego drivers; the command of the arguments becomes that of the external one."""
+    """Returns the ego drivers; the command of the arguments becomes that of the external one."""
     known = {setup.name: setup for setup in (base.egos if base else [])}
     names: Sequence[str] = arguments.ego or (tuple(known) if base else DEFAULTS["ego"])
     _check_names("--ego", names, {*known, *_usual_egos()})
@@ -123,19 +123,19 @@ def _usual_egos() -> tuple[str, ...]:
 
 
 def _usual_policies() -> tuple[str, ...]:
-    """Names of policies that need no suite."""
+    """Returns names of policies that need no suite."""
     return (*policy_names(), *packaged_setups())
 
 
 def _policies(names: Sequence[str], base: Suite | None) -> list[str | PolicySetup]:
-    """The policies of these names, as the suite has them where it has them."""
+    """Returns the policies of these names, as the suite has them where it has them."""
     known = {setup_of(policy).name: policy for policy in (base.policies if base else [])}
     _check_names("--policy", names, {*known, *_usual_policies()})
     return [known.get(name, name) for name in names]
 
 
 def _check_names(option: str, names: Sequence[str], known: Collection[str]) -> None:
-    """Check that an option was given `known` names only.
+    """Checks that an option was given `known` names only.
 
     Raises:
         InputError: it was given others.

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
+from itertools import chain
 
 from rich.console import Console
 from rich.table import Table
 
 from litsim_eval.campaign.bootstrap import LEVEL, RESAMPLES
 from litsim_eval.campaign.comparison import NOT_RUN, PASSED, CampaignComparison, Change, Pair, report_of
-from litsim_eval.campaign.results import Campaign, RunResult
+from litsim_eval.campaign.results import Campaign
 
 WIDTH = 100  # characters per line if the output is not a terminal
 CASES_MAX = 20  # most cases of a list, unless everything is requested
@@ -22,7 +24,7 @@ FEW = 20  # vehicles below which the bootstrap's bounds hold in less than nine o
 def print_campaigns(
     comparison: CampaignComparison, *, everything: bool = False, console: Console | None = None
 ) -> None:
-    """Print the changed verdicts, with both reports of each run, and the measures that have changed.
+    """Prints the changed verdicts, with both reports of each run, and the measures that have changed.
 
     Args:
         comparison: the comparison of two campaigns.
@@ -31,67 +33,64 @@ def print_campaigns(
         console: output.
     """
     console = console or Console(width=None if sys.stdout.isatty() else WIDTH)
-    _print_heading(console, comparison)
     limit = None if everything else CASES_MAX
-    for title, pairs, style in (
-        ("newly failing", comparison.newly_failing, "bold red"),
-        ("newly passing", comparison.newly_passing, "bold green"),
-    ):
-        _say(console, f"{len(pairs)} of {len(comparison.pairs)} {title}", style if pairs else None)
-        for pair in pairs[:limit]:
-            _print_pair(console, comparison, pair)
-        if len(pairs[:limit]) < len(pairs):
-            _say(console, f"  and {len(pairs) - len(pairs[:limit])} more (--all)")
-    if comparison.still_failing:
-        _say(console, f"{len(comparison.still_failing)} pass in neither")
-    if worse := comparison.worse:
-        _say(console, f"{len(worse)} of these fail by more than before", "bold red")
-        for pair in worse[:limit]:
-            _print_worse(console, comparison, pair)
-        if len(worse[:limit]) < len(worse):
-            _say(console, f"  and {len(worse) - len(worse[:limit])} more (--all)")
+    _print_heading(console, comparison)
+    for verdict, style in (("newly_failing", "bold red"), ("newly_passing", "bold green")):
+        pairs = comparison.those(verdict)
+        title = f"{len(pairs)} of {len(comparison.pairs)} {verdict.replace('_', ' ')}"
+        _print_cases(console, title, style if pairs else None, [_both(comparison, pair) for pair in pairs], limit)
+    if failing := comparison.those("still_failing"):
+        _print(console, f"{len(failing)} pass in neither")
+    if worse := comparison.those("worse"):
+        title = f"{len(worse)} of these fail by more than before"
+        _print_cases(console, title, "bold red", [_worse(comparison.after, pair) for pair in worse], limit)
     for campaign, cases in ((comparison.before, comparison.only_before), (comparison.after, comparison.only_after)):
         if cases:
-            _say(console, f"only in {campaign.folder}: {len(cases)}, such as {cases[0].name}")
+            _print(console, f"only in {campaign.folder}: {len(cases)}, such as {cases[0].name}")
     if comparison.renamed:
-        _say(console, f"{len(comparison.renamed)} of one name are not the same case: the scenario is another", "yellow")
+        _print(
+            console, f"{len(comparison.renamed)} of one name are not the same case: the scenario is another", "yellow"
+        )
     _print_changes(console, comparison, everything=everything)
 
 
 def _print_heading(console: Console, comparison: CampaignComparison) -> None:
-    """The folders, and in what the campaigns differ: versions of dependencies, and criteria of runs."""
-    _say(console, f"{comparison.before.folder} -> {comparison.after.folder}")
+    """Prints the folders, and in what the campaigns differ: versions of dependencies, and criteria of runs."""
+    _print(console, f"{comparison.before.folder} -> {comparison.after.folder}")
     for name, (before, after) in comparison.other_versions.items():
-        _say(console, f"  {name}: {before} -> {after}", "dim")
+        _print(console, f"  {name}: {before} -> {after}", "dim")
     if others := comparison.other_criteria:
-        _say(console, f"  judged by other criteria, so that equal runs may differ: {', '.join(others)}", "yellow")
+        _print(console, f"  judged by other criteria, so that equal runs may differ: {', '.join(others)}", "yellow")
 
 
-def _print_pair(console: Console, comparison: CampaignComparison, pair: Pair) -> None:
-    _say(console, f"  {pair.case.name}")
+def _print_cases(
+    console: Console, title: str, style: str | None, cases: Sequence[Sequence[str]], limit: int | None
+) -> None:
+    """Prints a title and the lines of up to `limit` cases."""
+    _print(console, title, style)
+    for line in chain.from_iterable(cases[:limit]):
+        _print(console, f"  {line}")
+    if (left := len(cases) - len(cases[:limit])) > 0:
+        _print(console, f"  and {left} more (--all)")
+
+
+def _both(comparison: CampaignComparison, pair: Pair) -> list[str]:
+    """Returns the name of a case, and both verdicts with why it did not pass and the report."""
+    lines = [pair.case.name]
     both = ((comparison.before, pair.before), (comparison.after, pair.after))
-    for said, (campaign, result) in zip(("was", "is"), both, strict=True):
-        _say(console, f"    {said} {result.verdict.value if result else NOT_RUN}")
-        for line in _details(campaign, result):
-            _say(console, f"      {line}")
+    for verb, (campaign, result) in zip(("was", "is"), both, strict=True):
+        lines.append(f"  {verb} {result.verdict.value if result else NOT_RUN}")
+        if result is not None:
+            failed = [f"{each.name}: {each.reason}" for each in result.criteria if not each.passed]
+            lines += [f"    {line}" for line in (*(failed or [result.reason]), report_of(campaign, result)) if line]
+    return lines
 
 
-def _print_worse(console: Console, comparison: CampaignComparison, pair: Pair) -> None:
-    """The criteria that a case that failed before now misses as well, and its report."""
-    _say(console, f"  {pair.case.name}")
+def _worse(after: Campaign, pair: Pair) -> list[str]:
+    """Returns the name of a case that failed before, the criteria that it now misses as well, and its report."""
     missed = [f"{each.name}: {each.reason}" for each in pair.newly_missed]
-    path = report_of(comparison.after, pair.after)
-    for line in (*(missed or [f"is error: {pair.after.reason}" if pair.after else ""]), *([str(path)] if path else [])):
-        _say(console, f"    {line}")
-
-
-def _details(campaign: Campaign, result: RunResult | None) -> list[str]:
-    """Why a run did not pass, and its report."""
-    if result is None:
-        return []
-    failed = [f"{each.name}: {each.reason}" for each in result.criteria if not each.passed]
-    path = report_of(campaign, result)
-    return [*(failed or filter(None, [result.reason])), *([str(path)] if path else [])]
+    lines = missed or [f"is error: {pair.after.reason}" if pair.after else ""]
+    return [pair.case.name, *(f"  {line}" for line in (*lines, report_of(after, pair.after)) if line is not None)]
 
 
 def _print_changes(console: Console, comparison: CampaignComparison, *, everything: bool) -> None:
@@ -108,15 +107,15 @@ def _print_changes(console: Console, comparison: CampaignComparison, *, everythi
         table.add_row(*_cells(change), style="bold" if change.clear else None)
     console.print(table)
     how = f"paired bootstrap over {comparison.vehicles} vehicles, {RESAMPLES} resamples"
-    _say(console, f"{MARK} the interval ({how}) leaves out 0", "dim")
+    _print(console, f"{MARK} the interval ({how}) leaves out 0", "dim")
     if comparison.vehicles < FEW:
-        _say(console, f"  of fewer than {FEW} vehicles it is too narrow: see docs/campaigns.md", "dim")
+        _print(console, f"  of fewer than {FEW} vehicles it is too narrow: see docs/campaigns.md", "dim")
     if len(shown) < len(differing):
-        _say(console, f"{len(differing) - len(shown)} more measures differ (--all)", "dim")
+        _print(console, f"{len(differing) - len(shown)} more measures differ (--all)", "dim")
 
 
 def _cells(change: Change) -> tuple[str, ...]:
-    interval = "-" if change.low is None or change.high is None else f"{_text(change.low)} .. {_text(change.high)}"
+    interval = "-" if change.interval is None else " .. ".join(map(_text, change.interval))
     return (
         f"{MARK if change.clear else ' '} {change.name}",
         str(change.pairs),
@@ -131,6 +130,6 @@ def _text(value: float) -> str:
     return f"{value:.{DIGITS if value == 0.0 or abs(value) >= SMALL else 2}g}"
 
 
-def _say(console: Console, text: str, style: str | None = None) -> None:
-    """Print a line without wrapping: paths stay in one piece, to be copied or clicked on."""
+def _print(console: Console, text: str, style: str | None = None) -> None:
+    """Prints a line without wrapping: paths stay in one piece, to be copied or clicked on."""
     console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)

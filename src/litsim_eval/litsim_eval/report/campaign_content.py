@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os.path
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from litsim_eval.analysis.metrics_tree import leaves
 from litsim_eval.campaign.results import RUNS_FOLDER, Campaign, RunResult
 from litsim_eval.report.packing import Packer
 from litsim_eval.report.thumbnails import UNIT_RAD
@@ -49,12 +50,12 @@ MAIN = (
 """Measures that the table shows first, after those of criteria, up to :data:`SHOWN` in all."""
 
 SHOWN = 10
-TOO_FINE = ("timing.stage_ms", "timing.path_ms", "lockstep.missed_by_topic", "lockstep.ego_port")
+TOO_FINE = ("timing.stage_ms.", "timing.path_ms.", "lockstep.missed_by_topic.", "lockstep.ego_port.")
 """Branches of the measures that are left out, as their fields differ from run to run."""
 
 
 def pack_campaign(campaign: Campaign, pictures: Mapping[str, Mapping[str, Any]], beside: Path) -> str:
-    """The runs of a campaign as a container of :mod:`litsim_eval.report.packing`.
+    """Returns the runs of a campaign as a container of :mod:`litsim_eval.report.packing`.
 
     Args:
         campaign: the campaign.
@@ -62,20 +63,20 @@ def pack_campaign(campaign: Campaign, pictures: Mapping[str, Mapping[str, Any]],
         beside: folder of the page, to which links are relative.
     """
     results = campaign.results
-    rows = list(campaign.rows)
+    variants = list(campaign.variants)
     criteria = criteria_of(campaign)
     tags = sorted({tag for result in results for tag in result.case.tags})
     content = {
         "dt": STEP_S,
         "picture_turn": UNIT_RAD,
-        "rows": rows,
+        "variants": variants,
         "criteria": [{"name": name, "field": field, "limit": limit} for name, field, limit in criteria],
         "tags": tags,
         "fields": fields_of(campaign),
         "runs": [
             {
                 **_case(result),
-                "row": rows.index(result.case.row),
+                "variant": variants.index(result.case.variant),
                 "tags": [tags.index(tag) for tag in result.case.tags],
                 "criteria": [
                     {
@@ -97,21 +98,21 @@ def pack_campaign(campaign: Campaign, pictures: Mapping[str, Mapping[str, Any]],
 
 
 def criteria_of(campaign: Campaign) -> list[tuple[str, str, str]]:
-    """Name, field and limit of every criterion: those of the campaign, and all others that a result was judged by."""
+    """Returns name, field and limit of the criteria of the campaign, and of all others that a result was judged by."""
     own = [(each.title, each.field, each.limit) for each in campaign.criteria.runs]
     judged = [(each.name, each.field, each.limit) for result in campaign.results for each in result.criteria]
     return list(dict.fromkeys((*own, *judged)))
 
 
 def fields_of(campaign: Campaign) -> list[dict[str, Any]]:
-    """Every measure that is a number or a boolean in any run, with its value in each.
+    """Returns every measure that is a number or a boolean in any run, with its value in each.
 
     Returns:
         For each its path, title, digits, the limits that criteria set on it, whether it is shown from the start, and
         its values in the order of the runs, None where a run has none. Those of criteria come first.
     """
-    leaves = [dict(_leaves(result.metrics or {})) for result in campaign.results]
-    known = dict.fromkeys(path for each in leaves for path in each)
+    runs = [_numbers(result) for result in campaign.results]
+    known = dict.fromkeys(path for run in runs for path in run)
     judged = dict.fromkeys(each.field for each in campaign.criteria.runs)
     shown = [path for path in judged if path in known]
     more = [path for path in MAIN if path in known and path not in judged]
@@ -124,7 +125,7 @@ def fields_of(campaign: Campaign) -> list[dict[str, Any]]:
             "digits": NAMED.get(path, (path, None))[1],
             "limits": limits.get(path, []),
             "main": path in main,
-            "values": [each.get(path) for each in leaves],
+            "values": [run.get(path) for run in runs],
         }
         for path in dict.fromkeys((*main, *(path for path in NAMED if path in known), *sorted(known)))
     ]
@@ -135,25 +136,19 @@ def _limits(campaign: Campaign, path: str) -> list[float]:
     return [bound for each in own for bound in (each.min, each.max) if bound is not None]
 
 
-def _leaves(metrics: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, float | bool]]:
-    """Path and value of all numbers and booleans; a list counts by its length, as for criteria."""
-    for name, value in metrics.items():
-        path = f"{above}{name}"
-        if path in TOO_FINE:
-            continue
-        if isinstance(value, Mapping):
-            yield from _leaves(value, f"{path}.")
-        elif isinstance(value, list):
-            yield path, len(value)
-        elif isinstance(value, float):
-            yield path, float(f"{value:.{DIGITS}g}")
-        elif isinstance(value, int):
-            yield path, value
+def _numbers(result: RunResult) -> dict[str, float | bool]:
+    """Returns all numbers and booleans of a run by path; a list counts by its length, as for criteria."""
+    numbers: dict[str, float | bool] = {}
+    for path, measure in leaves(result.metrics or {}).items():
+        value = len(measure) if isinstance(measure, list) else measure
+        if isinstance(value, int | float) and not path.startswith(TOO_FINE):
+            numbers[path] = float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+    return numbers
 
 
 def _case(result: RunResult) -> dict[str, Any]:
     case = result.case
-    given = {**case.ego.parameters, **dict(case.parameters)}
+    parameters = {**case.ego.parameters, **dict(case.parameters)}
     return {
         "id": case.id,
         "name": case.name,
@@ -165,30 +160,30 @@ def _case(result: RunResult) -> dict[str, Any]:
         "ego_id": case.ego_id,
         "policy": case.policy,
         "seed": case.seed,
-        "parameters": [(name, leaf(value)) for name, value in given.items()],
+        "parameters": [(name, leaf(value)) for name, value in parameters.items()],
         "events": [[(str(name), leaf(value)) for name, value in event.items()] for event in case.events],
         "wall": None if result.wall_s is None else round(result.wall_s, 2),
     }
 
 
 def _links(result: RunResult, folder: Path, beside: Path) -> dict[str, str | None]:
-    """Addresses of the report and the log of a run relative to `beside`, None if missing; and that of its folder."""
+    """Returns addresses of report and log of a run relative to `beside`, None if missing; and that of its folder."""
     own = folder / RUNS_FOLDER / result.case.id
-    found = {
+    paths = {
         name: own / file if file and (own / file).exists() else None
         for name, file in (("report", result.report), ("log", result.log))
     }
-    links = {name: None if path is None else address(path, beside) for name, path in found.items()}
+    links = {name: None if path is None else address(path, beside) for name, path in paths.items()}
     return {**links, "folder": f"{RUNS_FOLDER}/{result.case.id}"}
 
 
 def address(path: Path, beside: Path) -> str:
-    """Address of a file relative to a page in the folder `beside`."""
+    """Returns the address of a file relative to a page in the folder `beside`."""
     return quote(Path(os.path.relpath(path.resolve(), beside.resolve())).as_posix())
 
 
 def _happenings(metrics: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Begin and end of each takeover, and steps with contacts that are not in the log, of all `steps`."""
+    """Returns begin and end of each takeover, and the steps with contacts that are not in the log, of all `steps`."""
     if metrics is None:
         return {"steps": 0, "takeovers": [], "contacts": []}
     contacts = [each["step"] for each in metrics["collision"]["contacts"] if not each["in_log"]]

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import shapely
 
+from litsim_data.surrogates.safety import following
 from litsim_eval.report.forecasts import Forecasts
 from litsim_eval.report.packing import Packer
-from litsim_eval.report.series import counts, deviations, speeds, times_to_leader
 from litsim_eval.report.tracks import Tracks, ghosts_of, tracks_of
 from litsim_sim.core.colours import Mode
 from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.core.scene import FloatArray, Kind
+from litsim_sim.core.scene import Controller, FloatArray, Kind
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.takeover import Takeover
 from litsim_sim.lane_map.net_lanes import Lane
@@ -36,10 +36,12 @@ SURROUNDINGS = 150.0  # [m] of road beyond where agents drive
 ORIGIN_GRID = 1000.0  # [m]
 IN_MAP = np.zeros(2)
 """Origin of places in frame map."""
+TTC_MAX = 12.0  # [s] largest time to collision that is plotted
+ON_LOG = 0.005  # [m]
 
 
 def pack_run(run: Run, metrics: dict[str, Any], forecasts: Forecasts, every: int) -> str:
-    """The run as a container of :mod:`litsim_eval.report.packing`; `every` is the steps between forecasts."""
+    """Returns the run as a container of :mod:`litsim_eval.report.packing`; `every` is the steps between forecasts."""
     tracks, ghosts = tracks_of(run), ghosts_of(run)
     origin = origin_of(tracks)
     packer = Packer(
@@ -78,22 +80,22 @@ def pack_run(run: Run, metrics: dict[str, Any], forecasts: Forecasts, every: int
 
 
 def origin_of(tracks: Tracks) -> FloatArray:
-    """Place (2,) in frame map from which the page measures all others: the whole kilometres nearest to the agents [m].
+    """Returns the place (2,) in frame map from which the page measures all others [m]: the nearest kilometre.
 
     Browsers draw in single precision, which is half a metre 5000 km from the origin, as UTM's northings are.
     """
-    seen = tracks.present
-    middle = np.array([np.median(tracks.x[seen]), np.median(tracks.y[seen])]) if seen.any() else IN_MAP
+    present = tracks.present
+    middle = np.array([np.median(tracks.x[present]), np.median(tracks.y[present])]) if present.any() else IN_MAP
     return np.asarray(np.round(middle / ORIGIN_GRID) * ORIGIN_GRID)
 
 
 def road(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> dict[str, Any]:
-    """Surfaces and painted lines of the lanes near the agents: flat lists x0, y0, x1, y1, ... from `origin` [m]."""
+    """Returns surfaces and painted lines of lanes near the agents: flat lists x0, y0, x1, y1, ... from `origin` [m]."""
     lane_map = lane_map_of(run)
-    seen = tracks.present
-    if lane_map is None or not seen.any():
+    present = tracks.present
+    if lane_map is None or not present.any():
         return {"lanes": [], "lines": []}
-    x, y = tracks.x[seen], tracks.y[seen]
+    x, y = tracks.x[present], tracks.y[present]
     area = shapely.box(*(v - SURROUNDINGS for v in (x.min(), y.min())), *(v + SURROUNDINGS for v in (x.max(), y.max())))
     near = [lane for lane in lane_map.lanes if area.intersects(shapely.LineString(lane.centerline))]
     lanes = [{"width": lane.width, "line": _flat(shapely.LineString(lane.centerline), origin)} for lane in near]
@@ -101,7 +103,7 @@ def road(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> dict[str, Any
 
 
 def signals(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> list[dict[str, Any]]:
-    """Stop lines: for each controlled connection its part of the line, from `origin` [m], and its signal by frame.
+    """Stops lines: for each controlled connection its part of the line, from `origin` [m], and its signal by frame.
 
     The connections of a lane share its line from left to right, as they turn. `shown` lists [frame, light] of every
     change; lights are those of LIGHTS, or empty if unknown.
@@ -110,7 +112,7 @@ def signals(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> list[dict[
         return []
     frames = np.arange(tracks.first, tracks.first + tracks.frames)
     frames = frames[frames < run.signals.states.shape[1]]
-    found = []
+    lines = []
     for link, group in zip(run.signals.links, run.signals.link_group.tolist(), strict=True):
         lane = sorted(
             (other for other in run.signals.links if other.from_lane == link.from_lane),
@@ -121,19 +123,19 @@ def signals(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> list[dict[
         ends = [link.stop - origin + left * link.width * (0.5 - (place + side) / len(lane)) for side in (0.05, 0.95)]
         lights = [LIGHTS.get(SignalState(state), "") for state in run.signals.states[group, frames].tolist()]
         shown = [[k, light] for k, light in enumerate(lights) if k == 0 or light != lights[k - 1]]
-        found.append({"line": np.round(np.concatenate(ends), 2).tolist(), "shown": shown})
-    return found
+        lines.append({"line": np.round(np.concatenate(ends), 2).tolist(), "shown": shown})
+    return lines
 
 
 def _lines(lane: Lane, origin: FloatArray) -> list[dict[str, Any]]:
-    """The right border, dashed where a lane of the same edge lies beyond, and the left one where none does."""
+    """Returns the right border, dashed where a lane of the same edge lies beyond, and the left one where none does."""
     sides = [(-0.5, lane.right is not None)] + ([(0.5, False)] if lane.left is None else [])
-    found = []
+    borders = []
     for side, dashed in sides:
         border = shapely.LineString(lane.centerline).offset_curve(side * lane.width)
         parts = [part for part in shapely.get_parts(border) if part.geom_type == "LineString" and not part.is_empty]
-        found += [{"dashed": dashed, "line": _flat(part, origin)} for part in parts]
-    return found
+        borders += [{"dashed": dashed, "line": _flat(part, origin)} for part in parts]
+    return borders
 
 
 def _flat(line: shapely.LineString, origin: FloatArray) -> list[float]:
@@ -159,7 +161,7 @@ def _add_motion(packer: Packer, prefix: str, tracks: Tracks, names: tuple[str, .
 
 
 def _takeovers(run: Run, tracks: Tracks, origin: FloatArray) -> dict[str, Any]:
-    """Agents off their logs by frame, and the reference paths, which the entries name by index."""
+    """Returns agents off their logs by frame, and the reference paths, which the entries name by index."""
     paths: dict[bytes, int] = {}
     frames: list[list[dict[str, Any]]] = [[] for _ in range(tracks.frames)]
     lines: list[list[float]] = []
@@ -214,3 +216,46 @@ def _values(series: FloatArray) -> list[float | None]:
 
 def _plain(value: float, digits: int = 2) -> float | None:
     return round(float(value), digits) if np.isfinite(value) else None
+
+
+def speeds(tracks: Tracks, agent: int) -> FloatArray:
+    """Returns the speed of `agent` at every step (frames,) [m/s]."""
+    row = tracks.row(agent)
+    return np.full(tracks.frames, np.nan) if row < 0 else np.where(tracks.present[row], tracks.speed[row], np.nan)
+
+
+def deviations(tracks: Tracks, logged: Tracks) -> FloatArray:
+    """Returns (agents of `logged`, frames) distance of each from its log [m]; NaN while it follows its log exactly."""
+    out = np.full(logged.present.shape, np.nan)
+    for i, agent in enumerate(logged.id.tolist()):
+        j = tracks.row(agent)
+        if j >= 0:
+            far = np.hypot(tracks.x[j] - logged.x[i], tracks.y[j] - logged.y[i])
+            apart = (far > ON_LOG) | (tracks.mode[j] != Mode.LOG)
+            out[i] = np.where(tracks.present[j] & logged.present[i] & apart, far, np.nan)
+    return out
+
+
+def times_to_leader(run: Run, first: int, frames: int) -> tuple[FloatArray, FloatArray]:
+    """Returns the time to collision [s] with the leader: of the ego, and the smallest among agents off their logs.
+
+    The leader is that of :func:`litsim_data.surrogates.safety.following`; both keep their speeds. NaN where there is no
+    leader, the gap does not close, or the time exceeds TTC_MAX.
+    """
+    ego, others = np.full(frames, np.nan), np.full(frames, np.nan)
+    for table in run.tables:
+        driven = np.flatnonzero(table.off_log)
+        if not len(driven):
+            continue
+        ttc = following(table, driven).time_to_leader
+        is_ego = table.controller[driven] == Controller.EGO
+        at = table.step - first
+        for series, values in ((ego, ttc[is_ego]), (others, ttc[~is_ego])):
+            smallest = float(values.min(initial=np.inf))
+            series[at] = smallest if smallest <= TTC_MAX else np.nan
+    return ego, others
+
+
+def counts(tracks: Tracks, mode: int) -> FloatArray:
+    """Returns the number of agents in a mode of :class:`litsim_sim.core.colours.Mode`."""
+    return np.asarray((tracks.mode == mode).sum(axis=0), np.float64)

@@ -28,7 +28,7 @@ class EventTable:
 
 
 def takeover_table(entries: Sequence[dict[str, Any]], dt: float, ego: int) -> EventTable:
-    """The ledger of `metrics.json`, one row per takeover, linked to the step of the detection.
+    """Returns the ledger of `metrics.json`, one row per takeover, linked to the step of the detection.
 
     Args:
         entries: `ledger` of the metrics.
@@ -40,7 +40,7 @@ def takeover_table(entries: Sequence[dict[str, Any]], dt: float, ego: int) -> Ev
 
 
 def contact_table(metrics: dict[str, Any], dt: float, ego: int) -> EventTable:
-    """The contacts of `metrics`, one row each, linked to its first step.
+    """Returns the contacts of `metrics`, one row each, linked to its first step.
 
     Args:
         metrics: the tree of `metrics.json`; its `collision` and `safety` are read.
@@ -83,7 +83,7 @@ def _takeover(entry: dict[str, Any], dt: float, ego: int) -> EventRow:
 
 
 def _back(entry: dict[str, Any], dt: float) -> str:
-    """Text on when the agent was back on its log, or why it was not."""
+    """Returns a text on when the agent was back on its log, or why it was not."""
     outcome, step = entry.get("outcome"), entry.get("released_step")
     if outcome == Outcome.LEFT_NET:
         return "left the net"
@@ -94,7 +94,7 @@ def _back(entry: dict[str, Any], dt: float) -> str:
 
 
 def _replay(entry: dict[str, Any], dt: float, ego: int) -> str:
-    """Text on the contact that the agent would have had on its log, if any."""
+    """Returns a text on the contact that the agent would have had on its log, if any."""
     if not entry.get("replay_would_collide"):
         return "false alarm: no contact" if entry.get("false_alarm") else "no contact"
     return f"hits {_who(entry['replay_opponent'], ego)} at {entry['replay_step'] * dt:.1f} s"
@@ -104,11 +104,11 @@ def _verdict(contact: dict[str, Any], careful: dict[str, Any]) -> str:
     kind = str(contact["verdict"]).replace("_", " ")
     fault = "ego at fault" if contact["ego_at_fault"] else "ego not at fault"
     fault = "no fault" if contact["in_log"] else fault
-    found = f"{kind}: {fault}; the careful driver {'avoids it' if careful['avoided'] else 'hits too'}"
+    text = f"{kind}: {fault}; the careful driver {'avoids it' if careful['avoided'] else 'hits too'}"
     other = careful.get("other_avoids")
     if other is None:
-        return found
-    return f"{found}, in the other's place {'avoids it' if other else 'hits too'}"
+        return text
+    return f"{text}, in the other's place {'avoids it' if other else 'hits too'}"
 
 
 def _who(agent: int, ego: int) -> str:

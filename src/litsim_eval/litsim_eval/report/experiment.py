@@ -1,4 +1,4 @@
-"""A campaign as one HTML file: verdicts, rows side by side, distributions of measures, and every run."""
+"""A campaign as one HTML file: verdicts, variants side by side, distributions of measures, and every run."""
 
 from __future__ import annotations
 
@@ -6,21 +6,22 @@ import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
+from litsim_eval.analysis.displacement import HORIZONS_S
 from litsim_eval.analysis.metric import ADDED, Better, added_metrics
+from litsim_eval.analysis.metrics_tree import leaves
 from litsim_eval.campaign.criteria import CriterionResult, Verdict
 from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RUNS_FOLDER, Campaign, RunResult
-from litsim_eval.campaign.row_summary import row_summary
+from litsim_eval.campaign.variant_summary import variant_summary
 from litsim_eval.report.campaign_content import criteria_of, pack_campaign
 from litsim_eval.report.pages import render_page
 from litsim_eval.report.run_report import save
 from litsim_eval.report.thumbnails import read_thumbnail, write_thumbnail
-from litsim_eval.report.wording import NOTHING, leaf, number, percent
+from litsim_eval.report.wording import leaf, number, percent
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.run import read_run
 
@@ -31,51 +32,47 @@ NAMES_MAX = 4  # most scenarios, egos or policies that a heading names; of more 
 
 @dataclass(frozen=True)
 class Column:
-    """One measure: its name, its value in a row, its text, and the function that selects the better of values.
+    """One measure: its name, its path in the summary of a variant, its text, and which of several values is better.
 
     `of_all`: runs without measures count in it.
     """
 
     name: str
-    find: Callable[[dict[str, Any]], Any]
+    path: str
     text: Callable[[Any], str] = number
     better: Callable[[Iterable[float]], float] | None = None
     of_all: bool = False
 
 
-def _key(name: str) -> Callable[[dict[str, Any]], Any]:
-    return lambda row: row[name]
-
-
 SUMMARY = (
-    Column("runs", _key("runs"), of_all=True),
-    Column("passed", _key("passed_share"), percent, max, of_all=True),
-    Column("not judged", _key("errors"), better=min, of_all=True),
-    Column("without measures", _key("failed"), better=min, of_all=True),
-    Column("not valid", _key("invalid"), better=min, of_all=True),
-    Column("agents", _key("agents")),
-    Column("agents that collide", _key("colliding_agents"), better=min),
-    Column("runs with collisions", _key("colliding_runs"), better=min),
-    Column("pairs not in the log", _key("excess_pairs"), better=min),
-    Column("contacts of the ego", _key("ego_contacts"), better=min),
-    Column("at a background agent's fault", _key("background_faults"), better=min),
-    Column("at the ego's fault, the other could avoid it", _key("ego_faults_avoidable"), better=min),
-    Column("at the ego's fault, the other could not", _key("ego_faults_unavoidable")),
-    Column("collision rate, all", _key("rate_all"), percent, min),
-    Column("collision rate, controlled", _key("rate_controlled"), percent, min),
-    Column("reactive runs", _key("reactive"), percent, max, of_all=True),
-    Column("takeovers", _key("takeovers")),
-    Column("false alarms", _key("false_alarms"), better=min),
-    Column("relevant agents", _key("relevant_ratio"), percent),
-    Column("progress [m]", _key("progress_m"), lambda v: number(v, 1)),
-    Column("largest jump [m]", _key("max_position_jump_m"), lambda v: number(v, 3), min),
-    Column("largest residual [m]", _key("max_residual_m"), lambda v: number(v, 3), min),
-    Column("× real time", _key("realtime_factor"), lambda v: number(v, 1), max),
+    Column("runs", "runs", of_all=True),
+    Column("passed", "passed_share", percent, max, of_all=True),
+    Column("not judged", "errors", better=min, of_all=True),
+    Column("without measures", "failed", better=min, of_all=True),
+    Column("not valid", "invalid", better=min, of_all=True),
+    Column("agents", "agents"),
+    Column("agents that collide", "colliding_agents", better=min),
+    Column("runs with collisions", "colliding_runs", better=min),
+    Column("pairs not in the log", "excess_pairs", better=min),
+    Column("contacts of the ego", "ego_contacts", better=min),
+    Column("at a background agent's fault", "background_faults", better=min),
+    Column("at the ego's fault, the other could avoid it", "ego_faults_avoidable", better=min),
+    Column("at the ego's fault, the other could not", "ego_faults_unavoidable"),
+    Column("collision rate, all", "rate_all", percent, min),
+    Column("collision rate, controlled", "rate_controlled", percent, min),
+    Column("reactive runs", "reactive", percent, max, of_all=True),
+    Column("takeovers", "takeovers"),
+    Column("false alarms", "false_alarms", better=min),
+    Column("relevant agents", "relevant_ratio", percent),
+    Column("progress [m]", "progress_m", lambda v: number(v, 1)),
+    Column("largest jump [m]", "max_position_jump_m", lambda v: number(v, 3), min),
+    Column("largest residual [m]", "max_residual_m", lambda v: number(v, 3), min),
+    Column("× real time", "realtime_factor", lambda v: number(v, 1), max),
 )
 
 
 def write_experiment_report(campaign: Campaign, out: Path | None = None, quiet: bool = True) -> Path:
-    """Write the page of a campaign, finished or not.
+    """Writes the page of a campaign, finished or not.
 
     Args:
         campaign: see :func:`litsim_eval.campaign.results.read_campaign`.
@@ -94,13 +91,13 @@ def write_experiment_report(campaign: Campaign, out: Path | None = None, quiet: 
 
 
 def _pictures(campaign: Campaign, quiet: bool) -> dict[str, dict[str, Any]]:
-    """Pictures of runs by id: those made when they ended, and others made from their recordings, if available."""
-    found = {}
+    """Returns pictures of runs by id, made when they ended or else from their recordings, if available."""
+    pictures = {}
     lacking = []
     for result in campaign.results:
         picture = read_thumbnail(_folder(campaign, result))
         if picture is not None:
-            found[result.case.id] = picture
+            pictures[result.case.id] = picture
         elif result.recording is not None and result.metrics is not None:
             lacking.append(result)
     for result in tqdm(lacking, unit="picture", disable=quiet or not lacking, dynamic_ncols=True):
@@ -111,8 +108,8 @@ def _pictures(campaign: Campaign, quiet: bool) -> dict[str, dict[str, Any]]:
             continue
         picture = read_thumbnail(own)
         if picture is not None:
-            found[result.case.id] = picture
-    return found
+            pictures[result.case.id] = picture
+    return pictures
 
 
 def _folder(campaign: Campaign, result: RunResult) -> Path:
@@ -120,8 +117,8 @@ def _folder(campaign: Campaign, result: RunResult) -> Path:
 
 
 def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Path) -> str:
-    by_row = campaign.rows
-    summary = {row: row_summary(results) for row, results in by_row.items()}
+    by_variant = campaign.variants
+    summary = {variant: variant_summary(results) for variant, results in by_variant.items()}
     return render_page(
         "experiment.html.j2",
         title=campaign.name,
@@ -130,13 +127,13 @@ def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Pat
         judged=[_suite_criterion(each) for each in campaign.judged],
         passed=campaign.passes,
         missing=len(campaign.missing),
-        rows=[_verdicts(name, results) for name, results in by_row.items()],
-        names=list(by_row),
-        criteria=_criteria(campaign, by_row),
-        tags=_tags(by_row),
+        variants=[_verdicts(name, results) for name, results in by_variant.items()],
+        names=list(by_variant),
+        criteria=_criteria(campaign, by_variant),
+        tags=_tags(by_variant),
         summary=_side_by_side(summary, (*SUMMARY, *_added())),
-        displacement=_side_by_side(summary, _displacement(summary)),
-        unmeasured=any(row["failed"] for row in summary.values()),
+        displacement=_side_by_side(summary, _displacement()),
+        unmeasured=any(variant["failed"] for variant in summary.values()),
         about=[("begun", campaign.begun_at), *((name, str(version)) for name, version in campaign.versions.items())],
         pictured=bool(pictures),
         footnote=f"Everything on this page comes from the folder {campaign.folder.resolve().name}; a dash stands where "
@@ -152,18 +149,18 @@ def _subtitle(campaign: Campaign) -> str:
         ("egos", "ego by", [case.ego.name for case in cases]),
         ("policies", "background by", [case.policy for case in cases]),
     )
-    told = [f"{len(campaign.results)} of {len(cases)} runs" if campaign.missing else f"{len(cases)} runs"]
+    texts = [f"{len(campaign.results)} of {len(cases)} runs" if campaign.missing else f"{len(cases)} runs"]
     for several, one, names in parts:
-        found = list(dict.fromkeys(names))
-        told.append(f"{one} {', '.join(found)}" if len(found) <= NAMES_MAX else f"{len(found)} {several}")
-    return " · ".join(told)
+        different = list(dict.fromkeys(names))
+        texts.append(f"{one} {', '.join(different)}" if len(different) <= NAMES_MAX else f"{len(different)} {several}")
+    return " · ".join(texts)
 
 
 def _verdicts(name: str, results: list[RunResult]) -> dict[str, Any]:
-    """Numbers of runs of a row that passed, failed and could not be judged; the share that passed is that of all."""
+    """Returns how many runs of a variant passed, failed and could not be judged, and the share of all that passed."""
     counts = Counter(each.verdict for each in results)
     parts = [
-        {"verdict": verdict.value, "count": counts[verdict], "filter": _filter(row=name, verdict=verdict.value)}
+        {"verdict": verdict.value, "count": counts[verdict], "filter": _filter(variant=name, verdict=verdict.value)}
         for verdict in Verdict
     ]
     share = percent(counts[Verdict.PASSED] / len(results) if results else None)
@@ -171,7 +168,7 @@ def _verdicts(name: str, results: list[RunResult]) -> dict[str, Any]:
 
 
 def _suite_criterion(found: CriterionResult) -> dict[str, Any]:
-    """One criterion of the whole campaign."""
+    """Returns one criterion of the whole campaign."""
     return {
         "name": found.name,
         "rule": _rule(found.name, found.field, found.limit),
@@ -182,23 +179,23 @@ def _suite_criterion(found: CriterionResult) -> dict[str, Any]:
 
 
 def _rule(name: str, field: str, limit: str) -> str:
-    """The limit of a criterion; empty if its name says it already."""
+    """Returns the limit of a criterion; empty if its name says it already."""
     rule = f"{field} {limit}"
     return "" if rule == name else rule
 
 
 def _filter(**fields: str) -> str:
-    """Filters of the table of runs, which a button of the page sets."""
+    """Returns filters of the table of runs, which a button of the page sets."""
     return json.dumps(fields)
 
 
-def _criteria(campaign: Campaign, by_row: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
-    """Number of runs of each row that missed each criterion, of those judged by it."""
+def _criteria(campaign: Campaign, by_variant: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
+    """Returns the number of runs of each variant that missed each criterion, of those judged by it."""
     judged: Counter[tuple[Any, ...]] = Counter()
     missed: Counter[tuple[Any, ...]] = Counter()
     for result in campaign.results:
         for each in result.criteria:
-            key = (result.case.row, each.name, each.field, each.limit)
+            key = (result.case.variant, each.name, each.field, each.limit)
             judged[key] += 1
             missed[key] += not each.passed
     return [
@@ -206,32 +203,40 @@ def _criteria(campaign: Campaign, by_row: dict[str, list[RunResult]]) -> list[di
             "name": name,
             "rule": _rule(name, field, limit),
             "cells": [
-                _cell(missed[row, name, field, limit], judged[row, name, field, limit], row=row, criterion=name)
-                for row in by_row
+                _cell(
+                    missed[variant, name, field, limit],
+                    judged[variant, name, field, limit],
+                    variant=variant,
+                    criterion=name,
+                )
+                for variant in by_variant
             ],
         }
         for name, field, limit in criteria_of(campaign)
     ]
 
 
-def _tags(by_row: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
-    """Number of runs of each row that have not passed, of those with a tag, by tag; the worst tags first."""
+def _tags(by_variant: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
+    """Returns how many runs of each variant have not passed, of those with a tag, by tag; the worst tags first."""
     tagged: Counter[tuple[str, str]] = Counter()
     missed: Counter[tuple[str, str]] = Counter()
-    for row, results in by_row.items():
+    for variant, results in by_variant.items():
         for result in results:
             for tag in result.case.tags:
-                tagged[row, tag] += 1
-                missed[row, tag] += result.verdict != Verdict.PASSED
+                tagged[variant, tag] += 1
+                missed[variant, tag] += result.verdict != Verdict.PASSED
     shares = {}
     for tag in {tag for _, tag in tagged}:
-        shares[tag] = sum(missed[row, tag] for row in by_row) / sum(tagged[row, tag] for row in by_row)
+        shares[tag] = sum(missed[variant, tag] for variant in by_variant) / sum(
+            tagged[variant, tag] for variant in by_variant
+        )
     return [
         {
             "name": tag,
             "rule": "",
             "cells": [
-                _cell(missed[row, tag], tagged[row, tag], row=row, tag=tag, verdict=NOT_PASSED) for row in by_row
+                _cell(missed[variant, tag], tagged[variant, tag], variant=variant, tag=tag, verdict=NOT_PASSED)
+                for variant in by_variant
             ],
         }
         for tag in sorted(shares, key=lambda tag: (-shares[tag], tag))[:TAGS_MAX]
@@ -239,57 +244,51 @@ def _tags(by_row: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
 
 
 def _cell(count: int, total: int, **fields: str) -> dict[str, Any]:
-    """How many of all, and the filters that show them."""
+    """Returns how many of all, and the filters that show them."""
     return {"count": count, "total": total, "filter": _filter(**fields)}
 
 
 def _added() -> Iterator[Column]:
-    """Means of the measures that other packages add."""
+    """Yields means of the measures that other packages add."""
     better: dict[Better, Callable[[Iterable[float]], float]] = {Better.LOWER: min, Better.HIGHER: max}
     for name, metric in added_metrics().items():
-        find: Callable[[dict[str, Any]], Any] = partial(_added_mean, name=name)
-        yield Column(f"{name} [{metric.unit}]" if metric.unit else name, find, better=better.get(metric.better))
+        title = f"{name} [{metric.unit}]" if metric.unit else name
+        yield Column(title, f"{ADDED}.{name}", better=better.get(metric.better))
 
 
-def _added_mean(row: dict[str, Any], name: str) -> float | None:
-    value: float | None = row[ADDED][name]
-    return value
-
-
-def _displacement(summary: dict[str, dict[str, Any]]) -> Iterator[Column]:
-    """Average displacement from the log by horizon, of controlled agents and of all."""
-    horizons = list(next(iter(summary.values()), {}).get("ade_all_m") or {})
+def _displacement() -> Iterator[Column]:
+    """Yields the average displacement from the log by horizon, of controlled agents and of all."""
     for name, field in (("controlled", "ade_controlled_m"), ("all", "ade_all_m")):
-        for horizon in horizons:
-            find: Callable[[dict[str, Any]], Any] = partial(_displaced, field=field, horizon=horizon)
-            yield Column(f"{name}, {horizon} s [m]", find, lambda found: found or NOTHING)
+        for horizon in HORIZONS_S:
+            yield Column(f"{name}, {horizon} s [m]", f"{field}.{horizon}")
 
 
-def _displaced(row: dict[str, Any], field: str, horizon: str) -> str | None:
-    """The displacement of a row up to `horizon`, with the number of its runs that lasted as long, if not all did."""
-    value, runs, every = row[field][horizon], row["ade_runs"][horizon], row["measured"]
-    return None if value is None else number(value) + (f" ({runs} of {every})" if runs < every else "")
+def _reached(row: dict[str, Any], path: str) -> str:
+    """Returns how many runs lasted up to the horizon of a displacement, as a suffix of it; empty if all of them did."""
+    runs = row.get(f"ade_runs.{path.rpartition('.')[2]}", row["measured"])
+    return f" ({runs} of {row['measured']})" if runs < row["measured"] else ""
 
 
 def _side_by_side(summary: dict[str, dict[str, Any]], columns: Iterable[Column]) -> list[dict[str, Any]]:
-    """A row for each measure that any row of the campaign has, with a cell for each; the best of several is marked.
+    """Returns a row for each measure that any variant has, with a cell for each variant; the best of several is marked.
 
     Values that leave out runs without measures have an asterisk. They are never marked as the best, as those runs might
     have changed them.
     """
-    found = []
+    lines = []
+    rows = [leaves(variant) for variant in summary.values()]
     for column in columns:
-        values = [column.find(row) for row in summary.values()]
-        marks = ["*" if row["failed"] and not column.of_all else "" for row in summary.values()]
+        values = [row[column.path] for row in rows]
+        marks = ["*" if row["failed"] and not column.of_all else "" for row in rows]
         whole = [value for value, mark in zip(values, marks, strict=True) if value is not None and not mark]
         best = column.better(whole) if column.better and whole and min(whole) < max(whole) else None
         cells = [
             {
-                "text": column.text(value) + (mark if value is not None else ""),
+                "text": column.text(value) + ("" if value is None else _reached(row, column.path) + mark),
                 "best": best is not None and value == best and not mark,
             }
-            for value, mark in zip(values, marks, strict=True)
+            for row, value, mark in zip(rows, values, marks, strict=True)
         ]
         if any(value is not None for value in values):
-            found.append({"name": column.name, "cells": cells})
-    return found
+            lines.append({"name": column.name, "cells": cells})
+    return lines

@@ -40,18 +40,18 @@ class Forecasts:
         return len(self.agent)
 
     def every(self, steps: int) -> Forecasts:
-        """The forecasts made at those steps that are multiples of `steps`."""
-        kept = self.step % steps == 0
-        return Forecasts(self.agent[kept], self.step[kept], self.time, self.mean[kept], self.spread[kept])
+        """Returns the forecasts made at those steps that are multiples of `steps`."""
+        chosen = self.step % steps == 0
+        return Forecasts(self.agent[chosen], self.step[chosen], self.time, self.mean[chosen], self.spread[chosen])
 
 
 def read_forecasts(run: Run) -> Forecasts:
-    """Forecasts recorded in the bag of `run`; none if the run had no predictor.
+    """Returns forecasts recorded in the bag of `run`; none if the run had no predictor.
 
     Raises:
         InputError: the topic cannot be read as joint forecasts of one length.
     """
-    found: list[tuple[IntArray, int, FloatArray, FloatArray]] = []
+    parts: list[tuple[IntArray, int, FloatArray, FloatArray]] = []
     time = np.empty(0)
     try:
         for message in _messages(run):
@@ -65,14 +65,14 @@ def read_forecasts(run: Run) -> Forecasts:
             usable = (
                 np.asarray(message.valid, np.bool_) & np.isfinite(mean).all((1, 2)) & np.isfinite(spread).all((1, 2))
             )
-            found.append((np.asarray(message.id, np.int64)[usable], int(message.step), mean[usable], spread[usable]))
-        if not found:
+            parts.append((np.asarray(message.id, np.int64)[usable], int(message.step), mean[usable], spread[usable]))
+        if not parts:
             return Forecasts(
                 np.empty(0, np.int64), np.empty(0, np.int64), time, np.empty((0, 0, 2)), np.empty((0, 0, 3))
             )
-        agent = np.concatenate([ids for ids, *_ in found])
-        step = np.concatenate([np.full(len(ids), at, np.int64) for ids, at, *_ in found])
-        mean, spread = np.concatenate([f[2] for f in found]), np.concatenate([f[3] for f in found])
+        agent = np.concatenate([ids for ids, *_ in parts])
+        step = np.concatenate([np.full(len(ids), at, np.int64) for ids, at, *_ in parts])
+        mean, spread = np.concatenate([f[2] for f in parts]), np.concatenate([f[3] for f in parts])
     except UNDECODABLE as error:
         raise InputError(f"{run.path}: topic {FORECASTS}: not joint forecasts of this version: {error}") from error
     order = np.lexsort((step, agent))
@@ -80,8 +80,8 @@ def read_forecasts(run: Run) -> Forecasts:
 
 
 def _messages(run: Run) -> Iterator[Any]:
-    """Decoded messages of the run itself, the first of each step."""
-    reader, seen = BagReader(run.path), set()
+    """Yields decoded messages of the run itself, the first of each step."""
+    reader, steps = BagReader(run.path), set()
     if FORECASTS not in reader.topics:
         return
     described = reader.topics[FORECASTS]
@@ -89,12 +89,12 @@ def _messages(run: Run) -> Iterator[Any]:
     store.register(get_types_from_msg(described.definition, described.type_name))
     for each in reader.messages({FORECASTS}):
         message: Any = store.deserialize_cdr(each.data, described.type_name)
-        if message.run_id == run.info.run_id and message.step not in seen:
-            seen.add(message.step)
+        if message.run_id == run.info.run_id and message.step not in steps:
+            steps.add(message.step)
             yield message
 
 
 def _picked(points: int) -> IntArray:
-    """Indices of at most POINTS_MAX of the points of a forecast, evenly spaced, including the last."""
+    """Returns indices of at most POINTS_MAX of the points of a forecast, evenly spaced, including the last."""
     stride = -(-points // POINTS_MAX)
     return np.arange(points - 1, -1, -stride)[::-1].copy()

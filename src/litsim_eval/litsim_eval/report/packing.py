@@ -31,7 +31,7 @@ class Packer:
         self._size = 0
 
     def add(self, name: str, values: npt.ArrayLike, resolution: float = 1.0, differences: int = 0) -> None:
-        """Add an array of any shape.
+        """Adds an array of any shape.
 
         Args:
             name: under which the page finds it.
@@ -54,7 +54,7 @@ class Packer:
         self._size += len(self._data[-1])
 
     def pack(self) -> str:
-        """The container with everything added, in base64."""
+        """Returns the container with everything added, in base64."""
         tree = {**self._content, "arrays": self._described}
         header = json.dumps(tree, allow_nan=False, separators=(",", ":")).encode()
         header += b" " * (-len(header) % ALIGNMENT)

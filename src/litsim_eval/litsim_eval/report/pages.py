@@ -13,7 +13,7 @@ from litsim_eval.report.wording import NOTHING, branches, is_nested, leaf
 
 
 def render_page(template: str, **values: Any) -> str:
-    """A page of LitSim as HTML.
+    """Returns a page of LitSim as HTML.
 
     Args:
         template: name of a file in `templates`.
@@ -26,7 +26,7 @@ def render_page(template: str, **values: Any) -> str:
 
 
 def asset(name: str) -> Markup:
-    """Text of a file in `assets`: style or script of our own, which goes into a page as it is."""
+    """Returns the text of a file in `assets`: style or script of our own, which goes into a page as it is."""
     return Markup((files("litsim_eval.report") / "assets" / name).read_text(encoding="utf-8"))  # noqa: S704  no data
 
 

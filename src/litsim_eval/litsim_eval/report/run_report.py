@@ -25,7 +25,7 @@ THINNING = (1, 2, 5, 10)  # steps between forecasts, tried in this order until t
 
 
 def write_report(bag: Path, out: Path | None = None, metrics: dict[str, Any] | None = None) -> Path:
-    """Write the report of a run.
+    """Writes the report of a run.
 
     Args:
         bag: folder of the run, or its MCAP file.
@@ -46,16 +46,16 @@ def write_report(bag: Path, out: Path | None = None, metrics: dict[str, Any] | N
 
 
 def save(html: str, path: Path) -> None:
-    """Write a page to `path` atomically; raises InputError if that is impossible."""
+    """Writes a page to `path` atomically; raises InputError if that is impossible."""
     with replacing(path) as new:
         new.write_text(html, encoding="utf-8")
 
 
 def render(run: Run, metrics: dict[str, Any]) -> str:
-    """The page of a run as HTML."""
+    """Returns the page of a run as HTML."""
     info = run.info
-    data, every = _packed(run, metrics)
-    thinned = "" if every == 1 else f" Forecasts are shown every {every * info.dt:.1f} s to keep this file small."
+    data, stride = _packed(run, metrics)
+    thinned = "" if stride == 1 else f" Forecasts are shown every {stride * info.dt:.1f} s to keep this file small."
     beside = f" and {FAILURE_FILE}" if run.failure else ""
     return render_page(
         "report.html.j2",
@@ -76,20 +76,20 @@ def render(run: Run, metrics: dict[str, Any]) -> str:
 
 
 def _packed(run: Run, metrics: dict[str, Any]) -> tuple[str, int]:
-    """Packed data, and the number of steps between forecasts."""
+    """Returns packed data, and the number of steps between forecasts."""
     forecasts = read_forecasts(run)
     data = ""
-    for every in THINNING:
-        data = pack_run(run, metrics, forecasts.every(every), every)
+    for stride in THINNING:
+        data = pack_run(run, metrics, forecasts.every(stride), stride)
         if len(data) <= DATA_MAX:
-            return data, every
+            return data, stride
     raise InputError(
         f"{run.path}: too long for one page: {len(data) / 1e6:.1f} MB of data, at most {DATA_MAX / 1e6:.1f}"
     )
 
 
 def _measures(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Name and value, as text, of the most important measures."""
+    """Yields name and value, as text, of the most important measures."""
     collision, back, timing = metrics["collision"], metrics["handback"], metrics["timing"]
     yield "agents", f"{metrics['agents']}, {metrics['controlled_agents']} ever under control"
     yield "colliding pairs", f"{collision['pairs']} ({collision['excess']} not in the log)"

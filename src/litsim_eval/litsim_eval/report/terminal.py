@@ -19,7 +19,7 @@ LEDGER_COLUMNS = ("agent", "why", "with", "at", "in", "p", "pure replay", "held"
 
 
 def print_metrics(metrics: dict[str, Any], console: Console | None = None) -> None:
-    """Print the most important measures."""
+    """Prints the most important measures."""
     console = console or Console()
     title = "{run_id}: {scenario}, ego {ego}, policy {policy}, seed {seed}".format(**metrics)
     table = Table(title=title, title_justify="left", show_header=False, box=None, pad_edge=False)
@@ -31,7 +31,7 @@ def print_metrics(metrics: dict[str, Any], console: Console | None = None) -> No
 
 
 def print_ledger(metrics: dict[str, Any], console: Console | None = None) -> None:
-    """Print every contact of the ego and every takeover, with its reason and outcome; nothing if there are none."""
+    """Prints every contact of the ego and every takeover, with its reason and outcome; nothing if there are none."""
     console = console or Console()
     for title, head, rows in (
         ("contacts of the ego (s, m/s)", CONTACT_COLUMNS, list(_contact_rows(metrics))),
@@ -60,7 +60,7 @@ def _contact_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _careful(avoids: bool | None) -> str:
-    """Text on what the careful driver would have done; a dash if the other agent is not a vehicle."""
+    """Returns a text on what the careful driver would have done; a dash if the other agent is not a vehicle."""
     if avoids is None:
         return NOTHING
     return "avoids it" if avoids else "hits too"
@@ -130,7 +130,7 @@ def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _driving_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """How safely, comfortably and naturally it was driven."""
+    """Yields how safely, comfortably and naturally it was driven."""
     safety, road = metrics["safety"], metrics["ego_motion"]
     below = ", ".join(f"{_percent(share)} below {limit} s" for limit, share in safety["ttc_below"].items())
     yield "ego: TTC", f"shortest {_number(safety['min_ttc_s'], 's')}; {below}"
@@ -141,8 +141,11 @@ def _driving_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     ego, others = metrics["comfort"]["ego"], metrics["comfort"]["controlled"]
     yield "hard brakes", f"ego {ego['hard_brakes'] if ego else NOTHING}, agents under control {others['hard_brakes']}"
     within = _percent(min(ego["within"].values())) if ego else NOTHING
-    kept = _percent(others["comfortable"])
-    yield "comfort", f"ego {within} of steps within the bound least kept; controlled agents that keep all: {kept}"
+    comfortable = _percent(others["comfortable"])
+    yield (
+        "comfort",
+        f"ego {within} of steps within the bound least kept; controlled agents that keep all: {comfortable}",
+    )
     guarded = others["guarded"]
     yield "guarded", f"{guarded['count']} of the policy's agent-steps ({_percent(guarded['share'])})"
     realism = metrics["realism"]

@@ -31,7 +31,7 @@ AFTER_DETECTION = 10  # [steps] after which a takeover is visible
 
 
 def thumbnail_of(run: Run, metrics: dict[str, Any]) -> dict[str, Any]:
-    """A scene of the run around the ego, seen from above, driving to the right.
+    """Returns a scene of the run around the ego, seen from above, driving to the right.
 
     Args:
         run: with at least one step.
@@ -62,7 +62,7 @@ def thumbnail_of(run: Run, metrics: dict[str, Any]) -> dict[str, Any]:
 
 
 def write_thumbnail(run: Run, metrics: dict[str, Any], folder: Path) -> None:
-    """Write the picture of a run into `folder`, for the page of a campaign.
+    """Writes the picture of a run into `folder`, for the page of a campaign.
 
     Raises:
         InputError: it cannot be written.
@@ -73,12 +73,12 @@ def write_thumbnail(run: Run, metrics: dict[str, Any], folder: Path) -> None:
 
 
 def read_thumbnail(folder: Path) -> dict[str, Any] | None:
-    """The picture of a run written by :func:`write_thumbnail`; None without one of the current format."""
+    """Returns the picture of a run written by :func:`write_thumbnail`; None without one of the current format."""
     try:
-        found = json.loads((folder / THUMBNAIL_FILE).read_text())
+        picture = json.loads((folder / THUMBNAIL_FILE).read_text())
     except (OSError, ValueError):
         return None
-    return found if isinstance(found, dict) and found.get("format") == FORMAT else None
+    return picture if isinstance(picture, dict) and picture.get("format") == FORMAT else None
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class _Moment:
 
 
 def _moment(run: Run, metrics: dict[str, Any]) -> _Moment:
-    """The first contact that is not in the log, the ego's if any, else a takeover, else the ego at its nearest."""
+    """Returns the first contact that is not in the log, the ego's if any, else a takeover or the ego's shortest TTC."""
     ego, last = run.info.ego_id, run.tables[-1].step
     touching = [(c["step"], tuple(c["pair"])) for c in metrics["collision"]["contacts"] if not c["in_log"]]
     for step, pair in sorted(touching, key=lambda each: (ego not in each[1], each[0])):
@@ -107,7 +107,7 @@ def _moment(run: Run, metrics: dict[str, Any]) -> _Moment:
 
 
 def _focus(tracks: Tracks, ego: int, agents: tuple[int, ...], frame: int) -> int:
-    """Row of the agent in the centre: the ego, unless it is far from the first of `agents`; -1 for none."""
+    """Returns the row of the agent in the centre: the ego, unless it is far from the first of `agents`; -1 for none."""
     rows = [tracks.row(agent) for agent in (ego, *agents[:1])]
     here = [row for row in rows if row >= 0 and tracks.mode[row, frame] != Mode.ABSENT]
     if len(here) == 2:
@@ -121,7 +121,7 @@ def _half() -> list[int]:
 
 
 def _road(run: Run, pose: tuple[float, float, float], window: shapely.Polygon) -> list[list[int]]:
-    """Outlines and holes of the road's surface inside the window."""
+    """Returns outlines and holes of the road's surface inside the window."""
     lane_map = lane_map_of(run)
     if lane_map is None:
         return []
@@ -134,7 +134,7 @@ def _road(run: Run, pose: tuple[float, float, float], window: shapely.Polygon) -
     # cut out in frame map: what is turned is rounded, and may then be no surface that can be cut
     framed = shapely.transform(window, lambda points: _in_map(points, pose))
     part = shapely.union_all(surfaces).intersection(framed).simplify(ROAD_TOLERANCE_M)
-    parts = shapely.get_parts(shapely.transform(part, lambda points: _seen(points, pose)))
+    parts = shapely.get_parts(shapely.transform(part, lambda points: _in_view(points, pose)))
     rings = [
         ring
         for part in parts
@@ -147,46 +147,46 @@ def _road(run: Run, pose: tuple[float, float, float], window: shapely.Polygon) -
 
 def _boxes(tracks: Tracks, frame: int, pose: tuple[float, float, float], window: shapely.Polygon) -> list[list[int]]:
     here = np.flatnonzero(tracks.present[:, frame])
-    at = _seen(np.column_stack([tracks.x[here, frame], tracks.y[here, frame]]), pose)
+    at = _in_view(np.column_stack([tracks.x[here, frame], tracks.y[here, frame]]), pose)
     inside = shapely.contains_xy(window, at[:, 0], at[:, 1])
-    found = []
+    boxes = []
     for row, (x, y) in zip(here[inside], at[inside], strict=True):
         yaw = (tracks.yaw[row, frame] - pose[2] + np.pi) % (2.0 * np.pi) - np.pi
         metres = (round(float(v) / UNIT_M) for v in (tracks.length[row], tracks.width[row]))
         turned = round(float(yaw) / UNIT_RAD)
-        found.append([*_whole(np.array([[x, y]])), turned, *metres, int(tracks.mode[row, frame])])
-    return found
+        boxes.append([*_whole(np.array([[x, y]])), turned, *metres, int(tracks.mode[row, frame])])
+    return boxes
 
 
 def _path(steps: Steps, agent: int, pose: tuple[float, float, float], window: shapely.Polygon) -> list[list[int]]:
-    """Where an agent goes in the window, as lines."""
+    """Returns where an agent goes in the window, as lines."""
     rows, table = steps.track(agent), steps.stacked
     places = np.column_stack([table.x[rows], table.y[rows]])
     if len(places := places[np.isfinite(places).all(axis=1)]) < 2:
         return []
-    line = shapely.LineString(_seen(places, pose))
+    line = shapely.LineString(_in_view(places, pose))
     parts = shapely.get_parts(line.intersection(window).simplify(PATH_TOLERANCE_M))
     return [_whole(np.asarray(part.coords)) for part in parts if part.geom_type == "LineString" and part.length > 0]
 
 
 def _contact(tracks: Tracks, agents: tuple[int, ...], frame: int, pose: tuple[float, float, float]) -> list[int] | None:
-    """The point half way between the agents that touch."""
+    """Returns the point half way between the agents that touch."""
     rows = [tracks.row(agent) for agent in agents]
     if not rows or min(rows) < 0:
         return None
     middle = [float(np.mean(values[rows, frame])) for values in (tracks.x, tracks.y)]
-    return _whole(_seen(np.array([middle]), pose))
+    return _whole(_in_view(np.array([middle]), pose))
 
 
 def _in_map(points: FloatArray, pose: tuple[float, float, float]) -> FloatArray:
-    """Points (n, 2) in frame map of points relative to a pose; the inverse of :func:`_seen`."""
+    """Returns points (n, 2) in frame map of points relative to a pose; the inverse of :func:`_in_view`."""
     x, y, yaw = pose
     cos, sin = np.cos(yaw), np.sin(yaw)
     return np.column_stack([x + cos * points[:, 0] - sin * points[:, 1], y + sin * points[:, 0] + cos * points[:, 1]])
 
 
-def _seen(points: FloatArray, pose: tuple[float, float, float]) -> FloatArray:
-    """Points (n, 2) in frame map relative to a pose: x ahead, y to the left [m]."""
+def _in_view(points: FloatArray, pose: tuple[float, float, float]) -> FloatArray:
+    """Returns points (n, 2) in frame map relative to a pose: x ahead, y to the left [m]."""
     return np.column_stack(to_body(points[:, 0] - pose[0], points[:, 1] - pose[1], np.asarray(pose[2])))
 
 

@@ -56,13 +56,13 @@ class Tracks:
         return np.asarray(self.mode != Mode.ABSENT)
 
     def row(self, agent: int) -> int:
-        """Row of `agent`; -1 without it."""
+        """Returns the row of `agent`; -1 without it."""
         at = int(np.searchsorted(self.id, agent))
         return at if at < len(self.id) and self.id[at] == agent else -1
 
 
 def tracks_of(run: Run) -> Tracks:
-    """Every agent of a run; POLICY is distinguished from HANDBACK by the takeovers."""
+    """Returns every agent of a run; POLICY is distinguished from HANDBACK by the takeovers."""
     tracks = collect(run.steps, run.tables[0].step, run.tables[-1].step)
     for step, records in run.takeovers.items():
         frame = step - tracks.first
@@ -74,7 +74,7 @@ def tracks_of(run: Run) -> Tracks:
 
 
 def ghosts_of(run: Run) -> Tracks:
-    """Logged motion of the agents that ever leave their logs, the ego among them."""
+    """Returns logged motion of the agents that ever leave their logs, the ego among them."""
     ever: set[int] = set()
     for table in run.tables:
         ever.update(table.id[table.off_log].tolist())
@@ -84,7 +84,7 @@ def ghosts_of(run: Run) -> Tracks:
 
 
 def collect(tables: Sequence[AgentTable], first: int, last: int) -> Tracks:
-    """Tables of steps `first` .. `last` as tracks; states that are not finite count as absent."""
+    """Returns tables of steps `first` .. `last` as tracks; states that are not finite count as absent."""
     steps = Steps.of(tables)
     table, n, frames = steps.stacked, len(steps.ids), last - first + 1
     usable = np.logical_and.reduce([np.isfinite(getattr(table, name)) for name in (*MOTION, "length", "width")])
@@ -103,7 +103,7 @@ def collect(tables: Sequence[AgentTable], first: int, last: int) -> Tracks:
 
 
 def _fill(motion: dict[str, FloatArray], present: BoolArray) -> None:
-    """Repeat the last known value where an agent is absent, and before its first the first one."""
+    """Repeats the last known value where an agent is absent, and before its first the first one."""
     frames = present.shape[1]
     last = np.maximum.accumulate(np.where(present, np.arange(frames), -1), axis=1)
     source = np.where(last >= 0, last, np.argmax(present, axis=1)[:, None])

@@ -9,7 +9,7 @@ NOTHING = "–"
 
 
 def number(value: Any, digits: int = 2, unit: str = "") -> str:
-    """`value` with `digits` after the point (none if it is an int) and its unit; a dash for None."""
+    """Returns `value` with `digits` after the point (none if it is an int) and its unit; a dash for None."""
     if value is None:
         return NOTHING
     text = str(value) if isinstance(value, int) else f"{value:.{digits}f}"
@@ -17,12 +17,12 @@ def number(value: Any, digits: int = 2, unit: str = "") -> str:
 
 
 def percent(value: float | None) -> str:
-    """A share from 0 to 1 as a percentage with one digit; a dash for None."""
+    """Returns a share from 0 to 1 as a percentage with one digit; a dash for None."""
     return NOTHING if value is None else f"{100.0 * value:.1f} %"
 
 
 def branches(value: Any) -> list[tuple[str, Any]]:
-    """The names and values one level below `value`.
+    """Returns the names and values one level below `value`.
 
     Returns:
         (name, value) of a dict, (index, value) of a list that holds dicts or lists; [] for all that :func:`leaf` shows.
@@ -35,24 +35,24 @@ def branches(value: Any) -> list[tuple[str, Any]]:
 
 
 def is_nested(value: Any) -> bool:
-    """Whether `value` has at least two levels below it: a dict or list that holds a dict or list."""
+    """Returns whether `value` has at least two levels below it: a dict or list that holds a dict or list."""
     inside = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
     return any(isinstance(each, dict | list) for each in inside)
 
 
 def lockstep_text(lockstep: Mapping[str, Any]) -> str:
-    """Missed answers and gaps of a run (`lockstep` of `metrics.json`), and unused messages of an external ego."""
+    """Returns missed answers, gaps and unused messages of an external ego, of `lockstep` of `metrics.json`, as text."""
     own = ("interface", "answered", "joined")
     port = {name: count for name, count in lockstep["ego_port"].items() if name not in own}
     unused = "".join(f", {count} {name}" for name, count in port.items() if count)
-    told = f"{lockstep['missed']} missed answers, {lockstep['gaps']} gaps"
-    told += f"; of the ego's messages{unused[1:]}" if unused else ""
+    text = f"{lockstep['missed']} missed answers, {lockstep['gaps']} gaps"
+    text += f"; of the ego's messages{unused[1:]}" if unused else ""
     joined = lockstep["ego_port"].get("joined", 0)
-    return f"{told}; {joined} publishers of the ego joined in mid-run" if joined else told
+    return f"{text}; {joined} publishers of the ego joined in mid-run" if joined else text
 
 
 def leaf(value: Any) -> str:
-    """A value without further levels as text: floats with four digits, bools as yes or no, None as a dash."""
+    """Returns a value without further levels as text: floats with four digits, bools as yes or no, None as a dash."""
     if value is None or value in ("", {}, []):
         return NOTHING
     if isinstance(value, bool):

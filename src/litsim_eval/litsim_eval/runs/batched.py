@@ -7,24 +7,37 @@ one. Scenes can be batched if the stages need the same of all their scenarios; e
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Hashable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
 
+from litsim_eval.campaign.case import GRAPH, Case
+from litsim_eval.runs.case_run import measured, plan_of, run_in_process
 from litsim_eval.runs.runner import StepResult, as_recorded, configured
 from litsim_policy.driving.pipeline import Pipeline
 from litsim_policy.driving.policy import policy_class
 from litsim_policy.ego.batched import BatchedEgos
 from litsim_predictor.models import DEFAULT_MODEL, model_names
 from litsim_sim.core import plugins
+from litsim_sim.core.errors import reason
 from litsim_sim.core.parameters import Parameters
 from litsim_sim.core.scene import ControlTable
 from litsim_sim.core.stages import BRIDGE, EGO, PREDICTOR
 from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.kernels.compiled import load_kernels
 from litsim_sim.record.run import Run as RecordedRun
-from litsim_sim.scenario.batched import BatchedScenario
+from litsim_sim.scenario.batched import BatchedScenario, kind
 from litsim_sim.scenario.run_info import REPLAY, RunPlan
 from litsim_sim.world.world import World
+
+BATCH_MAX = 16
+"""Most runs that are stepped together: eight more take 50 MB, and save less than the previous eight."""
+STEPS_MAX = 6000
+"""Most steps of such runs in total, which bounds the memory of long runs."""
+
+T = TypeVar("T")
+MetricsOrReason = dict[str, Any] | str
+"""Metrics of a run, or the reason for their absence in one line."""
 
 
 class BatchedRunner:
@@ -57,7 +70,7 @@ class BatchedRunner:
         load_kernels()
 
     def steps(self) -> Iterator[dict[int, StepResult]]:
-        """Yield each step of the runs that are not over, with its answers, by number of the plan.
+        """Yields each step of the runs that are not over, with its answers, by number of the plan.
 
         Wall times of stages are divided equally among the runs.
         """
@@ -71,8 +84,8 @@ class BatchedRunner:
             controls: Sequence[ControlTable | None] = [None] * len(tables)
             together = ControlTable.empty(table.step)
             if self._pipeline is not None:
-                taken, together = self._pipeline.to(table, marks)
-                takeovers, controls = self._apart(taken, self._pipeline), batch.controls(together)
+                takeover_table, together = self._pipeline.to(table, marks)
+                takeovers, controls = self._apart(takeover_table, self._pipeline), batch.controls(together)
             begin = time.perf_counter()
             running = [k for k in range(len(tables)) if k not in self.summaries]
             commands = self._egos.plan(table, running)
@@ -88,7 +101,7 @@ class BatchedRunner:
                 table = self._world.step_batch(together, commands)
 
     def _apart(self, takeovers: TakeoverTable, pipeline: Pipeline) -> list[TakeoverTable]:
-        """The takeovers by scene."""
+        """Returns the takeovers by scene."""
         rounds = pipeline.manager.iterations.tolist(), pipeline.manager.converged.tolist()
         return [
             TakeoverTable(takeovers.step, own, iterations, converged)
@@ -97,7 +110,7 @@ class BatchedRunner:
 
 
 def can_batch(policy: str, parameters: Parameters) -> bool:
-    """Whether the policy and the predictor of a run can drive and forecast the agents of several scenes at once."""
+    """Returns whether policy and predictor of a run can drive and forecast the agents of several scenes at once."""
     if policy == REPLAY:
         return True
     model = str(parameters.get(PREDICTOR, {}).get("model", DEFAULT_MODEL))
@@ -106,12 +119,12 @@ def can_batch(policy: str, parameters: Parameters) -> bool:
 
 
 def common_parameters(plan: RunPlan) -> Parameters:
-    """Parameters of the stages that batched runs share: all but the ego."""
+    """Returns parameters of the stages that batched runs share: all but the ego."""
     return {stage: values for stage, values in plan.parameters.items() if stage != EGO}
 
 
 def record_batch(plans: Sequence[RunPlan]) -> list[RecordedRun]:
-    """Run `plans` together and return the runs as if read from recordings.
+    """Runs `plans` together and returns the runs as if read from recordings.
 
     Raises:
         ValueError, InputError: as :class:`BatchedRunner`.
@@ -124,3 +137,76 @@ def record_batch(plans: Sequence[RunPlan]) -> list[RecordedRun]:
             results[k].append(result)
     wall = (time.perf_counter() - begin) / len(plans)
     return [as_recorded(plan, results[k], runner.summaries[k], wall) for k, plan in enumerate(plans)]
+
+
+def batches(cases: Sequence[Case], processes: int) -> list[tuple[Case, ...]]:
+    """Divides `cases` into batches for processes, of runs that may be stepped together.
+
+    Runs over DDS get batches of their own. With enough cases there are about two batches per process or more, so that
+    all processes end at about the same time; those of pure replay, which are fast, come last.
+    """
+    groups: dict[Hashable, list[Case]] = {}
+    for case in sorted(cases, key=lambda case: case.policy == REPLAY):
+        groups.setdefault(case.id if case.execution_mode == GRAPH else (case.policy, str(case.parameters)), []).append(
+            case
+        )
+    most = max(1, min(BATCH_MAX, -(-len(cases) // (2 * processes))))
+    return [
+        portion
+        for group in groups.values()
+        for portion in _portions(sorted(group, key=lambda case: case.scenario), most)
+    ]
+
+
+def run_batch(cases: Sequence[Case], folders: Sequence[Path | None]) -> list[MetricsOrReason]:
+    """Runs `cases` in this process, and writes their pictures to `folders`; a failure never affects other cases.
+
+    Runs that were stepped together with a failing one are repeated one by one.
+    """
+    plans: dict[int, RunPlan] = {}
+    outcomes: dict[int, MetricsOrReason] = {}
+    for k, case in enumerate(cases):
+        try:
+            plans[k] = plan_of(case)
+        except Exception as error:  # noqa: BLE001 - any error: the other runs go on, and the table reports it
+            outcomes[k] = reason(error)
+    for together in _batchable(plans):
+        outcomes |= _run_batched({k: plans[k] for k in together}, folders)
+    for k, case in enumerate(cases):
+        if k not in outcomes:
+            outcomes[k] = _alone(case, folders[k])
+    return [outcomes[k] for k in range(len(cases))]
+
+
+def _portions(of: Sequence[T], most: int) -> Iterator[tuple[T, ...]]:
+    """Yields `of` in order, in portions of `most` items; the last one may be smaller."""
+    return (tuple(of[begin : begin + most]) for begin in range(0, len(of), most))
+
+
+def _batchable(plans: dict[int, RunPlan]) -> Iterator[tuple[int, ...]]:
+    """Yields groups of two or more of the keys of `plans` that can be stepped together."""
+    groups: dict[Hashable, list[int]] = {}
+    for k, plan in plans.items():
+        if not can_batch(plan.policy, plan.parameters):
+            continue
+        alike = kind(plan.scenario), plan.policy, str(common_parameters(plan))
+        groups.setdefault(alike, []).append(k)
+    for group in groups.values():
+        longest = max(plans[k].scenario.total_steps for k in group)
+        yield from (some for some in _portions(group, max(1, min(BATCH_MAX, STEPS_MAX // longest))) if len(some) > 1)
+
+
+def _run_batched(plans: dict[int, RunPlan], folders: Sequence[Path | None]) -> dict[int, MetricsOrReason]:
+    """Returns results of the runs of `plans`, by their keys; empty if one of them fails."""
+    try:
+        runs = record_batch(list(plans.values()))
+        return {k: measured(run, folders[k]) for k, run in zip(plans, runs, strict=True)}
+    except Exception:  # noqa: BLE001 - on its own, each run reports its own error
+        return {}
+
+
+def _alone(case: Case, folder: Path | None) -> MetricsOrReason:
+    try:
+        return run_in_process(case, folder)
+    except Exception as error:  # noqa: BLE001 - any error: the other runs go on, and the table reports it
+        return reason(error)

@@ -12,9 +12,9 @@ from litsim_eval.campaign.criteria import Criteria, Verdict
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.junit import JUNIT_FILE, write_junit
 from litsim_eval.campaign.results import Campaign, RunResult, read_campaign
-from litsim_eval.campaign.row_summary import row_summary
+from litsim_eval.campaign.variant_summary import variant_summary
 from litsim_eval.report.experiment import write_experiment_report
-from litsim_eval.runs.case_batch import batches
+from litsim_eval.runs.batched import batches
 from litsim_eval.runs.case_run import PRELOADED, TIME_LIMIT_S, RunOutcome, RunStopped, is_elsewhere, run_over_graph
 from litsim_eval.runs.workers import Workers
 from litsim_sim.core.errors import reason
@@ -42,18 +42,15 @@ class LocalRuns:
     _stopped: threading.Event = field(default_factory=threading.Event)
     _meeting: threading.Lock = field(default_factory=threading.Lock)
 
-    def check(self, cases: Sequence[Case]) -> None:
-        """Do nothing, since any cases can be run on this machine; see :meth:`.ray_runs.RayRuns.check`."""
-
     def run(self, cases: Sequence[Case]) -> Generator[RunResult, None, None]:
-        """Run `cases` and yield the result of each once it is stored.
+        """Runs `cases` and yields the result of each once it is stored.
 
         Runs in process are stepped together where possible, and then end together. An interruption, such as Ctrl-C,
         ends the runs in progress without storing them.
         """
         portions = batches(cases, self.processes)
-        preload(PRELOADED if any(case.shell == GRAPH for case in cases) else Workers.__module__)
-        here = sum(portion[0].shell != GRAPH for portion in portions)
+        preload(PRELOADED if any(case.execution_mode == GRAPH for case in cases) else Workers.__module__)
+        here = sum(portion[0].execution_mode != GRAPH for portion in portions)
         with Workers(min(here, self.processes)) as workers, ThreadPoolExecutor(self.processes) as threads:
             pending = [threads.submit(self._run, portion, workers) for portion in portions]
             try:
@@ -70,14 +67,14 @@ class LocalRuns:
         threads.shutdown()
 
     def _run(self, cases: Sequence[Case], workers: Workers) -> list[RunResult]:
-        """Run `cases`, one over DDS or several in process, and store and return their results.
+        """Runs `cases`, one over DDS or several in process, and stores and returns their results.
 
         Raises:
             RunStopped: the campaign was interrupted.
         """
         folders = [self.folder.clear(case) for case in cases]
         try:
-            over_graph = cases[0].shell == GRAPH
+            over_graph = cases[0].execution_mode == GRAPH
             outcomes = [self._over_graph(cases[0])] if over_graph else workers.run_batch(cases, folders)
         except RunStopped:
             raise
@@ -100,7 +97,7 @@ class LocalRuns:
 
 
 def conclude(folder: CampaignFolder) -> Campaign:
-    """Write results, JUnit file and page of the campaign in `folder`, finished or not, and return it.
+    """Writes results, JUnit file and page of the campaign in `folder`, finished or not, and returns it.
 
     Raises:
         InputError: a file cannot be read or written.
@@ -111,7 +108,7 @@ def conclude(folder: CampaignFolder) -> Campaign:
         name=campaign.name,
         verdict=str(Verdict.PASSED if campaign.passes else Verdict.FAILED),
         suite=[asdict(each) for each in campaign.judged],
-        rows={row: row_summary(results) for row, results in campaign.rows.items()},
+        variants={variant: variant_summary(results) for variant, results in campaign.variants.items()},
     )
     write_junit(campaign, folder.path / JUNIT_FILE)
     write_experiment_report(campaign, quiet=False)

@@ -45,16 +45,16 @@ class RunFailed(Exception):
 
 
 class CaseRefused(InputError):
-    """A case cannot be run; the message names its row.
+    """A case cannot be run; the message names its variant.
 
     Attributes:
         setting: `stage.name` and value of the first of its parameters that is the reason by itself; None if none is.
     """
 
     def __init__(self, case: Case, error: InputError) -> None:
-        super().__init__(f"row {case.row}: {error}")
-        given = () if _is_refused(case, None) else (case.ego.parameters | dict(case.parameters)).items()
-        self.setting = next((setting for setting in given if _is_refused(case, setting)), None)
+        super().__init__(f"variant {case.variant}: {error}")
+        settings = () if _is_refused(case, None) else (case.ego.parameters | dict(case.parameters)).items()
+        self.setting = next((setting for setting in settings if _is_refused(case, setting)), None)
 
 
 class RunStopped(Exception):
@@ -80,25 +80,20 @@ class RunOutcome:
     wall_s: float | None = None
 
     def judged(self, case: Case, criteria: Criteria) -> RunResult:
-        """The result of `case`, judged by `criteria`."""
-        files: dict[str, Any] = {
-            "recording": self.recording,
-            "report": self.report,
-            "log": self.log,
-            "wall_s": self.wall_s,
-        }
+        """Returns the result of `case`, judged by `criteria`."""
+        files = {name: getattr(self, name) for name in ("recording", "report", "log", "wall_s")}
         if self.metrics is None:
             return RunResult.error(case, self.failure, **files)
         return RunResult.judged(case, self.metrics, criteria, **files)
 
 
 def check_cases(cases: Iterable[Case]) -> None:
-    """Check one case of each row before the first run.
+    """Checks one case of each variant before the first run.
 
     Raises:
         CaseRefused: see :func:`check_case`.
     """
-    for case in {(each.row, each.shell): each for each in cases}.values():
+    for case in {(each.variant, each.execution_mode): each for each in cases}.values():
         try:
             check_case(case)
         except InputError as error:
@@ -106,7 +101,7 @@ def check_cases(cases: Iterable[Case]) -> None:
 
 
 def _is_refused(case: Case, setting: tuple[str, Any] | None) -> bool:
-    """Whether `case` is refused with this parameter alone, or none, and all others at their defaults."""
+    """Returns whether `case` is refused with this parameter alone, or none, and all others at their defaults."""
     ego = case.ego.model_copy(update={"parameters": {}})
     try:
         check_case(replace(case, ego=ego, parameters=() if setting is None else (setting,)))
@@ -116,13 +111,13 @@ def _is_refused(case: Case, setting: tuple[str, Any] | None) -> bool:
 
 
 def check_case(case: Case) -> None:
-    """Check the parameters of a case, and the program of its stack.
+    """Checks the parameters of a case, and the program of its stack.
 
     Raises:
         InputError: a parameter is unknown to its stage or invalid, or there is no such program, or no launcher.
         ModuleNotFoundError: it is to run over DDS, and there is no ROS.
     """
-    if case.shell != GRAPH:
+    if case.execution_mode != GRAPH:
         configured(case.ego.kind, case.policy, case.stage_parameters)
         return
     find_executable(*LAUNCHER)
@@ -133,7 +128,7 @@ def check_case(case: Case) -> None:
 
 
 def run_in_process(case: Case, folder: Path | None = None) -> dict[str, Any]:
-    """Metrics of a run in this process, without SUMO, which would only mirror it.
+    """Returns metrics of a run in this process, without SUMO, which would only mirror it.
 
     Args:
         case: to run.
@@ -146,7 +141,7 @@ def run_in_process(case: Case, folder: Path | None = None) -> dict[str, Any]:
 
 
 def plan_of(case: Case) -> RunPlan:
-    """The plan of a case, with its scenario loaded.
+    """Returns the plan of a case, with its scenario loaded.
 
     Raises:
         InputError: the scenario cannot be used.
@@ -156,7 +151,7 @@ def plan_of(case: Case) -> RunPlan:
 
 
 def measured(run: Run, folder: Path | None) -> dict[str, Any]:
-    """Metrics of a run; its picture is written to `folder` unless that is None.
+    """Returns metrics of a run; its picture is written to `folder` unless that is None.
 
     Raises:
         InputError: metrics cannot be computed, or `folder` cannot be written.
@@ -170,7 +165,7 @@ def measured(run: Run, folder: Path | None) -> dict[str, Any]:
 def run_over_graph(
     case: Case, folder: Path, stopped: Callable[[], bool] = lambda: False, time_limit_s: float = TIME_LIMIT_S
 ) -> RunOutcome:
-    """Run a case over DDS by the launcher, in a domain reserved for it.
+    """Runs a case over DDS by the launcher, in a domain reserved for it.
 
     With a stack that was started elsewhere, the domain is that of the environment, or 0.
 
@@ -191,7 +186,7 @@ def run_over_graph(
     launcher = ForkedProcess(
         _launch(case, out), environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, preloaded=True
     )
-    said = _Reader(launcher)
+    errors = _Reader(launcher)
     late = False
     while launcher.wait(TICK_S) is None:
         late = time.monotonic() > begin + time_limit_s
@@ -200,7 +195,7 @@ def run_over_graph(
             break
     if stopped():
         raise RunStopped
-    failure = f"time limit of {time_limit_s:g} s exceeded" if late else said.reason(launcher.returncode)
+    failure = f"time limit of {time_limit_s:g} s exceeded" if late else errors.reason(launcher.returncode)
     metrics = json.loads((out / METRICS_FILE).read_text()) if (out / METRICS_FILE).is_file() and not late else None
     log = out / LOG_FOLDER / f"{STACK}.log"
     recorded = any(out.glob("*.mcap"))
@@ -221,24 +216,24 @@ def run_over_graph(
 
 
 def _draw(recording: Path, metrics: dict[str, Any], folder: Path) -> None:
-    """Write the picture of a recorded run to `folder`; a failure of this does not fail the run."""
+    """Writes the picture of a recorded run to `folder`; a failure of this does not fail the run."""
     with suppress(InputError):
         write_thumbnail(read_run(recording), metrics, folder)
 
 
 def is_elsewhere(case: Case) -> bool:
-    """Whether the user starts the stack of a case; its runs are made one at a time, in the stack's domain."""
+    """Returns whether the user starts the stack of a case; its runs are made one at a time, in the stack's domain."""
     return case.ego.kind == EXTERNAL and not case.ego.command
 
 
 @lru_cache(maxsize=8)
 def _scenario(name: str) -> Scenario:
-    """The scenario called `name`, cached for all its egos and policies."""
+    """Returns the scenario called `name`, cached for all its egos and policies."""
     return Scenario.load(name)
 
 
 def _graph_parameters(case: Case) -> dict[str, dict[str, Any]]:
-    """Parameters of the nodes, including the time for which the bridge waits for an external ego."""
+    """Returns parameters of the nodes, including the time for which the bridge waits for an external ego."""
     parameters = {stage: dict(values) for stage, values in case.stage_parameters.items()}
     if case.ego.ready_s is not None:
         parameters.setdefault("bridge", {})["external_timeout_s"] = case.ego.ready_s
@@ -246,7 +241,7 @@ def _graph_parameters(case: Case) -> dict[str, dict[str, Any]]:
 
 
 def _launch(case: Case, out: Path) -> list[str]:
-    """The launcher's command line."""
+    """Returns the launcher's command line."""
     argv = [str(find_executable(*LAUNCHER)), "--quiet", "--overwrite", "--out", str(out)]
     argv += ["--scenario", case.scenario, "--ego", case.ego.adapter or case.ego.kind, "--policy", case.policy]
     argv += ["--ego-id", str(case.ego_id), "--ego-interface", case.ego.interface]
@@ -276,7 +271,7 @@ class _Reader(threading.Thread):
             self._said = self._stream.read()
 
     def reason(self, status: int) -> str:
-        """Why the launcher has failed: the last error on stderr, the last line, or its exit `status`."""
+        """Returns why the launcher has failed: the last error on stderr, the last line, or its exit `status`."""
         self.join(TICK_S)
         lines = [line for line in self._said.splitlines() if line.strip()]
         errors = [line.removeprefix("error: ") for line in lines if line.startswith("error: ")]
@@ -284,7 +279,7 @@ class _Reader(threading.Thread):
 
 
 def _end(launcher: ForkedProcess) -> None:
-    """Interrupt a launcher, so that it ends its graph; kill it after END_S."""
+    """Interrupts a launcher, so that it ends its graph; kills it after END_S."""
     with suppress(ProcessLookupError):
         os.kill(launcher.pid, signal.SIGINT)
         if launcher.wait(END_S) is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -29,10 +29,19 @@ class Difference:
 
     topic: str
     step: int
-    field: str
-    agent: int | None
-    recorded: Value
-    computed: Value
+    field: str = ""
+    agent: int | None = None
+    recorded: Value = None
+    computed: Value = None
+
+    def at(self, name: str, recorded: Any, computed: Any, agent: int | None = None) -> Difference:
+        """Returns a difference in the field `name` of what this one stands for."""
+        return replace(self.within(name, agent), recorded=_plain(recorded), computed=_plain(computed))
+
+    def within(self, name: str, agent: int | None = None) -> Difference:
+        """Returns what stands for the field `name` of this one; the agent stays the same unless it is given."""
+        field = f"{self.field}.{name}" if self.field else name
+        return replace(self, field=field, agent=self.agent if agent is None else agent)
 
     @property
     def amount(self) -> float | None:
@@ -66,63 +75,48 @@ class DiffSummary:
     largest: dict[str, float] = field(default_factory=dict)
 
     def add(self, topic: str, step: int, recorded: Any, computed: Any) -> None:
-        """Compare two messages of a topic and step."""
+        """Compares two messages of a topic and step."""
         self.compared += 1
-        found = differences(topic, step, recorded, computed)
-        if not found:
+        apart = differences(topic, step, recorded, computed)
+        if not apart:
             return
         self.different += 1
-        self.first = self.first or next((each for each in found if each.agent is not None), found[0])
-        for each in found:
+        self.first = self.first or next((each for each in apart if each.agent is not None), apart[0])
+        for each in apart:
             if each.amount is not None and not each.field.startswith(LENGTH):
                 name = f"{topic} {each.field.split('[')[0]}"
                 self.largest[name] = max(each.amount, self.largest.get(name, 0.0))
 
 
 def differences(topic: str, step: int, recorded: Any, computed: Any) -> list[Difference]:
-    """All fields that differ in two messages of one type, in order; of an array, the first and the largest difference.
+    """Returns all fields that differ in two messages of one type; of an array, the first and the largest difference.
 
     Floats are compared by their bits: 0.0 and -0.0 differ, and a NaN equals itself.
     """
-    return _differences(recorded, computed, _Place(topic, step))
+    return _differences(recorded, computed, Difference(topic, step))
 
 
-@dataclass(frozen=True)
-class _Place:
-    topic: str
-    step: int
-    prefix: str = ""
-    agent: int | None = None
-
-    def at(self, name: str, recorded: Any, computed: Any, agent: int | None = None) -> Difference:
-        about = self.agent if agent is None else agent
-        return Difference(self.topic, self.step, self.prefix + name, about, _plain(recorded), _plain(computed))
-
-    def within(self, name: str, agent: int | None = None) -> _Place:
-        return _Place(self.topic, self.step, f"{self.prefix}{name}.", self.agent if agent is None else agent)
-
-
-def _differences(recorded: Any, computed: Any, place: _Place) -> list[Difference]:
+def _differences(recorded: Any, computed: Any, place: Difference) -> list[Difference]:
     ids = tuple(_ids(message) for message in (recorded, computed))
     if ids[0] is not None and ids[1] is not None and not np.array_equal(ids[0], ids[1]):
         return _one_sided("id", ids[0].tolist(), ids[1].tolist(), place)  # the other arrays are parallel to the ids
-    found: list[Difference] = []
+    apart: list[Difference] = []
     for name in recorded.get_fields_and_field_types():
         a, b = getattr(recorded, name), getattr(computed, name)
         if hasattr(a, "get_fields_and_field_types"):
-            found += _differences(a, b, place.within(name))
+            apart += _differences(a, b, place.within(name))
         elif _of_messages(a) or _of_messages(b):
-            found += _records(name, a, b, place)
+            apart += _records(name, a, b, place)
         elif isinstance(a, str):
-            found += [] if a == b else [place.at(name, a, b)]
+            apart += [] if a == b else [place.at(name, a, b)]
         elif isinstance(a, list | array | np.ndarray | bytes):
-            found += _arrays(name, np.asarray(a), np.asarray(b), ids[0], place)
+            apart += _arrays(name, np.asarray(a), np.asarray(b), ids[0], place)
         elif np.asarray(a).tobytes() != np.asarray(b, np.asarray(a).dtype).tobytes():
-            found.append(place.at(name, a, b))
-    return found
+            apart.append(place.at(name, a, b))
+    return apart
 
 
-def _arrays(name: str, a: np.ndarray, b: np.ndarray, ids: np.ndarray | None, place: _Place) -> list[Difference]:
+def _arrays(name: str, a: np.ndarray, b: np.ndarray, ids: np.ndarray | None, place: Difference) -> list[Difference]:
     if len(a) != len(b):
         return [place.at(f"{LENGTH}{name}", len(a), len(b))]
     if a.dtype == b.dtype and a.tobytes() == b.tobytes():
@@ -133,32 +127,32 @@ def _arrays(name: str, a: np.ndarray, b: np.ndarray, ids: np.ndarray | None, pla
     if a.dtype.kind == "f":
         gaps = np.abs(a[apart].astype(np.float64) - b[apart].astype(np.float64))
         chosen.append(int(apart[int(np.argmax(np.nan_to_num(gaps)))]))
-    found = []
+    differing = []
     for at in dict.fromkeys(chosen):
         agent = int(ids[at // width]) if ids is not None and width else None
         label = f"{name}[{at % width}]" if width > 1 else name if width else f"{name}[{at}]"
-        found.append(place.at(label, a[at], b[at], agent))
-    return found
+        differing.append(place.at(label, a[at], b[at], agent))
+    return differing
 
 
-def _records(name: str, a: list[Any], b: list[Any], place: _Place) -> list[Difference]:
-    """Differences between two lists of messages, matched by agent if they have one, else by index."""
+def _records(name: str, a: list[Any], b: list[Any], place: Difference) -> list[Difference]:
+    """Returns differences between two lists of messages, matched by agent if they have one, else by index."""
     keys_a, keys_b = _keys(a), _keys(b)
     if keys_a != keys_b:
         return _one_sided(name, keys_a, keys_b, place)
     named = bool(a) and hasattr(a[0], AGENT_FIELDS[1])
-    found = []
+    apart = []
     for key, x, y in zip(keys_a, a, b, strict=True):
-        found += _differences(x, y, place.within(name, key) if named else place.within(f"{name}[{key}]"))
-    return found
+        apart += _differences(x, y, place.within(name, key) if named else place.within(f"{name}[{key}]"))
+    return apart
 
 
 def _keys(records: list[Any]) -> list[int]:
     return [int(getattr(record, AGENT_FIELDS[1], index)) for index, record in enumerate(records)]
 
 
-def _one_sided(name: str, a: list[int], b: list[int], place: _Place) -> list[Difference]:
-    """Differences of two unequal lists of agents: those in only one of them, or the order if there are none."""
+def _one_sided(name: str, a: list[int], b: list[int], place: Difference) -> list[Difference]:
+    """Returns differences of two unequal lists of agents: those in only one of them, or the order if there are none."""
     alone = sorted(set(a) ^ set(b))
     if not alone:
         return [place.at(f"order of {name}", str(a), str(b))]

@@ -46,7 +46,7 @@ class RayRuns:
     time_limit_s: float = TIME_LIMIT_S
 
     def check(self, cases: Sequence[Case]) -> None:
-        """Check that `cases` can be run on a cluster.
+        """Checks that `cases` can be run on a cluster.
 
         Raises:
             InputError: Ray is not installed, or a stack is started by the user, where no node can reach it.
@@ -56,7 +56,7 @@ class RayRuns:
             raise InputError(f"--ray: ego {elsewhere[0]} has no command; nodes of a cluster start their own stacks")
 
     def run(self, cases: Sequence[Case]) -> Generator[RunResult, None, None]:
-        """Run `cases` and yield the result of each once it is stored.
+        """Runs `cases` and yields the result of each once it is stored.
 
         Raises:
             InputError: the cluster cannot be reached.
@@ -73,24 +73,24 @@ class RayRuns:
 
     def _connect(self, ray: Any) -> None:
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no usage statistics
-        given: dict[str, Any] = (
+        options: dict[str, Any] = (
             {"num_cpus": self.processes, "include_dashboard": False} if self.address == LOCAL else {}
         )
         try:
-            ray.init(address=self.address, log_to_driver=False, logging_level="error", **given)
+            ray.init(address=self.address, log_to_driver=False, logging_level="error", **options)
         except (ConnectionError, RuntimeError, ValueError, OSError) as error:
             raise InputError(f"--ray {self.address}: no connection: {reason(error)}") from error
 
     def _outcomes(self, ray: Any, cases: Sequence[Case]) -> Iterator[tuple[Case, RunOutcome]]:
-        """Outcomes in order of completion; at most :data:`WAITING_MAX` tasks are submitted at a time."""
+        """Yields outcomes in order of completion; at most :data:`WAITING_MAX` tasks are submitted at a time."""
         task = ray.remote(max_retries=RETRIES, num_cpus=1)(run_task)
         sources, folder = code_versions()[SOURCES], str(self.folder.path.resolve())
         left = iter(cases)
         pending: dict[Any, Case] = {}
         while True:
             for case in islice(left, WAITING_MAX - len(pending)):
-                given = (case.to_json(), folder, sources, self.time_limit_s, str(Path.cwd()))
-                pending[task.options(name=case.name).remote(*given)] = case
+                arguments = (case.to_json(), folder, sources, self.time_limit_s, str(Path.cwd()))
+                pending[task.options(name=case.name).remote(*arguments)] = case
             if not pending:
                 return
             (ready, *_), _ = ray.wait(list(pending), num_returns=1)
@@ -101,7 +101,7 @@ class RayRuns:
                 yield case, RunOutcome(None, f"the worker was lost {RETRIES + 1} times: {reason(error)}")
 
     def _present(self, case: Case, outcome: RunOutcome) -> RunOutcome:
-        """`outcome` without files that are only on another node's disk."""
+        """Returns `outcome` without files that are only on another node's disk."""
         where = self.folder.run_folder(case)
         files = {name: getattr(outcome, name) for name in ("recording", "report", "log")}
         absent = [name for name, file in files.items() if file is not None and not (where / file).exists()]
@@ -110,7 +110,7 @@ class RayRuns:
 
 
 def run_task(case: Mapping[str, Any], folder: str, sources: str, time_limit_s: float, cwd: str) -> RunOutcome:
-    """The task of one run: run a case on this node; an error becomes an outcome.
+    """Runs a case on this node, as the task of one run; an error becomes an outcome.
 
     Args:
         case: by :meth:`Case.to_json`.
@@ -125,19 +125,19 @@ def run_task(case: Mapping[str, Any], folder: str, sources: str, time_limit_s: f
         if (here := code_versions()[SOURCES]) != sources:
             failure = f"this node has other LitSim packages: sources {here}, expected {sources}"
         else:
-            made = Case.from_json(case)
-            where = _cleared(CampaignFolder(Path(folder)), made)
-            if made.shell == GRAPH:
+            this = Case.from_json(case)
+            where = _cleared(CampaignFolder(Path(folder)), this)
+            if this.execution_mode == GRAPH:
                 with chdir(cwd):
-                    return run_over_graph(made, where, time_limit_s=time_limit_s)
-            return RunOutcome(run_in_process(made, where), wall_s=time.monotonic() - begin)
+                    return run_over_graph(this, where, time_limit_s=time_limit_s)
+            return RunOutcome(run_in_process(this, where), wall_s=time.monotonic() - begin)
     except Exception as error:  # noqa: BLE001 - any error: the other runs go on, and the table reports it
         failure = reason(error)
     return RunOutcome(None, failure, wall_s=time.monotonic() - begin)
 
 
 def _cleared(folder: CampaignFolder, case: Case) -> Path:
-    """Empty the folder of a run, possibly after the launcher of a lost worker has closed its record there."""
+    """Empties the folder of a run, possibly after the launcher of a lost worker has closed its record there."""
     until = time.monotonic() + LEAVING_S
     while True:
         try:
@@ -149,7 +149,7 @@ def _cleared(folder: CampaignFolder, case: Case) -> Path:
 
 
 def _ray() -> Any:
-    """Import Ray.
+    """Imports Ray.
 
     Raises:
         InputError: it is not installed.

@@ -13,6 +13,7 @@ import yaml
 from litsim_msgs.msg import StageStatus
 from rclpy.serialization import deserialize_message
 
+from litsim_eval.analysis.metrics_tree import leaves
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.stages import StageState
 from litsim_sim.core.yaml_loader import load_yaml
@@ -54,14 +55,14 @@ class Record:
 
 @contextmanager
 def open_record(bag: Path) -> Iterator[Record]:
-    """Read a bag; the files of its scenario are in a temporary folder until the context is left.
+    """Reads a bag; the files of its scenario are in a temporary folder until the context is left.
 
     Raises:
         InputError: it is not a bag or not a LitSim run, lacks attachments, or has messages of another version.
     """
     reader = BagReader(bag)
-    found = _decoded(reader)
-    info = found[RUN_INFO.name].get(0)
+    messages = _decoded(reader)
+    info = messages[RUN_INFO.name].get(0)
     if info is None:
         raise InputError(f"{reader.path}: no LitSim run: no message on {RUN_INFO.name}")
     with tempfile.TemporaryDirectory(prefix="litsim-rerun-") as folder:
@@ -69,41 +70,41 @@ def open_record(bag: Path) -> Iterator[Record]:
             reader.path,
             info,
             _scenario(reader, Path(folder)),
-            found,
-            _parameters(info, found[STATUS.name]),
+            messages,
+            _parameters(info, messages[STATUS.name]),
         )
         _note(record, reader)
         yield record
 
 
 def _decoded(reader: BagReader) -> dict[str, dict[int, Any]]:
-    """Messages by topic and step; run information as step 0, stage states numbered in order."""
+    """Returns messages by topic and step; run information as step 0, stage states numbered in order."""
     wanted = {topic.name: topic for topic in (RUN_INFO, STATUS, *PER_STEP, EGO_APPLIED)}
     for name, topic in wanted.items():
         here, there = type_hash(type_name(topic.type)), reader.topics[name].type_hash if name in reader.topics else ""
         if here and there and here != there:
             raise InputError(f"{reader.path}: {name} was recorded with another version of {type_name(topic.type)}")
-    found: dict[str, dict[int, Any]] = {name: {} for name in wanted}
+    messages: dict[str, dict[int, Any]] = {name: {} for name in wanted}
     for message in reader.messages(wanted):
-        kept = found[message.topic]
+        of_topic = messages[message.topic]
         try:
             decoded = deserialize_message(message.data, wanted[message.topic].type)
         except Exception as error:  # rclpy exports no class of the middleware's exceptions
             where = f"{reader.path}: {message.topic} at {message.log_time_ns * 1e-9:.1f} s"
             what = f"{type(error).__name__}: {' '.join(str(error).split())}"
             raise InputError(f"{where}: not a readable {type_name(wanted[message.topic].type)}: {what}") from error
-        info = found[RUN_INFO.name].get(0)
+        info = messages[RUN_INFO.name].get(0)
         if message.topic in (RUN_INFO.name, STATUS.name):
-            kept.setdefault(0 if message.topic == RUN_INFO.name else len(kept), decoded)
+            of_topic.setdefault(0 if message.topic == RUN_INFO.name else len(of_topic), decoded)
         elif info is None or decoded.run_id == info.run_id:
-            kept.setdefault(decoded.step, decoded)
-    if applied := found.pop(EGO_APPLIED.name):  # for an external ego, the commands that the bridge has applied
-        found[EGO_CONTROL.name] = applied
-    return found
+            of_topic.setdefault(decoded.step, decoded)
+    if applied := messages.pop(EGO_APPLIED.name):  # for an external ego, the commands that the bridge has applied
+        messages[EGO_CONTROL.name] = applied
+    return messages
 
 
 def _scenario(reader: BagReader, folder: Path) -> Scenario:
-    """The scenario with recording and net from the bag; the attached recording is already cropped."""
+    """Returns the scenario with recording and net from the bag; the attached recording is already cropped."""
     lacking = [name for name in (SCENARIO_FILE, *ATTACHED.values()) if name not in reader.attachments]
     if lacking:
         raise InputError(f"{reader.path}: cannot be repeated without attachment {', '.join(lacking)}")
@@ -117,13 +118,15 @@ def _scenario(reader: BagReader, folder: Path) -> Scenario:
 
 
 def _parameters(info: Any, statuses: dict[int, Any]) -> dict[str, dict[str, Any]]:
-    """Parameters by stage, from the run's configuration and from the stages' status when ready."""
-    told = {name: _flat(values) for name, values in _mapping(info.configuration).items() if isinstance(values, dict)}
+    """Returns parameters by stage, from the run's configuration and from the stages' status when ready."""
+    parameters = {
+        name: leaves(values) for name, values in _mapping(info.configuration).items() if isinstance(values, dict)
+    }
     for status in statuses.values():
         if status.state == StageStatus.READY and (values := _mapping(status.text)):
             inner = values.get(status.stage)
-            told[status.stage] = _flat(inner if isinstance(inner, dict) else values)
-    return told
+            parameters[status.stage] = leaves(inner if isinstance(inner, dict) else values)
+    return parameters
 
 
 def _mapping(text: str) -> dict[str, Any]:
@@ -132,13 +135,6 @@ def _mapping(text: str) -> dict[str, Any]:
     except yaml.YAMLError:
         return {}
     return values if isinstance(values, dict) else {}
-
-
-def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for name, value in values.items():
-        found |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
-    return found
 
 
 def _note(record: Record, reader: BagReader) -> None:

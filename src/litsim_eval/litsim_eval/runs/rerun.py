@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from litsim_eval.runs.message_diff import DiffSummary
 from litsim_eval.runs.recorded_run import Record
@@ -34,7 +34,7 @@ from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 
 
 def rerun_stage(record: Record, name: str) -> DiffSummary:
-    """Feed a stage its recorded inputs, step by step, and compare its answers with the recorded ones.
+    """Feeds a stage its recorded inputs, step by step, and compares its answers with the recorded ones.
 
     Raises:
         InputError: the stage `name` does not exist, took no part in the run, is external, or fails.
@@ -49,7 +49,7 @@ def rerun_stage(record: Record, name: str) -> DiffSummary:
         raise InputError(f"{record.path}: the ego is external, and its stage cannot be repeated")
     if name not in record.parameters:
         record.notes.append(f"the record lacks the parameters of {name}; the defaults are used")
-    core, tally = stage.make(record), DiffSummary()
+    core, tally = _core(record, name), DiffSummary()
     inputs = [record.messages[topic.name] for topic in stage.inputs]
     for step in sorted(set.intersection(*(set(messages) for messages in inputs))):
         try:
@@ -80,7 +80,7 @@ class Resimulated:
 
 
 def resimulate(record: Record) -> Resimulated:
-    """Repeat the run in this process, as far as the record goes; an external ego answers as recorded.
+    """Repeats the run in this process, as far as the record goes; an external ego answers as recorded.
 
     Raises:
         InputError: the record cannot be used.
@@ -115,7 +115,7 @@ def resimulate(record: Record) -> Resimulated:
 
 
 def _again(record: Record) -> Runner:
-    """A runner of the recorded plan, with the recorded parameters."""
+    """Returns a runner of the recorded plan, with the recorded parameters."""
     info = record.info
     external = info.ego == EXTERNAL
     silent = [name for name in STAGES if name in info.stages and name not in record.parameters]
@@ -139,61 +139,44 @@ class _RecordedEgo(Ego):
         return replace(self._last, step=table.step)
 
 
-@dataclass(frozen=True)
-class Stage:
-    """Topics of a stage, and its core.
-
-    Attributes:
-        inputs, output: topics.
-        make: makes, for a record, the function from input messages to the answer.
-    """
+class Stage(NamedTuple):
+    """Topics of a stage, the method of its core that answers, and the function that makes a message of the answer."""
 
     inputs: tuple[Topic, ...]
     output: Topic
-    make: Callable[[Record], Callable[..., Any]]
-
-
-def _core(record: Record, stage: str) -> Any:
-    """The core of a stage, made by the function that its package registers, with the recorded parameters."""
-    made = configured((stage,), {stage: record.parameters.get(stage, {})}, record.info.ego)
-    of_run = () if stage == EGO else (record.info.policy,)
-    return made[stage](*of_run, record.scenario)
-
-
-def _predictor(record: Record) -> Callable[..., Any]:
-    core = _core(record, PREDICTOR)
-    return lambda agents: forecast_to_message(core.forecast(agents_from_message(agents)), record.info.run_id)
-
-
-def _conflict(record: Record) -> Callable[..., Any]:
-    core = _core(record, CONFLICT)
-    return lambda agents, forecast: takeovers_to_message(
-        core.update(agents_from_message(agents), forecast_from_message(forecast)), record.info.run_id
-    )
-
-
-def _policy(record: Record) -> Callable[..., Any]:
-    core = _core(record, POLICY)
-    return lambda agents, takeovers: controls_to_message(
-        core.act(agents_from_message(agents), takeovers_from_message(takeovers)), record.info.run_id
-    )
-
-
-def _ego(record: Record) -> Callable[..., Any]:
-    core = _core(record, EGO)
-    return lambda agents: ego_to_message(core.plan(agents_from_message(agents)), record.info.run_id)
+    method: str
+    to_message: Callable[[Any, str], Any]
 
 
 STAGES = {
-    PREDICTOR: Stage((AGENTS,), FORECASTS, _predictor),
-    CONFLICT: Stage((AGENTS, FORECASTS), TAKEOVERS, _conflict),
-    POLICY: Stage((AGENTS, TAKEOVERS), CONTROLS, _policy),
-    EGO: Stage((AGENTS,), EGO_CONTROL, _ego),
+    PREDICTOR: Stage((AGENTS,), FORECASTS, "forecast", forecast_to_message),
+    CONFLICT: Stage((AGENTS, FORECASTS), TAKEOVERS, "update", takeovers_to_message),
+    POLICY: Stage((AGENTS, TAKEOVERS), CONTROLS, "act", controls_to_message),
+    EGO: Stage((AGENTS,), EGO_CONTROL, "plan", ego_to_message),
 }
+FROM_MESSAGE: dict[str, Callable[[Any], Any]] = {
+    AGENTS.name: agents_from_message,
+    FORECASTS.name: forecast_from_message,
+    TAKEOVERS.name: takeovers_from_message,
+}
+"""Functions that decode the inputs of stages, by topic."""
+
+
+def _core(record: Record, name: str) -> Callable[..., Any]:
+    """Returns the function from input messages to the answer of a stage, set up with the recorded parameters."""
+    stage, info = STAGES[name], record.info
+    make = configured((name,), {name: record.parameters.get(name, {})}, info.ego)[name]
+    core = make(record.scenario) if name == EGO else make(info.policy, record.scenario)
+
+    def answer(*messages: Any) -> Any:
+        inputs = (FROM_MESSAGE[topic.name](message) for topic, message in zip(stage.inputs, messages, strict=True))
+        return stage.to_message(getattr(core, stage.method)(*inputs), info.run_id)
+
+    return answer
 
 
 def _digest(digest: RunDigest, messages: dict[str, dict[int, Any]], step: int) -> None:
-    """Add the recorded messages of `step` to `digest`."""
+    """Adds the recorded messages of `step` to `digest`."""
     agents, controls, ego = (messages[topic.name].get(step) for topic in (AGENTS, CONTROLS, EGO_CONTROL))
     if agents is not None:
         digest.update(

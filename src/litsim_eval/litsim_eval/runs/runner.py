@@ -44,7 +44,7 @@ class StepResult:
 
 
 def configured(ego: str | None, policy: str, parameters: Parameters) -> dict[str, Callable[..., Any]]:
-    """Return the constructors of the stages of runs with this policy and this ego, by stage; no ego stage for None.
+    """Returns the constructors of the stages of runs with this policy and this ego, by stage; no ego stage for None.
 
     Raises:
         InputError: there are parameters of a stage that takes no part, a parameter is unknown to its stage or invalid,
@@ -80,7 +80,7 @@ class Runner:
         load_kernels()
 
     def steps(self) -> Iterator[StepResult]:
-        """Yield each step with its answers: all steps of the scenario, or fewer if the run ends early."""
+        """Yields each step with its answers: all steps of the scenario, or fewer if the run ends early."""
         with spared_from_collection():
             yield from self._steps()
 
@@ -109,7 +109,7 @@ class Runner:
 
 
 def record(runner: Runner, progress: Callable[[], object] = lambda: None) -> RecordedRun:
-    """Run to the end and return the run as if read from a recording.
+    """Runs to the end and returns the run as if read from a recording.
 
     Args:
         runner: not yet run.
@@ -124,7 +124,7 @@ def record(runner: Runner, progress: Callable[[], object] = lambda: None) -> Rec
 
 
 def as_recorded(plan: RunPlan, results: Sequence[StepResult], summary: Mapping[str, Any], wall_s: float) -> RecordedRun:
-    """A run of `plan` as if read from a recording.
+    """Returns a run of `plan` as if read from a recording.
 
     Args:
         plan: of the run.

@@ -1,4 +1,4 @@
-"""The table of a campaign on a terminal of any width: a line per measure, a column per row of runs."""
+"""The table of a campaign on a terminal of any width: a line per measure, a column per variant."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rich.text import Text
 
 from litsim_eval.analysis.displacement import HORIZONS_S
 from litsim_eval.analysis.metric import ADDED, title_of
-from litsim_eval.campaign.row_bounds import Bounds
+from litsim_eval.campaign.variant_summary import Bounds
 
 MEASURES = {
     "runs": "runs",
@@ -74,7 +74,7 @@ OF_CONTROL = (
 MARK = "*"
 PERCENT = ("rate_all", "rate_controlled", "reactive", "released_share", "relevant_ratio", "guarded", "off_road")
 DISPLACEMENTS = (("ade_controlled_m", "controlled"), ("ade_all_m", "all"))
-BOUNDS = "bounds"  # key of a row's bounds, beside its measures
+BOUNDS = "bounds"  # key of a variant's bounds, beside its measures
 
 
 def print_summary(
@@ -85,38 +85,41 @@ def print_summary(
     replayed: bool = False,
     bounds: Mapping[str, Bounds] | None = None,
 ) -> None:
-    """Print rows of runs side by side.
+    """Prints the variants of a campaign side by side.
 
-    If their names are too wide, they are numbered and listed below; if that is still too wide, the rows are divided
+    If their names are too wide, they are numbered and listed below; if that is still too wide, the variants are divided
     over several tables. Figures measured on only some of the runs are marked.
 
     Args:
         title: above the table.
-        summary: by name of the row, the result of :func:`litsim_eval.analysis.summary.summarise`, and verdicts.
+        summary: by name of the variant, the result of :func:`litsim_eval.analysis.summary.summarise`, and verdicts.
         console: to print to.
-        replayed: whether the background is replayed in all rows; measures of agents under control are left out.
-        bounds: of the figures, by row, printed behind them.
+        replayed: whether the background is replayed in all variants; measures of agents under control are left out.
+        bounds: of the figures, by variant, printed behind them.
     """
-    rows = list(summary)
+    variants = list(summary)
     left_out = OF_CONTROL if replayed else ()
     summary = {
-        row: {key: v for key, v in each.items() if key not in left_out} | {BOUNDS: (bounds or {}).get(row, {})}
-        for row, each in summary.items()
+        variant: {key: v for key, v in each.items() if key not in left_out} | {BOUNDS: (bounds or {}).get(variant, {})}
+        for variant, each in summary.items()
     }
-    named = _table({row: row for row in rows}, summary)
+    named = _table({variant: variant for variant in variants}, summary)
     if _fits(named, console):
         parts: list[RenderableType] = [named]
     else:
-        numbers = {row: str(number) for number, row in enumerate(rows, 1)}
-        parts = [*_numbered(numbers, summary, console), *(Text(f"{numbers[row]:>3}  {row}") for row in rows)]
-    lacking = {row: f"{each['measured']} of {each['runs']}" for row, each in summary.items() if each["failed"]}
+        numbers = {variant: str(number) for number, variant in enumerate(variants, 1)}
+        parts = [
+            *_numbered(numbers, summary, console),
+            *(Text(f"{numbers[variant]:>3}  {variant}") for variant in variants),
+        ]
+    lacking = {variant: f"{each['measured']} of {each['runs']}" for variant, each in summary.items() if each["failed"]}
     if lacking:
         parts.append(Text(f"{MARK} over the runs that were measured: " + "; ".join(map(": ".join, lacking.items()))))
     console.print(Group(Text(title), *parts))
 
 
 def _numbered(numbers: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]], console: Console) -> list[Table]:
-    """Tables with as many rows of runs as fit, but at least one each."""
+    """Returns tables with as many variants as fit, but at least one each."""
     count = len(numbers)
     while count > 1 and not all(_fits(table, console) for table in _spread(numbers, summary, count)):
         count -= 1
@@ -124,10 +127,10 @@ def _numbered(numbers: Mapping[str, str], summary: Mapping[str, Mapping[str, Any
 
 
 def _spread(numbers: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]], most: int) -> list[Table]:
-    """As few tables as possible with at most `most` rows of runs, evenly distributed."""
-    rows, tables = list(numbers), -(-len(numbers) // most)
-    parts = [rows[len(rows) * i // tables : len(rows) * (i + 1) // tables] for i in range(tables)]
-    return [_table({row: numbers[row] for row in part}, summary) for part in parts]
+    """Returns as few tables as possible with at most `most` variants, evenly distributed."""
+    variants, tables = list(numbers), -(-len(numbers) // most)
+    parts = [variants[len(variants) * i // tables : len(variants) * (i + 1) // tables] for i in range(tables)]
+    return [_table({variant: numbers[variant] for variant in part}, summary) for part in parts]
 
 
 def _fits(table: Table, console: Console) -> bool:
@@ -135,45 +138,50 @@ def _fits(table: Table, console: Console) -> bool:
 
 
 def _table(headings: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]]) -> Table:
-    """The table of some rows of runs; `headings` are the names of the columns by row."""
+    """Returns the table of some variants; `headings` are the names of the columns by variant."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("", no_wrap=True)
     for heading in headings.values():
         table.add_column(heading, justify="right", no_wrap=True)
-    mine = [summary[row] for row in headings]
+    columns = [summary[variant] for variant in headings]
     for name, key in MEASURES.items():
-        if all(key in row for row in mine):
-            table.add_row(name, *(_cell(key, row[key]) + _mark(key, row) + _between(key, key, row) for row in mine))
+        if all(key in variant for variant in columns):
+            table.add_row(
+                name,
+                *(_cell(key, variant[key]) + _mark(key, variant) + _between(key, key, variant) for variant in columns),
+            )
     for horizon in map(str, HORIZONS_S):
-        if any(row["ade_all_m"][horizon] is not None for row in summary.values()):
-            for key, whose in ((key, whose) for key, whose in DISPLACEMENTS if key in mine[0]):
+        if any(variant["ade_all_m"][horizon] is not None for variant in summary.values()):
+            for key, whose in ((key, whose) for key, whose in DISPLACEMENTS if key in columns[0]):
                 cells = (
-                    f"{_cell(key, row[key][horizon])}{_mark(key, row)}{_between(key, f'{key}.{horizon}', row)}"
-                    f"{_reached(key, horizon, row)}"
-                    for row in mine
+                    f"{_cell(key, variant[key][horizon])}{_mark(key, variant)}"
+                    f"{_between(key, f'{key}.{horizon}', variant)}{_reached(key, horizon, variant)}"
+                    for variant in columns
                 )
                 table.add_row(f"ADE@{horizon} s m, {whose}", *cells)
-    for name in mine[0].get(ADDED, {}):
-        table.add_row(title_of(name), *(_cell(name, row[ADDED][name]) + _mark(name, row) for row in mine))
+    for name in columns[0].get(ADDED, {}):
+        table.add_row(
+            title_of(name), *(_cell(name, variant[ADDED][name]) + _mark(name, variant) for variant in columns)
+        )
     return table
 
 
-def _mark(key: str, row: Mapping[str, Any]) -> str:
-    """The mark of a figure over fewer than all runs: any but OF_ALL_RUNS in a row with failed runs."""
-    return MARK if row["failed"] and key not in OF_ALL_RUNS else ""
+def _mark(key: str, variant: Mapping[str, Any]) -> str:
+    """Returns the mark of a figure over fewer than all runs: any but OF_ALL_RUNS in a variant with failed runs."""
+    return MARK if variant["failed"] and key not in OF_ALL_RUNS else ""
 
 
-def _reached(key: str, horizon: str, row: Mapping[str, Any]) -> str:
-    """The number of runs that last to `horizon`, in brackets, as a suffix of their ADE; empty if all of them do."""
-    runs, every = row["ade_runs"][horizon], row["measured"]
-    return f" ({runs} of {every})" if runs < every and row[key][horizon] is not None else ""
+def _reached(key: str, horizon: str, variant: Mapping[str, Any]) -> str:
+    """Returns the number of runs that last to `horizon`, as a suffix of their ADE; empty if all of them do."""
+    runs, measured = variant["ade_runs"][horizon], variant["measured"]
+    return f" ({runs} of {measured})" if runs < measured and variant[key][horizon] is not None else ""
 
 
-def _between(key: str, name: str, row: Mapping[str, Any]) -> str:
-    """The bounds `name` of the measure `key`, in brackets, as a suffix of its figure; empty if there are none."""
-    if name not in row[BOUNDS]:
+def _between(key: str, name: str, variant: Mapping[str, Any]) -> str:
+    """Returns the bounds `name` of the measure `key`, as a suffix of its figure; empty if there are none."""
+    if name not in variant[BOUNDS]:
         return ""
-    low, high = (round(bound) if isinstance(row[key], int) else bound for bound in row[BOUNDS][name])
+    low, high = (round(bound) if isinstance(variant[key], int) else bound for bound in variant[BOUNDS][name])
     return f" [{_cell(key, low)}, {_cell(key, high)}]"
 
 

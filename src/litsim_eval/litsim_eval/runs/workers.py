@@ -14,7 +14,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from litsim_eval.campaign.case import Case
-from litsim_eval.runs.case_batch import Found, run_batch
+from litsim_eval.runs.batched import MetricsOrReason, run_batch
 from litsim_eval.runs.case_run import RunFailed, RunOutcome
 from litsim_sim.launch.child import how_it_ended
 from litsim_sim.launch.forked import start_forked, start_preloaded
@@ -56,38 +56,38 @@ class Workers:
             worker.process.join()  # else files that this process had open, such as locks, would still be open in copies
 
     def close(self) -> None:
-        """Kill all processes, which also ends stopped ones, and start no further ones."""
+        """Kills all processes, which also ends stopped ones, and starts no further ones."""
         with self._starting:
             self._closed = True
             for worker in self._all:
                 worker.process.kill()
 
     def run(self, case: Case, folder: Path | None = None) -> RunOutcome:
-        """Run a case in this thread's process; its picture is written to `folder`."""
+        """Runs a case in this thread's process; its picture is written to `folder`."""
         (outcome,) = self.run_batch([case], [folder])
         return outcome
 
     def run_batch(self, cases: Sequence[Case], folders: Sequence[Path | None]) -> list[RunOutcome]:
-        """Run cases in this thread's process, together where possible; their pictures are written to their `folders`.
+        """Runs cases in this thread's process, together where possible; their pictures are written to their `folders`.
 
         The wall time is divided equally among the cases. If the process ends, the cases are repeated one by one to find
         the one that ends it.
         """
         begin = time.monotonic()
         try:
-            found = self._ask(cases, folders)
+            outcomes = self._ask(cases, folders)
         except RunFailed as error:
             if len(cases) > 1:
                 return [self.run(case, folder) for case, folder in zip(cases, folders, strict=True)]
-            found = [str(error)]
+            outcomes = [str(error)]
         share = (time.monotonic() - begin) / len(cases)
         return [
             RunOutcome(None, each, wall_s=share) if isinstance(each, str) else RunOutcome(each, wall_s=share)
-            for each in found
+            for each in outcomes
         ]
 
-    def _ask(self, cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Found]:
-        """Metrics of cases from this thread's process, or the reasons for their absence.
+    def _ask(self, cases: Sequence[Case], folders: Sequence[Path | None]) -> list[MetricsOrReason]:
+        """Returns metrics of cases from this thread's process, or the reasons for their absence.
 
         Raises:
             RunFailed: the process has ended, or the workers are closed.
@@ -100,17 +100,17 @@ class Workers:
         worker: Worker = self._mine.worker
         try:
             worker.pipe.send((cases, folders))
-            found: list[Found] = worker.pipe.recv()
+            outcomes: list[MetricsOrReason] = worker.pipe.recv()
         except (EOFError, OSError):
             worker.process.join()
             status = worker.process.exitcode
             assert status is not None
             del self._mine.worker
             raise RunFailed(f"its process {how_it_ended(status)}") from None
-        return found
+        return outcomes
 
     def _started(self, start: Callable[..., BaseProcess]) -> Worker:
-        """A new process."""
+        """Returns a new process."""
         ours, theirs = Pipe()
         process = start(_serve, theirs)
         theirs.close()  # so that the end of the process closes the pipe

@@ -57,7 +57,7 @@ class Conflict:
 
 
 def soonest(*conflicts: list[Conflict]) -> list[Conflict]:
-    """The first conflict of each agent in these lists, in the order of time."""
+    """Returns the first conflict of each agent in these lists, in the order of time."""
     first: dict[int, Conflict] = {}
     for conflict in sorted(chain(*conflicts), key=attrgetter("time_to_conflict")):
         first.setdefault(conflict.agent, conflict)
@@ -81,7 +81,7 @@ class ConflictDetector:
         self._log_overlaps = log_overlaps or LogOverlaps(log)
 
     def conflicts(self, futures: Futures, on_log: BoolArray, diverged: BoolArray) -> list[Conflict]:
-        """Conflicts of agents `on_log` with agents `diverged` (masks), soonest first, one for each agent.
+        """Returns conflicts of agents `on_log` with agents `diverged` (masks), soonest first, one for each agent.
 
         An agent is not in conflict with one that merely follows it: the follower could have kept its distance, and the
         leader cannot prevent the collision by yielding.
@@ -97,11 +97,22 @@ class ConflictDetector:
         self._exempt(probability, futures, pairs, futures.expected)
         return self._first_of_each(futures, pairs, probability, closing)
 
-    def conflicts_with_leaders(self, futures: Futures, lagged: BoolArray, ahead: BoolArray) -> list[Conflict]:
+    def conflicts_of_lagged(
+        self, futures: Futures, diverged: BoolArray, lagged: BoolArray, barred: BoolArray
+    ) -> tuple[list[Conflict], list[Conflict]]:
+        """Returns conflicts of agents on `lagged` logs with those ahead, and with pedestrians and cyclists, on theirs.
+
+        A log that lags does not know who is ahead by now, such as a vehicle that changes lane in front of the agent.
+        Agents `diverged` have no such conflicts, and those `barred` none with agents ahead (masks).
+        """
+        mine, walking = lagged & ~diverged, futures.table.obstacle
+        leaders = self._conflicts_with_leaders(futures, mine & ~barred, ~diverged & ~lagged)
+        return leaders, self.conflicts(futures, mine, walking) if walking.any() else []
+
+    def _conflicts_with_leaders(self, futures: Futures, lagged: BoolArray, ahead: BoolArray) -> list[Conflict]:
         """Conflicts of agents on `lagged` logs with agents `ahead` (masks) that they follow, as in :meth:`conflicts`.
 
-        Both are expected where their logs lead, lags included. A log that lags does not know who is ahead by now, such
-        as a vehicle that changes lane in front of the agent.
+        Both are expected where their logs lead, lags included.
         """
         pairs = self._pairs(futures, lagged, ahead, lagged, expected=False)
         pairs = pairs[_follows(futures.covered, pairs[:, ::-1].copy())]
@@ -113,7 +124,7 @@ class ConflictDetector:
         return self._first_of_each(futures, pairs, probability, np.zeros(probability.shape))
 
     def still_in_conflict(self, futures: Futures, agents: BoolArray, diverged: BoolArray) -> BoolArray:
-        """Mask of those of `agents` whose logs lead into a conflict with agents `diverged`, by the lower threshold."""
+        """Returns the mask (n,) of `agents` whose logs lead into a conflict with agents `diverged` (masks)."""
         least = self.config.probability_clear
         pairs = self._within_reach(futures, self._pairs(futures, agents, diverged, agents), least)
         in_conflict = np.zeros(len(futures.table), np.bool_)
@@ -135,7 +146,7 @@ class ConflictDetector:
     def pair_probabilities(
         self, futures: Futures, on_log: BoolArray, diverged: BoolArray, least: float
     ) -> tuple[IntArray, FloatArray]:
-        """The pairs that are compared, and the probability (m, T) that each overlaps; nothing is exempt.
+        """Returns the pairs that are compared, and the probability (m, T) that each overlaps; nothing is exempt.
 
         Returns:
             pairs (m, 2), the first `on_log`, the second `diverged` (masks), and their probabilities; 0 where these do
@@ -147,7 +158,7 @@ class ConflictDetector:
     def _pairs(
         self, futures: Futures, of: BoolArray, others: BoolArray, centres: BoolArray, *, expected: bool = True
     ) -> IntArray:
-        """Pairs of agents in the region of each other, the first of the mask `of`, the second of the mask `others`.
+        """Returns pairs of agents in the region of each other, the first of the mask `of`, the second of `others`.
 
         One of the two is in the mask `centres`, of agents of which all futures nearby are made; those of `others` where
         they are expected only if `expected`.
@@ -161,7 +172,7 @@ class ConflictDetector:
         return pairs_in_region(table.scene, motion, of[rows], others[rows], roi_m, time)
 
     def _within_reach(self, futures: Futures, pairs: IntArray, least: float) -> IntArray:
-        """The `pairs` that can overlap, with a probability of at least `least` or closing fast."""
+        """Returns the `pairs` that can overlap, with a probability of at least `least` or closing fast."""
         if not len(pairs):
             return pairs
         table, others = futures.covered, futures.expected.alternatives
@@ -173,7 +184,7 @@ class ConflictDetector:
     def _overlap_probability(
         self, futures: Futures, pairs: IntArray, least: float, *, first: bool = False
     ) -> FloatArray:
-        """Probability (m, T) that the first of each pair, by its log, overlaps the second, as it is expected.
+        """Returns the probability (m, T) that the first of each pair, by its log, overlaps the expected second.
 
         Probabilities that do not reach `least` are 0; with `first`, those after the first that does may be, too.
         """
@@ -181,7 +192,7 @@ class ConflictDetector:
         return mixture_overlap_probability(pairs, futures.by_log, futures.expected, sizes, least, first=first)
 
     def _closing(self, futures: Futures, pairs: IntArray) -> FloatArray:
-        """Array (m, T): 1 where the first of each pair, by its log, hits the second, which continues; else 0."""
+        """Returns an array (m, T): 1 where the first of each pair, by its log, hits the second, which continues."""
         table, by_log = futures.covered, futures.by_log
         now = table.x, table.y, table.yaw, table.speed, table.acceleration
         return closing_overlaps(
@@ -189,12 +200,12 @@ class ConflictDetector:
         )
 
     def _closing_time(self, table: AgentTable) -> FloatArray:
-        """Times (n,) [s] for which agents are assumed to continue as now; see `ConflictConfig.closing_time`."""
+        """Returns times (n,) [s] for which agents are assumed to continue as now; see `ConflictConfig.closing_time`."""
         emergency = -table.acceleration >= self.config.emergency
         return np.where(emergency, 2.0, 1.0) * self.config.closing_time
 
     def _sizes(self, table: AgentTable) -> tuple[FloatArray, FloatArray]:
-        """Lengths and widths (n,) of the boxes that are compared [m]."""
+        """Returns lengths and widths (n,) of the boxes that are compared [m]."""
         return table.length + self.config.margin, table.width
 
     def _exempt(self, probability: FloatArray, futures: Futures, pairs: IntArray, opponents: PredictedMotion) -> None:
@@ -211,7 +222,7 @@ class ConflictDetector:
             probability[k, self._log_overlaps.exempt(a, b, now, opponents.x[j], opponents.y[j])] = 0.0
 
     def _overlap_in_log(self, table: AgentTable, pairs: IntArray) -> BoolArray:
-        """Mask (m,) of `pairs` of `table` that overlap at some step of the log; False for pairs with the ego."""
+        """Returns the mask (m,) of `pairs` of `table` that overlap at some step of the log, but not with the ego."""
         if not len(pairs):
             return np.zeros(0, np.bool_)
         overlap: BoolArray = np.asarray(~table.of_ego[pairs].any(axis=1))
@@ -222,7 +233,7 @@ class ConflictDetector:
     def _first_of_each(
         self, futures: Futures, pairs: IntArray, probability: FloatArray, closing: FloatArray
     ) -> list[Conflict]:
-        """The first conflict of each agent of `pairs`, by their `probability` (m, T), soonest first.
+        """Returns the first conflict of each agent of `pairs`, by their `probability` (m, T), soonest first.
 
         Those for which `closing` (m, T) is 1 somewhere are urgent.
         """
@@ -310,7 +321,7 @@ def in_region_of_any(scene: IntArray, motion: Motion, of: BoolArray, radius: flo
 
 
 def _follows(table: AgentTable, pairs: IntArray) -> BoolArray:
-    """Mask (m,) of `pairs` of rows of `table` of which the second follows the first; see :func:`followed`."""
+    """Returns the mask (m,) of `pairs`, rows of `table`, of which the second follows the first."""
     return followed(pairs, table.x, table.y, table.yaw, table.length, table.width)
 
 

@@ -1,24 +1,21 @@
-"""The agents off their logs as a table: why and since when, on which path, in which state, and how far from the log."""
+"""The agents off their logs: why and since when, on which path and in which state; and how far from them at a step."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import types
 
 from litsim_policy.conflict.detector import Conflict
 from litsim_policy.motion.lane_lines import NO_LANE
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
-from litsim_sim.core.pair_geometry import wrapped
+from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ByteArray, FloatArray, IntArray
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState
-from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_BOOLS, OUT_FLOATS2, kernel
 from litsim_sim.scenario.log import Log
 
 ObjectArray = npt.NDArray[Any]
@@ -118,7 +115,7 @@ class DivergedAgents:
         )
 
     def kept(self, which: BoolArray) -> DivergedAgents:
-        """The agents in the mask `which` (r,)."""
+        """Returns the agents in the mask `which` (r,)."""
         if which.all():
             return self
         at = which.nonzero()[0]
@@ -127,7 +124,7 @@ class DivergedAgents:
         return agents
 
     def joined(self, *others: DivergedAgents) -> DivergedAgents:
-        """All these tables in one; no agent is in two of them."""
+        """Returns all these tables in one; no agent is in two of them."""
         tables = (self, *others)
         order = np.argsort(np.concatenate([table.agent for table in tables]), kind="stable")
         columns = (np.concatenate([getattr(table, f.name) for table in tables]) for f in fields(self))
@@ -143,9 +140,9 @@ class DivergedAgents:
         """The paths of the agents in the recording."""
         return PathBatch([path.points for path in self.logged])
 
-    def return_to_log(self, which: BoolArray) -> None:
-        """Let the agents in the mask `which` (r,) follow their logged paths from now on."""
-        at = (which & (self.source != LOGGED)).nonzero()[0]
+    def return_to_log(self, at: IntArray) -> None:
+        """Let the agents at positions `at` (k,) follow their logged paths from now on."""
+        at = at[self.source[at] != LOGGED]
         if len(at):
             self.beside[at] = NO_LANE
             self.path[at], self.source[at] = self.logged[at], PathSource.LOGGED
@@ -159,125 +156,109 @@ class DivergedAgents:
         self.goal_s[at] = path.project(self.pose[at, :1], self.pose[at, 1:2])[0][0]
         self.__dict__.pop("paths", None)
 
-    def give_up(self, at: IntArray, step: int) -> None:
-        """Let the agents at positions `at` (k,), which have begun to change lane, follow their logged paths again."""
-        if len(at):
-            self.path[at], self.source[at], self.changed_step[at] = self.logged[at], PathSource.LOGGED, step
-            self.beside[at], self.slowed[at] = NO_LANE, 0
-            self.goal_s[at] = self.logged_paths.project(at, self.pose[at, 0], self.pose[at, 1]).s
-            self.__dict__.pop("paths", None)
 
-    def report(
-        self, x: FloatArray, y: FloatArray, residuals: tuple[FloatArray, FloatArray], lag: IntArray
-    ) -> tuple[Takeover, ...]:
-        """The takeovers to publish at a step, one per agent.
+@dataclass(frozen=True, eq=False)
+class DivergedNow:
+    """The agents off their logs at a step, and the places in their logs to which they would return; arrays (r,).
 
-        Args:
-            x, y: (r,) of the agents now, frame map [m]; their reference paths begin a little behind.
-            residuals: (r,) of position and speed [m], [m/s]; see :attr:`Residuals.reported`.
-            lag: (r,) steps by which the log to which each agent returns lags.
+    Attributes:
+        agents: the table of these r agents.
+        table: all agents of the step.
+        rows: of these agents in `table`.
+        log: of all agents.
+        log_rows: of these agents in `log`.
+        lag: steps by which the log to which each agent returns lags.
+        recorded: whether the log contains the agent at that time; otherwise it has no place there, and what follows is
+            meaningless.
+        log_x, log_y, log_yaw, log_speed: pose [m], [rad] and speed [m/s] of the log, lag included.
+    """
+
+    agents: DivergedAgents
+    table: AgentTable
+    rows: IntArray
+    log: Log
+    log_rows: IntArray
+    lag: IntArray
+    recorded: BoolArray
+    log_x: FloatArray
+    log_y: FloatArray
+    log_yaw: FloatArray
+    log_speed: FloatArray
+
+    @classmethod
+    def at(cls, log: Log, agents: DivergedAgents, table: AgentTable, lag: IntArray) -> DivergedNow:
+        """Returns the `agents`, all of which are in `table`, at its step; logs lag by `lag` (n,) steps."""
+        rows, log_rows = table.rows(agents.agent), log.ids.searchsorted(agents.agent)
+        step = table.step - lag[rows]
+        within = np.minimum(np.maximum(step, 0), log.steps - 1)
+        place = log_rows, within
+        recorded = (step == within) & log.valid[place]
+        of_log = (getattr(log, name)[place] for name in ("x", "y", "yaw", "speed"))
+        return cls(agents, table, rows, log, log_rows, lag[rows], recorded, *of_log)
+
+    @cached_property
+    def x(self) -> FloatArray:
+        """Coordinate x of the agents, frame map [m]."""
+        return self.table.x[self.rows]
+
+    @cached_property
+    def y(self) -> FloatArray:
+        """Coordinate y of the agents, frame map [m]."""
+        return self.table.y[self.rows]
+
+    @cached_property
+    def yaw(self) -> FloatArray:
+        """Heading of the agents [rad]."""
+        return self.table.yaw[self.rows]
+
+    @cached_property
+    def speed(self) -> FloatArray:
+        """Speed of the agents [m/s]."""
+        return self.table.speed[self.rows]
+
+    @cached_property
+    def residual_position(self) -> FloatArray:
+        """Distance from the place in the log [m]."""
+        return np.hypot(self.x - self.log_x, self.y - self.log_y)
+
+    @cached_property
+    def residual_speed(self) -> FloatArray:
+        """Speed of the agent less that of the log [m/s]."""
+        return self.speed - self.log_speed
+
+    @cached_property
+    def residual_yaw(self) -> FloatArray:
+        """Heading of the agent relative to the log, to the left [rad]."""
+        return wrap_angle(self.yaw - self.log_yaw)
+
+    def report(self) -> tuple[Takeover, ...]:
+        """Returns the takeovers to publish, one per agent.
+
+        The residuals of agents that are not `recorded` are -1 and 0. Reference paths begin a little behind the agents.
         """
-        if not len(self):
+        agents = self.agents
+        if not len(agents):
             return ()
-        begin, end = self.paths.window(self.paths.project(self.paths.each, x, y).s)
-        poses = [(px, py, yaw) for px, py, yaw in self.pose.tolist()]
+        begin, end = agents.paths.window(agents.paths.project(agents.paths.each, self.x, self.y).s)
+        poses = [(px, py, yaw) for px, py, yaw in agents.pose.tolist()]
         columns: dict[str, list[Any]] = {
-            "agent": self.agent.tolist(),
-            "opponent": self.opponent.tolist(),
-            "state": [STATES[state] for state in self.state.tolist()],
-            "reason": [REASONS[reason] for reason in self.reason.tolist()],
-            "detected_step": self.detected_step.tolist(),
-            "time_to_conflict": self.time_to_conflict.tolist(),
-            "overlap_probability": self.overlap_probability.tolist(),
+            "agent": agents.agent.tolist(),
+            "opponent": agents.opponent.tolist(),
+            "state": [STATES[state] for state in agents.state.tolist()],
+            "reason": [REASONS[reason] for reason in agents.reason.tolist()],
+            "detected_step": agents.detected_step.tolist(),
+            "time_to_conflict": agents.time_to_conflict.tolist(),
+            "overlap_probability": agents.overlap_probability.tolist(),
             "conflict_pose": poses,
             "goal_pose": poses,
             "reference_path": [
                 path.points[first:last]
-                for path, first, last in zip(self.path, begin.tolist(), end.tolist(), strict=True)
+                for path, first, last in zip(agents.path, begin.tolist(), end.tolist(), strict=True)
             ],
-            "log_collision_predicted": self.in_conflict.tolist(),
-            "residual_position": residuals[0].tolist(),
-            "residual_speed": residuals[1].tolist(),
-            "path_source": [SOURCES[source] for source in self.source.tolist()],
-            "time_shift": [steps * STEP_S for steps in lag.tolist()],
+            "log_collision_predicted": agents.in_conflict.tolist(),
+            "residual_position": np.where(self.recorded, self.residual_position, -1.0).tolist(),
+            "residual_speed": np.where(self.recorded, self.residual_speed, 0.0).tolist(),
+            "path_source": [SOURCES[source] for source in agents.source.tolist()],
+            "time_shift": [steps * STEP_S for steps in self.lag.tolist()],
         }
         return tuple(Takeover(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True))
-
-
-@dataclass(frozen=True)
-class Residuals:
-    """Residuals of r agents from their logs, lags included, at a step; arrays (r,).
-
-    Attributes:
-        known: whether the log contains the agent at that time; otherwise the other fields are meaningless.
-        x, y: of the log [m].
-        position: distance [m].
-        speed: of the agent less that of the log [m/s].
-        yaw: of the agent relative to the log, to the left [rad].
-    """
-
-    known: BoolArray
-    x: FloatArray
-    y: FloatArray
-    position: FloatArray
-    speed: FloatArray
-    yaw: FloatArray
-
-    @classmethod
-    def of(cls, log: Log, log_rows: IntArray, lag: IntArray, table: AgentTable, rows: IntArray) -> Residuals:
-        """Return the residuals of agents.
-
-        Args:
-            log: of all agents.
-            log_rows: (r,) of the agents in the log.
-            lag: (r,) steps by which the logs lag.
-            table: all agents now.
-            rows: (r,) of the agents in `table`.
-        """
-        recorded, now = (log.valid, log.x, log.y, log.yaw, log.speed), (table.x, table.y, table.yaw, table.speed)
-        known, differences = _residuals(recorded, log_rows, table.step - lag, rows, now)
-        return cls(known, *differences)
-
-    @property
-    def reported(self) -> tuple[FloatArray, FloatArray]:
-        """Residuals (r,) of position [m] and speed [m/s] as published; -1 and 0 of agents that are not `known`."""
-        return np.where(self.known, self.position, -1.0), np.where(self.known, self.speed, 0.0)
-
-    def kept(self, which: BoolArray) -> Residuals:
-        """The residuals of the agents in the mask `which` (r,)."""
-        return self if which.all() else Residuals(*(getattr(self, field.name)[which] for field in fields(self)))
-
-
-@kernel(
-    types.Tuple((OUT_BOOLS, OUT_FLOATS2))(
-        types.Tuple((BOOLS2, *[FLOATS2] * 4)), INTS, INTS, INTS, types.UniTuple(FLOATS, 4)
-    )
-)
-def _residuals(
-    log: tuple[BoolArray, FloatArray, FloatArray, FloatArray, FloatArray],
-    log_rows: IntArray,
-    now: IntArray,
-    rows: IntArray,
-    agents: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-) -> tuple[BoolArray, FloatArray]:
-    """Return the first field of :class:`Residuals` (r,), and the others (5, r).
-
-    Args:
-        log: validity, x, y [m], yaw [rad] and speed [m/s] (N, S).
-        log_rows: (r,) of the agents in it.
-        now: (r,) present step of each agent's log.
-        rows: (r,) of the agents in the table.
-        agents: x, y, yaw and speed (n,) of the table.
-    """
-    log_valid, log_x, log_y, log_yaw, log_speed = log
-    x, y, yaw, speed = agents
-    count, last = len(rows), log_x.shape[1] - 1
-    known, off = np.empty(count, np.bool_), np.empty((5, count))
-    for k in range(count):
-        at, me = (log_rows[k], min(max(now[k], 0), last)), rows[k]
-        known[k] = 0 <= now[k] <= last and log_valid[at]
-        off[0, k], off[1, k] = log_x[at], log_y[at]
-        off[2, k] = math.hypot(x[me] - log_x[at], y[me] - log_y[at])
-        off[3, k] = speed[me] - log_speed[at]
-        off[4, k] = wrapped(yaw[me] - log_yaw[at])
-    return known, off

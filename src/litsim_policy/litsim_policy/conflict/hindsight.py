@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from litsim_policy.conflict.detector import Conflict
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray
+from litsim_policy.conflict.futures import Futures
+from litsim_sim.core.scene import STEP_S, BoolArray
 from litsim_sim.scenario.outcomes import RecordedOutcomes
 from litsim_sim.scenario.setting import Setting
 
@@ -25,9 +26,12 @@ class Hindsight:
         self._steps = int(horizon / STEP_S + 1e-9)
         self._meetings = RecordedOutcomes.read(folder, scenario).meetings
 
-    def recorded_conflicts(self, table: AgentTable, on_log: BoolArray) -> list[Conflict]:
-        """Conflicts of agents `on_log` (mask (n,)), soonest first, one for each agent."""
-        ids, log = self._log.ids, self._log
+    def conflicts(self, futures: Futures, on_log: BoolArray, diverged: BoolArray) -> list[Conflict]:  # noqa: ARG002 - of the interface
+        """Returns conflicts of agents `on_log` (mask (n,)), soonest first, one for each agent.
+
+        As :meth:`.detector.ConflictDetector.conflicts`, but whatever agents do now or are expected to do.
+        """
+        table, ids, log = futures.table, self._log.ids, self._log
         row, step, other = self._meetings.T
         soon = (step > table.step) & (step <= table.step + self._steps)
         soon &= np.isin(row, np.searchsorted(ids, table.id[on_log]))

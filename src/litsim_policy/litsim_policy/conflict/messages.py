@@ -59,7 +59,7 @@ def takeovers_to_message(table: TakeoverTable, run_id: str) -> Takeovers:
 
 
 def takeovers_from_message(message: Takeovers) -> TakeoverTable:
-    """Table of a ``Takeovers``."""
+    """Returns the table of a ``Takeovers``."""
     return TakeoverTable(
         message.step,
         tuple(
@@ -80,7 +80,7 @@ def takeovers_from_message(message: Takeovers) -> TakeoverTable:
 
 
 def received_takeovers(message: Takeovers) -> TakeoverTable:
-    """Table of a ``Takeovers`` received by a stage.
+    """Returns the table of a ``Takeovers`` received by a stage.
 
     Raises:
         InputError: the message is invalid: agents do not ascend, numbers are not finite, a path has an odd number of

@@ -343,7 +343,7 @@ def closing_overlaps(
 
 @cache
 def quantile(probability: float) -> float:
-    """Quantile of the standard Gaussian for a probability; infinite for 0 and 1."""
+    """Returns the quantile of the standard Gaussian for a probability; infinite for 0 and 1."""
     within = 0.0 < probability < 1.0  # without scipy, the import of which takes as long as all kernels of the launcher
     return NormalDist().inv_cdf(probability) if within else math.copysign(math.inf, probability - 0.5)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from litsim_policy.conflict.config import ConflictConfig, TakeoverConfig
+from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.region import RegionManager
 from litsim_policy.conflict.takeover import TakeoverManager
 from litsim_predictor.forecast import Forecast
@@ -27,18 +27,16 @@ class TakeoverStage(Protocol):
     converged: BoolArray
 
     def update(self, table: AgentTable, forecast: Forecast) -> TakeoverTable:
-        """The agents off their logs at this step, and why; called once per step, in order."""
+        """Returns the agents off their logs at this step, and why; called once per step, in order."""
 
 
 def conflict_stage(read: ParameterReader) -> Callable[[str, Setting], TakeoverStage]:
     """Read the parameters of the conflict stage; the result makes its core for a policy and a scenario."""
-    conflict, takeover = read(ConflictConfig()), read(TakeoverConfig())
+    config = read(ConflictConfig())
 
     def build(policy: str, scenario: Setting) -> TakeoverStage:
-        return (
-            RegionManager(scenario, conflict.roi_m)
-            if drives_by_region(policy)
-            else TakeoverManager(scenario, conflict, takeover)
-        )
+        if drives_by_region(policy):
+            return RegionManager(scenario, config.roi_m)
+        return TakeoverManager(scenario, config)
 
     return build

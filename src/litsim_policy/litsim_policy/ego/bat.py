@@ -17,11 +17,13 @@ from litsim_policy.motion.stop_lines import StopLines, idm_at_signals
 from litsim_predictor.forecast import Forecast
 from litsim_predictor.models import ModelName, make_predictor
 from litsim_predictor.selection import Wanted
-from litsim_sim.core.quantities import Horizon, Length, NonNegative, Positive, configuration
+from litsim_sim.core.quantities import Length, Positive, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand, FloatArray
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.scenario import Scenario
 
+PREVIEW = 2.0  # [s] first part of the forecast, which the acceleration reproduces
+EDGE_MARGIN = 0.2  # [m] distance kept between the ego's sides and the edges of the road
 BACK = -0.5  # cosine of the angle to the present heading (120 degrees) beyond which a step counts as backwards
 
 
@@ -30,16 +32,12 @@ class BatConfig:
     """How forecasts are tracked.
 
     Attributes:
-        predictor: see :func:`litsim_predictor.models.make_predictor`.
+        predictor: model that forecasts the ego, or a file of weights or of a graph.
         roi_m: distance from the ego within which the predictor sees others; by default as in BAT's training.
-        preview: first part of the forecast, which the acceleration reproduces.
-        edge_margin: distance kept between the ego's sides and the edges of the road.
     """
 
     predictor: ModelName = "bat"
     roi_m: Positive[Length] = 62.0
-    preview: Horizon = 2.0
-    edge_margin: NonNegative[Length] = 0.2
 
 
 class BatEgo(Ego):
@@ -61,11 +59,11 @@ class BatEgo(Ego):
             return EgoCommand(table.step)
         x, y, yaw, speed = (float(getattr(table, f)[row]) for f in ("x", "y", "yaw", "speed"))
         points, headings = self._own(forecast, np.array([x, y]), yaw)
-        wanted = fitted_acceleration(travelled(points), forecast.dt, speed, self._config.preview)
+        wanted = fitted_acceleration(travelled(points), forecast.dt, speed, PREVIEW)
         wanted = max(wanted, -speed / STEP_S)  # stops, but does not reverse
 
         road = self._road(points[:1], headings[:1])
-        inside = within_edges(road, points, headings, 0.5 * float(table.width[row]) + self._config.edge_margin)
+        inside = within_edges(road, points, headings, 0.5 * float(table.width[row]) + EDGE_MARGIN)
         path = ReferencePath.through(np.concatenate([inside, onto_lane(road, inside[-1], float(headings[-1]))]))
         turn = pursuit_yaw_rate(path, x, y, yaw, speed)
         one = PathFollowers(road, table, np.array([row]), path.batch)
@@ -118,14 +116,14 @@ def fitted_acceleration(way: FloatArray, dt: float, speed: float, preview: float
 
 def lanes_ahead(lane_map: LaneMap, start: int) -> frozenset[int]:
     """Returns rows of the lanes that are reachable from the lane in row `start` over neighbours and successors."""
-    found, new = {start}, [start]
+    reachable, new = {start}, [start]
     while new:
         lane = lane_map.lanes[new.pop()]
         names = [name for name in (lane.left, lane.right, *lane.successors) if name is not None]
-        more = {lane_map.row(name) for name in names} - found
-        found |= more
+        more = {lane_map.row(name) for name in names} - reachable
+        reachable |= more
         new += more
-    return frozenset(found)
+    return frozenset(reachable)
 
 
 def within_edges(lane_map: LaneMap, points: FloatArray, headings: FloatArray, beside: float) -> FloatArray:

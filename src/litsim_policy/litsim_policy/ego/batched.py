@@ -31,13 +31,13 @@ class BatchedEgos:
         for scene in scenes:
             ego = self._egos[scene]
             if isinstance(ego, FollowingEgo):
-                found = ego.following(table, int(rows[scene]))
+                plan = ego.following(table, int(rows[scene]))
             else:
-                found = ego.plan(self._batch.table(scene, table))
-            if isinstance(found, Following):
-                driving[scene] = found
+                plan = ego.plan(self._batch.table(scene, table))
+            if isinstance(plan, Following):
+                driving[scene] = plan
             else:
-                answers[scene] = found
+                answers[scene] = plan
         if driving:
             of, drivers = list(driving), list(driving.values())
             paths = self._along([driver.path for driver in drivers])

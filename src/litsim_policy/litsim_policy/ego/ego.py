@@ -17,4 +17,4 @@ class Ego(Configured, ABC):
 
     @abstractmethod
     def plan(self, table: AgentTable) -> EgoCommand:
-        """The command for the step of `table`."""
+        """Returns the command for the step of `table`."""

@@ -47,10 +47,10 @@ class FollowingEgo(Ego):
     def plan(self, table: AgentTable) -> EgoCommand:
         """See :class:`litsim_policy.ego.ego.Ego`."""
         row = table.row(self._scenario.ego_id)
-        found = self.following(table, row)
-        if isinstance(found, EgoCommand):
-            return found
-        return commands(found.path.batch, table, np.array([row]), [found], self._stop_lines)[0]
+        driving = self.following(table, row)
+        if isinstance(driving, EgoCommand):
+            return driving
+        return commands(driving.path.batch, table, np.array([row]), [driving], self._stop_lines)[0]
 
     @abstractmethod
     def following(self, table: AgentTable, row: int) -> Following | EgoCommand:

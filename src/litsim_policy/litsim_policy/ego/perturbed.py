@@ -11,23 +11,16 @@ from litsim_policy.ego.following import Following, FollowingEgo
 from litsim_policy.motion.car_following import IdmConfig
 from litsim_policy.motion.reference_path import ReferencePath, lane_change_path, logged_path
 from litsim_sim.core.geometry import to_body
-from litsim_sim.core.quantities import (
-    Acceleration,
-    ChangeTime,
-    Duration,
-    Length,
-    NonNegative,
-    Positive,
-    Rate,
-    configuration,
-)
+from litsim_sim.core.quantities import Acceleration, ChangeTime, Duration, NonNegative, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand, EgoMode
 from litsim_sim.lane_map.net_lanes import Lane
 from litsim_sim.scenario.scenario import Scenario
 
-KINDS = ("brake", "lane_change", "mixed", "keep_speed")
 FOLLOWING = IdmConfig()
 """Car following after the perturbation, calibrated on NGSIM so that it hardly adds to the perturbation."""
+LANE_GAP = 2.0  # [m] least gap behind and ahead at the beginning of a lane change
+PATIENCE = 4.0  # [s] for which a lane change waits for that gap; then the ego brakes instead
+SPEED_GAIN = 1.0  # [1/s] of the return to the logged speed
 
 
 @configuration
@@ -38,12 +31,9 @@ class PerturbedConfig:
         kind: brake, lane_change, mixed (one of these two, drawn by the seed), or keep_speed, in which the ego keeps its
             speed and ignores other agents.
         time: earliest and latest beginning after the history, between which the seed draws.
-        deceleration: of braking.
-        duration: of braking.
+        deceleration: with which it brakes.
+        duration: for which it brakes.
         lane_change_time: duration of the move to the centre of the adjacent lane.
-        lane_gap: least gap behind and ahead at the beginning of a lane change.
-        patience: time for which a lane change waits for that gap; then the ego brakes instead.
-        speed_gain: of the return to the logged speed.
     """
 
     kind: Literal["brake", "lane_change", "mixed", "keep_speed"] = "mixed"
@@ -51,9 +41,6 @@ class PerturbedConfig:
     deceleration: NonNegative[Acceleration] = 2.0
     duration: NonNegative[Duration] = 2.5
     lane_change_time: ChangeTime = 3.0
-    lane_gap: NonNegative[Length] = 2.0
-    patience: NonNegative[Duration] = 4.0
-    speed_gain: Positive[Rate] = 1.0
 
     @model_validator(mode="after")
     def _check(self) -> PerturbedConfig:
@@ -101,7 +88,7 @@ class PerturbedEgo(FollowingEgo):
     def _begin(self, table: AgentTable, row: int) -> bool:
         """Choose the path of the perturbation, and return whether it begins at this step."""
         waited = (table.step - self.first_step) * STEP_S
-        if self.kind == "lane_change" and waited < self._config.patience:
+        if self.kind == "lane_change" and waited < PATIENCE:
             lane = self._next_lane(table, row)
             if lane is None:
                 return False
@@ -127,7 +114,7 @@ class PerturbedEgo(FollowingEgo):
     def _taken(self, table: AgentTable, row: int, left: float) -> bool:
         """Returns whether an agent is alongside the position `left` [m] to the left of the ego."""
         ahead, beside = to_body(table.x - table.x[row], table.y - table.y[row], table.yaw[row])
-        reach = 0.5 * (table.length + table.length[row]) + self._config.lane_gap
+        reach = 0.5 * (table.length + table.length[row]) + LANE_GAP
         taken = (np.abs(ahead) < reach) & (np.abs(beside - left) < 0.5 * (table.width + table.width[row]))
         taken &= table.scene == table.scene[row]
         taken[row] = False
@@ -141,7 +128,7 @@ class PerturbedEgo(FollowingEgo):
         braked = np.inf if self._brake_from is None else (table.step - self._brake_from) * STEP_S
         if braked < config.duration - 1e-9:
             return Following(path, -config.deceleration)
-        wanted = config.speed_gain * (self._logged_speed(table, row) - speed)
+        wanted = SPEED_GAIN * (self._logged_speed(table, row) - speed)
         wanted = float(np.clip(wanted, -FOLLOWING.deceleration, FOLLOWING.acceleration))
         # the high desired speed leaves only the model's response to leaders
         return Following(path, wanted, FOLLOWING, 2.0 * speed + 10.0)

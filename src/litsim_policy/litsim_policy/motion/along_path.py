@@ -85,7 +85,7 @@ class AlongPath(NamedTuple):
         return zip(vehicle.tolist(), column.tolist(), (self.first[vehicle] + column).tolist(), strict=True)
 
     def of(self, vehicle: int) -> AlongPath:
-        """The view of one of the m vehicles."""
+        """Returns the view of one of the m vehicles."""
         return AlongPath(*(values[vehicle] for values in self))
 
 
@@ -108,7 +108,7 @@ POSES, VIEW, PAIRS = tuple_type(PoseArrays), tuple_type(AlongPath), tuple_type(P
 
 
 def along_path(path: ReferencePath, agents: AgentTable, row: int, margin: float = MARGIN) -> AlongPath:
-    """Agents relative to the one in `row`, which follows `path`; see :func:`along_paths`. Arrays (w,)."""
+    """Returns agents relative to the one in `row`, which follows `path`; see :func:`along_paths`. Arrays (w,)."""
     return along_paths(path.batch, agents, np.array([row]), margin).of(0)
 
 
@@ -121,7 +121,7 @@ def along_paths(
     poses: Poses | None = None,
     path: IntArray | None = None,
 ) -> AlongPath:
-    """Agents relative to those in `rows`, each along a path of its own; no vehicle is ahead of itself.
+    """Returns agents relative to those in `rows`, each along a path of its own; no vehicle is ahead of itself.
 
     Args:
         paths: m paths.

@@ -39,7 +39,7 @@ def points(control: FloatArray, spacing: float) -> FloatArray:
 
 
 def curvature_max(control: FloatArray, samples: int = 33) -> float:
-    """Largest absolute curvature [1/m] at `samples` parameters of the cubic; infinite at a cusp."""
+    """Returns the largest absolute curvature [1/m] at `samples` parameters of the cubic; infinite at a cusp."""
     t = np.linspace(0.0, 1.0, samples)[:, None]
     a, b, c = np.diff(control, axis=0)
     first = 3 * ((1 - t) ** 2 * a + 2 * t * (1 - t) * b + t**2 * c)

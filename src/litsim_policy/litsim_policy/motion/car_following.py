@@ -69,11 +69,11 @@ class IdmConfig:
     """Parameters of the model; the defaults are those of sisl/ngsim_env, calibrated on NGSIM.
 
     Attributes:
-        desired_speed: v0.
-        headway: T.
-        standstill_gap: s0.
-        acceleration: a_max.
-        deceleration: comfortable braking b.
+        desired_speed: v0, on a free road.
+        headway: T, behind a leader.
+        standstill_gap: s0, behind a standing leader.
+        acceleration: a_max, the maximum.
+        deceleration: b, comfortable braking.
         braking_max: limit on the model's braking.
     """
 
@@ -98,7 +98,7 @@ def idm_acceleration(
     leader_speed: FloatArray,
     leads: BoolArray | None = None,
 ) -> FloatArray:
-    """Acceleration (...) [m/s2] of vehicles, each behind the most demanding of its leaders.
+    """Returns the acceleration (...) [m/s2] of vehicles, each behind the most demanding of its leaders.
 
     Args:
         config: parameters of all vehicles, or a sequence with those of each.
@@ -110,7 +110,7 @@ def idm_acceleration(
     gap = np.asarray(gap, np.float64)
     shape, pairs = gap.shape[:-1], (math.prod(gap.shape[:-1]), gap.shape[-1])
     models = [config] if isinstance(config, IdmConfig) else config
-    found = _idm_accelerations(
+    accelerations = _idm_accelerations(
         np.full(shape, speed, np.float64).reshape(-1),
         np.full(shape, desired_speed, np.float64).reshape(-1),
         np.ascontiguousarray(gap).reshape(pairs),
@@ -118,7 +118,7 @@ def idm_acceleration(
         np.ones(pairs, np.bool_) if leads is None else leads.reshape(pairs),
         np.array([model.values for model in models]),
     )
-    return found.reshape(shape)
+    return accelerations.reshape(shape)
 
 
 @kernel(float64(float64, float64, FLOATS, FLOATS, BOOLS, IDM))

@@ -6,72 +6,27 @@ Accelerations are those of the Intelligent Driver Model, now and as if the chang
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numba.types import Tuple
 
 from litsim_policy.motion.along_path import VIEW, AlongPath
-from litsim_policy.motion.car_following import IDM, IdmValues, idm
-from litsim_sim.core.pair_geometry import within
-from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, Share, configuration
+from litsim_policy.motion.car_following import IdmValues, idm
 from litsim_sim.core.scene import AGENTS, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import (
-    BOOLS,
-    BOOLS2,
-    FLOATS,
-    INTS,
-    OUT_BOOLS,
-    OUT_FLOATS,
-    float64,
-    int64,
-    kernel,
-    tuple_type,
-)
+from litsim_sim.kernels.compiled import BOOLS, BOOLS2, FLOATS, INTS, OUT_BOOLS, OUT_FLOATS, float64, int64, kernel
 
 NOBODY = -1
-BRAKING_MAX = 8.0  # [m/s2] limit on the model's braking
+POLITENESS = 0.2  # weight of the gains and losses of others, relative to the agent's own
+GAIN_MIN = 0.2  # [m/s2] least gain that is worth a change
+BRAKING_SAFE = 3.0
+"""Most braking [m/s2] that the new follower, or the agent itself behind its new leader, may need.
+
+With 4 m/s2, there were 64 hard brakes instead of 49."""
+GAP_MIN = 2.0  # [m] least gap ahead and behind, bumper to bumper
+HEADWAY = 0.5  # [s] T of the car following, which drivers accept during a lane change; more left agents beside gaps
+STANDSTILL_GAP, ACCELERATION_MAX, DECELERATION, BRAKING_MAX = 1.5, 2.0, 2.5, 8.0  # [m], [m/s2] s0, a_max, b, limit
 LEVEL_SPEED = 1.0  # [m/s] lower bound on speeds in denominators
 SWING = 0.57  # share of a lane change after which a car is clear of the lane that it leaves
-
-
-class LaneChangeValues(NamedTuple):
-    """The values of :class:`LaneChangeConfig`; `model` is the car following."""
-
-    politeness: float
-    braking_safe: float
-    gap_min: float
-    model: IdmValues
-
-
-@configuration
-class LaneChangeConfig:
-    """Criteria of lane changes.
-
-    Attributes:
-        politeness: weight of the gains and losses of others, relative to the agent's own.
-        threshold: least gain that is worth a change.
-        braking_safe: most braking that the new follower, or the agent itself behind its new leader, may need.
-        gap_min: least gap ahead and behind, bumper to bumper.
-        headway, standstill_gap, acceleration, deceleration: T, s0, a_max and b of the car following, with a headway
-            that drivers accept during a lane change.
-    """
-
-    politeness: Share = 0.2
-    threshold: NonNegative[Acceleration] = 0.2
-    braking_safe: Positive[Acceleration] = 3.0
-    gap_min: NonNegative[Length] = 2.0
-    headway: NonNegative[Duration] = 0.5
-    standstill_gap: NonNegative[Length] = 1.5
-    acceleration: Positive[Acceleration] = 2.0
-    deceleration: Positive[Acceleration] = 2.5
-
-    @cached_property
-    def values(self) -> LaneChangeValues:
-        """The criteria that kernels take, with braking limited to BRAKING_MAX."""
-        model = IdmValues(self.headway, self.standstill_gap, self.acceleration, self.deceleration, BRAKING_MAX)
-        return LaneChangeValues(self.politeness, self.braking_safe, self.gap_min, model)
 
 
 @dataclass
@@ -79,7 +34,7 @@ class LaneChanges:
     """Consequences of k lane changes; arrays (k,).
 
     Attributes:
-        gain: of the driver and, weighted by `politeness`, of others [m/s2].
+        gain: of the driver and, weighted by POLITENESS, of others [m/s2].
         safe: whether the change may begin: no agent has to brake harder than is safe, gaps are kept, and the agent's
             leader can be passed in time.
         room: whether a change that has begun can continue: no agent is alongside, or approaches so fast that it would
@@ -92,7 +47,6 @@ class LaneChanges:
 
 
 def weigh_changes(
-    config: LaneChangeConfig,
     table: AgentTable,
     rows: IntArray,
     wanted: FloatArray,
@@ -103,7 +57,6 @@ def weigh_changes(
     """Weigh one lane change for each of k agents.
 
     Args:
-        config: criteria.
         table: all agents.
         rows: (k,) of the agents.
         wanted: (k,) their speeds on a free road [m/s].
@@ -112,14 +65,15 @@ def weigh_changes(
         claimed: mask (k, w) of agents that are changing to the target lane, and count as being in it.
         reach: (k,) length of road that the change takes [m].
     """
-    return LaneChanges(*_weigh(config.values, table.arrays, rows, wanted, view, claimed, reach))
+    return LaneChanges(*_weigh(table.arrays, rows, wanted, view, claimed, reach))
 
 
-@kernel(float64(*[float64] * 4, IDM))
-def _behind(speed: float, desired_speed: float, gap: float, leader_speed: float, model: IdmValues) -> float:
-    """Acceleration [m/s2] of the model behind one leader; an infinite gap means a free road."""
+@kernel(float64(*[float64] * 4))
+def _behind(speed: float, desired_speed: float, gap: float, leader_speed: float) -> float:
+    """Acceleration [m/s2] of the car following behind one leader; an infinite gap means a free road."""
     gaps, speeds, leads = np.empty(1), np.empty(1), np.empty(1, np.bool_)
     gaps[0], speeds[0], leads[0] = gap, leader_speed, gap < np.inf
+    model = IdmValues(HEADWAY, STANDSTILL_GAP, ACCELERATION_MAX, DECELERATION, BRAKING_MAX)
     return idm(speed, desired_speed, gaps, speeds, leads, model)
 
 
@@ -146,11 +100,8 @@ def _follower(s: FloatArray, length: FloatArray, ahead: BoolArray, in_lane: Bool
     return first, least
 
 
-@kernel(
-    Tuple((OUT_FLOATS, OUT_BOOLS, OUT_BOOLS))(tuple_type(LaneChangeValues), AGENTS, INTS, FLOATS, VIEW, BOOLS2, FLOATS)
-)
+@kernel(Tuple((OUT_FLOATS, OUT_BOOLS, OUT_BOOLS))(AGENTS, INTS, FLOATS, VIEW, BOOLS2, FLOATS))
 def _weigh(
-    criteria: LaneChangeValues,
     agents: AgentArrays,
     rows: IntArray,
     wanted: FloatArray,
@@ -163,7 +114,6 @@ def _weigh(
     The desired speed of a follower is assumed to be its present speed.
     """
     gain, safe, room = np.empty(len(rows)), np.empty(len(rows), np.bool_), np.empty(len(rows), np.bool_)
-    model = criteria.model
     comes = np.empty(view.s.shape[1], np.bool_)
     for i in range(len(rows)):
         there = len(rows) + i
@@ -178,25 +128,25 @@ def _weigh(
         follower, back = _follower(view.s[there], lengths, view.ahead[there], comes, me)
         old_speed = 0.0 if old_leader < 0 else view.speed[i, old_leader]
         new_speed = 0.0 if new_leader < 0 else view.speed[there, new_leader]
-        now = _behind(own, wanted[i], old_gap, old_speed, model)
-        then = _behind(own, wanted[i], new_gap, new_speed, model)
+        now = _behind(own, wanted[i], old_gap, old_speed)
+        then = _behind(own, wanted[i], new_gap, new_speed)
         others, braking = 0.0, 0.0
         room[i] = new_gap > 0.0 and back > 0.0
-        room[i] = room[i] and max(own - new_speed, 0.0) ** 2 <= 2.0 * criteria.braking_safe * new_gap
+        room[i] = room[i] and max(own - new_speed, 0.0) ** 2 <= 2.0 * BRAKING_SAFE * new_gap
         if follower >= 0:
             its = view.speed[there, follower]
-            before = _behind(its, its, back + lengths[me] + new_gap, new_speed, model)
-            braking = _behind(its, its, back, own, model)
+            before = _behind(its, its, back + lengths[me] + new_gap, new_speed)
+            braking = _behind(its, its, back, own)
             others += braking - before
-            room[i] = room[i] and max(its - own, 0.0) ** 2 <= 2.0 * criteria.braking_safe * back
+            room[i] = room[i] and max(its - own, 0.0) ** 2 <= 2.0 * BRAKING_SAFE * back
         if old_follower >= 0:
             its = view.speed[i, old_follower]
-            before = _behind(its, its, old_back, own, model)
-            others += _behind(its, its, old_back + lengths[me] + old_gap, old_speed, model) - before
-        gain[i] = then - now + criteria.politeness * others
-        safe[i] = braking >= -criteria.braking_safe and then >= -criteria.braking_safe
-        safe[i] = safe[i] and new_gap >= criteria.gap_min and back >= criteria.gap_min
+            before = _behind(its, its, old_back, own)
+            others += _behind(its, its, old_back + lengths[me] + old_gap, old_speed) - before
+        gain[i] = then - now + POLITENESS * others
+        safe[i] = braking >= -BRAKING_SAFE and then >= -BRAKING_SAFE
+        safe[i] = safe[i] and new_gap >= GAP_MIN and back >= GAP_MIN
         if old_leader >= 0:  # the agent must be clear of its lane before it reaches the leader
-            share = within(old_speed / max(own, LEVEL_SPEED), 0.0, 1.0)
+            share = min(max(old_speed / max(own, LEVEL_SPEED), 0.0), 1.0)
             safe[i] = safe[i] and old_gap >= SWING * reach[i] * (1.0 - share)
     return gain, safe, room

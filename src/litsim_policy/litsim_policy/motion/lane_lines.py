@@ -25,28 +25,28 @@ class LaneLines:
     """Centre lines of the lanes of a net, from BEFORE their beginnings on; independent of runs.
 
     Attributes:
-        made: the lines made so far; see :meth:`rows`.
+        batch: the lines used so far; see :meth:`rows`.
         left, right: (lanes,) row of the adjacent lane in the same edge; NO_LANE if there is none.
         road: (lanes,) a number for the edge of each lane.
     """
 
     def __init__(self, lane_map: LaneMap) -> None:
         self._lane_map = lane_map
-        self._row: IntArray = np.full(len(lane_map.lanes), NO_LANE)  # in `made`, of lanes used so far
+        self._row: IntArray = np.full(len(lane_map.lanes), NO_LANE)  # in `batch`, of lanes used so far
         self._points: list[FloatArray] = []
-        self.made = PathBatch([])
+        self.batch = PathBatch([])
         self.left = _neighbours(lane_map, (lane.left for lane in lane_map.lanes))
         self.right = _neighbours(lane_map, (lane.right for lane in lane_map.lanes))
         self.road = np.unique([lane.edge_id for lane in lane_map.lanes], return_inverse=True)[1]
 
     def rows(self, lanes: IntArray) -> IntArray:
-        """Returns positions (k,) in `made` of the lines of `lanes` (k,), positions in `LaneMap.lanes`."""
+        """Returns positions (k,) in `batch` of the lines of `lanes` (k,), positions in `LaneMap.lanes`."""
         missing = lanes[self._row[lanes] < 0]
         if len(missing):
             for lane in dict.fromkeys(missing.tolist()):
                 self._row[lane] = len(self._points)
                 self._points.append(self._line(lane))
-            self.made = PathBatch(self._points)
+            self.batch = PathBatch(self._points)
         return self._row[lanes]
 
     def beside(self, lanes: IntArray, others: IntArray) -> FloatArray:
@@ -88,7 +88,7 @@ class LaneLines:
     def inside(
         self, lanes: IntArray, rows: IntArray, places: tuple[FloatArray, FloatArray], first: IntArray, most: int
     ) -> BoolArray:
-        """Mask (k, w) of agents that are between the edges of each of `lanes` (k,).
+        """Returns the mask (k, w) of agents that are between the edges of each of `lanes` (k,).
 
         Args:
             lanes: positions in `LaneMap.lanes`.
@@ -97,7 +97,7 @@ class LaneLines:
             first: (k,) row of the agent of column 0, for each lane.
             most: number w of columns.
         """
-        line, lines = self.rows(lanes), self.made
+        line, lines = self.rows(lanes), self.batch
         laid_out = lines.segments, lines.circles, lines.count
         return _inside(laid_out, line, 0.5 * self.width(lanes), rows, places, first, most)
 
@@ -108,11 +108,11 @@ class LaneLines:
     @cached_property
     def _predecessor(self) -> dict[int, int]:
         """The first predecessor of each lane that has one, by row."""
-        found: dict[int, int] = {}
+        predecessors: dict[int, int] = {}
         for row, lane in enumerate(self._lane_map.lanes):
             for name in lane.successors:
-                found.setdefault(self._lane_map.row(name), row)
-        return found
+                predecessors.setdefault(self._lane_map.row(name), row)
+        return predecessors
 
     def _line(self, lane: int) -> FloatArray:
         """Returns points (m, 2) [m]: BEFORE of the predecessors, the lane, and BEYOND of its continuation."""

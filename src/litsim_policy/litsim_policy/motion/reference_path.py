@@ -40,10 +40,10 @@ class ReferencePath:
         Raises:
             ValueError: fewer than two points are left.
         """
-        kept = thinned(points, 0.5 * SPACING)
-        if len(kept) < 2:
+        rows = thinned(points, 0.5 * SPACING)
+        if len(rows) < 2:
             raise ValueError("a path needs two points that differ")
-        return cls.of(points[kept])
+        return cls.of(points[rows])
 
     @classmethod
     def of(cls, points: FloatArray) -> ReferencePath:
@@ -67,7 +67,7 @@ class ReferencePath:
         return self.batch.heading(0, self.batch.segment(s[None])[0])
 
     def followed_by(self, other: ReferencePath) -> ReferencePath:
-        """This path, continued from its end along `other`."""
+        """Returns this path, continued from its end along `other`."""
         s, _ = other.project(self.points[-1:, 0], self.points[-1:, 1])
         return ReferencePath.of(np.concatenate([self.points, other.points[other.s > s[0] + 0.5 * SPACING]]))
 

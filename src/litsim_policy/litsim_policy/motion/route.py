@@ -74,9 +74,9 @@ class Router:
             if max(bezier.curvature_max(curve) for curve in curves) > self._curvature_max:
                 continue
             parts = [bezier.points(curve, SPACING) for curve in curves]
-            found = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
-            if not on_road or self._lanes.inside_road(found[:, 0], found[:, 1]).all():
-                return ReferencePath.of(found)
+            points = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
+            if not on_road or self._lanes.inside_road(points[:, 0], points[:, 1]).all():
+                return ReferencePath.of(points)
         return None
 
     def beside(self, pose: FloatArray, reach: float, lane: int) -> ReferencePath | None:
@@ -147,13 +147,13 @@ class Router:
 
 def _thinned(start: FloatArray, knots: FloatArray, last: FloatArray, merge: float) -> FloatArray:
     """`start`, those of `knots` that are at least `merge` [m] from it and not too close to each other, and `last`."""
-    kept = [start]
+    poses = [start]
     for knot in knots:
         ahead = (knot[:2] - start[:2]) @ np.array([np.cos(start[2]), np.sin(start[2])])
-        free = np.hypot(*(knot[:2] - kept[-1][:2])) >= KNOT_MIN and np.hypot(*(last[:2] - knot[:2])) >= KNOT_MIN
-        if free and (len(kept) > 1 or np.hypot(*(knot[:2] - start[:2])) >= merge) and (len(kept) > 1 or ahead > 0):
-            kept.append(knot)
-    return np.array([*kept, last])
+        free = np.hypot(*(knot[:2] - poses[-1][:2])) >= KNOT_MIN and np.hypot(*(last[:2] - knot[:2])) >= KNOT_MIN
+        if free and (len(poses) > 1 or np.hypot(*(knot[:2] - start[:2])) >= merge) and (len(poses) > 1 or ahead > 0):
+            poses.append(knot)
+    return np.array([*poses, last])
 
 
 def _length(knots: FloatArray) -> float:

@@ -11,7 +11,6 @@ import numpy as np
 from litsim_policy.motion.car_following import GAP_MIN, IdmConfig, idm_acceleration
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
-from litsim_sim.core.quantities import Acceleration, Positive, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.core.signals import STOP_STATES, SignalState
 from litsim_sim.lane_map.signal_links import FACING, PASSED
@@ -21,27 +20,15 @@ AMBER = (SignalState.AMBER, SignalState.AMBER_PERMISSIVE)
 IS_RED, IS_AMBER = (np.isin(np.arange(256), states) for states in (STOP_STATES, AMBER))  # masks by state
 ON_WAY = 1.6  # [m] from a lane's centre line within which a path is on the lane: half the width of a narrow lane
 FREE = np.inf
-
-
-@configuration
-class SignalConfig:
-    """Which agents stop.
-
-    Attributes:
-        red_braking: most braking for a stop at red.
-        amber_braking: most braking for a stop at amber.
-    """
-
-    red_braking: Positive[Acceleration] = 8.0
-    amber_braking: Positive[Acceleration] = 3.0
+RED_BRAKING = 8.0  # [m/s2] most braking for a stop at red
+AMBER_BRAKING = 3.0  # [m/s2] most braking for a stop at amber: what is comfortable
 
 
 class StopLines:
     """Distances of agents on paths to the stop lines at which they must stop."""
 
-    def __init__(self, signals: LinkSignals | None, config: SignalConfig | None = None) -> None:
+    def __init__(self, signals: LinkSignals | None) -> None:
         self._signals = signals
-        self._config = config or SignalConfig()
         links = () if signals is None else signals.links
         self._stop = np.array([link.stop for link in links]).reshape(-1, 2)
         self._exit = np.array([link.exit for link in links]).reshape(-1, 2)
@@ -72,7 +59,7 @@ class StopLines:
         line = paths.project(path, *np.ascontiguousarray(self._stop[link].T))
         gap = line.s - (s + 0.5 * table.length[rows])[path]
         needed = table.speed[rows][path] ** 2 / (2.0 * np.maximum(gap, GAP_MIN))
-        bound = np.where(red[scene[path], link], self._config.red_braking, self._config.amber_braking)
+        bound = np.where(red[scene[path], link], RED_BRAKING, AMBER_BRAKING)
         at = ((np.abs(line.d) <= ON_WAY) & (gap > -PASSED) & (needed <= bound)).nonzero()[0]
         at = at[self._taken(paths, path[at], link[at], line.segment[at], line.s[at])]
         np.minimum.at(distance, path[at], np.maximum(gap[at], GAP_MIN))

@@ -17,10 +17,8 @@ from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.contract import (
     HORIZON,
     MANEUVERS,
-    NO_MODES,
     AgentFutures,
     AgentInputs,
-    ModeChoice,
 )
 from litsim_predictor.inference.map_memory import MapMemory
 from litsim_predictor.inference.weights import Weights
@@ -100,14 +98,14 @@ class CompiledNetwork:
                 raise InputError(f"{path}: output {CODES} has shape {answers[CODES]}, expected ['new', a fixed width]")
             self._maps = MapMemory(width)
 
-    def __call__(self, inputs: AgentInputs, asked: IntArray, modes: ModeChoice = NO_MODES) -> AgentFutures:  # noqa: ARG002 - of the protocol
+    def __call__(self, inputs: AgentInputs, asked: IntArray, modes: int = 0) -> AgentFutures:  # noqa: ARG002 - of the protocol
         """See :class:`.contract.Network`.
 
         Raises:
             InputError: the graph does not take these inputs, or its outputs are not of the contract's shapes and type.
         """
         place = inputs.frame[:, :2] - inputs.frame[:1, :2]
-        given = {
+        arrays = {
             "position": place.astype(np.float32),
             "heading": inputs.frame[:, 2].astype(np.float32),
             "history": inputs.history,
@@ -118,9 +116,9 @@ class CompiledNetwork:
         }
         if self._maps is not None:
             maps = self._maps.look_up(inputs.raster)
-            given |= {"raster": maps.new, "known": maps.known, "code_of": maps.code_of}
+            arrays |= {"raster": maps.new, "known": maps.known, "code_of": maps.code_of}
         try:
-            answer = self._session.run(self._outputs, {name: given[name] for name in self._asks})
+            answer = self._session.run(self._outputs, {name: arrays[name] for name in self._asks})
         except _BROKEN as error:
             raise InputError(f"{self.source}: ONNX Runtime cannot run it: {_first_line(error)}") from error
         if self._maps is not None:

@@ -34,7 +34,7 @@ def on_lanes(lane_map: LaneMap, x: FloatArray, y: FloatArray, yaw: FloatArray) -
 
 
 def frame_headings(lane_map: LaneMap | None, x: FloatArray, y: FloatArray, yaw: FloatArray) -> FloatArray:
-    """(n,) headings of the agent frames [rad]: of the lane where an agent drives along one, else its own."""
+    """Returns the headings (n,) [rad] of the agent frames: of lanes where agents drive along them, else their own."""
     if lane_map is None or not len(x):
         return yaw.copy()
     at, along = on_lanes(lane_map, x, y, yaw)
@@ -50,7 +50,7 @@ def agent_inputs(
     traffic: Traffic | None = None,
     scene: IntArray | None = None,
 ) -> AgentInputs:
-    """Inputs of n agents.
+    """Returns the inputs of n agents.
 
     Args:
         series: (n, HISTORY, 4) x, y [m], yaw [rad], speed [m/s] in frame map, oldest first; any value where not

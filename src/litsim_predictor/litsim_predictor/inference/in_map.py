@@ -30,7 +30,7 @@ MOVED = 0.1  # [m] between two steps of the horizon: agents that move less keep 
 
 
 def forecast_in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable) -> Forecast:
-    """The forecast of the manoeuvres of n `agents`, whose frames are `frame` (n, 3), in frame map."""
+    """Returns the forecast of the manoeuvres of n `agents`, whose frames are `frame` (n, 3), in frame map."""
     mean, covariance, valid = turned_gaussians(futures.mean, futures.scale, futures.correlation, frame)
     return Forecast(
         step=agents.step,
@@ -46,7 +46,7 @@ def forecast_in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable
 
 
 def _modes_in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable, valid: BoolArray) -> Modes:
-    """The further futures of the agents whose most probable one is `valid` (n,), in frame map."""
+    """Returns the further futures of the agents whose most probable one is `valid` (n,), in frame map."""
     further = futures.further
     if not len(further.row):
         return Modes.none(futures.mean.shape[1])
@@ -73,7 +73,7 @@ class Gaussians(NamedTuple):
 def turned_gaussians(
     mean: Float32Array, scale: Float32Array, correlation: Float32Array, frame: FloatArray
 ) -> tuple[FloatArray, Float32Array, BoolArray]:
-    """Gaussians from agent frames `frame` (n, 3) to frame map; see :func:`turn_gaussians`.
+    """Returns Gaussians from agent frames `frame` (n, 3) to frame map; see :func:`turn_gaussians`.
 
     Returns:
         means (n, T, 2) [m]; sigma_x, sigma_y [m] and correlation (n, T, 3); and (n,) whether all of these are finite.
@@ -124,7 +124,7 @@ def turn_gaussians(
 
 
 def headings(mean: FloatArray, start: FloatArray, yaw: FloatArray) -> FloatArray:
-    """The headings (n, T) [rad] along trajectories.
+    """Returns the headings (n, T) [rad] along trajectories.
 
     Args:
         mean: (n, T, 2) positions [m].

@@ -90,7 +90,7 @@ class MapMemory:
         self._next = 0  # places, of which the oldest is reused once none is free
 
     def look_up(self, raster: ByteArray) -> MapCodes:
-        """The known codes of the maps `raster` (n, C, H, W), and the maps without one."""
+        """Returns the known codes of the maps `raster` (n, C, H, W), and the maps without one."""
         words = raster.reshape(len(raster), -1).view(np.int64)  # eight bytes at a time
         first = first_alike(words)
         alone = (first == np.arange(len(raster))).nonzero()[0]  # the first of their kind

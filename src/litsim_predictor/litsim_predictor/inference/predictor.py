@@ -11,20 +11,18 @@ from litsim_predictor.inference.contract import (
     DT,
     HISTORY,
     MANEUVERS,
-    NO_MODES,
     STRIDE,
     AgentFutures,
     AgentInputs,
     FurtherFutures,
-    ModeChoice,
     Network,
     NetworkOfScenes,
 )
 from litsim_predictor.inference.features import agent_inputs, on_lanes
 from litsim_predictor.inference.in_map import forecast_in_map
+from litsim_predictor.inference.lane_frames import NO_LANE_FRAMES, LaneFrameFinder, LaneFrames, from_lane_frames
 from litsim_predictor.inference.raster import MapRaster
 from litsim_predictor.inference.traffic import Traffic
-from litsim_predictor.inference.ways import NO_WAYS, LaneWays, Ways, along_ways
 from litsim_predictor.selection import Egos, Wanted, selected
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.history import History
@@ -45,8 +43,8 @@ class LearnedPredictor:
         roi_m: distance from it [m] up to which they do; see :func:`.selection.selected`.
         lane_map, raster: the net; see :func:`.raster.raster_of_net`.
         wanted: the agents to forecast.
-        modes: which of their manoeuvres matter.
-        along_lanes: whether they are forecast along lanes that bend; see :mod:`.ways`.
+        modes: greatest number of manoeuvres of each besides the most probable one.
+        along_lanes: whether they are forecast along lanes that bend; see :mod:`.lane_frames`.
     """
 
     def __init__(
@@ -57,14 +55,14 @@ class LearnedPredictor:
         lane_map: LaneMap | None,
         raster: MapRaster,
         wanted: Wanted = Wanted.ALL,
-        modes: ModeChoice = NO_MODES,
+        modes: int = 0,
         *,
         along_lanes: bool = True,
     ) -> None:
         self._modes = modes
         self._network, self._ego_id, self._roi_m, self._wanted = network, ego_id, roi_m, wanted
         self._lane_map, self._raster = lane_map, raster
-        self._lanes = LaneWays(lane_map) if along_lanes and lane_map is not None else None
+        self._lanes = LaneFrameFinder(lane_map) if along_lanes and lane_map is not None else None
         self._history = History(STRIDE * (HISTORY - 1) + 1, ("x", "y", "yaw", "speed"))
 
     def observe(self, table: AgentTable) -> None:
@@ -81,9 +79,9 @@ class LearnedPredictor:
         agents, asked = selected(table, self._ego_id, self._roi_m, self._wanted)
         if not len(asked):
             return Forecast.empty(table.step, DT, len(MANEUVERS))
-        heading, ways = self._frames(agents, asked)
+        heading, lane_frames = self._frames(agents, asked)
         inputs = self._inputs(agents, heading, Traffic.of_table(table, self._history))
-        futures = along_ways(self._answer(inputs, asked, agents.scene), ways)
+        futures = from_lane_frames(self._answer(inputs, asked, agents.scene), lane_frames)
         forecast = forecast_in_map(futures, inputs.frame[asked], agents.take(asked))
         if not forecast.valid.any():
             raise InputError(
@@ -92,25 +90,25 @@ class LearnedPredictor:
             )
         return forecast
 
-    def _frames(self, agents: AgentTable, asked: IntArray) -> tuple[FloatArray, Ways]:
-        """Headings (n,) of the frames of `agents`, and the ways of those `asked` (m,), numbered as these are."""
+    def _frames(self, agents: AgentTable, asked: IntArray) -> tuple[FloatArray, LaneFrames]:
+        """Returns the headings (n,) of the frames of `agents`, and the lane frames of those `asked` (m,)."""
         if self._lane_map is None:
-            return agents.yaw.copy(), NO_WAYS
+            return agents.yaw.copy(), NO_LANE_FRAMES
         at, along = on_lanes(self._lane_map, agents.x, agents.y, agents.yaw)
         heading = np.where(along, at.heading, agents.yaw)
         if self._lanes is None:
-            return heading, NO_WAYS
+            return heading, NO_LANE_FRAMES
         return heading, self._lanes.ahead(at.take(asked), along[asked], agents.speed[asked])
 
     def _answer(self, inputs: AgentInputs, asked: IntArray, scene: IntArray) -> AgentFutures:
-        """The network's output for the rows `asked` (m,); agents (n,) of one `scene` (n,) see each other."""
+        """Returns the network's output for the rows `asked` (m,); agents (n,) of one `scene` (n,) see each other."""
         if scene[0] == scene[-1]:
             return self._network(inputs, asked, self._modes)
         if isinstance(self._network, NetworkOfScenes):
             rows = np.flatnonzero(np.isin(scene, scene[asked]))
-            seen = inputs if len(rows) == len(scene) else inputs.take(rows)
+            of_scenes = inputs if len(rows) == len(scene) else inputs.take(rows)
             first = np.flatnonzero(np.diff(scene[rows], prepend=-1))
-            return self._network.of_scenes(seen, np.searchsorted(rows, asked), first, self._modes)
+            return self._network.of_scenes(of_scenes, np.searchsorted(rows, asked), first, self._modes)
         answers, begins = [], np.flatnonzero(np.diff(scene[asked]))
         for rows in np.split(asked, begins + 1):
             begin, end = np.searchsorted(scene, scene[rows[0]]), np.searchsorted(scene, scene[rows[0]], "right")
@@ -124,10 +122,12 @@ class LearnedPredictor:
 
 
 def _joined(answers: list[AgentFutures]) -> AgentFutures:
-    """The answers for several scenes as one, in their order."""
+    """Returns the answers for several scenes as one, in their order."""
     own = [f.name for f in fields(AgentFutures) if f.name != "further"]
-    both = {name: np.concatenate([getattr(each, name) for each in answers]) for name in own}
-    before = np.cumsum([0, *(len(each.maneuver) for each in answers[:-1])])
-    more = {f.name: np.concatenate([getattr(each.further, f.name) for each in answers]) for f in fields(FurtherFutures)}
-    more["row"] = np.concatenate([each.further.row + first for each, first in zip(answers, before, strict=True)])
-    return AgentFutures(**both, further=FurtherFutures(**more))
+    joined = {name: np.concatenate([getattr(answer, name) for answer in answers]) for name in own}
+    before = np.cumsum([0, *(len(answer.maneuver) for answer in answers[:-1])])
+    further = {
+        f.name: np.concatenate([getattr(answer.further, f.name) for answer in answers]) for f in fields(FurtherFutures)
+    }
+    further["row"] = np.concatenate([answer.further.row + first for answer, first in zip(answers, before, strict=True)])
+    return AgentFutures(**joined, further=FurtherFutures(**further))

@@ -18,52 +18,15 @@ BLOCK_ROWS = 4
 LANES = 16 if binding.get_host_cpu_features().get("avx512f") else 8
 """Columns that one register holds; a block is one or two registers wide."""
 
-SUMS = 8
-"""Sums that :func:`dot` keeps beside each other."""
-
 _FLOAT, _INDEX = ir.FloatType(), ir.IntType(64)
 _LANES = ir.VectorType(_FLOAT, LANES)
 _EVERY_LANE = ir.Constant(ir.VectorType(ir.IntType(32), LANES), None)  # is the first one of a register
-
-
-def _fused(builder: Any, lanes: int) -> Any:
-    """The function a b + c of vectors with `lanes` entries."""
-    vector = ir.VectorType(_FLOAT, lanes)
-    kind = ir.FunctionType(vector, [vector] * 3)
-    return cgutils.get_or_insert_function(builder.module, kind, f"llvm.fma.v{lanes}f32")
 
 
 @intrinsic  # type: ignore[untyped-decorator]
 def multiply_add(_typing: Any, a: Any, b: Any, c: Any) -> tuple[Any, Any]:
     """Return a b + c of single precision, rounded once."""
     return types.float32(a, b, c), lambda _context, builder, _signature, given: builder.fma(*given)
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def dot(_typing: Any, a: Any, b: Any, begin: Any, size: Any) -> tuple[Any, Any]:
-    """Return the dot product of `a` and `b`, arrays (n,), over `size` entries from `begin` on, a multiple of SUMS."""
-    eight, index = ir.VectorType(_FLOAT, SUMS), ir.IntType(32)
-
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        arrays = [
-            context.make_array(kind)(context, builder, value)
-            for kind, value in zip(signature.args[:2], given[:2], strict=True)
-        ]
-        fused = _fused(builder, SUMS)
-        sums = cgutils.alloca_once_value(builder, ir.Constant(eight, [0.0] * SUMS))
-        end = builder.add(given[2], given[3])
-        with cgutils.for_range_slice(builder, given[2], end, ir.Constant(_INDEX, SUMS), _INDEX) as (at, _):
-            cells = (builder.bitcast(builder.gep(each.data, [at]), eight.as_pointer()) for each in arrays)
-            values = [builder.load(cell, align=4) for cell in cells]
-            builder.store(builder.call(fused, [*values, builder.load(sums)]), sums)
-        total, count = builder.load(sums), SUMS
-        while count > 1:  # halves onto each other
-            count //= 2
-            upper = ir.Constant(ir.VectorType(index, SUMS), [(lane + count) % SUMS for lane in range(SUMS)])
-            total = builder.fadd(total, builder.shuffle_vector(total, total, upper))
-        return builder.extract_element(total, index(0))
-
-    return types.float32(a, b, begin, size), generate
 
 
 def _adds_block(rows: int, registers: int) -> Any:
@@ -81,7 +44,8 @@ def _adds_block(rows: int, registers: int) -> Any:
             context.make_array(kind)(context, builder, value)
             for kind, value in zip(signature.args[:3], given[:3], strict=True)
         )
-        fused = _fused(builder, LANES)
+        kind = ir.FunctionType(_LANES, [_LANES] * 3)
+        fused = cgutils.get_or_insert_function(builder.module, kind, f"llvm.fma.v{LANES}f32")  # a b + c
         (_, inner), (_, columns) = (cgutils.unpack_tuple(builder, each.shape) for each in (values, out))
         down = [builder.add(given[3], ir.Constant(_INDEX, row)) for row in range(rows)]
         along = [builder.add(given[4], ir.Constant(_INDEX, LANES * register)) for register in range(registers)]

@@ -193,13 +193,13 @@ class MapRaster:
 
 
 def _angle_byte(angle: FloatArray) -> ByteArray:
-    """Angles [rad] as bytes, in 256ths of a turn; any shape."""
+    """Returns angles [rad] as bytes, in 256ths of a turn; any shape."""
     return np.mod(np.rint(np.asarray(angle) * (256 / (2 * np.pi))), 256).astype(np.uint8)
 
 
 @lru_cache(maxsize=4)
 def raster_of_net(path: Path) -> tuple[LaneMap, MapRaster]:
-    """The lanes and the raster of the net at `path`, drawn once per process.
+    """Returns the lanes and the raster of the net at `path`, drawn once per process.
 
     Raises:
         InputError: see :meth:`LaneMap.from_net`; or the net is too large.

@@ -57,7 +57,7 @@ class Traffic(NamedTuple):
 
     @classmethod
     def of_table(cls, table: AgentTable, history: History) -> Self:
-        """All vehicles of `table`, which is the newest in `history`, a history of the HISTORY_CHANNELS."""
+        """Returns all vehicles of `table`, which is the newest in `history`, a history of the HISTORY_CHANNELS."""
         obstacle = table.obstacle
         vehicles = table.take(~obstacle) if obstacle.any() else table
         values, there = history.window(vehicles.id, 2, STRIDE * TRAFFIC_AGO)
@@ -67,12 +67,12 @@ class Traffic(NamedTuple):
 
     @classmethod
     def of_agents(cls, frame: FloatArray, history: Float32Array, observed: BoolArray) -> Self:
-        """The agents of one scene; see :class:`.contract.AgentInputs`."""
+        """Returns the agents of one scene; see :class:`.contract.AgentInputs`."""
         speed, ago = history[..., SPEED_CHANNEL], -1 - TRAFFIC_AGO
         return cls(frame, speed[:, -1], speed[:, ago], observed[:, ago], np.zeros(len(frame), np.int64))
 
     def ahead_of(self, frame: FloatArray, speed: Float32Array, scene: IntArray | None = None) -> Float32Array:
-        """(n, TRAFFIC_CHANNELS) features of the traffic ahead of n agents; see :func:`look_ahead`.
+        """Returns features (n, TRAFFIC_CHANNELS) of the traffic ahead of n agents; see :func:`look_ahead`.
 
         Args:
             frame: (n, 3) of the agents.

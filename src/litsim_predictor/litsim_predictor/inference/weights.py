@@ -58,7 +58,7 @@ class Weights:
     path: Path
 
     def parameters(self, config: type[Config]) -> Config:
-        """The configuration of the model, which is of the class `config`.
+        """Returns the configuration of the model, which is of the class `config`.
 
         Raises:
             InputError: see :func:`configured`.
@@ -92,12 +92,12 @@ def configured(config: type[Config], values: Mapping[str, Any], where: str) -> C
 
 
 def weights_path(name: str) -> Path:
-    """The file of shipped weights `name`, or the file of that path."""
+    """Returns the file of shipped weights `name`, or the file of that path."""
     return packaged("weights") / f"{name}.safetensors" if name in SHIPPED else Path(name)
 
 
 def packaged(folder: str) -> Path:
-    """A folder of files that come with this package."""
+    """Returns a folder of files that come with this package."""
     return Path(str(resources.files("litsim_predictor"))) / folder
 
 

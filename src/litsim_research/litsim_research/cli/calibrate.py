@@ -61,7 +61,7 @@ def main() -> None:
     thresholds = np.array(sorted(arguments.thresholds))
     if (thresholds <= 0.0).any() or (thresholds >= 1.0).any():
         raise InputError(f"--thresholds: {thresholds.tolist()}, expected probabilities above 0 and below 1")
-    choices = [ParameterOverrides("--modes", {"most": most})(PredictorConfig().modes) for most in arguments.modes]
+    choices = [ParameterOverrides("--modes", {"modes": most})(PredictorConfig()).modes for most in arguments.modes]
     configs = [ParameterOverrides("--spread", {"sigma_scale": scale})(ConflictConfig()) for scale in arguments.spread]
     scenarios = [Scenario.load(name) for name in arguments.scenario]
     table = Table("threshold", title=f"precision / recall, %, {arguments.horizon} s ahead")
@@ -76,7 +76,7 @@ def main() -> None:
                     bar.update()
             curve = PairScores.joined(parts).curve(arguments.horizon, thresholds)
             columns.append([f"{100 * p:.0f} / {100 * r:.0f}" for p, r in zip(*curve, strict=True)])
-            table.add_column(f"{arguments.predictor}, {modes.most} further manoeuvres, spread x {config.sigma_scale:g}")
+            table.add_column(f"{arguments.predictor}, {modes} further manoeuvres, spread x {config.sigma_scale:g}")
     for row in zip(*columns, strict=True):
         table.add_row(*row)
     Console().print(table)

@@ -121,10 +121,10 @@ class Work:
         """Run LitSim with one stage at a time replaced by an oracle, and write the tables."""
         records: list[tables.Row] = []
         for ego in self._arguments.ego or EGOS[: 1 if self._arguments.quick else None]:
-            happened = (self._out / "happened" / f"{ego}_{code_versions()['sources']}").resolve()
-            experiment = of_oracles(ego, happened)
+            outcomes = (self._out / "outcomes" / f"{ego}_{code_versions()['sources']}").resolve()
+            experiment = of_oracles(ego, outcomes)
             if not self._arguments.as_it_is:
-                record_outcomes(self._suite(experiment, (ego,)), happened, self._arguments.processes)
+                record_outcomes(self._suite(experiment, (ego,)), outcomes, self._arguments.processes)
             records += _rows(self._campaign(experiment, (ego,)), experiment, (ego,), self._sets)
         self._write(ORACLES, records, tables.summary(records))
 

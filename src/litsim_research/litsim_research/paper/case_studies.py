@@ -21,7 +21,7 @@ from matplotlib.patches import Patch
 
 from litsim_data.mining.events import EventKind
 from litsim_data.mining.mine import mine
-from litsim_data.mining.selection import Found, hardest
+from litsim_data.mining.selection import MinedEvent, hardest
 from litsim_data.traffic.seeds import LEFT_TURNS
 from litsim_eval.campaign.case import Case
 from litsim_eval.campaign.results import Campaign, RunResult
@@ -89,7 +89,7 @@ def left_turns(scenarios: Iterable[str]) -> list[CaseEntry]:
     An ego that is later than in its log meets the vehicle that passes second.
     """
     turns = [
-        Found(name, event)
+        MinedEvent(name, event)
         for name in scenarios
         for event in mine(Scenario.load(name), [EventKind.LEFT_TURN])
         if event.numbers["first"] == "ego"

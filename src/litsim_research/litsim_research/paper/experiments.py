@@ -40,45 +40,37 @@ ABLATION: tuple[Policy, ...] = (
 )
 """The paper's ablation: kinematic instead of joint prediction, rules instead of policy C; M* is LitSim."""
 
-AT_ONCE = {"conflict.handback": "catch_up", "conflict.release_position": 1000.0}
-AT_ONCE |= {"conflict.release_speed": 1000.0, "conflict.release_yaw": 7.0}
 
-
-def oracles(happened: Path) -> tuple[Policy, ...]:
-    """Returns LitSim, and LitSim with one stage at a time replaced by an oracle that reads the folder `happened`."""
+def oracles(outcomes: Path) -> tuple[Policy, ...]:
+    """Returns LitSim, and LitSim with one stage at a time replaced by an oracle that reads the folder `outcomes`."""
     forecast = {
         "predictor.model": "oracle",
-        "predictor.oracle.happened": str(happened),
-        "conflict.intent.used": False,
+        "predictor.oracle.outcomes": str(outcomes),
+        "conflict.planned_motion": False,
         "conflict.closing_time": 0.0,
     }
-    conflicts = {"conflict.happened": str(happened)}
+    conflicts = {"conflict.outcomes": str(outcomes)}
     return (
         OURS,
         PolicySetup(name="true future", kind=OURS, parameters=forecast),
         PolicySetup(name="conflicts by hindsight", kind=OURS, parameters=conflicts),
-        PolicySetup(name="ideal hand-back", kind=OURS, parameters=AT_ONCE),
+        PolicySetup(name="ideal hand-back", kind=OURS, parameters={"conflict.handback": "at_once"}),
     )
 
 
 CHANGES = {
-    "its predictor": ("predictor.model", "predictor.modes.most", "predictor.along_lanes"),
+    "its predictor": ("predictor.model", "predictor.modes", "predictor.along_lanes"),
     "its horizon": ("conflict.horizon",),
     "mean forecasts": (
         "conflict.sigma_scale",
         "conflict.braking_time",
         "conflict.closing_time",
-        "conflict.intent.used",
+        "conflict.planned_motion",
     ),
     "ROI around the ego": ("conflict.region", "conflict.approach_time"),
     "no confirmation": ("conflict.confirm_steps", "conflict.held_steps_min", "conflict.clear_steps"),
     "no passing": ("conflict.passing",),
-    "its hand-back": (
-        "conflict.handback",
-        "conflict.release_position",
-        "conflict.release_speed",
-        "conflict.release_yaw",
-    ),
+    "its hand-back": ("conflict.handback",),
     "no guards": (
         "policy.safety.following",
         "policy.safety.contact",
@@ -187,9 +179,9 @@ EXPERIMENTS = {each.name: each for each in (TABLE, ABLATIONS, CHANGED, SANITY)}
 ORACLES = "oracles"
 
 
-def of_oracles(ego: str, happened: Path) -> Experiment:
+def of_oracles(ego: str, outcomes: Path) -> Experiment:
     """Returns LitSim with one stage at a time replaced by an oracle, for one ego, to see the loss in each stage."""
-    return Experiment(f"{ORACLES}_{ego}", "What is lost in each stage.", oracles(happened), (ego,))
+    return Experiment(f"{ORACLES}_{ego}", "What is lost in each stage.", oracles(outcomes), (ego,))
 
 
 BACKBONES = "backbones"

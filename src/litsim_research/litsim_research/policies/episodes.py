@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from litsim_policy.conflict.config import ConflictConfig, TakeoverConfig
+from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.takeover import TakeoverManager
 from litsim_policy.driving.action import consistent, normalised
 from litsim_policy.driving.features.observation import ObservationConfig, Observer
@@ -165,7 +165,7 @@ class Episodes:
         self._careful = SafetyLayer(self.batch.lane_map, careful) if careful else None
         self._observer = Observer(self.batch.lane_map, course.observation)
         self._predictor = make_predictor(self._config.model, self.batch)
-        self._manager = TakeoverManager(self.batch, ConflictConfig(), TakeoverConfig())
+        self._manager = TakeoverManager(self.batch, ConflictConfig())
         self._rule = make_policy("yield", self.batch)
         history = self.batch.history_steps
         totals = np.array([scenario.total_steps for scenario in self.batch.scenarios])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from litsim_predictor.inference.contract import NO_MODES, AgentFutures, AgentInputs, ModeChoice
+from litsim_predictor.inference.contract import AgentFutures, AgentInputs
 from litsim_research.predictors.data.scenes import inputs_batch
 from litsim_research.predictors.models.model import SceneModel
 from litsim_research.predictors.models.weights import load_model
@@ -28,7 +28,7 @@ class EagerNetwork:
         torch.set_num_threads(1)
         self._model, self.source = model.eval(), source
 
-    def __call__(self, inputs: AgentInputs, asked: IntArray, modes: ModeChoice = NO_MODES) -> AgentFutures:  # noqa: ARG002 - of the protocol
+    def __call__(self, inputs: AgentInputs, asked: IntArray, modes: int = 0) -> AgentFutures:  # noqa: ARG002 - of the protocol
         """See :class:`litsim_predictor.inference.contract.Network`."""
         with torch.inference_mode():
             prediction = self._model(inputs_batch([inputs]), "best", torch.as_tensor(asked))

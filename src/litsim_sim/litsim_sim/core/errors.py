@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import reprlib
 import sys
 import traceback
 from pathlib import Path
@@ -10,6 +11,8 @@ from pathlib import Path
 EXIT_FAILED = 1  # negative result: a run failed or is not valid, or a comparison found differences
 EXIT_INPUT = 2  # input that cannot be used
 EXIT_INTERRUPTED = 130  # Ctrl-C: 128 + SIGINT, as in shells
+LONGEST = 4000  # most characters of an error: names of fields, frames and files may be as long as their author likes
+SHOWN_MAX = 60  # most characters of a wrong value that an error repeats
 INTERRUPTED = "interrupted"
 """The :func:`reason` of a KeyboardInterrupt."""
 
@@ -39,8 +42,24 @@ def refused(error: OSError) -> InputError | None:
 
 
 def print_error(what: object) -> None:
-    """Print an error to stderr."""
-    print(f"error: {what}", file=sys.stderr)
+    """Print an error to stderr, as :func:`printable`."""
+    print(f"error: {printable(str(what))}", file=sys.stderr)
+
+
+def printable(text: str) -> str:
+    """Returns `text` of at most `LONGEST` characters, with control characters, which steer terminals, as escapes."""
+    if len(text) > LONGEST:
+        text = f"{text[: LONGEST // 2]} ... ({len(text) - LONGEST} characters) ... {text[-LONGEST // 2 :]}"
+    if text.replace("\n", "").isprintable():
+        return text
+    return "".join(c if c == "\n" or c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def shown(value: object) -> str:
+    """Returns `value` as an error repeats it: short, whatever it is and however large."""
+    short = reprlib.Repr()
+    short.maxstring = short.maxother = short.maxlong = SHOWN_MAX
+    return f"{short.repr(value):.{SHOWN_MAX}}"
 
 
 def reason(error: BaseException) -> str:

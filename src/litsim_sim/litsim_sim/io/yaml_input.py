@@ -11,12 +11,12 @@ import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from litsim_sim.core.errors import InputError
-from litsim_sim.core.yaml_loader import YamlLoader
+from litsim_sim.core import yaml_loader
+from litsim_sim.core.errors import InputError, shown
+from litsim_sim.io.files import check_regular
 
 SHOWN = 5  # most problems that one message lists
-FOUND_MAX = 60  # most characters of a wrong value that a message repeats
-DEEPEST = 50  # most levels of nested lists and mappings; usual files have two or three
+TEXT_MAX = 8 * 2**20  # [B] most of a text file; those of usual suites and scenarios have some thousands
 STREAM_NAME = re.compile(r' in "<(?:unicode|byte) string>",')  # PyYAML's for a text without a file
 MISNAMED = ("missing", "extra_forbidden")  # pydantic's types of problems with names, not values
 
@@ -37,8 +37,9 @@ def read_text(path: Path) -> str:
     """Read the text of a file in UTF-8.
 
     Raises:
-        InputError: it cannot be read, or is not text in UTF-8.
+        InputError: it cannot be read, is not text in UTF-8, or is larger than `TEXT_MAX`.
     """
+    check_regular(path, size_max=TEXT_MAX)
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:
@@ -51,10 +52,10 @@ def load_yaml(text: str | bytes, where: str) -> Any:
     """Returns the content of a YAML text, of any type; `where` names the text in errors.
 
     Raises:
-        InputError: it is not YAML, gives a key twice, or nests deeper than `DEEPEST`.
+        InputError: it is not YAML, gives a key twice, or goes beyond the bounds of the loader.
     """
     try:
-        return yaml.load(text, _Loader)  # noqa: S506 - a SafeLoader
+        return yaml_loader.load_yaml(text)
     except (yaml.YAMLError, ValueError) as error:  # ValueError: a date that is none
         reason = STREAM_NAME.sub(",", " ".join(str(error).split()))  # `where` has named the file
         raise InputError(f"{where}: malformed YAML: {reason}") from error
@@ -69,7 +70,7 @@ def parse_yaml(text: str | bytes, where: str, model: type[BaseModel]) -> dict[st
     values = load_yaml(text, where)
     if not isinstance(values, dict):
         some = ", ".join(list(model.model_fields)[:4])
-        raise InputError(f"{where}: expected fields such as {some}, found {values!r:.{FOUND_MAX}}")
+        raise InputError(f"{where}: expected fields such as {some}, found {shown(values)}")
     return values
 
 
@@ -95,29 +96,6 @@ def place_in(path: Path, *place: int | str) -> str:
     return f"{path}: {_place_text(yaml.compose(read_text(path), Loader=yaml.SafeLoader), place)}"
 
 
-class _Loader(YamlLoader):
-    """The loader of YAML from users, which also refuses equal keys and deep nesting."""
-
-    _depth = 0
-
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        self._depth += 1
-        if self._depth > DEEPEST:
-            raise yaml.MarkedYAMLError(
-                problem=f"nested deeper than {DEEPEST} levels", problem_mark=self.peek_event().start_mark
-            )
-        node: yaml.Node | None = super().compose_node(parent, index)
-        self._depth -= 1
-        return node
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        names = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        for place, (key, _) in enumerate(node.value):
-            if isinstance(key, yaml.ScalarNode) and key.value in names[:place]:
-                raise yaml.MarkedYAMLError(problem=f"key {key.value!r} occurs twice", problem_mark=key.start_mark)
-        return super().construct_mapping(node, deep)
-
-
 def _described(problems: list[ErrorDetails], text: str | bytes) -> Iterator[str]:
     """Yields where each problem is in `text`, what was expected, and the value there unless it is long or known."""
     root = yaml.compose(text, Loader=yaml.SafeLoader)
@@ -125,7 +103,7 @@ def _described(problems: list[ErrorDetails], text: str | bytes) -> Iterator[str]
         plain = isinstance(problem["input"], str | int | float | None)
         message = problem["msg"].removeprefix("Value error, ")
         complete = not plain or problem["type"] in MISNAMED or ", found " in message
-        value = "" if complete else f", found {problem['input']!r:.{FOUND_MAX}}"
+        value = "" if complete else f", found {shown(problem['input'])}"
         yield f"{_place_text(root, problem['loc'])}: {message}{value}"
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import socket
+import stat
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -64,8 +66,7 @@ def held_domain(domain_id: int, *, patience: float = RELEASE_S) -> Iterator[int]
     folder = Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()) / f"litsim-{os.getuid()}"
     path = folder / f"domain_{domain_id}.lock"
     try:
-        folder.mkdir(mode=0o700, exist_ok=True)
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
+        descriptor = _open_own(folder, path)
     except OSError as error:
         raise InputError(f"{path}: the lock of ROS_DOMAIN_ID {domain_id} cannot be had: {error.strerror}") from error
     try:
@@ -87,6 +88,28 @@ def held_domain(domain_id: int, *, patience: float = RELEASE_S) -> Iterator[int]
         yield domain_id
     finally:
         os.close(descriptor)
+
+
+def _open_own(folder: Path, path: Path) -> int:
+    """Open a file in a folder, both made if need be and this user's alone: others write into /tmp, too, and put links.
+
+    Raises:
+        OSError: the folder is another's or others may write into it, or the path is no file of this user's.
+    """
+    folder.mkdir(mode=0o700, exist_ok=True)
+    status = folder.lstat()
+    if (
+        not stat.S_ISDIR(status.st_mode)
+        or status.st_uid != os.getuid()
+        or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    ):
+        raise OSError(errno.EPERM, f"{folder} is not a folder of yours alone, expected one that only you can write")
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
+    status = os.fstat(descriptor)
+    if not stat.S_ISREG(status.st_mode) or status.st_uid != os.getuid() or status.st_nlink != 1:
+        os.close(descriptor)
+        raise OSError(errno.EPERM, "it is not a file of yours alone")
+    return descriptor
 
 
 def _locked(descriptor: int) -> bool:

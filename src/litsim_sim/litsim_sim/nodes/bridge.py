@@ -24,6 +24,7 @@ from litsim_sim.nodes.bridge_options import bridge_stage
 from litsim_sim.nodes.broadcast import PUBLISHED, PUBLISHED_OF_SIGNALS, Broadcast, run_info
 from litsim_sim.nodes.diagnostics import Diagnostics
 from litsim_sim.nodes.ego_publishers import EgoPublisher, EgoPublishers, absence, rivalry
+from litsim_sim.nodes.publishers import NAMES_S, WATCH_S, check_publishers, owners
 from litsim_sim.nodes.responses import ResponseCollector, RunFailed, StageLiveness
 from litsim_sim.nodes.run_loop import Pulse, RunLoop
 from litsim_sim.ros import ego_port, messages, standard
@@ -48,7 +49,6 @@ from litsim_sim.scenario.run_info import EXTERNAL
 from litsim_sim.world.world import World
 
 NOTE_PERIOD = 5.0  # [s] period of repeated lines in the log
-NAMES_S = 1.0  # [s] by which the names of nodes may follow their publishers, at most
 ENDED = {StageState.FINISHED: diagnostics.FINISHED, StageState.FAILED: diagnostics.FAILED}
 
 
@@ -94,6 +94,7 @@ class BridgeNode(Node):
         self._ego_nodes: list[str] = []
         self._known_ego_publishers = EgoPublishers()
         self._ego_publishers_changed = True  # whether a publisher of the ego may have come since they were last noted
+        self._owners, self._watched = owners(plan.stages, external=external), -WATCH_S
         published = (HELLO, STATUS, TIMING, *((EGO_APPLIED,) if external else ()))
         self._outputs = {t: publisher_on(self, t) for t in published}
         self._broadcast = Broadcast(self, plan, clock=options.clock, factor=options.real_time_factor)
@@ -209,6 +210,15 @@ class BridgeNode(Node):
             self._noted = (text, time.monotonic())
             self.get_logger().info(text)
 
+    def check_publishers(self) -> None:
+        """Check that nobody else publishes on the graph's internal topics.
+
+        Raises:
+            RunFailed: somebody does.
+        """
+        self._watched = time.monotonic()
+        check_publishers(self, self._owners)
+
     def note_ego_publishers(self) -> None:
         """Report publishers of an external ego that were not there at step 0, which they have answered now."""
         for text in self._known_ego_publishers.note(self.port, self._ego_publishers(), self._ego_nodes):
@@ -239,6 +249,8 @@ class BridgeNode(Node):
                 if EGO_APPLIED in self._outputs and (rivals := rivalry(self.port, self._ego_publishers())):
                     raise RunFailed(rivalry(self.port, self._named_ego_publishers()) or rivals)  # one may have gone
             self.liveness.check()
+            if time.monotonic() > self._watched + WATCH_S:
+                self.check_publishers()
         return True
 
     def serve(self) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import asdict, field, make_dataclass
 from typing import Annotated, Any, Literal
 
 import yaml
 from pydantic import Field, model_validator
 
+from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.parameters import ParameterReader, Parameters
 from litsim_sim.core.quantities import (
     Duration,
@@ -37,6 +39,9 @@ VehicleOptions: Any = configuration(
     )
 )
 """The fields of :class:`litsim_sim.core.vehicle.VehicleModel`, each with the value that stands for the scenario's."""
+VehicleOptions.__doc__ = "Vehicle model of the ego; -1 is the scenario's.\n\nAttributes:\n" + "\n".join(
+    str(inspect.getdoc(each)).partition("Attributes:\n")[2] for each in (VehicleLimits, VehicleModel)
+)
 
 
 @configuration
@@ -47,9 +52,9 @@ class BridgeOptions:
         scenario: packaged scenario, or a YAML file.
         ego: what drives the ego.
         policy: what moves the background.
-        ego_id: id of the recorded vehicle that the ego replaces.
-        seed: seed of all randomness in the run.
-        end_after_contact_s: time after the ego's first contact at which the run ends.
+        ego_id: id of the recorded vehicle that the ego replaces; -1 is the scenario's.
+        seed: seed of all randomness in the run; -1 is the scenario's.
+        end_after_contact_s: time after the ego's first contact at which the run ends; -1 is the scenario's.
         mode: whether the bridge waits for answers, or runs in real time.
         on_missing: what happens in lock-step if an answer is missing.
         on_invalid: what happens if an answer of the ego cannot be used.

@@ -70,7 +70,9 @@ class RunLoop:
     def _run(self) -> None:
         """See :meth:`run`; after RunInfo has been published."""
         self._handshake()
+        self._bridge.check_publishers()
         last, wall = self._all_steps(self._plan.scenario.total_steps)
+        self._bridge.check_publishers()
         if self._external:
             self._bridge.note_ego_publishers()
         until = time.perf_counter() + self._options.answer_timeout_s

@@ -152,7 +152,7 @@ class Run:
         detections: how conflict detection ended, by step.
         timing: compute time [s] by stage and step.
         marks: clock times that each stage took while it served a step [s], by stage, step and name; see
-            :mod:`litsim_eval.analysis.step_path`.
+            :mod:`litsim_eval.analysis.timing`.
         statuses: reported states of all stages, in order of arrival.
         scenario_yaml: the resolved scenario.
         net_xml: the SUMO net, or empty.

@@ -77,6 +77,8 @@ class StepBuffer:
         self._kept: Counter[tuple[str, int]] = Counter()
         self._missed: set[int] = set()  # steps that the bridge went on from without all answers
         self._absent: set[tuple[int, str]] = set()  # messages missing when their step was written
+        self._first: dict[int, dict[str, int]] = {}  # by recent step and topic, the hash of the first message
+        self._contradicted: dict[str, int] = {}  # first step to which a topic has two different answers
 
     @property
     def confirmed(self) -> int:
@@ -85,15 +87,20 @@ class StepBuffer:
 
     @property
     def gaps(self) -> str:
-        """Text that lists the gaps of the recording; empty for none."""
+        """Text that lists the gaps of the recording, and topics with two answers to a step; empty for none."""
         lacking: dict[str, list[int]] = {}
         for step, name in sorted(self._absent):
             if step not in self._missed or name in OF_THE_BRIDGE:
                 lacking.setdefault(name, []).append(step)
-        return "; ".join(
+        gaps = [
             f"{name} lacks {len(steps)} steps ({', '.join(map(str, steps[:NAMED]))}{', ...' * (len(steps) > NAMED)})"
             for name, steps in lacking.items()
-        )
+        ]
+        gaps += [
+            f"{name} has two different messages for step {step}, so somebody else publishes there"
+            for name, step in self._contradicted.items()
+        ]
+        return "; ".join(gaps)
 
     def take(self, name: str, step: int, data: bytes) -> None:
         """Hold a message of topic `name` until its step is written: that of its stamp, or 0 without one."""
@@ -111,7 +118,8 @@ class StepBuffer:
             self._take_late(name, step, data)
             return
         held = self._pending.get(step, {}).get(name, [])
-        if held and name in self._run.per_step:  # the bridge asks again
+        contradicted = self._contradicts(name, step, data)
+        if held and name in self._run.per_step and not contradicted:  # the bridge asks again
             self._advance()
             self._repeat_confirmation()
         elif data not in held:
@@ -143,11 +151,21 @@ class StepBuffer:
 
     def _take_late(self, name: str, step: int, data: bytes) -> None:
         """Take a message to a step that has been written."""
-        if name not in self._run.per_step or (step, name) in self._absent:
+        absent = (step, name) in self._absent
+        if name not in self._run.per_step or absent or self._contradicts(name, step, data):
             self._absent.discard((step, name))
             self._write(name, data, step)
         else:
             self._repeat_confirmation()  # the bridge asks again
+
+    def _contradicts(self, name: str, step: int, data: bytes) -> bool:
+        """Note a message of a per-step topic; returns whether it differs from the first one for its recent step."""
+        if name not in self._run.per_step or step < self._written - RECORDER_WINDOW:
+            return False
+        contradicts = self._first.setdefault(step, {}).setdefault(name, hash(data)) != hash(data)
+        if contradicts:
+            self._contradicted.setdefault(name, step)
+        return contradicts
 
     def _complete(self, step: int) -> bool:
         """Returns whether all messages that complete a step are here; see the class's description."""
@@ -178,6 +196,7 @@ class StepBuffer:
 
     def _write_step(self, step: int) -> None:
         held = self._pending.pop(step, {})
+        self._first.pop(step - RECORDER_WINDOW, None)
         self._absent |= {(step, name) for name in self._run.per_step if name not in held}
         for name in self._run.order:
             for data in sorted(held.get(name, [])):

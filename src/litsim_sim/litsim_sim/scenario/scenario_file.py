@@ -34,6 +34,7 @@ def _usable_path(path: str) -> str:
 
 
 _Path = Annotated[str, AfterValidator(_usable_path)]
+DAY_S = 86_400.0  # [s] longest time of a scenario
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _SignalsField = Annotated[
     Annotated[_Path, Tag("file")] | Annotated[SignalsFile, Tag("content")],
@@ -75,15 +76,15 @@ class ScenarioFile(BaseModel):
     crop: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] | None = None
     net: _Path
     start_frame: int | None = None
-    history_s: Annotated[_Finite, Field(ge=STEP_S)] = 3.0
-    simulation_s: Annotated[_Finite, Field(ge=STEP_S)] = 25.0
+    history_s: Annotated[_Finite, Field(ge=STEP_S, le=DAY_S)] = 3.0
+    simulation_s: Annotated[_Finite, Field(ge=STEP_S, le=DAY_S)] = 25.0
     ego: int
     egos: list[int] = []
     tuning: list[int] = []
     roi_m: Annotated[_Finite, Field(gt=0)] = 30.0
     seed: Annotated[int, Field(ge=0, lt=SEEDS)] = 0
     signals: _SignalsField | None = None
-    end_after_contact_s: Annotated[_Finite, Field(ge=0)] | None = None
+    end_after_contact_s: Annotated[_Finite, Field(ge=0, le=DAY_S)] | None = None
     coverage_min: Annotated[_Finite, Field(ge=0, le=1)] = 0.9
     vehicle: dict[str, _Finite] = {}
 

@@ -75,7 +75,7 @@ class StateList(_Strict):
 class Phase(_Strict):
     """A phase of a fixed cycle; groups that are not named show red."""
 
-    duration_s: Annotated[float, Field(ge=STEP_S, allow_inf_nan=False)]
+    duration_s: Annotated[float, Field(ge=STEP_S, le=86_400.0, allow_inf_nan=False)]
     states: Annotated[dict[str, StateName], _Named] = {}
 
 

@@ -11,9 +11,9 @@ from litsim_predictor.inference.contract import (
     DT,
     HISTORY,
     HISTORY_CHANNELS,
+    MODE_SHARE,
     AgentFutures,
     AgentInputs,
-    ModeChoice,
 )
 from litsim_predictor.inference.joint.kernels import read_histories
 from litsim_predictor.inference.joint.network import JointNetwork, runs, shapes
@@ -82,14 +82,14 @@ def test_who_is_near_does(network: JointNetwork) -> None:
 
 def test_manoeuvres_that_matter_are_answered_beside_the_most_probable_one(network: JointNetwork) -> None:
     inputs, asked = scene(20), np.arange(20)
-    one, several = network(inputs, asked), network(inputs, asked, ModeChoice(most=2, share=0.03))
+    one, several = network(inputs, asked), network(inputs, asked, 2)
     assert_rows_equal(several, one, list(range(20)))
     assert not len(one.further.row) and len(several.further.row) > 5
     probability, best = one.maneuver, one.maneuver.argmax(axis=1)
     expected = []
     for row in range(20):
         order = [k for k in np.argsort(-probability[row], kind="stable") if k != best[row]]
-        expected += [(row, k) for k in order[:2] if probability[row, k] >= 0.03]
+        expected += [(row, k) for k in order[:2] if probability[row, k] >= MODE_SHARE]
     assert list(zip(several.further.row.tolist(), several.further.maneuver.tolist(), strict=True)) == expected
     apart = np.abs(several.further.mean - one.mean[several.further.row])[:, -1].max(axis=1)
     assert (apart > 0.05).all(), "another manoeuvre leads elsewhere"
@@ -97,12 +97,12 @@ def test_manoeuvres_that_matter_are_answered_beside_the_most_probable_one(networ
 
 def test_more_manoeuvres_than_there_are_are_all(network: JointNetwork) -> None:
     inputs, asked = scene(3), np.arange(3)
-    every, beyond = (network(inputs, asked, ModeChoice(most=most, share=1e-9)).further for most in (8, 10**30))
+    every, beyond = (network(inputs, asked, modes).further for modes in (8, 10**30))
     assert len(every.row) and np.array_equal(every.maneuver, beyond.maneuver) and np.array_equal(every.row, beyond.row)
 
 
 def test_further_manoeuvres_do_not_depend_on_who_else_is_asked(network: JointNetwork) -> None:
-    inputs, modes = scene(20), ModeChoice(most=3, share=0.02)
+    inputs, modes = scene(20), 3
     everybody, some = network(inputs, np.arange(20), modes).further, network(inputs, np.array([4, 11]), modes).further
     for position, row in enumerate((4, 11)):
         mine, same = everybody.row == row, some.row == position

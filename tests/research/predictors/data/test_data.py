@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from litsim_predictor.inference.contract import HISTORY, HORIZON, MANEUVERS
-from litsim_predictor.inference.ways import WAY, Ways
+from litsim_predictor.inference.lane_frames import FRAMES, LaneFrames
 from litsim_research.predictors.data.augmentation import Augmentation
 from litsim_research.predictors.data.batch import SceneBatch, maneuvers_of
 from litsim_research.predictors.data.scene import cut_scene
@@ -83,8 +83,8 @@ class TestScenes:
         self, straight: Straight, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """Three cars 20 m apart, looked at from 25 m; the lanes of the first and of the last bend."""
-        pose = np.arange(2 * WAY * 3, dtype=np.float64).reshape(2, WAY, 3)
-        monkeypatch.setattr(Tracks, "ways", lambda _, __: Ways(np.array([0, 2]), pose))
+        pose = np.arange(2 * FRAMES * 3, dtype=np.float64).reshape(2, FRAMES, 3)
+        monkeypatch.setattr(Tracks, "lane_frames", lambda _, __: LaneFrames(np.array([0, 2]), pose))
         cars = straight(*((k, 20.0 * k, 0.0, 10.0 + k) for k in (1, 2, 3)), frames=81)
         tracks = Tracks.from_table("made", cars, None)
         whole = only(list(scene_batches([tracks], stride=1)))
@@ -95,8 +95,8 @@ class TestScenes:
         assert torch.equal(batch.future[batch.target], whole.future[0])
         assert batch.state[1, :, 2].tolist() == whole.state[0, :, 2].tolist()
         rows = batch.agent.shape[1]
-        assert batch.ways.row.tolist() == [0, rows + 0, rows + 2, 2 * rows + 1]
-        assert np.array_equal(batch.ways.pose, pose[[0, 0, 1, 1]])
+        assert batch.lane_frames.row.tolist() == [0, rows + 0, rows + 2, 2 * rows + 1]
+        assert np.array_equal(batch.lane_frames.pose, pose[[0, 0, 1, 1]])
 
     def test_a_hole_in_a_track_is_not_bridged(self, straight: Straight) -> None:
         rows = straight((1, 0.0, 0.0, 10.0), frames=90)

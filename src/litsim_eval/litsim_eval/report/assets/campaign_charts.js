@@ -1,4 +1,4 @@
-// How the main measures are spread over the runs: a histogram for each row, all of a measure on one axis.
+// How the main measures are spread over the runs: a histogram for each variant, all of a measure on one axis.
 
 const BINS = 28;
 const BAND = { width: 200, height: 26 };
@@ -45,8 +45,8 @@ class Distributions {
   }
 
   show(selected, ranges) {
-    const all = this.runs.rows.map((_, row) => this.runs.runs.filter((run) => run.row === row));
-    const some = this.runs.rows.map((_, row) => selected.filter((run) => run.row === row));
+    const all = this.runs.variants.map((_, variant) => this.runs.runs.filter((run) => run.variant === variant));
+    const some = this.runs.variants.map((_, variant) => selected.filter((run) => run.variant === variant));
     this.host.replaceChildren(...this.paths.map((path) => this.#figure(path, all, some, ranges.get(path))));
   }
 
@@ -57,7 +57,7 @@ class Distributions {
     const figure = document.createElement("figure");
     figure.dataset.path = path;
     make("figcaption", "", figure, field.label).title = path;
-    this.runs.rows.forEach((name, row) => this.#band(figure, field, bins, name, all[row], some[row], range));
+    this.runs.variants.forEach((name, variant) => this.#band(figure, field, bins, name, all[variant], some[variant], range));
     const axis = make("div", "axis", figure);
     const end = bins.low + bins.width * bins.count;
     const whole = Number.isInteger(bins.low + 0.5) && bins.width === 1;

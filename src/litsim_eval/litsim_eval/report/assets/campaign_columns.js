@@ -12,7 +12,7 @@ function columnsOf(runs, measures, painter) {
   const columns = [
     { id: "picture", title: "", width: PICTURE.width + 14, draw: picture },
     { id: "verdict", title: "verdict", width: 86, sorts: true, draw: (cell, run) => make("span", `badge ${run.verdict}`, cell, run.verdict) },
-    { id: "row", title: "row", width: 140, sorts: true, draw: text((run) => runs.rows[run.row]) },
+    { id: "variant", title: "variant", width: 140, sorts: true, draw: text((run) => runs.variants[run.variant]) },
     { id: "name", title: "run", width: 176, sorts: true, draw: drawName },
     { id: "tags", title: "tags", width: 110, sorts: true, draw: (cell, run) => drawTags(cell, run.tags.map((tag) => runs.tags[tag])) },
     { id: "reason", title: "reason", width: 250, sorts: true, draw: (cell, run) => drawText(cell, run.short, run.reason) },

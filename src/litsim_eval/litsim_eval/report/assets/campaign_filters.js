@@ -14,7 +14,7 @@ class FilterBar {
   #choices() {
     const { runs } = this;
     const names = [...new Set(runs.criteria.map(({ name }) => name))];
-    const options = { verdict: [NOT_PASSED, ...WORST_FIRST], row: runs.rows, tag: runs.tags, criterion: names };
+    const options = { verdict: [NOT_PASSED, ...WORST_FIRST], variant: runs.variants, tag: runs.tags, criterion: names };
     for (const name of CHOICES) {
       for (const each of options[name]) make("option", "", $$(name), each).value = each;
       $$(name).closest("label").hidden = options[name].length < 2 && name !== "criterion";

@@ -1,4 +1,4 @@
-// The panel of one run: a larger picture, why it was judged so, and the same case in other rows.
+// The panel of one run: a larger picture, why it was judged so, and the same case in other variants.
 
 class Panel {
   constructor(host, campaign) {
@@ -51,7 +51,7 @@ class Panel {
     button("↑", "previous run of the table (k)", () => this.campaign.step(-1));
     button("↓", "next run of the table (j)", () => this.campaign.step(1));
     button("✕", "close (escape)", () => this.campaign.close());
-    make("p", "hint", this.host, this.campaign.runs.rows[run.row]);
+    make("p", "hint", this.host, this.campaign.runs.variants[run.variant]);
   }
 
   // A line for each criterion that is not met, or the one reason for which there is no verdict.
@@ -93,12 +93,12 @@ class Panel {
   #alike(run) {
     const others = this.campaign.runs.alike.get(run.same).filter((each) => each !== run);
     if (!others.length) return;
-    make("h3", "", this.host, "The same case in other rows");
+    make("h3", "", this.host, "The same case in other variants");
     const table = make("table", "alike", this.host);
     for (const each of others) {
       const row = make("tr", "", table);
       make("span", `badge ${each.verdict}`, make("td", "", row), each.verdict);
-      const button = make("button", "run", make("td", "", row), this.campaign.runs.rows[each.row]);
+      const button = make("button", "run", make("td", "", row), this.campaign.runs.variants[each.variant]);
       button.type = "button";
       button.addEventListener("click", () => this.campaign.open(each));
       addLinks(make("td", "number", row), each);

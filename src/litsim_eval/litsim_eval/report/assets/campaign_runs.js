@@ -11,12 +11,12 @@ class Runs {
     this.pictured = this.runs.some((run) => run.picture || run.steps);
     this.fieldOf = new Map(this.fields.map((field) => [field.path, field]));
     this.byId = new Map(this.runs.map((run) => [run.id, run]));
-    this.alike = new Map(); // runs of the same case in other rows
+    this.alike = new Map(); // runs of the same case in other variants
     this.runs.forEach((run, index) => {
       run.index = index;
       run.failed = run.criteria.filter(({ passed }) => !passed).map(({ criterion }) => criterion);
       run.short = run.failed.length ? run.failed.map((each) => this.criteria[each].name).join(", ") : run.reason;
-      const told = [run.name, this.rows[run.row], run.id, run.verdict, run.reason, ...run.tags.map((tag) => this.tags[tag])];
+      const told = [run.name, this.variants[run.variant], run.id, run.verdict, run.reason, ...run.tags.map((tag) => this.tags[tag])];
       run.said = [...told, run.short].join("\n").toLowerCase();
       if (!this.alike.has(run.same)) this.alike.set(run.same, []);
       this.alike.get(run.same).push(run);
@@ -34,7 +34,7 @@ class Runs {
     return this.runs.filter(
       (run) =>
         (filter.verdict === "" || run.verdict === filter.verdict || (filter.verdict === NOT_PASSED && run.verdict !== "passed")) &&
-        (filter.row === "" || this.rows[run.row] === filter.row) &&
+        (filter.variant === "" || this.variants[run.variant] === filter.variant) &&
         (filter.tag === "" || run.tags.some((tag) => this.tags[tag] === filter.tag)) &&
         (filter.criterion === "" || run.failed.some((each) => this.criteria[each].name === filter.criterion)) &&
         words.every((word) => run.said.includes(word)) &&
@@ -48,7 +48,7 @@ class Runs {
   // What is sorted by: text, or a number; null where a run has none.
   key(run, column) {
     if (column === "verdict") return WORST_FIRST.indexOf(run.verdict);
-    if (column === "row") return run.row;
+    if (column === "variant") return run.variant;
     if (column === "name") return run.name;
     if (column === "tags") return run.tags.length ? run.tags.map((tag) => this.tags[tag]).join(" ") : null;
     if (column === "reason") return run.short || null;

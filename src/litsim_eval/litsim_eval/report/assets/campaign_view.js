@@ -1,10 +1,10 @@
 // What the page shows of a campaign: filters, order, columns and the open run; the address keeps it, so that it can be sent.
 
-const CHOICES = ["verdict", "row", "tag", "criterion"];
+const CHOICES = ["verdict", "variant", "tag", "criterion"];
 const START = { column: "verdict", down: false };
 
 function noFilter() {
-  return { text: "", verdict: "", row: "", tag: "", criterion: "", ranges: new Map() };
+  return { text: "", verdict: "", variant: "", tag: "", criterion: "", ranges: new Map() };
 }
 
 // The measures that are shown unless others are chosen.

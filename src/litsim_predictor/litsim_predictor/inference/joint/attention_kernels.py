@@ -12,7 +12,7 @@ import numpy as np
 from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.dense_kernels import INNER, add_product, exp, rectify
 from litsim_predictor.inference.joint.units import LANE, NEAR
-from litsim_predictor.inference.product_blocks import SUMS, dot, multiply_add
+from litsim_predictor.inference.product_blocks import multiply_add
 from litsim_sim.core.scene import FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
     FLOATS2,
@@ -31,6 +31,7 @@ from litsim_sim.kernels.compiled import (
     void,
 )
 
+SUMS = 8  # of products, kept beside each other, so that the processor adds to all of them at once
 LANES_MULTIPLE = 16  # of which the number of lanes is a multiple; those beyond the last agent are padding
 
 
@@ -185,14 +186,19 @@ def weigh_keys(
 ) -> None:
     """Add to `logits` (K, heads, lanes) the products of queries and the keys of neighbours; see :func:`attend`."""
     heads, size = logits.shape[1], query.shape[1] // logits.shape[1]
-    whole = size - size % SUMS
+    whole, sums = size - size % SUMS, np.empty(SUMS, np.float32)
     for i in range(len(rows)):
         row, own = rows[i], query[i]
         for k in range(many[row]):
             key = key_value[index[row, k]]
             for head in range(heads):
                 begin = head * size
-                total = dot(own, key, begin, whole)
+                sums[:] = float32(0.0)
+                for j in range(begin, begin + whole, SUMS):
+                    for lane in range(SUMS):
+                        sums[lane] = multiply_add(own[j + lane], key[j + lane], sums[lane])
+                a, b = (sums[0] + sums[4]) + (sums[2] + sums[6]), (sums[1] + sums[5]) + (sums[3] + sums[7])
+                total = a + b
                 for j in range(begin + whole, begin + size):
                     total += own[j] * key[j]
                 logits[k, head, i] += total

@@ -15,12 +15,11 @@ from litsim_predictor.inference.contract import (
     HISTORY_CHANNELS,
     HORIZON,
     MANEUVERS,
-    NO_MODES,
+    MODE_SHARE,
     STATE_CHANNELS,
     AgentFutures,
     AgentInputs,
     FurtherFutures,
-    ModeChoice,
 )
 from litsim_predictor.inference.dense_kernels import add_and_normalise, linear, rectified_linear
 from litsim_predictor.inference.joint.attention_kernels import attend, relate_neighbours
@@ -88,7 +87,7 @@ class Linear:
         self.bias, self._write = bias, rectified_linear if rectified else linear
 
     def __call__(self, values: Float32Array) -> Float32Array:
-        """Outputs (n, out) for `values` (n, in)."""
+        """Returns outputs (n, out) for `values` (n, in)."""
         out = np.empty((len(values), len(self.bias)), np.float32)
         self._write(values, self.weight, self.bias, out)
         return out
@@ -113,7 +112,7 @@ class MapEncoder:
         self._memory = MapMemory(len(self._last.bias))
 
     def __call__(self, raster: ByteArray) -> Float32Array:
-        """Codes (n, width) of maps (n, CHANNELS, ROWS, COLUMNS)."""
+        """Returns codes (n, width) of maps (n, CHANNELS, ROWS, COLUMNS)."""
         maps = self._memory.look_up(raster)
         if not len(maps.new):
             return maps.known[maps.code_of]
@@ -137,7 +136,7 @@ class HistoryEncoder:
         self._last = Linear(arrays["history.layers.2.weight"], arrays["history.layers.2.bias"], rectified=True)
 
     def __call__(self, inputs: AgentInputs) -> Float32Array:
-        """Codes (n, width)."""
+        """Returns codes (n, width)."""
         read = np.empty((len(inputs.history), HISTORY, HISTORY_CHANNELS + 1), np.float32)
         read_histories(inputs.history, inputs.observed, DT, read)
         return self._last(self._first(read.reshape(len(read), -1)))
@@ -221,13 +220,11 @@ class JointNetwork:
             for layer in (0, 2, 4)
         ]
 
-    def __call__(self, inputs: AgentInputs, asked: IntArray, modes: ModeChoice = NO_MODES) -> AgentFutures:
+    def __call__(self, inputs: AgentInputs, asked: IntArray, modes: int = 0) -> AgentFutures:
         """See :class:`.contract.Network`."""
         return self.of_scenes(inputs, asked, np.zeros(1, np.int64), modes)
 
-    def of_scenes(
-        self, inputs: AgentInputs, asked: IntArray, begins: IntArray, modes: ModeChoice = NO_MODES
-    ) -> AgentFutures:
+    def of_scenes(self, inputs: AgentInputs, asked: IntArray, begins: IntArray, modes: int = 0) -> AgentFutures:
         """See :class:`.contract.NetworkOfScenes`."""
         states = np.concatenate([inputs.state, inputs.traffic], axis=1) if self._traffic else inputs.state
         agents = np.concatenate([self._maps(inputs.raster), self._histories(inputs), self._states(states)], axis=1)
@@ -246,12 +243,12 @@ class JointNetwork:
         relate_neighbours(inputs.frame, inputs.state[:, 2], begins, self._reach, near.index, near.many, near.relation)
         return near
 
-    def _decoded(self, agents: Float32Array, state: Float32Array, modes: ModeChoice) -> AgentFutures:
-        """The futures of agents (m, W), whose states are `state`: of the most probable manoeuvres, and by `modes`."""
+    def _decoded(self, agents: Float32Array, state: Float32Array, modes: int) -> AgentFutures:
+        """Returns the futures of agents (m, W): of the most probable manoeuvre, and of at most `modes` others."""
         m = len(agents)
         maneuver, best = np.empty((m, len(MANEUVERS)), np.float32), np.empty(m, np.int64)
         choose_maneuvers(self._logits(self._hidden(agents)), maneuver, best)
-        row, other = further_maneuvers(maneuver, best, min(modes.most, len(MANEUVERS)), modes.share)
+        row, other = further_maneuvers(maneuver, best, min(modes, len(MANEUVERS)), MODE_SHARE)
         rows, chosen = np.concatenate([np.arange(m), row]), np.concatenate([best, other])
         raw = agents[rows] + self._maneuvers[chosen]
         for layer in self._decoder:
@@ -264,13 +261,13 @@ class JointNetwork:
 
 
 def shapes(parameters: JointParameters) -> dict[str, tuple[int, ...]]:
-    """The shapes of the weights of a joint predictor that kernels run, by their names in its model of torch."""
+    """Returns the shapes of the weights of a joint predictor that kernels run, by their names in its model of torch."""
     maps, channels, hidden = parameters.map_width, parameters.map_channels, parameters.hidden
     history, state, width = parameters.history_width, parameters.state_width, parameters.width
-    found: dict[str, tuple[int, ...]] = {}
+    by_name: dict[str, tuple[int, ...]] = {}
 
     def layer(name: str, *shape: int) -> None:
-        found[f"{name}.weight"], found[f"{name}.bias"] = shape, shape[:1]
+        by_name[f"{name}.weight"], by_name[f"{name}.bias"] = shape, shape[:1]
 
     layer("map.layers.0", channels, CHANNELS, KERNEL, KERNEL)
     layer("map.layers.2", channels, channels, KERNEL, KERNEL)
@@ -287,12 +284,12 @@ def shapes(parameters: JointParameters) -> dict[str, tuple[int, ...]]:
         layer(f"relative.{number}.norm", width)
     layer("maneuver.0", hidden, width)
     layer("maneuver.2", len(MANEUVERS), hidden)
-    found["decoder.maneuver.weight"] = (len(MANEUVERS), width)
+    by_name["decoder.maneuver.weight"] = (len(MANEUVERS), width)
     for number, shape in ((0, (hidden, width)), (2, (hidden, hidden)), (4, (HORIZON * GAUSSIAN_CHANNELS, hidden))):
         layer(f"decoder.layers.{number}", *shape)
-    return found
+    return by_name
 
 
 def _part(arrays: Mapping[str, Float32Array], prefix: str) -> dict[str, Float32Array]:
-    """The weights whose names begin with `prefix`, by the rest of their names."""
+    """Returns the weights whose names begin with `prefix`, by the rest of their names."""
     return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}

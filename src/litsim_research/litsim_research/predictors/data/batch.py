@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from litsim_predictor.inference.contract import DT, HORIZON, LONGITUDINAL
-from litsim_predictor.inference.ways import NO_WAYS, Ways
+from litsim_predictor.inference.lane_frames import NO_LANE_FRAMES, LaneFrames
 from litsim_sim.core.scene import FloatArray
 
 LATERAL_SHIFT = 1.5  # [m] in 5 s, in the agent frame, above which a manoeuvre is left or right
@@ -40,8 +40,8 @@ class SceneBatch:
         future_known: (B, N, HORIZON) bool.
         maneuver: (B, N) int64, true manoeuvre as an index in :data:`MANEUVERS`, -1 where the future is not complete.
         target: (B, N) bool, the agents that losses and scores refer to.
-        ways: ways of the agents whose lanes bend; their rows are indices of agents in arrays (B * N,). Empty in batches
-            for training.
+        lane_frames: of the agents whose lanes bend; their rows are indices of agents in arrays (B * N,). Empty in
+            batches for training.
     """
 
     position: Tensor
@@ -56,7 +56,7 @@ class SceneBatch:
     future_known: Tensor
     maneuver: Tensor
     target: Tensor
-    ways: Ways = NO_WAYS
+    lane_frames: LaneFrames = NO_LANE_FRAMES
 
     def in_batch(self) -> SceneBatch:
         """Returns this scene, whose fields have no dimension B, as a batch with B = 1."""
@@ -67,8 +67,8 @@ class SceneBatch:
         return replace(self, **{name: tensor.to(device, non_blocking=True) for name, tensor in self.tensors()})
 
     def tensors(self) -> Iterator[tuple[str, Any]]:
-        """Yields names and tensors (B, N, ...) of all fields but `ways`."""
-        return ((f.name, getattr(self, f.name)) for f in fields(self) if f.name != "ways")
+        """Yields names and tensors (B, N, ...) of all fields but `lane_frames`."""
+        return ((f.name, getattr(self, f.name)) for f in fields(self) if f.name != "lane_frames")
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import numpy as np
 
 from litsim_predictor.inference.contract import AgentInputs
 from litsim_predictor.inference.features import agent_inputs
+from litsim_predictor.inference.lane_frames import NO_LANE_FRAMES, LaneFrames
 from litsim_predictor.inference.raster import MapRaster
-from litsim_predictor.inference.ways import NO_WAYS, Ways
 from litsim_research.predictors.data.tracks import Tracks
 from litsim_sim.core.geometry import to_body
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
@@ -24,22 +24,22 @@ class Scene:
         future: (n, HORIZON, 2) box centres in the agent frames [m]; zeros where unknown.
         future_known: (n, HORIZON) whether the agent is seen then.
         target: (n,) whether losses and scores may refer to the agent.
-        ways: of the agents whose lanes bend; empty in training.
+        lane_frames: of the agents whose lanes bend; empty in training.
     """
 
     inputs: AgentInputs
     future: FloatArray
     future_known: BoolArray
     target: BoolArray
-    ways: Ways = NO_WAYS
+    lane_frames: LaneFrames = NO_LANE_FRAMES
 
     def around(self, agent: int, metres: float) -> Scene:
         """Returns the scene reduced to the agents within `metres` [m] of the agent in row `agent`."""
         place = self.inputs.frame[:, :2]
         near = np.hypot(*(place - place[agent]).T) <= metres
-        bends = near[self.ways.row]
-        ways = Ways((near.cumsum() - 1)[self.ways.row[bends]], self.ways.pose[bends])
-        return Scene(self.inputs.take(near), self.future[near], self.future_known[near], self.target[near], ways)
+        bends = near[self.lane_frames.row]
+        lane_frames = LaneFrames((near.cumsum() - 1)[self.lane_frames.row[bends]], self.lane_frames.pose[bends])
+        return Scene(self.inputs.take(near), self.future[near], self.future_known[near], self.target[near], lane_frames)
 
 
 def cut_scene(tracks: Tracks, rows: IntArray, raster: MapRaster | None = None) -> Scene:

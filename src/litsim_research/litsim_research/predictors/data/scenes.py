@@ -10,8 +10,8 @@ import torch
 
 from litsim_predictor.inference.contract import HISTORY, HORIZON, AgentInputs
 from litsim_predictor.inference.joint.units import TRAFFIC_CHANNELS
+from litsim_predictor.inference.lane_frames import NO_LANE_FRAMES, LaneFrames
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
-from litsim_predictor.inference.ways import NO_WAYS, Ways
 from litsim_research.predictors.data.augmentation import Augmentation, varied_scene
 from litsim_research.predictors.data.batch import SceneBatch, maneuvers_of
 from litsim_research.predictors.data.scene import Scene, cut_scene
@@ -43,7 +43,7 @@ def scene_batches(
             target = scene.target & scene.inputs.observed.all(axis=1) & scene.future_known.all(axis=1)
             if not target.any():
                 continue
-            scene = replace(scene, target=target, ways=tracks.ways(rows))
+            scene = replace(scene, target=target, lane_frames=tracks.lane_frames(rows))
             scenes += _around_each(scene, roi_m) if roi_m else [scene]
             if sum(len(scene.target) for scene in scenes) >= agents_per_batch:
                 yield _stack(scenes)
@@ -104,7 +104,7 @@ def _around_each(scene: Scene, roi_m: float) -> list[Scene]:
 
 
 def _stack(scenes: Sequence[Scene]) -> SceneBatch:
-    batch = inputs_batch([scene.inputs for scene in scenes], [scene.ways for scene in scenes])
+    batch = inputs_batch([scene.inputs for scene in scenes], [scene.lane_frames for scene in scenes])
     future = np.zeros((*batch.agent.shape, HORIZON, 2), np.float32)
     known = np.zeros((*batch.agent.shape, HORIZON), np.bool_)
     target = np.zeros(tuple(batch.agent.shape), np.bool_)
@@ -121,8 +121,8 @@ def _stack(scenes: Sequence[Scene]) -> SceneBatch:
     )
 
 
-def inputs_batch(scenes: Sequence[AgentInputs], ways: Sequence[Ways] = ()) -> SceneBatch:
-    """Returns a batch of `scenes`, with the `ways` of each (none if empty), whose futures are unknown as in a run."""
+def inputs_batch(scenes: Sequence[AgentInputs], lane_frames: Sequence[LaneFrames] = ()) -> SceneBatch:
+    """Returns a batch of `scenes`, with the `lane_frames` of each (none if empty), and unknown futures as in a run."""
     size = len(scenes), max(len(scene.state) for scene in scenes)
     history = np.zeros((*size, *scenes[0].history.shape[1:]), np.float32)
     observed = np.zeros((*size, HISTORY), np.bool_)
@@ -151,5 +151,5 @@ def inputs_batch(scenes: Sequence[AgentInputs], ways: Sequence[Ways] = ()) -> Sc
         future_known=torch.zeros(*size, HORIZON, dtype=torch.bool),
         maneuver=torch.full(size, -1),
         target=torch.zeros(size, dtype=torch.bool),
-        ways=Ways.of_scenes(ways, size[1]) if ways else NO_WAYS,
+        lane_frames=LaneFrames.of_scenes(lane_frames, size[1]) if lane_frames else NO_LANE_FRAMES,
     )

@@ -12,8 +12,8 @@ import pandas as pd
 from litsim_data.maps.positions import vehicles_of
 from litsim_predictor.inference.contract import HISTORY, HORIZON, STRIDE
 from litsim_predictor.inference.features import frame_headings, on_lanes
+from litsim_predictor.inference.lane_frames import NO_LANE_FRAMES, LaneFrameFinder, LaneFrames
 from litsim_predictor.inference.raster import MapRaster, raster_of_net
-from litsim_predictor.inference.ways import NO_WAYS, LaneWays, Ways
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray, is_obstacle
 
 
@@ -40,7 +40,7 @@ class Tracks:
     heading: FloatArray
     target: BoolArray
     raster: MapRaster
-    lanes: LaneWays | None = None
+    lanes: LaneFrameFinder | None = None
 
     @classmethod
     def from_table(cls, name: str, table: pd.DataFrame, net: Path | None, target: BoolArray | None = None) -> Tracks:
@@ -68,7 +68,7 @@ class Tracks:
             heading=frame_headings(lane_map, motion[:, 0], motion[:, 1], motion[:, 2]),
             target=np.ones(len(rows), np.bool_) if target is None else target[order],
             raster=raster,
-            lanes=None if lane_map is None else LaneWays(lane_map),
+            lanes=None if lane_map is None else LaneFrameFinder(lane_map),
         )
 
     def __len__(self) -> int:
@@ -135,10 +135,10 @@ class Tracks:
         """Returns the rows (n, HORIZON) at the steps of a model's horizon, as :meth:`window` gives them."""
         return self.window(rows, STRIDE * np.arange(1, HORIZON + 1))
 
-    def ways(self, rows: IntArray) -> Ways:
-        """Returns the ways ahead of those of the vehicles in `rows` whose lanes bend."""
+    def lane_frames(self, rows: IntArray) -> LaneFrames:
+        """Returns the lane frames of those of the vehicles in `rows` whose lanes bend."""
         if self.lanes is None:
-            return NO_WAYS
+            return NO_LANE_FRAMES
         x, y, yaw, speed = self.motion[rows].T
         return self.lanes.ahead(*on_lanes(self.lanes.lane_map, x, y, yaw), speed)
 

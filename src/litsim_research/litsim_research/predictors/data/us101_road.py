@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from litsim_data.ngsim.windows import map_from_global
+from litsim_data.ngsim.sites import US101
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 
@@ -37,7 +37,7 @@ class Us101Road:
             InputError: the coordinates do not agree with each other.
         """
         along, across = table["local_y_m"].to_numpy(np.float64), table["local_x_m"].to_numpy(np.float64)
-        x, y = map_from_global(table["global_x_m"].to_numpy(np.float64), table["global_y_m"].to_numpy(np.float64))
+        x, y = US101.map_from_global(table["global_x_m"].to_numpy(np.float64), table["global_y_m"].to_numpy(np.float64))
         terms, truth = cls._terms(along, across), np.stack([x, y], axis=-1)
         coefficients = np.asarray(np.linalg.lstsq(terms, truth, rcond=None)[0], np.float64)
         worst = float(np.abs(terms @ coefficients - truth).max())

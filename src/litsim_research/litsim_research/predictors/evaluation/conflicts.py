@@ -18,7 +18,7 @@ import torch
 
 from litsim_predictor.inference.contract import AT_SECONDS, HORIZON, SECONDS, STRIDE, AgentInputs
 from litsim_predictor.inference.features import agent_inputs, in_map
-from litsim_predictor.inference.ways import Ways
+from litsim_predictor.inference.lane_frames import LaneFrames
 from litsim_research.predictors.data.batch import numbers
 from litsim_research.predictors.data.scenes import inputs_batch
 from litsim_research.predictors.data.tracks import Tracks
@@ -106,7 +106,7 @@ class _Scene:
 
     Attributes:
         inputs: inputs of a model for the agents within the ROI, the ego in row `ego`.
-        ways: ways of those whose lanes bend.
+        lane_frames: of those whose lanes bend.
         size: (2,) length and width of the ego [m].
         box: (m, HORIZON, 3) logged x, y [m] and yaw [rad] of the others.
         there: (m, HORIZON) whether they are on the road.
@@ -116,7 +116,7 @@ class _Scene:
     """
 
     inputs: AgentInputs
-    ways: Ways
+    lane_frames: LaneFrames
     ego: int
     size: FloatArray
     box: FloatArray
@@ -164,7 +164,7 @@ def _scenes(scenario: Scenario, drive: Drive) -> Iterator[_Scene]:
         grid = np.ix_(near, at)
         yield _Scene(
             inputs=inputs.take(inside),
-            ways=tracks.ways(rows),
+            lane_frames=tracks.lane_frames(rows),
             ego=int(np.flatnonzero(tracks.vehicle[rows] == drive.ego)[0]),
             size=size,
             box=np.stack([log.x[grid], log.y[grid], log.yaw[grid]], axis=-1),
@@ -198,7 +198,7 @@ def _ego_paths(model: SceneModel, scenes: Sequence[_Scene]) -> FloatArray:
     """Returns poses (len(scenes), HORIZON, 3) of the egos in their most probable forecasts: x, y, yaw in frame map."""
     device = next((parameter.device for parameter in model.parameters()), torch.device("cpu"))
     with torch.inference_mode():
-        batch = inputs_batch([scene.inputs for scene in scenes], [scene.ways for scene in scenes])
+        batch = inputs_batch([scene.inputs for scene in scenes], [scene.lane_frames for scene in scenes])
         mean = model(batch.to(device), decode="best").mean
     path = numbers(mean[range(len(scenes)), [scene.ego for scene in scenes], 0])
     frame = np.array([scene.inputs.frame[scene.ego] for scene in scenes])

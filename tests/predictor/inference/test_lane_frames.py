@@ -11,10 +11,10 @@ import shapely
 import torch
 
 from litsim_predictor.forecast import Forecast
-from litsim_predictor.inference.contract import DT, HISTORY, HORIZON, STRIDE, AgentFutures, FurtherFutures, ModeChoice
+from litsim_predictor.inference.contract import DT, HISTORY, HORIZON, STRIDE, AgentFutures, FurtherFutures
+from litsim_predictor.inference.lane_frames import FRAMES, LaneFrameFinder, LaneFrames, bend, from_lane_frames
 from litsim_predictor.inference.predictor import LearnedPredictor
 from litsim_predictor.inference.raster import raster_of_net
-from litsim_predictor.inference.ways import WAY, LaneWays, Ways, along_ways, bend
 from litsim_predictor.models import network
 from litsim_research.predictors.data.scenes import scene_batches
 from litsim_research.predictors.data.tracks import Tracks
@@ -63,9 +63,8 @@ def off(forecast: Forecast, lane: str) -> float:
     return float(max(line.distance(shapely.Point(*point)) for point in forecast.mean[0]))
 
 
-def predictor(*, along_lanes: bool = True, modes: ModeChoice | None = None) -> LearnedPredictor:
-    choice = modes or ModeChoice()
-    return LearnedPredictor(network("default"), 1, 30.0, *raster_of_net(STREET), modes=choice, along_lanes=along_lanes)
+def predictor(*, along_lanes: bool = True) -> LearnedPredictor:
+    return LearnedPredictor(network("default"), 1, 30.0, *raster_of_net(STREET), modes=3, along_lanes=along_lanes)
 
 
 @pytest.mark.parametrize("lane", [LEFT_TURN, RIGHT_TURN])
@@ -96,29 +95,29 @@ def test_the_roads_that_networks_are_trained_on_do_not_bend(name: str) -> None:
     lanes = np.arange(len(lane_map.lanes))
     start = np.zeros(len(lanes))
     at = LanePosition(lanes, start, start, lane_map.pose_at(lanes, start)[2])
-    assert not len(LaneWays(lane_map).ahead(at, np.ones(len(lanes), np.bool_), start))
+    assert not len(LaneFrameFinder(lane_map).ahead(at, np.ones(len(lanes), np.bool_), start))
 
 
 def test_ways_begin_at_the_agent_and_keep_beside_the_lane() -> None:
     lane = np.array([street().row(LEFT_TURN)])
     at = LanePosition(lane, np.array([3.0]), np.array([0.8]), street().pose_at(lane, np.array([3.0]))[2])
-    ways = LaneWays(street()).ahead(at, np.array([True]), np.array([4.0]))
-    assert ways.pose[0, 0] == pytest.approx(np.zeros(3), abs=1e-9)
+    lane_frames = LaneFrameFinder(street()).ahead(at, np.array([True]), np.array([4.0]))
+    assert lane_frames.pose[0, 0] == pytest.approx(np.zeros(3), abs=1e-9)
     x, y, heading = (float(value[0]) for value in street().pose_at(lane, at.s))
     cos, sin = np.cos(heading), np.sin(heading)
     origin = np.array([x - 0.8 * sin, y + 0.8 * cos])
-    points = origin + ways.pose[0, :, :2] @ np.array([[cos, sin], [-sin, cos]])
+    points = origin + lane_frames.pose[0, :, :2] @ np.array([[cos, sin], [-sin, cos]])
     centre = shapely.LineString(street().path_from(int(lane[0]), 3.0, 200.0))
-    assert [centre.distance(shapely.Point(*point)) for point in points] == pytest.approx(np.full(WAY, 0.8), abs=0.15)
+    assert [centre.distance(shapely.Point(*point)) for point in points] == pytest.approx(np.full(FRAMES, 0.8), abs=0.15)
 
 
-def quarter_turn(radius: float = 10.0) -> Ways:
+def quarter_turn(radius: float = 10.0) -> LaneFrames:
     """A way of one agent that turns left by a right angle and then goes straight on."""
-    s = np.minimum(np.arange(WAY, dtype=np.float64), np.pi / 2 * radius)
-    on = np.arange(WAY) - s
+    s = np.minimum(np.arange(FRAMES, dtype=np.float64), np.pi / 2 * radius)
+    on = np.arange(FRAMES) - s
     heading = s / radius
     pose = np.column_stack([radius * np.sin(heading), radius * (1.0 - np.cos(heading)) + on, heading])
-    return Ways(np.array([1]), pose[None])
+    return LaneFrames(np.array([1]), pose[None])
 
 
 def gaussians(rows: int) -> Iterator[np.ndarray]:
@@ -140,7 +139,7 @@ def test_gaussians_turn_with_the_way() -> None:
 
 def test_what_is_not_a_number_stays_so_along_a_way() -> None:
     """Such a forecast is then marked as invalid."""
-    pose = np.zeros((1, WAY, 3))
+    pose = np.zeros((1, FRAMES, 3))
     nothing, some = np.full((1, HORIZON, 2), np.nan, np.float32), np.ones((1, HORIZON, 2), np.float32)
     mean, _, _ = bend(pose, nothing, some, np.zeros((1, HORIZON), np.float32))
     assert np.isnan(mean).all()
@@ -150,7 +149,7 @@ def test_only_agents_with_a_way_are_bent_with_all_they_may_do() -> None:
     mean, scale, correlation = (array.astype(np.float32) for array in gaussians(3))
     further = FurtherFutures(np.array([0, 1, 1]), np.array([3, 3, 6]), mean, scale, correlation)
     futures = AgentFutures(np.full((3, 9), 1 / 9, np.float32), mean, scale, correlation, further)
-    bent = along_ways(futures, quarter_turn())
+    bent = from_lane_frames(futures, quarter_turn())
     assert np.array_equal(bent.mean[[0, 2]], mean[[0, 2]])
     assert np.array_equal(bent.further.mean[0], mean[0])
     assert np.array_equal(bent.further.mean[1], bent.mean[1]) and np.array_equal(bent.further.mean[2], bent.mean[1])

@@ -1,46 +1,65 @@
-"""How far the figures of a row of a campaign's tables are from chance: bounds by the bootstrap."""
+"""Summary of the runs of one variant of a campaign, and how far its figures are from chance."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from litsim_eval.analysis.displacement import HORIZONS_S
-from litsim_eval.analysis.summary import DISPLACEMENTS, MEANS, RATIOS, SUMS, Figure, displacement
+from litsim_eval.analysis.summary import DISPLACEMENTS, MEANS, RATIOS, SUMS, Figure, displacement, summarise
 from litsim_eval.campaign.bootstrap import percentile_bounds, ratios, times_drawn
+from litsim_eval.campaign.criteria import PASSED_SHARE, Verdict
 from litsim_eval.campaign.results import RunResult
-from litsim_eval.campaign.row_summary import VERDICTS
 from litsim_sim.core.scene import FloatArray
 
 Bounds = dict[str, tuple[float, float]]
-"""Bounds by the name of the figure in the summary of its row; `ade_all_m.5` is that of a horizon."""
+"""Bounds by the name of the figure in the summary of its variant; `ade_all_m.5` is that of a horizon."""
+
+VERDICTS = {"passed": Verdict.PASSED, "not_passed": Verdict.FAILED, "errors": Verdict.ERROR}
+"""Verdicts by the names of their numbers of runs."""
 
 
-def row_bounds(results: Sequence[RunResult]) -> Bounds:
-    """Bounds of the sums, means and shares of :func:`litsim_eval.campaign.row_summary.row_summary`.
+def variant_summary(results: Sequence[RunResult]) -> dict[str, Any]:
+    """Returns measures as :func:`litsim_eval.analysis.summary.summarise` does, and how many runs have which verdict.
+
+    Verdicts are counted as `passed`, `not_passed` (by a criterion) and `errors`; `passed_share` is that of all runs,
+    None without runs.
+    """
+    measured = [dict(result.metrics) for result in results if result.metrics is not None]
+    counts = Counter(result.verdict for result in results)
+    return summarise(measured, len(results) - len(measured)) | {
+        **{name: counts[verdict] for name, verdict in VERDICTS.items()},
+        PASSED_SHARE: counts[Verdict.PASSED] / len(results) if results else None,
+    }
+
+
+def variant_bounds(results: Sequence[RunResult]) -> Bounds:
+    """Returns bounds of the sums, means and shares of :func:`variant_summary`.
 
     They are 95 % intervals by the bootstrap over the vehicles that are the ego: all runs of one vehicle of a scenario
     are drawn together, since its seeds resemble each other. There are no bounds of maxima, of figures that are the same
     in all draws (no contact in all runs does not mean that there never is one), and none with fewer than two vehicles.
 
     Args:
-        results: of the runs of a row.
+        results: of the runs of a variant.
     """
     vehicles = list(dict.fromkeys(result.case.vehicle for result in results))
     if len(vehicles) < 2:
         return {}
     own = [vehicles.index(result.case.vehicle) for result in results]
     times = times_drawn(len(vehicles))[:, own]
-    found = {
+    intervals = {
         name: percentile_bounds(times @ above if below is None else ratios(times @ above, times @ below))
         for name, above, below in _figures(results)
     }
-    return {name: bounds for name, bounds in found.items() if bounds is not None and bounds[0] < bounds[1]}
+    return {name: bounds for name, bounds in intervals.items() if bounds is not None and bounds[0] < bounds[1]}
 
 
 def _figures(results: Sequence[RunResult]) -> Iterator[tuple[str, FloatArray, FloatArray | None]]:
-    """Each figure: its name, and what each run (n,) adds to its numerator and its denominator; None for a sum."""
+    """Yields each figure: name, and what each run (n,) adds to numerator and denominator, which is None for a sum."""
     measured = np.array([result.metrics is not None for result in results])
 
     def values(figure: Figure) -> FloatArray:

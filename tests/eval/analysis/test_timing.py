@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from litsim_eval.analysis.step_path import step_path
-from litsim_eval.analysis.timing import timing
+from litsim_eval.analysis.timing import step_path, timing
 
 if TYPE_CHECKING:
     from litsim_sim.core.scene import AgentTable
@@ -68,9 +67,9 @@ def test_a_run_tells_the_spread_of_every_part(make_run: Callable[..., Run], tabl
     for stage in MARKS:
         marks[stage][2] = {name: time + 0.023 for name, time in MARKS[stage][1].items()}
     marks["bridge"][3] = {"begin": 10.048}  # the world took 2 ms longer than the time before
-    path = timing(make_run([table(step) for step in range(4)], marks=marks)).path
-    assert (path["world"].min, path["world"].median, path["world"].max) == pytest.approx((2.0, 3.0, 4.0))
-    assert path["predictor"].min == pytest.approx(path["predictor"].max) == pytest.approx(6.0)
+    path = timing(make_run([table(step) for step in range(4)], marks=marks))["path_ms"]
+    assert path["world"] == pytest.approx({"min": 2.0, "median": 3.0, "max": 4.0})
+    assert path["predictor"]["min"] == pytest.approx(path["predictor"]["max"]) == pytest.approx(6.0)
 
 
 @pytest.mark.parametrize("stage", ["predictor", "conflict", "policy"])

@@ -1,0 +1,62 @@
+"""How an agent is taken over: for which reason, against whom, and on which path."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from litsim_policy.conflict.detector import Conflict
+from litsim_policy.conflict.diverged import DivergedAgents
+from litsim_policy.motion.reference_path import logged_path, route_path
+from litsim_policy.motion.route import Router
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray
+from litsim_sim.core.takeover import PathSource, TakeoverReason
+from litsim_sim.scenario.setting import Setting
+
+
+def by_conflict(scenario: Setting, router: Router, table: AgentTable, conflict: Conflict) -> DivergedAgents:
+    """Returns the agent of `conflict`, on a route to the crossing point, or on its logged path if there is none."""
+    row, logged = table.row(conflict.agent), logged_path(scenario.log, scenario.lane_map, conflict.agent)
+    route = router.path(_pose(table, row), float(table.speed[row]), conflict.pose)
+    path, source = (logged, PathSource.LOGGED) if route is None else (route.followed_by(logged), PathSource.ROUTE)
+    return DivergedAgents.opened(conflict, table.step, TakeoverReason.CONFLICT, path, source, logged)
+
+
+def by_late_entry(scenario: Setting, table: AgentTable, diverged: BoolArray) -> Iterator[DivergedAgents]:
+    """Yields each agent that has entered late, because its log began where the road was not free, on its logged path.
+
+    Its opponent is the nearest agent off its log, including those that entered late before it.
+
+    Args:
+        scenario: of the run.
+        table: all agents.
+        diverged: mask (n,) of agents off their logs so far, the ego included.
+    """
+    rows = (table.of_policy & ~diverged).nonzero()[0]
+    diverged = diverged.copy()
+    for row in rows.tolist():
+        others = (diverged & (table.scene == table.scene[row])).nonzero()[0]
+        distance = np.hypot(table.x[others] - table.x[row], table.y[others] - table.y[row])
+        nearest = others[distance.argmin()] if len(others) else row
+        conflict = Conflict(int(table.id[row]), int(table.id[nearest]), 0.0, _pose(table, row), 1.0)
+        logged, reason = logged_path(scenario.log, scenario.lane_map, conflict.agent), TakeoverReason.BLOCKED_ENTRY
+        yield DivergedAgents.opened(conflict, table.step, reason, logged, PathSource.LOGGED, logged)
+        diverged[row] = True
+
+
+def by_region(scenario: Setting, table: AgentTable, row: int, reason: TakeoverReason) -> DivergedAgents:
+    """Returns the agent in `row`, on its lane along the route of its log; it is in no conflict."""
+    agent, ego, pose = int(table.id[row]), int(scenario.ego_ids[table.scene[row]]), _pose(table, row)
+    path = route_path(scenario.log, scenario.lane_map, agent, pose)
+    logged = logged_path(scenario.log, scenario.lane_map, agent)
+    opened = DivergedAgents.opened(
+        Conflict(agent, ego, 0.0, pose, 0.0), table.step, reason, path, PathSource.LANE, logged
+    )
+    opened.in_conflict[:] = False
+    return opened
+
+
+def _pose(table: AgentTable, row: int) -> FloatArray:
+    """Returns the pose (3,) x, y [m], yaw [rad] of the agent in `row`."""
+    return np.array([table.x[row], table.y[row], table.yaw[row]])

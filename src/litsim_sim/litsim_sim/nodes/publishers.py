@@ -1,0 +1,99 @@
+"""Watch over the publishers of the graph: nobody but the nodes of a run may publish on its internal topics."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+
+from rclpy.node import Node
+
+from litsim_sim.core.stages import BRIDGE, CONFLICT, EGO, POLICY, POLICY_STAGES, PREDICTOR, RECORDER
+from litsim_sim.nodes.broadcast import PUBLISHED, PUBLISHED_OF_SIGNALS
+from litsim_sim.nodes.responses import RunFailed
+from litsim_sim.ros.endpoints import node_of
+from litsim_sim.ros.topics import (
+    CONTROLS,
+    EGO_APPLIED,
+    EGO_CONTROL,
+    FORECASTS,
+    HELLO,
+    RECORDED,
+    STATUS,
+    TAKEOVERS,
+    TIMING,
+    Topic,
+)
+
+WATCH_S = 1.0  # [s] period of the watch; a visit that is shorter shows in the record, as a second answer to a step
+NAMES_S = 1.0  # [s] by which the names of nodes may follow their publishers, at most
+
+STAGES = (*POLICY_STAGES, EGO, RECORDER)
+
+Owners = Mapping[Topic, tuple[str, ...]]
+"""Names of the nodes of a run that publish on each internal topic."""
+
+
+def owners(stages: Sequence[str], *, external: bool) -> Owners:
+    """Returns the internal topics with their owners; the ego's commands are internal unless the ego is `external`.
+
+    Args:
+        stages: those of the run beside the bridge.
+        external: whether a stack of the user's drives the ego.
+    """
+    of_stages = {FORECASTS: PREDICTOR, TAKEOVERS: CONFLICT, CONTROLS: POLICY, RECORDED: RECORDER}
+    of_stages |= {} if external else {EGO_CONTROL: EGO}
+    of_bridge = (*PUBLISHED, *PUBLISHED_OF_SIGNALS, HELLO, EGO_APPLIED)
+    return (
+        dict.fromkeys(of_bridge, (BRIDGE,))
+        | {topic: (stage,) for topic, stage in of_stages.items()}
+        | {STATUS: (BRIDGE, *stages), TIMING: (BRIDGE, *(stage for stage in stages if stage != RECORDER))}
+    )
+
+
+def check_publishers(node: Node, internal: Owners) -> None:
+    """Check, as `node` sees the graph, that no topic has more publishers than it has owners.
+
+    A node of any name could answer in place of a stage, so publishers are counted, and names only tell who it is.
+
+    Raises:
+        RunFailed: there is a publisher too many; the message names the topic, and the nodes that are no owners.
+    """
+    for topic, names in internal.items():
+        if node.count_publishers(topic.name) > len(names) and (text := surplus(topic.name, names, _nodes(node, topic))):
+            raise RunFailed(text)
+
+
+def surplus(topic: str, names: Sequence[str], nodes: Sequence[str]) -> str:
+    """Returns a text that tells of publishers on `topic` beyond its owners; empty for none.
+
+    A stage that takes no part in the run may be there, idle: LitSim's own ego, say, beside an external one.
+
+    Args:
+        topic: its name.
+        names: of the owners.
+        nodes: full names of the nodes of all its publishers, empty where unknown.
+    """
+    idle = {f"/{stage}" for stage in {*STAGES} - {*names} if len(names) > 1}
+    taking_part = [node for node in nodes if node not in idle]
+    if len(taking_part) <= len(names):
+        return ""
+    strangers = list(taking_part)
+    for name in names:
+        if f"/{name}" in strangers:
+            strangers.remove(f"/{name}")
+    if f"/{BRIDGE}" in strangers:
+        return f"another bridge publishes on {topic} in the same domain; each needs a domain of its own"
+    return (
+        f"{', '.join(sorted(node or 'an unknown node' for node in strangers))}: publishes on {topic}, expected only "
+        f"{', '.join(names)} of this run; a graph needs a domain of its own, and a stack publishes on the ego's topics"
+    )
+
+
+def _nodes(node: Node, topic: Topic) -> list[str]:
+    """Names of the nodes that publish on `topic`, as soon as all are known, or after NAMES_S."""
+    give_up = time.perf_counter() + NAMES_S
+    while True:
+        nodes = [node_of(info) for info in node.get_publishers_info_by_topic(topic.name)]
+        if all(nodes) or time.perf_counter() > give_up:
+            return nodes
+        time.sleep(0.01)
