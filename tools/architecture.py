@@ -22,6 +22,7 @@ PAGE = ROOT / "ARCHITECTURE.md"
 PACKAGES = (
     "litsim_research",
     "litsim_eval",
+    "litsim_autoware",
     "litsim_data",
     "litsim_policy",
     "litsim_predictor",

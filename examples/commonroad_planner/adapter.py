@@ -25,15 +25,15 @@ LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 class Adapter(Node):
     """Answers every step once the stamps of ego and objects agree.
 
-    Parameters: `wanted` speed [m/s]; `every`, steps between two plans; `length` and `width` of the ego's box [m];
-    `figures`, a JSON file that tells at the end how the planner did.
+    Parameters: `wanted` speed [m/s]; `every`, steps between two plans; `figures`, a JSON
+    file that tells at the end how the planner did.
     """
 
     def __init__(self) -> None:
         super().__init__("commonroad_planner")
         self._wanted = self.declare_parameter("wanted", 14.0).value
         self._every = self.declare_parameter("every", 1).value
-        self._body = Body(self.declare_parameter("length", 4.8).value, self.declare_parameter("width", 2.0).value)
+        self._body: Body | None = None
         self._figures = self.declare_parameter("figures", "").value
         self._seen: dict[type, Any] = {}
         self._plans: dict[int, Plan] = {}  # by the stamp they were made for [ns]
@@ -41,6 +41,7 @@ class Adapter(Node):
         self._answer: Path | None = None
         self._publisher = self.create_publisher(Path, "/litsim/ego/trajectory", 10)
         self.create_subscription(Path, "/litsim/ego/route", self._on_input, LATCHED)
+        self.create_subscription(DiagnosticArray, "/litsim/ego/vehicle", self._on_vehicle, LATCHED)
         self.create_subscription(MarkerArray, "/litsim/lanes", self._on_input, LATCHED)
         self.create_subscription(Odometry, "/litsim/ego/state", self._on_input, 100)
         self.create_subscription(PointCloud2, "/litsim/objects", self._on_input, 100)
@@ -49,13 +50,17 @@ class Adapter(Node):
     def _on_input(self, message: Any) -> None:
         self._seen[type(message)] = message
         route, lanes, ego, objects = (self._seen.get(kind) for kind in (Path, MarkerArray, Odometry, PointCloud2))
-        if not (route and lanes and ego and objects) or ego.header.stamp != objects.header.stamp:
+        if not (self._body and route and lanes and ego and objects) or ego.header.stamp != objects.header.stamp:
             return
         del self._seen[Odometry], self._seen[PointCloud2]  # a step that is published again is answered again
         self._planner = self._planner or Planner(line_of(route), lanes_of(lanes), self._body, self._wanted)
         if self._answer is None or self._answer.header.stamp != ego.header.stamp:
             self._answer = self._respond(Time.from_msg(ego.header.stamp).nanoseconds, ego, objects)
         self._publisher.publish(self._answer)
+
+    def _on_vehicle(self, array: DiagnosticArray) -> None:
+        values = {value.key: float(value.value) for status in array.status for value in status.values}
+        self._body = Body(*(values[name] for name in ("length", "width", "rear_axle", "curvature_max")))
 
     def _respond(self, stamp: int, ego: Odometry, objects: PointCloud2) -> Path:
         assert self._planner is not None

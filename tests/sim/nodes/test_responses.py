@@ -294,7 +294,7 @@ DEAF = EgoPublisher(CONTROL, "/mine", "is BEST_EFFORT and cannot be heard, expec
 ELSEWHERE = EgoPublisher(TWIST, "/mine")
 RIVAL = EgoPublisher(CONTROL, "/other")
 NAMELESS = EgoPublisher(CONTROL, "")
-MUTE = f"/mine: it publishes on {CONTROL}, but no message has been received; a timer on simulation time does not run"
+MUTE = f"/mine: it publishes on {CONTROL}, but no message has been received; until step 0 is answered"
 STALE = f"/mine: it does not answer this step: {CONTROL}: the answer to step 3, at step 5, is stale"
 
 

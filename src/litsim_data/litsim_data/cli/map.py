@@ -1,4 +1,4 @@
-"""`data map`: build a net, from a recording or from a map of another format; or check one."""
+"""`data map`: build a net, from a recording or from a map of another format; check or export one."""
 
 from __future__ import annotations
 
@@ -20,13 +20,16 @@ SITES = ("us101", "i80", "lankershim", "peachtree", "generic")
 
 def add(subparsers: Any) -> None:
     """Adds the parser of the command."""
-    command = subparsers.add_parser("map", help="build a net with netconvert, or check one", description=__doc__)
+    command = subparsers.add_parser("map", help="build, check or export a net", description=__doc__)
     what = command.add_mutually_exclusive_group()
     for name, known in _formats().items():
         what.add_argument(
             f"--{name}", type=Path, metavar=known.file, dest=_chosen(name), help=f"import {known.content}"
         )
     what.add_argument("--check", type=Path, metavar="NET.net.xml", help="check this net instead of building one")
+    what.add_argument(
+        "--export", type=Path, metavar="NET.net.xml", help="write this net for Autoware into the folder --out"
+    )
     command.add_argument("--recording", type=Path, metavar="R", help="recording to fit lanes to, or to check against")
     command.add_argument("--site", choices=SITES, help="site of the recording; default: as the recording says")
     command.add_argument(
@@ -41,7 +44,9 @@ def add(subparsers: Any) -> None:
     command.add_argument("--scenario", action="append", default=[], metavar="S", help=scenario_help)
     picture_help = "for --check: draw the net, the tracks and where they lie on no lane"
     command.add_argument("--picture", type=Path, metavar="P.png", help=picture_help)
-    command.add_argument("--out", type=Path, metavar="OUT.net.xml", help="the net to write")
+    command.add_argument(
+        "--out", type=Path, metavar="OUT", help="the net to write, OUT.net.xml; for --export, the folder"
+    )
     command.set_defaults(run=run)
 
 
@@ -55,6 +60,12 @@ def run(arguments: argparse.Namespace) -> int:
         return 0 if check(arguments) else EXIT_FAILED
     if arguments.out is None:
         raise InputError("data map: name the net to write with --out, or one to check with --check")
+    if arguments.export is not None:
+        from litsim_data.maps.lanelet2_export import export_lanelet2
+
+        export_lanelet2(LaneMap.from_net(_net(arguments.export)), arguments.out)
+        print(arguments.out)
+        return 0
     print(f"building {arguments.out} ...", file=sys.stderr)
     for warning in _build(arguments):
         print(f"netconvert: {warning}", file=sys.stderr)
@@ -108,9 +119,7 @@ def check(arguments: argparse.Namespace) -> bool:
     from litsim_data.maps.check_text import describe
     from litsim_data.ngsim.sites import SITES as KNOWN
 
-    net = arguments.check
-    if not net.is_file() and str(net).removesuffix(".net.xml") in packaged_nets():
-        net = packaged(f"nets/{str(net).removesuffix('.net.xml')}.net.xml")
+    net = _net(arguments.check)
     lines = None
     if arguments.cad is not None:
         lines, _ = cad.read_center_lines(arguments.cad, KNOWN.get(arguments.site or ""))
@@ -123,6 +132,12 @@ def check(arguments: argparse.Namespace) -> bool:
         draw(arguments.picture, LaneMap.from_net(net), parts, result)
         print(arguments.picture)
     return not result.failures
+
+
+def _net(path: Path) -> Path:
+    """The file of a net, or of the packaged one of this name."""
+    name = str(path).removesuffix(".net.xml")
+    return packaged(f"nets/{name}.net.xml") if not path.is_file() and name in packaged_nets() else path
 
 
 def _parts(arguments: argparse.Namespace) -> tuple[dict[str, pd.DataFrame], dict[str, Any] | None]:

@@ -14,7 +14,9 @@ from pydantic import (
     ConfigDict,
     Field,
     PrivateAttr,
+    SerializerFunctionWrapHandler,
     field_validator,
+    model_serializer,
     model_validator,
 )
 
@@ -24,6 +26,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import OneOf
 from litsim_sim.ego_port.answer import AUTO, INTERFACES
 from litsim_sim.io.yaml_input import parse_yaml, place_in, read_text, validate_yaml
+from litsim_sim.launch.adapters import adapter_names
 from litsim_sim.scenario.run_info import EXTERNAL, REPLAY, ego_names, policy_names
 from litsim_sim.scenario.scenario import packaged, packaged_scenarios
 from litsim_sim.scenario.scenario_file import SEEDS
@@ -104,7 +107,8 @@ class EgoSetup(BaseModel):
 
     Attributes:
         name: name in tables; default: the kind.
-        kind: one of :func:`litsim_sim.scenario.run_info.ego_names`.
+        kind: one of :func:`litsim_sim.scenario.run_info.ego_names`; that of an adapter is external.
+        adapter: name of the adapter through which the stack drives; empty for none.
         parameters: values by `stage.name`, such as ``{ego.kind: brake}``.
         command: command that starts the stack of an external ego; none if it is started elsewhere.
         interface: interface of an external ego, one of :data:`litsim_sim.ego_port.answer.INTERFACES`.
@@ -115,6 +119,7 @@ class EgoSetup(BaseModel):
 
     name: Name
     kind: Annotated[str, OneOf(ego_names)]
+    adapter: str = ""
     parameters: Parameters = {}
     command: list[Name] = []
     interface: Annotated[str, OneOf(INTERFACES)] = AUTO
@@ -125,7 +130,16 @@ class EgoSetup(BaseModel):
     def _name_by_kind(cls, values: Any) -> Any:
         if isinstance(values, str):
             values = {"kind": values}
-        return {"name": values.get("kind"), **values} if isinstance(values, dict) else values
+        if not isinstance(values, dict):
+            return values
+        named = {"name": values.get("kind"), **values}
+        adapted = named.get("kind") in adapter_names()
+        return {**named, "adapter": named["kind"], "kind": EXTERNAL} if adapted else named
+
+    @model_serializer(mode="wrap")
+    def _without_no_adapter(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leaves an empty adapter out, so that the identities of cases without one stay as they were."""
+        return {name: value for name, value in dump(self).items() if name != "adapter" or value}
 
     @model_validator(mode="after")
     def _check_command(self) -> EgoSetup:

@@ -15,6 +15,7 @@ from litsim_sim.cli.run_arguments import END_AFTER_CONTACT
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import SET_HELP, not_among, setting
 from litsim_sim.io.yaml_input import validate_yaml
+from litsim_sim.launch.adapters import adapter_names
 from litsim_sim.scenario.run_info import EXTERNAL, ego_names, policy_names
 
 DEFAULTS: dict[str, Any] = {"scenario": ["demo"], "ego": ["idm"]}
@@ -32,7 +33,9 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
         help="vehicles that are egos: a field of the scenarios (egos, tuning, ego), all, or ids",
     )
     p.add_argument(
-        "--ego", nargs="+", help=f"what drives the ego: {', '.join(ego_names())}, or a name of the suite (default: idm)"
+        "--ego",
+        nargs="+",
+        help=f"what drives the ego: {', '.join(_usual_egos())}, or a name of the suite (default: idm)",
     )
     p.add_argument(
         "--policy",
@@ -100,7 +103,7 @@ def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]
     """Returns the ego drivers; the command of the arguments becomes that of the external one."""
     known = {setup.name: setup for setup in (base.egos if base else [])}
     names: Sequence[str] = arguments.ego or (tuple(known) if base else DEFAULTS["ego"])
-    _check_names("--ego", names, {*known, *ego_names()})
+    _check_names("--ego", names, {*known, *_usual_egos()})
     setups = [known.get(name) or EgoSetup(name=name, kind=name) for name in names]
     external = [setup for setup in setups if setup.kind == EXTERNAL]
     if arguments.command:
@@ -112,6 +115,11 @@ def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]
     if len(elsewhere := [setup.name for setup in external if not setup.command]) > 1:
         raise InputError(f"{', '.join(elsewhere)}: external egos without a command, expected at most one")
     return setups
+
+
+def _usual_egos() -> tuple[str, ...]:
+    """Names of egos that need no suite."""
+    return (*ego_names(), *adapter_names())
 
 
 def _usual_policies() -> tuple[str, ...]:

@@ -243,7 +243,7 @@ def _graph_parameters(case: Case) -> dict[str, dict[str, Any]]:
 def _launch(case: Case, out: Path) -> list[str]:
     """Returns the launcher's command line."""
     argv = [str(find_executable(*LAUNCHER)), "--quiet", "--overwrite", "--out", str(out)]
-    argv += ["--scenario", case.scenario, "--ego", case.ego.kind, "--policy", case.policy]
+    argv += ["--scenario", case.scenario, "--ego", case.ego.adapter or case.ego.kind, "--policy", case.policy]
     argv += ["--ego-id", str(case.ego_id), "--ego-interface", case.ego.interface]
     argv += [] if case.seed is None else ["--seed", str(case.seed)]
     argv += [] if case.end_after_contact_s is None else ["--end-after-contact", str(case.end_after_contact_s)]

@@ -14,9 +14,11 @@ from litsim_sim.cli.program import interrupt_on_signals, program
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
+from litsim_sim.core.stages import BRIDGE
 from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES
 from litsim_sim.io.files import Unwritable
 from litsim_sim.kernels.garbage import without_collection
+from litsim_sim.launch.adapters import EgoAdapter, adapter_names, adapter_of
 from litsim_sim.launch.child import check_program
 from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.middleware import check_security
@@ -40,12 +42,14 @@ def launch(arguments: argparse.Namespace) -> int:
     """
     with without_collection():  # the first step comes 1.07 times as late without this (1.01 to 1.10, 5 pairs)
         check_security(os.environ)
+        started_here = bool(arguments.command)
+        adapter = _through_adapter(arguments)
         plan = plan_of(arguments)
         if arguments.command and plan.ego != EXTERNAL:
             raise InputError(f"{shlex.join(arguments.command)}: the ego is {plan.ego}, expected --ego {EXTERNAL}")
         if arguments.command:
             check_program(arguments.command)
-        domain = graph_domain(arguments.domain_id, reserve=plan.ego != EXTERNAL or bool(arguments.command))
+        domain = graph_domain(arguments.domain_id, reserve=plan.ego != EXTERNAL or started_here)
         out = Path(f"bags/{plan.scenario.name}" if arguments.out is None else arguments.out)
         nodes = nodes_of(
             plan,
@@ -57,6 +61,9 @@ def launch(arguments: argparse.Namespace) -> int:
             on_invalid=arguments.on_invalid,
             ego_interface=arguments.ego_interface,
             answer_timeout_s=arguments.answer_timeout,
+            real_time_factor=arguments.real_time_factor,
+            clock=adapter is None,
+            record=arguments.record,
             progress="lines",
         )
         nodes = nodes if arguments.apart else in_one_process(nodes)
@@ -113,6 +120,17 @@ def _recorded(out: Path, *, quiet: bool, failed: bool = False) -> int:
     return max((function(out, quiet=quiet, failed=failed) for function in functions), default=0)
 
 
+def _through_adapter(arguments: argparse.Namespace) -> EgoAdapter | None:
+    """Let an ego that is an adapter be an external one, which the adapter's program starts; returns the adapter."""
+    adapter = adapter_of(arguments.ego)
+    if adapter is not None:
+        arguments.ego, arguments.command = EXTERNAL, adapter.command(arguments.command)
+        arguments.record = arguments.record or adapter.record
+        if not any(setting[:2] == (BRIDGE, "external_timeout_s") for setting in arguments.set):
+            arguments.set = [*arguments.set, (BRIDGE, "external_timeout_s", adapter.ready_s)]
+    return adapter
+
+
 def _announce(arguments: argparse.Namespace, plan: RunPlan, domain_id: int) -> None:
     say(arguments, f"run {plan.identity} in ROS_DOMAIN_ID {domain_id}")
     if plan.ego == EXTERNAL and not arguments.command:
@@ -123,11 +141,25 @@ def _announce(arguments: argparse.Namespace, plan: RunPlan, domain_id: int) -> N
 def parser() -> argparse.ArgumentParser:
     """Returns the parser of ``ros2 run litsim_sim launch``."""
     p = Parser(prog="launch", description=__doc__, epilog=STATUS_HELP, formatter_class=DefaultsFormatter)
-    add_run_arguments(p, ego_names())
+    add_run_arguments(p, (*ego_names(), *adapter_names()))
     p.add_argument("--out", help="folder of the record; default: bags/SCENARIO")
     p.add_argument("--overwrite", action="store_true", help="replace an existing record")
     p.add_argument(
         "--mode", default=MODES[0], choices=MODES, help="lockstep: the world waits for answers; realtime: it does not"
+    )
+    p.add_argument(
+        "--record",
+        nargs="+",
+        default=[],
+        metavar="TOPIC",
+        help="topics of the ego's stack to record as well; default: what its adapter names",
+    )
+    p.add_argument(
+        "--real-time-factor",
+        type=positive,
+        default=1.0,
+        metavar="FACTOR",
+        help="simulated time per wall time: in realtime of the steps; of /clock while a step waits for an external ego",
     )
     p.add_argument(
         "--on-missing",

@@ -77,7 +77,13 @@ def program_of(stage: str) -> tuple[str, str]:
 
 
 def nodes_of(
-    plan: RunPlan, scenario: str, out: Path, *, overwrite: bool = False, **bridge: str | float
+    plan: RunPlan,
+    scenario: str,
+    out: Path,
+    *,
+    overwrite: bool = False,
+    record: Sequence[str] = (),
+    **bridge: str | float,
 ) -> list[GraphNode]:
     """Returns the nodes of a run in the order to start them in.
 
@@ -88,6 +94,7 @@ def nodes_of(
         scenario: name or file of the scenario, as the bridge is to load it.
         out: folder of the recording.
         overwrite: whether a recording in `out` may be replaced.
+        record: topics of the ego's stack that are recorded as well.
         bridge: parameters of :class:`litsim_sim.nodes.bridge_options.BridgeOptions` that are not part of the plan.
 
     Raises:
@@ -102,7 +109,7 @@ def nodes_of(
             raise InputError(f"parameter {node}.{name} cannot be set: the options of the run decide it")
     names = (BRIDGE, *reversed(plan.stages))
     own = {
-        RECORDER: {"output": str(out), "overwrite": overwrite},
+        RECORDER: {"output": str(out), "overwrite": overwrite} | ({"topics": " ".join(record)} if record else {}),
         BRIDGE: _of_bridge(plan) | {"scenario": scenario} | bridge,
     }
     parameters = {name: own.get(name, {}) | dict(plan.parameters.get(name, {})) for name in (*own, *plan.parameters)}

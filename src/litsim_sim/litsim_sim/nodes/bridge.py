@@ -37,6 +37,7 @@ from litsim_sim.ros.topics import (
     DIAGNOSTICS,
     EGO_APPLIED,
     EGO_INPUTS,
+    FRAMES,
     HELLO,
     RECORDED,
     RUN_INFO,
@@ -65,7 +66,7 @@ class BridgeNode(Node):
 
     declared = Endpoints(
         BRIDGE,
-        (HELLO, STATUS, TIMING, EGO_APPLIED, DIAGNOSTICS, *PUBLISHED, *PUBLISHED_OF_SIGNALS),
+        (HELLO, STATUS, TIMING, EGO_APPLIED, DIAGNOSTICS, *PUBLISHED, *PUBLISHED_OF_SIGNALS, *FRAMES),
         (*EGO_INPUTS.values(), CONTROLS, STATUS, RECORDED, HELLO, RUN_INFO, TIMING),
     )
 
@@ -96,7 +97,7 @@ class BridgeNode(Node):
         self._owners, self._watched = owners(plan.stages, external=external), -WATCH_S
         published = (HELLO, STATUS, TIMING, *((EGO_APPLIED,) if external else ()))
         self._outputs = {t: publisher_on(self, t) for t in published}
-        self._broadcast = Broadcast(self, plan)
+        self._broadcast = Broadcast(self, plan, clock=options.clock, factor=options.real_time_factor)
         self._diagnostics = Diagnostics(self, plan.run_id, plan.scenario.total_steps, self.port)
         ego_port.subscribe(self, self.port, tuple(Interface) if external else (Interface.CONTROL,))
         if plan.policy != "replay":
@@ -146,7 +147,8 @@ class BridgeNode(Node):
 
     def begin(self) -> None:
         """Publish the messages for the whole run."""
-        self._broadcast.begin(run_info(self.plan, self.options.mode, {BRIDGE: parameters(self)}))
+        info = run_info(self.plan, self.options.mode, {BRIDGE: parameters(self)}, clock=self.options.clock)
+        self._broadcast.begin(info)
         if self.plan.ego == EXTERNAL and (text := standard.rounding(self.plan.scenario.log.table(0))):
             self._pulse.note(text)
             self.port.remarks.append(Remark(0, Level.WARN, text))
@@ -166,6 +168,8 @@ class BridgeNode(Node):
 
     def show_again(self) -> None:
         """Publish the last step shown again."""
+        if self.responses.step == 0 and self._ego_nodes:  # a stack is there that may need time to pass for its answer
+            self._broadcast.creep()
         self._broadcast.repeat()
         self._diagnostics.step(self.responses.step)
 
@@ -226,7 +230,7 @@ class BridgeNode(Node):
     def silent_ego(self) -> str:
         """Returns a text that says why an external ego has not answered the current step."""
         publishers = self._ego_publishers()  # which also remembers the names of their nodes
-        return absence(self.port, publishers, self._ego_nodes, self.domain)
+        return absence(self.port, publishers, self._ego_nodes, self.domain, clock=self.options.clock)
 
     def serve_until(self, done: Callable[[], bool], until: float) -> bool:
         """Serve messages until `done()`, or until time `until` of the performance counter; return `done()`.
@@ -236,10 +240,10 @@ class BridgeNode(Node):
         """
         while not done():
             self._pulse.beat(self.responses.step)
-            left = until - time.perf_counter()
-            if left <= 0:
+            now = time.perf_counter()
+            if now >= until:
                 return False
-            serve(self._executor, left)
+            serve(self._executor, min(until - now, self._broadcast.tick(now)))
             if self.port.remarks:
                 self._diagnostics.remarks(self.responses.step)
                 if EGO_APPLIED in self._outputs and (rivals := rivalry(self.port, self._ego_publishers())):

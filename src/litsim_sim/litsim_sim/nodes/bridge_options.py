@@ -11,7 +11,18 @@ from pydantic import Field, model_validator
 
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.parameters import ParameterReader, Parameters
-from litsim_sim.core.quantities import Duration, Number, OneOf, Positive, Unit, Whole, configuration, field_type, unit
+from litsim_sim.core.quantities import (
+    Duration,
+    Flag,
+    Number,
+    OneOf,
+    Positive,
+    Unit,
+    Whole,
+    configuration,
+    field_type,
+    unit,
+)
 from litsim_sim.core.vehicle import VEHICLE_FIELDS, VehicleModel
 from litsim_sim.core.yaml_loader import load_yaml
 from litsim_sim.ego_port.answer import INTERFACES
@@ -52,6 +63,8 @@ class BridgeOptions:
         handshake_timeout_s: time limit for all stages to get ready, generous for busy machines; stages waited for are
             reported every few seconds.
         external_timeout_s: time limit for an external ego to answer step 0.
+        clock: whether the bridge publishes /clock and /tf; false if an adapter of the ego's stack does.
+        real_time_factor: simulated time per wall time: of the clock while a step waits, and in real time of the steps.
         progress: how the progress of the run is shown.
         vehicle: vehicle model of the ego.
         stage_parameters: values of the stages' parameters, by stage and name, in YAML; they enter the identity of the
@@ -71,6 +84,8 @@ class BridgeOptions:
     answer_timeout_s: Positive[Duration] = 5.0
     handshake_timeout_s: Positive[Duration] = 120.0
     external_timeout_s: Positive[Duration] = 60.0
+    clock: Flag = True
+    real_time_factor: Positive[Number] = 1.0
     progress: Literal["bar", "lines", "none"] = "bar"
     vehicle: Any = field(default_factory=VehicleOptions)
     stage_parameters: str = ""

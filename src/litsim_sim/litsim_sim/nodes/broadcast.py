@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
+import math
+import time
 from typing import Any
 
 import numpy as np
 import yaml
+from builtin_interfaces.msg import Time
 from litsim_msgs.msg import RunInfo
 from nav_msgs.msg import Path
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from litsim_sim.core.scene import AgentTable
-from litsim_sim.ros import messages, standard
+from litsim_sim.core.stages import RECORDER
+from litsim_sim.core.vehicle_geometry import VehicleGeometry
+from litsim_sim.nodes.step_clock import StepClock
+from litsim_sim.ros import frames, messages, standard
 from litsim_sim.ros.endpoints import publisher_on
+from litsim_sim.ros.frames import FrameBroadcaster
 from litsim_sim.ros.topics import (
     AGENTS,
     CLOCK,
     CONTROLS,
     EGO_APPLIED,
     EGO_CONTROL,
+    EGO_FOOTPRINT,
     EGO_ROUTE,
     EGO_STATE,
+    EGO_VEHICLE,
     FORECASTS,
     LANES,
     OBJECTS,
@@ -34,7 +43,7 @@ from litsim_sim.ros.topics import (
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan, versions
 from litsim_sim.scenario.scenario import Scenario
 
-PUBLISHED = (RUN_INFO, CLOCK, AGENTS, EGO_STATE, OBJECTS, EGO_ROUTE, LANES)
+PUBLISHED = (RUN_INFO, CLOCK, AGENTS, EGO_STATE, OBJECTS, EGO_ROUTE, EGO_VEHICLE, EGO_FOOTPRINT, LANES)
 PUBLISHED_OF_SIGNALS = (SIGNAL_MAP, SIGNALS)
 """Published in addition if the scenario has signals."""
 ROUTE_LENGTH = 1000.0  # [m] length of the ego's route
@@ -43,10 +52,23 @@ ROUTE_LENGTH = 1000.0  # [m] length of the ego's route
 class Broadcast:
     """Publishes a run step by step."""
 
-    def __init__(self, node: Node, plan: RunPlan) -> None:
+    def __init__(self, node: Node, plan: RunPlan, *, clock: bool = True, factor: float = 1.0) -> None:
+        """Make the publishers of `node`.
+
+        Args:
+            node: that of the bridge.
+            plan: the run.
+            clock: whether it publishes /clock and /tf; else an adapter of the ego's stack does.
+            factor: simulated time per wall time, of the clock while a step waits.
+        """
         self._plan = plan
         topics = PUBLISHED if plan.scenario.signals is None else (*PUBLISHED, *PUBLISHED_OF_SIGNALS)
-        self._publishers = {topic: publisher_on(node, topic) for topic in topics}
+        self._publishers = {topic: publisher_on(node, topic) for topic in topics if clock or topic != CLOCK}
+        scenario = plan.scenario
+        self._geometry = VehicleGeometry.of(scenario.log.table(0), scenario.ego_id, scenario.vehicle)
+        self._clock = StepClock(self._show_time, self._are_ticks_heard, factor) if clock else None
+        self._frames = FrameBroadcaster(node, self._geometry) if clock else None
+        self._with_ticks = clock and plan.ego == EXTERNAL
         self._scene: list[tuple[Topic, Any]] = []
         self._without_objects: AgentTable | None = None  # the last step shown, if its objects have not been published
 
@@ -54,6 +76,10 @@ class Broadcast:
         """Publish the messages for the whole run."""
         self._publishers[RUN_INFO].publish(info)
         self._publishers[EGO_ROUTE].publish(route(self._plan.scenario))
+        self._publishers[EGO_VEHICLE].publish(frames.vehicle_table(self._geometry, self._plan.scenario.vehicle))
+        self._publishers[EGO_FOOTPRINT].publish(frames.footprint(self._geometry))
+        if self._frames:
+            self._frames.begin()
         self._publishers[LANES].publish(standard.lanes(self._plan.scenario.lane_map))
         if (signals := self._plan.scenario.signals) is not None:
             self._publishers[SIGNAL_MAP].publish(messages.signal_map_to_message(signals, self._plan.run_id))
@@ -67,10 +93,12 @@ class Broadcast:
     def accompany(self, table: AgentTable) -> None:
         """Publish the other messages of the last step shown; after step 0, objects only if there are subscribers."""
         ego_id = self._plan.scenario.ego_id
-        self._scene += [
-            self._publish(EGO_STATE, messages.ego_odometry(table, ego_id)),
-            self._publish(CLOCK, Clock(clock=messages.stamp(table.step))),
-        ]
+        state = messages.ego_odometry(table, ego_id)
+        if self._frames and table.row(ego_id) >= 0:
+            self._frames.show(state)
+        self._scene.append(self._publish(EGO_STATE, state))
+        if self._clock:
+            self._clock.step(table.step, time.perf_counter())
         if (signals := self._plan.scenario.signals) is not None:
             shown = messages.signals_to_message(signals.table(table.step), self._plan.run_id)
             self._scene.append(self._publish(SIGNALS, shown))
@@ -82,8 +110,30 @@ class Broadcast:
         """Publish the last step shown again; its objects, too, if a subscriber has come since, such as a new stack."""
         for topic, message in self._scene:
             self._publish(topic, message)
+        if self._clock:
+            self._clock.repeat()
         if self._without_objects is not None and self._are_objects_heard:
             self._show_objects(self._without_objects)
+
+    def creep(self) -> None:
+        """Advance the clock a little, while step 0 waits for a stack whose timers may need that."""
+        if self._clock and self._with_ticks:
+            self._clock.creep()
+
+    def tick(self, now: float) -> float:
+        """Publish the time at `now` of the performance counter [s]; returns the time until the next call is due."""
+        if self._clock is None or not self._with_ticks or self._clock.current == 0:
+            return math.inf
+        return self._clock.tick(now)
+
+    def _are_ticks_heard(self) -> bool:
+        """Returns whether others than the recorder, which needs the steps' times only, listen to the clock."""
+        own = int(RECORDER in self._plan.stages)
+        return self._with_ticks and self._publishers[CLOCK].get_subscription_count() > own
+
+    def _show_time(self, time_ns: int) -> None:
+        seconds, nanoseconds = divmod(time_ns, 10**9)
+        self._publishers[CLOCK].publish(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))
 
     @property
     def _are_objects_heard(self) -> bool:
@@ -106,10 +156,17 @@ def route(scenario: Scenario) -> Path:
     return messages.route_path(scenario.lane_map.path_from(int(at.lane[0]), float(at.s[0]), ROUTE_LENGTH), 0)
 
 
-def run_info(plan: RunPlan, mode: str, configuration: dict[str, dict[str, Any]]) -> RunInfo:
-    """Returns ``RunInfo`` of a run; `configuration` has the parameters of its stages, by stage and name."""
+def run_info(plan: RunPlan, mode: str, configuration: dict[str, dict[str, Any]], *, clock: bool = True) -> RunInfo:
+    """Returns ``RunInfo`` of a run.
+
+    Args:
+        plan: the run.
+        mode: lockstep or realtime.
+        configuration: parameters of its stages, by stage and name.
+        clock: whether the bridge publishes the clock.
+    """
     per_step = (
-        (CLOCK, AGENTS, EGO_STATE)
+        (*((CLOCK,) if clock else ()), AGENTS, EGO_STATE)
         + (() if plan.scenario.signals is None else (SIGNALS,))
         + (() if plan.policy == "replay" else (FORECASTS, TAKEOVERS, CONTROLS))
         + ((EGO_APPLIED,) if plan.ego == EXTERNAL else (EGO_CONTROL,))

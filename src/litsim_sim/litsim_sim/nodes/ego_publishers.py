@@ -35,7 +35,9 @@ class EgoPublisher:
         return self.gid[:PARTICIPANT_BYTES]
 
 
-def absence(port: EgoPort, publishers: Sequence[EgoPublisher], known_nodes: Sequence[str], domain: str) -> str:
+def absence(
+    port: EgoPort, publishers: Sequence[EgoPublisher], known_nodes: Sequence[str], domain: str, *, clock: bool = True
+) -> str:
     """Returns a text that says why an external ego has not answered the current step, as far as known.
 
     Args:
@@ -60,10 +62,11 @@ def absence(port: EgoPort, publishers: Sequence[EgoPublisher], known_nodes: Sequ
             return f"{prefix}its publisher on {publisher.topic} {publisher.unheard}"
     if not expected:
         return f"{prefix}no node publishes on {' or '.join(port.topics)}; is it running in {domain}?"
-    return (
-        f"{prefix}it publishes on {expected[0].topic}, but no message has been received; a timer on simulation time "
-        "does not run before step 0 is answered"
+    about_timers = (
+        "; until step 0 is answered, /clock advances to 0.1 s only, so that longer timers on simulation time do not run"
     )
+    text = f"{prefix}it publishes on {expected[0].topic}, but no message has been received"
+    return text + (about_timers if clock else "")
 
 
 def rivalry(port: EgoPort, publishers: Sequence[EgoPublisher]) -> str:

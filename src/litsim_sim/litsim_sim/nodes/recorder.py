@@ -20,6 +20,7 @@ from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error, reason
 from litsim_sim.core.scene import STEP_NS
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.stages import RECORDER as STAGE
+from litsim_sim.nodes.foreign_topics import LOOK_S, ForeignTopics
 from litsim_sim.nodes.recorder_options import recorder_stage
 from litsim_sim.record.bag import FORMAT, FORMAT_KEY, BagWriter, qos_yaml
 from litsim_sim.record.step_buffer import BufferedRun, StepBuffer
@@ -29,7 +30,7 @@ from litsim_sim.ros.definitions import definition, type_hash, type_name
 from litsim_sim.ros.endpoints import Endpoints, publisher_on, subscribe
 from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.process import process, spin
-from litsim_sim.ros.topics import FOREIGN, HELLO, LANES, RECORDED, RECORDED_TOPICS, RUN_INFO, STATUS, Topic
+from litsim_sim.ros.topics import CLOCK, FOREIGN, HELLO, LANES, RECORDED, RECORDED_TOPICS, RUN_INFO, STATUS, Topic
 from litsim_sim.scenario.scenario import Scenario
 
 HEARING_S = 10.0  # longest wait for READY of the other stages, which holds their parameters to be recorded
@@ -61,7 +62,13 @@ class RecorderNode(Node):
         self._unheard: set[str] = set()
         self._of_this_run: set[Topic] = set()  # topics of which messages of other runs are not recorded
         self._early: dict[Topic, bytes] = {}  # latched messages received before RunInfo
+        self._with_clock = True
         self._ending = False
+        own = {topic.name for topic in RECORDED_TOPICS}
+        self._foreign = [name for name in dict.fromkeys(options.topics.split()) if name not in own]
+        foreign = ForeignTopics(self, self._writer, self._foreign, self._take_foreign)
+        if self._foreign:
+            self._timer(LOOK_S, foreign.look)
         self._status = publisher_on(self, STATUS)
         self._recorded = publisher_on(self, RECORDED)
         for topic in RECORDED_TOPICS:
@@ -103,8 +110,15 @@ class RecorderNode(Node):
         return receive
 
     def _take(self, topic: Topic, data: bytes) -> None:
+        if topic == CLOCK and (not self._with_clock or stamp_ns(data) % STEP_NS):
+            return  # of an adapter of the ego's stack, or between two steps
         if self._buffer is not None and (topic not in self._of_this_run or run_id_of(data) == self._run_id):
             self._buffer.take(topic.name, step_of(topic, data), data)
+
+    def _take_foreign(self, name: str, data: bytes) -> None:
+        """Take a message of the ego's stack, whose stamp may be of another clock: it counts for the newest step."""
+        if self._buffer is not None and not self.finished:
+            self._buffer.take(name, max(0, self._buffer.newest), data)
 
     def _on_run_info(self, data: bytes) -> bool:
         """Start to record the run; return False if another run is being recorded already."""
@@ -116,9 +130,11 @@ class RecorderNode(Node):
             )
             return False
         self._run_id = info.run_id
+        self._with_clock = CLOCK.name in info.topics
         describe(self._writer, info)
-        names = [topic.name for topic in RECORDED_TOPICS]
-        run = BufferedRun(names, tuple(info.topics), [topic.name for topic in FOREIGN], info.total_steps)
+        names = [*(topic.name for topic in RECORDED_TOPICS), *self._foreign]
+        foreign = [*(topic.name for topic in FOREIGN), *self._foreign]
+        run = BufferedRun(names, tuple(info.topics), foreign, info.total_steps)
         self._buffer = StepBuffer(run, self._write, self._confirm)
         self._of_this_run = {topic for topic in RECORDED_TOPICS if _tells_run(topic, info)}
         for topic, early in self._early.items():

@@ -113,11 +113,12 @@ class RunLoop:
             The last step, and the wall time since step 0 was answered [s].
         """
         bridge = self._bridge
+        step_s = STEP_S / self._options.real_time_factor  # wall time of a step in real time [s]
         due = start = 0.0  # in real time, the step is due then [s]; lost time is not made up for
         table = self._world.reset()
         with Progress(self._options.progress, total) as progress:
             for step in range(total + 1):
-                due = max(due + STEP_S, time.perf_counter() + 0.5 * STEP_S)
+                due = max(due + step_s, time.perf_counter() + 0.5 * step_s)
                 self._wait_for_answers(table, due)
                 if step == 0:  # the wait for all stages at step 0 does not count
                     due = start = time.perf_counter()

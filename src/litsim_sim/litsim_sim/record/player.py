@@ -217,7 +217,7 @@ def messages_of(reader: BagReader, topics: Sequence[BagTopic]) -> list[BagMessag
     """Returns the messages of `topics`; where the bag has no clock, one for every log time ahead of its messages."""
     wanted = {topic.name for topic in topics}
     messages = list(reader.messages(wanted))
-    if CLOCK.name in reader.topics or CLOCK.name not in wanted:
+    if CLOCK.name not in wanted or any(message.topic == CLOCK.name for message in messages):
         return messages
     return [clock(time_ns) for time_ns in sorted({message.log_time_ns for message in messages})] + messages
 

@@ -170,7 +170,8 @@ class StepBuffer:
     def _complete(self, step: int) -> bool:
         """Returns whether all messages that complete a step are here; see the class's description."""
         held = self._pending.get(step, {})
-        needed = OF_THE_BRIDGE if step in self._missed else self._run.per_step
+        of_the_bridge = [name for name in OF_THE_BRIDGE if name in self._run.per_step]
+        needed = of_the_bridge if step in self._missed else self._run.per_step
         awaits_ego = step == 0 and EGO_APPLIED in self._run.per_step and self._repeated <= REPEATS_MAX
         heard = not awaits_ego or any(name in held for name in INPUTS.values())
         return heard and all(name in held for name in needed)

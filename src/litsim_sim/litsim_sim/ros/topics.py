@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import PolygonStamped, TwistStamped
 from litsim_msgs.msg import (
     AgentStates,
     Controls,
@@ -32,6 +32,11 @@ from visualization_msgs.msg import MarkerArray
 from litsim_sim.core import topic_names
 from litsim_sim.core.lockstep import RECORDER_WINDOW
 from litsim_sim.ego_port.answer import Interface
+
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:  # stock ROS 2 has it, the wheels do not
+    TFMessage = None
 
 
 @dataclass(frozen=True)
@@ -67,11 +72,18 @@ CLOCK = Topic(topic_names.CLOCK, Clock)
 AGENTS = Topic(topic_names.AGENTS, AgentStates)
 EGO_STATE = Topic(topic_names.EGO_STATE, Odometry)
 EGO_ROUTE = Topic(topic_names.EGO_ROUTE, Path, latched=True)
+EGO_VEHICLE = Topic(topic_names.EGO_VEHICLE, DiagnosticArray, latched=True)
+EGO_FOOTPRINT = Topic(topic_names.EGO_FOOTPRINT, PolygonStamped, latched=True)
 FORECASTS = Topic(topic_names.FORECASTS, JointForecast)
 TAKEOVERS = Topic(topic_names.TAKEOVERS, Takeovers)
 CONTROLS = Topic(topic_names.CONTROLS, Controls)
 EGO_CONTROL = Topic(topic_names.EGO_CONTROL, EgoControl)
 TIMING = Topic(topic_names.TIMING, StageStatus)
+
+TF = Topic(topic_names.TF, TFMessage)
+TF_STATIC = Topic(topic_names.TF_STATIC, TFMessage, latched=True)
+FRAMES = (TF, TF_STATIC) if TFMessage else ()
+"""Topics of the ego's frames; none where their type is not installed."""
 
 OBJECTS = Topic(topic_names.OBJECTS, PointCloud2)
 LANES = Topic(topic_names.LANES, MarkerArray, latched=True)
@@ -94,7 +106,21 @@ EGO_INPUTS = {
 }
 """Topics on which an external ego may answer."""
 
-EGO_FEEDS = (EGO_STATE, OBJECTS, EGO_ROUTE, LANES, SIGNALS, SIGNAL_MAP, CLOCK, DIAGNOSTICS, AGENTS, RUN_INFO)
+EGO_FEEDS = (
+    EGO_STATE,
+    OBJECTS,
+    EGO_ROUTE,
+    EGO_VEHICLE,
+    EGO_FOOTPRINT,
+    LANES,
+    SIGNALS,
+    SIGNAL_MAP,
+    CLOCK,
+    DIAGNOSTICS,
+    AGENTS,
+    RUN_INFO,
+    *FRAMES,
+)
 """Topics for an external ego to read."""
 
 FOREIGN = (EGO_CONTROL, EGO_TWIST, EGO_TRAJECTORY, DIAGNOSTICS)

@@ -1,0 +1,148 @@
+"""Agents and traffic lights as Autoware's perception publishes them, of ``autoware_perception_msgs``.
+
+Objects are boxes in frame map at the middle of their height. Their predicted path keeps speed and heading.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from litsim_autoware.cdr import TIME, Fields, ListMessage, RecordList, header, stamped
+from litsim_sim.core.scene import AgentTable, ByteArray, FloatArray, IntArray, Kind
+from litsim_sim.core.signals import SignalState
+from litsim_sim.core.vehicle_geometry import HEIGHTS
+
+POSES, POSE_S = 11, 0.5  # poses of a predicted path, [s] between them
+NAMESPACE = b"litsim\0\0"
+"""First half of an object's UUID; the second is its id in the recording."""
+LABELS = {Kind.CAR: 1, Kind.TRUCK: 2, Kind.MOTORCYCLE: 5, Kind.BICYCLE: 6, Kind.PEDESTRIAN: 7, Kind.UNKNOWN: 0}
+AVAILABLE = 2  # of the orientation
+RED, AMBER, GREEN, UNKNOWN_COLOUR = 1, 2, 3, 0
+CIRCLE, OFF, ON, FLASHING = 1, 1, 2, 3
+LIGHTS = {
+    SignalState.UNAVAILABLE: (UNKNOWN_COLOUR, 0),
+    SignalState.DARK: (UNKNOWN_COLOUR, OFF),
+    SignalState.FLASHING_RED: (RED, FLASHING),
+    SignalState.RED: (RED, ON),
+    SignalState.RED_AMBER: (RED, ON),
+    SignalState.GREEN_PERMISSIVE: (GREEN, ON),
+    SignalState.GREEN: (GREEN, ON),
+    SignalState.AMBER_PERMISSIVE: (AMBER, ON),
+    SignalState.AMBER: (AMBER, ON),
+    SignalState.FLASHING_AMBER: (AMBER, FLASHING),
+}
+"""Colour and status of an element of a traffic light by what a signal shows."""
+
+_SEEN: Fields = (("existence", "f4"), ("classes", "u4"), ("label", "u1"), ("probability", "f4"))
+_POSE: Fields = (("position", "(3,)f8"), ("orientation", "(4,)f8"), ("pose_covariance", "(36,)f8"))
+_TWIST: Fields = (("twist", "(6,)f8"), ("twist_covariance", "(36,)f8"))
+_ACCEL: Fields = (("acceleration", "(6,)f8"), ("acceleration_covariance", "(36,)f8"))
+_SHAPE: Fields = (("shape", "u1"), ("corners", "u4"), ("size", "(3,)f8"))
+_PATH: Fields = (
+    ("paths", "u4"),
+    ("poses", "u4"),
+    ("path", f"({POSES},7)f8"),
+    ("path_sec", "i4"),
+    ("path_nanosec", "u4"),
+    ("confidence", "f4"),
+)
+_IDENTIFIED: Fields = (("uuid", "(16,)u1"), *_SEEN)
+
+PREDICTED = ListMessage(header("map"), _IDENTIFIED, (*_POSE, *_TWIST, *_ACCEL, *_PATH, *_SHAPE))
+TRACKED = ListMessage(
+    header("map"), _IDENTIFIED, (*_POSE, *_TWIST, *_ACCEL, ("oriented", "u1"), ("still", "u1"), *_SHAPE)
+)
+DETECTED = ListMessage(
+    header("map"),
+    _SEEN,
+    (*_POSE, ("has_covariance", "u1"), ("oriented", "u1"), *_TWIST, ("has_twist", "u1"), ("sure", "u1"), *_SHAPE),
+)
+GROUPS = ListMessage(
+    TIME,
+    (),
+    (
+        ("group", "i8"),
+        ("elements", "u4"),
+        ("colour", "u1"),
+        ("form", "u1"),
+        ("status", "u1"),
+        ("confidence", "f4"),
+        ("predictions", "u4"),
+    ),
+)
+
+_TIMES = POSE_S * np.arange(POSES)  # [s]
+_LABELS = np.zeros(256, np.uint8)
+_HEIGHTS = np.full(256, HEIGHTS[Kind.UNKNOWN])
+for _kind, _height in HEIGHTS.items():
+    _LABELS[_kind], _HEIGHTS[_kind] = LABELS[_kind], _height
+_LIGHTS = np.zeros((256, 2), np.uint8)
+for _state, _light in LIGHTS.items():
+    _LIGHTS[_state] = _light
+
+
+def predicted_objects(table: AgentTable, stamp_ns: int) -> bytes:
+    """``PredictedObjects`` of all agents of `table`."""
+    records = _filled(PREDICTED, table)
+    body = records.body
+    body["acceleration"][:, 0] = table.acceleration
+    body["paths"], body["poses"], body["confidence"] = 1, POSES, 1.0
+    body["path_sec"], body["path_nanosec"] = divmod(round(POSE_S * 1e9), 10**9)
+    way = table.speed[:, None] * _TIMES
+    path = body["path"]
+    path[:, :, 0] = table.x[:, None] + way * np.cos(table.yaw)[:, None]
+    path[:, :, 1] = table.y[:, None] + way * np.sin(table.yaw)[:, None]
+    path[:, :, 2] = body["position"][:, None, 2]
+    path[:, :, 5:] = body["orientation"][:, None, 2:]
+    return records.data(stamped(stamp_ns))
+
+
+def tracked_objects(table: AgentTable, stamp_ns: int) -> bytes:
+    """``TrackedObjects`` of all agents of `table`."""
+    records = _filled(TRACKED, table)
+    records.body["acceleration"][:, 0] = table.acceleration
+    records.body["oriented"], records.body["still"] = AVAILABLE, table.speed == 0.0
+    return records.data(stamped(stamp_ns))
+
+
+def detected_objects(table: AgentTable, stamp_ns: int) -> bytes:
+    """``DetectedObjects`` of all agents of `table`."""
+    records = _filled(DETECTED, table)
+    records.body["oriented"], records.body["has_twist"] = AVAILABLE, 1
+    return records.data(stamped(stamp_ns))
+
+
+def traffic_lights(groups: IntArray, states: ByteArray, stamp_ns: int) -> bytes:
+    """``TrafficLightGroupArray`` of groups (n,), the ids of their Lanelet2 relations, and what they show (n,)."""
+    records = GROUPS.records(len(groups))
+    body = records.body
+    body["group"], body["elements"], body["form"], body["confidence"] = groups, 1, CIRCLE, 1.0
+    body["colour"], body["status"] = _LIGHTS[states].T
+    return records.data(stamped(stamp_ns))
+
+
+def quaternions(yaw: FloatArray) -> FloatArray:
+    """(n, 4) of rotations by `yaw` (n,) about the vertical [rad]."""
+    turns = np.zeros((len(yaw), 4))
+    turns[:, 2], turns[:, 3] = np.sin(0.5 * yaw), np.cos(0.5 * yaw)
+    return turns
+
+
+def _filled(message: ListMessage, table: AgentTable) -> RecordList:
+    """Records with what all kinds of objects have."""
+    records = message.records(len(table))
+    for name in ("existence", "probability", "classes"):
+        records.head(name, 1)
+    records.head("label", _LABELS[table.kind])
+    if message is not DETECTED:
+        uuid = np.empty((len(table), 16), np.uint8)
+        uuid[:, :8] = np.frombuffer(NAMESPACE, np.uint8)
+        uuid[:, 8:] = table.id.astype("<i8").view(np.uint8).reshape(-1, 8)
+        records.head("uuid", uuid)
+    body, height = records.body, _HEIGHTS[table.kind]
+    place, size = body["position"], body["size"]
+    place[:, 0], place[:, 1], place[:, 2] = table.x, table.y, 0.5 * height
+    size[:, 0], size[:, 1], size[:, 2] = table.length, table.width, height
+    body["orientation"] = quaternions(table.yaw)
+    body["twist"][:, 0], body["twist"][:, 5] = table.speed, table.yaw_rate
+    return records

@@ -1,0 +1,184 @@
+"""A net as a map of Autoware: ``lanelet2_map.osm`` and ``map_projector_info.yaml``, through the ``lanelet2`` package.
+
+Every lane is a lanelet, those inside junctions included. Lanes side by side have the bound between them in common, and
+lanes that follow each other the points where they meet, so that Lanelet2's routing graph connects what the net does.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections import defaultdict
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from litsim_sim.core.errors import InputError, not_installed
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.scene import FloatArray
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.lane_map.net_lanes import Lane
+
+MAP_FILE, PROJECTOR_FILE = "lanelet2_map.osm", "map_projector_info.yaml"
+ORIGIN = (49.0, 8.4)
+"""Latitude and longitude [deg] of (0, 0) in the file, with which `data map --lanelet2` reads it back. Autoware does not
+read it: its coordinates are those of the net, from the tags local_x and local_y."""
+TURN = np.radians(20.0)  # change of heading from which on a lane inside a junction is a turn
+LEFT, RIGHT = 0, 1
+
+_Corner = tuple[int, int, int]
+"""An end of a bound: row of the lane, side, and 0 for its beginning or -1 for its end."""
+
+
+def export_lanelet2(lane_map: LaneMap, folder: Path) -> None:
+    """Write the map of all lanes of `lane_map` for Autoware into `folder`, which is made.
+
+    Raises:
+        InputError: the lanelet2 package is missing, or the folder cannot be written.
+    """
+    try:
+        core, io, projection = (importlib.import_module(f"lanelet2.{name}") for name in ("core", "io", "projection"))
+    except ImportError as error:
+        raise not_installed("lanelet2") from error
+    lanelet_map = core.LaneletMap()
+    for lanelet in _Lanelets(lane_map, core).all():
+        lanelet_map.add(lanelet)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        io.write(str(folder / MAP_FILE), lanelet_map, projection.UtmProjector(io.Origin(*ORIGIN)))
+        (folder / PROJECTOR_FILE).write_text("projector_type: Local\n", encoding="utf-8")
+    except (OSError, RuntimeError) as error:
+        raise InputError(f"{folder}: cannot be written: {error}") from error
+
+
+class _Lanelets:
+    """The lanelets of a net, with bounds and points that they have in common."""
+
+    def __init__(self, lane_map: LaneMap, core: Any) -> None:
+        self._lanes, self._core = lane_map.lanes, core
+        self._row = {lane.id: row for row, lane in enumerate(self._lanes)}
+        self._bounds = {(row, side): _bound(lane, side) for row, lane in enumerate(self._lanes) for side in (0, 1)}
+        for row, lane in enumerate(self._lanes):
+            if lane.left is not None:  # one bound for both, where both lanes have it
+                self._bounds[self._row[lane.left], RIGHT] = self._bounds[row, LEFT]
+        self._same = _Joined()
+        for row, lane in enumerate(self._lanes):
+            for side in (LEFT, RIGHT):
+                if side == LEFT and lane.left is not None:
+                    for end in (0, -1):
+                        self._same.join((row, LEFT, end), (self._row[lane.left], RIGHT, end))
+                for name in lane.successors:
+                    self._same.join((row, side, -1), (self._row[name], side, 0))
+        self._points: dict[_Corner, Any] = {}
+        self._lines: dict[tuple[int, int], Any] = {}
+        self._crossings = _crossings(self._lanes)
+
+    def all(self) -> list[Any]:
+        """The lanelets of all lanes."""
+        return [self._lanelet(row, lane) for row, lane in enumerate(self._lanes)]
+
+    def _lanelet(self, row: int, lane: Lane) -> Any:
+        lanelet = self._core.Lanelet(self._core.getId(), self._line(row, LEFT), self._line(row, RIGHT))
+        attributes = {
+            "type": "lanelet",
+            "subtype": "road",
+            "location": "urban",
+            "one_way": "yes",
+            "participant:vehicle": "yes",
+            "speed_limit": f"{3.6 * lane.speed_limit:.6g}",
+            "litsim_lane": lane.id,
+        }
+        if _junction(lane) in self._crossings:
+            attributes["turn_direction"] = _turn(lane)
+        for name, value in attributes.items():
+            lanelet.attributes[name] = value
+        return lanelet
+
+    def _line(self, row: int, side: int) -> Any:
+        """The line string of a bound; that of two lanes side by side is one."""
+        lane = self._lanes[row]
+        if side == RIGHT and lane.right is not None and self._lanes[self._row[lane.right]].left == lane.id:
+            return self._line(self._row[lane.right], LEFT)
+        if (row, side) not in self._lines:
+            bound = self._bounds[row, side]
+            inside = [self._point(place) for place in bound[1:-1]]
+            points = [self._corner((row, side, 0)), *inside, self._corner((row, side, -1))]
+            line = self._core.LineString3d(self._core.getId(), points)
+            line.attributes["type"] = "line_thin"
+            line.attributes["subtype"] = "dashed" if side == LEFT and lane.left is not None else "solid"
+            self._lines[row, side] = line
+        return self._lines[row, side]
+
+    def _corner(self, corner: _Corner) -> Any:
+        """The point at the end of a bound, which those that meet there have in common."""
+        name = self._same.name(corner)
+        if name not in self._points:
+            members = self._same.members(corner)
+            outside = [each for each in members if not self._lanes[each[0]].is_internal] or members
+            self._points[name] = self._point(np.mean([self._bounds[r, s][e] for r, s, e in outside], axis=0))
+        return self._points[name]
+
+    def _point(self, place: FloatArray) -> Any:
+        x, y = float(place[0]), float(place[1])
+        point = self._core.Point3d(self._core.getId(), x, y, 0.0)
+        point.attributes["local_x"], point.attributes["local_y"] = f"{x:.4f}", f"{y:.4f}"
+        point.attributes["ele"] = "0"
+        return point
+
+
+class _Joined:
+    """Ends of bounds that are one point."""
+
+    def __init__(self) -> None:
+        self._groups: dict[_Corner, set[_Corner]] = {}
+
+    def join(self, one: _Corner, other: _Corner) -> None:
+        """Note that two ends are the same."""
+        group = self._groups.get(one, {one}) | self._groups.get(other, {other})
+        for each in group:
+            self._groups[each] = group
+
+    def members(self, corner: _Corner) -> list[_Corner]:
+        """All ends that are the same as `corner`, itself included."""
+        return sorted(self._groups.get(corner, {corner}))
+
+    def name(self, corner: _Corner) -> _Corner:
+        """The same one of them, whichever is asked for."""
+        return self.members(corner)[0]
+
+
+def _bound(lane: Lane, side: int) -> FloatArray:
+    """(k, 2) the line half a width beside the centre line of a lane [m]."""
+    step = np.diff(lane.centerline, axis=0)
+    across = np.stack([-step[:, 1], step[:, 0]], axis=1) / np.hypot(step[:, 0], step[:, 1])[:, None]
+    mean = np.concatenate([across[:1], 0.5 * (across[:-1] + across[1:]), across[-1:]])
+    left = mean / np.maximum((mean**2).sum(axis=1), 0.5)[:, None]
+    return np.asarray(lane.centerline + (0.5 - side) * lane.width * left, np.float64)
+
+
+def _junction(lane: Lane) -> str:
+    """Name of the junction that a lane is inside of, by SUMO's names of edges such as ``:J_3``; else empty."""
+    return lane.edge_id[1:].rpartition("_")[0] if lane.is_internal else ""
+
+
+def _crossings(lanes: Iterable[Lane]) -> set[str]:
+    """Junctions with several ways in and several out: intersections, and not where a road merges or goes on."""
+    edges = {lane.id: lane.edge_id for lane in lanes}
+    ways: dict[str, tuple[set[str], set[str]]] = defaultdict(lambda: (set(), set()))
+    for lane in lanes:
+        for name in lane.successors:
+            here, there = _junction(lane), edges[name]
+            if not here and there.startswith(":"):
+                ways[there[1:].rpartition("_")[0]][0].add(lane.edge_id)
+            elif here and not there.startswith(":"):
+                ways[here][1].add(there)
+    return {name for name, (come, go) in ways.items() if len(come) > 1 and len(go) > 1}
+
+
+def _turn(lane: Lane) -> str:
+    """Where a lane inside an intersection leads, as Autoware's attribute `turn_direction` has it."""
+    steps = np.diff(lane.centerline, axis=0)[[0, -1]]
+    headings = np.arctan2(steps[:, 1], steps[:, 0])
+    turned = float(wrap_angle(np.asarray(headings[1] - headings[0])))
+    return "straight" if abs(turned) < TURN else "left" if turned > 0.0 else "right"

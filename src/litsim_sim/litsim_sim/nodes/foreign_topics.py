@@ -1,0 +1,58 @@
+"""Topics of a stack that are recorded beside those of LitSim: of any type whose package is installed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from litsim_sim.record.bag import BagWriter, qos_yaml
+from litsim_sim.ros.definitions import definition, type_hash
+
+LOOK_S = 0.5  # [s] between two looks for publishers
+QUEUE = 100  # [messages]
+
+
+class ForeignTopics:
+    """Subscribes a node to topics as soon as they have a publisher, and hands on their messages as they are."""
+
+    def __init__(self, node: Node, writer: BagWriter, names: Sequence[str], take: Callable[[str, bytes], None]) -> None:
+        """Look for the topics `names`; call :meth:`look` every :data:`LOOK_S`.
+
+        Args:
+            node: gets the subscriptions.
+            writer: gets the topics.
+            names: of the topics.
+            take: called with the topic and the serialised form of every message.
+        """
+        self._node, self._writer, self._take = node, writer, take
+        self._left = set(names)
+
+    def look(self) -> None:
+        """Subscribe to those topics that have got a publisher."""
+        for name, types in self._node.get_topic_names_and_types():
+            if name in self._left:
+                self._left.discard(name)
+                self._subscribe(name, types[0])
+
+    def _subscribe(self, name: str, type_name: str) -> None:
+        package, kind, short = [*type_name.split("/"), "", ""][:3]
+        try:
+            message_type: Any = getattr(import_module(f"{package}.{kind}"), short)
+        except (ImportError, AttributeError):
+            self._node.get_logger().warning(f"{name} is not recorded: {type_name} is not installed")
+            return
+        profiles = [info.qos_profile for info in self._node.get_publishers_info_by_topic(name)]
+        reliable = all(each.reliability == ReliabilityPolicy.RELIABLE for each in profiles)
+        latched = bool(profiles) and all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in profiles)
+        qos = QoSProfile(
+            depth=QUEUE,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        )
+        offered = qos_yaml(QUEUE, durability="transient_local" if latched else "volatile")
+        self._writer.add_topic(name, type_name, definition(type_name), offered, type_hash(type_name))
+        self._node.create_subscription(message_type, name, lambda data: self._take(name, data), qos, raw=True)

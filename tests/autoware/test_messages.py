@@ -1,0 +1,132 @@
+"""Messages written as arrays are what rclpy writes of the message objects, byte by byte."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("autoware_perception_msgs", reason="Autoware's messages are not built (tools/interfaces.sh)")
+
+from autoware_perception_msgs.msg import (
+    DetectedObject,
+    DetectedObjects,
+    ObjectClassification,
+    PredictedObject,
+    PredictedObjects,
+    TrackedObject,
+    TrackedObjects,
+    TrafficLightElement,
+    TrafficLightGroup,
+    TrafficLightGroupArray,
+)
+from autoware_vehicle_msgs.msg import GearReport, SteeringReport, VelocityReport
+from geometry_msgs.msg import AccelWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from rclpy.serialization import deserialize_message, serialize_message
+
+from litsim_autoware import objects, vehicle
+from litsim_autoware.vehicle import RearAxle
+from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable
+from litsim_sim.ros.cdr import without_padding
+
+STAMP_NS = 12_300_000_000
+
+
+@pytest.mark.parametrize("agents", [0, 1, 7])
+@pytest.mark.parametrize(
+    ("write", "kind"),
+    [
+        (objects.predicted_objects, PredictedObjects),
+        (objects.tracked_objects, TrackedObjects),
+        (objects.detected_objects, DetectedObjects),
+    ],
+)
+def test_objects(write: Any, kind: Any, agents: int) -> None:
+    table = made_table(agents)
+    message = read(write(table, STAMP_NS), kind)
+    assert (message.header.stamp.sec, message.header.frame_id, len(message.objects)) == (12, "map", agents)
+    for row, (found, kind_of) in enumerate(zip(message.objects, table.kind, strict=True)):
+        pose, twist, accel, path = parts_of(found)
+        assert (pose.position.x, pose.position.y) == (table.x[row], table.y[row])
+        assert 2.0 * np.arctan2(pose.orientation.z, pose.orientation.w) == pytest.approx(table.yaw[row])
+        assert (twist.linear.x, twist.angular.z) == (table.speed[row], table.yaw_rate[row])
+        assert (found.shape.dimensions.x, found.shape.dimensions.y) == (table.length[row], table.width[row])
+        assert pose.position.z == 0.5 * found.shape.dimensions.z
+        labels = ObjectClassification
+        wanted = {0: labels.CAR, 1: labels.TRUCK, 2: labels.MOTORCYCLE, 3: labels.BICYCLE, 4: labels.PEDESTRIAN}
+        assert [each.label for each in found.classification] == [wanted.get(int(kind_of), labels.UNKNOWN)]
+        if accel is not None:
+            assert accel.linear.x == table.acceleration[row]
+            assert int.from_bytes(bytes(found.object_id.uuid[8:]), "little") == table.id[row]
+        if path is not None:
+            assert (len(path.path), path.time_step.nanosec, path.confidence) == (11, 500_000_000, 1.0)
+            away = np.hypot(path.path[-1].position.x - table.x[row], path.path[-1].position.y - table.y[row])
+            assert away == pytest.approx(5.0 * table.speed[row])
+
+
+def parts_of(found: Any) -> tuple[Any, Any, Any, Any]:
+    """Pose, twist, acceleration and predicted path of an object; None for what its kind does not have."""
+    about = found.kinematics
+    if isinstance(found, PredictedObject):
+        accel = about.initial_acceleration_with_covariance.accel
+        pose, twist = about.initial_pose_with_covariance.pose, about.initial_twist_with_covariance.twist
+        return pose, twist, accel, about.predicted_paths[0]
+    accel = about.acceleration_with_covariance.accel if isinstance(found, TrackedObject) else None
+    assert isinstance(found, TrackedObject | DetectedObject)
+    return about.pose_with_covariance.pose, about.twist_with_covariance.twist, accel, None
+
+
+@pytest.mark.parametrize("groups", [0, 3])
+def test_traffic_lights(groups: int) -> None:
+    states = np.array([3, 6, 8][:groups], np.uint8)
+    data = objects.traffic_lights(np.arange(groups) + 100, states, STAMP_NS)
+    message = read(data, TrafficLightGroupArray)
+    element = TrafficLightElement
+    colours = [element.RED, element.GREEN, element.AMBER][:groups]
+    found = [(each.traffic_light_group_id, each.elements[0].color) for each in message.traffic_light_groups]
+    assert found == [(100 + row, colour) for row, colour in enumerate(colours)]
+    assert all(each.elements[0].status == element.SOLID_ON for each in message.traffic_light_groups)
+    assert all(isinstance(each, TrafficLightGroup) for each in message.traffic_light_groups)
+
+
+def test_the_ego() -> None:
+    motion = RearAxle(1.0, 2.0, 0.5, 10.0, -1.5, 0.1)
+    odometry = read(motion.odometry(STAMP_NS), Odometry)
+    assert (odometry.header.frame_id, odometry.child_frame_id, odometry.pose.pose.position.y) == (
+        "map",
+        "base_link",
+        2.0,
+    )
+    assert (odometry.twist.twist.linear.x, odometry.twist.twist.angular.z) == (10.0, 0.1)
+    accel = read(motion.accel(STAMP_NS), AccelWithCovarianceStamped)
+    assert (accel.header.frame_id, accel.accel.accel.linear.x) == ("base_link", -1.5)
+    velocity = read(motion.velocity(STAMP_NS), VelocityReport)
+    assert (velocity.longitudinal_velocity, velocity.heading_rate) == (10.0, np.float32(0.1))
+    assert read(vehicle.report(22, STAMP_NS), GearReport).report == 22
+    assert read(vehicle.steering_report(0.25, STAMP_NS), SteeringReport).steering_tire_angle == 0.25
+
+
+def test_the_frame_of_the_ego() -> None:
+    kind = pytest.importorskip("tf2_msgs.msg").TFMessage
+    (transform,) = read(RearAxle(1.0, 2.0, 0.5, 10.0, 0.0, 0.0).transform(STAMP_NS), kind).transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("map", "base_link")
+    assert (transform.transform.translation.x, transform.transform.rotation.z) == (1.0, np.sin(0.25))
+
+
+def made_table(agents: int) -> AgentTable:
+    """Agents of all kinds with different values in every column."""
+    rng = np.random.default_rng(agents)
+    columns = {name: rng.uniform(1.0, 5.0, agents) for name in ARRAY_FIELDS}
+    kinds = np.array([0, 1, 2, 3, 4, 255, 0][:agents], np.uint8)
+    whole = {"id": np.arange(agents) + 5, "kind": kinds, "controller": np.zeros(agents, np.uint8)}
+    return AgentTable(3, **(columns | {"yaw": rng.uniform(-3.0, 3.0, agents)} | whole))
+
+
+def read(data: bytes, kind: Any) -> Any:
+    """The message object, which rclpy would have written as the same bytes, but for what lies in the padding."""
+    message = deserialize_message(data, kind)
+    clear = without_padding(kind)
+    assert clear(serialize_message(message)) == clear(data)
+    return message

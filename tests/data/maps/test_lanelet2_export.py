@@ -1,0 +1,61 @@
+"""A net for Autoware: its routing graph is that of the net, its lanes lie where they did, and it is read back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from litsim_data.maps.lanelet2_export import MAP_FILE, ORIGIN, PROJECTOR_FILE, export_lanelet2
+from litsim_data.maps.lanelet2_osm import import_lanelet2
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.scenario.scenario import packaged
+
+pytest.importorskip("lanelet2.core")
+from lanelet2 import io, projection, routing, traffic_rules
+
+
+@pytest.mark.parametrize("net", ["us101_like", "us101", "urban_like"])
+def test_the_routing_graph_is_that_of_the_net(net: str, tmp_path: Path) -> None:
+    lane_map = LaneMap.from_net(packaged(f"nets/{net}.net.xml"))
+    export_lanelet2(lane_map, tmp_path)
+    assert (tmp_path / PROJECTOR_FILE).read_text() == "projector_type: Local\n"
+    loaded = io.load(str(tmp_path / MAP_FILE), projection.UtmProjector(io.Origin(*ORIGIN)))
+    rules = traffic_rules.create(traffic_rules.Locations.Germany, traffic_rules.Participants.Vehicle)
+    graph = routing.RoutingGraph(loaded, rules)
+    assert graph.checkValidity() == []
+    lanelets = {each.attributes["litsim_lane"]: each for each in loaded.laneletLayer}
+    assert set(lanelets) == {lane.id for lane in lane_map.lanes}
+    for lane in lane_map.lanes:
+        lanelet = lanelets[lane.id]
+        assert {each.attributes["litsim_lane"] for each in graph.following(lanelet)} >= set(lane.successors)
+        if lane.left is not None:
+            assert graph.left(lanelet).attributes["litsim_lane"] == lane.left
+        if lane.right is not None:
+            assert graph.right(lanelet).attributes["litsim_lane"] == lane.right
+        for point in lanelet.leftBound:
+            local = [float(point.attributes[name]) for name in ("local_x", "local_y")]
+            assert [point.x, point.y] == pytest.approx(local, abs=1e-3)
+        if not lane.is_internal:
+            middle = 0.5 * (ends(lanelet.leftBound) + ends(lanelet.rightBound))
+            assert middle == pytest.approx(lane.centerline[[0, -1]], abs=3e-3)
+            across = ends(lanelet.leftBound) - ends(lanelet.rightBound)
+            assert np.hypot(*across.T) == pytest.approx(lane.width, abs=3e-3)
+    turns = {each.attributes["turn_direction"] for each in lanelets.values() if "turn_direction" in each.attributes}
+    assert turns == ({"left", "right", "straight"} if net == "urban_like" else set())
+
+
+def ends(bound: object) -> np.ndarray:
+    return np.array([[bound[at].x, bound[at].y] for at in (0, -1)])  # type: ignore[index]
+
+
+def test_a_net_comes_back_as_it_was(tmp_path: Path) -> None:
+    lane_map = LaneMap.from_net(packaged("nets/us101_like.net.xml"))
+    export_lanelet2(lane_map, tmp_path)
+    import_lanelet2(tmp_path / MAP_FILE, ORIGIN, tmp_path / "back.net.xml")
+    back = LaneMap.from_net(tmp_path / "back.net.xml")
+    for lane in lane_map.lanes:
+        if not lane.is_internal:
+            place = back.nearest(*lane.centerline.T, np.zeros(len(lane.centerline)))
+            assert np.abs(place.d).max() < 5e-3  # 1 mm, but beside the bends of a bound
