@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from litsim_data import cli as data
-from litsim_data import trajectories as export
+from litsim_data.generic import trajectories as export
 from litsim_data.ngsim.sites import I80, US101
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller

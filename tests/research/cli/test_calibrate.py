@@ -12,7 +12,7 @@ from litsim_research.cli import calibrate
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--modes", "3", "-1"], "--modes: parameter most is -1, expected a whole number of at least 0\n"),
+        (["--modes", "3", "-1"], "--modes: parameter modes is -1, expected a whole number of at least 0\n"),
         (["--spread", "-1"], "--spread: parameter sigma_scale is -1.0, expected a number of at least 0\n"),
         (["--thresholds", "0"], "--thresholds: [0.0], expected probabilities above 0 and below 1\n"),
     ],

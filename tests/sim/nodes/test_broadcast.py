@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 from litsim_sim.nodes.broadcast import Broadcast
@@ -15,6 +16,9 @@ class Notes:
     def __init__(self) -> None:
         self.published: list[tuple[str, int]] = []
         self.subscribers: dict[str, int] = {}
+
+    def get_logger(self) -> Any:
+        return logging.getLogger()
 
     def create_publisher(self, _: Any, topic: str, *__: Any, **___: Any) -> Any:
         return _Publisher(self, topic)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from litsim_data.cleaning.cleaning import CleaningConfig, clean, front_centres
-from litsim_data.cli.description import describe
+from litsim_data.generic.description import describe
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import refuse_input_as_output
 from litsim_sim.scenario.load import load_recording

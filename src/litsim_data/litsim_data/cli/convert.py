@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from litsim_data.cli.description import describe
+from litsim_data.generic.description import describe
 from litsim_data.ngsim.formats import is_official
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import refuse_input_as_output, replacing

@@ -21,7 +21,7 @@ def run(arguments: argparse.Namespace) -> None:
     Raises:
         InputError: there is no run, or OUT cannot be written.
     """
-    from litsim_data.cli.trajectories import trajectories, write
+    from litsim_data.generic.trajectories import trajectories, write
     from litsim_sim.record.run import read_run
 
     rows = trajectories(read_run(arguments.bag))

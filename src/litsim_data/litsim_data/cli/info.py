@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from litsim_data.cli.description import describe
+from litsim_data.generic.description import describe
 from litsim_data.ngsim.formats import is_official
 from litsim_sim.scenario.load import load_recording
 

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from litsim_data.cli.description import describe
+from litsim_data.generic.description import describe
 from litsim_sim.cli.arguments import number
 from litsim_sim.core.errors import InputError
 from litsim_sim.lane_map.lane_map import LaneMap

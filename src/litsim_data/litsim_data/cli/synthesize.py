@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from litsim_data.cli.description import describe
+from litsim_data.generic.description import describe
 
 NETS = ("us101_like", "urban_like")
 

@@ -7,7 +7,6 @@ import pytest
 
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.detector import ConflictDetector
-from litsim_predictor.inference.contract import NO_MODES
 from litsim_research.predictors.evaluation.calibration import SECONDS, PairScores, score_drives
 from litsim_sim.scenario.scenario import Scenario
 
@@ -16,7 +15,7 @@ AT = SECONDS.index(3)
 
 def scores(scenario: Scenario) -> PairScores:
     detector = ConflictDetector(scenario.log, scenario.roi_m, ConflictConfig(sigma_scale=0.0))
-    return score_drives(scenario, 1, detector, "kinematic", NO_MODES)
+    return score_drives(scenario, 1, detector, "kinematic", 0)
 
 
 @pytest.fixture
