@@ -149,7 +149,7 @@ def _flips(turn: FloatArray, steps: FloatArray, same: BoolArray) -> int:
 
 def overlaps(table: pd.DataFrame) -> dict[tuple[int, int], int]:
     """Returns the number of frames in which boxes of a recording's `table` overlap, by ids, the lower one first."""
-    boxes = (table[name].to_numpy() for name in ("x", "y", "yaw", "length", "width"))
-    rows = overlapping_pairs(*boxes, scene=table["frame"].to_numpy().astype(np.int64))
+    x, y, yaw, length, width = (table[name].to_numpy() for name in ("x", "y", "yaw", "length", "width"))
+    rows = overlapping_pairs(x, y, yaw, length, width, table["frame"].to_numpy().astype(np.int64))
     pairs, frames = np.unique(np.sort(table["vehicle_id"].to_numpy()[rows], axis=1), axis=0, return_counts=True)
     return {(int(a), int(b)): int(count) for (a, b), count in zip(pairs, frames, strict=True)}
