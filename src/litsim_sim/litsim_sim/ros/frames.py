@@ -46,7 +46,7 @@ class FrameBroadcaster:
         self._lever = geometry.rear_axle_to_centre
         self._to = {topic: publisher_on(node, topic) for topic in FRAMES}
         if not FRAMES:
-            node.get_logger().info(WITHOUT_TF)
+            node.get_logger().debug(WITHOUT_TF)
 
     def begin(self) -> None:
         """Publish the frames that do not move."""
