@@ -13,7 +13,7 @@ from rclpy.node import Node
 
 from litsim_sim.launch.middleware import use_middleware_settings
 from litsim_sim.ros import topics
-from litsim_sim.ros.topics import AGENTS, CLOCK, EGO_CONTROL, RECORDED_TOPICS, Topic
+from litsim_sim.ros.topics import AGENTS, CLOCK, EGO_CONTROL, Topic
 
 
 class Intruder(Node):
@@ -33,7 +33,7 @@ class Intruder(Node):
 
 
 def main() -> None:
-    (topic,) = (topic for topic in (*RECORDED_TOPICS, topics.HELLO, topics.RECORDED) if topic.name == sys.argv[1])
+    (topic,) = {topic for topic in vars(topics).values() if isinstance(topic, Topic) and topic.name == sys.argv[1]}
     use_middleware_settings("intruder")
     rclpy.init()
     rclpy.spin(Intruder(topic, drives=len(sys.argv) > 2))

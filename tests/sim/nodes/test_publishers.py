@@ -6,14 +6,15 @@ import pytest
 
 from litsim_sim.core.stages import BRIDGE, POLICY_STAGES, RECORDER
 from litsim_sim.nodes.publishers import STAGES, owners, surplus
-from litsim_sim.ros.topics import CONTROLS, EGO_CONTROL, FOREIGN, RECORDED_TOPICS, STATUS, TIMING
+from litsim_sim.ros.topics import CONTROLS, EGO_APPLIED, EGO_CONTROL, FOREIGN, RECORDED_TOPICS, SIGNALS, STATUS, TIMING
 
 
 @pytest.mark.parametrize("external", [False, True])
 def test_every_recorded_topic_has_owners_but_those_that_foreign_nodes_publish_on(external: bool) -> None:
-    of_run = owners(STAGES, external=external)
+    of_run = owners(STAGES, external=external, signals=external)
     assert set(RECORDED_TOPICS) - set(of_run) == set(FOREIGN) - (set() if external else {EGO_CONTROL})
     assert of_run[CONTROLS] == ("policy",)
+    assert of_run[SIGNALS] == of_run[EGO_APPLIED] == ((BRIDGE,) if external else ())
     assert set(of_run[STATUS]) == {BRIDGE, *STAGES}
     assert set(of_run[STATUS]) - set(of_run[TIMING]) == {RECORDER}
 
@@ -25,7 +26,7 @@ def test_nobody_is_too_many_as_long_as_there_are_no_more_than_owners() -> None:
 
 
 def test_an_idle_stage_is_no_stranger_and_a_second_one_of_the_run_is() -> None:
-    names = owners((*POLICY_STAGES, RECORDER), external=True)[STATUS]
+    names = owners((*POLICY_STAGES, RECORDER), external=True, signals=False)[STATUS]
     nodes = [f"/{name}" for name in names]
     assert surplus("/litsim/status", names, [*nodes, "/ego"]) == ""
     assert surplus("/litsim/status", names, [*nodes, "/ego", "/policy"]).startswith("/policy: publishes on ")

@@ -94,7 +94,8 @@ class BridgeNode(Node):
         self._ego_nodes: list[str] = []
         self._known_ego_publishers = EgoPublishers()
         self._ego_publishers_changed = True  # whether a publisher of the ego may have come since they were last noted
-        self._owners, self._watched = owners(plan.stages, external=external), -WATCH_S
+        self._owners = owners(plan.stages, external=external, signals=plan.scenario.signals is not None)
+        self._watched = -WATCH_S
         published = (HELLO, STATUS, TIMING, *((EGO_APPLIED,) if external else ()))
         self._outputs = {t: publisher_on(self, t) for t in published}
         self._broadcast = Broadcast(self, plan, clock=options.clock, factor=options.real_time_factor)

@@ -33,18 +33,20 @@ Owners = Mapping[Topic, tuple[str, ...]]
 """Names of the nodes of a run that publish on each internal topic."""
 
 
-def owners(stages: Sequence[str], *, external: bool) -> Owners:
+def owners(stages: Sequence[str], *, external: bool, signals: bool) -> Owners:
     """Returns the internal topics with their owners; the ego's commands are internal unless the ego is `external`.
 
     Args:
         stages: those of the run beside the bridge.
         external: whether a stack of the user's drives the ego.
+        signals: whether the scenario has signals; without, nobody may publish any.
     """
     of_stages = {FORECASTS: PREDICTOR, TAKEOVERS: CONFLICT, CONTROLS: POLICY, RECORDED: RECORDER}
     of_stages |= {} if external else {EGO_CONTROL: EGO}
-    of_bridge = (*PUBLISHED, *PUBLISHED_OF_SIGNALS, HELLO, EGO_APPLIED)
+    of_bridge = (*PUBLISHED, HELLO, *((EGO_APPLIED,) if external else ()), *(PUBLISHED_OF_SIGNALS if signals else ()))
     return (
-        dict.fromkeys(of_bridge, (BRIDGE,))
+        dict.fromkeys((*PUBLISHED_OF_SIGNALS, EGO_APPLIED), ())
+        | dict.fromkeys(of_bridge, (BRIDGE,))
         | {topic: (stage,) for topic, stage in of_stages.items()}
         | {STATUS: (BRIDGE, *stages), TIMING: (BRIDGE, *(stage for stage in stages if stage != RECORDER))}
     )
@@ -85,7 +87,8 @@ def surplus(topic: str, names: Sequence[str], nodes: Sequence[str]) -> str:
         return f"another bridge publishes on {topic} in the same domain; each needs a domain of its own"
     return (
         f"{', '.join(sorted(node or 'an unknown node' for node in strangers))}: publishes on {topic}, expected only "
-        f"{', '.join(names)} of this run; a graph needs a domain of its own, and a stack publishes on the ego's topics"
+        f"{', '.join(names) or 'nobody'} of this run; a graph needs a domain of its own, and a stack publishes on the "
+        "ego's topics"
     )
 
 
