@@ -67,18 +67,17 @@ def refuse_input_as_output(out: Path, *inputs: Path) -> None:
                 raise InputError(f"{out}: is the input {source} itself, expected another file: nothing is replaced")
 
 
-def check_regular(path: Path, *, size_max: int | None = None) -> None:
+def check_regular(path: Path, *, size_max: int) -> None:
     """Check that `path`, if it exists, is a file: a device has no end, and a pipe without a writer is waited for.
 
     Raises:
         InputError: it is something else, or larger than `size_max` [B].
     """
+    if _is_special(path):
+        raise InputError(f"{path}: is a device, pipe or socket, expected a file")
     with suppress(OSError):  # a missing file, of which the reader tells
-        status = path.stat()
-        if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
-            raise InputError(f"{path}: is a device, pipe or socket, expected a file")
-        if size_max is not None and status.st_size > size_max:
-            raise InputError(f"{path}: has {status.st_size} bytes, expected at most {size_max}")
+        if (size := path.stat().st_size) > size_max:
+            raise InputError(f"{path}: has {size} bytes, expected at most {size_max}")
 
 
 def _is_special(path: Path) -> bool:
