@@ -24,12 +24,12 @@ from litsim_sim.nodes.bridge_options import bridge_stage
 from litsim_sim.nodes.broadcast import PUBLISHED, PUBLISHED_OF_SIGNALS, Broadcast, run_info
 from litsim_sim.nodes.diagnostics import Diagnostics
 from litsim_sim.nodes.ego_publishers import EgoPublisher, EgoPublishers, absence, rivalry
-from litsim_sim.nodes.publishers import NAMES_S, WATCH_S, check_publishers, owners
+from litsim_sim.nodes.publishers import WATCH_S, check_publishers, owners
 from litsim_sim.nodes.responses import ResponseCollector, RunFailed, StageLiveness
 from litsim_sim.nodes.run_loop import Pulse, RunLoop
 from litsim_sim.ros import ego_port, messages, standard
 from litsim_sim.ros.definitions import type_name
-from litsim_sim.ros.endpoints import Endpoints, node_of, publisher_on, subscribe
+from litsim_sim.ros.endpoints import Endpoints, node_of, once_named, publisher_on, subscribe
 from litsim_sim.ros.parameters import parameters, read_parameters
 from litsim_sim.ros.process import executor_of, process, serve, spare_from_collection
 from litsim_sim.ros.topics import (
@@ -272,11 +272,7 @@ class BridgeNode(Node):
 
     def _named_ego_publishers(self) -> list[EgoPublisher]:
         """Returns the announced publishers on the ego port's topics once the names of their nodes are known."""
-        publishers, give_up = self._ego_publishers(), time.perf_counter() + NAMES_S
-        while not all(publisher.node for publisher in publishers) and time.perf_counter() < give_up:
-            time.sleep(0.01)
-            publishers = self._ego_publishers()
-        return publishers
+        return once_named(self._ego_publishers, lambda publisher: publisher.node)
 
     def _status(self, state: StageState, step: int, compute_time: float = 0.0, text: str = "") -> StageStatus:
         return messages.status(self.plan.run_id, BRIDGE, state, step, compute_time, text)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 
 from rclpy.node import Node
@@ -10,7 +9,7 @@ from rclpy.node import Node
 from litsim_sim.core.stages import BRIDGE, CONFLICT, EGO, POLICY, POLICY_STAGES, PREDICTOR, RECORDER
 from litsim_sim.nodes.broadcast import PUBLISHED, PUBLISHED_OF_SIGNALS
 from litsim_sim.nodes.responses import RunFailed
-from litsim_sim.ros.endpoints import node_of
+from litsim_sim.ros.endpoints import node_of, once_named
 from litsim_sim.ros.topics import (
     CONTROLS,
     EGO_APPLIED,
@@ -25,7 +24,6 @@ from litsim_sim.ros.topics import (
 )
 
 WATCH_S = 1.0  # [s] period of the watch; a visit that is shorter shows in the record, as a second answer to a step
-NAMES_S = 1.0  # [s] by which the names of nodes may follow their publishers, at most
 
 STAGES = (*POLICY_STAGES, EGO, RECORDER)
 
@@ -93,10 +91,5 @@ def surplus(topic: str, names: Sequence[str], nodes: Sequence[str]) -> str:
 
 
 def _nodes(node: Node, topic: Topic) -> list[str]:
-    """Names of the nodes that publish on `topic`, as soon as all are known, or after NAMES_S."""
-    give_up = time.perf_counter() + NAMES_S
-    while True:
-        nodes = [node_of(info) for info in node.get_publishers_info_by_topic(topic.name)]
-        if all(nodes) or time.perf_counter() > give_up:
-            return nodes
-        time.sleep(0.01)
+    """Returns names of the nodes that publish on `topic`."""
+    return list(map(node_of, once_named(lambda: node.get_publishers_info_by_topic(topic.name), node_of)))

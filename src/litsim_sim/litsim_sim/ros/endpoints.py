@@ -7,9 +7,10 @@ are left out; foreign nodes get the warnings on their side.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
@@ -17,6 +18,9 @@ from rclpy.publisher import Publisher
 
 from litsim_sim.ros.topics import Topic
 
+T = TypeVar("T")
+
+NAMES_S = 1.0  # [s] by which the names of nodes may follow their endpoints, at most
 NAMELESS = "_NODE_NAME_UNKNOWN_"
 """Name that the middleware gives to the node of an endpoint discovered before its node, or outliving it."""
 
@@ -60,3 +64,11 @@ def subscribe(
 def node_of(endpoint: Any) -> str:
     """Full name of the node of a TopicEndpointInfo of rclpy; empty if unknown."""
     return "" if endpoint.node_name == NAMELESS else f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
+
+
+def once_named(look: Callable[[], list[T]], name: Callable[[T], str]) -> list[T]:
+    """Returns what `look` finds, as soon as each has a `name` that is not empty, or after NAMES_S."""
+    give_up = time.perf_counter() + NAMES_S
+    while not all(map(name, endpoints := look())) and time.perf_counter() < give_up:
+        time.sleep(0.01)
+    return endpoints
