@@ -43,7 +43,7 @@ def save_checkpoint(path: Path, state: Mapping[str, Any]) -> None:
     content = io.BytesIO()  # given a file, torch does not say that the disk is full
     torch.save(dict(state), content)
     with replacing(path) as new:
-        new.write_bytes(content.getbuffer())
+        new.write_bytes(content.getvalue())  # Python 3.12.1 crashes on views that outlive an error
 
 
 def _brief(error: Exception) -> str:
