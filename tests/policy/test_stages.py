@@ -28,7 +28,7 @@ def test_parameters_of_every_stage_are_taken() -> None:
         "recorder": {"overwrite": True},
         "predictor": {"kinematic.horizon": 2, "model": "kinematic"},
         "conflict": {"horizon": 2, "handback": "catch_up"},
-        "policy": {"safety.horizon": 2, "idm.headway": 1, "handback.speed_gain": 1},
+        "policy": {"safety.horizon": 2, "crossing_horizon": 1},
         "ego": {"time": (0, 1)},
     }
     bridge = configured(STAGES, given, EGO)["bridge"]
@@ -67,9 +67,9 @@ def test_parameters_of_every_stage_are_taken() -> None:
         ),
         (
             "policy",
-            "idm.acceleration",
+            "safety.relax",
             0,
-            r"policy: parameter idm.acceleration is 0, expected a number of more than 0 \[",
+            r"policy: parameter safety.relax is 0, expected a number of more than 0 \[",
         ),
         (
             "ego",

@@ -7,9 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_policy.driving.handback import HandbackConfig, catch_up
-
-CONFIG = HandbackConfig()
+from litsim_policy.driving.handback import (
+    ACCELERATION_MAX,
+    DECELERATION_MAX,
+    POSITION_GAIN,
+    SPEED_EXCESS,
+    SPEED_GAIN,
+    catch_up,
+)
 
 
 def chase(lag: float, speed: float, log_speed: float, seconds: float, wave: float = 0.0) -> tuple[np.ndarray, ...]:
@@ -17,7 +22,7 @@ def chase(lag: float, speed: float, log_speed: float, seconds: float, wave: floa
     lags, excesses, accelerations = [], [], []
     for k in range(round(10 * seconds)):
         log_acceleration = wave * np.cos(0.1 * k)
-        acceleration = catch_up(CONFIG, lag, speed, log_speed, log_acceleration)
+        acceleration = catch_up(lag, speed, log_speed, log_acceleration)
         faster, log_faster = max(0.0, speed + 0.1 * acceleration), log_speed + 0.1 * log_acceleration
         lag += 0.05 * (log_speed + log_faster - speed - faster)
         speed, log_speed = faster, log_faster
@@ -28,24 +33,24 @@ def chase(lag: float, speed: float, log_speed: float, seconds: float, wave: floa
 
 
 def test_on_the_log_the_log_is_copied() -> None:
-    assert catch_up(CONFIG, 0.0, 10.0, 10.0, 0.0) == 0.0
-    assert catch_up(CONFIG, 0.0, 10.0, 10.0, -1.3) == pytest.approx(-1.3)
+    assert catch_up(0.0, 10.0, 10.0, 0.0) == 0.0
+    assert catch_up(0.0, 10.0, 10.0, -1.3) == pytest.approx(-1.3)
 
 
 def test_behind_the_log_it_accelerates_and_ahead_of_it_it_brakes() -> None:
-    assert catch_up(CONFIG, 1.0, 10.0, 10.0, 0.0) == pytest.approx(CONFIG.position_gain)
-    assert catch_up(CONFIG, -1.0, 10.0, 10.0, 0.0) == pytest.approx(-CONFIG.position_gain)
-    assert catch_up(CONFIG, 0.0, 9.0, 10.0, 0.0) == pytest.approx(CONFIG.speed_gain)
+    assert catch_up(1.0, 10.0, 10.0, 0.0) == pytest.approx(POSITION_GAIN)
+    assert catch_up(-1.0, 10.0, 10.0, 0.0) == pytest.approx(-POSITION_GAIN)
+    assert catch_up(0.0, 9.0, 10.0, 0.0) == pytest.approx(SPEED_GAIN)
 
 
 def test_the_gains_are_critically_damped() -> None:
-    assert CONFIG.speed_gain == pytest.approx(2.0 * np.sqrt(CONFIG.position_gain))
+    assert pytest.approx(2.0 * np.sqrt(POSITION_GAIN)) == SPEED_GAIN
 
 
 @given(st.floats(-500, 500), st.floats(0, 40), st.floats(0, 40), st.floats(-8, 8))
 def test_comfort_bounds_are_never_exceeded(lag: float, speed: float, log_speed: float, log_acceleration: float) -> None:
-    wanted = catch_up(CONFIG, lag, speed, log_speed, log_acceleration)
-    assert -CONFIG.deceleration_max <= wanted <= CONFIG.acceleration_max
+    wanted = catch_up(lag, speed, log_speed, log_acceleration)
+    assert -DECELERATION_MAX <= wanted <= ACCELERATION_MAX
 
 
 @given(st.floats(-30, 30), st.floats(5, 25), st.floats(8, 25))
@@ -53,13 +58,13 @@ def test_lag_and_excess_die_out_without_a_wide_swing(lag: float, speed: float, l
     lags, excesses, _ = chase(lag, speed, log_speed, 60.0)
     assert abs(lags[-1]) < 0.1 and abs(excesses[-1]) < 0.05
     # a start at another speed than the log's carries it on, for at most the way that braking down to it takes
-    carried = 4.0 + 0.5 * (speed - log_speed) ** 2 / CONFIG.acceleration_max + abs(speed - log_speed)
+    carried = 4.0 + 0.5 * (speed - log_speed) ** 2 / ACCELERATION_MAX + abs(speed - log_speed)
     assert np.abs(lags).max() < abs(lag) + carried
 
 
 def test_a_long_way_is_made_at_the_excess_speed_and_no_faster() -> None:
     lags, excesses, _ = chase(60.0, 10.0, 10.0, 40.0)
-    assert excesses.max() == pytest.approx(CONFIG.speed_excess, abs=0.05)
+    assert excesses.max() == pytest.approx(SPEED_EXCESS, abs=0.05)
     assert abs(lags[-1]) < 0.1 and lags.min() > -0.5
 
 
@@ -71,9 +76,3 @@ def test_one_that_is_too_far_ahead_stops_at_worst() -> None:
 def test_a_log_in_waves_is_followed() -> None:
     lags, excesses, _ = chase(8.0, 10.0, 12.0, 40.0, wave=1.0)
     assert np.abs(lags[-100:]).max() < 0.1 and np.abs(excesses[-100:]).max() < 0.1
-
-
-def test_wider_bounds_catch_up_sooner() -> None:
-    slow = catch_up(HandbackConfig(acceleration_max=1.0), 20.0, 10.0, 10.0, 0.0)
-    fast = catch_up(HandbackConfig(acceleration_max=3.0), 20.0, 10.0, 10.0, 0.0)
-    assert (slow, fast) == (1.0, 3.0)

@@ -8,20 +8,19 @@ import numpy as np
 import pytest
 
 from litsim_policy.driving.features.observation import ObservationConfig
-from litsim_policy.driving.handback import HandbackConfig
+from litsim_policy.driving.handback import COMFORTABLE as IDM
 from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
+from litsim_policy.driving.safety.comfort import BRAKING_JERK_MAX
 from litsim_policy.driving.safety.config import LIMITS_ONLY
-from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
-from litsim_policy.driving.yielding_rules import FOLLOWING_TIME, keep_distance
+from litsim_policy.driving.yielding_rules import COURTESY_DECELERATION, FOLLOWING_TIME, keep_distance
 from litsim_policy.motion.car_following import Leaders, safe_speed
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.takeover import TakeoverTable
 from takeovers import takeover
 
-CONFIG = YieldConfig()
 LENGTH = 4.5  # [m]
 SAFE = LIMITS_ONLY.own_braking, LIMITS_ONLY.leader_braking, LIMITS_ONLY.relax
-STANDS, COMFORTABLE, COURTESY = CONFIG.idm.standstill_gap, CONFIG.idm.deceleration, CONFIG.courtesy_deceleration
+STANDS, COMFORTABLE, COURTESY = IDM.standstill_gap, IDM.deceleration, COURTESY_DECELERATION
 
 
 def kept(wanted: float, speed: float, gap: float, lead: float, braking: float = 0.0, *, leads: bool = True) -> float:
@@ -29,7 +28,7 @@ def kept(wanted: float, speed: float, gap: float, lead: float, braking: float = 
     first, acceleration = np.zeros(1, np.int64), np.array([-braking])
     leader = Leaders(np.array([[gap]]), np.array([[lead]]), np.array([[leads]]), first, acceleration)
     own = np.array([wanted]), np.array([speed]), np.array([LENGTH])
-    return float(keep_distance(*own, leader, CONFIG.values, LIMITS_ONLY.values)[0])
+    return float(keep_distance(*own, leader, IDM.values, LIMITS_ONLY.values)[0])
 
 
 @pytest.mark.parametrize("wanted", [2.0, 0.0, -1.5, -2.9])
@@ -98,7 +97,7 @@ def test_of_several_leaders_the_most_demanding_one_counts() -> None:
     gaps, leads = np.array([[30.0, 6.0, 3.0]]), np.array([[True, True, False]])
     leaders = Leaders(gaps, np.array([[9.0, 5.0, 0.0]]), leads, np.zeros(1, np.int64), np.zeros(3))
     own = np.array([0.0]), np.array([12.0]), np.array([LENGTH])
-    found = keep_distance(*own, leaders, CONFIG.values, LIMITS_ONLY.values)
+    found = keep_distance(*own, leaders, IDM.values, LIMITS_ONLY.values)
     assert found[0] == kept(0.0, 12.0, 6.0, 5.0) < -COMFORTABLE
 
 
@@ -107,8 +106,8 @@ def test_the_network_needs_no_guard_behind_somebody_who_stands(make_scenario, tr
     y = lane_centres[2]
     scenario = make_scenario(track(1, x=110.0, y=y, speed=0.0), track(2, x=100.0, y=y, speed=5.0))
     says = SimpleNamespace(observation=ObservationConfig(), mean=lambda seen: np.zeros((len(seen), 3)))
-    policy = PolicyC(scenario, says, YieldPolicy(scenario, CONFIG, HandbackConfig()), PolicyCConfig(guards=False))
+    policy = PolicyC(scenario, says, PolicyCConfig(guards=False))
     path = np.array([[90.0, y], [300.0, y]])
     table = scenario.log.table(0)
     controls = policy.act(table, TakeoverTable(0, (takeover(2, reference_path=path),)))
-    assert controls.acceleration[0] == pytest.approx(-LIMITS_ONLY.braking_jerk_max * STEP_S)
+    assert controls.acceleration[0] == pytest.approx(-BRAKING_JERK_MAX * STEP_S)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from litsim_policy.driving.look_ahead import first_touch, rolled_out, stay_on_road, steps_of
+from litsim_policy.driving.look_ahead import SETTLE, first_touch, rolled_out, stay_on_road, steps_of
 from litsim_sim.core.geometry import boxes_overlap, to_body
 from litsim_sim.core.scene import STEP_S, AgentTable
 
-INSTANTS, SETTLE, MARGIN = 15, 0.5, 0.15
+INSTANTS, MARGIN = 15, 0.15
 
 
 @pytest.fixture(params=range(6))
@@ -69,7 +69,7 @@ def touch(table: AgentTable, own: int, poses: np.ndarray) -> float:
 
 def test_agents_go_where_their_commands_lead(crowd) -> None:
     table, rows, commands = crowd
-    poses = rolled_out(table, rows, commands, SETTLE, INSTANTS)
+    poses = rolled_out(table, rows, commands, INSTANTS)
     for i, row in enumerate(rows.tolist()):
         for c, (acceleration, yaw_rate) in enumerate(commands[i].tolist()):
             x, y, yaw, speed = one(table, row, "x", "y", "yaw", "speed")
@@ -83,7 +83,7 @@ def test_agents_go_where_their_commands_lead(crowd) -> None:
 
 def test_the_first_touch_is_that_of_each_pair_and_instant(crowd) -> None:
     table, rows, commands = crowd
-    poses = rolled_out(table, rows, commands, SETTLE, INSTANTS + 3)
+    poses = rolled_out(table, rows, commands, INSTANTS + 3)
     found = first_touch(table, rows, poses, INSTANTS, MARGIN)
     expected = [[touch(table, row, poses[:, i, c]) for c in range(4)] for i, row in enumerate(rows.tolist())]
     assert found == pytest.approx(np.array(expected))
@@ -95,17 +95,17 @@ def test_who_is_nearer_than_the_margin_still_counts(agent_table, gap: float, exp
     """An agent creeps at 0.2 m/s towards one that stands `gap` ahead: guarded until the boxes touch."""
     table = agent_table(0, {"id": 1, "x": 0.0, "speed": 0.2}, {"id": 2, "x": 4.5 + gap, "speed": 0.0})
     rows = np.array([0])
-    poses = rolled_out(table, rows, np.zeros((1, 1, 2)), SETTLE, 15)
+    poses = rolled_out(table, rows, np.zeros((1, 1, 2)), 15)
     assert first_touch(table, rows, poses, 15, 0.15)[0, 0] == pytest.approx(expected)
 
 
 def test_commands_do_not_change_each_other(crowd) -> None:
     table, rows, commands = crowd
-    poses = rolled_out(table, rows, commands, SETTLE, INSTANTS)
+    poses = rolled_out(table, rows, commands, INSTANTS)
     together = first_touch(table, rows, poses, INSTANTS, MARGIN)
     for i in range(len(rows)):
         for c in range(commands.shape[1]):
-            alone = rolled_out(table, rows[i : i + 1], commands[i : i + 1, c : c + 1], SETTLE, INSTANTS)
+            alone = rolled_out(table, rows[i : i + 1], commands[i : i + 1, c : c + 1], INSTANTS)
             assert (alone[:, 0, 0] == poses[:, i, c]).all()
             assert first_touch(table, rows[i : i + 1], alone, INSTANTS, MARGIN)[0, 0] == together[i, c]
 

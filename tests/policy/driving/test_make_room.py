@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,14 +10,12 @@ import pytest
 
 from agent_arrays import agent_arrays
 from litsim_policy.driving.features.observation import ObservationConfig
-from litsim_policy.driving.handback import HandbackConfig
 from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
-from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
-from litsim_policy.driving.yielding_rules import make_room
+from litsim_policy.driving.yielding_rules import COURTESY_DECELERATION, SIDE_GAP, make_room
 from litsim_sim.core.takeover import TakeoverTable
 from takeovers import takeover
 
-CONFIG = YieldConfig()
+CONFIG = PolicyCConfig(guards=False)
 LENGTH, WIDTH, LANE = 5.0, 2.0, 3.5  # [m]
 
 
@@ -38,15 +37,15 @@ def room(
     x, y = np.array([0.0, ahead * cos - left * sin]), np.array([0.0, ahead * sin + left * cos])
     motion = {"x": x, "y": y, "yaw": yaw, "speed": speed, "acceleration": [0.0, -braking]}
     agents = agent_arrays(2, **motion, length=LENGTH, width=WIDTH)
-    return float(make_room(np.array([wanted]), agents, np.zeros(1, np.int64), np.array([lane]), CONFIG.values)[0])
+    return float(make_room(np.array([wanted]), agents, np.zeros(1, np.int64), np.array([lane]), CONFIG.room_horizon)[0])
 
 
 @pytest.mark.parametrize("left", [LANE, -LANE])
 @pytest.mark.parametrize("lane", [0.0, 2.0])
 def test_it_brakes_by_what_it_takes_to_be_behind_by_then(left: float, lane: float) -> None:
     time = (LANE - WIDTH) / 1.0
-    expected = -2.0 * (LENGTH + CONFIG.side_gap - 4.0) / time**2
-    assert -CONFIG.courtesy_deceleration < expected
+    expected = -2.0 * (LENGTH + SIDE_GAP - 4.0) / time**2
+    assert expected > -COURTESY_DECELERATION
     assert room(4.0, 1.0, left=left, lane=lane) == pytest.approx(expected)
     assert room(4.0, 1.0, left=left, lane=lane, wanted=-2.9) == -2.9, "who brakes harder already goes on"
     assert room(3.0, 1.0, faster=1.0 / time, left=left, lane=lane) == pytest.approx(expected), "it is on its way ahead"
@@ -58,7 +57,7 @@ def test_it_brakes_by_what_it_takes_to_be_behind_by_then(left: float, lane: floa
 
 
 def test_it_brakes_no_harder_than_for_courtesy() -> None:
-    assert room(1.0, 2.0) == -CONFIG.courtesy_deceleration
+    assert room(1.0, 2.0) == -COURTESY_DECELERATION
 
 
 @pytest.mark.parametrize(
@@ -86,9 +85,9 @@ def test_policy_litsim_makes_room(make_scenario, track, lane_centres) -> None:
     path = np.array([[90.0, lane_centres[2]], [300.0, lane_centres[2]]])
     table, held = scenario.log.table(0), TakeoverTable(0, (takeover(2, reference_path=path),))
 
-    def does(config: YieldConfig) -> float:
-        policy = PolicyC(scenario, says, YieldPolicy(scenario, config, HandbackConfig()), PolicyCConfig(guards=False))
+    def does(config: PolicyCConfig) -> float:
+        policy = PolicyC(scenario, says, config)
         return float(policy.act(table, held).acceleration[0])
 
     assert does(CONFIG) < -0.5
-    assert does(YieldConfig(room_horizon=0.0)) > does(CONFIG) + 0.5
+    assert does(replace(CONFIG, room_horizon=0.0)) > does(CONFIG) + 0.5

@@ -97,7 +97,7 @@ def test_densities_and_the_masses_beyond_the_bounds_on_jerk_sum_to_one(policy, a
 
 
 def test_accelerations_beyond_the_bounds_on_jerk_are_all_as_likely(policy) -> None:
-    """What they are is not executed, so nothing is to be learned from it; SafetyConfig has the bounds."""
+    """What they are is not executed, so nothing is to be learned from it; `safety.comfort` has the bounds."""
     seen = np.zeros((3, ObservationConfig().size))
     low, high = pedal_bounds(seen, ObservationConfig())
     assert physical(np.tanh(np.column_stack([low, low, low])))[0, 0] == pytest.approx(-0.837)

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from litsim_policy.driving.features.observation import ObservationConfig
-from litsim_policy.driving.handback import HandbackConfig
 from litsim_policy.driving.policy_c import PolicyC
-from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
 from litsim_sim.core.scene import ControlSource
 from litsim_sim.core.takeover import TakeoverTable
 from takeovers import takeover
@@ -35,7 +33,7 @@ def yaw_rate(make_scenario, track, lane_centres):
         says = SimpleNamespace(
             observation=ObservationConfig(), mean=lambda seen: np.tile([0.0, asked, asked], (len(seen), 1))
         )
-        policy = PolicyC(scenario, says, YieldPolicy(scenario, YieldConfig(), HandbackConfig()))
+        policy = PolicyC(scenario, says)
         path = np.array([[90.0, y], [100.0, y], [125.0, y + left * WIDE], [300.0, y + left * WIDE]])
         table = scenario.log.table(5)
         path[:, 0] += table.x[table.row(2)] - 100.0

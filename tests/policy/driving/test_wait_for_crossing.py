@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,18 +10,16 @@ import pytest
 
 from agent_arrays import agent_arrays
 from litsim_policy.driving.features.observation import ObservationConfig
-from litsim_policy.driving.handback import HandbackConfig
 from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
-from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
-from litsim_policy.driving.yielding_rules import PEDALS, wait_for_crossing
+from litsim_policy.driving.yielding_rules import COURTESY_DECELERATION, PEDALS, wait_for_crossing
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_sim.core.scene import Controller
 from litsim_sim.core.takeover import TakeoverTable
 from takeovers import takeover
 
-CONFIG = YieldConfig()
+CONFIG = PolicyCConfig(guards=False)
 LENGTH, WIDTH = 5.0, 2.0  # [m]
-COURTESY = CONFIG.courtesy_deceleration
+COURTESY = COURTESY_DECELERATION
 PATH = np.array([[-50.0, 0.0], [200.0, 0.0]])
 
 
@@ -53,8 +52,7 @@ def waits(
         controller=[Controller.POLICY, Controller.POLICY if off_log else Controller.LOG],
     )
     own_s = paths.project(np.zeros(1, np.int64), np.zeros(1), np.zeros(1)).s
-    rules = CONFIG.values._replace(crossing_horizon=horizon)
-    return float(wait_for_crossing(np.array([wanted]), paths.arrays, own_s, agents, np.zeros(1, np.int64), rules)[0])
+    return float(wait_for_crossing(np.array([wanted]), paths.arrays, own_s, agents, np.zeros(1, np.int64), horizon)[0])
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -123,11 +121,10 @@ def test_policy_litsim_waits_for_the_ego_that_crosses(make_scenario, track, plac
     path = np.array([[90.0, y], [300.0, y]])
     held = TakeoverTable(0, (takeover(2, reference_path=path),))
 
-    def does(config: YieldConfig, *, rules: bool = True) -> float:
-        parameters = PolicyCConfig(rules=rules, guards=False)
-        policy = PolicyC(scenario, says, YieldPolicy(scenario, config, HandbackConfig()), parameters)
+    def does(config: PolicyCConfig) -> float:
+        policy = PolicyC(scenario, says, config)
         return float(policy.act(table, held).acceleration[0])
 
     assert does(CONFIG) < -0.5
-    assert does(YieldConfig(crossing_horizon=0.0)) > does(CONFIG) + 0.5
-    assert does(CONFIG, rules=False) == 0.0
+    assert does(replace(CONFIG, crossing_horizon=0.0)) > does(CONFIG) + 0.5
+    assert does(replace(CONFIG, rules=False)) == 0.0

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from litsim_policy.driving.handback import HandbackConfig
-from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
+from litsim_policy.driving.handback import COMFORTABLE
+from litsim_policy.driving.yield_policy import YieldPolicy
+from litsim_policy.driving.yielding_rules import COURTESY_DECELERATION
 from litsim_policy.motion.car_following import GAP_MIN, IdmConfig, idm_acceleration
 from litsim_policy.motion.reference_path import logged_path
 from litsim_sim.core.scene import AgentTable
@@ -14,7 +15,6 @@ from litsim_sim.core.takeover import TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
 from takeovers import takeover
 
-CONFIG = YieldConfig()
 LENGTH = 4.5  # [m] of everybody
 OPPONENT, STRANGER = 1, 3
 GAPS = (0.0, -1e-9, -0.3, -2.0, -4.4)  # [m] bumper to bumper; the centre of the other one is ahead still
@@ -29,7 +29,7 @@ def scene(make_scenario, track) -> Scenario:
 @pytest.fixture
 def act(scene: Scenario, placed, lane_centres):
     """Acceleration of agent 2 with somebody `gap` [m] ahead of its bumper, in its lane if not told otherwise."""
-    policy = YieldPolicy(scene, CONFIG, HandbackConfig())
+    policy = YieldPolicy(scene)
 
     def act(
         who: int, gap: float, state: TakeoverState = TakeoverState.HELD, own: float = 10.0, **other: float
@@ -61,7 +61,7 @@ def test_without_a_gap_the_model_brakes_as_at_its_smallest_one(gap: float, speed
 def test_one_that_reaches_into_a_slower_one_ahead_brakes_as_hard_as_it_can(
     act, who: int, gap: float, state: TakeoverState
 ) -> None:
-    assert act(who, gap, state) == -CONFIG.idm.braking_max
+    assert act(who, gap, state) == -COMFORTABLE.braking_max
 
 
 @pytest.mark.parametrize("who", [OPPONENT, STRANGER])
@@ -72,7 +72,7 @@ def test_one_that_stands_in_a_standing_one_ahead_does_not_start(act, who: int) -
 @pytest.mark.parametrize("gap", GAPS[1:])
 @pytest.mark.parametrize("who", [OPPONENT, STRANGER])
 def test_for_one_that_drives_away_it_brakes_no_harder_than_for_a_courtesy(act, who: int, gap: float) -> None:
-    assert act(who, gap, speed=12.0) == -CONFIG.courtesy_deceleration
+    assert act(who, gap, speed=12.0) == -COURTESY_DECELERATION
 
 
 def test_an_opponent_that_is_just_behind_is_not_waited_for(act) -> None:
@@ -80,5 +80,5 @@ def test_an_opponent_that_is_just_behind_is_not_waited_for(act) -> None:
 
 
 def test_beside_its_path_an_opponent_that_is_ahead_is_waited_for_and_a_stranger_is_not(act, lane_centres) -> None:
-    assert act(OPPONENT, -2.0, y=lane_centres[0]) == -CONFIG.courtesy_deceleration
+    assert act(OPPONENT, -2.0, y=lane_centres[0]) == -COURTESY_DECELERATION
     assert act(STRANGER, -2.0, y=lane_centres[0]) > 0.0

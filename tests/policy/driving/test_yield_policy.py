@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from litsim_policy.driving.handback import HandbackConfig
+from litsim_policy.driving.handback import ACCELERATION_MAX, COMFORTABLE, DECELERATION_MAX, SPEED_EXCESS
 from litsim_policy.driving.registry import make_policy
-from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
+from litsim_policy.driving.yield_policy import YieldPolicy
+from litsim_policy.driving.yielding_rules import COURTESY_DECELERATION
 from litsim_policy.motion.reference_path import logged_path
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, EgoCommand, EgoMode
@@ -18,8 +19,6 @@ from litsim_sim.core.takeover import TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.world import World
 from takeovers import takeover
-
-FREE = YieldConfig()
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class Takeovers:
 
 
 def make(scenario: Scenario) -> tuple[YieldPolicy, Takeovers]:
-    return YieldPolicy(scenario, YieldConfig(), HandbackConfig()), Takeovers(scenario)
+    return YieldPolicy(scenario), Takeovers(scenario)
 
 
 def one(controls: ControlTable) -> tuple[float, float]:
@@ -113,7 +112,7 @@ def test_it_never_drives_into_an_ego_that_stops_ahead(
     assert run.world.contacts == {}
     left = run.series(1, "x") - run.series(2, "x") - 4.5
     assert left.min() > 0.5
-    assert left[-1] < FREE.idm.standstill_gap + 0.4 and run.series(2, "speed")[-1] < 0.05
+    assert left[-1] < COMFORTABLE.standstill_gap + 0.4 and run.series(2, "speed")[-1] < 0.05
 
 
 def test_behind_a_standing_ego_it_drives_on_when_the_ego_does(make_scenario, track, drive) -> None:
@@ -132,10 +131,10 @@ def test_a_courtesy_is_no_emergency(make_scenario, track, placed, lane_centres) 
     x = float(table.x[table.row(2)])
     beside = placed(table, 1, x=x + 8.0, y=lane_centres[0], speed=2.0)
     polite, _ = one(policy.act(beside, takeovers.table(5, {2: 1})))
-    assert polite == -FREE.courtesy_deceleration
+    assert polite == -COURTESY_DECELERATION
     in_the_way = placed(table, 1, x=x + 8.0, y=lane_centres[1], speed=2.0)
     hard, _ = one(policy.act(in_the_way, takeovers.table(5, {2: 1})))
-    assert hard == -FREE.idm.braking_max
+    assert hard == -COMFORTABLE.braking_max
 
 
 def test_a_stranger_in_the_next_lane_gets_no_courtesy(make_scenario, track, placed, lane_centres) -> None:
@@ -233,10 +232,9 @@ def test_on_the_way_back_it_reaches_its_log_within_comfort(
     assert apart[150:].max() < 0.3
     assert np.abs(series(tables, 2, "speed")[150:] - 10.0).max() < 0.2
     acceleration = series(tables, 2, "acceleration")[1:]
-    bounds = HandbackConfig()
-    assert acceleration.max() <= bounds.acceleration_max + 1e-9
-    assert acceleration.min() >= -bounds.deceleration_max - 1e-9
-    assert series(tables, 2, "speed").max() < 10.0 + bounds.speed_excess + 0.1
+    assert acceleration.max() <= ACCELERATION_MAX + 1e-9
+    assert acceleration.min() >= -DECELERATION_MAX - 1e-9
+    assert series(tables, 2, "speed").max() < 10.0 + SPEED_EXCESS + 0.1
 
 
 def test_on_the_way_back_it_does_not_drive_into_whoever_is_in_the_way(make_scenario, track, placed) -> None:

@@ -6,13 +6,21 @@ import numpy as np
 import pytest
 
 from agent_arrays import agent_arrays
-from litsim_policy.driving.yield_policy import YieldConfig
-from litsim_policy.driving.yielding_rules import give_way, side_is_taken
+from litsim_policy.driving.handback import COMFORTABLE
+from litsim_policy.driving.yielding_rules import (
+    COURTESY_DECELERATION,
+    SIDE_DRIFT,
+    SIDE_GAP,
+    SIDE_HORIZON,
+    SIDE_MARGIN,
+    give_way,
+    side_is_taken,
+)
 from litsim_policy.motion.along_path import AlongPath
 from litsim_policy.motion.car_following import idm_acceleration
 from litsim_sim.core.geometry import to_body
 
-AGENTS, OTHERS, CONFIG = 6, 14, YieldConfig()
+AGENTS, OTHERS = 6, 14
 
 
 @pytest.fixture(params=range(12))
@@ -34,16 +42,16 @@ def test_who_is_in_the_way_is_followed_and_others_are_given_way_to(random) -> No
     own = np.zeros(AGENTS)
     view = AlongPath(own[:, None] * gap, gap, gap, along, ahead, aside, in_path, np.zeros(AGENTS, np.int64), own, own)
     agents = agent_arrays(OTHERS, id=ids, x=x, y=y, yaw=yaw, speed=everybody)
-    found = give_way(view, agents, rows, wanted, opponent, CONFIG.values)
+    found = give_way(view, agents, rows, wanted, opponent, COMFORTABLE.values)
     leads = ahead & in_path & (gap > 0)
-    follow = idm_acceleration(CONFIG.idm, speed, wanted, gap, along, leads)
+    follow = idm_acceleration(COMFORTABLE, speed, wanted, gap, along, leads)
     apart = (x - x[rows, None]) * (np.cos(yaw) + np.cos(yaw[rows, None]))
     apart += (y - y[rows, None]) * (np.sin(yaw) + np.sin(yaw[rows, None]))
     first = (apart > 0) | ((apart == 0) & (ids < ids[rows, None]))
     courted = ahead & (in_path | (ids == opponent[:, None])) & ~leads & ((gap > 0) | first)
-    courtesy = idm_acceleration(CONFIG.idm, speed, wanted, gap, along, courted)
+    courtesy = idm_acceleration(COMFORTABLE, speed, wanted, gap, along, courted)
     in_the_way = (courted & (aside < 0.0) & (along < speed[:, None])).any(axis=1)
-    courtesy = np.where(in_the_way, courtesy, np.maximum(courtesy, -CONFIG.courtesy_deceleration))
+    courtesy = np.where(in_the_way, courtesy, np.maximum(courtesy, -COURTESY_DECELERATION))
     expected = np.where(courted.any(axis=1), np.minimum(follow, courtesy), follow)
     assert (found == expected).all()
     assert courted.any() and leads.any()
@@ -59,18 +67,18 @@ def test_the_side_is_taken_by_whoever_is_or_soon_will_be_alongside(random) -> No
     scene = np.sort(random.integers(0, 2, OTHERS))
     yaw = random.normal(0.0, 0.1, OTHERS)
     agents = agent_arrays(OTHERS, scene=scene, x=x, y=y, yaw=yaw, speed=speed, length=length, width=width)
-    found = side_is_taken(agents, rows, heading, target, CONFIG.values, 1.2)
+    found = side_is_taken(agents, rows, heading, target, 1.2)
     off_x, off_y = target[:, 0] - x[rows], target[:, 1] - y[rows]
     move = (-np.sin(heading) * off_x + np.cos(heading) * off_y)[:, None]
     ahead, left = to_body(x - x[rows, None], y - y[rows, None], heading[:, None])
     faster = speed - speed[rows, None]
-    reach = 0.5 * (length + length[rows, None]) + CONFIG.side_gap
-    reach += np.where(np.sign(ahead) * faster < 0, np.abs(faster) * CONFIG.side_horizon, 0.0)
+    reach = 0.5 * (length + length[rows, None]) + SIDE_GAP
+    reach += np.where(np.sign(ahead) * faster < 0, np.abs(faster) * SIDE_HORIZON, 0.0)
     clearance = np.abs(left) - 0.5 * (width + width[rows, None])
     clearance -= np.maximum(-np.sign(left) * speed * np.sin(yaw - heading[:, None]), 0.0) * 1.2
-    beside = (np.abs(ahead) < reach) & (left * move > 0) & (clearance < np.abs(move) + CONFIG.side_margin)
+    beside = (np.abs(ahead) < reach) & (left * move > 0) & (clearance < np.abs(move) + SIDE_MARGIN)
     beside &= scene == scene[rows, None]
     beside[np.arange(AGENTS), rows] = False
-    expected = (np.abs(move[:, 0]) > CONFIG.side_drift) & beside.any(axis=1)
+    expected = (np.abs(move[:, 0]) > SIDE_DRIFT) & beside.any(axis=1)
     assert (found == expected).all()
     assert not found[0]

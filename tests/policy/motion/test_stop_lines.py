@@ -10,10 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_policy.driving.handback import HandbackConfig
 from litsim_policy.driving.policy_c import Driver, PolicyCConfig
 from litsim_policy.driving.task import DrivingTask
-from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
+from litsim_policy.driving.yield_policy import YieldPolicy
 from litsim_policy.motion.car_following import GAP_MIN, IdmConfig
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import lane_path, logged_path
@@ -124,7 +123,7 @@ def approach(make_scenario: Any, track: Any) -> Scenario:
 
 
 def yields(scenario: Scenario) -> Answer:
-    policy = YieldPolicy(scenario, YieldConfig(), HandbackConfig())
+    policy = YieldPolicy(scenario)
     path = logged_path(scenario.log, scenario.lane_map, 2).points
     return lambda table: policy.act(table, TakeoverTable(table.step, (takeover(2, reference_path=path),)))
 

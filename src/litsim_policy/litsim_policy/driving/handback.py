@@ -14,7 +14,6 @@ import numpy as np
 from litsim_policy.motion.car_following import IdmConfig
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.stop_lines import StopLines, idm_at_signals
-from litsim_sim.core.quantities import Acceleration, Positive, Rate, Speed, SquaredRate, configuration
 from litsim_sim.core.scene import FloatArray, IntArray
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.setting import Setting
@@ -23,26 +22,13 @@ COMFORTABLE = IdmConfig(headway=0.8, standstill_gap=1.5, acceleration=2.0, decel
 """Car following of agents off their logs."""
 
 
-@configuration
-class HandbackConfig:
-    """Bounded catch-up.
-
-    Attributes:
-        acceleration_max, deceleration_max: comfort bounds; those of nuPlan are 2.40 and 4.05.
-        speed_excess: most by which an agent drives faster than the log.
-        position_gain: gain on the distance to the log.
-        speed_gain: gain on the difference in speed; twice the root of `position_gain` for critical damping.
-    """
-
-    acceleration_max: Positive[Acceleration] = 2.0
-    deceleration_max: Positive[Acceleration] = 3.0
-    speed_excess: Positive[Speed] = 4.0
-    position_gain: Positive[SquaredRate] = 0.36
-    speed_gain: Positive[Rate] = 1.2
+ACCELERATION_MAX, DECELERATION_MAX = 2.0, 3.0  # [m/s2] bounds of catching up; nuPlan's of comfort are 2.40 and 4.05
+SPEED_EXCESS = 4.0  # [m/s] most by which an agent drives faster than its log
+POSITION_GAIN = 0.36  # [1/s2] on the distance to the log
+SPEED_GAIN = 1.2  # [1/s] on the difference in speed; twice the root of the other, for critical damping
 
 
 def catch_up(
-    config: HandbackConfig,
     behind: float | FloatArray,
     speed: float | FloatArray,
     log_speed: float | FloatArray,
@@ -51,18 +37,17 @@ def catch_up(
     """Returns accelerations (...) [m/s2] with which agents catch up with their logs.
 
     Args:
-        config: bounds and gains.
         behind: distance along the path to the log's position [m].
         speed: of the agents [m/s].
         log_speed, log_acceleration: of their logs [m/s], [m/s2].
     """
-    approach = config.position_gain * behind / config.speed_gain
-    approach = np.minimum(np.maximum(approach, -config.speed_excess), config.speed_excess)
-    wanted = log_acceleration + config.speed_gain * (log_speed + approach - speed)
-    return np.asarray(np.minimum(np.maximum(wanted, -config.deceleration_max), config.acceleration_max))
+    approach = POSITION_GAIN * behind / SPEED_GAIN
+    approach = np.minimum(np.maximum(approach, -SPEED_EXCESS), SPEED_EXCESS)
+    wanted = log_acceleration + SPEED_GAIN * (log_speed + approach - speed)
+    return np.asarray(np.minimum(np.maximum(wanted, -DECELERATION_MAX), ACCELERATION_MAX))
 
 
-def along_log(config: HandbackConfig, log: Log, agents: PathFollowers, lag: IntArray) -> FloatArray:
+def along_log(log: Log, agents: PathFollowers, lag: IntArray) -> FloatArray:
     """Returns accelerations (m,) [m/s2] with which agents drive on as their logs do, `lag` (m,) steps later.
 
     Where the log is over, its end counts.
@@ -70,7 +55,7 @@ def along_log(config: HandbackConfig, log: Log, agents: PathFollowers, lag: IntA
     rows = log.ids.searchsorted(agents.table.id[agents.rows])
     at = rows, np.minimum(agents.table.step - lag, log.last_step[rows])
     behind = agents.to_goal(log.x[at], log.y[at])
-    return catch_up(config, behind, agents.speed, log.speed[at], log.acceleration[at])
+    return catch_up(behind, agents.speed, log.speed[at], log.acceleration[at])
 
 
 class OwnLogs:
@@ -85,6 +70,6 @@ class OwnLogs:
 
     def onwards(self, agents: PathFollowers, lag: IntArray) -> FloatArray:
         """Returns accelerations (m,) [m/s2] of agents whose logs lag by `lag` (m,) steps."""
-        acceleration = along_log(HandbackConfig(), self.log, agents, lag)
+        acceleration = along_log(self.log, agents, lag)
         free = np.full(len(agents), COMFORTABLE.desired_speed)
         return idm_at_signals(COMFORTABLE, agents.speed, free, acceleration, self._stop_lines.of(agents))

@@ -29,6 +29,7 @@ from litsim_sim.kernels.compiled import (
 from litsim_sim.lane_map.lane_map import LaneMap
 
 POSES = read_array(float64, 4)
+SETTLE = 0.5  # [s] time constant with which turns are expected to end
 ROUNDING = 1e-9  # [m] by which the circles around two boxes are widened
 
 
@@ -37,26 +38,25 @@ def steps_of(seconds: float) -> int:
     return max(1, round(seconds / STEP_S))
 
 
-def rolled_out(table: AgentTable, rows: IntArray, commands: FloatArray, settle: float, instants: int) -> FloatArray:
+def rolled_out(table: AgentTable, rows: IntArray, commands: FloatArray, instants: int) -> FloatArray:
     """Future poses of agents under commands.
 
     Args:
         table: all agents.
         rows: (m,) of the agents that are commanded.
         commands: (m, c, 2) accelerations [m/s2] and yaw rates [rad/s], c for each agent.
-        settle: time constant with which turns end [s].
         instants: number T of instants, 0.1 s apart.
 
     Returns:
         (3, m, c, T) x, y [m] and yaw [rad].
     """
-    return _rolled_out(table.arrays, rows, commands, settle, _turned(settle, instants))
+    return _rolled_out(table.arrays, rows, commands, _turned(instants))
 
 
 @cache
-def _turned(settle: float, instants: int) -> FloatArray:
-    """Share (instants,) of a turn that is completed at each instant; `settle` is its time constant [s]."""
-    return np.asarray(1.0 - np.exp(-STEP_S * np.arange(1, instants + 1, dtype=np.float64) / settle))
+def _turned(instants: int) -> FloatArray:
+    """Share (instants,) of a turn that is completed at each instant."""
+    return np.asarray(1.0 - np.exp(-STEP_S * np.arange(1, instants + 1, dtype=np.float64) / SETTLE))
 
 
 def first_touch(table: AgentTable, rows: IntArray, poses: FloatArray, instants: int, margin: float) -> FloatArray:
@@ -93,10 +93,8 @@ def stay_on_road(lane_map: LaneMap, table: AgentTable, rows: IntArray, poses: Fl
     return both[:, :-1] | ~both[:, -1:]
 
 
-@kernel(written_array(float64, 4)(AGENTS, INTS, FLOATS3, float64, FLOATS))
-def _rolled_out(
-    agents: AgentArrays, rows: IntArray, commands: FloatArray, settle: float, turned: FloatArray
-) -> FloatArray:
+@kernel(written_array(float64, 4)(AGENTS, INTS, FLOATS3, FLOATS))
+def _rolled_out(agents: AgentArrays, rows: IntArray, commands: FloatArray, turned: FloatArray) -> FloatArray:
     """See :func:`rolled_out`; `turned` (T,) is the share of a turn that is completed at each instant."""
     count, instants = commands.shape[1], len(turned)
     poses = np.empty((3, len(rows), count, instants))
@@ -106,7 +104,7 @@ def _rolled_out(
             along_x, along_y = 0.0, 0.0
             for k in range(instants):
                 now = max(agents.speed[own] + commands[i, c, 0] * (STEP_S * (k + 1)), 0.0)
-                heading = agents.yaw[own] + commands[i, c, 1] * settle * turned[k]
+                heading = agents.yaw[own] + commands[i, c, 1] * SETTLE * turned[k]
                 along_x += now * math.cos(heading)
                 along_y += now * math.sin(heading)
                 poses[0, i, c, k] = agents.x[own] + STEP_S * along_x

@@ -17,17 +17,18 @@ import numpy as np
 
 from litsim_policy.driving.action import ACTIONS, executed_yaw_rate, physical
 from litsim_policy.driving.features.observation import ObservationConfig, Observer
-from litsim_policy.driving.handback import HandbackConfig, OwnLogs
+from litsim_policy.driving.handback import COMFORTABLE, OwnLogs
 from litsim_policy.driving.network_file import layer_arrays, perceptron, read_network
 from litsim_policy.driving.policy import Policy
 from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.layer import SafetyLayer
 from litsim_policy.driving.task import DrivingScene, DrivingTask
-from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
+from litsim_policy.driving.yield_policy import YieldPolicy
+from litsim_policy.driving.yielding_rules import keep_distance, make_room, wait_for_crossing
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterReader
-from litsim_sim.core.quantities import Flag, configuration
+from litsim_sim.core.quantities import Duration, Flag, NonNegative, configuration
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, FloatArray
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverState, TakeoverTable
 from litsim_sim.lane_map.lane_map import LaneMap
@@ -102,12 +103,16 @@ class PolicyCConfig:
             for constant speed straight on in its place, `log` for driving on as the log does with the present lag.
         rules: whether the network's commands are subject to the rules of :class:`PolicyC`.
         guards: whether the guards of `safety` are on; otherwise only its limits are.
+        room_horizon: time for which merging agents are expected to continue; others make room for them.
+        crossing_horizon: time for which crossing agents are expected to continue; others wait for them.
         safety: limits and guards.
     """
 
     weights: str = ""
     rules: Flag = True
     guards: Flag = True
+    room_horizon: NonNegative[Duration] = 2.5
+    crossing_horizon: NonNegative[Duration] = 3.0
     safety: SafetyConfig = SafetyConfig()
 
     def network(self) -> PolicyNetwork:
@@ -183,17 +188,14 @@ class PolicyC(Policy):
     @classmethod
     def read(cls, read: ParameterReader) -> Callable[[Setting], Policy]:
         """See :class:`litsim_sim.core.plugins.Configured`."""
-        yielding, handback = read(YieldConfig()), read(HandbackConfig(), "handback.")
         config = read(PolicyCConfig())
-        return lambda scenario: cls(scenario, config.network(), YieldPolicy(scenario, yielding, handback), config)
+        return lambda scenario: cls(scenario, config.network(), config)
 
-    def __init__(
-        self, scenario: Setting, network: PolicyNetwork, yielding: YieldPolicy, config: PolicyCConfig | None = None
-    ) -> None:
+    def __init__(self, scenario: Setting, network: PolicyNetwork, config: PolicyCConfig | None = None) -> None:
         config = config or PolicyCConfig()
         safety = config.safety if config.guards else config.safety.without_guards
         self.driver = Driver(scenario.lane_map, network, safety, scenario.signals)
-        self._yielding, self._rules = yielding, config.rules
+        self._yielding, self._config = YieldPolicy(scenario), config
         self._lane_map, self._logs = scenario.lane_map, OwnLogs(scenario)
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
@@ -210,10 +212,18 @@ class PolicyC(Policy):
         if not len(scene):
             return ControlTable.empty(table.step)
         acceleration, yaw_rate = self.driver.asked(scene)
-        if self._rules:
-            acceleration = self._yielding.hold_to_rules(scene.agents, acceleration, self.driver.safety.config)
+        if self._config.rules:
+            acceleration = self._hold_to_rules(scene.agents, acceleration)
             yaw_rate = self._stay_in_lane(scene.agents, yaw_rate)
         return guarded(scene, acceleration, yaw_rate, self.driver.safety)
+
+    def _hold_to_rules(self, agents: PathFollowers, wanted: FloatArray) -> FloatArray:
+        """Limit accelerations `wanted` (m,) [m/s2] by the rules of :mod:`.yielding_rules` and red lights."""
+        table, rows, safety = agents.table, agents.rows, self._config.safety.values
+        kept = keep_distance(wanted, agents.speed, table.length[rows], agents.leaders, COMFORTABLE.values, safety)
+        kept = wait_for_crossing(kept, agents.paths.arrays, agents.s, table.arrays, rows, self._config.crossing_horizon)
+        kept = make_room(kept, table.arrays, rows, agents.lane.heading, self._config.room_horizon)
+        return self._yielding.stop_at_red(agents, kept)
 
     def _stay_in_lane(self, agents: PathFollowers, yaw_rate: FloatArray) -> FloatArray:
         """Returns yaw rates (m,) [rad/s] as requested, or along the lane where they lead to a side that is taken."""
@@ -234,7 +244,7 @@ class PolicyC(Policy):
         if not passing:
             return asked
         scene = DrivingScene.of_takeovers(self._lane_map, table, passing)
-        braking = np.maximum(asked.acceleration, -self._yielding.comfortable_braking)
+        braking = np.maximum(asked.acceleration, -COMFORTABLE.deceleration)
         return guarded(scene, braking, asked.yaw_rate, self.driver.safety)
 
 

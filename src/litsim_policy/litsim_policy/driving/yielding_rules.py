@@ -7,13 +7,13 @@ commands of its network, and stays in its lane as well.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from litsim_policy.driving.safety.config import SAFETY, SafetyValues
 from litsim_policy.motion.along_path import VIEW, AlongPath
 from litsim_policy.motion.car_following import (
+    IDM,
     LEADER_BRAKES,
     LEADERS,
     IdmValues,
@@ -35,9 +35,15 @@ from litsim_sim.kernels.compiled import (
     float64,
     int64,
     kernel,
-    tuple_type,
 )
 
+# [m/s2] hardest braking for an opponent that is ahead but not yet on the path, or alongside without being in the way
+COURTESY_DECELERATION = 3.0
+SIDE_GAP = 1.0  # [m] least gap behind and ahead for a lateral move
+SIDE_HORIZON = 1.5  # [s] for which approaching agents are expected to continue
+SIDE_MARGIN = 0.3  # [m] lateral distance kept to others
+SIDE_DRIFT = 0.05  # [m] lateral distance that does not count as a move
+CROSSING_MARGIN = 0.5  # [m] distance kept to crossing agents
 FOLLOWING_TIME = 0.5  # [s] time constant of matching a leader's speed, nearer than the standstill gap
 PEDALS = 3  # number of braking strengths, up to the hardest, that are tried to let an agent cross
 TURNING_MIN = 1.0  # [m/s] least speed at which the yaw rate defines the arc of an agent
@@ -45,30 +51,13 @@ SAME_WAY = math.cos(math.pi / 4)  # cosine of the largest angle between headings
 LOG = int(Controller.LOG)
 
 
-class RuleValues(NamedTuple):
-    """The values of :class:`litsim_policy.driving.yield_policy.YieldConfig` that these rules take."""
-
-    model: IdmValues
-    courtesy_deceleration: float
-    side_gap: float
-    side_horizon: float
-    side_margin: float
-    side_drift: float
-    room_horizon: float
-    crossing_horizon: float
-    crossing_margin: float
-
-
-RULES = tuple_type(RuleValues)
-
-
-@kernel(OUT_FLOATS(FLOATS, FLOATS, FLOATS, LEADERS, RULES, SAFETY))
+@kernel(OUT_FLOATS(FLOATS, FLOATS, FLOATS, LEADERS, IDM, SAFETY))
 def keep_distance(
     wanted: FloatArray,
     speed: FloatArray,
     length: FloatArray,
     leaders: Leaders,
-    rules: RuleValues,
+    model: IdmValues,
     safety: SafetyValues,
 ) -> FloatArray:
     """Accelerations (m,) [m/s2] with which agents keep their distance to leaders, if less than they want.
@@ -83,11 +72,11 @@ def keep_distance(
         wanted: (m,) accelerations [m/s2].
         speed, length: (m,) of the agents [m/s], [m].
         leaders: of the agents.
-        rules: courtesy deceleration, and, of the car following, the standstill gap and the comfortable braking.
+        model: standstill gap and comfortable braking of the car following.
         safety: assumed braking of the safe speed (:func:`litsim_policy.motion.car_following.safe_speed`), and the time
             constant of the approach to it.
     """
-    standstill_gap, comfortable = rules.model.standstill_gap, rules.model.deceleration
+    standstill_gap, comfortable = model.standstill_gap, model.deceleration
     gap, leads, first = leaders.gap, leaders.leads, leaders.first
     kept = wanted.copy()
     for i in range(len(speed)):
@@ -100,12 +89,12 @@ def keep_distance(
             kept[i] = min(kept[i], max((safe - speed[i]) / safety.relax, -comfortable))
             if not gap[i, j] > 0.0:
                 continue
-            kept[i] = max(kept[i], -rules.courtesy_deceleration)
+            kept[i] = max(kept[i], -COURTESY_DECELERATION)
             brakes, least = leaders.acceleration[first[i] + j], gap[i, j] - 0.5 * standstill_gap
             soft = max(soft, braking_behind(speed[i], lead, brakes, room, LEADER_BRAKES))
             pressing = max(pressing, braking_behind(speed[i], lead, brakes, least, LEADER_BRAKES))
         if soft > comfortable:
-            kept[i] = min(kept[i], -max(min(soft, rules.courtesy_deceleration), pressing))
+            kept[i] = min(kept[i], -max(min(soft, COURTESY_DECELERATION), pressing))
             continue
         for j in range(gap.shape[1]):
             if leads[i, j] and -0.5 * length[i] < gap[i, j] < standstill_gap:
@@ -113,13 +102,12 @@ def keep_distance(
     return kept
 
 
-@kernel(OUT_BOOLS(AGENTS, INTS, FLOATS, FLOATS2, RULES, float64))
+@kernel(OUT_BOOLS(AGENTS, INTS, FLOATS, FLOATS2, float64))
 def side_is_taken(
     agents: AgentArrays,
     rows: IntArray,
     lane_heading: FloatArray,
     target: FloatArray,
-    rules: RuleValues,
     coming_over: float,
 ) -> BoolArray:
     """Mask (m,) of agents that move to a side of their lanes where another agent is alongside, or soon will be.
@@ -129,33 +117,32 @@ def side_is_taken(
         rows: (m,) of the agents.
         lane_heading: (m,) of their lanes [rad].
         target: (m, 2) points that they pursue [m].
-        rules: gap, horizon, margin and drift of the side.
         coming_over: time for which merging agents are expected to continue [s].
     """
     taken, (begin, end) = np.zeros(len(rows), np.bool_), within_scenes(agents.scene, rows)
     for i in range(len(rows)):
         own, cos, sin = rows[i], math.cos(lane_heading[i]), math.sin(lane_heading[i])
         move = -sin * (target[i, 0] - agents.x[own]) + cos * (target[i, 1] - agents.y[own])
-        if not abs(move) > rules.side_drift:
+        if not abs(move) > SIDE_DRIFT:
             continue
         for j in range(begin[i], end[i]):
             dx, dy = agents.x[j] - agents.x[own], agents.y[j] - agents.y[own]
             ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
             faster = agents.speed[j] - agents.speed[own]
-            reach = 0.5 * (agents.length[j] + agents.length[own]) + rules.side_gap
+            reach = 0.5 * (agents.length[j] + agents.length[own]) + SIDE_GAP
             if np.sign(ahead) * faster < 0.0:
-                reach += abs(faster) * rules.side_horizon
+                reach += abs(faster) * SIDE_HORIZON
             comes_over = -np.sign(left) * agents.speed[j] * math.sin(agents.yaw[j] - lane_heading[i])
             clearance = abs(left) - 0.5 * (agents.width[j] + agents.width[own]) - max(comes_over, 0.0) * coming_over
-            if j != own and abs(ahead) < reach and left * move > 0.0 and clearance < abs(move) + rules.side_margin:
+            if j != own and abs(ahead) < reach and left * move > 0.0 and clearance < abs(move) + SIDE_MARGIN:
                 taken[i] = True
                 break
     return taken
 
 
-@kernel(OUT_FLOATS(FLOATS, AGENTS, INTS, FLOATS, RULES))
+@kernel(OUT_FLOATS(FLOATS, AGENTS, INTS, FLOATS, float64))
 def make_room(
-    wanted: FloatArray, agents: AgentArrays, rows: IntArray, lane_heading: FloatArray, rules: RuleValues
+    wanted: FloatArray, agents: AgentArrays, rows: IntArray, lane_heading: FloatArray, horizon: float
 ) -> FloatArray:
     """Accelerations (m,) [m/s2] with which agents make room for merging ones, if less than they want.
 
@@ -167,7 +154,7 @@ def make_room(
         agents: all agents.
         rows: (m,) of the agents.
         lane_heading: (m,) of their lanes [rad].
-        rules: gap between both, and the time for which all are assumed to continue, including their braking.
+        horizon: time for which all are assumed to continue, including their braking [s].
     """
     eased, (begin, end) = wanted.copy(), within_scenes(agents.scene, rows)
     for i in range(len(rows)):
@@ -180,18 +167,18 @@ def make_room(
             clearance = abs(left) - 0.5 * (agents.width[j] + agents.width[own])
             over = -np.sign(left) * agents.speed[j] * math.sin(agents.yaw[j] - lane_heading[i])
             nearer = over + np.sign(left) * across
-            if not (over > 0.0 and 0.0 < clearance < nearer * rules.room_horizon):
+            if not (over > 0.0 and 0.0 < clearance < nearer * horizon):
                 continue
             time = clearance / nearer
             faster = agents.speed[j] * math.cos(agents.yaw[j] - lane_heading[i]) - along
             then = ahead + faster * time + 0.5 * min(agents.acceleration[j], 0.0) * time**2
-            missing = 0.5 * (agents.length[j] + agents.length[own]) + rules.side_gap - then
+            missing = 0.5 * (agents.length[j] + agents.length[own]) + SIDE_GAP - then
             if then >= 0.0 and missing > 0.0:
-                eased[i] = min(eased[i], -min(2.0 * missing / time**2, rules.courtesy_deceleration))
+                eased[i] = min(eased[i], -min(2.0 * missing / time**2, COURTESY_DECELERATION))
     return eased
 
 
-@kernel(boolean(float64, PATHS, int64, float64, AGENTS, int64, int64, RULES))
+@kernel(boolean(float64, PATHS, int64, float64, AGENTS, int64, int64, float64))
 def _runs_into(
     pedal: float,
     paths: PathArrays,
@@ -200,12 +187,12 @@ def _runs_into(
     agents: AgentArrays,
     own: int,
     j: int,
-    rules: RuleValues,
+    horizon: float,
 ) -> bool:
     """Whether agent `own`, at acceleration `pedal` on path `p`, runs into agent `j` with the centre of `j` ahead."""
     s, other_x, other_y, other_yaw = own_s, agents.x[j], agents.y[j], agents.yaw[j]
     bend = agents.yaw_rate[j] / max(agents.speed[j], TURNING_MIN)
-    for k in range(round(rules.crossing_horizon / STEP_S)):
+    for k in range(round(horizon / STEP_S)):
         s += STEP_S * max(agents.speed[own] + pedal * STEP_S * (k + 1), 0.0)
         gone = STEP_S * max(agents.speed[j] + agents.acceleration[j] * STEP_S * (k + 1), 0.0)
         other_yaw += bend * gone
@@ -217,20 +204,20 @@ def _runs_into(
         dx = other_x - (paths.segments[p, at, X] + along * unit_x)
         dy = other_y - (paths.segments[p, at, Y] + along * unit_y)
         heading = math.atan2(unit_y, unit_x)
-        long, wide = agents.length[j] + 2.0 * rules.crossing_margin, agents.width[j] + 2.0 * rules.crossing_margin
+        long, wide = agents.length[j] + 2.0 * CROSSING_MARGIN, agents.width[j] + 2.0 * CROSSING_MARGIN
         if overlap(dx, dy, heading, other_yaw, agents.length[own], agents.width[own], long, wide):
             return dx * unit_x + dy * unit_y > 0.0
     return False
 
 
-@kernel(OUT_FLOATS(FLOATS, PATHS, FLOATS, AGENTS, INTS, RULES))
+@kernel(OUT_FLOATS(FLOATS, PATHS, FLOATS, AGENTS, INTS, float64))
 def wait_for_crossing(
     wanted: FloatArray,
     paths: PathArrays,
     own_s: FloatArray,
     agents: AgentArrays,
     rows: IntArray,
-    rules: RuleValues,
+    horizon: float,
 ) -> FloatArray:
     """Accelerations (m,) [m/s2] with which agents wait for others that cross their paths, if less than they want.
 
@@ -243,25 +230,24 @@ def wait_for_crossing(
         paths, own_s: (m,) paths of the agents, and arc lengths of the agents on them [m].
         agents: all agents.
         rows: (m,) of the agents.
-        rules: margin around others, and the time for which others are assumed to continue so.
+        horizon: time for which others are assumed to continue so [s].
     """
     eased, (begin, end) = wanted.copy(), within_scenes(agents.scene, rows)
     speed, acceleration, length, width = agents.speed, agents.acceleration, agents.length, agents.width
-    margin, horizon = rules.crossing_margin, rules.crossing_horizon
     for i in range(len(rows)):
         own = rows[i]
         for j in range(begin[i], end[i]):
             if j == own or agents.controller[j] == LOG or math.cos(agents.yaw[j] - agents.yaw[own]) > SAME_WAY:
                 continue
             dx, dy = agents.x[j] - agents.x[own], agents.y[j] - agents.y[own]
-            reach = 0.5 * (length[j] + length[own]) + width[j] + width[own] + 2.0 * margin
+            reach = 0.5 * (length[j] + length[own]) + width[j] + width[own] + 2.0 * CROSSING_MARGIN
             faster = max(eased[i], 0.0) + max(acceleration[j], 0.0)
             reach += horizon * (speed[own] + speed[j] + 0.5 * horizon * faster)
             if not dx * dx + dy * dy < reach * reach:
                 continue
             for k in range(PEDALS + 1):
-                pedal = eased[i] if k == 0 else min(eased[i], -rules.courtesy_deceleration * k / PEDALS)
-                if not _runs_into(pedal, paths, i, own_s[i], agents, own, j, rules):
+                pedal = eased[i] if k == 0 else min(eased[i], -COURTESY_DECELERATION * k / PEDALS)
+                if not _runs_into(pedal, paths, i, own_s[i], agents, own, j, horizon):
                     break
             eased[i] = pedal
     return eased
@@ -278,14 +264,14 @@ def _goes_first(agents: AgentArrays, j: int, own: int) -> bool:
     return along > 0.0 or (along == 0.0 and agents.id[j] < agents.id[own])
 
 
-@kernel(OUT_FLOATS(VIEW, AGENTS, INTS, FLOATS, INTS, RULES))
+@kernel(OUT_FLOATS(VIEW, AGENTS, INTS, FLOATS, INTS, IDM))
 def give_way(
     view: AlongPath,
     agents: AgentArrays,
     rows: IntArray,
     wanted_speed: FloatArray,
     opponent: IntArray,
-    rules: RuleValues,
+    model: IdmValues,
 ) -> FloatArray:
     """Accelerations (m,) [m/s2] with which agents follow others on their paths, and give way.
 
@@ -298,7 +284,7 @@ def give_way(
         rows: (m,) of the agents.
         wanted_speed: (m,) that they would drive on a free road [m/s].
         opponent: (m,) ids of their opponents.
-        rules: the car following, and the courtesy deceleration.
+        model: of the car following.
     """
     acceleration = np.empty(len(rows))
     gap, ahead, in_path, count = view.gap, view.ahead, view.in_path, view.gap.shape[1]
@@ -314,10 +300,10 @@ def give_way(
             if courted[j]:
                 courted_any = True
                 in_the_way = in_the_way or (view.aside[i, j] < 0.0 and view.speed[i, j] < speed)
-        acceleration[i] = idm(speed, wanted_speed[i], gap[i], view.speed[i], leads, rules.model)
+        acceleration[i] = idm(speed, wanted_speed[i], gap[i], view.speed[i], leads, model)
         if courted_any:
-            courtesy = idm(speed, wanted_speed[i], gap[i], view.speed[i], courted, rules.model)
+            courtesy = idm(speed, wanted_speed[i], gap[i], view.speed[i], courted, model)
             if not in_the_way:
-                courtesy = max(courtesy, -rules.courtesy_deceleration)
+                courtesy = max(courtesy, -COURTESY_DECELERATION)
             acceleration[i] = min(acceleration[i], courtesy)
     return acceleration

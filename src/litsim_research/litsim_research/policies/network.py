@@ -17,7 +17,7 @@ from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.features.scales import ACCELERATION
 from litsim_policy.driving.features.way import AHEAD
 from litsim_policy.driving.policy_c import FORMAT, HIDDEN, PolicyNetwork
-from litsim_policy.driving.safety.config import LIMITS_ONLY
+from litsim_policy.driving.safety.comfort import ACCELERATION_MAX, BRAKING_JERK_MAX, DECELERATION_MAX, JERK_MAX
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, FloatArray
 from litsim_sim.io.files import replacing
@@ -103,10 +103,9 @@ def pedal_bounds(observation: FloatArray, config: ObservationConfig) -> tuple[Fl
         observation: (m, size).
         config: of the observation; if it is that of a residual policy, actions are added to an acceleration in it.
     """
-    bounds = LIMITS_ONLY
-    rise, fall = bounds.jerk_max * STEP_S, bounds.braking_jerk_max * STEP_S
-    before = np.clip(observation[:, 3] * ACCELERATION, -bounds.deceleration_max, bounds.acceleration_max)
-    low, high = np.maximum(before - fall, -bounds.deceleration_max), np.minimum(before + rise, bounds.acceleration_max)
+    rise, fall = JERK_MAX * STEP_S, BRAKING_JERK_MAX * STEP_S
+    before = np.clip(observation[:, 3] * ACCELERATION, -DECELERATION_MAX, ACCELERATION_MAX)
+    low, high = np.maximum(before - fall, -DECELERATION_MAX), np.minimum(before + rise, ACCELERATION_MAX)
     if config.residual:
         onwards = observation[:, config.log_at] * ACCELERATION
         low, high = low - onwards, high - onwards

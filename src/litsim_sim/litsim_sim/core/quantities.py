@@ -61,15 +61,8 @@ Duration = Annotated[Number, Unit("s")]
 Length = Annotated[Number, Unit("m")]
 Speed = Annotated[Number, Unit("m/s")]
 Acceleration = Annotated[Number, Unit("m/s2")]
-Jerk = Annotated[Number, Unit("m/s3")]
 Angle = Annotated[Number, Unit("rad")]
-AngularRate = Annotated[Number, Unit("rad/s")]
-AngularAcceleration = Annotated[Number, Unit("rad/s2")]
 Curvature = Annotated[Number, Unit("1/m")]
-Rate = Annotated[Number, Unit("1/s")]
-"""A rate of decay or growth, such as the gain of a controller on a speed."""
-SquaredRate = Annotated[Number, Unit("1/s2")]
-"""The gain of a controller on a position."""
 
 Positive = Annotated[_T, Field(gt=0)]
 NonNegative = Annotated[_T, Field(ge=0)]

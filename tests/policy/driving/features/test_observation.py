@@ -22,8 +22,9 @@ from litsim_policy.driving.features.scales import (
     WIDTH,
 )
 from litsim_policy.driving.features.surrounding import SLOT
-from litsim_policy.driving.features.way import AHEAD, AHEAD_FEATURES, FORESEEN, LOG, LOG_FEATURES, WAY_FEATURES
-from litsim_policy.driving.handback import HandbackConfig, OwnLogs
+from litsim_policy.driving.features.way import AHEAD, AHEAD_FEATURES, LOG, LOG_FEATURES, WAY_FEATURES
+from litsim_policy.driving.handback import ACCELERATION_MAX, OwnLogs
+from litsim_policy.driving.safety import comfort
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.reference_path import ReferencePath, window
 from litsim_sim.scenario.scenario import Scenario
@@ -155,7 +156,7 @@ def test_a_residual_policy_sees_its_log(scenario, placed, lane_centres) -> None:
     row = Observer(scenario.lane_map, config).features(scene)[0]
     seen = dict(zip(LOG_FEATURES, row[config.log_at : config.log_at + LOG].tolist(), strict=True))
     along, lag, distance, later = seen.values()
-    assert along * ACCELERATION == pytest.approx(HandbackConfig().acceleration_max)
+    assert along * ACCELERATION == pytest.approx(ACCELERATION_MAX)
     assert (lag * TIME, distance * DISTANCE) == pytest.approx((1.5, 15.0))
     assert later * SPEED == pytest.approx(5.0)
 
@@ -165,7 +166,7 @@ def test_where_nobody_is_ahead_nobody_brakes(scenario, agent_table, lane_centres
     table = agent_table(NOW, {"id": 2, "x": 100.0, "y": y}, {"id": 1, "x": 80.0, "y": y, "acceleration": -4.0})
     row = Observer(scenario.lane_map, config).observe(table, [task(2, y)])[0]
     seen = row[config.ahead_at : config.ahead_at + AHEAD]
-    assert seen.tolist() == [0.0, FORESEEN.acceleration_max / ACCELERATION, 0.0, 0.0, 0.0, 0.0]
+    assert seen.tolist() == [0.0, comfort.ACCELERATION_MAX / ACCELERATION, 0.0, 0.0, 0.0, 0.0]
 
 
 def test_agents_are_observed_as_if_each_were_alone(scenario, agent_table, lane_centres) -> None:

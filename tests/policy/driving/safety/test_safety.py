@@ -11,6 +11,14 @@ from hypothesis import strategies as st
 
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.policy_c import Driver, PolicyNetwork
+from litsim_policy.driving.safety.comfort import (
+    ACCELERATION_MAX,
+    BRAKING_JERK_MAX,
+    DECELERATION_MAX,
+    JERK_MAX,
+    LATERAL_ACCELERATION_MAX,
+    YAW_RATE_MAX,
+)
 from litsim_policy.driving.safety.config import LIMITS_ONLY, SafetyConfig
 from litsim_policy.driving.safety.layer import GUARDS, SafetyLayer
 from litsim_policy.driving.task import DrivingTask
@@ -66,18 +74,17 @@ def test_limits_hold_whatever_is_asked_for(alone, agent_table, lane_centres, ask
         layer = SafetyLayer(alone.lane_map, config)
         got = layer.apply(table, [errand_of(alone, table, 2)], np.array([asked[0]]), np.array([asked[1]]))
         acceleration, yaw_rate = float(got.acceleration[0]), float(got.yaw_rate[0])
-        assert -SAFE.deceleration_max - 1e-9 <= acceleration <= SAFE.acceleration_max + 1e-9
+        assert -DECELERATION_MAX - 1e-9 <= acceleration <= ACCELERATION_MAX + 1e-9
         jerk = (acceleration - before[0]) / STEP_S
-        assert -SAFE.braking_jerk_max - 1e-9 <= jerk <= SAFE.jerk_max + 1e-9
-        assert abs(yaw_rate) * speed <= SAFE.lateral_acceleration_max + 1e-9 and abs(yaw_rate) <= SAFE.yaw_rate_max
+        assert -BRAKING_JERK_MAX - 1e-9 <= jerk <= JERK_MAX + 1e-9
+        assert abs(yaw_rate) * speed <= LATERAL_ACCELERATION_MAX + 1e-9 and abs(yaw_rate) <= YAW_RATE_MAX
 
 
 def test_braking_grows_faster_than_it_is_eased(alone, agent_table, lane_centres) -> None:
-    config = SafetyConfig(following=False, contact=False, road=False, jerk_max=2.0, braking_jerk_max=9.0)
     table = agent_table(5, {"id": 2, "x": 100.0, "y": lane_centres[1], "speed": 12.0, "acceleration": -1.0})
-    layer, errand = SafetyLayer(alone.lane_map, config), errand_of(alone, table, 2)
+    layer, errand = SafetyLayer(alone.lane_map, LIMITS_ONLY), errand_of(alone, table, 2)
     harder, softer = (layer.apply(table, [errand], np.array([a]), np.zeros(1)).acceleration[0] for a in (-4.0, 2.0))
-    assert (harder, softer) == (pytest.approx(-1.9), pytest.approx(-0.8))
+    assert (harder, softer) == (pytest.approx(-1.837), pytest.approx(-0.587))
 
 
 def test_what_is_reasonable_is_left_alone(alone, agent_table, lane_centres) -> None:
@@ -127,7 +134,7 @@ def test_who_is_cut_in_on_from_behind_drives_on_where_the_road_is_free(alone, ag
     table, blocked = agent_table(5, cutting_in, mine), agent_table(5, cutting_in, mine, leader)
     layer, nothing = SafetyLayer(alone.lane_map), np.zeros(1)
     free, behind = (layer.apply(t, [errand_of(alone, t, 2)], nothing, nothing) for t in (table, blocked))
-    assert float(free.acceleration[0]) == SAFE.acceleration_max and free.guarded.all()
+    assert float(free.acceleration[0]) == ACCELERATION_MAX and free.guarded.all()
     assert float(behind.acceleration[0]) < 0.0 and behind.guarded.all()
 
 

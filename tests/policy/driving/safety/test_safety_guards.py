@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from litsim_policy.driving.safety.comfort import ACCELERATION_MAX, YAW_ACCELERATION_MAX
 from litsim_policy.driving.safety.config import SafetyConfig
-from litsim_policy.driving.safety.following import following_cap
+from litsim_policy.driving.safety.following import WIDENING, following_cap
 from litsim_policy.driving.safety.layer import GUARDS, SafeCommands, SafetyLayer
 from litsim_policy.driving.task import DrivingTask
 from litsim_policy.motion.followers import PathFollowers
@@ -20,7 +21,7 @@ from litsim_sim.core.scene import STEP_S, AgentTable
 
 SAFE = SafetyConfig()
 SWITCHES = GUARDS[1:]
-TWIST = SAFE.yaw_acceleration_max * STEP_S  # [rad/s] by which a yaw rate may change in a step
+TWIST = YAW_ACCELERATION_MAX * STEP_S  # [rad/s] by which a yaw rate may change in a step
 
 
 def only(*on: str, **config: float) -> SafetyConfig:
@@ -211,7 +212,7 @@ def test_who_is_off_the_road_already_may_come_back(ask, lane_centres) -> None:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_the_cap_is_the_least_of_those_behind_each_leader(lane_map, agent_table, lane_centres, seed: int) -> None:
-    random, config = np.random.default_rng(seed), SafetyConfig(relax=0.7, widening=3.0, leader_brakes=0.05)
+    random, config = np.random.default_rng(seed), SafetyConfig(relax=0.7, leader_brakes=0.05)
     x = 100.0 + np.cumsum(3.0 + 12.0 * random.random(8))
     drivers = random.normal([8.0, -1.0], [4.0, 2.0], (8, 2))
     columns = ({"id": k, "x": x[k], "speed": abs(v), "acceleration": a} for k, (v, a) in enumerate(drivers.tolist()))
@@ -220,14 +221,14 @@ def test_the_cap_is_the_least_of_those_behind_each_leader(lane_map, agent_table,
     agents = PathFollowers(lane_map, table, np.arange(6), paths)
     found = following_cap(config, agents)
     for i in range(6):
-        caps = [config.acceleration_max]
+        caps = [ACCELERATION_MAX]
         for j in range(i + 1, 8):
             gap, speed, lead = table.x[j] - table.x[i] - 4.5, table.speed[i], table.speed[j]
             if gap <= -2.25:
                 continue
             room, lag = gap - config.standstill_gap, config.own_braking * STEP_S
             stop = 2.0 * config.own_braking * max(room, 0.0) + lead**2 * config.own_braking / config.leader_braking
-            cap = max((np.sqrt(lag**2 + stop) - lag - speed) / config.relax, -config.widening)
+            cap = max((np.sqrt(lag**2 + stop) - lag - speed) / config.relax, -WIDENING)
             needed = max(speed - lead, 0.0) ** 2 / (2.0 * max(room, 0.1))
             braking = max(-table.acceleration[j], 0.1)
             needed = max(needed, speed**2 / (2.0 * max(room + lead**2 / (2.0 * braking), 0.1)))

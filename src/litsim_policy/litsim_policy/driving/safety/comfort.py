@@ -5,18 +5,26 @@ from __future__ import annotations
 import numpy as np
 from numba.types import Tuple
 
-from litsim_policy.driving.safety.config import SAFETY, SafetyValues
 from litsim_sim.core.dynamics import SPEED_MIN
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.scene import AGENTS, STEP_S, AgentArrays, BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_BOOLS, OUT_FLOATS2, kernel
 
+# Limits of the network's commands, those of nuPlan's comfort measure unless stated otherwise.
+ACCELERATION_MAX, DECELERATION_MAX = 2.40, 4.05  # [m/s2]
+JERK_MAX = 4.13  # [m/s3] with which acceleration grows, and braking is eased
+# [m/s3] with which braking grows. With 4.13 m/s3 it would take a second to brake as hard as people do within a quarter
+# of one; this is nuPlan's bound on the whole jerk. The careful and competent driver of UN Regulation 157 has 12.65.
+BRAKING_JERK_MAX = 8.37
+LATERAL_ACCELERATION_MAX = 4.89  # [m/s2]
+YAW_RATE_MAX = 0.95  # [rad/s]
+YAW_ACCELERATION_MAX = 1.93  # [rad/s2]
 SAME = 1e-9  # [m/s2], [rad/s] up to which a command counts as unchanged
 
 
-@kernel(Tuple((OUT_FLOATS2, OUT_BOOLS))(FLOATS, FLOATS, AGENTS, INTS, SAFETY))
+@kernel(Tuple((OUT_FLOATS2, OUT_BOOLS))(FLOATS, FLOATS, AGENTS, INTS))
 def limited(
-    acceleration: FloatArray, yaw_rate: FloatArray, agents: AgentArrays, rows: IntArray, safety: SafetyValues
+    acceleration: FloatArray, yaw_rate: FloatArray, agents: AgentArrays, rows: IntArray
 ) -> tuple[FloatArray, BoolArray]:
     """Commands within the comfort bounds, those on the rates of change included.
 
@@ -26,21 +34,20 @@ def limited(
         acceleration, yaw_rate: (m,) requested [m/s2], [rad/s].
         agents: all agents.
         rows: (m,) of the agents that are commanded.
-        safety: the bounds.
 
     Returns:
         the commands (m, 2), and which of them differ from the request (m,).
     """
     limited, changed = np.empty((len(rows), 2)), np.empty(len(rows), np.bool_)
-    rise, fall = safety.jerk_max * STEP_S, safety.braking_jerk_max * STEP_S
-    turn_step = safety.yaw_acceleration_max * STEP_S
+    rise, fall = JERK_MAX * STEP_S, BRAKING_JERK_MAX * STEP_S
+    turn_step = YAW_ACCELERATION_MAX * STEP_S
     for i in range(len(rows)):
         own = rows[i]
-        before = within(agents.acceleration[own], -safety.deceleration_max, safety.acceleration_max)
+        before = within(agents.acceleration[own], -DECELERATION_MAX, ACCELERATION_MAX)
         pedal = within(acceleration[i], before - fall, before + rise)
-        bound = min(safety.yaw_rate_max, safety.lateral_acceleration_max / max(agents.speed[own], SPEED_MIN))
+        bound = min(YAW_RATE_MAX, LATERAL_ACCELERATION_MAX / max(agents.speed[own], SPEED_MIN))
         turn = within(yaw_rate[i], agents.yaw_rate[own] - turn_step, agents.yaw_rate[own] + turn_step)
-        limited[i, 0] = within(pedal, -safety.deceleration_max, safety.acceleration_max)
+        limited[i, 0] = within(pedal, -DECELERATION_MAX, ACCELERATION_MAX)
         limited[i, 1] = within(turn, -bound, bound)
         acceleration_change, yaw_rate_change = limited[i, 0] - acceleration[i], limited[i, 1] - yaw_rate[i]
         changed[i] = abs(acceleration_change) > SAME or abs(yaw_rate_change) > SAME

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from litsim_policy.driving.safety.config import SAFETY, SafetyValues
+from litsim_policy.driving.safety.comfort import ACCELERATION_MAX, LATERAL_ACCELERATION_MAX, YAW_ACCELERATION_MAX
 from litsim_sim.core.dynamics import SPEED_MIN
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS2, FLOATS3, OUT_FLOATS3, OUT_INTS, kernel
+from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS2, FLOATS3, OUT_FLOATS3, OUT_INTS, float64, kernel
 
 BRAKING = np.array([2.0, 3.0, 4.0, 6.0])  # [m/s2] braking that is tried before the hardest
 
 
-@kernel(OUT_FLOATS3(FLOATS2, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, SAFETY))
+@kernel(OUT_FLOATS3(FLOATS2, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, float64))
 def evasive_commands(
     commands: FloatArray,
     cap: FloatArray,
@@ -21,7 +21,7 @@ def evasive_commands(
     yaw_rate: FloatArray,
     path_yaw_rate: FloatArray,
     lane_yaw_rate: FloatArray,
-    safety: SafetyValues,
+    braking_max: float,
 ) -> FloatArray:
     """Alternatives to the commands, nearest to the commanded acceleration first, and after all of them swerves.
 
@@ -34,29 +34,29 @@ def evasive_commands(
         cap: (k,) accelerations that the agents ahead allow [m/s2].
         speed, yaw_rate: (k,) now [m/s], [rad/s].
         path_yaw_rate, lane_yaw_rate: (k,) yaw rates along the path and along the lane [rad/s].
-        safety: the bounds.
+        braking_max: hardest braking [m/s2].
 
     Returns:
         (k, 35, 2) accelerations and yaw rates: as commanded, along the path, along the lane; then with other
         accelerations; then, with each of them, to the right and to the left.
     """
-    turn_step = safety.yaw_acceleration_max * STEP_S  # most by which a yaw rate changes in a step [rad/s]
+    turn_step = YAW_ACCELERATION_MAX * STEP_S  # most by which a yaw rate changes in a step [rad/s]
     strengths = len(BRAKING) + 3
     choices = np.empty((len(commands), 5 * strengths, 2))
     for i in range(len(commands)):
         wanted = commands[i, 0]
-        bound = safety.lateral_acceleration_max / max(speed[i], SPEED_MIN)
+        bound = LATERAL_ACCELERATION_MAX / max(speed[i], SPEED_MIN)
         low, high = yaw_rate[i] - turn_step, yaw_rate[i] + turn_step
         along_path = within(within(path_yaw_rate[i], low, high), -bound, bound)
         along_lane = within(within(lane_yaw_rate[i], low, high), -bound, bound)
         steering = (commands[i, 1], along_path, along_lane)
         swerves = (within(low, -bound, bound), within(high, -bound, bound))
-        driving_on = max(min(safety.acceleration_max, cap[i]), wanted)
-        hardest = min(wanted, -safety.braking_max)
+        driving_on = max(min(ACCELERATION_MAX, cap[i]), wanted)
+        hardest = min(wanted, -braking_max)
         accelerations = np.full(strengths, hardest)
         accelerations[0], accelerations[-1] = wanted, driving_on
         for k in range(len(BRAKING)):
-            accelerations[k + 1] = min(wanted, max(-BRAKING[k], -safety.braking_max))
+            accelerations[k + 1] = min(wanted, max(-BRAKING[k], -braking_max))
         for place, k in enumerate(np.argsort(np.abs(accelerations - wanted), kind="mergesort")):
             for s in range(3):
                 choices[i, 3 * place + s, 0], choices[i, 3 * place + s, 1] = accelerations[k], steering[s]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from litsim_policy.driving.safety.comfort import ACCELERATION_MAX
 from litsim_policy.driving.safety.config import SAFETY, SafetyConfig, SafetyValues
 from litsim_policy.motion.car_following import GAP_MIN, LEADER_BRAKES, LEADERS, Leaders, braking_behind, safe_speed
 from litsim_policy.motion.followers import PathFollowers
@@ -11,12 +12,14 @@ from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.scene import BoolArray, FloatArray
 from litsim_sim.kernels.compiled import FLOATS, OUT_FLOATS, kernel
 
+WIDENING = 2.5  # [m/s2] hardest braking only to widen a gap that is too short, outside emergencies
+
 
 def following_cap(config: SafetyConfig, agents: PathFollowers) -> FloatArray:
     """Accelerations (m,) [m/s2] above which agents could not stop behind the agent ahead on the path.
 
     The safe speed is that of Krauss (1997), at which `own_braking` suffices if the leader brakes by `leader_braking`.
-    It is approached with `relax`, by no more than `widening`. If the approach to the leader, which is assumed to
+    It is approached with `relax`, by no more than :data:`WIDENING`. If the approach to the leader, which is assumed to
     continue as now, needs more than `imminent`, the agent brakes accordingly at once.
     """
     return _following_cap(agents.leaders, agents.speed, agents.table.length[agents.rows], config.values)
@@ -61,9 +64,9 @@ def _following_cap(leaders: Leaders, speed: FloatArray, length: FloatArray, safe
                 continue
             room, lead = leaders.gap[i, j] - safety.standstill_gap, max(leaders.speed[i, j], 0.0)
             safe = safe_speed(room, lead, safety.own_braking, safety.leader_braking)
-            cap = max((safe - speed[i]) / safety.relax, -safety.widening)
+            cap = max((safe - speed[i]) / safety.relax, -WIDENING)
             brakes = leaders.acceleration[leaders.first[i] + j]
             needed = braking_behind(speed[i], lead, brakes, room, safety.leader_brakes)
             least = min(least, min(cap, -needed) if needed > safety.imminent else cap)
-        caps[i] = within(least, -safety.braking_max, safety.acceleration_max)
+        caps[i] = within(least, -safety.braking_max, ACCELERATION_MAX)
     return caps

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from litsim_policy.driving.look_ahead import first_touch, rolled_out, stay_on_road, steps_of
-from litsim_policy.driving.safety.comfort import limited
+from litsim_policy.driving.safety.comfort import ACCELERATION_MAX, limited
 from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.evasion import best_choice, evasive_commands
 from litsim_policy.driving.safety.following import following_cap, stopping_cap
@@ -78,8 +78,8 @@ class SafetyLayer:
         """
         config, agents = self.config, scene.agents
         changed = np.zeros((len(scene), len(GUARDS)), np.bool_)
-        safe, changed[:, 0] = limited(acceleration, yaw_rate, agents.table.arrays, agents.rows, config.values)
-        cap = np.full(len(scene), config.acceleration_max)
+        safe, changed[:, 0] = limited(acceleration, yaw_rate, agents.table.arrays, agents.rows)
+        cap = np.full(len(scene), ACCELERATION_MAX)
         if config.following:
             cap = following_cap(config, agents)
             lines = self._stop_lines.of(agents)
@@ -124,7 +124,7 @@ class SafetyLayer:
             agents.table.yaw_rate[rows[at]],
             agents.path_yaw_rate[at],
             agents.lane_yaw_rate[at],
-            config.values,
+            config.braking_max,
         )
         touch, stays = self._look_ahead(agents.table, rows[at], choices)
         if not config.contact:
@@ -146,7 +146,7 @@ class SafetyLayer:
         """
         config = self.config
         instants, road = steps_of(config.horizon), steps_of(config.road_horizon)
-        poses = rolled_out(table, rows, commands, config.settle, max(instants, road))
+        poses = rolled_out(table, rows, commands, max(instants, road))
         touch = first_touch(table, rows, poses, instants, config.margin)
         return touch, stay_on_road(self.lane_map, table, rows, poses, road - 1)
 
