@@ -7,10 +7,12 @@ from typing import Any
 
 import pytest
 
-from litsim_research.cli.paper import GOALS, SHOWN
+from litsim_research.cli.paper import CLAIMS, GOALS, SHOWN
+from litsim_research.paper.claims import claim_rows, claims_table
 from litsim_research.paper.page import END, begin
 from litsim_research.paper.published import TABLE
 from litsim_research.paper.tables import (
+    ClaimRow,
     GoalRow,
     Row,
     goals,
@@ -138,10 +140,36 @@ def test_goals_are_held_against_the_better_of_the_baselines(ours: float, reactiv
     assert f"| realism highest | {0.5 + ours:.3f}, 0.680: no |" in goals_table(records)
 
 
+def test_a_claim_is_counted_in_the_tables_that_can_tell() -> None:
+    """On the street LitSim collides as often as GAIL; there is no ADE beyond 15 s in the real window."""
+    table = [
+        Row(ego, set_, method, measure, "", value)
+        for ego, set_, values in (("bat", "real", (0.1, 0.2, 0.3)), ("idm", "urban", (0.2, 0.2, 0.3)))
+        for method, value in zip(("litsim", "gail", "idm"), map(str, values), strict=True)
+        for measure in ("collision", *(("ade_25",) if set_ == "urban" else ("ade_15",)))
+    ]
+    table += [Row("idm", "urban", "simnet", measure, "", "0.1") for measure in ("collision", "ade_25")]
+    table += [Row("bat", "paper", "IDM", "collision", "", "0.0")]
+    ablation = [
+        Row("bat", "real", name, "ade_15", "m", value)
+        for name, value in zip(("litsim", "M0", "M1"), "121", strict=True)
+    ]
+    told = {row.claim: (row.litsim, row.paper) for row in claim_rows(table, ablation)}
+    assert told["LitSim has the lowest collision rate"] == ("1 of 2", "-")
+    assert told["beyond 15 s, LitSim is nearest to the log"] == ("0 of 1", "-")
+    assert told["of the baselines, SimNet collides least"] == ("1 of 1", "-")
+    assert told["GAIL makes most progress"] == ("-", "-")
+    assert told["joint forecasts bring agents nearer to the log (M1, M0)"] == ("1 of 1", "-")
+    assert told["policy C avoids collisions (M2, M1)"] == ("-", "-")
+
+
 @pytest.mark.parametrize("name", SHOWN)
 def test_the_page_of_the_documentation_agrees_with_its_files(name: str) -> None:
     file = PAGE.with_suffix("") / f"{name}.csv"
-    lines = goals_table(read_csv(file, GoalRow)) if name == GOALS else summary(read_csv(file, Row))
+    if name == CLAIMS:
+        lines = claims_table(read_csv(file, ClaimRow))
+    else:
+        lines = goals_table(read_csv(file, GoalRow)) if name == GOALS else summary(read_csv(file, Row))
     mark = begin(f"paper {name}").removesuffix(" -->")
     (shown,) = (part.split(END)[0] for part in PAGE.read_text().split(mark)[1:])
     assert shown.partition(" -->\n")[2] == "".join(f"{line}\n" for line in lines)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 
 from litsim_eval.analysis.summary import Metrics
 from litsim_eval.campaign.case import code_versions
 from litsim_eval.campaign.results import CAMPAIGN_FILE, Campaign, read_campaign
 from litsim_eval.campaign.suite import Suite
-from litsim_research.paper import tables
+from litsim_research.paper import claims, tables
 from litsim_research.paper.experiments import (
     ABLATIONS,
     BACKBONES,
@@ -42,7 +42,8 @@ CASES = "cases"
 FIGURES = "figures"
 ALL = "all"
 GOALS = "goals"
-SHOWN = (GOALS, TABLE.name, ABLATIONS.name)
+CLAIMS = "claims"
+SHOWN = (GOALS, TABLE.name, ABLATIONS.name, CLAIMS)
 """Tables that a page shows in short; all of them are CSV files beside it."""
 CAPTIONS = {
     "contacts_by_fault": "Contacts that are not in the log, by fault; by ego, all sets together.",
@@ -53,16 +54,17 @@ CAPTIONS = {
     "case_left_turn": "An unprotected left turn on the generated street: replay above, LitSim below.",
 }
 EPILOG = (
-    "If interrupted, the same command resumes. 'figures' draws the runs of 'table'; 'cases' runs and draws the two "
-    "case studies; 'all' does everything, 'backbones' only with --resnet50. The real window needs LITSIM_DATA; "
-    "without it, it is left out with a note."
+    "If interrupted, the same command resumes. 'claims' counts in how many tables of 'table' and 'ablation' each claim "
+    "of the paper holds; 'figures' draws the runs of 'table'; 'cases' runs and draws the two case studies; 'all' does "
+    "everything, 'backbones' only with --resnet50. The real window needs LITSIM_DATA; without it, it is left out with "
+    "a note."
 )
 
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_research paper``."""
     p = Parser(prog="paper", description=__doc__, epilog=EPILOG, formatter_class=DefaultsFormatter)
-    parts = (*EXPERIMENTS, BACKBONES, ORACLES, FIGURES, CASES, ALL)
+    parts = (*EXPERIMENTS, CLAIMS, BACKBONES, ORACLES, FIGURES, CASES, ALL)
     p.add_argument("what", choices=parts, help="experiment to run, or output to make")
     p.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), help="sets of cases")
     p.add_argument(
@@ -90,9 +92,12 @@ class Work:
         self._arguments = arguments
         self._out: Path = arguments.out
         self._images: Path = arguments.images or self._out / FIGURES
-        self._sets = _available(arguments.sets)
         if arguments.page is not None:
             read_text(arguments.page)  # before anything is run
+
+    @cached_property
+    def _sets(self) -> tuple[str, ...]:
+        return _available(self._arguments.sets)
 
     def experiment(self, experiment: Experiment) -> None:
         """Run `experiment`, and write its tables."""
@@ -103,6 +108,20 @@ class Work:
         if experiment.aimed:
             reached = [row for ego in egos for row in tables.goals(tables.methods_of(campaign, ego, None), ego)]
             self._write(GOALS, reached, tables.goals_table(reached))
+
+    def claims(self) -> None:
+        """Write in how many of the existing tables the paper's claims hold.
+
+        Raises:
+            InputError: the tables of `table` and `ablation` have not been made.
+        """
+        files = [self._folders()[-1] / f"{experiment.name}.csv" for experiment in (TABLE, ABLATIONS)]
+        for path in files:
+            if not path.is_file():
+                raise InputError(f"{path}: missing, expected the table of `paper {path.stem}`")
+        table, ablation = (tables.read_csv(path, tables.Row) for path in files)
+        records = claims.claim_rows(table, ablation)
+        self._write(CLAIMS, records, claims.claims_table(records))
 
     def backbones(self) -> None:
         """Run SimNet with each backbone, and write the tables.
@@ -220,7 +239,7 @@ class Work:
         page: Path | None = self._arguments.page
         return (self._out,) if page is None else (self._out, page.with_suffix(""))
 
-    def _write(self, name: str, records: Sequence[tables.Row] | Sequence[tables.GoalRow], lines: Sequence[str]) -> None:
+    def _write(self, name: str, records: Sequence[tables.R], lines: Sequence[str]) -> None:
         """Write `records` to NAME.csv, and `lines` to standard output and, if the page shows them, into the page."""
         for folder in self._folders():
             tables.write_csv(folder / f"{name}.csv", records)
@@ -272,6 +291,7 @@ def main(argv: list[str] | None = None) -> int:
     work = Work(arguments)
     parts: dict[str, Callable[[], None]] = {
         **{name: partial(work.experiment, experiment) for name, experiment in EXPERIMENTS.items()},
+        CLAIMS: work.claims,
         FIGURES: work.figures,
         CASES: work.cases,
         ORACLES: work.oracles,
@@ -280,5 +300,6 @@ def main(argv: list[str] | None = None) -> int:
     whole = [name for name in parts if name != BACKBONES or arguments.resnet50]
     for name in whole if arguments.what == ALL else (arguments.what,):
         parts[name]()
-    work.times()
+    if arguments.what != CLAIMS:
+        work.times()
     return 0

@@ -93,6 +93,22 @@ class GoalRow(NamedTuple):
     met: str
 
 
+class ClaimRow(NamedTuple):
+    """In how many tables, one for each ego and set of roads, a claim holds.
+
+    Attributes:
+        claim: its text.
+        litsim, paper: `HELD of TOLD`, where LitSim has its defaults or the paper's configuration; `-` where no table
+            tells.
+        remark: why it holds or not.
+    """
+
+    claim: str
+    litsim: str
+    paper: str
+    remark: str
+
+
 @dataclass(frozen=True)
 class Measure:
     """A column.
@@ -175,7 +191,7 @@ SUMMED = {"fault_background": "contacts, background's fault", "takeovers": "take
 """Columns of :func:`summary`: measures by set of roads, and counts summed over the sets."""
 
 
-R = TypeVar("R", Row, GoalRow)
+R = TypeVar("R", Row, GoalRow, ClaimRow)
 T = TypeVar("T")
 
 
@@ -255,7 +271,7 @@ def goals(methods: Methods, ego: str) -> list[GoalRow]:
     return records
 
 
-def write_csv(path: Path, records: Sequence[Row] | Sequence[GoalRow]) -> None:
+def write_csv(path: Path, records: Sequence[R]) -> None:
     """Write `records` to the file `path`, with a line of headings."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as new, new.open("w", encoding="utf-8", newline="") as stream:
@@ -277,7 +293,7 @@ def summary(records: Sequence[Row]) -> list[str]:
     """
     sets = [name for name in _different(row.set for row in records) if name != PUBLISHED]
     headings = ["ego", "method", "runs", *(measure.heading for measure in SUMMARY), *SUMMED.values()]
-    lines = [_line(headings), _line(["---", "---", *["---:"] * (len(headings) - 2)])]
+    lines = [line(headings), line(["---", "---", *["---:"] * (len(headings) - 2)])]
     for ego, method, published in _different((row.ego, row.method, row.set == PUBLISHED) for row in records):
         of_method = {
             (row.set, row.measure): row
@@ -287,12 +303,12 @@ def summary(records: Sequence[Row]) -> list[str]:
         if published:
             values = [_cell(of_method.get((PUBLISHED, measure.key)), "") for measure in SUMMARY]
             label = f"{method}: {OTHER_DATA}".replace("*", "\\*")
-            lines.append(_line([f"`{ego}`", label, "", *values, *[""] * len(SUMMED)]))
+            lines.append(line([f"`{ego}`", label, "", *values, *[""] * len(SUMMED)]))
             continue
         values = [", ".join(_cell(of_method.get((tag, measure.key))) for tag in sets) for measure in SUMMARY]
         sums = [str(sum(int(of_method[tag, key].value) for tag in sets)) for key in SUMMED]
         lines.append(
-            _line([f"`{ego}`", f"`{method}`", _runs([of_method[tag, "takeovers"] for tag in sets]), *values, *sums])
+            line([f"`{ego}`", f"`{method}`", _runs([of_method[tag, "takeovers"] for tag in sets]), *values, *sums])
         )
     names = [SET_NAMES[tag] for tag in sets if tag in SET_NAMES]
     return [f"Where a cell has several values: {', '.join(names)}.", "", *lines] if len(names) > 1 else lines
@@ -305,9 +321,9 @@ def goals_table(records: Sequence[GoalRow]) -> list[str]:
     return [
         f"Cells: `{OURS}`, the best of the baselines, and whether the goal is met.",
         "",
-        _line(["goal", *(f"ego `{ego}`" for ego in egos)]),
-        _line(["---", *["---"] * len(egos)]),
-        *(_line([goal, *(by_cell[goal, ego] for ego in egos)]) for goal in _different(row.goal for row in records)),
+        line(["goal", *(f"ego `{ego}`" for ego in egos)]),
+        line(["---", *["---"] * len(egos)]),
+        *(line([goal, *(by_cell[goal, ego] for ego in egos)]) for goal in _different(row.goal for row in records)),
     ]
 
 
@@ -324,7 +340,8 @@ def _runs(by_set: Sequence[Row]) -> str:
     return f"{runs}, {failed} failed" if failed else str(runs)
 
 
-def _line(cells: Sequence[str]) -> str:
+def line(cells: Sequence[str]) -> str:
+    """Returns a line of a Markdown table."""
     return f"| {' | '.join(cells)} |"
 
 

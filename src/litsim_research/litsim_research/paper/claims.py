@@ -1,0 +1,156 @@
+"""What the paper says of its results in words, and in how many of our tables each claim holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from litsim_eval.analysis.displacement import HORIZONS_S
+from litsim_research.paper.experiments import OURS, PAPER_SETUP
+from litsim_research.paper.tables import NOTHING, PUBLISHED, ClaimRow, Row, line
+
+Values = Mapping[str, Mapping[str, float]]
+"""A table with one ego on one set of roads: values by measure, then by method."""
+Holds = Callable[[Values, str], bool | None]
+
+RIVALS = ("idm", "gail", "simnet")  # the paper's baselines
+SHORT_S = 15  # [s] up to which the paper calls a simulation short
+SHORT, LONG = (tuple(f"ade_{h}" for h in HORIZONS_S if (h <= SHORT_S) == short) for short in (True, False))
+LAST = "ade_last"
+"""Key of ADE at the last horizon that a table has."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claim, and whether it holds in a table.
+
+    Attributes:
+        text: the claim.
+        holds: the answer for a table, given the name of the row that is LitSim; None where the table does not tell.
+        remark: why it holds or not.
+    """
+
+    text: str
+    holds: Holds
+    remark: str
+
+
+def _better(measures: Sequence[str], method: str, than: Sequence[str], *, most: bool = False) -> Holds:
+    """Returns the question whether `method` is better than others in each of those `measures` that a table has.
+
+    Args:
+        measures: keys of the measures.
+        method: name of a row; `OURS` for the one that is LitSim.
+        than: names of the others, likewise.
+        most: whether higher values are better.
+    """
+
+    def holds(table: Values, ours: str) -> bool | None:
+        def value(measure: str, name: str) -> float | None:
+            return table.get(measure, {}).get(ours if name == OURS else name)
+
+        pairs = [(value(m, method), value(m, other)) for m in measures for other in than]
+        told = [(own, other) for own, other in pairs if own is not None and other is not None]
+        return all(own > other if most else own < other for own, other in told) if told else None
+
+    return holds
+
+
+CLAIMS = (
+    Claim(
+        "up to 15 s, IDM is nearest to the log",
+        _better(SHORT, "idm", (OURS, "gail", "simnet")),
+        "LitSim leaves nearly all agents on their logs; IDM drives all near the ego from the first step",
+    ),
+    Claim("beyond 15 s, LitSim is nearest to the log", _better(LONG, OURS, RIVALS), "the real window ends before 20 s"),
+    Claim(
+        "LitSim has the lowest collision rate",
+        _better(("collision",), OURS, RIVALS),
+        "what baselines drive meets vehicles that stay on their logs",
+    ),
+    Claim("LitSim has the highest reactivity", _better(("reactivity",), OURS, RIVALS, most=True), "likewise"),
+    Claim(
+        "LitSim has fewer contacts at the background's fault",
+        _better(("fault_background",), OURS, RIVALS),
+        "likewise",
+    ),
+    Claim(
+        "LitSim has fewer contacts at the ego's fault",
+        _better(("fault_ego",), OURS, RIVALS),
+        "hardly any ego is at fault, with any method",
+    ),
+    Claim(
+        "LitSim has the lowest relevant ratio",
+        _better(("relevant",), OURS, RIVALS),
+        "agents are taken over for a conflict only, and handed back",
+    ),
+    Claim(
+        "of the baselines, SimNet collides least",
+        _better(("collision",), "simnet", ("idm", "gail")),
+        "most of all: ours has learned from a fraction of the data, and nothing checks its motion for conflicts",
+    ),
+    Claim(
+        "GAIL makes most progress",
+        _better(("progress",), "gail", (OURS, "idm", "simnet"), most=True),
+        "all methods are within 7 % of each other",
+    ),
+)
+"""Of Table II."""
+
+ABLATION_CLAIMS = (
+    Claim(
+        "joint forecasts bring agents nearer to the log (M1, M0)",
+        _better((LAST,), "M1", ("M0",)),
+        "M0 has our conflict stage, which detects conflicts with kinematic forecasts as well",
+    ),
+    Claim("joint forecasts avoid collisions (M1, M0)", _better(("collision",), "M1", ("M0",)), "hardly any are left"),
+    Claim(
+        "policy C brings agents nearer to the log (M2, M1)",
+        _better((LAST,), "M2", ("M1",)),
+        "and with fewer hard brakes",
+    ),
+    Claim("policy C avoids collisions (M2, M1)", _better(("collision",), "M2", ("M1",)), "hardly any are left"),
+    Claim(
+        "the larger ROI brings agents nearer to the log (M\\*, M2)",
+        _better((LAST,), OURS, ("M2",)),
+        "more agents are taken over, and earlier",
+    ),
+)
+"""Of the ablation study, whose M* is `litsim`."""
+
+
+def claim_rows(table: Sequence[Row], ablation: Sequence[Row]) -> list[ClaimRow]:
+    """Returns in how many tables the claims hold, given the rows of Table II and of the ablation study."""
+    return [
+        ClaimRow(claim.text, _count(claim, tables, OURS), _count(claim, tables, PAPER_SETUP), claim.remark)
+        for claims, tables in ((CLAIMS, _tables(table)), (ABLATION_CLAIMS, _tables(ablation)))
+        for claim in claims
+    ]
+
+
+def claims_table(records: Sequence[ClaimRow]) -> list[str]:
+    """Returns the lines of the table of claims."""
+    return [
+        line(["claim of the paper", f"holds, `{OURS}`", f"holds, `{PAPER_SETUP}`", "why"]),
+        line(["---", "---", "---", "---"]),
+        *map(line, records),
+    ]
+
+
+def _tables(rows: Sequence[Row]) -> list[Values]:
+    """Returns the measured tables, one for each ego and set of roads, each with the last horizon of ADE as `LAST`."""
+    tables: dict[tuple[str, str], dict[str, dict[str, float]]] = {}
+    for row in rows:
+        if row.set != PUBLISHED:
+            tables.setdefault((row.ego, row.set), {}).setdefault(row.measure, {})[row.method] = float(row.value)
+    for table in tables.values():
+        told = [table[f"ade_{h}"] for h in HORIZONS_S if f"ade_{h}" in table]
+        table[LAST] = told[-1] if told else {}
+    return list(tables.values())
+
+
+def _count(claim: Claim, tables: Sequence[Values], ours: str) -> str:
+    """Returns `HELD of TOLD` tables; `-` where none tells, or none has the row `ours`."""
+    with_ours = [table for table in tables if any(ours in by_method for by_method in table.values())]
+    answers = [answer for table in with_ours if (answer := claim.holds(table, ours)) is not None]
+    return f"{sum(answers)} of {len(answers)}" if answers else NOTHING
