@@ -29,6 +29,7 @@ setup(
         ],
         # See litsim_sim.core.plugins for the groups.
         "litsim.recordings": [
+            "autoware_bag = litsim_data.generic.bag_format:AutowareBag",
             "ngsim = litsim_data.ngsim.plugin:Official",
             "us101_windows = litsim_data.ngsim.plugin:Windows",
         ],

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from litsim_data.generic.bag_format import bag_file, is_bag
 from litsim_data.generic.description import describe
 from litsim_data.ngsim.formats import is_official
 from litsim_sim.core.errors import InputError
@@ -55,7 +56,7 @@ def run(arguments: argparse.Namespace) -> None:
     """
     crop = parse_crop(arguments.crop)
     refuse_input_as_output(arguments.out, *arguments.sources, *filter(None, [arguments.mapping, arguments.vehicles]))
-    source = arguments.sources[0]
+    source = bag_file(arguments.sources[0])
     if arguments.draft:
         _draft(arguments)
         return
@@ -77,9 +78,25 @@ def run(arguments: argparse.Namespace) -> None:
         return
     if arguments.raw:
         raise InputError(f"{source}: --raw is for official NGSIM files")
+    if is_bag(source) and not crop:
+        _convert_bag(source, arguments.out)
+        return
     recording = load_recording(source, crop)
     recording.write(_file(arguments.out))
     print(describe(recording))
+
+
+def _convert_bag(source: Path, out: Path) -> None:
+    """Converts a bag of Autoware; changes of its traffic lights become a file beside the recording."""
+    from litsim_data.generic.autoware_bag import read_bag, write_changes
+
+    content = read_bag(source)
+    content.recording.write(_file(out))
+    print(describe(content.recording))
+    if content.signals:
+        changes = out.with_name(f"{out.stem}_signals.csv")
+        write_changes(content.signals, changes)
+        print(f"{'signals':<11}{len(content.signals)} changes -> {changes}")
 
 
 def _convert_mapped(arguments: argparse.Namespace, crop: dict[str, list[float]]) -> None:

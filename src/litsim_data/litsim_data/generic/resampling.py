@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -128,7 +129,7 @@ def split(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
     return table.assign(vehicle_id=vehicle + PIECE * piece)
 
 
-def resampled(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.DataFrame:
+def resampled(table: pd.DataFrame, source: TableFiles | Path, counts: Counts) -> pd.DataFrame:
     """Returns every track at the 10 Hz frames within its time span; values between rows are interpolated.
 
     Tracks without such a frame are left out.
