@@ -13,6 +13,7 @@ import pytest
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.report import run_report
 from litsim_eval.report.forecasts import Forecasts
+from litsim_eval.report.plans import Plans
 from litsim_sim.record.run import Run
 
 Browser = Any
@@ -29,8 +30,12 @@ def page(chromium: Browser, small_run: Run, tmp_path_factory: pytest.TempPathFac
     mean = np.stack(np.broadcast_arrays(20.0 + 8.0 * time + 0.8 * step[:, None], -1.83), axis=-1)
     spread = np.tile(np.stack([0.2 + time, 0.1 + 0.3 * time, 0.2 + 0.0 * time], axis=-1), (61, 1, 1))
     forecasts = Forecasts(np.ones(61, np.int64), step, time, mean, spread)
+    way = np.linspace(20.0, 60.0, 21)
+    place = np.concatenate([np.stack([k + way, np.full(21, -1.83)], axis=-1) for k in range(0, 40, 2)])
+    plans = Plans("/planning/trajectory", np.arange(0, 40, 2), 21 * np.arange(1, 21), place, np.arange(20) // 10)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run_report, "read_forecasts", lambda run: forecasts)
+        patch.setattr(run_report, "read_plans", lambda run: plans)
         html = run_report.render(small_run, compute_metrics(small_run))
     path = tmp_path_factory.mktemp("report") / "report.html"
     path.write_text(html)
@@ -91,6 +96,15 @@ def test_the_ledger_jumps(browser: Browser) -> None:
     assert box[0] < 500 and box[1] > 100  # the view is on the screen
 
 
+def test_plans_of_the_stack(browser: Browser) -> None:
+    assert not browser.run("document.getElementById('plan').hidden")
+    assert browser.run("document.getElementById('plan').title").endswith("on /planning/trajectory (T)")
+    x, y, stop = browser.run("(({points, stop}) => [points[20].x, points[20].y, stop])(litsim.scene.planAt(11.5))")
+    assert ([x, y], stop) == ([pytest.approx(70.0, abs=0.06), pytest.approx(-1.83, abs=0.06)], False)  # of step 10
+    assert browser.run("litsim.scene.planAt(38).stop")
+    assert browser.run("litsim.scene.planAt(55)") is None  # too old
+
+
 def test_keyboard(browser: Browser) -> None:
     browser.press("ArrowRight", 39)
     browser.press("ArrowRight", 39)
@@ -103,7 +117,7 @@ def test_keyboard(browser: Browser) -> None:
     assert state(browser)["scale"] > before["scale"]
     browser.press("-", 189, "-")
     assert state(browser)["scale"] == pytest.approx(before["scale"])
-    for key, what in (("g", "ghosts"), ("p", "forecasts"), ("c", "conflicts")):
+    for key, what in (("t", "plan"), ("g", "ghosts"), ("p", "forecasts"), ("c", "conflicts")):
         shown, picture = state(browser)["shows"][what], browser.run(PIXELS)
         browser.press(key, ord(key.upper()), key)
         assert state(browser)["shows"][what] is not shown

@@ -10,6 +10,7 @@ import shapely
 from litsim_data.surrogates.safety import following
 from litsim_eval.report.forecasts import Forecasts
 from litsim_eval.report.packing import Packer
+from litsim_eval.report.plans import NO_PLANS, Plans
 from litsim_eval.report.tracks import Tracks, ghosts_of, tracks_of
 from litsim_sim.core.colours import Mode
 from litsim_sim.core.geometry import wrap_angle
@@ -40,8 +41,16 @@ TTC_MAX = 12.0  # [s] largest time to collision that is plotted
 ON_LOG = 0.005  # [m]
 
 
-def pack_run(run: Run, metrics: dict[str, Any], forecasts: Forecasts, every: int) -> str:
-    """Returns the run as a container of :mod:`litsim_eval.report.packing`; `every` is the steps between forecasts."""
+def pack_run(run: Run, metrics: dict[str, Any], forecasts: Forecasts, every: int, plans: Plans = NO_PLANS) -> str:
+    """Returns the run as a container of :mod:`litsim_eval.report.packing`.
+
+    Args:
+        run: the run.
+        metrics: its measures.
+        forecasts: forecasts of the agents.
+        every: steps between forecasts.
+        plans: what the ego's stack has planned.
+    """
     tracks, ghosts = tracks_of(run), ghosts_of(run)
     origin = origin_of(tracks)
     packer = Packer(
@@ -64,6 +73,7 @@ def pack_run(run: Run, metrics: dict[str, Any], forecasts: Forecasts, every: int
             "contacts": metrics["collision"]["contacts"],
             "series": _series(run, tracks, ghosts),
             "forecast": {"time": np.round(forecasts.time, 3).tolist(), "every": every},
+            "plan": {"topic": plans.topic, "stop": plans.stop.tolist()},
         }
     )
     packer.add("mode", tracks.mode, differences=1)
@@ -76,6 +86,10 @@ def pack_run(run: Run, metrics: dict[str, Any], forecasts: Forecasts, every: int
         packer.add(f"forecast_{name}", forecasts.mean[..., axis] - origin[axis], 5.0 * METRE, differences=2)
     for axis, name in enumerate(("sigma_x", "sigma_y", "rho")):
         packer.add(f"forecast_{name}", forecasts.spread[..., axis], SIGMA, differences=1)
+    packer.add("plan_step", plans.step, differences=1)
+    packer.add("plan_end", plans.end, differences=1)
+    for axis, name in enumerate("xy"):
+        packer.add(f"plan_{name}", plans.place[..., axis] - origin[axis], 5.0 * METRE, differences=2)
     return packer.pack()
 
 

@@ -11,6 +11,7 @@ from litsim_eval.report.content import pack_run
 from litsim_eval.report.events import contact_table, takeover_table
 from litsim_eval.report.forecasts import read_forecasts
 from litsim_eval.report.pages import render_page
+from litsim_eval.report.plans import read_plans
 from litsim_eval.report.wording import NOTHING, lockstep_text, number, percent
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.topic_names import RUN_INFO
@@ -77,10 +78,10 @@ def render(run: Run, metrics: dict[str, Any]) -> str:
 
 def _packed(run: Run, metrics: dict[str, Any]) -> tuple[str, int]:
     """Returns packed data, and the number of steps between forecasts."""
-    forecasts = read_forecasts(run)
+    forecasts, plans = read_forecasts(run), read_plans(run)
     data = ""
     for stride in THINNING:
-        data = pack_run(run, metrics, forecasts.every(stride), stride)
+        data = pack_run(run, metrics, forecasts.every(stride), stride, plans)
         if len(data) <= DATA_MAX:
             return data, stride
     raise InputError(

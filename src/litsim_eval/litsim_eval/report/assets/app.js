@@ -8,7 +8,7 @@ const element = (tag, ...children) => {
   return made;
 };
 const SPEEDS = [0.25, 0.5, 1, 2, 4];
-const TOGGLES = ["ghosts", "forecasts", "conflicts"];
+const TOGGLES = ["plan", "ghosts", "forecasts", "conflicts"];
 
 class Player {
   constructor(scene) {
@@ -17,6 +17,8 @@ class Player {
     this.view = new BirdView($$("view"), scene);
     this.charts = makeCharts($$("plots"), scene, (time) => this.seek(time));
     $$("scrub").max = scene.last;
+    for (const each of document.querySelectorAll(".of-plan")) each.hidden = !scene.plan.topic;
+    $$("plan").title = `What the ego's stack plans, on ${scene.plan.topic} (T)`;
     this.#legend();
     this.#buttons();
     this.#pointer();
@@ -272,6 +274,7 @@ class Player {
       "=": () => this.zoom(1.4),
       "-": () => this.zoom(1 / 1.4),
       f: () => this.follow(!this.view.following),
+      t: () => this.turn("plan"),
       g: () => this.turn("ghosts"),
       p: () => this.turn("forecasts"),
       c: () => this.turn("conflicts"),

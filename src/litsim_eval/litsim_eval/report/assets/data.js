@@ -9,6 +9,7 @@ class Scene {
     Object.assign(this, { agents: content.agents, takeovers: content.takeovers, paths: content.paths });
     Object.assign(this, { contacts: content.contacts, forecastTime: content.forecast.time, signals: content.signals });
     this.every = content.forecast.every;
+    this.plan = content.plan;
     this.last = this.frames - 1;
     this.rows = new Map(this.agents.map((agent, row) => [agent.id, row]));
     this.ghostRows = new Map(content.ghosts.map((id, row) => [id, row]));
@@ -78,6 +79,17 @@ class Scene {
     const step = this.first + Math.floor(time);
     const rows = this.forecasts.get(step - (step % this.every)) || [];
     return rows.map((at) => ({ row: this.arrays.forecast_agent[at], points: this.#forecast(at) }));
+  }
+
+  // What the ego's stack has planned last, unless that is a second old: {points: [{x, y}], stop}, or null.
+  planAt(time) {
+    const { plan_step: steps, plan_end: ends, plan_x: x, plan_y: y } = this.arrays;
+    const step = this.first + Math.floor(time);
+    const at = steps.findLastIndex((each) => each <= step);
+    if (at < 0 || (step - steps[at]) * this.dt > 1) return null;
+    const points = [];
+    for (let i = at > 0 ? ends[at - 1] : 0; i < ends[at]; i++) points.push({ x: x[i], y: y[i] });
+    return { points, stop: this.plan.stop[at] === 1 };
   }
 
   #forecast(at) {

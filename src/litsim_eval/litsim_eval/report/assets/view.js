@@ -7,7 +7,7 @@ const SCALES = [0.3, 80]; // pixels a metre
 
 class BirdView {
   constructor(canvas, scene) {
-    Object.assign(this, { canvas, scene, shows: { ghosts: true, forecasts: false, conflicts: false } });
+    Object.assign(this, { canvas, scene, shows: { plan: true, ghosts: true, forecasts: false, conflicts: false } });
     Object.assign(this, { context: canvas.getContext("2d"), selected: null, hovered: null, following: true });
     this.camera = { x: 0, y: 0, scale: 7, rotation: this.#direction() };
     this.surfaces = scene.road.lanes.map(({ width, line }) => ({ width, path: worldPath(line) }));
@@ -130,6 +130,7 @@ class BirdView {
     const shown = records.filter((each) => this.shows.conflicts || each.agent === this.#selectedId());
     if (this.shows.forecasts) this.#drawForecasts(time);
     for (const record of shown) this.#drawPath(record);
+    if (this.shows.plan) this.#drawPlan(this.scene.planAt(time));
     if (this.shows.ghosts) this.#drawGhosts(time);
     const poses = this.scene.agents.map((_, row) => this.scene.pose(row, time));
     poses.forEach((pose, row) => pose && this.#drawAgent(row, pose, time));
@@ -265,6 +266,29 @@ class BirdView {
       c.beginPath();
       c.moveTo(pose.x, pose.y);
       for (const { x, y } of points) c.lineTo(x, y);
+      c.stroke();
+    }
+    c.globalAlpha = 1;
+  }
+
+  // The trajectory that the ego's stack has planned, with a bar where it is to stop.
+  #drawPlan(plan) {
+    if (!plan) return;
+    const { context: c } = this;
+    const { points, stop } = plan;
+    c.strokeStyle = this.agentColours[2];
+    c.lineWidth = Math.max(0.5, this.#pixels(2.4));
+    c.globalAlpha = 0.75;
+    c.beginPath();
+    for (const { x, y } of points) c.lineTo(x, y);
+    c.stroke();
+    const [before, last] = points.slice(-2);
+    if (stop && last) {
+      const far = Math.hypot(last.x - before.x, last.y - before.y) || 1;
+      const [u, v] = [(1.5 * (before.y - last.y)) / far, (1.5 * (last.x - before.x)) / far];
+      c.beginPath();
+      c.moveTo(last.x - u, last.y - v);
+      c.lineTo(last.x + u, last.y + v);
       c.stroke();
     }
     c.globalAlpha = 1;
