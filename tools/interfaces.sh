@@ -6,9 +6,10 @@ usage() {
   cat <<'TEXT'
 Usage: tools/interfaces.sh FOLDER     such as ../interfaces
 
-Clones the message packages of Autoware, tf2 and Ackermann at pinned commits into FOLDER/src, and builds of them what Python
-nodes load: about five minutes. Source FOLDER/install/setup.bash before ./litsim, and its nodes find them. On stock ROS 2 Jazzy, apt has them:
-apt install ros-jazzy-autoware-msgs ros-jazzy-autoware-adapi-v1-msgs ros-jazzy-tf2-msgs ros-jazzy-ackermann-msgs
+Clones the message packages of Autoware, tf2, Ackermann and simulation_interfaces at pinned commits into FOLDER/src, and
+builds of them what Python nodes load: about six minutes. Source FOLDER/install/setup.bash before ./litsim, and its nodes
+find them. On stock ROS 2 Jazzy, apt has them: apt install ros-jazzy-autoware-msgs ros-jazzy-autoware-adapi-v1-msgs
+ros-jazzy-tf2-msgs ros-jazzy-ackermann-msgs ros-jazzy-simulation-interfaces
 TEXT
 }
 
@@ -17,12 +18,13 @@ SOURCES="
 autowarefoundation/autoware_msgs 7025d8f7df0ead43037d86f8a4ffda8b397d0293
 autowarefoundation/autoware_adapi_msgs 35a7aeb97dfbbbc363c49fc032ded0c8ba172e24
 ros2/geometry2 da10f77d98ab97d2dfdfa9bfc4c98042a8ad7c3d
+ros-simulation/simulation_interfaces 172a1b1c1b3ced62b99cddae9b4143e5bcddee8a
 ros-drivers/ackermann_msgs df2fe51eb04e8bd3c0ba4f8a6ded8aea3815b660
 ros-geographic-info/geographic_info 2a0ae99219645b8d29772b997ef31f8e17345d52
 ament/ament_cmake 08de9432ab83f96840fa1af4791f2d227bf62007
 "
 PACKAGES="ackermann_msgs autoware_adapi_v1_msgs autoware_control_msgs autoware_perception_msgs autoware_planning_msgs
-autoware_vehicle_msgs tf2_msgs"
+autoware_vehicle_msgs simulation_interfaces tf2_msgs"
 
 case ${1:-} in '' | -h | --help) usage; exit 0 ;; esac
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import time
@@ -27,6 +28,7 @@ from litsim_sim.nodes.ego_publishers import EgoPublisher, EgoPublishers, absence
 from litsim_sim.nodes.publishers import WATCH_S, check_publishers, owners
 from litsim_sim.nodes.responses import ResponseCollector, RunFailed, StageLiveness
 from litsim_sim.nodes.run_loop import Pulse, RunLoop
+from litsim_sim.nodes.simulation_services import SimulationServices
 from litsim_sim.ros import ego_port, messages, standard
 from litsim_sim.ros.definitions import type_name
 from litsim_sim.ros.endpoints import Endpoints, node_of, once_named, publisher_on, subscribe
@@ -107,6 +109,7 @@ class BridgeNode(Node):
         subscribe(self, RECORDED, lambda m: self.liveness.take_confirmation(m.run_id, m.step))
         for topic in (HELLO, RUN_INFO):
             subscribe(self, topic, lambda m: self.liveness.take_run(m.run_id))
+        self._simulation = SimulationServices.on(self, plan)
         self._executor = executor_of(self)
 
     def run(self) -> None:
@@ -124,6 +127,9 @@ class BridgeNode(Node):
             self.say(StageState.FAILED, self.responses.step, text=text)
             loop.farewell()
             raise
+        finally:
+            if self._simulation:
+                self._simulation.close()
 
     def set_up(self) -> World:
         """Make the world of the run, with its mirror and kernels; called while the stages get ready."""
@@ -161,6 +167,13 @@ class BridgeNode(Node):
     def show(self, table: AgentTable) -> None:
         """Publish a step: what the stages wait for."""
         self._broadcast.show(table)
+        if self._simulation:
+            self._simulation.show(table)
+
+    def hold(self) -> None:
+        """Wait as long as the run is paused."""
+        if self._simulation:
+            self.serve_until(self._simulation.next_step, math.inf)
 
     def accompany(self, table: AgentTable) -> None:
         """Publish the other messages of the last step shown: clock, state of the ego, standard types, diagnostics."""

@@ -127,6 +127,7 @@ class RunLoop:
                     bridge.serve_until(lambda: False, due)
                 ended = self._world.ended
                 if ended is None and step < total:
+                    bridge.hold()
                     before = time.perf_counter()
                     table = self._advance(controls, command)
                     self._compute = time.perf_counter() - before

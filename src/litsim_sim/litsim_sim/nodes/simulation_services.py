@@ -1,0 +1,329 @@
+"""Services of ``simulation_interfaces`` on the bridge: state of the run, pauses and steps, and what is in the scene.
+
+The package is optional: stock ROS 2 has it, the wheels do not.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import shapely
+from geometry_msgs.msg import Vector3
+from rclpy.node import Node
+
+from litsim_sim.core.geometry import box_corners
+from litsim_sim.core.scene import AgentTable, Controller, Kind
+from litsim_sim.core.vehicle_geometry import HEIGHTS
+from litsim_sim.launch.middleware import is_secured
+from litsim_sim.ros.messages import header
+from litsim_sim.scenario.run_info import RunPlan
+from litsim_sim.scenario.scenario import packaged_scenarios
+
+try:
+    from simulation_interfaces import msg, srv
+except ImportError:
+    msg = srv = None
+
+NAMESPACE = "/litsim"
+EGO = "ego"
+"""Name of the ego among the entities; others are named by their ids."""
+REFUSED = {
+    "LoadWorld": "a run is one scenario: start another with `litsim launch --scenario NAME`",
+    "UnloadWorld": "a run is one scenario: end the launcher to end it",
+    "ResetSimulation": "a run is recorded from its first to its last step: launch the scenario again",
+    "SpawnEntity": "agents come from the recording of the scenario",
+    "SpawnEntities": "agents come from the recording of the scenario",
+    "DeleteEntity": "agents leave where their logs end",
+    "SetEntityState": "the ego moves by the answers of its driver, others by their logs and the policy",
+    "SetEntityInfo": "kinds are those of the recording",
+}
+"""Services that are there but refuse every request, with the reason."""
+FEATURES = (
+    "ENTITY_TAGS",
+    "ENTITY_BOUNDS",
+    "ENTITY_BOUNDS_BOX",
+    "ENTITY_BOUNDS_CONVEX",
+    "ENTITY_CATEGORIES",
+    "ENTITY_STATE_GETTING",
+    "ENTITY_INFO_GETTING",
+    "SIMULATION_STATE_GETTING",
+    "SIMULATION_STATE_SETTING",
+    "SIMULATION_STATE_PAUSE",
+    "STEP_SIMULATION_SINGLE",
+    "STEP_SIMULATION_MULTIPLE",
+    "WORLD_INFO_GETTING",
+    "AVAILABLE_WORLDS",
+)
+"""What is supported, by the constants of ``SimulatorFeatures``."""
+
+
+class Later:
+    """What a callback returns for a response that is sent later: rclpy has no other way, but asks nothing of it."""
+
+
+LATER = Later()
+
+
+class SimulationServices:
+    """The services of one run, on the node of its bridge.
+
+    Attributes:
+        paused: whether the run waits after each step until it is told to go on.
+    """
+
+    def __init__(self, node: Node, plan: RunPlan) -> None:
+        self.paused = False
+        self._plan = plan
+        self._table: AgentTable | None = None  # newest step
+        self._steps = 0  # to be made while paused
+        self._headers: list[Any] = []  # of requests to step, which wait for their responses
+        answers: dict[str, Callable[[Any, Any], Any]] = {
+            "GetSimulatorFeatures": self._features,
+            "GetSimulationState": self._state,
+            "SetSimulationState": self._set_state,
+            "StepSimulation": self._step,
+            "GetEntities": self._entities,
+            "GetEntitiesStates": self._states,
+            "GetEntityState": self._entity_state,
+            "GetEntityInfo": self._entity_info,
+            "GetEntityBounds": self._entity_bounds,
+            "GetAvailableWorlds": self._worlds,
+            "GetCurrentWorld": self._world,
+        } | {name: _refuser(reason) for name, reason in REFUSED.items()}
+        services = {name: node.create_service(getattr(srv, name), _topic(name), call) for name, call in answers.items()}
+        self._stepping = services["StepSimulation"]
+        self._send = self._stepping.send_response
+        self._stepping.send_response = self._send_or_keep
+
+    @classmethod
+    def on(cls, node: Node, plan: RunPlan) -> SimulationServices | None:
+        """The services where their package is installed; none with DDS Security, whose permissions lack them."""
+        return None if srv is None or is_secured(os.environ) else cls(node, plan)
+
+    def show(self, table: AgentTable) -> None:
+        """Note the newest step."""
+        self._table = table
+
+    def next_step(self) -> bool:
+        """Returns whether the run may go on to the next step now; if so, it must."""
+        if not self.paused:
+            return True
+        if self._steps:
+            self._steps -= 1
+            return True
+        self._respond(_result(msg.Result.RESULT_OK))
+        return False
+
+    def close(self) -> None:
+        """Tell those who wait for steps that there are no more."""
+        self._respond(_result(msg.Result.RESULT_OPERATION_FAILED, "the run is over"))
+
+    def _send_or_keep(self, response: Any, request_header: Any) -> None:
+        """Send the response of a request to step, or keep its header until the steps are made."""
+        if response is LATER:
+            self._headers.append(request_header)
+        else:
+            self._send(response, request_header)
+
+    def _respond(self, result: Any) -> None:
+        for request_header in self._headers:
+            self._send(srv.StepSimulation.Response(result=result), request_header)
+        self._headers.clear()
+
+    def _features(self, _: Any, response: Any) -> Any:
+        response.features.features = [getattr(msg.SimulatorFeatures, name) for name in FEATURES]
+        response.features.custom_info = "LitSim-ROS, docs/ego-interface.md"
+        return response
+
+    def _state(self, _: Any, response: Any) -> Any:
+        response.state.state = self._current_state
+        response.result = _result(msg.Result.RESULT_OK)
+        return response
+
+    @property
+    def _current_state(self) -> int:
+        states = msg.SimulationState
+        return int(states.STATE_PAUSED if self.paused else states.STATE_PLAYING)
+
+    def _set_state(self, request: Any, response: Any) -> Any:
+        wanted, states = request.state.state, msg.SimulationState
+        if wanted == self._current_state:
+            response.result = _result(response.ALREADY_IN_TARGET_STATE, "it is in this state already")
+        elif wanted in (states.STATE_PLAYING, states.STATE_PAUSED):
+            self.paused, self._steps = wanted == states.STATE_PAUSED, 0
+            self._respond(_result(msg.Result.RESULT_OPERATION_FAILED, "the run was told to go on instead"))
+            response.result = _result(msg.Result.RESULT_OK)
+        else:
+            reason = f"state {wanted}: a run plays or is paused; end the launcher to end it"
+            response.result = _result(msg.Result.RESULT_FEATURE_UNSUPPORTED, reason)
+        return response
+
+    def _step(self, request: Any, response: Any) -> Any:
+        if not self.paused:
+            reason = "the run is not paused: set STATE_PAUSED before"
+            response.result = _result(msg.Result.RESULT_OPERATION_FAILED, reason)
+        elif self._table is None or not request.steps:
+            reason = "step 0 is not there yet" if self._table is None else "steps is 0, expected at least 1"
+            response.result = _result(msg.Result.RESULT_OPERATION_FAILED, reason)
+        else:
+            self._steps += request.steps
+            return LATER
+        return response
+
+    def _entities(self, request: Any, response: Any) -> Any:
+        rows, response.result = self._filtered(request.filters)
+        response.entities = [self._name(row) for row in rows]
+        return response
+
+    def _states(self, request: Any, response: Any) -> Any:
+        rows, response.result = self._filtered(request.filters)
+        response.entities = [self._name(row) for row in rows]
+        response.states = [self._entity_state_of(row) for row in rows]
+        return response
+
+    def _entity_state(self, request: Any, response: Any) -> Any:
+        row, response.result = self._row(request.entity)
+        if row is not None:
+            response.state = self._entity_state_of(row)
+        return response
+
+    def _entity_info(self, request: Any, response: Any) -> Any:
+        row, response.result = self._row(request.entity)
+        if row is not None:
+            response.info.category.category = self._category(row)
+            response.info.tags = self._tags(row)
+            response.info.description = f"agent {self._agents.id[row]} of the recording"
+        return response
+
+    def _entity_bounds(self, request: Any, response: Any) -> Any:
+        row, response.result = self._row(request.entity)
+        if row is not None:
+            table = self._agents
+            x, y = 0.5 * float(table.length[row]), 0.5 * float(table.width[row])
+            response.bounds.type = msg.Bounds.TYPE_BOX
+            upper = Vector3(x=x, y=y, z=HEIGHTS[Kind(int(table.kind[row]))])
+            response.bounds.points = [upper, Vector3(x=-x, y=-y, z=0.0)]
+        return response
+
+    def _worlds(self, request: Any, response: Any) -> Any:
+        response.result = _result(msg.Result.RESULT_OK)
+        if request.additional_sources and not request.continue_on_error:
+            reason = "additional_sources: worlds are the packaged scenarios, or files"
+            response.result = _result(msg.Result.RESULT_FEATURE_UNSUPPORTED, reason)
+        elif not request.filter.tags:  # scenarios have none
+            response.worlds = [_world(name) for name in packaged_scenarios()]
+        return response
+
+    def _world(self, _: Any, response: Any) -> Any:
+        response.result, response.world = _result(msg.Result.RESULT_OK), _world(self._plan.scenario.name)
+        return response
+
+    @property
+    def _agents(self) -> AgentTable:
+        assert self._table is not None
+        return self._table
+
+    def _name(self, row: int) -> str:
+        agent = int(self._agents.id[row])
+        return EGO if agent == self._plan.scenario.ego_id else str(agent)
+
+    def _row(self, entity: str) -> tuple[int | None, Any]:
+        """The row of an entity, None if there is none of that name, and the result."""
+        rows = [] if self._table is None else range(len(self._table))
+        row = next((row for row in rows if self._name(row) == entity), None)
+        if row is None:
+            return None, _result(msg.Result.RESULT_NOT_FOUND, f"{entity}: no such agent is on the road")
+        return row, _result(msg.Result.RESULT_OK)
+
+    def _category(self, row: int) -> int:
+        kind = Kind(int(self._agents.kind[row]))
+        categories = msg.EntityCategory
+        if self._name(row) == EGO:
+            return int(categories.CATEGORY_ROBOT)
+        return int(categories.CATEGORY_HUMAN if kind == Kind.PEDESTRIAN else categories.CATEGORY_DYNAMIC_OBJECT)
+
+    def _tags(self, row: int) -> list[str]:
+        """The kind of an agent, and who moves it."""
+        table = self._agents
+        return [Kind(int(table.kind[row])).name.lower(), Controller(int(table.controller[row])).name.lower()]
+
+    def _entity_state_of(self, row: int) -> Any:
+        table = self._agents
+        yaw, speed, acceleration = (float(getattr(table, name)[row]) for name in ("yaw", "speed", "acceleration"))
+        state = msg.EntityState(header=header(table.step))
+        state.pose.position.x, state.pose.position.y = float(table.x[row]), float(table.y[row])
+        state.pose.orientation.z, state.pose.orientation.w = np.sin(0.5 * yaw), np.cos(0.5 * yaw)
+        state.twist.linear.x, state.twist.linear.y = speed * np.cos(yaw), speed * np.sin(yaw)
+        state.twist.angular.z = float(table.yaw_rate[row])
+        state.acceleration.linear.x, state.acceleration.linear.y = (
+            acceleration * np.cos(yaw),
+            acceleration * np.sin(yaw),
+        )
+        return state
+
+    def _filtered(self, filters: Any) -> tuple[list[int], Any]:
+        """The rows of the agents that pass `filters`, none if these cannot be used, and the result."""
+        if self._table is None:
+            return [], _result(msg.Result.RESULT_INCORRECT_STATE, "step 0 is not there yet")
+        try:
+            name, area = re.compile(filters.filter), _area(filters.bounds)
+        except (re.error, ValueError) as error:
+            return [], _result(msg.Result.RESULT_OPERATION_FAILED, f"filters: {error}")
+        categories, tags = {each.category for each in filters.categories}, set(filters.tags.tags)
+        every = filters.tags.filter_mode == filters.tags.FILTER_MODE_ALL
+        table = self._table
+        corners = box_corners(table.x, table.y, table.yaw, table.length, table.width)
+        rows = [
+            row
+            for row in range(len(table))
+            if name.search(self._name(row))
+            and (not categories or self._category(row) in categories)
+            and (not tags or (tags <= set(self._tags(row)) if every else tags & set(self._tags(row))))
+            and (area is None or area.intersects(shapely.Polygon(corners[row])))
+        ]
+        return rows, _result(msg.Result.RESULT_OK)
+
+
+def _area(bounds: Any) -> Any:
+    """The area of some bounds in the plane; None if they are empty.
+
+    Raises:
+        ValueError: they have too few points, or a type that is unknown.
+    """
+    kinds, points = msg.Bounds, [(point.x, point.y) for point in bounds.points]
+    if bounds.type == kinds.TYPE_EMPTY:
+        return None
+    if bounds.type == kinds.TYPE_CONVEX_HULL and len(points) > 2:
+        return shapely.MultiPoint(points).convex_hull
+    if bounds.type == kinds.TYPE_BOX and len(points) == 2:
+        return shapely.box(*np.min(points, axis=0), *np.max(points, axis=0))
+    if bounds.type == kinds.TYPE_SPHERE and len(points) == 2:
+        return shapely.Point(points[0]).buffer(points[1][0])
+    raise ValueError(f"bounds of type {bounds.type} have {len(points)} points; expected 2, of a hull 3 or more")
+
+
+def _refuser(reason: str) -> Callable[[Any, Any], Any]:
+    """A service that refuses every request."""
+
+    def refuse(_: Any, response: Any) -> Any:
+        response.result = _result(msg.Result.RESULT_FEATURE_UNSUPPORTED, reason)
+        return response
+
+    return refuse
+
+
+def _result(code: int, text: str = "") -> Any:
+    return msg.Result(result=code, error_message=text)
+
+
+def _world(name: str) -> Any:
+    return msg.WorldResource(name=name, world_resource=msg.Resource(uri=name))
+
+
+def _topic(service: str) -> str:
+    """Name of a service by its type, such as ``/litsim/get_entities``."""
+    return f"{NAMESPACE}/{'_'.join(re.findall('[A-Z][a-z]*', service)).lower()}"

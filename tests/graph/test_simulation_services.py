@@ -1,0 +1,49 @@
+"""A client of simulation_interfaces pauses a run and makes steps; the run is that which was not disturbed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+pytest.importorskip("simulation_interfaces", reason="simulation_interfaces is not built (tools/interfaces.sh)")
+
+from simulation_interfaces import msg, srv
+
+from observer import Observer
+
+
+def test_a_run_pauses_and_goes_on(graph: Any, recorded: Callable[..., Any]) -> None:
+    undisturbed = recorded("idm", "litsim")
+    bag = graph.folder / "run"
+    setup = ("--scenario", graph.scenario(), "--ego", "idm", "--policy", "litsim", "--out", bag)
+    process = graph.start_launch(*setup, "--domain-id", graph.domain)
+    with Observer(graph.domain) as client:
+
+        def call(kind: Any, name: str, **fields: Any) -> Any:
+            return client.call(kind, f"/litsim/{name}", kind.Request(**fields))
+
+        def set_state(state: int) -> int:
+            wanted = msg.SimulationState(state=state)
+            return int(call(srv.SetSimulationState, "set_simulation_state", state=wanted).result.result)
+
+        def states() -> list[Any]:
+            return list(call(srv.GetEntitiesStates, "get_entities_states").states)
+
+        assert set_state(msg.SimulationState.STATE_PAUSED) == msg.Result.RESULT_OK
+        graph.wait("step 0", lambda: len(states()) == 40)
+        before = step_of(states())
+        assert call(srv.StepSimulation, "step_simulation", steps=3).result.result == msg.Result.RESULT_OK
+        assert step_of(states()) == before + 3
+        assert set_state(msg.SimulationState.STATE_PLAYING) == msg.Result.RESULT_OK
+        done = graph.finish(process)
+    assert done.returncode == 0, done.stderr
+    digests = [json.loads((each / "metrics.json").read_text())["digest"] for each in (bag, undisturbed.bag)]
+    assert digests[0] == digests[1]
+
+
+def step_of(states: list[Any]) -> int:
+    stamp = states[0].header.stamp
+    return int(stamp.sec * 10 + stamp.nanosec // 10**8)
