@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from litsim_eval.analysis.ego import ego_motion
+from litsim_eval.analysis.ego import ego_motion, minimum_risk_s
 from litsim_eval.analysis.progress import mean_progress
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.scenario.scenario import packaged
@@ -71,3 +71,12 @@ def test_progress_after_the_log_has_left_does_not_count(table, make_run) -> None
 def test_who_stands_where_the_log_stood_keeps_up(table, make_run) -> None:
     standing = [table(k, {"id": 1, "x": 50.0, "y": 0.0}) for k in range(3)]
     assert ego_motion(make_run(standing))["progress_ratio"] == 1.0
+
+
+def test_time_of_minimum_risk_manoeuvres(table, make_run) -> None:
+    driven = [table(k, {"id": 1, "x": 50.0 + k, "y": 0.0}) for k in range(21)]
+    normal, operating, succeeded = 1, 2, 3
+    told = {0: normal, 8: operating, 12: succeeded, 15: normal}
+    assert minimum_risk_s(make_run(driven, history_steps=9, minimum_risk=told)) == 0.5  # steps 10 to 14
+    assert minimum_risk_s(make_run(driven, history_steps=9, minimum_risk={0: normal})) == 0.0
+    assert minimum_risk_s(make_run(driven)) is None

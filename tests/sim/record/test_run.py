@@ -15,7 +15,7 @@ from litsim_eval.analysis.metrics import digest
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ARRAY_FIELDS, Controller, ControlTable, EgoCommand, EgoMode
 from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
-from litsim_sim.record.bag import BagWriter, qos_yaml
+from litsim_sim.record.bag import BagReader, BagWriter, qos_yaml
 from litsim_sim.record.run import TopicGaps, _takeover, read_run
 
 Make = Callable[..., Any]
@@ -74,6 +74,22 @@ def test_round_trip(run: Any, write_run: Make, tmp_path: Path) -> None:
     assert yaml.safe_load(back.scenario_yaml)["start_frame"] == 100
     assert not any(back.gaps.values())
     assert digest(back) == digest(run)
+
+
+def test_what_a_stack_tells_of_its_minimum_risk_manoeuvre(run: Any, write_run: Make, tmp_path: Path) -> None:
+    bag = write_run(run, tmp_path / "bag")
+    whole = BagReader(bag)
+    with BagWriter(tmp_path / "more", "more", {}) as writer:
+        for topic in whole.topics.values():
+            writer.add_topic(topic.name, topic.type_name, topic.definition, topic.qos_yaml, topic.type_hash)
+        kind = "autoware_adapi_v1_msgs/msg/MrmState"
+        writer.add_topic("/mrm", kind, "uint16 state\nuint16 behavior\n", qos_yaml(1), "")
+        for message in whole.messages():
+            writer.write(message.topic, message.data, message.log_time_ns)
+        for step, state in ((3, 1), (7, 2)):
+            writer.write("/mrm", b"\x00\x01\x00\x00" + bytes([state, 0, 1, 0]), step * 100_000_000)
+    assert read_run(tmp_path / "more").minimum_risk == {3: 1, 7: 2}
+    assert read_run(bag).minimum_risk == {}
 
 
 def test_takeovers_survive(run: Any, write_run: Make, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.record.lanes import lane_map_of
 from litsim_sim.record.run import Run
 
+UNKNOWN, NORMAL = 0, 1  # states of autoware_adapi_v1_msgs/MrmState without a minimum-risk manoeuvre
 PROGRESS_LEAST_M = 0.1  # lower bound on both distances of the ratio: 1 where neither vehicle moves (nuPlan)
 
 
@@ -32,6 +33,20 @@ def ego_motion(run: Run) -> EgoMetrics:
     driven = _motion(run.simulated, way, ego, lane_map, run.info.dt)
     log = _motion(run.simulated_log, log_way, ego, lane_map, run.info.dt)
     return {**driven, "progress_ratio": _progress_ratio(way, log_way, ego), "log": log}
+
+
+def minimum_risk_s(run: Run) -> float | None:
+    """Returns the time after the history in which the ego's stack has told of a minimum-risk manoeuvre [s].
+
+    A state holds until the stack tells of another; one in which the manoeuvre has succeeded or failed counts as well.
+    None if the recording holds no states.
+    """
+    if not run.minimum_risk:
+        return None
+    told = np.array(sorted(run.minimum_risk))
+    states = np.array([UNKNOWN, *(run.minimum_risk[step] for step in told.tolist())])
+    state = states[np.searchsorted(told, run.simulated.step, side="right")]
+    return round(float(np.sum((state != UNKNOWN) & (state != NORMAL)) * run.info.dt), 6)
 
 
 def _progress_ratio(tables: Sequence[AgentTable], log: Sequence[AgentTable], agent: int) -> float | None:

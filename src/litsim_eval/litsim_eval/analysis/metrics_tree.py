@@ -269,6 +269,7 @@ class Metrics(TypedDict):
     realism: RealismMetrics | None
     realism_near: float | None
     signals: SignalMetrics | None
+    minimum_risk_s: float | None
     lockstep: LockstepMetrics
     timing: TimingMetrics
     world: WorldMetrics

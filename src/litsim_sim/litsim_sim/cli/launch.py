@@ -125,7 +125,7 @@ def _through_adapter(arguments: argparse.Namespace) -> EgoAdapter | None:
     adapter = adapter_of(arguments.ego)
     if adapter is not None:
         arguments.ego, arguments.command = EXTERNAL, adapter.command(arguments.command)
-        arguments.record = arguments.record or adapter.record
+        arguments.record = [*adapter.record, *arguments.record]
         if not any(setting[:2] == (BRIDGE, "external_timeout_s") for setting in arguments.set):
             arguments.set = [*arguments.set, (BRIDGE, "external_timeout_s", adapter.ready_s)]
     return adapter
@@ -152,7 +152,7 @@ def parser() -> argparse.ArgumentParser:
         nargs="+",
         default=[],
         metavar="TOPIC",
-        help="topics of the ego's stack to record as well; default: what its adapter names",
+        help="topics of the ego's stack to record as well, beside those that its adapter names",
     )
     p.add_argument(
         "--real-time-factor",

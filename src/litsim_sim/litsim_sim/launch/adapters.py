@@ -19,7 +19,7 @@ class EgoAdapter:
     Attributes:
         package, executable: of the program.
         arguments: its arguments.
-        record: topics of the stack that are recorded, unless others are named.
+        record: topics of the stack that are recorded, beside those that the user names.
         ready_s: time limit for the answer to step 0 [s], unless it is set.
     """
 

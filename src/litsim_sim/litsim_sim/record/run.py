@@ -49,6 +49,9 @@ from litsim_sim.scenario.signals import Signals
 DECODED = (RUN_INFO, AGENTS, SIGNAL_MAP, SIGNALS, TAKEOVERS, CONTROLS, EGO_CONTROL, EGO_APPLIED, STATUS, TIMING)
 """Topics whose messages are decoded; only the log times of others are used."""
 
+MINIMUM_RISK_TYPE = "autoware_adapi_v1_msgs/msg/MrmState"
+"""Type of the topic on which a stack tells the state of its minimum-risk manoeuvre, whatever its name."""
+
 UNDECODABLE = (
     SerdeError,
     TypesysError,
@@ -65,7 +68,7 @@ UNDECODABLE = (
 RECORDING_FILE = "recording.parquet"
 SCENARIO_FILE = "scenario.yaml"
 NET_FILE = "net.xml"
-BY_STEP = ("controls", "ego_commands", "takeovers", "detections", "timing", "marks")
+BY_STEP = ("controls", "ego_commands", "takeovers", "detections", "timing", "marks", "minimum_risk")
 """Attributes of a :class:`Run` with what was published at each step."""
 LOST_ATTACHMENTS = "lost_attachments"  # key in the metadata of a repaired recording: names of lost files
 START_FIELD = "start_frame"  # field of the scenario: frame of the recording at step 0
@@ -153,6 +156,8 @@ class Run:
         timing: compute time [s] by stage and step.
         marks: clock times that each stage took while it served a step [s], by stage, step and name; see
             :mod:`litsim_eval.analysis.timing`.
+        minimum_risk: what the stack that drives the ego has told of its minimum-risk manoeuvre, by step: the values of
+            ``autoware_adapi_v1_msgs/MrmState``, of which 1 is normal driving; empty where that is not recorded.
         statuses: reported states of all stages, in order of arrival.
         scenario_yaml: the resolved scenario.
         net_xml: the SUMO net, or empty.
@@ -174,6 +179,7 @@ class Run:
     detections: dict[int, Detection] = field(default_factory=dict)
     timing: dict[str, dict[int, float]] = field(default_factory=dict)
     marks: dict[str, dict[int, dict[str, float]]] = field(default_factory=dict)
+    minimum_risk: dict[int, int] = field(default_factory=dict)
     statuses: list[Status] = field(default_factory=list)
     scenario_yaml: str = ""
     net_xml: bytes = b""
@@ -243,6 +249,8 @@ def read_run(path: Path) -> Run:
         try:
             if message.topic in DECODED:
                 content.take(message.topic, decode(message.topic, message.data))
+            elif reader.topics[message.topic].type_name == MINIMUM_RISK_TYPE:
+                content.take_minimum_risk(message.log_time_ns, decode(message.topic, message.data).state)
             else:
                 content.note(message.topic, message.log_time_ns)
         except UNDECODABLE as error:
@@ -299,10 +307,16 @@ class _Content:
         """A message that is not decoded."""
         self._times.setdefault(topic, []).append(log_time_ns)
 
+    def take_minimum_risk(self, log_time_ns: int, state: int) -> None:
+        """A state of the stack's minimum-risk manoeuvre."""
+        self.by_step["minimum_risk"][self._step_at(log_time_ns)] = int(state)
+
     def steps(self, topic: str) -> list[int]:
         """Returns the steps of a topic's messages, in the order of the file."""
-        step_ns = self.info.dt * 1e9 if self.info else 1.0
-        return self._steps.get(topic, []) + [round(t / step_ns) for t in self._times.get(topic, [])]
+        return self._steps.get(topic, []) + [self._step_at(time_ns) for time_ns in self._times.get(topic, [])]
+
+    def _step_at(self, log_time_ns: int) -> int:
+        return round(log_time_ns / (self.info.dt * 1e9 if self.info else 1.0))
 
     @property
     def signals(self) -> Signals | None:
