@@ -11,6 +11,7 @@ from litsim_data.maps.lanelet2_export import MAP_FILE, ORIGIN, PROJECTOR_FILE, e
 from litsim_data.maps.lanelet2_osm import read_lanelets
 from litsim_data.maps.lanelets import write_lanelets
 from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.lane_map.signal_links import read_links, relation_id
 from litsim_sim.scenario.scenario import packaged
 
 pytest.importorskip("lanelet2.core")
@@ -19,8 +20,9 @@ from lanelet2 import io, projection, routing, traffic_rules
 
 @pytest.mark.parametrize("net", ["us101_like", "us101", "urban_like"])
 def test_the_routing_graph_is_that_of_the_net(net: str, tmp_path: Path) -> None:
-    lane_map = LaneMap.from_net(packaged(f"nets/{net}.net.xml"))
-    export_lanelet2(lane_map, tmp_path)
+    path = packaged(f"nets/{net}.net.xml")
+    lane_map, links = LaneMap.from_net(path), read_links(path)
+    export_lanelet2(lane_map, links, tmp_path)
     assert (tmp_path / PROJECTOR_FILE).read_text() == "projector_type: Local\n"
     loaded = io.load(str(tmp_path / MAP_FILE), projection.UtmProjector(io.Origin(*ORIGIN)))
     rules = traffic_rules.create(traffic_rules.Locations.Germany, traffic_rules.Participants.Vehicle)
@@ -43,6 +45,13 @@ def test_the_routing_graph_is_that_of_the_net(net: str, tmp_path: Path) -> None:
             assert middle == pytest.approx(lane.centerline[[0, -1]], abs=3e-3)
             across = ends(lanelet.leftBound) - ends(lanelet.rightBound)
             assert np.hypot(*across.T) == pytest.approx(lane.width, abs=3e-3)
+    lights = {element.id: lane for lane, lanelet in lanelets.items() for element in lanelet.trafficLights()}
+    assert lights == {relation_id(link.name): link.via[0] for link in links}
+    for link in links:
+        (light,) = lanelets[link.via[0]].trafficLights()
+        stop = ends(light.stopLine)
+        assert stop.mean(axis=0) == pytest.approx(link.stop, abs=1e-3)
+        assert np.hypot(*np.diff(stop, axis=0)[0]) == pytest.approx(link.width, abs=1e-3)
     turns = {each.attributes["turn_direction"] for each in lanelets.values() if "turn_direction" in each.attributes}
     assert turns == ({"left", "right", "straight"} if net == "urban_like" else set())
 
@@ -53,7 +62,7 @@ def ends(bound: object) -> np.ndarray:
 
 def test_a_net_comes_back_as_it_was(tmp_path: Path) -> None:
     lane_map = LaneMap.from_net(packaged("nets/us101_like.net.xml"))
-    export_lanelet2(lane_map, tmp_path)
+    export_lanelet2(lane_map, (), tmp_path)
     write_lanelets(read_lanelets(tmp_path / MAP_FILE, ORIGIN), tmp_path / "back.net.xml")
     back = LaneMap.from_net(tmp_path / "back.net.xml")
     for lane in lane_map.lanes:

@@ -62,8 +62,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("data map: name the net to write with --out, or one to check with --check")
     if arguments.export is not None:
         from litsim_data.maps.lanelet2_export import export_lanelet2
+        from litsim_sim.lane_map.signal_links import read_links
 
-        export_lanelet2(LaneMap.from_net(_net(arguments.export)), arguments.out)
+        net = _net(arguments.export)
+        export_lanelet2(LaneMap.from_net(net), read_links(net), arguments.out)
         print(arguments.out)
         return 0
     print(f"building {arguments.out} ...", file=sys.stderr)

@@ -2,13 +2,14 @@
 
 Every lane is a lanelet, those inside junctions included. Lanes side by side have the bound between them in common, and
 lanes that follow each other the points where they meet, so that Lanelet2's routing graph connects what the net does.
+Each connection that a traffic light controls has a light of its own.
 """
 
 from __future__ import annotations
 
 import importlib
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.net_lanes import Lane
+from litsim_sim.lane_map.signal_links import SignalLink, relation_id
 
 MAP_FILE, PROJECTOR_FILE = "lanelet2_map.osm", "map_projector_info.yaml"
 ORIGIN = (49.0, 8.4)
@@ -26,13 +28,17 @@ ORIGIN = (49.0, 8.4)
 read it: its coordinates are those of the net, from the tags local_x and local_y."""
 TURN = np.radians(20.0)  # change of heading from which on a lane inside a junction is a turn
 LEFT, RIGHT = 0, 1
+LIGHT_HEIGHT, LIGHT_WIDTH = 5.0, 1.0  # [m] above the road, and across it
 
 _Corner = tuple[int, int, int]
 """An end of a bound: row of the lane, side, and 0 for its beginning or -1 for its end."""
 
 
-def export_lanelet2(lane_map: LaneMap, folder: Path) -> None:
+def export_lanelet2(lane_map: LaneMap, links: Sequence[SignalLink], folder: Path) -> None:
     """Write the map of all lanes of `lane_map` for Autoware into `folder`, which is made.
+
+    `links` are the connections of the net that a traffic light controls; the ids of their lights are those of
+    :func:`litsim_sim.lane_map.signal_links.relation_id`.
 
     Raises:
         InputError: the lanelet2 package is missing, or the folder cannot be written.
@@ -42,7 +48,7 @@ def export_lanelet2(lane_map: LaneMap, folder: Path) -> None:
     except ImportError as error:
         raise not_installed("lanelet2") from error
     lanelet_map = core.LaneletMap()
-    for lanelet in _Lanelets(lane_map, core).all():
+    for lanelet in _Lanelets(lane_map, links, core).all():
         lanelet_map.add(lanelet)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -55,8 +61,12 @@ def export_lanelet2(lane_map: LaneMap, folder: Path) -> None:
 class _Lanelets:
     """The lanelets of a net, with bounds and points that they have in common."""
 
-    def __init__(self, lane_map: LaneMap, core: Any) -> None:
+    def __init__(self, lane_map: LaneMap, links: Sequence[SignalLink], core: Any) -> None:
         self._lanes, self._core = lane_map.lanes, core
+        self._links: dict[str, list[SignalLink]] = defaultdict(list)
+        for link in links:
+            self._links[next(iter(link.via), link.from_lane)].append(link)
+        self._stop_lines: dict[str, Any] = {}
         self._row = {lane.id: row for row, lane in enumerate(self._lanes)}
         self._bounds = {(row, side): _bound(lane, side) for row, lane in enumerate(self._lanes) for side in (0, 1)}
         for row, lane in enumerate(self._lanes):
@@ -93,7 +103,26 @@ class _Lanelets:
             attributes["turn_direction"] = _turn(lane)
         for name, value in attributes.items():
             lanelet.attributes[name] = value
+        for link in self._links[lane.id]:
+            lanelet.addRegulatoryElement(self._light(link))
         return lanelet
+
+    def _light(self, link: SignalLink) -> Any:
+        """The traffic light of a connection: beyond the junction, where it faces those that come."""
+        core = self._core
+        if link.from_lane not in self._stop_lines:
+            stop = _across(link.stop, link.heading, link.width)
+            self._stop_lines[link.from_lane] = self._line_of(stop, {"type": "stop_line", "subtype": "solid"})
+        attributes = {"type": "traffic_light", "subtype": "red_yellow_green", "height": "1.0"}
+        light = self._line_of(_across(link.exit, link.heading, LIGHT_WIDTH), attributes, LIGHT_HEIGHT)
+        stop_line = self._stop_lines[link.from_lane]
+        return core.TrafficLight(relation_id(link.name), core.AttributeMap(), [light], stop_line)
+
+    def _line_of(self, places: FloatArray, attributes: dict[str, str], height: float = 0.0) -> Any:
+        line = self._core.LineString3d(self._core.getId(), [self._point(place, height) for place in places])
+        for name, value in attributes.items():
+            line.attributes[name] = value
+        return line
 
     def _line(self, row: int, side: int) -> Any:
         """The line string of a bound; that of two lanes side by side is one."""
@@ -119,11 +148,11 @@ class _Lanelets:
             self._points[name] = self._point(np.mean([self._bounds[r, s][e] for r, s, e in outside], axis=0))
         return self._points[name]
 
-    def _point(self, place: FloatArray) -> Any:
+    def _point(self, place: FloatArray, height: float = 0.0) -> Any:
         x, y = float(place[0]), float(place[1])
-        point = self._core.Point3d(self._core.getId(), x, y, 0.0)
+        point = self._core.Point3d(self._core.getId(), x, y, height)
         point.attributes["local_x"], point.attributes["local_y"] = f"{x:.4f}", f"{y:.4f}"
-        point.attributes["ele"] = "0"
+        point.attributes["ele"] = f"{height:g}"
         return point
 
 
@@ -155,6 +184,12 @@ def _bound(lane: Lane, side: int) -> FloatArray:
     mean = np.concatenate([across[:1], 0.5 * (across[:-1] + across[1:]), across[-1:]])
     left = mean / np.maximum((mean**2).sum(axis=1), 0.5)[:, None]
     return np.asarray(lane.centerline + (0.5 - side) * lane.width * left, np.float64)
+
+
+def _across(middle: FloatArray, heading: float, width: float) -> FloatArray:
+    """(2, 2) ends of a line across a lane, from left to right of `heading` [rad]."""
+    left = 0.5 * width * np.array([-np.sin(heading), np.cos(heading)])
+    return np.stack([middle + left, middle - left])
 
 
 def _junction(lane: Lane) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +85,14 @@ def read_links(path: Path) -> tuple[SignalLink, ...]:
     except UNREADABLE as error:
         raise unreadable_net(path, error) from error
     return tuple(sorted(links, key=lambda link: link.name))
+
+
+def relation_id(name: str) -> int:
+    """Returns the id of the Lanelet2 relation that stands for a controlled connection, by its name: 48 bits of a hash.
+
+    Maps that LitSim writes have it, and the adapter of a stack that reads such a map publishes states under it.
+    """
+    return int.from_bytes(sha256(name.encode()).digest()[:6], "big")
 
 
 def _are_foes(one: Any, other: Any) -> bool:

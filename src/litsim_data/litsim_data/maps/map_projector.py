@@ -1,0 +1,142 @@
+"""``map_projector_info.yaml``, which says how Autoware finds the coordinates of a Lanelet2 map in its frame ``map``.
+
+The kinds are those of autoware_lanelet2_extension, all of which are UTM from another origin. So the `lanelet2` package
+computes them, also the transverse Mercator about a meridian of its own, by longitudes counted from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+from xml.etree import ElementTree as ET
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.yaml_input import read_yaml
+
+PROJECTOR_FILE = "map_projector_info.yaml"
+LOCAL, LOCAL_TAGS = "Local", ("local_x", "local_y")
+MERIDIAN = -99.0  # [deg] central meridian of a UTM zone (14) that is as wide as all, at every latitude
+SQUARE = 100_000.0  # [m] of a square of the MGRS
+ROWS = "ABCDEFGHJKLMNPQRSTUV"
+"""Letters of the squares from south to north, which repeat; those of columns are as well without I and O."""
+COLUMNS = "ABCDEFGHJKLMNPQRSTUVWXYZ"
+
+
+class Origin(BaseModel):
+    """The place that is (0, 0): latitude and longitude [deg]; the altitude is not used, as the world is flat."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    latitude: Annotated[float, Field(ge=-80.0, le=84.0)]
+    longitude: Annotated[float, Field(ge=-180.0, le=180.0)]
+    altitude: float = 0.0
+
+
+class MapProjector(BaseModel):
+    """The content of a ``map_projector_info.yaml``.
+
+    Attributes:
+        projector_type: Local: coordinates in metres are in tags of the nodes; LocalCartesianUTM: UTM metres from the
+            origin; MGRS: UTM metres from the south-west corner of a square; TransverseMercator: as UTM, with the
+            central meridian through the origin.
+        vertical_datum: of heights, not used.
+        mgrs_grid: the square, such as ``54SUE``.
+        map_origin: the origin.
+    """
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    projector_type: Literal["Local", "local", "LocalCartesianUTM", "MGRS", "TransverseMercator"]
+    vertical_datum: str = ""
+    mgrs_grid: Annotated[str, Field(pattern=r"^\d{1,2}[C-HJ-NP-X][A-HJ-NP-Z][A-HJ-NP-V]$")] | None = None
+    map_origin: Origin | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.projector_type == "MGRS" and self.mgrs_grid is None:
+            raise ValueError("projector_type MGRS needs field mgrs_grid, such as 54SUE")
+        if self.projector_type in ("LocalCartesianUTM", "TransverseMercator") and self.map_origin is None:
+            raise ValueError(f"projector_type {self.projector_type} needs field map_origin")
+        return self
+
+    @classmethod
+    def beside(cls, source: Path) -> MapProjector | None:
+        """Returns the projector of the map file `source`, from the file in its folder; None where there is none.
+
+        Raises:
+            InputError: the file cannot be read, or a field does not fit.
+        """
+        path = source.parent / PROJECTOR_FILE
+        return read_yaml(path, cls) if path.is_file() else None
+
+    def locate(self, places: Sequence[tuple[float, float]]) -> Iterator[tuple[float, float]]:
+        """Yields x and y [m] in frame ``map`` of Autoware of latitudes and longitudes [deg].
+
+        Raises:
+            RuntimeError: the lanelet2 package refuses one, such as one outside of the zone.
+        """
+        from lanelet2.core import GPSPoint
+        from lanelet2.io import Origin as UtmOrigin
+        from lanelet2.projection import UtmProjector
+
+        if self.projector_type == "MGRS":
+            assert self.mgrs_grid is not None
+            whole = UtmProjector(UtmOrigin(*places[0]), False, False)  # noqa: FBT003 - no offset; no margin of the zone is refused
+            first = whole.forward(GPSPoint(*places[0], 0.0))
+            corner_x, corner_y = _corner(self.mgrs_grid, first.y)
+            projector, turned = whole, 0.0
+        else:
+            assert self.map_origin is not None
+            latitude, longitude = self.map_origin.latitude, self.map_origin.longitude
+            turned = MERIDIAN - longitude if self.projector_type == "TransverseMercator" else 0.0
+            projector, corner_x, corner_y = UtmProjector(UtmOrigin(latitude, longitude + turned)), 0.0, 0.0
+        for latitude, longitude in places:
+            point = projector.forward(GPSPoint(latitude, longitude + turned, 0.0))
+            yield point.x - corner_x, point.y - corner_y
+
+
+def _corner(grid: str, northing: float) -> tuple[float, float]:
+    """Returns UTM easting and northing [m] of the south-west corner of a square, for a map at about `northing`.
+
+    Columns are lettered through three zones each, eight to a zone; rows begin anew every 2000 km, in zones of even
+    number at F.
+    """
+    zone, column, row = int(grid[:-3]), grid[-2], grid[-1]
+    easting = (COLUMNS.index(column) - 8 * ((zone - 1) % 3) + 1) * SQUARE
+    again = len(ROWS) * SQUARE
+    south = ((ROWS.index(row) - (0 if zone % 2 else 5)) % len(ROWS)) * SQUARE
+    return easting, south + again * round((northing - south) / again)
+
+
+def place_as_autoware(nodes: Sequence[ET.Element], source: Path) -> None:
+    """Gives the nodes of the Lanelet2 file `source` their coordinates in Autoware's frame, as tags local_x and local_y.
+
+    Nothing is changed where no ``map_projector_info.yaml`` lies beside the file, or where it says that they are there.
+
+    Raises:
+        InputError: that file cannot be used, or a node has no place on earth that fits it.
+    """
+    projector = MapProjector.beside(source)
+    if projector is None or projector.projector_type.capitalize() == LOCAL or not nodes:
+        return
+    where = f"{source}: {PROJECTOR_FILE} beside it, {projector.projector_type}"
+    try:
+        places = [(float(_degrees(node, "lat")), float(_degrees(node, "lon"))) for node in nodes]
+        located = list(projector.locate(places))
+    except (ValueError, RuntimeError) as error:
+        raise InputError(f"{where}: {' '.join(str(error).split())}") from error
+    for node, place in zip(nodes, located, strict=True):
+        for name, value in zip(LOCAL_TAGS, place, strict=True):
+            for tag in [tag for tag in node.findall("tag") if tag.get("k") == name]:
+                node.remove(tag)
+            ET.SubElement(node, "tag", {"k": name, "v": repr(value)})
+
+
+def _degrees(node: ET.Element, name: str) -> Any:
+    value = node.get(name)
+    if value is None:
+        raise ValueError(f"node {node.get('id')} has no {name}")
+    return value
