@@ -27,6 +27,7 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
 
 from litsim_autoware import objects, vehicle
+from litsim_autoware.objects import Forecast
 from litsim_autoware.vehicle import RearAxle
 from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable
 from litsim_sim.ros.cdr import without_padding
@@ -78,6 +79,24 @@ def parts_of(found: Any) -> tuple[Any, Any, Any, Any]:
     return about.pose_with_covariance.pose, about.twist_with_covariance.twist, accel, None
 
 
+def test_paths_are_those_of_the_forecast_of_the_step_before() -> None:
+    table = made_table(3)
+    k = np.arange(1, 26)
+    mean = np.stack(np.broadcast_arrays(20.0 * k, 2.0), axis=-1)[None].repeat(2, axis=0)  # 20 m in each 0.2 s
+    ids, valid = np.array([table.id[0], table.id[2]]), np.array([True, False])
+    forecast = Forecast(table.step - 1, 0.2, ids, mean, np.full((2, 25), 0.5), np.array([0.75, 1.0]), valid)
+    first, second, third = read(objects.predicted_objects(table, STAMP_NS, forecast), PredictedObjects).objects
+    (path,) = first.kinematics.predicted_paths
+    assert path.confidence == 0.75
+    assert [pose.position.x for pose in path.path[1:]] == pytest.approx([10.0 * (5 * n + 1) for n in range(1, 11)])
+    assert (path.path[0].position.x, path.path[3].position.y) == (table.x[0], 2.0)
+    assert 2.0 * np.arcsin(path.path[1].orientation.z) == pytest.approx(0.5)
+    for row, other in ((1, second), (2, third)):  # without a forecast, and without a valid one
+        (path,) = other.kinematics.predicted_paths
+        away = np.hypot(path.path[-1].position.x - table.x[row], path.path[-1].position.y - table.y[row])
+        assert (path.confidence, away) == (1.0, pytest.approx(5.0 * table.speed[row]))
+
+
 @pytest.mark.parametrize("groups", [0, 3])
 def test_traffic_lights(groups: int) -> None:
     states = np.array([3, 6, 8][:groups], np.uint8)
@@ -111,7 +130,7 @@ def test_the_ego() -> None:
 def test_the_frame_of_the_ego() -> None:
     kind = pytest.importorskip("tf2_msgs.msg").TFMessage
     (transform,) = read(RearAxle(1.0, 2.0, 0.5, 10.0, 0.0, 0.0).transform(STAMP_NS), kind).transforms
-    assert (transform.header.frame_id, transform.child_frame_id) == ("map", "base_link")
+    assert (transform.header.frame_id, transform.child_frame_id) == ("odom", "base_link")
     assert (transform.transform.translation.x, transform.transform.rotation.z) == (1.0, np.sin(0.25))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import pi
 from types import SimpleNamespace
 from typing import Any
@@ -9,12 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from litsim_autoware.objects import lights_of
 from litsim_autoware.profile import Profile, packaged_profiles
 from litsim_autoware.start_up import Call, StartUp
 from litsim_autoware.timeline import Timeline
 from litsim_autoware.vehicle import RearAxle, command, future_of
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_NS
+from litsim_sim.lane_map.signal_links import relation_id
+from litsim_sim.scenario.scenario import Scenario, packaged
 
 
 def test_a_steering_angle_turns_as_the_ego_reports_it() -> None:
@@ -103,6 +107,21 @@ def test_a_route_that_is_set_already_is_cleared() -> None:
         start_up.poll(0.1 * poll)
     assert start_up.done
     assert log == ["set_route", "clear_route", "set_route"]
+
+
+def test_lights_have_the_ids_of_relations_of_exported_and_of_imported_maps() -> None:
+    scenario = Scenario.load(str(packaged("suites/small/street_train_14.yaml", "litsim_eval")))
+    assert scenario.signals is not None
+    ids, groups = lights_of(scenario.signals)
+    by_link = {
+        relation_id(link.name): group
+        for link, group in zip(scenario.signals.links, scenario.signals.link_group, strict=True)
+    }
+    assert dict(zip(ids.tolist(), groups.tolist(), strict=True)) == by_link
+    named = replace(scenario.signals, groups=("7023", *scenario.signals.groups[1:]))
+    ids, groups = lights_of(named)
+    assert dict(zip(ids.tolist(), groups.tolist(), strict=True)) == by_link | {7023: 0}
+    assert [len(each) for each in lights_of(None)] == [0, 0]
 
 
 def test_profiles(tmp_path: Any) -> None:

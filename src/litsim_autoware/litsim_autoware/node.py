@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable
 from math import cos, inf, sin
 from typing import Any
@@ -28,7 +29,7 @@ from autoware_vehicle_msgs.msg import (
 from autoware_vehicle_msgs.srv import ControlModeCommand
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import AccelWithCovarianceStamped, Pose, PoseStamped, PoseWithCovarianceStamped
-from litsim_msgs.msg import AgentStates, RunInfo, SignalStates, StageStatus
+from litsim_msgs.msg import AgentStates, JointForecast, RunInfo, SignalStates, StageStatus
 from nav_msgs.msg import Odometry, Path
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -39,6 +40,7 @@ from sensor_msgs.msg import PointCloud2
 
 from litsim_autoware import objects, vehicle
 from litsim_autoware.cdr import ENCAPSULATION, TIME, Message, stamped
+from litsim_autoware.objects import Forecast
 from litsim_autoware.profile import TRAJECTORY, Profile
 from litsim_autoware.start_up import Call, Future, StartUp
 from litsim_autoware.timeline import BEGIN_NS, Timeline
@@ -49,17 +51,20 @@ from litsim_sim.core.vehicle_geometry import VehicleGeometry
 from litsim_sim.nodes.step_clock import TICK_NS, StepClock
 from litsim_sim.ros import messages
 from litsim_sim.ros.endpoints import publisher_on, subscribe
+from litsim_sim.ros.frames import fixed_frames
 from litsim_sim.ros.topics import (
     AGENTS,
     CLOCK,
     DIAGNOSTICS,
     EGO_CONTROL,
     EGO_TRAJECTORY,
+    FORECASTS,
     FRAMES,
     RUN_INFO,
     SIGNALS,
     STATUS,
     TF,
+    TF_STATIC,
 )
 from litsim_sim.scenario.scenario import Scenario
 
@@ -90,7 +95,6 @@ COMMANDS = {
 """Topics of the stack whose commands are reported back."""
 CONTROL_MODE_REQUEST = "/control/control_mode_request"
 OBJECT_LISTS: dict[str, tuple[Any, Callable[[AgentTable, int], bytes]]] = {
-    "objects": (PredictedObjects, objects.predicted_objects),
     "tracked_objects": (TrackedObjects, objects.tracked_objects),
     "detected_objects": (DetectedObjects, objects.detected_objects),
 }
@@ -113,6 +117,8 @@ class AutowareNode(Node):
         self._info: RunInfo | None = None
         self._table: AgentTable | None = None
         self._signals: SignalStates | None = None
+        self._forecasts: deque[Forecast] = deque(maxlen=2)
+        self._shown = -1  # newest step that was published
         self._motion: RearAxle | None = None
         self._timeline = Timeline()
         self._ticks = 0  # published before the run
@@ -137,9 +143,11 @@ class AutowareNode(Node):
         profile = self._profile
         self._clock_to = publisher_on(self, CLOCK)
         self._frames = publisher_on(self, TF) if FRAMES else None
+        self._fixed_frames = publisher_on(self, TF_STATIC) if FRAMES else None
         self._diagnostics = publisher_on(self, DIAGNOSTICS)
         self._control_to, self._path_to = publisher_on(self, EGO_CONTROL), publisher_on(self, EGO_TRAJECTORY)
         self._status = {name: self.create_publisher(kind, topic, QOS) for name, (topic, kind) in STATUS_TOPICS.items()}
+        self._predicted = self._optional(PredictedObjects, profile.objects)
         self._lists = [
             (self.create_publisher(kind, topic, QOS), write)
             for name, (kind, write) in OBJECT_LISTS.items()
@@ -163,6 +171,7 @@ class AutowareNode(Node):
         subscribe(self, RUN_INFO, self._on_run_info)
         subscribe(self, AGENTS, self._on_agents)
         subscribe(self, SIGNALS, self._on_signals)
+        subscribe(self, FORECASTS, self._on_forecast)
         subscribe(self, STATUS, self._on_status)
         if self._profile.answers == TRAJECTORY:
             self.create_subscription(Trajectory, self._profile.trajectory, self._on_trajectory, QOS)
@@ -235,7 +244,9 @@ class AutowareNode(Node):
         scenario = Scenario.from_yaml(info.scenario_yaml, f"{RUN_INFO.name} of run {info.run_id}")
         self._ego_id, self._realtime = int(info.ego_id), info.mode == "realtime"
         self._geometry = VehicleGeometry.of(scenario.log.table(0), self._ego_id, scenario.vehicle)
+        self._light_ids, self._light_groups = objects.lights_of(scenario.signals)
         self._with_signals = SIGNALS.name in info.topics
+        self._with_forecasts = FORECASTS.name in info.topics and self._predicted is not None
         bridge = (yaml.safe_load(info.configuration) or {}).get(BRIDGE, {})
         factor = float(bridge.get("real_time_factor", 1.0))
         self._clock = StepClock(
@@ -246,6 +257,8 @@ class AutowareNode(Node):
         for publisher, message in self._latched:
             message.stamp = Clock().clock
             publisher.publish(message)
+        if self._fixed_frames is not None:
+            self._fixed_frames.publish(fixed_frames(self._geometry.rear_axle_to_centre))
 
     def _calls(self, x: float, y: float, yaw: float) -> dict[str, Call]:
         """The services that are to be called before the stack drives, to a goal of the box centre."""
@@ -292,18 +305,32 @@ class AutowareNode(Node):
             publisher.publish(answer)  # the bridge asks again
             return
         self._table = messages.agents_from_message(message)
-        self._show_if_complete(begin)
+        self._show_if_complete(begin, patient=not again)
 
     def _on_signals(self, message: SignalStates) -> None:
         if self._info is not None and message.run_id == self._info.run_id:
             self._signals = message
             self._show_if_complete(time.perf_counter())
 
-    def _show_if_complete(self, begin: float) -> None:
+    def _on_forecast(self, message: JointForecast) -> None:
+        if self._info is not None and message.run_id == self._info.run_id and self._with_forecasts:
+            self._forecasts.append(forecast_of(message))
+            self._show_if_complete(time.perf_counter())
+
+    def _show_if_complete(self, begin: float, *, patient: bool = True) -> None:
+        """Publish the newest step once all of it is here; unless `patient`, without what is missing of forecasts.
+
+        The paths of objects are of the forecast of the step before: that of a step comes while the stack answers it.
+        """
         table = self._table
         if table is None or self._timeline.start_ns is None or table.step == self._answered:
             return
+        if patient and table.step == self._shown:
+            return
         if self._with_signals and (self._signals is None or self._signals.step != table.step):
+            return
+        newest = self._forecasts[-1].step if self._forecasts else -1
+        if self._with_forecasts and newest < table.step - 1 and patient and not self._realtime:
             return
         self._show_step(table)
         self._compute_s.append(time.perf_counter() - begin)
@@ -311,7 +338,7 @@ class AutowareNode(Node):
     def _show_step(self, table: AgentTable) -> None:
         """Publish a step; the ego's pose last, so that whoever answers it has the rest."""
         stamp_ns = self._timeline.stamp(table.step)
-        self._step_began, self._states = time.perf_counter(), 0
+        self._step_began, self._states, self._shown = time.perf_counter(), 0, table.step
         self._clock.step(table.step, self._step_began)
         self._motion = RearAxle.of(table, self._ego_id, self._geometry.rear_axle_to_centre)
         self._show_others(table.take(table.id != self._ego_id), stamp_ns)
@@ -328,17 +355,22 @@ class AutowareNode(Node):
 
     def _show_others(self, others: AgentTable, stamp_ns: int) -> None:
         """Publish all agents but the ego, what signals show, and that there is nothing else."""
+        if self._predicted is not None and self._predicted.get_subscription_count():
+            self._predicted.publish(objects.predicted_objects(others, stamp_ns, self._forecast_for(others.step)))
         for publisher, write in self._lists:
             if publisher.get_subscription_count():
                 publisher.publish(write(others, stamp_ns))
         if self._lights is not None and self._signals is not None:
-            groups = np.array([relation_id(name, row) for row, name in enumerate(self._signals.group)], np.int64)
             states = np.frombuffer(self._signals.state, np.uint8)
-            self._lights.publish(objects.traffic_lights(groups, states, stamp_ns))
+            self._lights.publish(objects.traffic_lights(self._light_ids, states[self._light_groups], stamp_ns))
         if self._cloud is not None:
             begin = len(ENCAPSULATION)
             stamp = CLOCK_MESSAGE.data(stamped(stamp_ns))
             self._cloud.publish(stamp + self._empty_cloud[begin + 8 :])
+
+    def _forecast_for(self, step: int) -> Forecast | None:
+        """The forecast whose paths the objects of a step have: that of the step before, or an earlier one."""
+        return next((forecast for forecast in reversed(self._forecasts) if forecast.step < step), None)
 
     def _show_ego(self, motion: RearAxle, stamp_ns: int) -> None:
         """Publish the ego: its frame, the status of the vehicle, its pose."""
@@ -371,8 +403,7 @@ class AutowareNode(Node):
             speeds = np.array([p.longitudinal_velocity_mps for p in message.points])
             lever = self._geometry.rear_axle_to_centre
             path.poses = poses(vehicle.future_of(points, speeds, self._motion, lever, HORIZON_S), step)
-        self._path_to.publish(path)
-        self._answered, self._answer = step, (self._path_to, path)
+        self._publish_answer(step, self._path_to, path)
 
     def _step_answered(self, stamp: Any) -> int | None:
         """The step that a message of the stack answers; None for one that has an answer, or before the run."""
@@ -384,9 +415,14 @@ class AutowareNode(Node):
 
     def _respond(self, step: int, answer: EgoCommand) -> None:
         assert self._info is not None
-        message = messages.ego_to_message(answer, self._info.run_id)
-        self._control_to.publish(message)
-        self._answered, self._answer = step, (self._control_to, message)
+        self._publish_answer(step, self._control_to, messages.ego_to_message(answer, self._info.run_id))
+
+    def _publish_answer(self, step: int, publisher: Publisher, message: Any) -> None:
+        """Answer a step; in lock-step its time then passes while the bridge makes the next one."""
+        publisher.publish(message)
+        self._answered, self._answer = step, (publisher, message)
+        if not self._realtime and step == self._clock.current:
+            self._clock.finish()
 
     def _taker(self, name: str) -> Callable[[Any], None]:
         def take(message: Any) -> None:
@@ -432,6 +468,21 @@ class AutowareNode(Node):
             self.get_logger().info(f"waiting for {self._start_up.waiting or f'a message on {what}'}")
 
 
+def forecast_of(message: JointForecast) -> Forecast:
+    """The forecast of a message, of the most probable manoeuvre of each agent."""
+    agents = len(message.id)
+    probability = np.asarray(message.maneuver_probability, np.float64).reshape(agents, -1 if agents else 0)
+    return Forecast(
+        step=message.step,
+        dt=message.dt,
+        id=np.asarray(message.id, np.int64),
+        mean=np.asarray(message.mean).reshape(agents, -1 if agents else 0, 2),
+        yaw=np.asarray(message.yaw).reshape(agents, -1 if agents else 0),
+        probability=probability.max(axis=1, initial=0.0) if probability.shape[1] else np.ones(agents),
+        valid=np.array(message.valid, np.bool_),
+    )
+
+
 def poses(future: FloatArray, step: int) -> list[PoseStamped]:
     """Poses of a path for the ego port: (k, 3) time after the step [s], x, y [m]."""
     stamped_poses = []
@@ -450,11 +501,6 @@ def log_end(scenario: Scenario, ego_id: int) -> tuple[float, float, float]:
     table = log.table(min(int(log.last_step[log.ids == ego_id][0]), scenario.total_steps))
     row = table.row(ego_id)
     return float(table.x[row]), float(table.y[row]), float(table.yaw[row])
-
-
-def relation_id(group: str, row: int) -> int:
-    """Id of the Lanelet2 relation of a signal group: its name if that is a number, else its place among the groups."""
-    return int(group) if group.isascii() and group.isdigit() else row + 1
 
 
 def _caller(client: Any, request: Callable[[], Any]) -> Callable[[], Future]:

@@ -1,16 +1,22 @@
 """Agents and traffic lights as Autoware's perception publishes them, of ``autoware_perception_msgs``.
 
-Objects are boxes in frame map at the middle of their height. Their predicted path keeps speed and heading.
+Objects are boxes in frame map at the middle of their height. Their predicted path is that of LitSim's own forecast, and
+keeps speed and heading where there is none.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from litsim_autoware.cdr import TIME, Fields, ListMessage, RecordList, header, stamped
-from litsim_sim.core.scene import AgentTable, ByteArray, FloatArray, IntArray, Kind
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ByteArray, FloatArray, IntArray, Kind
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.vehicle_geometry import HEIGHTS
+from litsim_sim.lane_map.signal_links import relation_id
+from litsim_sim.scenario.signals import Signals
 
 POSES, POSE_S = 11, 0.5  # poses of a predicted path, [s] between them
 NAMESPACE = b"litsim\0\0"
@@ -81,8 +87,51 @@ for _state, _light in LIGHTS.items():
     _LIGHTS[_state] = _light
 
 
-def predicted_objects(table: AgentTable, stamp_ns: int) -> bytes:
-    """``PredictedObjects`` of all agents of `table`."""
+@dataclass(frozen=True)
+class Forecast:
+    """LitSim's forecasts of some agents, each of the most probable manoeuvre.
+
+    Attributes:
+        step: at which they were made.
+        dt: time between their points [s]; the first lies as long after the step.
+        id: (n,) of the agents, ascending.
+        mean: (n, T, 2) box centres in frame map [m].
+        yaw: (n, T) headings [rad].
+        probability: (n,) of the manoeuvre.
+        valid: (n,) whether there is a forecast.
+    """
+
+    step: int
+    dt: float
+    id: IntArray
+    mean: FloatArray
+    yaw: FloatArray
+    probability: FloatArray
+    valid: BoolArray
+
+    def rows(self, ids: IntArray) -> tuple[IntArray, IntArray]:
+        """Places among `ids` (m,) of those that have a forecast, and their rows here."""
+        if not len(self.id) or self.mean.shape[1] < 2:
+            return np.empty(0, np.int64), np.empty(0, np.int64)
+        row = np.minimum(np.searchsorted(self.id, ids), len(self.id) - 1)
+        place = np.flatnonzero((self.id[row] == ids) & self.valid[row])
+        return place, row[place]
+
+    def at(self, rows: IntArray, step: int, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Positions (r, k, 2) [m] and headings (r, k) [rad] at `times` (k,) after a step [s].
+
+        They are interpolated between the points; after the last, an agent keeps the velocity that it has there.
+        """
+        point = (times + STEP_S * (step - self.step)) / self.dt - 1.0
+        before = np.clip(np.floor(point).astype(np.int64), 0, self.mean.shape[1] - 2)
+        share = point - before
+        mean, yaw = self.mean[rows], self.yaw[rows]
+        place = mean[:, before] + share[:, None] * (mean[:, before + 1] - mean[:, before])
+        return place, yaw[:, before] + np.minimum(share, 1.0) * wrap_angle(yaw[:, before + 1] - yaw[:, before])
+
+
+def predicted_objects(table: AgentTable, stamp_ns: int, forecast: Forecast | None = None) -> bytes:
+    """``PredictedObjects`` of all agents of `table`, with the paths of a `forecast` of this step or one before."""
     records = _filled(PREDICTED, table)
     body = records.body
     body["acceleration"][:, 0] = table.acceleration
@@ -94,6 +143,12 @@ def predicted_objects(table: AgentTable, stamp_ns: int) -> bytes:
     path[:, :, 1] = table.y[:, None] + way * np.sin(table.yaw)[:, None]
     path[:, :, 2] = body["position"][:, None, 2]
     path[:, :, 5:] = body["orientation"][:, None, 2:]
+    if forecast is not None:
+        places, rows = forecast.rows(table.id)
+        mean, yaw = forecast.at(rows, table.step, _TIMES[1:])
+        path[places, 1:, :2] = mean
+        path[places, 1:, 5], path[places, 1:, 6] = np.sin(0.5 * yaw), np.cos(0.5 * yaw)
+        body["confidence"][places] = forecast.probability[rows]
     return records.data(stamped(stamp_ns))
 
 
@@ -110,6 +165,20 @@ def detected_objects(table: AgentTable, stamp_ns: int) -> bytes:
     records = _filled(DETECTED, table)
     records.body["oriented"], records.body["has_twist"] = AVAILABLE, 1
     return records.data(stamped(stamp_ns))
+
+
+def lights_of(signals: Signals | None) -> tuple[IntArray, IntArray]:
+    """Ids of Lanelet2 relations that are traffic lights, and the group of each among those of `signals`.
+
+    A group whose name is a number is that relation, as in a map that was imported; and every connection is one of its
+    own, as in a map that was exported.
+    """
+    if signals is None:
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    numbered = {int(name): row for row, name in enumerate(signals.groups) if name.isascii() and name.isdigit()}
+    links = zip(signals.link_names, signals.link_group.tolist(), strict=True)
+    lights = {relation_id(name): group for name, group in links} | numbered
+    return np.array([*lights], np.int64), np.array([*lights.values()], np.int64)
 
 
 def traffic_lights(groups: IntArray, states: ByteArray, stamp_ns: int) -> bytes:

@@ -26,7 +26,7 @@ ODOMETRY = Message(
 ACCELERATION = Message(*header("base_link"), ("acceleration", "(6,)f8"), ("covariance", "(36,)f8"))
 TRANSFORM = Message(
     ("count", "u4"),
-    *header("map"),
+    *header("odom"),
     ("child", b"base_link"),
     ("position", "(3,)f8"),
     ("orientation", "(4,)f8"),
@@ -89,7 +89,7 @@ class RearAxle:
         return ACCELERATION.data({**stamped(stamp_ns), "acceleration": (self.acceleration, 0, 0, 0, 0, 0)})
 
     def transform(self, stamp_ns: int) -> bytes:
-        """``tf2_msgs/TFMessage`` from frame map to base_link."""
+        """``tf2_msgs/TFMessage`` from frame odom, which is that of map, to base_link."""
         return TRANSFORM.data({**stamped(stamp_ns), **self._pose, "count": 1})
 
     def velocity(self, stamp_ns: int) -> bytes:

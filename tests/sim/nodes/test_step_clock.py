@@ -47,6 +47,17 @@ def test_the_time_left_at_the_end_of_a_step_has_ticks_too() -> None:
     assert set(range(0, 4 * STEP_NS, STEP_NS)) <= set(times)
 
 
+def test_the_time_of_a_step_that_is_answered_passes_before_the_next() -> None:
+    made, times = clock()
+    made.step(0, 0.0)
+    made.step(1, 1.0)
+    made.tick(1.015)
+    made.finish()
+    del times[:]
+    made.step(2, 1.1)
+    assert times == [2 * STEP_NS]  # the rest was published before
+
+
 def test_time_passes_faster_by_a_factor() -> None:
     made, times = clock(factor=4.0)
     made.step(0, 0.0)

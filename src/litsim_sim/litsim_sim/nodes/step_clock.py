@@ -43,6 +43,12 @@ class StepClock:
         self.current, self._begin = step, now
         self._show(step * STEP_NS)
 
+    def finish(self) -> None:
+        """Publish the ticks that are left of the current step, once it is answered and nobody waits for them."""
+        if self._is_heard():
+            for time_ns in range(self._time + COARSE_NS, self._end, COARSE_NS):
+                self._show(time_ns)
+
     def repeat(self) -> None:
         """Publish the current time again, for subscribers that have come since."""
         self._publish(self._time)

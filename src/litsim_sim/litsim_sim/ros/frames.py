@@ -6,8 +6,10 @@ centre of its box. ``tf2_msgs`` is optional: stock ROS 2 has it, the wheels do n
 
 from __future__ import annotations
 
+from typing import Any
+
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point32, PolygonStamped, Transform, TransformStamped, Vector3
+from geometry_msgs.msg import Point32, PolygonStamped, TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
@@ -39,6 +41,15 @@ def footprint(geometry: VehicleGeometry) -> PolygonStamped:
     return message
 
 
+def fixed_frames(rear_axle_to_centre: float) -> Any:
+    """``tf2_msgs/TFMessage`` of the frames that do not move: map to odom, base_link to ego, by a distance [m]."""
+    odom = TransformStamped(header=header(0), child_frame_id=ODOM)
+    centre = TransformStamped(header=header(0), child_frame_id=BOX_CENTRE)
+    centre.header.frame_id = REAR_AXLE
+    centre.transform.translation.x = rear_axle_to_centre
+    return TF_STATIC.type(transforms=[odom, centre])
+
+
 class FrameBroadcaster:
     """Publishes the ego's frames on /tf and /tf_static; does nothing where ``tf2_msgs`` is not installed."""
 
@@ -51,13 +62,7 @@ class FrameBroadcaster:
     def begin(self) -> None:
         """Publish the frames that do not move."""
         if TF_STATIC in self._to:
-            centre = Transform(translation=Vector3(x=self._lever))
-            fixed = [
-                TransformStamped(header=header(0), child_frame_id=ODOM),
-                TransformStamped(header=header(0), child_frame_id=BOX_CENTRE, transform=centre),
-            ]
-            fixed[1].header.frame_id = REAR_AXLE
-            self._to[TF_STATIC].publish(TF_STATIC.type(transforms=fixed))
+            self._to[TF_STATIC].publish(fixed_frames(self._lever))
 
     def show(self, state: Odometry) -> None:
         """Publish the frame of the ego at a step, by its odometry of the box centre, if anybody listens."""
