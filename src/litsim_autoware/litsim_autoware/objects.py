@@ -77,7 +77,7 @@ GROUPS = ListMessage(
     ),
 )
 
-_TIMES = POSE_S * np.arange(POSES)  # [s]
+_TIMES: FloatArray = POSE_S * np.arange(POSES, dtype=np.float64)  # [s]
 _LABELS = np.zeros(256, np.uint8)
 _HEIGHTS = np.full(256, HEIGHTS[Kind.UNKNOWN])
 for _kind, _height in HEIGHTS.items():
