@@ -57,6 +57,7 @@ def judge(evidence: Evidence, limits: Limits) -> list[Clause]:
     return [
         discovery(evidence),
         qos(evidence),
+        own_topics(evidence),
         answers(evidence),
         latency(evidence, limits.latency_ms),
         frames(evidence),
@@ -97,6 +98,16 @@ def qos(evidence: Evidence) -> Clause:
     )
 
 
+def own_topics(evidence: Evidence) -> Clause:
+    """Nobody but the nodes of the run publishes on the graph's internal topics, the stack least of all."""
+    name = "keeps to its topics"
+    if not evidence.discovered_s and not evidence.intrusions:
+        return Clause(name, Verdict.OPEN, "nothing was found")
+    text = "; ".join(evidence.intrusions)
+    verdict = Verdict.FAIL if text else Verdict.PASS
+    return Clause(name, verdict, text or "no internal topic has a foreign publisher", {"found": evidence.intrusions})
+
+
 def _by_topic(endpoints: Sequence[Endpoint]) -> dict[str, str]:
     """Returns the first mismatch by topic; an empty text if there is none."""
     mismatches: dict[str, str] = {}
@@ -110,7 +121,8 @@ def answers(evidence: Evidence) -> Clause:
     name = "answers every step"
     if not evidence.reachable:
         return Clause(name, Verdict.OPEN, "the bridge cannot hear the stack")
-    last = max(evidence.published_ns, default=-1) if evidence.left is None else evidence.left - 1
+    amid = bool(evidence.intrusions and evidence.failure)  # another clause says why the run ended amid a step
+    last = max(evidence.published_ns, default=-1) - amid if evidence.left is None else evidence.left - 1
     steps = range(last + 1)
     if not steps:
         return Clause(name, Verdict.OPEN, "no step was published")
@@ -132,7 +144,7 @@ def answers(evidence: Evidence) -> Clause:
         faults.append(f"{counts['refused']} on a second interface")
     if counts["late"]:
         faults.append(f"{counts['late']} late")
-    if evidence.failure and evidence.left is None:
+    if evidence.failure and evidence.left is None and not amid:
         faults.append(evidence.failure)
     text = f"{len(steps) - len(missing)} of {len(steps)} steps"
     text += "" if evidence.left is None else ", until the stack left"
