@@ -10,7 +10,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser, positive
-from litsim_sim.cli.program import interrupt_on_signals, program
+from litsim_sim.cli.program import interrupt_on_signals, program, run_status
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
@@ -85,7 +85,10 @@ def launch(arguments: argparse.Namespace) -> int:
                 if arguments.analyze:
                     _recorded(out, quiet=True, failed=True)
                 return EXIT_FAILED
-        status = _recorded(out, quiet=arguments.quiet) if arguments.analyze else 0
+        if arguments.analyze:
+            status = _recorded(out, quiet=arguments.quiet)
+        else:
+            status = run_status({"valid": not graph.invalid, "why": graph.invalid}, out)
     if not status:
         say(arguments, f"recorded in {out}")
     return status
