@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from litsim_eval.analysis.metrics_tree import LockstepMetrics
-from litsim_sim.core.errors import INTERRUPTED
+from litsim_sim.core.errors import INTERRUPTED, printable
 from litsim_sim.core.lockstep import unanswered
 from litsim_sim.core.scene import ARRAY_FIELDS
 from litsim_sim.core.stages import BRIDGE, StageState
@@ -34,7 +34,7 @@ def problems(run: Run) -> list[str]:
 
 
 def _failures(run: Run) -> list[str]:
-    failed = [(s.stage, s.text.strip()) for s in run.statuses if s.state == StageState.FAILED]
+    failed = [(s.stage, printable(s.text.strip())) for s in run.statuses if s.state == StageState.FAILED]
     if run.failure:  # it ended other stages, and may repeat the text of the one that failed
         failed = [(stage, text) for stage, text in failed if text != INTERRUPTED and text not in run.failure]
     texts = [run.failure] if run.failure else []

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from litsim_eval.check_ads.trace import FINISHED, Endpoint, Evidence, Heard
+from litsim_sim.core.errors import printable, shown
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, EgoCommand, FloatArray
 from litsim_sim.core.vehicle import VehicleModel
@@ -17,6 +18,7 @@ from litsim_sim.ego_port.answer import BODY_FRAMES, INPUTS, MAP_FRAME, Answer, I
 from litsim_sim.ego_port.tracking import CRAWL, OFFSET_MAX, EgoState, Reference, Trajectory, TwistTarget
 
 ALONG = np.deg2rad(60.0)  # [rad] largest angle between a heading along the road and the lane's
+FRAMES_MAX = 5  # most frames that are named
 STRAY = 0.05  # share of a trajectory's headings that may deviate by more
 QUIET_S = 1.0  # [s] without a message, after which a stack counts as idle
 SLACK = 1.05  # factor by which a demand may exceed a limit before it counts as clipped
@@ -54,7 +56,7 @@ class Limits:
 
 def judge(evidence: Evidence, limits: Limits) -> list[Clause]:
     """Judges all clauses, in the order of a run."""
-    return [
+    clauses = (
         discovery(evidence),
         qos(evidence),
         own_topics(evidence),
@@ -63,7 +65,8 @@ def judge(evidence: Evidence, limits: Limits) -> list[Clause]:
         frames(evidence),
         values(evidence, limits.clipped),
         ending(evidence),
-    ]
+    )
+    return [replace(clause, text=printable(clause.text)) for clause in clauses]
 
 
 def discovery(evidence: Evidence) -> Clause:
@@ -197,8 +200,8 @@ def frames(evidence: Evidence) -> Clause:
     if lost := [(each, share) for each, share in stray if share > STRAY]:
         words = f"{lost[0][1]:.0%} of its headings more than 60 degrees off the lane's"
         faults.append(_first([each for each, _ in lost], f"{len(lost)} deviate from the road's direction", words))
-    used = sorted({each.answer.frame for each in evidence.used})
-    text = f"frame {', '.join(repr(frame) for frame in used)}"
+    used = sorted({shown(each.answer.frame) for each in evidence.used})[:FRAMES_MAX]
+    text = f"frame {', '.join(used)}"
     if away:
         text += f"; begins at most {max(offset for _, offset in away):.2f} m from the ego"
     if stray and not lost:

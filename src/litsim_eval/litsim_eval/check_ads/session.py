@@ -152,7 +152,8 @@ def _start(check: Check) -> Child:
     """Starts the stack in the domain of the graph."""
     log = check.out / "log" / f"{STACK}.log"
     environment = os.environ | {"ROS_DOMAIN_ID": str(check.domain_id)} | enclave_setting(os.environ, ADS, check.command)
-    with log.open("w") as stream, signals_deferred():
+    log.unlink(missing_ok=True)
+    with log.open("a") as stream, signals_deferred():
         process = start_supervised(check.command, env=environment, stdout=stream, stderr=stream)
     return Child(STACK, process, log)
 

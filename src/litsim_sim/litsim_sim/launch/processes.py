@@ -107,7 +107,7 @@ class Graph:
         return self._progress.invalid
 
     def _log(self, name: str) -> IO[str]:
-        return (self._log_folder / f"{name}.log").open("w")
+        return (self._log_folder / f"{name}.log").open("a")  # which was removed; the supervisor may shorten it
 
     def watch(self, quiet: bool) -> None:
         """Wait for the run to end.
