@@ -50,4 +50,5 @@ def _lengths(steps: Steps, log: Steps) -> FloatArray:
     counts = (rows >= 0) & (before >= 0) & (log.rows_at(number - 1, log.stacked.id) >= 0)
     at, before = rows[counts], before[counts]
     parts = np.hypot(table.x[at] - table.x[before], table.y[at] - table.y[before])
-    return np.bincount(log.agent[counts], parts, len(log.ids))  # adds in order of the steps, too
+    # adds in order of the steps, too
+    return np.asarray(np.bincount(log.agent[counts], parts, len(log.ids)), np.float64)
