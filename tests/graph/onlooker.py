@@ -46,7 +46,7 @@ def main() -> None:
     use_middleware_settings("onlooker")
     rclpy.init()
     node = Node("onlooker", start_parameter_services=False)
-    with Bystander(node.context.get_domain_id()):
+    with Bystander(node.context.get_domain_id(), {}):
         while True:
             found = endpoints(node)
             as_told = all(found.get(name) == its for name, its in expected.items())

@@ -18,6 +18,7 @@ EXAMPLES = HERE.parents[1] / "examples"
 CLAUSES = (
     "discovery",
     "types and QoS",
+    "keeps to its topics",
     "answers every step",
     "latency",
     "frames plausible",
@@ -85,18 +86,24 @@ def test_an_example_passes(graph: Any) -> None:
         ),
         (("--fault", "nan"), "values finite and feasible", "first at step 12: twist.linear.x is nan"),
         (("--fault", "silence"), "answers every step", "12 of 13 steps; 1 missing, first 12; no answer to step 12"),
+        (
+            ("/litsim/controls", "drives"),
+            "keeps to its topics",
+            "/intruder: publishes on /litsim/controls, expected nobody",
+        ),
         (("--fault", "death"), "end of run", "the stack left at step 12 of 35, before the run was over: stack ended"),
     ],
 )
 def test_a_fault_fails_its_clause_alone(graph: Any, options: tuple[str, ...], clause: str, words: str) -> None:
     wait = ("--wait", 12) if "best_effort" in options else ()  # it is found, and then waited for as long
-    done = graph.finish(start(graph, *wait, command=(HERE / "standard_ego.py", *options)))
+    script = "standard_ego.py" if options[0].startswith("--") else "intruder.py"
+    done = graph.finish(start(graph, *wait, command=(HERE / script, *options)))
     assert done.returncode == 1, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
     found = verdicts(graph)
     assert [name for name, verdict in found.items() if verdict == "fail"] == [clause]
     assert words in why(graph, clause)
-    expected = CLAUSES[2:6] if "best_effort" in options else ()
+    expected = CLAUSES[3:7] if clause in ("types and QoS", "keeps to its topics") else ()  # the run has not begun
     assert [name for name, verdict in found.items() if verdict == "not judged"] == list(expected)
     assert not graph.running()
 

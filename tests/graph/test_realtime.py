@@ -1,10 +1,10 @@
-"""In real time nobody is waited for: what comes late is held, counted and recorded."""
+"""In real time nobody is waited for: what comes late is held, counted and recorded, and the run is not valid."""
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
+from litsim_eval.analysis.analyze import analyze
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import read_run
 
@@ -13,12 +13,13 @@ def test_late_and_missing_answers_are_counted(graph: Any) -> None:
     bag = graph.folder / "run"
     graph.start_script("external_ego.py", "--late", "10-12", "--late-by", 0.25, "--skip", "22-24")
     options = ("--mode", "realtime", "--ego", "external", "--out", bag, "--domain-id", graph.domain)
-    done = graph.launch("--scenario", graph.scenario(), *options)
+    done = graph.launch("--scenario", graph.scenario(), "--no-analyze", *options)
     assert done.returncode == 1
     assert "the run is not valid" in done.stderr
     assert "answers missed on /litsim/ego/control" in done.stderr
 
-    metrics = json.loads((bag / "metrics.json").read_text())
+    metrics = analyze(bag)
+    assert metrics["why"] in done.stderr
     missed = metrics["lockstep"]["missed_by_topic"]
     assert missed["/litsim/ego/control"] >= 6
     assert metrics["steps"] == 35

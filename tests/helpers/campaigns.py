@@ -34,20 +34,23 @@ def cases(**values: Any) -> list[Case]:
 
 
 def metrics(at_fault: int = 0, **values: Any) -> dict[str, Any]:
-    return {"valid": True, "why": "", "collision": {"ego_at_fault": at_fault}} | values
+    """Metrics of a run with that many contacts at the ego's fault, and other `values`."""
+    collision = {"ego_at_fault": at_fault} | values.get("collision", {})
+    return summarised_metrics(**({"why": ""} | values | {"collision": collision}))
 
 
 def summarised_metrics(**changes: Any) -> dict[str, Any]:
     """Metrics of a run as `compute_metrics` would give them, as far as `summarise` reads them."""
     usual: dict[str, Any] = {
         "valid": True,
+        "steps": 280,
         "agents": 10,
         "reactive": True,
         "takeovers": 2,
         "ledger": [
-            {"released_step": 80, "held_s": 3.0, "outcome": "back_on_log"},
-            {"released_step": None, "held_s": 3.5, "outcome": None},
-            {"released_step": None, "held_s": 2.0, "outcome": "outlived_log"},
+            {"detected_step": 50, "released_step": 80, "held_s": 3.0, "outcome": "back_on_log"},
+            {"detected_step": 200, "released_step": None, "held_s": 3.5, "outcome": None},
+            {"detected_step": 260, "released_step": None, "held_s": 2.0, "outcome": "outlived_log"},
         ],
         "detection": {"bound_hits": 1, "max_iterations": 3},
         "false_alarms": 1,
@@ -67,6 +70,7 @@ def summarised_metrics(**changes: Any) -> dict[str, Any]:
         "collision": {
             "agents": 0,
             "excess": 0,
+            "contacts": [],
             "ego_contacts": [],
             "by_fault": {"background": 0, "ego_avoidable": 0, "ego_unavoidable": 0},
             "rate_all": 0.0,
@@ -76,7 +80,7 @@ def summarised_metrics(**changes: Any) -> dict[str, Any]:
         "timing": {"realtime_factor": 20.0},
     }
     for name, value in changes.items():
-        usual[name] = {**usual[name], **value} if isinstance(value, dict) else value
+        usual[name] = {**usual.get(name, {}), **value} if isinstance(value, dict) else value
     return usual
 
 

@@ -10,7 +10,10 @@ import pytest
 import shapely
 
 from litsim_data.surrogates.safety import SIGHT_M, following, safety_series, shortest_own_ttc, times_to_collision
+from litsim_eval.analysis.realism import _distance_to_nearest
+from litsim_sim.core import nearby
 from litsim_sim.core.geometry import box_corners, to_body
+from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable
 
 Make = Callable[..., Any]
 
@@ -27,6 +30,35 @@ def behind(table: Make, gap: float, speed: float, leader_speed: float, **leader:
         {"id": 1, "x": 0.0, "y": 0.0, "speed": speed},
         {"id": 2, "x": gap + 4.0, "y": 0.0} | {"speed": leader_speed} | leader,
     )
+
+
+@pytest.mark.parametrize("across", [0, 1])
+@pytest.mark.parametrize("seed", range(4))
+def test_sorted_by_place_the_results_are_those_of_a_look_at_all(
+    monkeypatch: pytest.MonkeyPatch, seed: int, across: int
+) -> None:
+    random, count = np.random.default_rng(seed), 160
+    places = [random.uniform(0.0, 600.0, count), 3.5 * random.integers(0, 3, count)]
+    columns = {name: np.zeros(count) for name in ARRAY_FIELDS}
+    columns |= {"id": np.arange(count), "x": places[across], "y": places[1 - across]}
+    columns |= {"yaw": random.normal(0.5 * np.pi * across, 0.1, count), "speed": random.uniform(0.0, 30.0, count)}
+    columns |= {"length": random.choice([4.0, 12.0], count), "width": np.full(count, 1.8)}
+    table = AgentTable(0, **{name: values.astype(DTYPES[name]) for name, values in columns.items()})
+    table.x[7] = table.speed[9] = np.nan
+    rows = np.arange(0, count, 1 + seed % 2)
+    results = []
+    for few in (0, count):
+        monkeypatch.setattr(nearby, "FEW", few)
+        front = following(table, rows)
+        results.append([times_to_collision(table, rows), front.leader, front.gap, _distance_to_nearest(table, rows)])
+    for fast, plain in zip(*results, strict=True):
+        assert np.array_equal(fast, plain, equal_nan=True)
+    apart = np.hypot(table.x - table.x[4], table.y - table.y[4])
+    apart[[4, 7]] = np.inf
+    nearest = int(np.argmin(apart))
+    expected = apart[nearest] - 0.5 * (table.length[4] + table.length[nearest])
+    assert _distance_to_nearest(table, np.array([4])) == expected
+    assert (results[0][1] >= 0).any() and np.isfinite(results[0][0]).any()
 
 
 def test_ttc_is_gap_over_closing_speed(table: Make) -> None:

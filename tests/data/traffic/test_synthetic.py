@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 from litsim_data import cli as data
 from litsim_data.segments import Manifest
+from litsim_data.traffic import synthetic
 from litsim_data.traffic.drivers import draw_vehicle, vehicle_type
 from litsim_data.traffic.motion import Smoothness, smooth, smooth_motion
 from litsim_data.traffic.sites import ENTRIES, SITES, URBAN_LIKE, US101_LIKE
@@ -128,6 +130,27 @@ def test_nobody_touches_anybody(made: Recording) -> None:
     for frame, rows in made.table.groupby("frame"):
         pairs = overlapping_pairs(*(rows[name].to_numpy() for name in ("x", "y", "yaw", "length", "width")))
         assert not len(pairs), f"frame {frame}: {pairs}"
+
+
+def test_a_vehicle_that_was_left_out_does_not_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Vehicle 1 touches 0 and 2; in the round in which it is left out for 0, only 2 can still be centred."""
+    rounds: list[set[int]] = []
+
+    def touching(table: pd.DataFrame) -> list[tuple[int, int]]:
+        rounds.append(set(table["vehicle_id"].tolist()))
+        return [pair for pair in ([(0, 1)], [(0, 1), (1, 2)])[len(rounds) > 1] if set(pair) <= rounds[-1]]
+
+    def track(site: object, observation: object, vehicle: int, seed: int, seconds: float, **_: object) -> pd.DataFrame:
+        return pd.DataFrame({"vehicle_id": [vehicle], "frame": [0], "x": [10.0 * vehicle]})
+
+    monkeypatch.setattr(synthetic, "observe", lambda *_: SimpleNamespace(vehicles=[0, 1, 2]))
+    monkeypatch.setattr(synthetic, "overlaps", touching)
+    monkeypatch.setattr(synthetic, "_track", track)
+    monkeypatch.setattr(synthetic, "_signals", lambda *_: {})
+    monkeypatch.setattr(synthetic, "_lane_from_left", lambda *_: 1)
+    monkeypatch.setattr(synthetic, "Recording", SimpleNamespace(from_table=lambda header, table, _: (header, table)))
+    header, table = synthetic._record(US101_LIKE, 1, 28.0)
+    assert rounds[-1] == {0, 2} and header.notes["left_out"] == 1 and len(table) == 2
 
 
 def test_everybody_is_on_the_road_and_in_the_window(made: Recording) -> None:

@@ -171,6 +171,7 @@ FAILED = Status(30, "bridge", StageState.FAILED, 0.0, "no answer to step 30\n")
         ({"statuses": []}, "the bridge did not finish: last step 60 of 60"),
         ({"statuses": said(FINISHED)}, "2 answers missed on /litsim/controls"),
         ({"statuses": said(FAILED)}, "bridge failed: no answer to step 30"),
+        ({"statuses": said(FINISHED, replace(FINISHED, text="missed: {}\n"))}, "two different last messages of the"),
         ({"gaps": {"/clock": TopicGaps(missing=(3, 4))}}, "/clock: 2 steps missing (first 3)"),
         ({"gaps": {"/clock": TopicGaps(duplicated=(5,))}}, "/clock: 1 steps duplicated (first 5)"),
         ({"log": []}, "the bag holds no recording"),

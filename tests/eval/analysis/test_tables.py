@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -16,7 +17,7 @@ from litsim_data.surrogates.safety import safety_series
 from litsim_eval.analysis.comfort import comfort
 from litsim_eval.analysis.displacement import displacements
 from litsim_eval.analysis.metrics import compute_metrics
-from litsim_eval.analysis.tables import SERIES, TAKEOVERS, series_table, write_tables
+from litsim_eval.analysis.tables import SERIES, TAKEOVERS, series_tables, write_tables
 from litsim_sim.core.scene import Controller
 from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.record.run import Run
@@ -140,13 +141,24 @@ def test_nothing_is_nan_or_infinite(series: pd.DataFrame, files: Path) -> None:
     assert series["ttc_s"].isna().any() and series["gap_m"].isna().any()
 
 
+def whole(run: Run, **options: int) -> pa.Table:
+    return pa.concat_tables(series_tables(run, **options))
+
+
+@pytest.mark.parametrize("rows_max", [1, 10, 50])
+def test_a_series_in_many_parts_is_the_same(run: Run, rows_max: int) -> None:
+    parts = list(series_tables(run, rows_max))
+    assert len(parts) > 1 and max(len(part) for part in parts[:-1]) <= max(rows_max, 4)
+    assert pa.concat_tables(parts).unify_dictionaries().to_pylist() == whole(run).to_pylist()
+
+
 def test_runs_without_log_agents_or_steps(table: Make, make_run: Make) -> None:
-    lonely = series_table(make_run([table(k, {"id": 5, "x": float(k), "y": 0.0}) for k in range(3)], log=[]))
+    lonely = whole(make_run([table(k, {"id": 5, "x": float(k), "y": 0.0}) for k in range(3)], log=[]))
     assert len(lonely) == 2
     assert lonely["deviation_m"].null_count == lonely["pet_s"].null_count == 2
-    nobody = series_table(make_run([table(k) for k in range(3)]))
+    nobody = whole(make_run([table(k) for k in range(3)]))
     assert (len(nobody), nobody.schema.names) == (0, lonely.schema.names)
-    assert len(series_table(make_run([table(0, {"id": 5, "x": 0.0, "y": 0.0})]))) == 0  # history only
+    assert len(whole(make_run([table(0, {"id": 5, "x": 0.0, "y": 0.0})]))) == 0  # history only
 
 
 def test_every_column_is_documented() -> None:

@@ -131,7 +131,7 @@ def test_all_results_in_one_file(tmp_path: Path, case: Case) -> None:
     path = folder.write_results([result], variants={"idm, litsim": {"runs": 1}})
     values = json.loads(path.read_text())
     assert values["variants"] == {"idm, litsim": {"runs": 1}}
-    assert [RunResult.from_json(each) for each in values["runs"]] == [result]
+    assert [RunResult.from_json(each, CRITERIA) for each in values["runs"]] == [result]
 
 
 def test_two_at_a_time_are_refused(tmp_path: Path) -> None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from campaigns import CRITERIA, VERSIONS, cases, metrics, suite
+from campaigns import CRITERIA, VERSIONS, cases, metrics, stored, suite
 from litsim_eval.campaign.case import Case
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.results import (
@@ -18,6 +20,7 @@ from litsim_eval.campaign.results import (
     is_campaign,
     read_campaign,
 )
+from litsim_eval.runs.campaign import conclude
 from litsim_sim.core.errors import InputError
 
 
@@ -46,7 +49,7 @@ def test_json_keeps_a_result(case: Case) -> None:
         RunResult.judged(case, metrics(at_fault=1), CRITERIA, report="report.html", wall_s=1.5),
         RunResult.error(case, "no answer", log="ads.log"),
     ):
-        assert RunResult.from_json(json.loads(json.dumps(result.to_json()))) == result
+        assert RunResult.from_json(json.loads(json.dumps(result.to_json())), CRITERIA) == result
 
 
 @pytest.mark.parametrize(
@@ -65,17 +68,57 @@ def test_a_damaged_file_is_named(tmp_path: Path, text: str, said: str) -> None:
         read_campaign(tmp_path)
 
 
-def test_a_damaged_result_is_named(tmp_path: Path, case: Case) -> None:
-    folder = CampaignFolder(tmp_path)
-    folder.begin(suite(), [case], VERSIONS)
-    run = folder.clear(case)
-    again = f"; once the folder {run} is removed, evaluate runs this case again"
-    for text, said in (("{", "cannot be read"), ('{"format": 1, "verdict": "good"}', "not a result of a run")):
-        (run / RESULT_FILE).write_text(text)
-        with pytest.raises(InputError, match=f"{RESULT_FILE}: {said}.*{again}"):
-            read_campaign(tmp_path)
-    with pytest.raises(InputError, match=f"{RESULT_FILE}: not a result of a run"):
-        read_campaign(tmp_path)
+@pytest.mark.parametrize(
+    ("outcome", "edits", "reason"),
+    [
+        (
+            metrics(at_fault=2),
+            {"verdict": "passed", "reason": "", "criteria": []},
+            "ego_at_fault is 2, expected at most 0",
+        ),
+        (
+            metrics(valid=False, why="ego failed"),
+            {"verdict": "passed", "reason": ""},
+            "the run is not valid: ego failed",
+        ),
+        ("no answer", {"verdict": "passed"}, "no answer"),
+        ("no answer", {"verdict": "passed", "reason": ""}, "the run has left no measures"),
+    ],
+)
+def test_an_edited_verdict_is_not_believed(tmp_path: Path, outcome: Any, edits: dict[str, Any], reason: str) -> None:
+    file = tmp_path / "runs" / stored(tmp_path, [outcome]).cases[0].id / RESULT_FILE
+    file.write_text(json.dumps(json.loads(file.read_text()) | edits))
+    campaign = read_campaign(tmp_path)
+    assert campaign.results[0].verdict != Verdict.PASSED and not campaign.passes
+    assert campaign.results[0].reason.endswith(reason)
+
+
+@pytest.mark.parametrize(
+    ("damage", "reason"),
+    [
+        (lambda text: text[: len(text) // 2], "cannot be read: "),
+        (lambda _: "[" * 100000, "cannot be read: "),
+        (lambda _: "", "cannot be read: "),
+        (lambda text: text.replace('"agents": 10', '"agents": NaN'), "cannot be read: NaN is no number of JSON"),
+        (lambda _: "[]", "format None, expected 2"),
+        (lambda text: text.replace('"format": 2', '"format": 3'), "format 3, expected 2"),
+        (lambda text: text.replace('"metrics"', '"measures"'), "KeyError: "),
+        (lambda text: text.replace('"takeovers"', '"taken"'), "KeyError: "),
+        (lambda text: text.replace('"agents": 10', '"agents": "many"'), "field agents is 'many', expected int"),
+        (lambda text: text.replace('"ledger": [', '"ledger": [7, '), "TypeError: "),
+        (lambda text: text.replace('"id": "', '"id": "0'), "is of case 0"),
+    ],
+)
+def test_a_damaged_result_costs_its_case_not_the_campaign(
+    tmp_path: Path, damage: Callable[[str], str], reason: str
+) -> None:
+    campaign = stored(tmp_path, [metrics(), metrics()])
+    file = tmp_path / "runs" / campaign.cases[0].id / RESULT_FILE
+    file.write_text(damage(file.read_text()))
+    damaged, whole = conclude(CampaignFolder(tmp_path)).results
+    assert whole.verdict == Verdict.PASSED
+    assert damaged.verdict == Verdict.ERROR and str(file) in damaged.reason and reason in damaged.reason
+    assert damaged.reason.endswith("evaluate --retry-errors runs this case again")
 
 
 def test_a_campaign_by_criteria_that_are_refused_today_is_told_in_one_line(tmp_path: Path) -> None:

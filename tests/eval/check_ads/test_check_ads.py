@@ -121,6 +121,19 @@ def test_another_type_or_qos(seen: Evidence) -> None:
     assert found == "/litsim/ego/state: its type is std_msgs/msg/String"
 
 
+def test_a_foreign_publisher_on_an_internal_topic(seen: Evidence) -> None:
+    text = "/cheat: publishes on /litsim/controls, expected nobody"
+    ended = replace(
+        seen,
+        intrusions=(text,),
+        heard=seen.heard[:10],
+        counts={"answered": 10},
+        state="FAILED",
+        failure=text,
+    )
+    assert only(ended, "keeps to its topics") == text
+
+
 def test_a_publisher_that_the_bridge_cannot_hear(seen: Evidence) -> None:
     deaf = replace(seen, endpoints=(replace(seen.endpoints[0], problem="BEST_EFFORT"),), failure="no answer")
     assert only(deaf, "types and QoS") == "/litsim/ego/trajectory: BEST_EFFORT"

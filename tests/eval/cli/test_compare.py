@@ -79,7 +79,8 @@ def test_json_has_everything(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     main([before, after, "--json"])
     found = json.loads(capsys.readouterr().out)
     assert found["common"] == 1 and found["newly_failing"] == []
-    assert [each["name"] for each in found["measures"]] == ["passed", "valid", "collision.ego_at_fault"]
+    assert found["measures"][0]["name"] == "passed"
+    assert "collision.ego_at_fault" in [each["name"] for each in found["measures"]]
 
 
 @pytest.mark.parametrize(("others", "said"), [(["none"], "none: no folder of a campaign"), (["a", "a"], "3 campaigns")])

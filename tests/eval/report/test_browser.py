@@ -71,6 +71,14 @@ def test_playing_moves_the_agents(browser: Browser) -> None:
     assert browser.run("document.getElementById('clock').textContent") == f"{stopped['time'] / 10:.1f} s"
 
 
+@pytest.mark.parametrize("seconds", [1, 5, 28, 300, 1800, 7200])
+@pytest.mark.parametrize("pixels", [150, 400, 1200])
+def test_ticks_of_time_stay_apart(browser: Browser, seconds: float, pixels: int) -> None:
+    apart = browser.run(f"tickStep({seconds}, {pixels})")
+    assert apart * pixels / seconds >= 45.0, "labels are about 30 pixels wide"
+    assert apart == 1 or seconds / apart >= 1.2
+
+
 def test_speed_and_the_end(browser: Browser) -> None:
     browser.run("litsim.setSpeed(4); litsim.play()")
     browser.wait("litsim.time === litsim.scene.last && !litsim.playing")

@@ -12,6 +12,7 @@ def test_an_error_is_printed_short_and_without_control_characters(capsys: pytest
     error = capsys.readouterr().err
     assert error.startswith("error: frame \\x1b[31mred\\x1b[2J\\x07, xx") and error.endswith("xx\n")
     assert LONGEST < len(error) < 1.1 * LONGEST
+    assert printable(f"it is {1e308:.1f} m away") == "it is 100000... (309 digits).0 m away"
     assert printable("Ä → 3 m/s²\nsecond line") == "Ä → 3 m/s²\nsecond line"
 
 

@@ -50,6 +50,12 @@ def test_other_processors_are_left_alone(tmp_path: Path, text: str) -> None:
     assert environment == {}
 
 
+def test_kernels_are_compiled_whatever_is_debugged(tmp_path: Path) -> None:
+    environment = {"NUMBA_DISABLE_JIT": "1"}
+    choose_code(environment, tmp_path / "absent")
+    assert environment == {}
+
+
 def test_nothing_is_chosen_for_others_once_numpy_is_imported(tmp_path: Path) -> None:
     environment: dict[str, str] = {}
     choose_code(environment, cpuinfo(tmp_path, AVX512))

@@ -45,7 +45,15 @@ def test_every_row_is_where_its_table_has_it(crowd: Crowd) -> None:
         assert (steps.stacked.scene[own] == k).all()
         assert np.array_equal(steps.ids[steps.agent[own]], table.id)
         expected = table.rows(asked)
-        assert np.array_equal(steps.rows_of(asked)[k], np.where(expected >= 0, expected + steps.begin[k], -1))
+        expected = np.where(expected >= 0, expected + steps.begin[k], -1)
+        assert np.array_equal(steps.rows_of(asked)[k], expected)
+        number = np.full(len(asked), k)
+        assert np.array_equal(steps.rows_at(number, asked), expected)
+        until = [max(steps.rows_of(np.array([agent]))[: k + 1, 0], default=-1) for agent in asked]
+        assert np.array_equal(steps.rows_until(number, asked), until)
+        for field in ARRAY_FIELDS:
+            assert np.array_equal(getattr(steps[k], field), getattr(table, field)), "a part of the stack"
+    assert (steps.rows_at(np.array([-1, 8]), np.array([0, 0])) == -1).all(), "before the first and after the last"
 
 
 def test_the_track_of_an_agent_is_of_the_steps_at_which_it_is_there(crowd: Crowd) -> None:
@@ -67,6 +75,7 @@ def test_nobody_at_all_is_no_rows() -> None:
     for steps in (Steps([]), Steps([AgentTable.empty(3), AgentTable.empty(4)])):
         assert not len(steps.stacked) and not len(steps.overlaps) and not len(steps.track(1))
         assert steps.rows_of(np.array([1, 2])).shape == (len(steps), 2) and (steps.rows_of(np.array([1])) == -1).all()
+        assert steps.rows_at(np.array([0]), np.array([1])).tolist() == [-1]
 
 
 def test_steps_are_asked_together_as_one_by_one(crowd: Crowd) -> None:
@@ -101,6 +110,11 @@ def test_what_is_made_of_steps_is_made_once(crowd: Crowd) -> None:
     assert steps.once(count, 100) == 0 and made == [1, 100]
     later = steps.after(8)
     assert later is steps.after(8) and later.step.tolist() == [9, 10] and Steps.of(steps) is steps
+    own = steps.stacked.x[steps.begin[4] :]
+    assert np.shares_memory(later.stacked.x, own) and np.array_equal(later.stacked.x, own)
+    assert np.shares_memory(later[1].x, own) and later.begin.tolist() == [0, len(later[0]), len(own)]
+    assert later.stacked.number.tolist() == [0] * len(later[0]) + [1] * len(later[1])
+    assert len(steps.after(99)) == 0 and steps.after(-1) is steps
 
 
 def test_a_stack_can_be_taken_from_but_has_no_row_for_an_agent(crowd: Crowd) -> None:

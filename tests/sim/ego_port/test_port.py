@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from math import inf, nan
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from litsim_sim.core.errors import DIGITS_MAX, LONGEST
 from litsim_sim.core.scene import STEP_NS, EgoCommand, EgoMode
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import Answer, Interface, problem
@@ -212,6 +214,29 @@ def test_an_answer_that_is_no_use_stops(answer: Answer, why: str) -> None:
         at.take()
     said = f"the answer to step 20 on /litsim/ego/{answer.interface} cannot be used: {why}"
     assert str(error.value).startswith(said)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        twist(20, frame="\x1b[2J" + 2_000_000 * "m"),
+        trajectory(20, frame=2_000_000 * "m"),
+        replace(control(20), run_id=2_000_000 * "r"),
+        replace(control(20), fault=2_000_000 * "f"),
+        trajectory(20, speed=1e307),
+        replace(control(20), step=10**300),
+    ],
+)
+def test_whatever_an_answer_holds_what_is_said_about_it_is_short(answer: Answer) -> None:
+    at = port()
+    at.offer(answer)
+    texts = [remark.text for remark in at.remarks] + [at.unfit]
+    try:
+        at.take()
+    except AnswerInvalid as error:
+        texts.append(str(error))
+    assert any(texts) and all(len(text) < 1.2 * LONGEST and text.isprintable() for text in texts)
+    assert all(len(digits) <= DIGITS_MAX for text in texts for digits in re.findall("[0-9]+", text))
 
 
 @pytest.mark.parametrize(

@@ -5,10 +5,12 @@ from __future__ import annotations
 import gzip
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.io import files
 from litsim_sim.io.table_input import TableFile
 
 TABLE = pd.DataFrame({"a": [1, 2, 3], "b": ["x", None, "z"], "c": 0.5})
@@ -85,6 +87,22 @@ def test_other_separators_are_told_by_the_first_line(tmp_path: Path, separator: 
     TABLE.to_csv(tmp_path / "t.csv", index=False, sep=separator)
     table = TableFile.open(tmp_path / "t.csv").read(["a", "b", "c"])
     pd.testing.assert_frame_equal(table[["a", "b", "c"]], TABLE, check_dtype=False)
+
+
+@pytest.mark.parametrize("name", ["t.csv.gz", "t.parquet"])
+def test_a_small_file_that_unpacks_to_a_large_one_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    path, rows = tmp_path / name, 10**6
+    if name == "t.parquet":
+        pd.DataFrame({"a": np.zeros(rows), "b": 1.0}).to_parquet(path)
+    else:
+        path.write_bytes(gzip.compress(b"a,b\n" + b"0,1\n" * rows))
+    assert len(TableFile.open(path).read(["a", "b"])) == rows
+    monkeypatch.setattr(files, "UNPACKED_MIN", 10**6)
+    with pytest.raises(InputError, match=f"{name}: unpacks .*expected") as error:
+        TableFile.open(path).read(["a", "b"])
+    assert "\n" not in str(error.value)
 
 
 def test_lines_of_packed_files_are_those_of_their_content(tmp_path: Path) -> None:

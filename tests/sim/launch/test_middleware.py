@@ -11,6 +11,7 @@ import pytest
 from litsim_sim.core.errors import InputError
 from litsim_sim.launch.middleware import (
     ENCLAVE,
+    LOG_FOLDERS,
     LOOPBACK,
     NETWORK,
     PEERS,
@@ -18,6 +19,7 @@ from litsim_sim.launch.middleware import (
     RANGE,
     SECURITY,
     STRATEGY,
+    check_logging,
     check_security,
     enclave_setting,
     middleware_in_use,
@@ -78,6 +80,13 @@ def test_security_that_is_asked_for_has_to_be_enforced(strategy: dict[str, str])
 )
 def test_security_that_is_enforced_or_not_asked_for_is_fine(given: dict[str, str]) -> None:
     check_security(given)
+
+
+def test_a_folder_for_logs_of_ros_is_asked_for_by_its_variable() -> None:
+    with pytest.raises(InputError, match=r"; set ROS_LOG_DIR to a folder for the logs of ROS$"):
+        check_logging({"HOME": "", "PATH": "/bin"})
+    for name in LOG_FOLDERS:
+        check_logging({name: "/tmp"})
 
 
 def test_a_secured_program_is_in_the_enclave_of_its_name() -> None:

@@ -30,6 +30,12 @@ def test_a_folder_that_cannot_be_is_named(tmp_path: Path) -> None:
         check_output(tmp_path / "file/run", overwrite=False)
 
 
+def test_a_name_too_long_for_the_files_of_a_run_is_told(tmp_path: Path) -> None:
+    check_output(tmp_path / ("a" * 240), overwrite=False)
+    with pytest.raises(InputError, match="aaa: cannot be written: File name too long"):
+        check_output(tmp_path / ("a" * 250), overwrite=False)
+
+
 def test_a_folder_is_held_by_one_run_at_a_time(tmp_path: Path) -> None:
     with held_output(tmp_path):
         with (

@@ -66,6 +66,18 @@ def test_what_cannot_be_started_is_said(keep: Callable[..., subprocess.Popen[str
     assert said == f"error: {tmp_path}/no_stack: cannot be started: No such file or directory\n"
 
 
+def test_of_too_much_output_the_beginning_and_the_end_are_kept(tmp_path: Path) -> None:
+    script = "echo begin; yes | head -c 40000000; sleep 0.5; echo still there; yes | head -c 20000000; echo end"
+    log = tmp_path / "ads.log"
+    words = [sys.executable, "-I", "-S", supervisor.__file__, "sh", "-c", script]
+    with log.open("a") as stream:
+        assert subprocess.run(words, stdout=stream, stderr=stream, check=False, timeout=PATIENCE_S).returncode == 0
+    text = log.read_text()
+    assert supervisor.HEAD < len(text) <= supervisor.LOG_MAX
+    assert text.startswith("begin\n") and text.endswith("y\nend\n")
+    assert "bytes of output are left out here: a log has at most 16777216]\n" in text
+
+
 def test_what_the_command_has_left_behind_is_ended(keep: Callable[..., subprocess.Popen[str]], tmp_path: Path) -> None:
     """One in a session of its own, as daemons are, and one that does not listen to SIGTERM."""
     deaf, go = tmp_path / "deaf", tmp_path / "go"

@@ -32,6 +32,13 @@ def test_an_idle_stage_is_no_stranger_and_a_second_one_of_the_run_is() -> None:
     assert surplus("/litsim/status", names, [*nodes, "/ego", "/policy"]).startswith("/policy: publishes on ")
 
 
+def test_a_topic_that_the_run_does_without_is_for_idle_stages_alone() -> None:
+    names = owners((RECORDER,), external=True, signals=False)[CONTROLS]
+    assert names == () and surplus("/litsim/controls", names, ["/policy"]) == ""
+    text = surplus("/litsim/controls", names, ["/policy", "/cheat"])
+    assert text.startswith("/cheat: publishes on /litsim/controls, expected nobody")
+
+
 def test_another_bridge_is_called_so() -> None:
     text = surplus("/litsim/run_info", ["bridge"], ["/bridge", "/bridge"])
     assert text == "another bridge publishes on /litsim/run_info in the same domain; each needs a domain of its own"

@@ -228,16 +228,18 @@ def test_an_earlier_end_is_confirmed_whenever_it_is_announced(already: bool) -> 
     assert bag.buffer.gaps == ""
 
 
+@pytest.mark.parametrize("topic", [*BRIDGES, CONTROLS, EGO, APPLIED])
 @pytest.mark.parametrize("steps_later", [0, LAG + 2])
-def test_a_second_answer_to_a_step_that_differs_is_kept_and_named(steps_later: int) -> None:
+def test_a_second_answer_to_a_step_that_differs_is_kept_and_named(topic: str, steps_later: int) -> None:
     """A stage repeats its own answer when the bridge asks again; a different one is somebody else's."""
-    bag = Bag()
+    per_step = (*BRIDGES, CONTROLS, EGO if topic != APPLIED else APPLIED)
+    bag = Bag(per_step)
     for step in range(LAST + 1):
-        bag.show(step)
-        bag.show(step, CONTROLS)
+        bag.show(step, *per_step, TWIST)
+        bag.show(step, topic)
         if step == 7 + steps_later:
-            bag.buffer.take(CONTROLS, 7, b"of an intruder")
+            bag.buffer.take(topic, 7, b"of an intruder")
     bag.buffer.end(amid_step=False)
-    assert bag.steps_of(CONTROLS).count(7) == 2
-    assert len(bag.steps_of(CONTROLS)) == LAST + 2
-    assert bag.buffer.gaps == f"{CONTROLS} has two different messages for step 7, so somebody else publishes there"
+    assert bag.steps_of(topic).count(7) == 2
+    assert len(bag.steps_of(topic)) == LAST + 2
+    assert bag.buffer.gaps == f"{topic} has two different messages for step 7, so somebody else publishes there"

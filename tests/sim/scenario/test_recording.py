@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,6 +18,7 @@ from hypothesis import strategies as st
 from damage import REFUSED, SAME, damages, outcomes
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Kind
+from litsim_sim.io.parquet_input import parse_arrow
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.recording import CHECK_KEY, COLUMNS, HEADER_KEY, Recording, RecordingHeader
 
@@ -149,7 +152,52 @@ def test_files_that_are_no_recordings(tmp_path: Path) -> None:
         Recording.read(plain)
 
 
-@pytest.mark.parametrize("header", [b"{", b"[1, 2]", b'{"source": "nameless"}'])
+SHORT = pa.Table.from_pandas(table_of([(3, 0, 6)]), preserve_index=False)
+ANYTHING = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.floats()
+    | st.integers(-(10**320), 10**320)
+    | st.sampled_from(["", "a", "x" * 10**5]),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=8,
+)
+"""Any value of JSON, and some that JSON does not have."""
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.dictionaries(st.sampled_from([field.name for field in fields(RecordingHeader)]), ANYTHING), st.integers(0, 3))
+def test_whatever_a_header_holds_it_is_used_or_refused_in_one_short_line(values: dict[str, Any], kept: int) -> None:
+    usual = dict(list(asdict(HEADER).items())[: 2 * kept])  # so that only some fields are strange
+    header = json.dumps(values | usual if kept else values).encode()
+    try:
+        recording = Recording.from_arrow(SHORT.replace_schema_metadata({HEADER_KEY: header}), "made")
+    except InputError as error:
+        text = str(error)
+    else:
+        text = ""
+    if text:
+        assert len(text) < 500 and "\n" not in text
+        return
+    assert isinstance(recording.header.name, str) and recording.header.rate_hz == 10.0
+    again = parse_arrow(pa.BufferReader(recording.to_parquet()), "made")
+    assert Recording.from_arrow(again, "made").header.name == recording.header.name
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        b"{",
+        b"[1, 2]",
+        b'{"source": "nameless"}',
+        b"\xff\xfe",
+        b"[" * 10**6,
+        b'{"name": "deep", "notes": ' + b'{"a": ' * 10**5 + b"1" + b"}" * 10**5 + b"}",
+        b'{"name": "a", "rate_hz": "10"}',
+        b'{"name": "a", "notes": []}',
+        b'{"name": 7}',
+    ],
+)
 def test_malformed_headers(tmp_path: Path, header: bytes) -> None:
     path = tmp_path / "a.parquet"
     arrow = pa.Table.from_pandas(table_of([(3, 0, 6)]), preserve_index=False)

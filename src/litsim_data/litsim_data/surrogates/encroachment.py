@@ -46,16 +46,15 @@ def encroachments(tables: Sequence[AgentTable], agent: int) -> list[Encroachment
     table, own_rows = steps.stacked, steps.track(agent)
     if not len(own_rows):
         return []
-    boxes = np.column_stack([table.x, table.y, table.yaw, table.length, table.width])
-    own_step, own = steps.step[table.number[own_rows]], boxes[own_rows]
+    own_step, own = steps.step[table.number[own_rows]], _boxes(table, own_rows)
     in_time = (steps.step >= own_step[0] - PET_HORIZON) & (steps.step <= own_step[-1] + PET_HORIZON)
-    near = (steps.rows[in_time] >= 0).any(axis=0)
     encounters = []
-    for k in np.flatnonzero(near & (steps.ids != agent)).tolist():
-        other, rows = int(steps.ids[k]), steps.rows[:, k]
-        rows = rows[rows >= 0]
+    for other in np.unique(table.id[in_time[table.number]]).tolist():
+        if other == agent:
+            continue
+        rows = steps.track(other)
         other_step = steps.step[table.number[rows]]
-        entry = closest_use(own_step, own, other_step, boxes[rows])
+        entry = closest_use(own_step, own, other_step, _boxes(table, rows))
         if entry is not None:
             i, j, gap = entry
             first, step = (agent, other_step[j]) if own_step[i] < other_step[j] else (other, own_step[i])
@@ -63,11 +62,16 @@ def encroachments(tables: Sequence[AgentTable], agent: int) -> list[Encroachment
     return sorted(encounters, key=lambda e: (e.pet, e.agent))
 
 
+def _boxes(table: AgentTable, rows: IntArray) -> FloatArray:
+    """Returns the boxes (k, 5) in `rows` (k,): x, y, yaw, length, width."""
+    return np.column_stack([values[rows] for values in (table.x, table.y, table.yaw, table.length, table.width)])
+
+
 def closest_use(step_a: IntArray, a: FloatArray, step_b: IntArray, b: FloatArray) -> tuple[int, int, int] | None:
     """Returns the two uses of one place by two tracks that are closest in time.
 
     Args:
-        step_a, step_b: (n,), (m,) steps of the tracks.
+        step_a, step_b: (n,), (m,) steps of the tracks, ascending.
         a, b: (n, 5), (m, 5) boxes at these steps: x, y, yaw, length, width.
 
     Returns:
@@ -89,7 +93,9 @@ def _closest_use(
     """See :func:`closest_use`; the first of equally close uses, -1 for none; `reach` bounds the centre distance [m]."""
     best = -1, -1, PET_HORIZON + 1
     for i in range(len(a)):
-        for j in range(len(b)):
+        for j in range(np.searchsorted(step_b, step_a[i] - best[2]), len(b)):
+            if step_b[j] - step_a[i] >= best[2]:
+                break
             apart = abs(step_b[j] - step_a[i])
             if apart >= best[2]:
                 continue

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba.types import Tuple
 
-from litsim_sim.core.pair_geometry import overlap, within_scenes
+from litsim_sim.core.nearby import SORTED, Sorted, sorted_by_place, within_reach
+from litsim_sim.core.pair_geometry import overlap
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
 from litsim_sim.core.steps import Steps
 from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_FLOATS, OUT_INTS, float64, kernel
@@ -17,6 +18,7 @@ from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_FLOATS, OUT_INTS, floa
 TTC_HORIZON_S = 3.0  # nuPlan
 TTC_STEP_S = 0.1
 TTC_CRITICAL_S = (0.95, 1.5)  # nuPlan, and the common value of the literature
+ROUNDING_M = 1e-6  # by which bounds on distances are widened
 SIGHT_M = 100.0  # gap beyond which a vehicle is not a leader
 CORNERS = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]])  # of a box, in lengths and widths
 
@@ -110,14 +112,26 @@ def times_to_collision(table: AgentTable, rows: IntArray) -> FloatArray:
 
     0 in contact. Agents behind count only while in contact, as in nuPlan's measure. Scenes are independent.
     """
+    rows = rows.astype(np.int64)
     boxes = table.x, table.y, table.yaw, table.length, table.width
     velocity = table.speed * np.cos(table.yaw), table.speed * np.sin(table.yaw)
-    return _first_meetings(table.scene, rows.astype(np.int64), *boxes, *velocity)
+    return _first_meetings(sorted_by_place(table, rows), rows, *boxes, *velocity)
 
 
-@kernel(OUT_FLOATS(INTS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS))
+@kernel(float64(FLOATS, FLOATS))
+def _largest(x: FloatArray, y: FloatArray) -> float:
+    """Returns the length of the longest of the vectors `x`, `y` (n,), but for those that are NaN; 0 without any."""
+    largest = 0.0
+    for k in range(len(x)):
+        length = math.hypot(x[k], y[k])
+        if length > largest:  # noqa: PLR1730 - max would return NaN
+            largest = length
+    return largest
+
+
+@kernel(OUT_FLOATS(SORTED, INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS))
 def _first_meetings(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    scene: IntArray,
+    agents: Sorted,
     rows: IntArray,
     x: FloatArray,
     y: FloatArray,
@@ -128,12 +142,15 @@ def _first_meetings(  # noqa: PLR0917 - a kernel takes arrays and numbers
     speed_y: FloatArray,
 ) -> FloatArray:
     """See :func:`times_to_collision`; all arrays but `rows` (m,) are of all boxes (n,)."""
-    found, (begin, end) = np.full(len(rows), math.inf), within_scenes(scene, rows)
+    found = np.full(len(rows), math.inf)
     steps = round(TTC_HORIZON_S / TTC_STEP_S)
+    farthest = 0.5 * _largest(length, width) + _largest(speed_x, speed_y) * TTC_HORIZON_S + ROUNDING_M
     for m in range(len(rows)):
         a = rows[m]
         half, cos, sin = 0.5 * math.hypot(length[a], width[a]), math.cos(yaw[a]), math.sin(yaw[a])
-        for b in range(begin[m], end[m]):
+        own_way = math.hypot(speed_x[a], speed_y[a]) * TTC_HORIZON_S
+        begin, end = within_reach(agents, m, a, half + own_way + farthest)
+        for b in agents.order[begin:end]:
             dx, dy = x[b] - x[a], y[b] - y[a]
             fast_x, fast_y = speed_x[b] - speed_x[a], speed_y[b] - speed_y[a]
             reach = 0.5 * math.hypot(length[b], width[b]) + half + math.hypot(fast_x, fast_y) * TTC_HORIZON_S
@@ -156,8 +173,9 @@ def following(table: AgentTable, rows: IntArray) -> Following:
     The leader is the agent within :data:`SIGHT_M` whose box is the first that the strip meets which the own box sweeps
     straight ahead; the gap is the distance to where they meet.
     """
+    rows = rows.astype(np.int64)
     boxes = table.x, table.y, table.yaw, table.length, table.width
-    leader, gap = _leaders(table.scene, rows.astype(np.int64), *boxes)
+    leader, gap = _leaders(sorted_by_place(table, rows), rows, *boxes)
     there, speed = leader >= 0, table.speed[rows]
     along = table.speed[leader] * np.cos(table.yaw[leader] - table.yaw[rows])
     return Following.measured(leader, gap, np.where(there, speed - along, 0.0), speed)
@@ -198,9 +216,9 @@ def _rear(ahead: float, left: float, yaw: float, length: float, width: float, ha
     return rear if front > -back else math.inf
 
 
-@kernel(Tuple((OUT_INTS, OUT_FLOATS))(INTS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS))
+@kernel(Tuple((OUT_INTS, OUT_FLOATS))(SORTED, INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS))
 def _leaders(
-    scene: IntArray,
+    agents: Sorted,
     rows: IntArray,
     x: FloatArray,
     y: FloatArray,
@@ -210,17 +228,18 @@ def _leaders(
 ) -> tuple[IntArray, FloatArray]:
     """Leader (m,) and gap (m,) of :class:`Following`; all arrays but `rows` (m,) are of all boxes (n,)."""
     leader, gap = np.full(len(rows), -1, np.int64), np.full(len(rows), math.inf)
-    begin, end = within_scenes(scene, rows)
+    farthest = SIGHT_M + _largest(length, width) + ROUNDING_M
     for m in range(len(rows)):
         a = rows[m]
         cos, sin, front, half = math.cos(yaw[a]), math.sin(yaw[a]), 0.5 * length[a], 0.5 * width[a]
         nearest = SIGHT_M + front
-        for b in range(begin[m], end[m]):
+        begin, end = within_reach(agents, m, a, farthest + front + half)
+        for b in agents.order[begin:end]:
             dx, dy, reach = x[b] - x[a], y[b] - y[a], 0.5 * math.hypot(length[b], width[b])
             ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
-            if b == a or not (0.0 < ahead < nearest + reach and abs(left) < half + reach):
+            if b == a or not (0.0 < ahead <= nearest + reach and abs(left) < half + reach):
                 continue
             rear = _rear(ahead, left, yaw[b] - yaw[a], length[b], width[b], half, front)
-            if rear < nearest:
+            if rear < nearest or (rear == nearest and b < leader[m]):  # in any order, the same one
                 nearest, leader[m], gap[m] = rear, b, max(rear - front, 0.0)
     return leader, gap

@@ -95,11 +95,12 @@ def _record(site: Site, seed: int, seconds: float) -> Recording:
         for pair in pairs:
             # Mostly they touch because both keep towards each other: have them keep to the middle of their lanes.
             # Where that is not enough (SUMO moves bodies over junction borders and past tails), one must go.
+            if removed & set(pair):  # in this round, for another pair
+                continue
             if set(pair) <= centred:
-                if not removed & set(pair):
-                    worst = max(pair, key=lambda vehicle: (ids.count(vehicle), vehicle))
-                    tracks[worst] = pd.DataFrame()
-                    removed.add(worst)
+                worst = max(pair, key=lambda vehicle: (ids.count(vehicle), vehicle))
+                tracks[worst] = pd.DataFrame()
+                removed.add(worst)
                 continue
             for vehicle in pair:
                 centred.add(vehicle)

@@ -74,11 +74,13 @@ class Displacements:
         `steps` the number of steps of its log, and `ade_m` the mean distance over them [m], both by horizon.
         """
         off = (self.controlled | (self.distance > 0.0)) & (self.id != self.ego_id)
-        return [self._of(agent) for agent in np.unique(self.id[off]).tolist()]
+        order = np.argsort(self.id, kind="stable")
+        ids, begin = np.unique(self.id[order], return_index=True)
+        rows = dict(zip(ids.tolist(), np.split(order, begin[1:]), strict=False))  # one empty part of nobody
+        return [self._of(agent, rows[agent]) for agent in np.unique(self.id[off]).tolist()]
 
-    def _of(self, agent: int) -> dict[str, Any]:
-        of_agent = self.id == agent
-        step, distance, controlled = self.step[of_agent], self.distance[of_agent], self.controlled[of_agent]
+    def _of(self, agent: int, rows: IntArray) -> dict[str, Any]:
+        step, distance, controlled = self.step[rows], self.distance[rows], self.controlled[rows]
         within = {str(horizon): distance[step <= self._last(horizon)] for horizon in self.horizons}
         first = int(step[controlled][0]) if controlled.any() else None
         return {
@@ -119,23 +121,22 @@ def displacements(run: Run) -> Displacements:
     if len(steps) != len(logged):
         raise ValueError(f"a run of {len(steps)} steps has a log of {len(logged)}")
     table, log = steps.stacked, logged.stacked
-    rows, then = steps.rows_of(logged.ids), logged.rows
-    present = rows >= 0
-    counts = (then >= 0) & (present | (logged.ids != info.ego_id)) & (steps.step > info.history_steps)[:, None]
-    number, agent = np.nonzero(counts)
     # current or last pose of each agent in the run; the first pose of its log before it has entered
-    last = np.maximum.accumulate(np.where(present, np.arange(len(steps))[:, None], -1), axis=0)[number, agent]
-    at, start = rows[last, agent], then[np.argmax(then >= 0, axis=0), np.arange(len(logged.ids))][agent]
-    was, now = last >= 0, then[number, agent]
+    at = steps.rows_until(log.number, log.id)
+    was = at >= 0
+    here = was & (table.number[at] == log.number if len(table) else was)
+    counts = (here | (log.id != info.ego_id)) & (steps.step > info.history_steps)[log.number]
+    now = np.flatnonzero(counts)
+    at, was, here = at[now], was[now], here[now]
+    start = np.unique(log.id, return_index=True)[1][logged.agent[now]]
     x, y = log.x[start], log.y[start]
     x[was], y[was] = table.x[at[was]], table.y[at[was]]
-    here = present[number, agent]
     controlled = here.copy()
     controlled[here] = table.of_policy[at[here]]
     distance = np.hypot(x - log.x[now], y - log.y[now])
     return Displacements(
-        step=steps.step[number],
-        id=logged.ids[agent],
+        step=steps.step[log.number[now]],
+        id=log.id[now],
         distance=distance,
         controlled=controlled,
         present=here,

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from litsim_eval.analysis.metrics_tree import LockstepMetrics
-from litsim_sim.core.errors import INTERRUPTED
+from litsim_sim.core.errors import INTERRUPTED, printable
+from litsim_sim.core.lockstep import unanswered
 from litsim_sim.core.scene import ARRAY_FIELDS
-from litsim_sim.core.stages import StageState
+from litsim_sim.core.stages import BRIDGE, StageState
+from litsim_sim.core.topic_names import STATUS
 from litsim_sim.record.run import LOST_ATTACHMENTS, Run, TopicGaps
 
 
@@ -32,22 +34,24 @@ def problems(run: Run) -> list[str]:
 
 
 def _failures(run: Run) -> list[str]:
-    failed = [(s.stage, s.text.strip()) for s in run.statuses if s.state == StageState.FAILED]
+    failed = [(s.stage, printable(s.text.strip())) for s in run.statuses if s.state == StageState.FAILED]
     if run.failure:  # it ended other stages, and may repeat the text of the one that failed
         failed = [(stage, text) for stage, text in failed if text != INTERRUPTED and text not in run.failure]
     texts = [run.failure] if run.failure else []
     texts += [] if run.complete else [f"the recording is {run.problem}"]
     texts += [f"{stage} failed: {text}" for stage, text in failed]
+    if len({s.text for s in run.statuses if (s.stage, s.state) == (BRIDGE, StageState.FINISHED)}) > 1:
+        texts.append(f"{STATUS} has two different last messages of the bridge, so somebody else publishes there")
     if not run.summary:
         texts.append(f"the bridge did not finish: last step {run.tables[-1].step} of {run.last_step}")
     return texts
 
 
 def _unanswered(run: Run) -> list[str]:
-    texts = [f"{n} answers missed on {topic}" for topic, n in sorted(_missed(run).items()) if n]
-    texts += [f"{topic}: {_described(gaps)}" for topic, gaps in sorted(run.gaps.items()) if gaps]
-    invalid = (run.summary.get("ego_port") or {}).get("invalid")
-    return [*texts, f"{invalid} answers of the ego could not be used"] if invalid else texts
+    return [
+        *unanswered(run.summary),
+        *(f"{topic}: {_described(gaps)}" for topic, gaps in sorted(run.gaps.items()) if gaps),
+    ]
 
 
 def _unusable(run: Run) -> list[str]:

@@ -48,6 +48,7 @@ SAME_LANE, BESIDE = 1.8, 5.5  # [m] lateral distance up to which an agent is in 
 LEGEND_BELOW_PT = 36.0  # [pt] from the x axis to a legend below it: its tick labels and its name come between
 LATER = 5  # steps after a contact at which it is shown
 GROUPS_MAX = 12  # signal groups that are shown, unless the ego passes more
+DRAWN_MAX = 3000  # most steps of a space-time diagram, which has fewer pixels
 ROUTE_MAX = 3000.0  # [m]
 LOG_BESIDE = -1  # kind of line next to those of the controllers: log replay in an adjacent lane
 
@@ -263,7 +264,8 @@ def _boxes(table: AgentTable) -> FloatArray:
 
 def _space_time(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -> None:
     """Draws the paths of the agents in the ego's lane and beside it over time, coloured by controller."""
-    steps, route = run.steps, _route(run, lane_map)
+    every = -(-len(run.steps) // DRAWN_MAX)
+    steps, route = run.steps if every == 1 else Steps(run.steps[::every]), _route(run, lane_map)
     table = steps.stacked
     s, d = _along(route, table.x, table.y)
     ego = steps.rows_of(np.array([run.info.ego_id]))[:, 0]

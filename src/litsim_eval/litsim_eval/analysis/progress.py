@@ -20,7 +20,7 @@ def distance_of(tables: Sequence[AgentTable], agent: int, last: int | None = Non
     rows = rows if last is None else rows[steps.step[table.number[rows]] <= last]
     follows = np.diff(table.number[rows]) == 1
     parts = np.hypot(np.diff(table.x[rows]), np.diff(table.y[rows]))[follows]
-    return float(_added_up(parts)) if len(rows) else None
+    return float(np.append(0.0, parts).cumsum()[-1]) if len(rows) else None  # in order: rounding is reproducible
 
 
 def mean_progress(
@@ -45,18 +45,10 @@ def mean_progress(
 
 def _lengths(steps: Steps, log: Steps) -> FloatArray:
     """Returns the distance (n,) [m] travelled by each agent of `log`; see :func:`mean_progress`."""
-    common = min(len(steps), len(log))
-    rows, known = steps.rows_of(log.ids)[:common], log.rows[:common] >= 0
-    there = (rows >= 0) & known
-    counts = there[1:] & there[:-1]
-    at, table = np.where(counts, rows[1:], 0), steps.stacked
-    before = np.where(counts, rows[:-1], 0)
-    if not len(table):
-        return np.zeros(len(log.ids))
-    parts = np.where(counts, np.hypot(table.x[at] - table.x[before], table.y[at] - table.y[before]), 0.0)
-    return _added_up(parts)
-
-
-def _added_up(parts: FloatArray) -> FloatArray:
-    """Returns the sum of `parts` (k, ...) over the first axis, added in order so that rounding is reproducible."""
-    return np.cumsum(parts, axis=0)[-1] if len(parts) else np.zeros(parts.shape[1:])
+    table, number = steps.stacked, log.stacked.number
+    rows, before = (steps.rows_at(number - back, log.stacked.id) for back in (0, 1))
+    counts = (rows >= 0) & (before >= 0) & (log.rows_at(number - 1, log.stacked.id) >= 0)
+    at, before = rows[counts], before[counts]
+    parts = np.hypot(table.x[at] - table.x[before], table.y[at] - table.y[before])
+    # adds in order of the steps, too
+    return np.asarray(np.bincount(log.agent[counts], parts, len(log.ids)), np.float64)

@@ -7,16 +7,20 @@ over the features that can be judged: that of traffic lights needs signals and a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
+from numba.types import Tuple
 
 from litsim_data.surrogates.safety import TTC_HORIZON_S, times_to_collision
 from litsim_eval.analysis.signals import Passage
 from litsim_sim.core.geometry import box_corners
+from litsim_sim.core.nearby import SORTED, Sorted, sorted_by_place, within_reach
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
 from litsim_sim.core.steps import Steps
+from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_FLOATS, OUT_INTS, kernel
 from litsim_sim.lane_map.lane_map import LaneMap
 
 
@@ -49,6 +53,7 @@ FEATURES: dict[str, Feature] = {
     "traffic_light_violation": Feature(0.05, 0.0, 1.0, 2),  # of each stop line passed, whether it was at red
 }
 SMOOTHING = 0.1  # pseudo-count of a bin, so that no likelihood is 0
+FIRST_REACH = 5.0  # [m] from which the search for the nearest agent begins, twice as far each time
 SAMPLE = 5  # every fifth step is judged
 
 
@@ -160,19 +165,19 @@ def _values(
     if agents is not None:
         looked_at &= np.isin(steps.ids, sorted(agents))[steps.agent]
     rows = np.flatnonzero(looked_at)
-    before = steps.rows[number[rows] - 1, steps.agent[rows]]
+    before = steps.rows_at(number[rows] - 1, table.id[rows])
     rows, before = rows[before >= 0], before[before >= 0]
     features = dict.fromkeys(FEATURES, np.empty(0))
     if not len(rows):
         return np.empty(0, np.int64), features
     turn = _turn(table, rows, before, dt)
-    first = steps.rows[number[before] - 1, steps.agent[before]]
+    first = steps.rows_at(number[before] - 1, table.id[before])
     features["linear_speed"] = table.speed[rows]
     features["linear_acceleration"] = (table.speed[rows] - table.speed[before]) / dt
     features["angular_speed"] = turn
     known = (first >= 0) & steps.follows[number[before]]
     features["angular_acceleration"] = np.where(known, (turn - _turn(table, before, first, dt)) / dt, 0.0)
-    features["distance_to_nearest"] = _distances_to_nearest(steps, rows)
+    features["distance_to_nearest"] = _distance_to_nearest(table, rows)
     features["collision"] = np.isin(rows, steps.overlaps).astype(np.float64)
     features["time_to_collision"] = np.minimum(times_to_collision(table, rows), TTC_HORIZON_S)
     if lane_map is not None:
@@ -186,24 +191,31 @@ def _turn(table: AgentTable, rows: IntArray, before: IntArray, dt: float) -> Flo
     return np.angle(np.exp(1j * (table.yaw[rows] - table.yaw[before]))) / dt
 
 
-def _distances_to_nearest(steps: Steps, rows: IntArray) -> FloatArray:
-    """Returns :func:`_distance_to_nearest` of the agents in `rows` (m,), ascending, of the stacked table."""
-    number = steps.stacked.number[rows]
-    steps_of_rows, first = np.unique(number, return_index=True)
-    parts = np.split(rows - steps.begin[number], first[1:])
-    return np.concatenate(
-        [_distance_to_nearest(steps[k], part) for k, part in zip(steps_of_rows.tolist(), parts, strict=True)]
-    )
+def _distance_to_nearest(table: AgentTable, rows: IntArray) -> FloatArray:
+    """Returns distances (m,) [m] to the nearest agent of the scene: of centres, minus half of both lengths.
+
+    40 m without others.
+    """
+    nearest, distance = _nearest(sorted_by_place(table, rows), rows, table.x, table.y)
+    return np.where(nearest < 0, 40.0, distance - 0.5 * (table.length[rows] + table.length[nearest]))
 
 
-def _distance_to_nearest(table: AgentTable, rows: np.ndarray) -> FloatArray:
-    """Returns distances (m,) [m] to the nearest agent: of centres, minus half of both lengths; 40 m without others."""
-    if len(table) < 2:
-        return np.full(len(rows), 40.0)
-    distance = np.hypot(table.x[rows, None] - table.x, table.y[rows, None] - table.y)
-    distance[np.arange(len(rows)), rows] = np.inf
-    nearest = np.argmin(distance, axis=1)
-    return distance[np.arange(len(rows)), nearest] - 0.5 * (table.length[rows] + table.length[nearest])
+@kernel(Tuple((OUT_INTS, OUT_FLOATS))(SORTED, INTS, FLOATS, FLOATS))
+def _nearest(agents: Sorted, rows: IntArray, x: FloatArray, y: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Returns the rows (m,) of the agents nearest to those in `rows` (m,), -1 for none, and the distances (m,) [m]."""
+    nearest, distance = np.full(len(rows), -1, np.int64), np.full(len(rows), math.inf)
+    for m in range(len(rows)):
+        a, reach = rows[m], FIRST_REACH
+        while nearest[m] < 0 or distance[m] > reach:
+            reach *= 2.0
+            begin, end = within_reach(agents, m, a, reach)
+            for b in agents.order[begin:end]:
+                apart = math.hypot(x[b] - x[a], y[b] - y[a])
+                if b != a and (apart < distance[m] or (apart == distance[m] and b < nearest[m])):
+                    nearest[m], distance[m] = b, apart
+            if end - begin == agents.end[m] - agents.begin[m] or not reach < math.inf:
+                break
+    return nearest, distance
 
 
 def _distance_to_edge(table: AgentTable, rows: np.ndarray, lane_map: LaneMap) -> FloatArray:

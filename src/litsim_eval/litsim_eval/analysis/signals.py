@@ -7,12 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_sim.core.scene import AgentTable, Controller
+from litsim_sim.core.scene import AgentTable, Controller, IntArray
 from litsim_sim.core.signals import STOP_STATES, SignalState
 from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.signal_links import crossings
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.signals import Signals
+
+CELLS = 1_000_000
+"""Most pairs of an agent and a step that are looked at together, which bounds the memory."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,14 @@ def passages(signals: Signals, tables: Sequence[AgentTable]) -> list[Passage]:
     steps = Steps(table.take(~table.obstacle) if table.obstacle.any() else table for table in tables)
     if not len(steps.ids):
         return []
-    rows, table = steps.rows.T, steps.stacked  # (agents, steps)
+    some = max(1, CELLS // len(steps))
+    parts = (steps.ids[k : k + some] for k in range(0, len(steps.ids), some))
+    return [passage for agents in parts for passage in _passages_of(signals, steps, agents)]
+
+
+def _passages_of(signals: Signals, steps: Steps, agents: IntArray) -> list[Passage]:
+    """Returns passages by `agents` (n,), of which there are few enough for dense arrays."""
+    rows, table = steps.rows_of(agents).T, steps.stacked  # (agents, steps)
     x, y, yaw, length, controller = (
         np.where(rows >= 0, getattr(table, name)[rows], 0) for name in ("x", "y", "yaw", "length", "controller")
     )
@@ -60,7 +70,7 @@ def passages(signals: Signals, tables: Sequence[AgentTable]) -> list[Passage]:
         shown = signals.table(step).state[group] if signals.states.shape[1] else SignalState.UNAVAILABLE
         passed.append(
             Passage(
-                agent=int(steps.ids[agent]),
+                agent=int(agents[agent]),
                 step=step,
                 connection=signals.links[link].name,
                 group=signals.groups[group],

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from litsim_eval.analysis.displacement import HORIZONS_S
 from litsim_eval.analysis.metric import ADDED, added_metrics
+from litsim_eval.analysis.metrics_tree import leaves, metric_fields
+from litsim_sim.core.errors import shown
 
 Metrics = Mapping[str, Any]
 Figure = Callable[[Metrics], float | None]
@@ -65,6 +68,29 @@ RATIOS: dict[str, tuple[Figure, Figure]] = {
     ),
 }
 """Sums of the first number over sums of the second: released takeovers; commands of the policy that a guard changed."""
+
+
+def check_summable(metrics: Metrics) -> None:
+    """Checks that measures read from a file can be summarised, and that what criteria judge has its type.
+
+    Raises:
+        KeyError, TypeError, AttributeError, ValueError: they cannot; a branch is missing or a field has another type.
+    """
+    ratios, displacements = chain(*RATIOS.values()), (displacement(name, "5") for name in DISPLACEMENTS)
+    for figure in (*SUMS.values(), *MEANS.values(), *LARGEST.values(), *ratios, *displacements):
+        figure(metrics)
+    steps = [each["detected_step"] for each in metrics["ledger"]]
+    steps += [each["step"] for each in metrics["collision"]["contacts"]]
+    if max(steps, default=0) > metrics["steps"]:
+        raise ValueError(f"a takeover or contact at step {max(steps)}, expected at most {metrics['steps']}")
+    kinds = {field.name: field.kinds for field in metric_fields()}
+    for name, value in leaves(metrics).items():
+        expected = kinds.get(name)
+        if value is None or expected is None or type(value) in expected:
+            continue
+        if not (type(value) is int and float in expected):
+            names = " or ".join(sorted(kind.__name__ for kind in expected))
+            raise ValueError(f"field {name} is {shown(value)}, expected {names}")
 
 
 def displacement(name: str, horizon: str) -> Figure:

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from litsim_data.surrogates.encroachment import times_since_others
+from litsim_data.surrogates.encroachment import PET_HORIZON, times_since_others
 from litsim_data.surrogates.safety import following, times_to_collision
 from litsim_eval.analysis.comfort import BOUNDS, motion_values
 from litsim_eval.analysis.takeover import ledger
 from litsim_sim.core.scene import Controller
-from litsim_sim.core.steps import Steps
+from litsim_sim.core.steps import StackedTable, Steps
 from litsim_sim.io.files import replacing
 from litsim_sim.record.run import Run
 
 SERIES_FILE = "series.parquet"
 TAKEOVERS_FILE = "takeovers.parquet"
+ROWS_MAX = 300_000  # rows that are in memory together
 WORDS = ["controller", "takeover", "reason", "outcome"]  # dictionary-encoded columns
 RUN_KEYS = ("run_id", "scenario", "ego", "policy", "seed")
 
@@ -90,21 +93,37 @@ _MOTION = {  # bounded quantity of comfort: column
 }
 
 
-def series_table(run: Run) -> pa.Table:
-    """Returns one row per agent and step after the history, sorted by step and id; columns as SERIES.
+def series_tables(run: Run, rows_max: int = ROWS_MAX) -> Iterator[pa.Table]:
+    """Yields one row per agent and step after the history, sorted by step and id; columns as SERIES.
 
-    Missing values are null, never NaN or infinite.
+    Missing values are null, never NaN or infinite. Each table has whole steps, and up to `rows_max` rows if these have
+    no more; there is one table at least.
     """
-    steps = run.simulated
+    steps, begin = run.simulated, 0
+    while True:
+        end = max(begin + 1, int(steps.begin.searchsorted(steps.begin[begin] + rows_max, "right")) - 1)
+        yield _series_table(run, begin, min(end, len(steps)))
+        begin = end
+        if begin >= len(steps):
+            return
+
+
+def _series_table(run: Run, begin: int, end: int) -> pa.Table:
+    """Returns the rows of :func:`series_tables` of the simulated steps `begin` to `end`, exclusive."""
+    lead = max(0, begin - PET_HORIZON)  # steps before, on which those of the table depend
+    steps = Steps(run.simulated[lead:end])
     table = steps.stacked
     columns = {name: getattr(table, field) for name, field in _STATES.items()}
     columns["step"] = steps.step[table.number]
     columns["time_s"] = columns["step"] * run.info.dt
-    columns |= _surroundings(steps) | _deviations(run)
+    columns |= _surroundings(steps) | _deviations(table, run.simulated_log, lead)
     columns |= _motion(columns, run.info.dt)
+    own = slice(int(steps.begin[begin - lead]), None)
+    columns = {name: values[own] for name, values in columns.items()}
     arrays = {name: _array(values, SERIES.field(name).type) for name, values in columns.items()}
-    arrays["controller"] = pa.array([_CONTROLLERS.get(each) for each in table.controller.tolist()], TEXT)
-    states = {(step, t.agent): t.state.name.lower() for step, found in run.takeovers.items() for t in found}
+    arrays["controller"] = pa.array([_CONTROLLERS.get(each) for each in table.controller[own].tolist()], TEXT)
+    among = range(int(steps.step[begin - lead]), int(steps.step[-1]) + 1) if len(steps) else range(0)
+    states = {(step, t.agent): t.state.name.lower() for step in among for t in run.takeovers.get(step, ())}
     keys = zip(columns["step"].tolist(), columns["agent"].tolist(), strict=True)
     arrays["takeover"] = pa.array([states.get(key) for key in keys], TEXT)
     return _about(run, pa.table([arrays[name] for name in SERIES.names], schema=SERIES))
@@ -121,9 +140,14 @@ def write_tables(run: Run, folder: Path) -> None:
     Raises:
         InputError: they cannot be written.
     """
-    for name, table in ((SERIES_FILE, series_table(run)), (TAKEOVERS_FILE, takeovers_table(run))):
-        with replacing(folder / name) as path:
-            pq.write_table(table, path, compression="zstd", use_dictionary=WORDS)
+    for name, tables in ((SERIES_FILE, series_tables(run)), (TAKEOVERS_FILE, iter([takeovers_table(run)]))):
+        first = next(tables)
+        with (
+            replacing(folder / name) as path,
+            pq.ParquetWriter(path, first.schema, compression="zstd", use_dictionary=WORDS) as writer,
+        ):
+            for table in chain([first], tables):
+                writer.write_table(table)
 
 
 _STATES = {
@@ -158,11 +182,12 @@ def _surroundings(tables: Steps) -> dict[str, np.ndarray]:
     }
 
 
-def _deviations(run: Run) -> dict[str, np.ndarray]:
-    """Returns the distance from the logged pose, and speed minus the logged one; NaN where the log lacks the agent."""
-    steps, log = run.simulated, run.simulated_log
-    table = steps.stacked
-    rows = log.rows_of(steps.ids)[table.number, steps.agent] if len(log) else np.full(len(table), -1)
+def _deviations(table: StackedTable, log: Steps, lead: int) -> dict[str, np.ndarray]:
+    """Returns the distance from the logged pose, and speed minus the logged one; NaN where the log lacks the agent.
+
+    The first step of `table` is that of index `lead` in `log`.
+    """
+    rows = log.rows_at(table.number + lead, table.id)
     both = rows >= 0
     now, then = table.take(both), log.stacked.take(rows[both])
     far, faster = np.full((2, len(table)), np.nan)

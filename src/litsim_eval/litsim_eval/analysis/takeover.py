@@ -145,13 +145,15 @@ def _replay_contacts(run: Run, episodes: Sequence[Episode]) -> list[tuple[int, i
         replays.append((first.agent, first.detected_step, lags.get(first.agent, 0)))
         lags[first.agent] = round(last.time_shift / run.info.dt)
     steps, logged = run.simulated, run.logged
-    agent, after, lag = np.array(replays, np.int64).T
-    shown = steps.step[:, None] - lag  # (steps, replays) step of the log
-    at = logged.step.searchsorted(shown)
-    recorded = (at < len(logged)) & (logged.step[np.minimum(at, len(logged) - 1)] == shown)
-    rows = logged.rows_of(agent)[np.where(recorded, at, 0), np.arange(len(replays))]
-    number, which = np.nonzero(recorded & (rows >= 0) & (steps.step[:, None] > after))
-    ghosts, movers = logged.stacked.take(rows[number, which]), steps.stacked.take(_away_from_log(run))
+    rows = [logged.track(agent) for agent, _, _ in replays]
+    which = np.repeat(np.arange(len(replays)), list(map(len, rows)))
+    _, after, lag = np.array(replays, np.int64).T
+    row = np.concatenate(rows)
+    shown = logged.step[logged.stacked.number[row]] + lag[which]  # step of the run
+    number = np.minimum(steps.step.searchsorted(shown), len(steps) - 1)
+    replayed = (steps.step[number] == shown) & (shown > after[which])
+    row, which, number = row[replayed], which[replayed], number[replayed]
+    ghosts, movers = logged.stacked.take(row), steps.stacked.take(_away_from_log(run))
     x, y, yaw, length, width = (
         np.concatenate([getattr(ghosts, name), getattr(movers, name)]) for name in ("x", "y", "yaw", "length", "width")
     )
@@ -165,8 +167,8 @@ def _replay_contacts(run: Run, episodes: Sequence[Episode]) -> list[tuple[int, i
 
 def _away_from_log(run: Run) -> BoolArray:
     """Returns (m,) whether each row after the history is of an agent off its log, or on it with a visible lag."""
-    steps, table, log = run.simulated, run.simulated.stacked, run.simulated_log.stacked
-    then = run.simulated_log.rows_of(steps.ids)[table.number, steps.agent]
+    table, log = run.simulated.stacked, run.simulated_log.stacked
+    then = run.simulated_log.rows_at(table.number, table.id)
     there = then >= 0
     apart = np.full(len(table), np.inf)
     apart[there] = np.hypot(table.x[there] - log.x[then[there]], table.y[there] - log.y[then[there]])
@@ -178,7 +180,7 @@ def handbacks(run: Run) -> list[Handback]:
     steps, table = run.steps, run.steps.stacked
     held = np.flatnonzero(table.of_policy & (table.number < len(steps) - 1))
     held = held[steps.follows[table.number[held] + 1]]
-    after = steps.rows[table.number[held] + 1, steps.agent[held]]
+    after = steps.rows_at(table.number[held] + 1, table.id[held])
     back = held[(after >= 0) & (table.controller[after] == Controller.LOG)]
     return [
         _handback(run, index, agent)
@@ -265,11 +267,11 @@ def _ego_distance(run: Run, agent: int, step: int) -> float | None:
 
 def _outcome(run: Run, agent: int, last_step: int, *, released: bool) -> Outcome | None:
     """Returns the outcome of the takeover of `agent` with its last record at `last_step`."""
-    after = next((table for table in run.tables if table.step > last_step), None)
-    if after is None:
+    after = int(run.steps.step.searchsorted(last_step, "right"))
+    if after == len(run.steps):
         outlived = bool(run.log) and run.log[-1].row(agent) < 0
         return Outcome.BACK_ON_LOG if released else Outcome.OUTLIVED_LOG if outlived else None
-    there = after.row(agent) >= 0
+    there = run.steps[after].row(agent) >= 0
     if released:
         return Outcome.BACK_ON_LOG if there else Outcome.LOG_OVER
     return None if there else Outcome.LEFT_NET

@@ -71,7 +71,7 @@ class CampaignFolder:
         """Begins a campaign, or resumes the one in this folder.
 
         Folders of runs without a result, which a killed campaign leaves behind, are removed; foreign files in the
-        folder stay. Results that were judged by other criteria are judged again, from their measures.
+        folder stay. Results that were judged by other criteria are stored with their verdicts by those of `suite`.
 
         Args:
             suite: the resolved suite.
@@ -87,11 +87,9 @@ class CampaignFolder:
         """
         if overwrite and self._file.exists():
             self._remove()
-        begun_at = now()
-        if self._file.exists():
-            earlier = read_campaign(self.path)
+        earlier = read_campaign(self.path) if self._file.exists() else None
+        if earlier is not None:
             _check_same(earlier, cases, versions)
-            begun_at = earlier.begun_at
         self._remove_unfinished()
         described = suite.model_dump(mode="json")
         _write(
@@ -103,15 +101,14 @@ class CampaignFolder:
                 "criteria": described["criteria"],
                 "versions": dict(versions),
                 "cases": [case.to_json() for case in cases],
-                "begun_at": begun_at,
+                "begun_at": now() if earlier is None else earlier.begun_at,
             },
         )
-        done = {}
-        for result in read_results(self.path, cases):
-            again = result.judged_again(suite.criteria)
-            done[result.case.id] = again
-            if again.criteria != result.criteria:
-                self.store(again)
+        done = {result.case.id: result for result in read_results(self.path, cases, suite.criteria)}
+        if earlier is not None and earlier.criteria != suite.criteria:
+            for result in done.values():
+                if result.metrics is not None:
+                    self.store(result)
         return done
 
     def run_folder(self, case: Case) -> Path:

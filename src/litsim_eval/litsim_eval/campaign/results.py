@@ -9,9 +9,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from litsim_eval.analysis.summary import check_summable
 from litsim_eval.campaign.case import Case
 from litsim_eval.campaign.criteria import Criteria, CriterionResult, Outcome, Verdict
-from litsim_sim.core.errors import InputError
+from litsim_sim.core.errors import InputError, shown
 from litsim_sim.io.yaml_input import validate_yaml
 from litsim_sim.launch.output import OF_MANY_RUNS
 
@@ -30,7 +31,7 @@ class RunResult:
 
     Attributes:
         case: the case.
-        verdict: verdict on it.
+        verdict: verdict on it, always computed from the measures.
         reason: why it has not passed, in one line; empty if it has.
         criteria: results of all criteria; empty if it could not be judged.
         metrics: the tree of `metrics.json`; None without measures.
@@ -53,7 +54,7 @@ class RunResult:
     @classmethod
     def judged(cls, case: Case, metrics: Mapping[str, Any], criteria: Criteria, **files: Any) -> RunResult:
         """Returns the result of a run that was measured, an error if it is not valid; `files` are further fields."""
-        if not metrics["valid"]:
+        if metrics["valid"] is not True:
             return cls.error(case, f"the run is not valid: {metrics['why']}", metrics=metrics, **files)
         judged = tuple(criterion.of_run(metrics) for criterion in criteria.runs)
         reason = "; ".join(f"{each.name}: {each.reason}" for each in judged if not each.passed)
@@ -66,27 +67,26 @@ class RunResult:
         one_line = " ".join(reason.split())
         return cls(case, Verdict.ERROR, one_line, (), metrics, **({"finished_at": now()} | files))
 
-    def judged_again(self, criteria: Criteria) -> RunResult:
-        """Returns the same run judged by other criteria; an error stays one."""
-        if self.verdict == Verdict.ERROR or self.metrics is None:
-            return self
-        files = {name: getattr(self, name) for name in ("recording", "report", "log", "wall_s", "finished_at")}
-        return RunResult.judged(self.case, self.metrics, criteria, **files)
-
     def to_json(self) -> dict[str, Any]:
-        """Returns the result as values for JSON; the inverse of :meth:`from_json`."""
+        """Returns the result as values for JSON; the inverse of :meth:`from_json`, by the same criteria."""
         own = {name: getattr(self, name) for name in self.__dataclass_fields__}
         own |= {"case": self.case.to_json(), "verdict": self.verdict.value}
         own |= {"criteria": [asdict(each) for each in self.criteria]}
         return {"format": FORMAT, **own}
 
     @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> RunResult:
-        """Returns what :meth:`to_json` was made of; raises KeyError, TypeError or ValueError for other values."""
-        own = {name: values[name] for name in cls.__dataclass_fields__}
-        own |= {"case": Case.from_json(values["case"]), "verdict": Verdict(values["verdict"])}
-        own |= {"criteria": tuple(CriterionResult(**each) for each in values["criteria"])}
-        return cls(**own)
+    def from_json(cls, values: Mapping[str, Any], criteria: Criteria) -> RunResult:
+        """Returns what :meth:`to_json` was made of, judged by `criteria`: the verdict in `values` is not believed.
+
+        Raises:
+            KeyError, TypeError, ValueError, AttributeError: `values` are others.
+        """
+        case, metrics = Case.from_json(values["case"]), values["metrics"]
+        files = {name: values[name] for name in ("recording", "report", "log", "wall_s", "finished_at")}
+        if metrics is None:
+            return cls.error(case, values["reason"] or "the run has left no measures", **files)
+        check_summable(metrics)
+        return cls.judged(case, metrics, criteria, **files)
 
 
 @dataclass(frozen=True)
@@ -153,57 +153,58 @@ def read_campaign(path: Path) -> Campaign:
     values = _read(file)
     try:
         cases = tuple(Case.from_json(each) for each in values["cases"])
+        criteria = validate_yaml(values["criteria"], Criteria, f"{file}: criteria", "")
         return Campaign(
             folder=path,
             name=values["name"],
-            criteria=validate_yaml(values["criteria"], Criteria, f"{file}: criteria", ""),
+            criteria=criteria,
             versions=values["versions"],
             cases=cases,
-            results=tuple(read_results(path, cases)),
+            results=tuple(read_results(path, cases, criteria)),
             begun_at=values["begun_at"],
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"{file}: not a campaign: {type(error).__name__}: {error}") from error
 
 
-def read_results(path: Path, cases: Iterable[Case]) -> list[RunResult]:
+def read_results(path: Path, cases: Iterable[Case], criteria: Criteria) -> list[RunResult]:
     """Returns results of those of `cases` that are finished, in their order, from the folder `path`.
 
-    Name, tags and events are those of `cases`: they may have been added to the suite since.
-
-    Raises:
-        InputError: one cannot be read.
+    Verdicts are computed from the measures, by `criteria`; a file that cannot be read makes its case an error. Name,
+    tags and events are those of `cases`: they may have been added to the suite since.
     """
-    results = []
-    for case in cases:
-        file = path / RUNS_FOLDER / case.id / RESULT_FILE
-        if not file.is_file():
-            continue
-        try:
-            values = _read(file)
-            results.append(replace(RunResult.from_json(values), case=case))
-        except InputError as error:
-            raise InputError(f"{error}{_again(file)}") from error
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            fault = f"{file}: not a result of a run: {type(error).__name__}: {error}"
-            raise InputError(f"{fault}{_again(file)}") from error
-    return results
+    files = ((case, path / RUNS_FOLDER / case.id / RESULT_FILE) for case in cases)
+    return [_read_result(file, case, criteria) for case, file in files if file.is_file()]
 
 
-def _again(file: Path) -> str:
-    """Returns a hint on the `file` of a result that cannot be used."""
-    return f"; once the folder {file.parent} is removed, evaluate runs this case again"
+def _read_result(file: Path, case: Case, criteria: Criteria) -> RunResult:
+    """Returns the result of `case` in `file`; an error if it cannot be read."""
+    try:
+        values = _read(file)
+        result = RunResult.from_json(values, criteria)
+        fault = "" if result.case.id == case.id else f"{file}: is of case {result.case.id}, expected {case.id}"
+    except InputError as error:
+        fault = str(error)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        fault = f"{file}: not a result of a run: {type(error).__name__}: {shown(str(error))}"
+    if not fault:
+        return replace(result, case=case)
+    return RunResult.error(case, f"{fault}; evaluate --retry-errors runs this case again", finished_at="")
 
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        values = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
     written = values.get("format") if isinstance(values, dict) else None
     if written not in READABLE:
         raise InputError(f"{path}: format {written}, expected {FORMAT}")
     return dict(values)
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"{constant} is no number of JSON")
 
 
 def now() -> str:

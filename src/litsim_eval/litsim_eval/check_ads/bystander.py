@@ -25,6 +25,8 @@ from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.ego_port.answer import Interface
 from litsim_sim.launch.middleware import middleware_in_use
 from litsim_sim.nodes.diagnostics import BRIDGE_NAME, PORT_NAME
+from litsim_sim.nodes.publishers import Owners, check_publishers
+from litsim_sim.nodes.responses import RunFailed
 from litsim_sim.ros.ego_port import CONVERT
 from litsim_sim.ros.endpoints import Endpoints, node_of
 from litsim_sim.ros.topics import DIAGNOSTICS, EGO_FEEDS, EGO_INPUTS, EGO_STATE, Topic
@@ -45,11 +47,13 @@ class Bystander:
         present: whether any such publisher is there now.
         state, counts, interface: latest values on ``/diagnostics``.
         remarks: all messages of the ego port on ``/diagnostics``.
+        intrusions: texts on publishers on internal topics that are no nodes of the run.
     """
 
     declared = Endpoints(NAME, (), (*EGO_INPUTS.values(), EGO_STATE, DIAGNOSTICS))
 
-    def __init__(self, domain_id: int) -> None:
+    def __init__(self, domain_id: int, internal: Owners) -> None:
+        """Listens in `domain_id`; `internal` are the topics on which only their owners may publish."""
         self.published_ns: dict[int, list[int]] = {}
         self.heard: list[Heard] = []
         self.discovered_s: dict[Interface, float] = {}
@@ -58,6 +62,8 @@ class Bystander:
         self.counts: dict[str, int] = {}
         self.interface: Interface | None = None
         self.remarks: list[str] = []
+        self.intrusions: list[str] = []
+        self._internal = internal
         self._began = time.monotonic()
         self._endpoints: dict[bytes, Endpoint] = {}
         self._context = Context()
@@ -123,6 +129,11 @@ class Bystander:
             for info in self._node.get_subscriptions_info_by_topic(topic.name):
                 self._note(topic, info, publishes=False)
         self.present = present
+        if not self.intrusions:
+            try:
+                check_publishers(self._node, self._internal)
+            except RunFailed as error:
+                self.intrusions.append(str(error))
 
     def _note(self, topic: Topic, info: Any, *, publishes: bool) -> None:
         node = node_of(info)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from litsim_eval.check_ads.trace import FINISHED, Endpoint, Evidence, Heard
+from litsim_sim.core.errors import printable, shown
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, EgoCommand, FloatArray
 from litsim_sim.core.vehicle import VehicleModel
@@ -17,6 +18,7 @@ from litsim_sim.ego_port.answer import BODY_FRAMES, INPUTS, MAP_FRAME, Answer, I
 from litsim_sim.ego_port.tracking import CRAWL, OFFSET_MAX, EgoState, Reference, Trajectory, TwistTarget
 
 ALONG = np.deg2rad(60.0)  # [rad] largest angle between a heading along the road and the lane's
+FRAMES_MAX = 5  # most frames that are named
 STRAY = 0.05  # share of a trajectory's headings that may deviate by more
 QUIET_S = 1.0  # [s] without a message, after which a stack counts as idle
 SLACK = 1.05  # factor by which a demand may exceed a limit before it counts as clipped
@@ -54,15 +56,17 @@ class Limits:
 
 def judge(evidence: Evidence, limits: Limits) -> list[Clause]:
     """Judges all clauses, in the order of a run."""
-    return [
+    clauses = (
         discovery(evidence),
         qos(evidence),
+        own_topics(evidence),
         answers(evidence),
         latency(evidence, limits.latency_ms),
         frames(evidence),
         values(evidence, limits.clipped),
         ending(evidence),
-    ]
+    )
+    return [replace(clause, text=printable(clause.text)) for clause in clauses]
 
 
 def discovery(evidence: Evidence) -> Clause:
@@ -97,6 +101,16 @@ def qos(evidence: Evidence) -> Clause:
     )
 
 
+def own_topics(evidence: Evidence) -> Clause:
+    """Nobody but the nodes of the run publishes on the graph's internal topics, the stack least of all."""
+    name = "keeps to its topics"
+    if not evidence.discovered_s and not evidence.intrusions:
+        return Clause(name, Verdict.OPEN, "nothing was found")
+    text = "; ".join(evidence.intrusions)
+    verdict = Verdict.FAIL if text else Verdict.PASS
+    return Clause(name, verdict, text or "no internal topic has a foreign publisher", {"found": evidence.intrusions})
+
+
 def _by_topic(endpoints: Sequence[Endpoint]) -> dict[str, str]:
     """Returns the first mismatch by topic; an empty text if there is none."""
     mismatches: dict[str, str] = {}
@@ -110,7 +124,8 @@ def answers(evidence: Evidence) -> Clause:
     name = "answers every step"
     if not evidence.reachable:
         return Clause(name, Verdict.OPEN, "the bridge cannot hear the stack")
-    last = max(evidence.published_ns, default=-1) if evidence.left is None else evidence.left - 1
+    amid = bool(evidence.intrusions and evidence.failure)  # another clause says why the run ended amid a step
+    last = max(evidence.published_ns, default=-1) - amid if evidence.left is None else evidence.left - 1
     steps = range(last + 1)
     if not steps:
         return Clause(name, Verdict.OPEN, "no step was published")
@@ -132,7 +147,7 @@ def answers(evidence: Evidence) -> Clause:
         faults.append(f"{counts['refused']} on a second interface")
     if counts["late"]:
         faults.append(f"{counts['late']} late")
-    if evidence.failure and evidence.left is None:
+    if evidence.failure and evidence.left is None and not amid:
         faults.append(evidence.failure)
     text = f"{len(steps) - len(missing)} of {len(steps)} steps"
     text += "" if evidence.left is None else ", until the stack left"
@@ -185,8 +200,8 @@ def frames(evidence: Evidence) -> Clause:
     if lost := [(each, share) for each, share in stray if share > STRAY]:
         words = f"{lost[0][1]:.0%} of its headings more than 60 degrees off the lane's"
         faults.append(_first([each for each, _ in lost], f"{len(lost)} deviate from the road's direction", words))
-    used = sorted({each.answer.frame for each in evidence.used})
-    text = f"frame {', '.join(repr(frame) for frame in used)}"
+    used = sorted({shown(each.answer.frame) for each in evidence.used})[:FRAMES_MAX]
+    text = f"frame {', '.join(used)}"
     if away:
         text += f"; begins at most {max(offset for _, offset in away):.2f} m from the ego"
     if stray and not lost:

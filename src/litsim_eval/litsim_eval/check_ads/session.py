@@ -22,6 +22,7 @@ from litsim_sim.launch.nodes import find_executable, program_of
 from litsim_sim.launch.processes import STACK as ADS
 from litsim_sim.launch.processes import Graph, GraphFailed
 from litsim_sim.launch.signals import signals_deferred
+from litsim_sim.nodes.publishers import owners
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.scenario.scenario import Scenario
@@ -69,7 +70,8 @@ def observe(check: Check) -> Evidence:
     file = check.out / "scenario.yaml"
     file.write_text(check.scenario.to_yaml(), encoding="utf-8")
     stack: Child | None = None
-    with Bystander(check.domain_id) as bystander:
+    internal = owners(plan.stages, external=True, signals=check.scenario.signals is not None)
+    with Bystander(check.domain_id, internal) as bystander:
         try:
             graph.start(BRIDGE, nodes[BRIDGE], _bridge(check, plan, file))
             _meet(graph.children[BRIDGE], bystander)
@@ -101,6 +103,7 @@ def observe(check: Check) -> Evidence:
             failure=failure,
             left=left,
             ending=ending,
+            intrusions=tuple(bystander.intrusions),
         )
 
 
@@ -149,7 +152,8 @@ def _start(check: Check) -> Child:
     """Starts the stack in the domain of the graph."""
     log = check.out / "log" / f"{STACK}.log"
     environment = os.environ | {"ROS_DOMAIN_ID": str(check.domain_id)} | enclave_setting(os.environ, ADS, check.command)
-    with log.open("w") as stream, signals_deferred():
+    log.unlink(missing_ok=True)
+    with log.open("a") as stream, signals_deferred():
         process = start_supervised(check.command, env=environment, stdout=stream, stderr=stream)
     return Child(STACK, process, log)
 

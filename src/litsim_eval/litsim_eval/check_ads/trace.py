@@ -87,6 +87,7 @@ class Evidence:
         failure: why the run failed; empty if it did not.
         left: step at which the stack left before the end of the run; None if it stayed.
         ending: behaviour after the end of the run.
+        intrusions: texts on publishers on topics of the graph that are not for stacks.
     """
 
     wait_s: float
@@ -106,6 +107,7 @@ class Evidence:
     failure: str
     left: int | None
     ending: Ending = field(default_factory=lambda: Ending(0.0, None, present=False))
+    intrusions: tuple[str, ...] = ()
 
     def driven(self, step: int) -> EgoState | None:
         """Returns the state of the ego at a step; None if it is unknown, or the answer does not drive the ego."""

@@ -87,7 +87,7 @@ def evaluate(arguments: argparse.Namespace) -> int:
         runs = RayRuns(folder, suite.criteria, arguments.ray, arguments.processes, arguments.time_limit)
         runs.check(cases)
     if arguments.dry_run:
-        return _list_cases(cases, folder, arguments)
+        return _list_cases(cases, read_results(folder.path, cases, suite.criteria), arguments)
     with folder.alone():
         done = folder.begin(suite, cases, versions, overwrite=arguments.overwrite)
         if arguments.retry_errors:
@@ -124,9 +124,9 @@ def _counts(results: Collection[RunResult]) -> dict[str, int]:
     return {name: verdicts[verdict] for verdict, name in VERDICT_NAMES.items()}
 
 
-def _list_cases(cases: Sequence[Case], folder: CampaignFolder, arguments: argparse.Namespace) -> int:
-    """Prints for every case its verdict, or that it is to be run; returns the exit status."""
-    done = {result.case.id: result for result in read_results(folder.path, cases)}
+def _list_cases(cases: Sequence[Case], results: Sequence[RunResult], arguments: argparse.Namespace) -> int:
+    """Prints for every case its verdict among `results`, or that it is to be run; returns the exit status."""
+    done = {result.case.id: result for result in results}
     if arguments.retry_errors:
         done = _judged(done)
     for case in cases:

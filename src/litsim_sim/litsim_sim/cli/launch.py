@@ -10,7 +10,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser, positive
-from litsim_sim.cli.program import interrupt_on_signals, program
+from litsim_sim.cli.program import interrupt_on_signals, program, run_status
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
@@ -21,7 +21,8 @@ from litsim_sim.kernels.garbage import without_collection
 from litsim_sim.launch.adapters import EgoAdapter, adapter_names, adapter_of
 from litsim_sim.launch.child import check_program
 from litsim_sim.launch.domain import graph_domain
-from litsim_sim.launch.middleware import check_security
+from litsim_sim.launch.middleware import check_logging, check_security
+from litsim_sim.launch.net_check import begin_net_check
 from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphNode, find_executable, in_one_process, nodes_of
 from litsim_sim.launch.output import check_output, held_output
 from litsim_sim.launch.processes import Graph, GraphFailed
@@ -42,6 +43,7 @@ def launch(arguments: argparse.Namespace) -> int:
     """
     with without_collection():  # the first step comes 1.07 times as late without this (1.01 to 1.10, 5 pairs)
         check_security(os.environ)
+        check_logging(os.environ)
         started_here = bool(arguments.command)
         adapter = _through_adapter(arguments)
         plan = plan_of(arguments)
@@ -49,6 +51,7 @@ def launch(arguments: argparse.Namespace) -> int:
             raise InputError(f"{shlex.join(arguments.command)}: the ego is {plan.ego}, expected --ego {EXTERNAL}")
         if arguments.command:
             check_program(arguments.command)
+        check_net = begin_net_check(plan.scenario.net_path)
         domain = graph_domain(arguments.domain_id, reserve=plan.ego != EXTERNAL or started_here)
         out = Path(f"bags/{plan.scenario.name}" if arguments.out is None else arguments.out)
         nodes = nodes_of(
@@ -69,6 +72,7 @@ def launch(arguments: argparse.Namespace) -> int:
         nodes = nodes if arguments.apart else in_one_process(nodes)
         paths = {node.name: find_executable(node.package, node.executable) for node in nodes}
         prepare_nodes()
+        check_net()
     with ExitStack() as held:
         with domain as domain_id:  # before the folder is made, which a run that is refused would leave behind
             check_output(out, arguments.overwrite)
@@ -85,7 +89,10 @@ def launch(arguments: argparse.Namespace) -> int:
                 if arguments.analyze:
                     _recorded(out, quiet=True, failed=True)
                 return EXIT_FAILED
-        status = _recorded(out, quiet=arguments.quiet) if arguments.analyze else 0
+        if arguments.analyze:
+            status = _recorded(out, quiet=arguments.quiet)
+        else:
+            status = run_status({"valid": not graph.invalid, "why": graph.invalid}, out)
     if not status:
         say(arguments, f"recorded in {out}")
     return status

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import re
 import reprlib
 import sys
 import traceback
@@ -12,9 +13,12 @@ EXIT_FAILED = 1  # negative result: a run failed or is not valid, or a compariso
 EXIT_INPUT = 2  # input that cannot be used
 EXIT_INTERRUPTED = 130  # Ctrl-C: 128 + SIGINT, as in shells
 LONGEST = 4000  # most characters of an error: names of fields, frames and files may be as long as their author likes
+DIGITS_MAX = 40
 SHOWN_MAX = 60  # most characters of a wrong value that an error repeats
 INTERRUPTED = "interrupted"
 """The :func:`reason` of a KeyboardInterrupt."""
+
+_DIGITS = re.compile(f"[0-9]{{{DIGITS_MAX + 1},}}")
 
 
 class InputError(Exception):
@@ -47,9 +51,14 @@ def print_error(what: object) -> None:
 
 
 def printable(text: str) -> str:
-    """Returns `text` of at most `LONGEST` characters, with control characters, which steer terminals, as escapes."""
+    """Returns `text` as people read it on terminals, in logs, records and reports, whoever has written it.
+
+    It has at most `LONGEST` characters, no more than `DIGITS_MAX` digits in a row, and control characters, which steer
+    terminals, as escapes.
+    """
     if len(text) > LONGEST:
         text = f"{text[: LONGEST // 2]} ... ({len(text) - LONGEST} characters) ... {text[-LONGEST // 2 :]}"
+    text = _DIGITS.sub(lambda digits: f"{digits[0][:6]}... ({len(digits[0])} digits)", text)
     if text.replace("\n", "").isprintable():
         return text
     return "".join(c if c == "\n" or c.isprintable() else c.encode("unicode_escape").decode() for c in text)

@@ -8,11 +8,20 @@ a DDS graph can be lost until all readers and writers have matched; from then on
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 RECORDER_WINDOW = 50
 """Steps by which the bridge may be ahead of what the recorder has confirmed."""
+
+
+def unanswered(summary: Mapping[str, Any]) -> list[str]:
+    """Returns what makes a run invalid by the bridge's `summary`, in words: answers that were missed or unusable."""
+    missed = sorted((summary.get("missed") or {}).items())
+    invalid = (summary.get("ego_port") or {}).get("invalid")
+    texts = [f"{count} answers missed on {topic}" for topic, count in missed if count]
+    return [*texts, f"{invalid} answers of the ego could not be used"] if invalid else texts
 
 
 @dataclass

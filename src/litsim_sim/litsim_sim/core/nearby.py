@@ -1,10 +1,74 @@
-"""Agents within a radius of others."""
+"""Agents within a radius of others, and a search for them that does not look at all agents."""
 
 from __future__ import annotations
 
-from litsim_sim.core.pair_geometry import behind_scene
+from typing import NamedTuple
+
+import numpy as np
+from numba.types import UniTuple
+
+from litsim_sim.core.pair_geometry import behind_scene, within_scenes
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import BOOLS, FLOATS, INTS, OUT_BOOLS, float64, kernel
+from litsim_sim.kernels.compiled import (
+    BOOLS,
+    FLOATS,
+    INTS,
+    OUT_BOOLS,
+    Floats,
+    Ints,
+    float64,
+    int64,
+    kernel,
+    tuple_type,
+)
+
+FEW = 16  # agents of a scene, times the share of agents that is asked for, up to which sorting costs more than it saves
+
+
+class Sorted(NamedTuple):
+    """Agents (n,) sorted by one coordinate within their scenes, for :func:`within_reach` of some of them (m,).
+
+    Attributes:
+        order: (n,) their rows, by scene and then by the coordinate.
+        place: (n,) coordinates in that order [m].
+        along: (n,) coordinate of each row [m].
+        begin, end: (m,) positions in `order` between which the scene of each agent that is asked for is.
+    """
+
+    order: Ints
+    place: Floats
+    along: Floats
+    begin: Ints
+    end: Ints
+
+
+SORTED = tuple_type(Sorted)
+
+
+def sorted_by_place(table: AgentTable, rows: IntArray) -> Sorted:
+    """Returns the agents of `table` sorted by the coordinate in which they are spread most, to ask for those in `rows`.
+
+    If it is not worth the sorting, all agents of a scene are said to be at one place.
+    """
+    begin, end = within_scenes(table.scene, rows)
+    if (end - begin).sum() <= FEW * len(table):
+        nowhere = np.zeros(len(table))
+        return Sorted(np.arange(len(table)), nowhere, nowhere, begin, end)
+    along = max((table.x, table.y), key=lambda values: float(np.fmax.reduce(values) - np.fmin.reduce(values)))
+    order = np.lexsort((along, table.scene))
+    return Sorted(order, along[order], along, begin, end)
+
+
+@kernel(UniTuple(int64, 2)(SORTED, int64, int64, float64))
+def within_reach(agents: Sorted, m: int, row: int, reach: float) -> tuple[int, int]:
+    """Returns the first and end position in `agents.order` of all agents up to `reach` [m] away, and of others.
+
+    `row` is that of the `m`-th agent that is asked for; all are of its scene.
+    """
+    begin, end = agents.begin[m], agents.end[m]
+    place = agents.place[begin:end]
+    first = np.searchsorted(place, agents.along[row] - reach)
+    return begin + first, begin + np.searchsorted(place, agents.along[row] + reach, "right")
 
 
 def around(table: AgentTable, centres: BoolArray, radius: float) -> BoolArray:

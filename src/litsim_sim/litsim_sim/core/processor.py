@@ -21,7 +21,11 @@ CHOICE = {
 
 
 def choose_code(environment: MutableMapping[str, str], cpuinfo: Path = CPUINFO) -> None:
-    """Set the variables of :data:`CHOICE` where the user has not, if the processor has AVX2 and numpy is not loaded."""
+    """Let numba compile, and set the variables of :data:`CHOICE` where the user has not.
+
+    The latter only if the processor has AVX2 and numpy is not loaded.
+    """
+    environment.pop("NUMBA_DISABLE_JIT", None)  # kernels are machine code, also where users debug code of their own
     if "numpy" not in sys.modules and _flags(cpuinfo) >= USED:
         for name, value in CHOICE.items():
             environment.setdefault(name, value)

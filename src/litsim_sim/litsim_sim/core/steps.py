@@ -32,11 +32,18 @@ class StackedTable(AgentTable):
 
 
 class Steps(Sequence[AgentTable]):
-    """S immutable tables of successive steps, also as arrays."""
+    """S immutable tables of successive steps, also as arrays, of which the tables are then parts."""
 
     def __init__(self, tables: Iterable[AgentTable]) -> None:
         self._tables = tuple(tables)
         self._results: dict[Hashable, Any] = {}
+
+    @classmethod
+    def split(cls, step: IntArray, begin: IntArray, stacked: StackedTable) -> Steps:
+        """Returns the steps `step` (S,), each the rows of `stacked` from its `begin` (S + 1,) to the next."""
+        steps = cls(_parts(step, begin, stacked))
+        vars(steps).update(step=step, begin=begin, stacked=stacked)
+        return steps
 
     @classmethod
     def of(cls, tables: Iterable[AgentTable]) -> Steps:
@@ -76,7 +83,9 @@ class Steps(Sequence[AgentTable]):
             for f in ARRAY_FIELDS
         }
         number = np.repeat(np.arange(len(self)), np.diff(self.begin))
-        return StackedTable(int(self.step[0]) if len(self) else 0, **columns, scene=number)
+        stacked = StackedTable(int(self.step[0]) if len(self) else 0, **columns, scene=number)
+        self._tables = _parts(self.step, self.begin, stacked)  # the memory of the others can be freed
+        return stacked
 
     @cached_property
     def _agents(self) -> tuple[IntArray, IntArray]:
@@ -95,23 +104,50 @@ class Steps(Sequence[AgentTable]):
         return self._agents[1]
 
     @cached_property
-    def rows(self) -> IntArray:
-        """(S, n) row in :attr:`stacked` of each of :attr:`ids` at each step; -1 where it is not on the road."""
-        rows = np.full((len(self), len(self.ids)), -1, np.int64)
-        rows[self.stacked.number, self.agent] = np.arange(len(self.stacked))
-        return rows
+    def _by_agent(self) -> tuple[IntArray, IntArray]:
+        """Rows (m,) of :attr:`stacked` by agent and step, and ascending keys (m,) of both."""
+        order = np.argsort(self.agent, kind="stable")
+        return order, self.agent[order] * len(self) + self.stacked.number[order]
+
+    def rows_until(self, number: IntArray, ids: IntArray) -> IntArray:
+        """Returns the rows (q,) in :attr:`stacked` of agents at their last steps up to some.
+
+        Args:
+            number: (q,) indices of steps.
+            ids: (q,) agents.
+
+        Returns:
+            The rows; -1 for agents that have not been on the road by then.
+        """
+        if not len(self.ids):
+            return np.full(len(ids), -1, np.int64)
+        order, keys = self._by_agent
+        at = np.minimum(self.ids.searchsorted(ids), len(self.ids) - 1)
+        last = keys.searchsorted(at * len(self) + np.minimum(number, len(self) - 1), "right") - 1
+        there = (number >= 0) & (self.ids[at] == ids) & (keys[last] >= at * len(self)) & (last >= 0)
+        return np.where(there, order[last], -1)
+
+    def rows_at(self, number: IntArray, ids: IntArray) -> IntArray:
+        """Returns the rows (q,) in :attr:`stacked` of `ids` (q,) at the steps of indices `number` (q,); -1 for none."""
+        rows = self.rows_until(number, ids)
+        return np.where((rows >= 0) & (self.stacked.number[rows] == number), rows, -1) if len(self.ids) else rows
 
     def rows_of(self, ids: IntArray) -> IntArray:
-        """Returns the rows (S, k) in :attr:`stacked` of `ids` (k,) at each step; -1 where one is not on the road."""
-        if not len(self.ids):
-            return np.full((len(self), len(ids)), -1, np.int64)
-        at = np.minimum(self.ids.searchsorted(ids), len(self.ids) - 1)
-        return np.where(self.ids[at] == ids, self.rows[:, at], -1)
+        """Returns the rows (S, k) in :attr:`stacked` of a few `ids` (k,) at each step; -1 where one is not there."""
+        rows = np.full((len(self), len(ids)), -1, np.int64)
+        for k, agent in enumerate(ids.tolist()):
+            track = self.track(agent)
+            rows[self.stacked.number[track], k] = track
+        return rows
 
     def track(self, agent: int) -> IntArray:
         """Returns the rows (k,) in :attr:`stacked` of `agent`, of the steps at which it is on the road."""
-        rows = self.rows_of(np.array([agent]))[:, 0]
-        return rows[rows >= 0]
+        order, keys = self._by_agent
+        at = int(self.ids.searchsorted(agent))
+        if at == len(self.ids) or self.ids[at] != agent:
+            return np.empty(0, np.int64)
+        begin, end = keys.searchsorted([at * len(self), (at + 1) * len(self)]).tolist()
+        return order[begin:end]
 
     @cached_property
     def overlaps(self) -> IntArray:
@@ -137,4 +173,20 @@ class Steps(Sequence[AgentTable]):
 
     def _after(self, step: int) -> Steps:
         """See :meth:`after`."""
-        return Steps(table for table in self if table.step > step)
+        first = int(np.searchsorted(self.step, step, "right"))
+        if not first:
+            return self
+        rows = slice(self.begin[first], None)
+        columns = {name: getattr(self.stacked, name)[rows] for name in ARRAY_FIELDS}
+        number = self.stacked.number[rows] - first
+        stacked = StackedTable(int(self.step[first]) if first < len(self) else 0, **columns, scene=number)
+        return Steps.split(self.step[first:], self.begin[first:] - self.begin[first], stacked)
+
+
+def _parts(step: IntArray, begin: IntArray, stacked: StackedTable) -> tuple[AgentTable, ...]:
+    """Returns the tables of the steps `step` (S,) whose rows of `stacked` begin at `begin` (S + 1,), without copies."""
+    columns, scene = [getattr(stacked, name) for name in ARRAY_FIELDS], np.zeros(len(stacked), np.int64)
+    return tuple(
+        AgentTable(at, *(column[low:high] for column in columns), scene[: high - low])
+        for at, low, high in zip(step.tolist(), begin[:-1].tolist(), begin[1:].tolist(), strict=True)
+    )

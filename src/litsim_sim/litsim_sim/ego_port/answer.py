@@ -11,6 +11,7 @@ from math import isfinite
 import numpy as np
 
 from litsim_sim.core import topic_names
+from litsim_sim.core.errors import shown
 from litsim_sim.core.scene import STEP_NS, EgoCommand
 from litsim_sim.ego_port.tracking import Trajectory, TwistTarget
 
@@ -87,11 +88,11 @@ def _problems(answer: Answer) -> Iterator[str]:
         yield from _not_finite(acceleration=target.acceleration, yaw_rate=target.yaw_rate)
     elif isinstance(target, TwistTarget):
         if answer.frame not in BODY_FRAMES:
-            yield f"frame_id is {answer.frame!r}, expected that of the ego's body, ego or base_link"
+            yield f"frame_id is {shown(answer.frame)}, expected that of the ego's body, ego or base_link"
         yield from _not_finite(**{"twist.linear.x": target.speed, "twist.angular.z": target.yaw_rate})
     else:
         if answer.frame != MAP_FRAME:
-            yield f"frame_id is {answer.frame!r}, expected {MAP_FRAME!r}"
+            yield f"frame_id is {shown(answer.frame)}, expected {MAP_FRAME!r}"
         for row in np.flatnonzero(~(np.isfinite(target.x) & np.isfinite(target.y)))[:1]:
             yield f"pose {row} is not finite: {target.x[row]}, {target.y[row]}"
         for row in np.flatnonzero(np.diff(target.time) <= 0.0)[:1]:

@@ -10,6 +10,7 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
+from litsim_sim.core.errors import printable, shown
 from litsim_sim.core.scene import STEP_NS, STEP_S, AgentTable, EgoCommand
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import AUTO, INPUTS, Answer, Interface, problem
@@ -121,7 +122,7 @@ class EgoPort:
             return
         self.heard = True
         if answer.run_id not in (None, self._run_id):
-            text = f"an answer to run {answer.run_id!r}, at step {self._step}, is stale"
+            text = f"an answer to run {shown(answer.run_id)}, at step {self._step}, is stale"
             self._count("stale", Level.WARN, f"{INPUTS[answer.interface]}: {text}")
             return
         if self.interface is None:
@@ -182,7 +183,7 @@ class EgoPort:
         if wrong:
             self._count("invalid", Level.ERROR, f"{self.topics[0]}: {self._described(answer)} cannot be used: {wrong}")
             if not too_late:
-                self._invalid = f"the answer to step {step} on {self.topics[0]} cannot be used: {wrong}"
+                self._invalid = printable(f"the answer to step {step} on {self.topics[0]} cannot be used: {wrong}")
             return
         self.counts["answered"] += 1
         self._held = reference if isinstance(target, Trajectory) else target
@@ -201,6 +202,7 @@ class EgoPort:
 
     def _count(self, kind: str, level: Level, text: str) -> None:
         self.counts[kind] += 1
+        text = printable(text)
         self.unfit = text if self.missing else self.unfit
         self._remark(kind, level, f"{text} ({self.counts[kind]} so far)")
 

@@ -11,10 +11,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import unpacked_max
 
 if TYPE_CHECKING:
     import pandas as pd
 
+CELL_BYTES = 8  # [B] of a number in memory
 MAGIC = b"PAR1"
 PLAIN = {
     {"float32": "float", "float64": "double"}.get(name, name): np.dtype(name)
@@ -68,11 +70,25 @@ def parse_arrow(source: Path | pa.NativeFile, where: str) -> pa.Table:
     """
     try:
         with pq.ParquetFile(source, page_checksum_verification=True) as file:  # read_table would import pandas
+            packed = source.stat().st_size if isinstance(source, Path) else source.size()
+            check_unpacked(file.metadata, packed, where)
             table = file.read()
         _ = table.column_names  # text in the file, which pyarrow decodes only now
     except UNREADABLE as error:
         raise _unreadable(where, error) from error
     return table
+
+
+def check_unpacked(content: pq.FileMetaData, packed: int, where: str) -> None:
+    """Check that a file of `packed` bytes does not hold far more than such files do; `where` names it in errors.
+
+    Raises:
+        InputError: it does.
+    """
+    numbers = CELL_BYTES * content.num_rows * content.num_columns
+    size = max(numbers, sum(content.row_group(k).total_byte_size for k in range(content.num_row_groups)))
+    if size > (most := unpacked_max(packed)):
+        raise InputError(f"{where}: unpacks from {packed} to {size} bytes, expected at most {most}")
 
 
 def read_table(path: Path, needed: Sequence[str] = (), *, purpose: str = "") -> pd.DataFrame:

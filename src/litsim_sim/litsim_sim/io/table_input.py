@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
+from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -17,12 +18,14 @@ import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.parquet_input import UNREADABLE, is_parquet
+from litsim_sim.io.files import unpacked_max
+from litsim_sim.io.parquet_input import UNREADABLE, check_unpacked, is_parquet
 
 if TYPE_CHECKING:
     import pandas as pd
 
 ROWS_MAX = 10**12  # most rows of one of several files; row numbers of each file begin at a multiple of it
+PACKED = (".bz2", ".gz", ".lz4", ".zst")  # ends of the names of files that pyarrow unpacks
 SEPARATORS = (";", "\t", "|")
 """Separators of cells other than commas; by the first line of a file, which has no comma then."""
 
@@ -57,9 +60,9 @@ class TableFile:
             parquet = is_parquet(path)
             if parquet:
                 return cls(path, parquet, tuple(pq.read_schema(path).names))
-            with io.BufferedReader(pa.input_stream(path)) as file:
+            with io.BufferedReader(_Unpacked(path)) as file:
                 separator = _separator(next((line for line in file if line.strip()), b""))
-            with pcsv.open_csv(path, parse_options=pcsv.ParseOptions(delimiter=separator)) as reader:
+            with pcsv.open_csv(_csv(path), parse_options=pcsv.ParseOptions(delimiter=separator)) as reader:
                 return cls(path, parquet, tuple(reader.schema.names), separator)
         except UNREADABLE as error:
             raise _unreadable(path, error, separator="" if parquet else separator) from error
@@ -94,11 +97,12 @@ class TableFile:
             raise InputError(f"{self}: several columns are called {twice}; expected names that tell columns apart")
         try:
             if self.parquet:
+                check_unpacked(pq.read_metadata(self.path), self.path.stat().st_size, str(self.path))
                 arrow = pq.read_table(self.path, columns=wanted, page_checksum_verification=True)
             else:
                 options = pcsv.ConvertOptions(include_columns=wanted, strings_can_be_null=True)
                 parse = pcsv.ParseOptions(delimiter=self.separator)
-                arrow = pcsv.read_csv(self.path, parse_options=parse, convert_options=options)
+                arrow = pcsv.read_csv(_csv(self.path), parse_options=parse, convert_options=options)
                 if any(pa.types.is_binary(field.type) for field in arrow.schema):
                     raise UnicodeError("some cells are no text")  # pyarrow's way of reading what is not UTF-8
             table = pd.DataFrame({name: arrow.column(name).to_pandas() for name in wanted})  # here texts are decoded
@@ -180,7 +184,7 @@ class TableFiles:
 
 def _lines(path: Path, rows: Sequence[int]) -> list[int]:
     """Line number of each of `rows` in a CSV file; rows count the non-empty lines, from 1."""
-    with io.TextIOWrapper(io.BufferedReader(pa.input_stream(path)), "latin-1") as file:  # unpacked by its name; any end
+    with io.TextIOWrapper(io.BufferedReader(_Unpacked(path)), "latin-1") as file:  # unpacked by its name; any end
         full = (number for number, line in enumerate(file, 1) if line.strip("\n"))
         lines = dict(enumerate(islice(full, max(rows)), 1))
     return [lines[row] for row in rows]
@@ -200,6 +204,42 @@ def since_1970(column: pd.Series) -> pd.Series:
     return (pd.to_datetime(column, utc=True) - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
 
 
+class _Unpacked(io.RawIOBase):
+    """The bytes of a file, unpacked if its name says that it is packed, and bounded then.
+
+    Raises:
+        InputError: when more is read than such a file may hold.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._stream, self._left = path, pa.input_stream(path), inf
+        if path.suffix in PACKED:
+            self._left = self._most = unpacked_max(path.stat().st_size)
+
+    def readable(self) -> bool:
+        """See :class:`io.RawIOBase`."""
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        """See :class:`io.RawIOBase`."""
+        data = self._stream.read(len(buffer))
+        self._left -= len(data)
+        if self._left < 0:
+            raise InputError(f"{self._path}: unpacks to more than {self._most} bytes, the most expected of its size")
+        buffer[: len(data)] = data
+        return len(data)
+
+    def close(self) -> None:
+        """See :class:`io.RawIOBase`."""
+        self._stream.close()
+        super().close()
+
+
+def _csv(path: Path) -> Path | io.BufferedReader:
+    """Returns what pyarrow reads a CSV file from."""
+    return io.BufferedReader(_Unpacked(path)) if path.suffix in PACKED else path
+
+
 def _unreadable(path: Path, error: Exception, *, separator: str) -> InputError:
     """Returns an error about a file that cannot be read; `separator` is empty for Parquet."""
     with suppress(OSError):  # that is the error
@@ -210,7 +250,7 @@ def _unreadable(path: Path, error: Exception, *, separator: str) -> InputError:
 
 def _first_odd_line(path: Path, separator: str) -> str:
     """Returns a text on the first bad line of an unreadable CSV file: its number, and how it differs; else empty."""
-    with io.BufferedReader(pa.input_stream(path)) as file:
+    with io.BufferedReader(_Unpacked(path)) as file:
         columns = 0
         for number, raw in enumerate(file, 1):
             try:

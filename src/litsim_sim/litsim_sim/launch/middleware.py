@@ -21,6 +21,8 @@ LOOPBACK, NETWORK = (Path(__file__).with_name(name) for name in ("loopback.xml",
 """Settings for nodes that stay on this machine, and for those that others may reach."""
 FAST_DDS = "rmw_fastrtps"
 SECURITY, STRATEGY, ENFORCE = "ROS_SECURITY_ENABLE", "ROS_SECURITY_STRATEGY", "Enforce"
+LOG_FOLDERS = ("ROS_LOG_DIR", "ROS_HOME", "HOME")
+"""Variables that name, in this order, the folder for logs of ROS, or one above it."""
 ENCLAVE = "ROS_SECURITY_ENCLAVE_OVERRIDE"
 ENCLAVE_OPTIONS = {"--enclave", "-e"}
 """Variable, and ROS arguments, by which a user chooses the keys and permissions of a process."""
@@ -73,11 +75,25 @@ def check_security(environment: Mapping[str, str]) -> None:
         )
 
 
+def check_logging(environment: Mapping[str, str]) -> None:
+    """Check that ROS finds a folder for its logs, without which no node starts.
+
+    Raises:
+        InputError: no variable names one, as in containers without HOME.
+    """
+    if not any(environment.get(name) for name in LOG_FOLDERS):
+        raise InputError(f"none of {', '.join(LOG_FOLDERS)} is set; set ROS_LOG_DIR to a folder for the logs of ROS")
+
+
 def use_middleware_settings(program: str, argv: Sequence[str] = ()) -> None:
     """Use these settings for the nodes of this process, in the enclave of `program`, whose arguments are `argv`.
 
     To be called before the first node is made.
+
+    Raises:
+        InputError: see :func:`check_logging`.
     """
+    check_logging(os.environ)
     os.environ.update(middleware_settings(os.environ) | enclave_setting(os.environ, program, argv))
 
 

@@ -26,7 +26,7 @@ def check_output(out: Path, overwrite: bool) -> None:
         raise InputError(f"{out}: the folder of a campaign, expected one of a run; give another --out")
     try:
         out.mkdir(parents=True, exist_ok=True)
-        probe = out / ".write"
+        probe = out / f".{out.resolve().name}_0.mcap"  # the longest name of a file there, but hidden
         probe.touch()
         probe.unlink()
     except OSError as error:

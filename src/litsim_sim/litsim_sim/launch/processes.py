@@ -98,8 +98,16 @@ class Graph:
             process = start_supervised(command, env=environment, stdout=log, stderr=log)
             self.children[STACK] = Child(STACK, process, Path(log.name), tuple(command))
 
+    @property
+    def invalid(self) -> str:
+        """Why the run, which :meth:`watch` has seen end, is not valid; empty if the bridge knows of nothing."""
+        if self._progress is None:
+            return ""
+        self._progress.join(timeout=1.0)  # what the bridge has printed last
+        return self._progress.invalid
+
     def _log(self, name: str) -> IO[str]:
-        return (self._log_folder / f"{name}.log").open("w")
+        return (self._log_folder / f"{name}.log").open("a")  # which was removed; the supervisor may shorten it
 
     def watch(self, quiet: bool) -> None:
         """Wait for the run to end.
@@ -196,6 +204,7 @@ class Progress(threading.Thread):
         complete: whether the last step has been answered.
         step: last step named; 0 before the first.
         heard: monotonic time of the last line [s].
+        invalid: why the run is not valid, once it has ended; empty if the bridge knows of nothing.
         failed: time at which the bridge was about to tell the nodes that the run has failed, on the monotonic clock,
             which all processes share [s]; None if it has not.
     """
@@ -206,6 +215,7 @@ class Progress(threading.Thread):
         self.complete = False
         self.step = 0
         self.heard = time.monotonic()
+        self.invalid = ""
         self.failed: float | None = None
 
     def run(self) -> None:
@@ -219,6 +229,8 @@ class Progress(threading.Thread):
                     tqdm.write(line.removeprefix("note ").rstrip(), file=sys.stderr)
                 case ["alive", "at", "step", step]:
                     self.step = int(step)
+                case ["invalid", *_]:
+                    self.invalid = line.removeprefix("invalid ").rstrip()
                 case ["failed", "at", time_s, "s"]:
                     self.failed = float(time_s)
                 case ["step", step, "of", total]:

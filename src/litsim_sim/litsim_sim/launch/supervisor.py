@@ -11,11 +11,13 @@ import contextlib
 import ctypes
 import os
 import signal
+import stat
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+LOG_MAX, HEAD, TAIL = 16 * 2**20, 8 * 2**20, 2**20  # [B] most of a log, and what is kept of a larger one
 GRACE_S = 2.0  # [s] from SIGTERM to SIGKILL, shorter than the launcher's patience
 TICK_S = 0.05  # [s] period of checks
 NOT_FOUND = 127  # exit status of a command that cannot be started, as shells have it
@@ -28,11 +30,11 @@ _LIBC = ctypes.CDLL(None)
 def descendants(of: int) -> list[int]:
     """Ids of the running processes that process `of` has started, and of those that they have; parents come first."""
     children: dict[int, list[int]] = {}
-    for stat in Path("/proc").glob("[0-9]*/stat"):
+    for file in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):  # it ended meanwhile
-            state, parent = stat.read_text(errors="replace").rpartition(")")[2].split()[:2]
+            state, parent = file.read_text(errors="replace").rpartition(")")[2].split()[:2]
             if state not in "ZX":  # neither waits to be asked how it ended
-                children.setdefault(int(parent), []).append(int(stat.parent.name))
+                children.setdefault(int(parent), []).append(int(file.parent.name))
     tree = [of]
     for process in tree:  # which grows meanwhile
         tree += children.get(process, [])
@@ -54,6 +56,23 @@ def _end_rest() -> None:
         if time.monotonic() > until:
             _signal_all(signal.SIGKILL)
         time.sleep(TICK_S)
+
+
+def _bound_log(log: int) -> None:
+    """Leave out the middle of the output in the file `log` once it is too large, with a line there that says so.
+
+    The file is open for appending, so that the command goes on after what is kept. A few lines that it writes meanwhile
+    may be lost.
+    """
+    size = os.fstat(log).st_size
+    if not stat.S_ISREG(os.fstat(log).st_mode) or size <= LOG_MAX:
+        return
+    with Path(f"/proc/self/fd/{log}").open("rb") as file:
+        file.seek(size - TAIL)
+        tail = file.read(TAIL)
+    os.ftruncate(log, HEAD)
+    os.write(log, b"\n[%d bytes of output are left out here: a log has at most %d]\n" % (size - HEAD - TAIL, LOG_MAX))
+    os.write(log, tail)
 
 
 def _begin() -> None:
@@ -80,6 +99,7 @@ def supervise(command: list[str]) -> int:
     killed_at = None
     while process.poll() is None:
         info = signal.sigtimedwait(HANDED_ON, TICK_S)
+        _bound_log(sys.stdout.fileno())
         if info is not None:
             _signal_all(info.si_signo)
             if info.si_signo != signal.SIGINT:  # the launcher has lost patience, or is gone
@@ -87,6 +107,7 @@ def supervise(command: list[str]) -> int:
         if killed_at is not None and time.monotonic() > killed_at:
             _signal_all(signal.SIGKILL)
     _end_rest()
+    _bound_log(sys.stdout.fileno())
     return process.returncode
 
 

@@ -9,11 +9,13 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import yaml
 from litsim_msgs.msg import Hello, StageStatus
 from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
 
 from litsim_sim.core.errors import EXIT_FAILED, print_error, reason
+from litsim_sim.core.lockstep import unanswered
 from litsim_sim.core.scene import AgentTable, EgoCommand
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.ego_port.answer import Interface
@@ -203,6 +205,12 @@ class BridgeNode(Node):
         level = Level.WARN if state == StageState.RUNNING else Level.OK
         self._diagnostics.say(step, ENDED.get(state, diagnostics.RUNNING), level, text)
         self._outputs[STATUS].publish(self._status(state, max(0, step), compute_time, text))
+
+    def finish(self, step: int, wall_s: float, summary: dict[str, Any]) -> None:
+        """Report the end of the run after `step`, which took `wall_s` since step 0, with its `summary`."""
+        if flaws := unanswered(summary):
+            self._pulse.doubt("; ".join(flaws))
+        self.say(StageState.FINISHED, step, wall_s, yaml.safe_dump(summary, sort_keys=False))
 
     def listen_to_timings(self) -> None:
         """Start to listen to timings, to find out which stages have answered; not done by default as it costs time."""

@@ -56,6 +56,8 @@ def absence(
         return f"{prefix}it does not answer this step: {port.unfit}"
     if port.heard:
         end = "is still announced, so it hangs, or has died without leaving" if expected else "has left"
+        if expected and all(publisher.unheard for publisher in expected):  # it has made another
+            end = expected[0].unheard
         return f"{prefix}it has answered until step {port.answered}; its publisher {end}"
     for publisher in expected:
         if publisher.unheard:

@@ -37,7 +37,9 @@ def owners(stages: Sequence[str], *, external: bool, signals: bool) -> Owners:
     Args:
         stages: those of the run beside the bridge.
         external: whether a stack of the user's drives the ego.
-        signals: whether the scenario has signals; without, nobody may publish any.
+        signals: whether the scenario has signals.
+
+    A topic that the run does without has no owners.
     """
     of_stages = {FORECASTS: PREDICTOR, TAKEOVERS: CONFLICT, CONTROLS: POLICY, RECORDED: RECORDER}
     of_stages |= {} if external else {EGO_CONTROL: EGO}
@@ -45,7 +47,7 @@ def owners(stages: Sequence[str], *, external: bool, signals: bool) -> Owners:
     return (
         dict.fromkeys((*PUBLISHED_OF_SIGNALS, EGO_APPLIED), ())
         | dict.fromkeys(of_bridge, (BRIDGE,))
-        | {topic: (stage,) for topic, stage in of_stages.items()}
+        | {topic: (stage,) if stage in stages else () for topic, stage in of_stages.items()}
         | {STATUS: (BRIDGE, *stages), TIMING: (BRIDGE, *(stage for stage in stages if stage != RECORDER))}
     )
 
@@ -73,7 +75,7 @@ def surplus(topic: str, names: Sequence[str], nodes: Sequence[str]) -> str:
         names: of the owners.
         nodes: full names of the nodes of all its publishers, empty where unknown.
     """
-    idle = {f"/{stage}" for stage in {*STAGES} - {*names} if len(names) > 1}
+    idle = {f"/{stage}" for stage in {*STAGES} - {*names} if len(names) != 1}
     taking_part = [node for node in nodes if node not in idle]
     if len(taking_part) <= len(names):
         return ""
@@ -83,10 +85,11 @@ def surplus(topic: str, names: Sequence[str], nodes: Sequence[str]) -> str:
             strangers.remove(f"/{name}")
     if f"/{BRIDGE}" in strangers:
         return f"another bridge publishes on {topic} in the same domain; each needs a domain of its own"
+    who = ", ".join(sorted(node or "an unknown node" for node in strangers))
+    expected = f"only {', '.join(names)} of this run" if names else "nobody"
     return (
-        f"{', '.join(sorted(node or 'an unknown node' for node in strangers))}: publishes on {topic}, expected only "
-        f"{', '.join(names) or 'nobody'} of this run; a graph needs a domain of its own, and a stack publishes on the "
-        "ego's topics"
+        f"{who}: publishes on {topic}, expected {expected}; a graph needs a domain of its own, and a stack publishes "
+        "on the ego's topics"
     )
 
 

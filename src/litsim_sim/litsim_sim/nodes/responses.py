@@ -11,6 +11,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 from litsim_sim.core.columns import check_columns
+from litsim_sim.core.errors import printable, shown
 from litsim_sim.core.lockstep import RECORDER_WINDOW, Gate
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
 from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES, RECORDER, StageState
@@ -19,7 +20,10 @@ from litsim_sim.ego_port.port import COUNTS, AnswerInvalid, EgoPort, ego_state
 
 
 class RunFailed(Exception):
-    """The run cannot continue; the message says what was missing, and where."""
+    """The run cannot continue; the message says what was missing, and where, and is :func:`printable`."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(printable(text))
 
 
 class StageLiveness:
@@ -98,7 +102,7 @@ class StageLiveness:
         """
         if self._foreign:
             raise RunFailed(
-                f"another bridge or a replay publishes run {self._foreign} on {RUN_INFO} in the same domain; "
+                f"another bridge or a replay publishes run {shown(self._foreign)} on {RUN_INFO} in the same domain; "
                 "each needs a domain of its own"
             )
         if self._failures:

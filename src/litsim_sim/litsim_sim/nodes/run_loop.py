@@ -10,7 +10,6 @@ import time
 from contextlib import closing
 from typing import TYPE_CHECKING, Self
 
-import yaml
 from tqdm import tqdm
 
 from litsim_sim.core.scene import STEP_S, AgentTable, ControlTable, EgoCommand
@@ -78,8 +77,8 @@ class RunLoop:
         until = time.perf_counter() + self._options.answer_timeout_s
         self._bridge.serve_until(lambda: self._liveness.recorded >= last, until)
         self._liveness.check_recorded(last)
-        summary = yaml.safe_dump(self._responses.summary() | self._world.summary(), sort_keys=False)
-        self._bridge.say(StageState.FINISHED, last, wall, summary)
+        summary = self._responses.summary() | self._world.summary()
+        self._bridge.finish(last, wall, summary)
         self.farewell()
         if self._liveness.recorder_closing:
             raise RunFailed(f"{RECORDER}: no FINISHED on {STATUS} within {FAREWELL_S:g} s of the end of the run")
@@ -236,6 +235,11 @@ class Pulse:
         """Print what the run has been waiting for, for the user."""
         if self._wanted:
             print(f"note {text}", flush=True)
+
+    def doubt(self, text: str) -> None:
+        """Print why the run, which has ended, is not valid."""
+        if self._wanted:
+            print(f"invalid {text}", flush=True)
 
     def fail(self) -> None:
         """Print when the run has failed, before the stages learn of it: the launcher then knows why they end."""

@@ -42,12 +42,14 @@ from litsim_sim.lane_map.signal_links import ARROW, SignalLink
 from litsim_sim.record.bag import BagReader, BagTopic
 from litsim_sim.record.digest import CONTROL_FIELDS
 from litsim_sim.record.failure import read_failure
-from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.log import logged_steps
 from litsim_sim.scenario.recording import Recording
 from litsim_sim.scenario.signals import Signals
 
 DECODED = (RUN_INFO, AGENTS, SIGNAL_MAP, SIGNALS, TAKEOVERS, CONTROLS, EGO_CONTROL, EGO_APPLIED, STATUS, TIMING)
 """Topics whose messages are decoded; only the log times of others are used."""
+OF_POLICY = (TAKEOVERS, CONTROLS)
+"""Those of them that only a run with a policy has."""
 
 MINIMUM_RISK_TYPE = "autoware_adapi_v1_msgs/msg/MrmState"
 """Type of the topic on which a stack tells the state of its minimum-risk manoeuvre, whatever its name."""
@@ -171,7 +173,7 @@ class Run:
 
     path: Path
     info: RunInfo
-    tables: list[AgentTable]
+    tables: Sequence[AgentTable]
     log: Sequence[AgentTable] = field(default_factory=list)
     controls: dict[int, ControlTable] = field(default_factory=dict)
     ego_commands: dict[int, EgoCommand] = field(default_factory=dict)
@@ -268,7 +270,7 @@ def read_run(path: Path) -> Run:
     return Run(
         path=reader.path,
         info=info,
-        tables=[content.tables[step] for step in steps],
+        tables=Steps(content.tables[step] for step in steps),
         log=_log(reader, scenario_yaml, steps),
         **content.by_step,
         statuses=content.statuses,
@@ -330,11 +332,13 @@ class _Content:
         return Signals(groups, tuple(map(_signal_link, links)), np.array([link.group for link in links]), states)
 
     def take(self, topic: str, message: Any) -> None:
-        """A decoded message; those of another run are dropped."""
+        """A decoded message; those of another run, or of a stage that takes no part in this one, are dropped."""
         if topic == RUN_INFO:
             self.info = self.info or _copy(RunInfo, message)
             return
         if self.info is not None and message.run_id != self.info.run_id:
+            return
+        if topic in OF_POLICY and self.info is not None and CONTROLS not in self.info.topics:
             return
         if topic == SIGNAL_MAP:
             self._signal_map = message
@@ -413,15 +417,14 @@ def _takeover(message: Any) -> Takeover:
     )
 
 
-def _log(reader: BagReader, scenario_yaml: str, steps: list[int]) -> list[AgentTable]:
+def _log(reader: BagReader, scenario_yaml: str, steps: list[int]) -> Sequence[AgentTable]:
     """Logged agents of `steps` from the attached recording; empty without one."""
     data = reader.attachments.get(RECORDING_FILE)
     if data is None:
         return []
     where = f"{reader.path}: attachment {RECORDING_FILE}"
     recording = Recording.from_arrow(parse_arrow(pa.BufferReader(data), where), where)
-    log = Log.from_recording(recording, start_frame(scenario_yaml, reader.path), steps[-1] + 1)
-    return [log.table(step) for step in steps]
+    return logged_steps(recording, start_frame(scenario_yaml, reader.path), np.array(steps))
 
 
 def _scenario_yaml(reader: BagReader) -> str:

@@ -12,6 +12,8 @@ import numpy as np
 
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import (
+    ARRAY_FIELDS,
+    DTYPES,
     STEP_S,
     AgentTable,
     BoolArray,
@@ -21,7 +23,7 @@ from litsim_sim.core.scene import (
     IntArray,
     is_obstacle,
 )
-from litsim_sim.core.steps import Steps
+from litsim_sim.core.steps import StackedTable, Steps
 from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_INTS, int64, kernel
 from litsim_sim.scenario.recording import Recording
 
@@ -175,6 +177,41 @@ class Log:
         for a long time, and the agent does not wait again.
         """
         return _lags(self.x, self.y, self.valid, rows, step, x, y)
+
+
+def logged_steps(recording: Recording, start_frame: int, wanted: IntArray) -> Steps:
+    """Returns the tables of :meth:`Log.table` for the steps `wanted` (S,), ascending, in memory of their rows alone."""
+    step = recording.columns["frame"] - start_frame
+    inside = (step >= 0) & (step <= max(wanted.tolist(), default=-1))
+    table, step = recording.take(inside).columns, step[inside]
+    _, first, agent = np.unique(table["vehicle_id"], return_index=True, return_inverse=True)
+    order = np.lexsort((step, agent))
+    at, yaw = step[order], table["yaw"][order]
+    follows = (np.diff(agent[order]) == 0) & (np.diff(at) == 1)
+    rate = np.zeros(len(order))
+    rate[1:] = np.where(follows, wrap_angle(np.diff(yaw)) / STEP_S, 0.0)
+    begins = np.flatnonzero(np.diff(agent[order], prepend=-1))
+    continued = begins[begins + 1 < len(order)]
+    continued = continued[follows[continued]]
+    rate[continued] = rate[continued + 1]
+    yaw_rate = np.empty(len(order))
+    yaw_rate[order] = rate
+    columns = {
+        "id": table["vehicle_id"],
+        "kind": table["kind"][first][agent],
+        "controller": np.full(len(step), LOG),
+        "yaw": wrap_angle(table["yaw"]),
+        "yaw_rate": yaw_rate,
+        "length": table["length"][first][agent],
+        "width": table["width"][first][agent],
+    }
+    number = np.searchsorted(wanted, step)
+    rows = np.flatnonzero(wanted[np.minimum(number, len(wanted) - 1)] == step) if len(wanted) else np.empty(0, np.int64)
+    rows = rows[np.lexsort((table["vehicle_id"][rows], number[rows]))]
+    begin = number[rows].searchsorted(np.arange(len(wanted) + 1))
+    own = {name: np.asarray(columns.get(name, table.get(name)), DTYPES[name])[rows] for name in ARRAY_FIELDS}
+    first_step = int(wanted[0]) if len(wanted) else 0
+    return Steps.split(wanted, begin, StackedTable(first_step, **own, scene=number[rows]))
 
 
 @kernel(OUT_INTS(FLOATS2, FLOATS2, BOOLS2, INTS, int64, FLOATS, FLOATS))

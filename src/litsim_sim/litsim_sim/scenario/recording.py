@@ -11,7 +11,7 @@ import json
 import zlib
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pydantic import TypeAdapter, ValidationError
 
-from litsim_sim.core.errors import InputError
+from litsim_sim.core.errors import InputError, shown
 from litsim_sim.core.scene import RATE_HZ, FloatArray
 from litsim_sim.io.files import replacing
 from litsim_sim.io.parquet_input import plain_columns, read_arrow
@@ -197,12 +198,7 @@ class Recording:
             raise InputError(
                 f"{where}: no {HEADER_KEY.decode()!r} header in the Parquet metadata: not a LitSim recording"
             )
-        known = {f.name for f in fields(RecordingHeader)}
-        try:
-            values = json.loads(raw)
-            header = RecordingHeader(**{k: v for k, v in values.items() if k in known})
-        except (ValueError, TypeError, AttributeError) as error:
-            raise InputError(f"{where}: malformed header in the Parquet metadata: {error}") from error
+        header = _header(raw, where)
         if (columns := _neutral(arrow)) is not None:
             recording = cls.from_columns(header, columns, where)
         else:
@@ -234,6 +230,22 @@ class Recording:
         sink = pa.BufferOutputStream()
         pq.write_table(arrow.replace_schema_metadata(metadata), sink, compression="zstd", write_page_checksum=True)
         return bytes(sink.getvalue().to_pybytes())
+
+
+def _header(raw: bytes, where: str) -> RecordingHeader:
+    """Returns the header in the JSON text `raw`; fields of other versions are left out.
+
+    Raises:
+        InputError: it is no JSON, nested too deep, or a field is missing or of another type.
+    """
+    try:
+        return TypeAdapter(RecordingHeader).validate_json(raw, strict=True)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = "".join(f"field {part}: " for part in first["loc"][:1])
+        raise InputError(
+            f"{where}: malformed header in the Parquet metadata: {place}{first['msg']}, found {shown(first['input'])}"
+        ) from error
 
 
 def _neutral(arrow: pa.Table) -> dict[str, np.ndarray] | None:

@@ -1,5 +1,6 @@
 // Plots over time in SVG; all share the time axis and a cursor.
 
+const TICK_PIXELS = 45;
 const MARGIN = { left: 34, right: 8, top: 6, bottom: 16 };
 
 // lines: [{values, style, label, id}]; values are one a frame, null where there is nothing. Stacked lines are areas.
@@ -54,8 +55,9 @@ class Chart {
       svg("line", { x1: MARGIN.left, x2: width - MARGIN.right, y1: y(value), y2: y(value), class: "grid" }, element);
       svg("text", { x: MARGIN.left - 5, y: y(value) + 4, class: "tick end" }, element).textContent = +value.toFixed(2);
     }
-    const from = Math.ceil(scene.seconds(0) / 5) * 5;
-    for (let t = from; t <= scene.seconds(scene.last) + 1e-6; t += 5) {
+    const step = tickStep(scene.seconds(scene.last) - scene.seconds(0), width - MARGIN.left - MARGIN.right);
+    const from = Math.ceil(scene.seconds(0) / step) * step;
+    for (let t = from; t <= scene.seconds(scene.last) + 1e-6; t += step) {
       const at = this.x(t / scene.dt - scene.first);
       svg("text", { x: at, y: height - 3, class: "tick middle" }, element).textContent = t ? t : "0 s";
     }
@@ -117,6 +119,11 @@ function trace(values, x, y) {
     d += `${before ? "L" : "M"}${x(k).toFixed(1)},${y(value).toFixed(1)}${alone ? "h0.1" : ""}`;
   });
   return d;
+}
+
+// Seconds between two ticks of a time axis, so that their labels stay apart.
+function tickStep(seconds, pixels) {
+  return [1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 1800].find((step) => step * pixels >= TICK_PIXELS * seconds) ?? 3600;
 }
 
 function niceTop(high) {

@@ -1,0 +1,46 @@
+"""A trial of SUMO with a net before a run, so that a net that it refuses is told before any node starts."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.launch.child import how_it_ended
+from litsim_sim.scenario.scenario import packaged
+
+LOAD = """
+import sys, libsumo
+libsumo.start(["sumo", "--net-file", sys.argv[1], "--no-warnings", "true", "--no-step-log", "true"])
+libsumo.close()
+"""
+MARK = "Error: "  # begins the lines with SUMO's reasons
+REASONS_MAX = 3
+
+
+def begin_net_check(net: Path) -> Callable[[], None]:
+    """Begin to load `net` in a process of its own, which a net may crash; returns a function that checks the result.
+
+    That function raises an InputError with SUMO's reason if it cannot load the net. Packaged nets are not tried.
+    """
+    if net.resolve().parent == packaged("nets").resolve():
+        return lambda: None
+    process = subprocess.Popen(
+        [sys.executable, "-c", LOAD, str(net)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+    )
+
+    def check() -> None:
+        said = process.communicate()[1]
+        if process.returncode:
+            reasons = [line.removeprefix(MARK) for line in said.splitlines() if line.startswith(MARK)]
+            why = " ".join(reasons[:REASONS_MAX]) or f"it {how_it_ended(process.returncode)}"
+            raise InputError(f"{net}: SUMO cannot load the net: {why}")
+
+    return check
