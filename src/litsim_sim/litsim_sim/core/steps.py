@@ -185,8 +185,8 @@ class Steps(Sequence[AgentTable]):
 
 def _parts(step: IntArray, begin: IntArray, stacked: StackedTable) -> tuple[AgentTable, ...]:
     """Returns the tables of the steps `step` (S,) whose rows of `stacked` begin at `begin` (S + 1,), without copies."""
-    columns, scene = [getattr(stacked, name) for name in ARRAY_FIELDS], np.zeros(len(stacked), np.int64)
+    columns = [*(getattr(stacked, name) for name in ARRAY_FIELDS), np.zeros(len(stacked), np.int64)]  # one scene
     return tuple(
-        AgentTable(at, *(column[low:high] for column in columns), scene[: high - low])
+        AgentTable(at, *(column[low:high] for column in columns))
         for at, low, high in zip(step.tolist(), begin[:-1].tolist(), begin[1:].tolist(), strict=True)
     )
