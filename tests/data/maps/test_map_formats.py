@@ -366,6 +366,12 @@ def test_opendrive_that_is_missing_or_malformed(tmp_path: Path) -> None:
         import_opendrive(tmp_path / "bad.xodr", tmp_path / "a.net.xml")
 
 
+def test_opendrive_with_a_direct_junction(tmp_path: Path) -> None:
+    (tmp_path / "direct.xodr").write_text(XODR.replace("</OpenDRIVE>", '<junction id="9" type="direct"/></OpenDRIVE>'))
+    with pytest.raises(InputError, match=r"direct\.xodr: junction 9 is direct, of roads that follow"):
+        import_opendrive(tmp_path / "direct.xodr", tmp_path / "a.net.xml")
+
+
 def test_opendrive_of_left_hand_traffic(tmp_path: Path) -> None:
     """A lane on each side of a bend whose middle is shifted to the left; the left one leads along the road."""
     source, net = tmp_path / "left.xodr", tmp_path / "a.net.xml"
