@@ -110,8 +110,8 @@ def import_opendrive(source: Path, path: Path, left_hand: bool | None = None) ->
         element.tag = element.tag.rpartition("}")[2]  # without a namespace, which some files have
     if (direct := root.find("junction[@type='direct']")) is not None:
         raise InputError(
-            f"{source}: junction {direct.get('id')} is direct, of roads that follow each other without connecting roads "
-            f"(OpenDRIVE 1.7), which netconvert does not read"
+            f"{source}: junction {direct.get('id')} is direct, of roads that follow each other without connecting "
+            f"roads (OpenDRIVE 1.7), which netconvert does not read"
         )
     roads = root.findall("road")
     ruled_left = sum(road.get("rule") == LEFT_HAND for road in roads)
