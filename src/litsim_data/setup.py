@@ -32,11 +32,22 @@ setup(
             "autoware_bag = litsim_data.generic.bag_format:AutowareBag",
             "ngsim = litsim_data.ngsim.plugin:Official",
             "us101_windows = litsim_data.ngsim.plugin:Windows",
+            "sources = litsim_data.sources.plugin:Tracks",
         ],
         "litsim.maps": [
             "commonroad = litsim_data.maps.map_format:CommonRoad",
             "lanelet2 = litsim_data.maps.map_format:Lanelet2",
             "opendrive = litsim_data.maps.map_format:OpenDrive",
+        ],
+        "litsim.sources": [
+            "argoverse2 = litsim_data.sources.argoverse:Argoverse2",
+            "commonroad = litsim_data.sources.commonroad:CommonRoad",
+            "highd = litsim_data.sources.level_x:HighD",
+            "interaction = litsim_data.sources.interaction:Interaction",
+            "levelx = litsim_data.sources.level_x:LevelX",
+            "waymo_json = litsim_data.sources.waymo:WaymoJson",
+            "waymo_tfrecord = litsim_data.sources.waymo:WaymoRecord",
+            "sumo = litsim_data.sources.sumo:SumoTrajectories",
         ],
     },
 )

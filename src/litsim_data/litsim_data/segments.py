@@ -29,6 +29,7 @@ PARTS: tuple[Part, ...] = ("train", "val", "test")
 MANIFEST_FILE = "manifest.yaml"  # in a folder of segments
 SHARES = (0.7, 0.1)  # of the vehicle ids for training and validation; the rest is for tests (conv-social-pooling)
 ROUNDING = 1e-6  # since 0.7 + 0.1 is slightly less than 0.8
+EGO_NOTE = "ego"  # note of a recording's header: id of the vehicle that is the ego wherever it can be
 EGO_MOVES = 20.0  # [m] shortest way of an ego; excludes vehicles that only stand in a queue
 EGO_KINDS = (Kind.CAR, Kind.TRUCK, Kind.UNKNOWN)
 
@@ -183,7 +184,8 @@ def cut(
             if not len(egos):
                 without_ego += 1
                 continue
-            ego = int(rng.choice(egos))
+            drawn, recorder = int(rng.choice(egos)), recording.header.notes.get(EGO_NOTE)
+            ego = recorder if isinstance(recorder, int) and recorder in egos else drawn
             segments.append(
                 Segment(
                     name=name_of(source.file, part, counts[part]),

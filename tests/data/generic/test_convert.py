@@ -488,3 +488,62 @@ def test_noise_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"accelerations derived from the file reach .*: field clean of the map"):
         made(tmp_path, waiting(1.0), BOX | {"columns": columns})
     assert len(made(tmp_path, waiting(1.0), BOX | {"columns": columns, "clean": True}).table)
+
+
+# What belongs together, and what is on another level
+
+
+def tractor(turn: float = 0.0, gap: float = 0.4, drift: float = 0.0) -> pd.DataFrame:
+    """A tractor with a trailer `gap` [m] behind, and a car 15 m ahead; in a bend with yaw rate `turn`, at 14 m/s."""
+    t = np.arange(0.0, 8.0, 0.1)
+    rows = []
+    for name, length, back, slower in (("1", 4.6, -20.0, 0.0), ("2", 7.0, 0.0, 0.0), ("3", 13.0, 10.0 + gap, drift)):
+        gone = (14.0 - slower) * t - back
+        yaw = turn * gone / 14.0
+        x = np.sin(yaw) * 14.0 / turn if turn else gone
+        y = (1.0 - np.cos(yaw)) * 14.0 / turn if turn else 0.0 * gone
+        rows.append(pd.DataFrame({"id": name, "t": t, "px": x, "py": y, "h": yaw, "l": length, "w": 2.5}))
+    return pd.concat(rows, ignore_index=True)
+
+
+def test_a_trailer_in_line_is_one_box_with_its_vehicle(tmp_path: Path) -> None:
+    path = tmp_path / "in.csv"
+    tractor().to_csv(path, index=False)
+    recording, counts = convert(path, Mapping.model_validate(BOX))
+    table = recording.table
+    assert counts.joined == {3: 2} and set(table["vehicle_id"]) == {1, 2}
+    assert "trailers   one box with the vehicle that tows them: 3 of 2" in counts.text()
+    box = table[table["vehicle_id"] == 2]
+    np.testing.assert_allclose(box["length"], 20.4)
+    np.testing.assert_allclose(
+        box["x"] + 10.2, 14.0 * 0.1 * np.arange(80) + 3.5, err_msg="its front stays where it was"
+    )
+
+
+def test_a_trailer_that_turns_against_its_vehicle_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "in.csv"
+    tractor(turn=0.3).to_csv(path, index=False)
+    recording, counts = convert(path, Mapping.model_validate(BOX))
+    assert counts.towed == {3: 2} and set(recording.table["vehicle_id"]) == {1, 2, 3}
+    assert "trailers   3 of 2: tracks of their own" in counts.text()
+
+
+@pytest.mark.parametrize("apart", [{"gap": 3.0}, {"drift": 0.1}])
+def test_vehicles_that_follow_each_other_are_no_trailers(apart: dict[str, float], tmp_path: Path) -> None:
+    path = tmp_path / "in.csv"
+    tractor(**apart).to_csv(path, index=False)
+    counts = convert(path, Mapping.model_validate(BOX))[1]
+    assert not counts.joined and not counts.towed
+
+
+@pytest.mark.parametrize(("height", "told"), [(7.0, True), (2.0, False)])
+def test_vehicles_on_two_levels_are_told(height: float, told: bool, tmp_path: Path) -> None:
+    east = straight(angle=0.0, seconds=6.0).assign(id="1", z=0.0)
+    north = straight(angle=0.5 * np.pi, seconds=6.0).assign(id="2", z=height)
+    north = north.assign(px=41.0, py=north["py"] - 36.0)
+    path = tmp_path / "in.csv"
+    pd.concat([east, north]).to_csv(path, index=False)
+    text = convert(path, Mapping.model_validate(BOX))[1].text()
+    line = f"levels     column 'z' spans {height:.1f} m and is not used, though 1 pairs of vehicles are near"
+    assert (line in text) == told
+    assert ("rows: {z: {max: 3.0}}" in text) == told

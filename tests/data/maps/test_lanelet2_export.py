@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from litsim_data.maps.lanelet2_export import MAP_FILE, ORIGIN, PROJECTOR_FILE, export_lanelet2
-from litsim_data.maps.lanelet2_osm import read_lanelets
-from litsim_data.maps.lanelets import write_lanelets
+from litsim_data.maps.map_format import Lanelet2
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.signal_links import read_links, relation_id
 from litsim_sim.scenario.scenario import packaged
@@ -63,7 +62,7 @@ def ends(bound: object) -> np.ndarray:
 def test_a_net_comes_back_as_it_was(tmp_path: Path) -> None:
     lane_map = LaneMap.from_net(packaged("nets/us101_like.net.xml"))
     export_lanelet2(lane_map, (), tmp_path)
-    write_lanelets(read_lanelets(tmp_path / MAP_FILE, ORIGIN), tmp_path / "back.net.xml")
+    Lanelet2().write_net(tmp_path / MAP_FILE, ORIGIN, tmp_path / "back.net.xml")
     back = LaneMap.from_net(tmp_path / "back.net.xml")
     for lane in lane_map.lanes:
         if not lane.is_internal:

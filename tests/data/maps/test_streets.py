@@ -14,7 +14,8 @@ from litsim_data.cli import main
 from litsim_data.maps.check import load_warnings
 from litsim_data.maps.connectivity import connectivity
 from litsim_data.maps.intersections import LEFT, RIGHT, THROUGH, fit_streets
-from litsim_data.maps.lanelets import Lanelet, write_lanelets
+from litsim_data.maps.lane_graph import LaneGraph, Lanelet
+from litsim_data.maps.net_builder import write_graph
 from litsim_data.maps.netconvert import find_netconvert
 from litsim_data.maps.placement import placement
 from litsim_data.ngsim.sites import FOOT, SITES
@@ -120,22 +121,22 @@ def table() -> pd.DataFrame:
 
 
 @pytest.fixture(scope="module")
-def lanelets(table: pd.DataFrame) -> list[Lanelet]:
-    return fit_streets(table)
+def lanelets(table: pd.DataFrame) -> tuple[Lanelet, ...]:
+    return fit_streets(table).lanelets
 
 
 @pytest.fixture(scope="module")
-def net(lanelets: list[Lanelet], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def net(lanelets: tuple[Lanelet, ...], tmp_path_factory: pytest.TempPathFactory) -> Path:
     try:
         find_netconvert()
     except InputError as error:
         pytest.skip(str(error))
     path = tmp_path_factory.mktemp("streets") / "streets.net.xml"
-    write_lanelets(lanelets, path)
+    write_graph(LaneGraph(lanelets), path)
     return path
 
 
-def test_lanes_lie_where_they_were_driven(lanelets: list[Lanelet]) -> None:
+def test_lanes_lie_where_they_were_driven(lanelets: tuple[Lanelet, ...]) -> None:
     by_section = {part.id: part for part in lanelets if part.id.startswith("s")}
     assert {name.split("p")[0] for name in by_section} >= {
         f"s{s}d{d}l{n}" for s in (1, 2, 3) for d in (1, 3) for n in (1, 2)
@@ -146,7 +147,7 @@ def test_lanes_lie_where_they_were_driven(lanelets: list[Lanelet]) -> None:
         assert 2.7 <= part.width < 3.8
 
 
-def test_turn_bays_begin_where_they_begin(lanelets: list[Lanelet]) -> None:
+def test_turn_bays_begin_where_they_begin(lanelets: tuple[Lanelet, ...]) -> None:
     bays = [part for part in lanelets if part.id.startswith("s") and "l11p" in part.id]
     assert sorted(part.id.split("l")[0] for part in bays) == ["s1d1", "s2d1", "s2d3", "s3d3"]
     for part in bays:
@@ -154,7 +155,7 @@ def test_turn_bays_begin_where_they_begin(lanelets: list[Lanelet]) -> None:
         assert part.left_id is None and part.right_id is not None
 
 
-def test_every_movement_is_found_and_no_other(lanelets: list[Lanelet]) -> None:
+def test_every_movement_is_found_and_no_other(lanelets: tuple[Lanelet, ...]) -> None:
     movements = [part for part in lanelets if part.junction]
     # At each: two approaches with two through lanes, left bay and right turn, two with three movements each.
     assert len(movements) == 2 * (2 * 4 + 2 * 3)
@@ -174,10 +175,10 @@ def test_the_net_of_the_streets(net: Path, table: pd.DataFrame) -> None:
 def test_movements_that_contradict_the_column_do_not_count(table: pd.DataFrame) -> None:
     wrong = table.copy()
     wrong.loc[(wrong["movement"] == LEFT), "movement"] = RIGHT
-    assert sum(part.junction for part in fit_streets(wrong)) == 2 * (2 * 3 + 2 * 2)
+    assert sum(part.junction for part in fit_streets(wrong).lanelets) == 2 * (2 * 3 + 2 * 2)
 
 
-def test_an_official_file_through_the_command(table: pd.DataFrame, lanelets: list[Lanelet], net: Path) -> None:
+def test_an_official_file_through_the_command(table: pd.DataFrame, lanelets: tuple[Lanelet, ...], net: Path) -> None:
     site = SITES["lankershim"]
     like = made_ngsim.table(made_ngsim.Traffic(site, "0830", rows=500)).iloc[[0]]
     made = like.loc[like.index.repeat(len(table))].reset_index(drop=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -69,18 +70,18 @@ def run(arguments: argparse.Namespace) -> int:
         print(arguments.out)
         return 0
     print(f"building {arguments.out} ...", file=sys.stderr)
-    for warning in _build(arguments):
-        print(f"netconvert: {warning}", file=sys.stderr)
+    for note in _build(arguments):
+        print(note, file=sys.stderr)
     return 0
 
 
-def _build(arguments: argparse.Namespace) -> list[str]:
-    """Builds the net that `arguments` ask for, and returns netconvert's warnings.
+def _build(arguments: argparse.Namespace) -> Sequence[str]:
+    """Builds the net that `arguments` ask for, and returns lines on what of the map was not used, and on warnings.
 
     Raises:
         InputError: as :func:`run`.
     """
-    from litsim_data.maps import fitting, highway, intersections, lanelets, positions
+    from litsim_data.maps import fitting, highway, intersections, net_builder, positions
 
     out = arguments.out
     for name, known in _formats().items():
@@ -96,7 +97,7 @@ def _build(arguments: argparse.Namespace) -> list[str]:
     elif name == "generic":
         highway.write_net(fitting.fit_generic_plan(table), out)
     else:
-        return lanelets.write_lanelets(intersections.fit_streets(table), out)
+        return net_builder.write_graph(intersections.fit_streets(table), out).notes
     return []
 
 

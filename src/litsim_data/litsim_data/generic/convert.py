@@ -15,6 +15,7 @@ from litsim_data.generic.checks import check_plausible, heading
 from litsim_data.generic.counts import Counts
 from litsim_data.generic.draft import likely_kind
 from litsim_data.generic.headings import headings
+from litsim_data.generic.heights import levels
 from litsim_data.generic.mapping import FACTORS, KindName, Mapping
 from litsim_data.generic.obstacles import NAMES as OBSTACLES
 from litsim_data.generic.obstacles import obstacle_rows, with_usual_sizes, without_unused
@@ -29,6 +30,7 @@ from litsim_data.generic.resampling import (
     split,
     without_outliers,
 )
+from litsim_data.generic.towing import joined
 from litsim_data.ngsim.tracks import PIECE, direction_of_motion
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.errors import InputError
@@ -48,19 +50,20 @@ AHEAD = {"front_centre": -0.5, "box_centre": 0.0, "rear_axle": VehicleLimits.rea
 DERIVED = ("yaw", "speed", "acceleration")  # optional columns
 
 
-def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, Counts]:
-    """Returns the table at `paths` (CSV or Parquet, one file or several) as a recording, and counts of the conversion.
+def convert(tables: Path | Sequence[Path] | TableFiles, mapping: Mapping) -> tuple[Recording, Counts]:
+    """Returns `tables` (CSV or Parquet, one file or several) as a recording, and counts of the conversion.
 
     Raises:
         InputError: a column is missing, a cell is not a number, a vehicle is at two places at a time or jumps too
             often, a kind is not in the mapping, the motion is implausible, or the result fails a check of
             :meth:`Recording.from_table`.
     """
-    source, counts = TableFiles.open(paths), Counts()
+    source, counts = tables if isinstance(tables, TableFiles) else TableFiles.open(tables), Counts()
     raw_table = _without_dropped_kinds(read_rows(source, mapping, counts), mapping, source, counts)
     table, names = _in_si(without_unused(raw_table), mapping, source)
     check_clock(table, source)
     table = in_order(table, source, counts)
+    counts.levels = levels(table, source)
     check_plausible(table[~obstacle_rows(table)], mapping, str(source))
     if "speed" in table:  # below 0 of reversing vehicles, or of noise around 0
         counts.backwards = int((table["speed"] < 0.0).sum())
@@ -90,7 +93,11 @@ def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, 
                 f"{np.abs(moving['acceleration']).max():.3g} m/s2, beyond {HARSH:g} m/s2 in {counts.harsh:.1%} of the "
                 f"rows: field clean of the mapping, set to true, smooths such positions{leap}"
             )
-    frames = overlaps(moving[~obstacle_rows(moving)])
+    walking = obstacle_rows(moving)
+    driving, counts.joined, counts.towed = joined(moving[~walking])
+    moving = pd.concat([driving, moving[walking]])
+    counts.rows = len(moving)
+    frames = overlaps(driving)
     counts.overlaps = {pair: count * STEP_S for pair, count in frames.items() if count >= OVERLAP_S * RATE_HZ}
     header = RecordingHeader(
         name=mapping.name,

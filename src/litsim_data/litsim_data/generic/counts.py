@@ -33,6 +33,9 @@ class Counts:
         harsh: share of the rows of vehicles with implausibly hard accelerations.
         moved: largest displacement by cleaning [m], by vehicle, of those moved by more than a metre.
         overlaps: how long two vehicles overlap [s], if for a second or more, by their ids.
+        levels: a sentence on vehicles on different levels, empty for none.
+        joined: vehicles of trailers that became one box with them, by the trailer's id.
+        towed: vehicles of trailers that are still tracks of their own, likewise.
         rows: rows of the recording, one per vehicle and frame at 10 Hz.
     """
 
@@ -55,6 +58,9 @@ class Counts:
     harsh: float = 0.0
     moved: dict[int, float] = field(default_factory=dict)
     overlaps: dict[tuple[int, int], float] = field(default_factory=dict)
+    levels: str = ""
+    joined: dict[int, int] = field(default_factory=dict)
+    towed: dict[int, int] = field(default_factory=dict)
     rows: int = 0
 
     def leave_out(self, reason: str, rows: int) -> None:
@@ -72,6 +78,8 @@ class Counts:
             "turns": self.turns,
             "moved_by_cleaning_m": {str(vehicle): round(way, 2) for vehicle, way in self.moved.items()},
             "pairs_that_overlap": len(self.overlaps),
+            "trailers_joined": {str(trailer): vehicle for trailer, vehicle in self.joined.items()},
+            "trailers_apart": {str(trailer): vehicle for trailer, vehicle in self.towed.items()},
         }
         return {
             "rows_read": self.read,
@@ -136,4 +144,23 @@ class Counts:
                 f"overlaps   {len(self.overlaps)} pairs of vehicles overlap for a second or more, above all {one} and "
                 f"{other} for {seconds:.1f} s: is one of them there twice, or are sizes too large?"
             )
+        lines += self._together()
         return "\n".join([*lines, f"tracks     {self.tracks}{cut}{short}"])
+
+    def _together(self) -> list[str]:
+        """Returns lines on vehicles on different levels, and on trailers."""
+        lines = [f"levels     {self.levels}"] if self.levels else []
+        if self.joined:
+            lines.append(f"trailers   one box with the vehicle that tows them: {_pairs(self.joined)}")
+        if self.towed:
+            lines.append(
+                f"trailers   {_pairs(self.towed)}: tracks of their own, as they turn against the vehicle; they part if "
+                f"a run takes one of the two over"
+            )
+        return lines
+
+
+def _pairs(towed: dict[int, int]) -> str:
+    """Returns a text on trailers and their vehicles."""
+    named = [f"{trailer} of {vehicle}" for trailer, vehicle in sorted(towed.items())]
+    return ", ".join(named[:SHOWN]) + (f" and {len(named) - SHOWN} more" if len(named) > SHOWN else "")

@@ -96,12 +96,12 @@ def align(lane_map: LaneMap, table: pd.DataFrame) -> Alignment:
     rows = np.unique(np.linspace(0, len(table) - 1, min(POINTS, len(table))).astype(np.int64))
     x, y, yaw = (table[name].to_numpy(np.float64)[rows] for name in ("x", "y", "yaw"))
     centre = (float(x.mean()), float(y.mean()))
-    before = _share(lane_map, x, y, yaw)
+    before = share_along(lane_map, x, y, yaw)
     best, determined = _descended(lane_map, (x, y, yaw), np.zeros(3), centre)
-    after = _share(lane_map, *_moved(x, y, best, centre), yaw + best[2])
+    after = share_along(lane_map, *_moved(x, y, best, centre), yaw + best[2])
     for start in _starts(lane_map, (x, y, yaw), centre) if after < 1.0 - BETTER else ():
         motion, complete = _descended(lane_map, (x, y, yaw), start, centre)
-        share = _share(lane_map, *_moved(x, y, motion, centre), yaw + motion[2])
+        share = share_along(lane_map, *_moved(x, y, motion, centre), yaw + motion[2])
         if share > after + BETTER:
             best, after, determined = motion, share, complete
     points = np.concatenate([lane.centerline for lane in lane_map.lanes])
@@ -202,7 +202,7 @@ def _moved(
     return centre[0] + motion[0] + cos * dx - sin * dy, centre[1] + motion[1] + sin * dx + cos * dy
 
 
-def _share(lane_map: LaneMap, x: FloatArray, y: FloatArray, yaw: FloatArray) -> float:
+def share_along(lane_map: LaneMap, x: FloatArray, y: FloatArray, yaw: FloatArray) -> float:
     """Returns the share of poses (n,) on a lane that leads about where they head."""
     distance, facing, lane = _on_lanes(lane_map, x, y, yaw)
     half = 0.5 * np.array([lane_of_net.width for lane_of_net in lane_map.lanes])[lane]

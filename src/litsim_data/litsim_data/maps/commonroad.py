@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-import numpy as np
-
-from litsim_data.maps.lanelets import SPEED_LIMIT, Lanelet
+from litsim_data.maps.lane_graph import SPEED_LIMIT, TURNS, LaneGraph, Lanelet, polyline
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 
 SPEED_MIN = 1.0  # [m/s] smaller "limits" are defects of a map
+NO_ROADS = {"crosswalk", "sidewalk", "bicycleLane"}  # types of lanelets that no vehicle uses
 
 
-def read_lanelets(path: Path) -> list[Lanelet]:
-    """Returns the lanelets of a CommonRoad file.
+def read_root(path: Path) -> ET.Element:
+    """Returns the root element of a CommonRoad file.
 
     Raises:
-        InputError: the file is missing, no XML, or a lanelet is malformed.
+        InputError: the file is missing, no XML, or something else.
     """
     try:
         root = ET.parse(path).getroot()  # noqa: S314  a map that the user names, read by a parser without network access
@@ -26,6 +26,15 @@ def read_lanelets(path: Path) -> list[Lanelet]:
         raise InputError(f"{path}: not a readable CommonRoad file: {error}") from error
     if root.tag != "commonRoad":
         raise InputError(f"{path}: not a CommonRoad file: its root element is <{root.tag}>")
+    return root
+
+
+def read_graph(root: ET.Element, path: Path) -> LaneGraph:
+    """Returns the lanelets of a CommonRoad file that vehicles use; `path` names it in errors.
+
+    Raises:
+        InputError: there are none, or one is malformed.
+    """
     limits = _speed_limits(root)
     inside = {
         name
@@ -33,9 +42,13 @@ def read_lanelets(path: Path) -> list[Lanelet]:
         for kind in ("successorsRight", "successorsStraight", "successorsLeft")
         for name in _refs(incoming, kind)
     }
-    lanelets = []
+    lanelets, ignored = [], Counter[str]()
     for element in root.findall("lanelet"):
         name = element.get("id", "")
+        types = {child.text or "" for child in element.findall("laneletType")}
+        if types & NO_ROADS:
+            ignored[min(types & NO_ROADS)] += 1
+            continue
         signs = [limits[sign] for sign in _refs(element, "trafficSignRef") if sign in limits]
         try:
             lanelet = Lanelet(
@@ -46,23 +59,31 @@ def read_lanelets(path: Path) -> list[Lanelet]:
                 left_id=_neighbour(element, "adjacentLeft"),
                 right_id=_neighbour(element, "adjacentRight"),
                 speed_limit=min(signs, default=SPEED_LIMIT),
-                signal=element.find("trafficLightRef") is not None,
+                lights=tuple(_refs(element, "trafficLightRef")),
                 junction=name in inside,
+                predecessors=tuple(_refs(element, "predecessor")),
             )
         except (ValueError, AttributeError, TypeError) as error:
             raise InputError(f"{path}: lanelet {name or '?'}: {error}") from error
         lanelets.append(lanelet)
     if not lanelets:
         raise InputError(f"{path}: no lanelets")
-    return lanelets
+    notes = [f"{count} lanelets of type {kind} are no lanes of vehicles" for kind, count in sorted(ignored.items())]
+    directions = {
+        light.get("id", ""): light.findtext("direction", "").lower() for light in root.findall("trafficLight")
+    }
+    turns = {
+        light: tuple(turn for turn in TURNS if turn in direction)
+        for light, direction in directions.items()
+        if direction not in ("", "all")
+    }
+    return LaneGraph(tuple(lanelets), notes=tuple(notes), turns=turns)
 
 
 def _bound(element: ET.Element, name: str) -> FloatArray:
     points = element.findall(f"{name}/point")
-    values = np.array([[float(point.findtext(axis, "")) for axis in ("x", "y")] for point in points], np.float64)
-    if values.ndim != 2 or len(values) < 2 or not np.isfinite(values).all():
-        raise ValueError(f"{name} has {len(points)} points, expected at least 2 with finite x and y")
-    return values
+    axes = "xyz" if points and all(point.find("z") is not None for point in points) else "xy"
+    return polyline([[float(point.findtext(axis, "")) for axis in axes] for point in points], name)
 
 
 def _refs(element: ET.Element, name: str) -> list[str]:

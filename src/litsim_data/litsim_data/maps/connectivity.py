@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from litsim_data.maps.lane_graph import LEVEL
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.lane_map.lane_crossings import crossing_pairs, crossing_points
@@ -184,13 +185,16 @@ def _crossings(lanes: Collection[Lane]) -> tuple[Crossing, ...]:
 
 
 def _crosses(a: Lane, b: Lane, line_a: shapely.LineString, line_b: shapely.LineString, point: shapely.Point) -> bool:
-    """Returns whether two lanes cross at `point`, at an angle and off their ends."""
-    headings = []
+    """Returns whether two lanes cross at `point`, at an angle, off their ends and at one height."""
+    headings, heights = [], []
     for lane, line in ((a, line_a), (b, line_b)):
         s = float(line.project(point))
         if not CROSSING_MARGIN < s < lane.length - CROSSING_MARGIN:
             return False
         headings.append(_heading(lane, int(np.searchsorted(lane.s, s, side="right")) - 1))
+        heights.append(0.0 if lane.heights is None else float(np.interp(s, lane.s, lane.heights)))
+    if abs(heights[0] - heights[1]) >= LEVEL:
+        return False
     turn = abs(float(wrap_angle(np.array(headings[0] - headings[1]))))
     return CROSSING_ANGLE < turn < np.pi - CROSSING_ANGLE
 

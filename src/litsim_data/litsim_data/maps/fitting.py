@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 from litsim_data.maps.highway import LANE_WIDTH, MARGIN, VERTEX_SPACING, HighwayPlan, Ramp
+from litsim_data.maps.lane_graph import shift_left
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray, IntArray
 
@@ -252,10 +253,3 @@ def _extend(line: FloatArray) -> FloatArray:
     before = keep[0] + MARGIN * head / np.hypot(*head)
     after = keep[-1] + MARGIN * tail / np.hypot(*tail)
     return np.vstack([before, keep, after])
-
-
-def shift_left(line: FloatArray, distance: FloatArray | float) -> FloatArray:
-    """Returns the vertices of `line` (k, 2) moved to its left by `distance`, one for all or (k,) [m]."""
-    tangent = np.gradient(line, axis=0)
-    tangent /= np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-9)[:, None]
-    return line + np.reshape(distance, (-1, 1)) * np.column_stack([-tangent[:, 1], tangent[:, 0]])

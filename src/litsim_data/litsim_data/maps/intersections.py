@@ -6,7 +6,7 @@ they begin. What a vehicle drives between the lane that it leaves and the lane t
 path of all that made it becomes a connection of the junction. Cross streets that have no section of their own get a
 short approach and exit from the tracks that begin or end within an intersection.
 
-The result is a lanelet map of our own, of which :mod:`litsim_data.maps.lanelets` makes a net.
+The result is a lane graph of our own.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 
-from litsim_data.maps.fitting import fit_lanes, lane_widths, shift_left
-from litsim_data.maps.lanelets import Lanelet, at_shares
+from litsim_data.maps.fitting import fit_lanes, lane_widths
+from litsim_data.maps.lane_graph import LaneGraph, Lanelet, around, at_shares
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 
@@ -59,7 +59,7 @@ class _Arm:
     lanelets: dict[int, list[Lanelet]] = field(default_factory=dict)
 
 
-def fit_streets(table: pd.DataFrame) -> list[Lanelet]:
+def fit_streets(table: pd.DataFrame) -> LaneGraph:
     """Returns the lanes and movements under a table of positions.
 
     Args:
@@ -83,14 +83,16 @@ def fit_streets(table: pd.DataFrame) -> list[Lanelet]:
     for movement, start in movements:
         onwards.setdefault(start, []).append(movement.id)
     lanes = [
-        replace(part, successors=(*part.successors, *onwards.get(part.id, ())), signal=part.id in onwards)
+        replace(
+            part, successors=(*part.successors, *onwards.get(part.id, ())), lights=(part.id,) * (part.id in onwards)
+        )
         for arm in arms
         for parts in arm.lanelets.values()
         for part in parts
     ]
     if not lanes:
         raise InputError(f"cannot fit streets: no lane has {ROWS_MIN} rows of {VEHICLES_MIN} vehicles")
-    return lanes + [movement for movement, _ in movements]
+    return LaneGraph((*lanes, *(movement for movement, _ in movements)))
 
 
 def _arms(rows: pd.DataFrame) -> tuple[list[_Arm], IntArray]:
@@ -285,9 +287,8 @@ def _movements(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> list[t
             continue
         start, end = starts[-1], ends[0]
         line = _median_path(agreeing, start.centerline[-1], end.centerline[0])
-        half = 0.5 * np.linspace(start.width, end.width, len(line))
+        sides = around(line, np.linspace(start.width, end.width, len(line)))
         name = f"i{places[key]}_{start.id}_{end.id}"
-        sides = shift_left(line, half), shift_left(line, -half)
         movements.append((Lanelet(name, *sides, successors=(end.id,), junction=True), start.id))
     return movements
 

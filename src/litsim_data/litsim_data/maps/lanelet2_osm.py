@@ -1,67 +1,180 @@
-"""Lanelet2 maps (OSM XML), read through the ``lanelet2`` package: ``pip install -r requirements/maps.txt``."""
+"""Lanelet2 maps (OSM XML), read through the ``lanelet2`` package: ``pip install -r requirements/maps.txt``.
+
+That package refuses a whole file for what it does not know. Here such parts are taken out of the file before it reads
+it: regulatory elements beyond its own, areas, and borders that are chains of ways, which are joined.
+"""
 
 from __future__ import annotations
 
 import importlib
 import math
+import tempfile
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from litsim_data.maps.lanelets import SPEED_LIMIT, Lanelet
+from litsim_data.maps.lane_graph import SPEED_LIMIT, LaneGraph, Lanelet
 from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.core.scene import FloatArray
 
 TURNS = ("left", "right", "straight")
 """Values of the attribute `turn_direction`, which lanelets inside intersections have."""
+RULES = ("all_way_stop", "right_of_way", "speed_limit", "traffic_light", "traffic_sign")
+"""Subtypes of regulatory elements that the package knows."""
+LOCAL = ("local_x", "local_y")
+"""Tags of nodes with coordinates in metres, which Autoware reads instead of latitude and longitude."""
+LOCAL_ORIGIN = (49.0, 8.4)
+"""Latitude and longitude [deg] that stand for (0, 0) of these within the package."""
 
 
-def read_lanelets(source: Path, origin: tuple[float, float]) -> list[Lanelet]:
-    """Returns the lanelets of a Lanelet2 file that vehicles may use, in metres from `origin`.
+def read_graph(source: Path, origin: tuple[float, float] | None) -> LaneGraph:
+    """Returns the lanelets of a Lanelet2 file that vehicles may use.
+
+    Args:
+        source: the file.
+        origin: latitude and longitude [deg] of (0, 0), from which x and y are metres in UTM; None for maps with
+            coordinates in metres (:data:`LOCAL`).
 
     Raises:
-        InputError: the lanelet2 package is missing, or `source` cannot be used.
+        InputError: the lanelet2 package is missing, `source` cannot be used, or an origin is needed.
     """
-    io, projection, routing, traffic_rules = _modules()
     if not source.is_file():
         raise InputError(f"{source}: no such Lanelet2 file")
-    latitude, longitude = origin
+    try:
+        tree = ET.parse(source)  # noqa: S314  a map that the user names, read by a parser without network access
+    except ET.ParseError as error:
+        raise InputError(f"{source}: not a readable Lanelet2 file: {error}") from error
+    root = tree.getroot()
+    nodes = root.findall("node")
+    places = {(node.get("lat"), node.get("lon")) for node in nodes}
+    local = bool(nodes) and all(_tag(node, name) is not None for node in nodes for name in LOCAL)
+    local = local and (origin is None or len(places) == 1)
+    if origin is None and not local:
+        raise InputError("data map: --lanelet2 needs --origin LAT LON, the point that becomes (0, 0)")
+    latitude, longitude = LOCAL_ORIGIN if local or origin is None else origin
     if not (-90.0 <= latitude <= 90.0 and -180.0 <= longitude <= 180.0):
         raise InputError(f"--origin {latitude} {longitude}: expected degrees of latitude and longitude")
+    io, projection, routing, traffic_rules, core = _modules()
+    projector = projection.UtmProjector(io.Origin(latitude, longitude))
+    if local:
+        _place_by_metres(nodes, projector, core, source)
+    notes = [*_without_unknown(root), *_joined_borders(root)]
+    if local and origin is not None:
+        notes.append("coordinates are those of the tags local_x and local_y, not --origin: all nodes are at one place")
     try:
-        projector = projection.UtmProjector(io.Origin(latitude, longitude))
-        lanelet_map = io.load(str(source), projector)
+        with tempfile.TemporaryDirectory() as scratch:
+            tree.write(Path(scratch) / "map.osm", encoding="UTF-8", xml_declaration=True)
+            lanelet_map = io.load(str(Path(scratch) / "map.osm"), projector)
     except RuntimeError as error:
         raise InputError(f"{source}: not a readable Lanelet2 file: {_why(str(error), origin)}") from error
     rules = traffic_rules.create(traffic_rules.Locations.Germany, traffic_rules.Participants.Vehicle)
     graph = routing.RoutingGraph(lanelet_map, rules)
-    lanelets = [_lanelet(raw, graph, rules) for raw in lanelet_map.laneletLayer if rules.canPass(raw)]
+    lanelets = tuple(_lanelet(raw, graph, rules) for raw in lanelet_map.laneletLayer if rules.canPass(raw))
     if not lanelets:
         roads = sum("highway" in line.attributes for line in lanelet_map.lineStringLayer)
         plain = f"; it has {roads} ways with tag highway, as OpenStreetMap, which does not say where lanes lie"
         raise InputError(f"{source}: no lanelets that vehicles may use{plain if roads else ''}")
     if not all(np.isfinite(lanelet.centerline).all() for lanelet in lanelets):
         raise InputError(f"{source}: bounds are not finite: is --origin within the map's UTM zone?")
-    return lanelets
+    return LaneGraph(lanelets, notes=tuple(notes))
 
 
-def _why(error: str, origin: tuple[float, float]) -> str:
+def _tag(element: ET.Element, key: str) -> str | None:
+    return next((tag.get("v") for tag in element.findall("tag") if tag.get("k") == key), None)
+
+
+def _place_by_metres(nodes: list[ET.Element], projector: Any, core: Any, source: Path) -> None:
+    """Gives each node the latitude and longitude by which `projector` finds its coordinates in metres."""
+    for node in nodes:
+        values = [_tag(node, name) or "" for name in LOCAL]
+        try:
+            x, y = (float(value) for value in values)
+        except ValueError as error:
+            raise InputError(f"{source}: node {node.get('id')}: {' and '.join(LOCAL)} are {values}: {error}") from error
+        place = projector.reverse(core.BasicPoint3d(x, y, 0.0))
+        node.set("lat", repr(place.lat))
+        node.set("lon", repr(place.lon))
+
+
+def _without_unknown(root: ET.Element) -> list[str]:
+    """Takes areas, and regulatory elements that the package does not know, out of a map; returns lines on them."""
+    taken: Counter[str] = Counter()
+    gone = set()
+    for relation in root.findall("relation"):
+        kind, subtype = _tag(relation, "type"), _tag(relation, "subtype") or ""
+        what = {"multipolygon": "areas", "regulatory_element": f"regulatory elements {subtype}"}.get(kind or "")
+        if what is not None and subtype not in RULES:
+            taken[what] += 1
+            gone.add(relation.get("id"))
+            root.remove(relation)
+    for relation in root.findall("relation"):
+        for member in relation.findall("member[@type='relation']"):
+            if member.get("ref") in gone:
+                relation.remove(member)
+    return [f"ignored: {count} {what}, which are no lanes" for what, count in sorted(taken.items())]
+
+
+def _joined_borders(root: ET.Element) -> list[str]:
+    """Replaces borders of lanelets that are chains of ways by one way each; returns a line on them."""
+    ways = {way.get("id", ""): way for way in root.findall("way")}
+    joined: dict[tuple[str, ...], str] = {}
+    for relation in root.findall("relation"):
+        for role in ("left", "right") if _tag(relation, "type") == "lanelet" else ():
+            members = [one for one in relation.findall("member") if one.get("role") == role and one.get("ref") in ways]
+            if len(members) < 2:
+                continue
+            key = tuple(sorted(one.get("ref", "") for one in members))
+            chain = _chain([[nd.get("ref", "") for nd in ways[name].findall("nd")] for name in key])
+            if chain is None:
+                continue  # the package says what is wrong with it
+            if key not in joined:
+                joined[key] = str(-1_000_000_000 - len(joined))
+                way = ET.SubElement(root, "way", {"id": joined[key]})
+                way.extend([ET.Element("nd", {"ref": node}) for node in chain])
+                way.extend(ways[key[0]].findall("tag"))
+            for one in members[1:]:
+                relation.remove(one)
+            members[0].set("ref", joined[key])
+    order = {"node": 0, "way": 1, "relation": 2}
+    root[:] = sorted(root, key=lambda element: order.get(element.tag, -1))
+    return [f"joined: {len(joined)} borders that are chains of ways"] if joined else []
+
+
+def _chain(parts: list[list[str]]) -> list[str] | None:
+    """Returns the nodes of lines joined end to end; None if they are no chain."""
+    chain, left = parts[0], parts[1:]
+    while left:
+        for part in left:
+            ways = ((chain, part), (chain, part[::-1]), (part, chain), (part[::-1], chain))
+            if (pair := next((pair for pair in ways if pair[0][-1] == pair[1][0]), None)) is not None:
+                chain = [*pair[0], *pair[1][1:]]
+                left.remove(part)
+                break
+        else:
+            return None
+    return chain
+
+
+def _why(error: str, origin: tuple[float, float] | None) -> str:
     """Returns the text of an error of the lanelet2 package, which has a line for each node of the file, in one line."""
     lines = error.splitlines()
     text = " ".join(" ".join(lines[:2]).split()) + (f"; {len(lines) - 2} more such lines" if len(lines) > 2 else "")
-    question = f"; is --origin {origin[0]:g} {origin[1]:g}, latitude and longitude, near the map?"
-    return text + (question if "UTM zone" in text else "")
+    if origin is None or "UTM zone" not in text:
+        return text
+    return f"{text}; is --origin {origin[0]:g} {origin[1]:g}, latitude and longitude, near the map?"
 
 
-def _modules() -> tuple[Any, Any, Any, Any]:
-    names = ("io", "projection", "routing", "traffic_rules")
+def _modules() -> tuple[Any, Any, Any, Any, Any]:
+    names = ("core", "io", "projection", "routing", "traffic_rules")
     try:
-        importlib.import_module("lanelet2.core")  # the types that the others hand over
-        io, projection, routing, traffic_rules = (importlib.import_module(f"lanelet2.{name}") for name in names)
+        core, io, projection, routing, traffic_rules = (importlib.import_module(f"lanelet2.{name}") for name in names)
     except ImportError as error:
         raise not_installed("lanelet2") from error
-    return io, projection, routing, traffic_rules
+    return io, projection, routing, traffic_rules, core
 
 
 def _lanelet(raw: Any, graph: Any, rules: Any) -> Lanelet:
@@ -77,10 +190,23 @@ def _lanelet(raw: Any, graph: Any, rules: Any) -> Lanelet:
         left_id=None if left is None else str(left.id),
         right_id=None if right is None else str(right.id),
         speed_limit=limit if limit > 0.0 and math.isfinite(limit) else SPEED_LIMIT,
-        signal=any("TrafficLight" in type(element).__name__ for element in raw.regulatoryElements),
+        lights=tuple(str(element.id) for element in raw.regulatoryElements if "TrafficLight" in type(element).__name__),
         junction=turn in TURNS,
     )
 
 
 def _points(bound: Any) -> FloatArray:
-    return np.array([[point.x, point.y] for point in bound], np.float64)
+    return np.array([[point.x, point.y, point.z] for point in bound], np.float64)
+
+
+def moved_to_utm(graph: LaneGraph, origin: tuple[float, float], centre: tuple[float, float]) -> LaneGraph:
+    """Returns a graph that was read from `origin` (latitude, longitude), with (0, 0) at `centre` (x, y) [m] in UTM."""
+    io, projection, _, _, core = _modules()
+    absolute = projection.UtmProjector(io.Origin(*origin), False, False).forward(core.GPSPoint(*origin, 0.0))  # noqa: FBT003 - has no names
+    shift = np.array([absolute.x - centre[0], absolute.y - centre[1], 0.0])
+    return replace(
+        graph,
+        lanelets=tuple(
+            replace(lanelet, left=lanelet.left + shift, right=lanelet.right + shift) for lanelet in graph.lanelets
+        ),
+    )

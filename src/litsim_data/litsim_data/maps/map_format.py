@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import ClassVar
 
-from litsim_sim.core.errors import InputError
+from litsim_data.maps.lane_graph import LaneGraph
 
 
 class MapFormat(ABC):
@@ -22,7 +22,7 @@ class MapFormat(ABC):
 
     @abstractmethod
     def write_net(self, path: Path, origin: tuple[float, float] | None, out: Path) -> list[str]:
-        """Writes the map at `path` as a SUMO net to `out`; returns netconvert's warnings.
+        """Writes the map at `path` as a SUMO net to `out`; returns lines on what was not used, and on warnings.
 
         Args:
             path: file of this format.
@@ -34,36 +34,50 @@ class MapFormat(ABC):
         """
 
 
-class CommonRoad(MapFormat):
+class GraphFormat(MapFormat):
+    """A format that is read as a lane graph, of which LitSim builds the net."""
+
+    @abstractmethod
+    def read(self, path: Path, origin: tuple[float, float] | None) -> LaneGraph:
+        """Returns the lanes of the map at `path`; arguments and errors are those of :meth:`write_net`."""
+
+    def write_net(self, path: Path, origin: tuple[float, float] | None, out: Path) -> list[str]:
+        """See :class:`MapFormat`."""
+        from litsim_data.maps.net_builder import write_graph
+
+        return [*write_graph(self.read(path, origin), out).notes]
+
+
+class CommonRoad(GraphFormat):
     """Maps of CommonRoad scenarios, in their own frame."""
 
     file, content = "F.xml", "a CommonRoad lanelet map"
 
-    def write_net(self, path: Path, origin: tuple[float, float] | None, out: Path) -> list[str]:  # noqa: ARG002 - has its own frame
-        """See :class:`MapFormat`."""
-        from litsim_data.maps.commonroad import read_lanelets
-        from litsim_data.maps.lanelets import write_lanelets
+    def read(self, path: Path, origin: tuple[float, float] | None) -> LaneGraph:  # noqa: ARG002 - has its own frame
+        """See :class:`GraphFormat`."""
+        from litsim_data.maps.commonroad import read_graph, read_root
 
-        return write_lanelets(read_lanelets(path), out)
+        return read_graph(read_root(path), path)
 
 
-class Lanelet2(MapFormat):
+class Lanelet2(GraphFormat):
     """Lanelet2 maps, as of Autoware; frame map is UTM metres from the origin, x east, y north."""
 
     file, content = "F.osm", "a Lanelet2 map (pip install lanelet2)"
 
-    def write_net(self, path: Path, origin: tuple[float, float] | None, out: Path) -> list[str]:
-        """See :class:`MapFormat`."""
-        from litsim_data.maps.lanelet2_osm import read_lanelets
-        from litsim_data.maps.lanelets import write_lanelets
+    def read(self, path: Path, origin: tuple[float, float] | None) -> LaneGraph:
+        """See :class:`GraphFormat`."""
+        from litsim_data.maps.lanelet2_osm import read_graph
 
-        if origin is None:
-            raise InputError("data map: --lanelet2 needs --origin LAT LON, the point that becomes (0, 0)")
-        return write_lanelets(read_lanelets(path, origin), out)
+        return read_graph(path, origin)
 
 
 class OpenDrive(MapFormat):
-    """OpenDRIVE maps, through netconvert, in the frame of the file."""
+    """OpenDRIVE maps, through netconvert, in the frame of the file.
+
+    They describe roads by curves and lanes by polynomials along them, with signals, and roundings at junctions; all of
+    that netconvert has read for years. A reader to the lane graph would be longer than both others together.
+    """
 
     file, content = "F.xodr", "an OpenDRIVE map through netconvert"
 

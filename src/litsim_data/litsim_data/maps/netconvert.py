@@ -20,6 +20,16 @@ from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.io.files import replacing
 
 DECIMALS = 3  # of written coordinates: millimetres
+LEFT_HAND = "LHT"
+"""Value of the attribute `rule` of roads on which traffic keeps to the left."""
+LANE_NUMBERS = {
+    "lane": ("id",),
+    "predecessor": ("id",),
+    "successor": ("id",),
+    "laneLink": ("from", "to"),
+    "validity": ("fromLane", "toLane"),
+}
+"""Attributes of OpenDRIVE with numbers of lanes, by the elements that have them."""
 PLAIN_OPTIONS = {
     ".nod.xml": "--node-files",
     ".edg.xml": "--edge-files",
@@ -74,27 +84,70 @@ def build_net(
         return _convert([*files, *options], path, folder, outlines or {}, f"the plan of {path.name}")
 
 
-def import_opendrive(source: Path, path: Path) -> list[str]:
+def import_opendrive(source: Path, path: Path, left_hand: bool | None = None) -> list[str]:
     """Converts the OpenDRIVE file `source` to the net at `path`; the frame is that of the file.
 
+    netconvert reads lanes as leading as in right-hand traffic, whatever attribute `rule` of a road says.
+
+    Args:
+        source: the file.
+        path: the net to write.
+        left_hand: whether traffic keeps to the left; None: as the attribute `rule` of most of its roads says.
+
     Returns:
-        netconvert's warnings.
+        Lines on what is not as the file says, and netconvert's warnings.
 
     Raises:
         InputError: as :func:`build_net`, or `source` is missing or no OpenDRIVE.
     """
     if not source.is_file():
         raise InputError(f"{source}: no such OpenDRIVE file")
-    text = source.read_bytes()
-    if left_hand := re.search(rb"<road\b[^>]*\brule\s*=\s*[\"']LHT", text):
-        line = text.count(b"\n", 0, left_hand.end()) + 1
+    try:
+        root = ET.parse(source).getroot()  # noqa: S314  a map that the user names, read by a parser without network access
+    except ET.ParseError as error:
+        raise InputError(f"netconvert refused {source}: {error}") from error
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]  # without a namespace, which some files have
+    if (direct := root.find("junction[@type='direct']")) is not None:
         raise InputError(
-            f"{source}: line {line}: a road of left-hand traffic (rule LHT), whose lanes netconvert reads as "
-            f"leading the other way: expected right-hand traffic, or the map as Lanelet2 or CommonRoad"
+            f"{source}: junction {direct.get('id')} is direct, of roads that follow each other without connecting "
+            f"roads (OpenDRIVE 1.7), which netconvert does not read"
         )
+    roads = root.findall("road")
+    ruled_left = sum(road.get("rule") == LEFT_HAND for road in roads)
+    to_left = 2 * ruled_left > len(roads) if left_hand is None else left_hand
     options = ["--opendrive-files", str(source.resolve()), "--opendrive.curve-resolution", "1"]
     with tempfile.TemporaryDirectory() as scratch:
-        return _convert(options, path, Path(scratch), {}, str(source))
+        if to_left:
+            _swap_sides(root)
+            ET.ElementTree(root).write(Path(scratch) / "swapped.xodr", encoding="UTF-8", xml_declaration=True)
+            options[1] = "swapped.xodr"
+            options += ["--lefthand", "true"]
+        warnings = _convert(options, path, Path(scratch), {}, str(source))
+    other = len(roads) - ruled_left if to_left else ruled_left
+    sides = ("right", "left") if to_left else ("left", "right")
+    notes = [f"{other} of {len(roads)} roads keep to the {sides[0]} by rule, but are read as keeping to the {sides[1]}"]
+    return [*notes * bool(other), *(f"netconvert: {warning}" for warning in warnings)]
+
+
+def _swap_sides(root: ET.Element) -> None:
+    """Numbers the lanes of an OpenDRIVE map, in place, as if those to the left of the reference line lay to its right.
+
+    With option --lefthand, netconvert puts lanes of negative numbers, which lead along that line, to its left.
+    """
+    for tag, names in LANE_NUMBERS.items():
+        for element in root.iter(tag):
+            for name in names:
+                if (value := element.get(name)) is not None and value.strip("-0"):
+                    element.set(name, value.removeprefix("-") if value.startswith("-") else f"-{value}")
+    for section in root.iter("laneSection"):
+        sides = {side: section.find(side) for side in ("left", "right")}
+        for side, other in (("left", "right"), ("right", "left")):
+            if (group := sides[side]) is not None:
+                group.tag = other
+                group[:] = sorted(group, key=lambda lane: -int(lane.get("id", 0)))
+        order = {"left": 0, "center": 1, "right": 2}
+        section[:] = sorted(section, key=lambda group: order.get(group.tag, 3))
 
 
 def _convert(options: Sequence[str], path: Path, folder: Path, outlines: Mapping[str, str], source: str) -> list[str]:

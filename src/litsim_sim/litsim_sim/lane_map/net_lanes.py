@@ -37,6 +37,7 @@ class Lane:
         successors: ids of the lanes that follow directly; where a junction has internal lanes, those.
         left, right: ids of the neighbours in the same edge, None at its borders.
         is_internal: inside a junction.
+        heights: (k,) of the vertices [m]; None for a flat net.
     """
 
     id: str
@@ -51,6 +52,7 @@ class Lane:
     left: str | None
     right: str | None
     is_internal: bool
+    heights: FloatArray | None = None
 
 
 def lanes_from_left(lanes: Sequence[Lane]) -> list[int]:
@@ -140,7 +142,9 @@ def _lane(lane: Any, left_hand: bool, path: Path) -> Lane:
     Raises:
         InputError: its shape or its width is none.
     """
-    centerline = np.array([point[:2] for point in lane.getShape()], np.float64)
+    shape = lane.getShape3D()
+    centerline = np.array([point[:2] for point in shape], np.float64)
+    heights = np.array([point[2] for point in shape], np.float64)
     if len(centerline) < 2 or not np.isfinite(centerline).all():
         raise InputError(f"{path}: lane {lane.getID()}: field shape has no two points with finite coordinates")
     if not 0.0 < lane.getWidth() < np.inf:
@@ -148,6 +152,7 @@ def _lane(lane: Any, left_hand: bool, path: Path) -> Lane:
     steps = np.hypot(*np.diff(centerline, axis=0).T)
     keep = np.concatenate([[True], steps > TOLERANCE])
     closed = np.array([centerline[0], centerline[0] + [2 * TOLERANCE, 0.0]])  # by rounding, in a very short junction
+    heights = heights[keep] if keep.sum() > 1 else heights[:2]
     centerline = centerline[keep] if keep.sum() > 1 else closed
     s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(centerline, axis=0).T))])
     edge = lane.getEdge()
@@ -172,4 +177,5 @@ def _lane(lane: Any, left_hand: bool, path: Path) -> Lane:
         left=beside.get(index + 1),
         right=beside.get(index - 1),
         is_internal=lane.getID().startswith(":"),
+        heights=heights if heights.any() else None,
     )

@@ -5,12 +5,15 @@ from __future__ import annotations
 from enum import StrEnum
 from pathlib import Path
 
+import numpy as np
+
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import Kind
+from litsim_sim.core.scene import BoolArray, Kind
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario_file import ScenarioFile
 
+STANDING_M = 1.0  # [m] extent of the track of a vehicle below which it is parked
 DRIVING = 1.0  # [m/s] speed above which a heading is reliable
 AGAINST_MAX = 0.5  # largest share of the positions of moving vehicles on lanes that lead the other way
 
@@ -67,7 +70,7 @@ def check_agents(file: ScenarioFile, log: Log, history_steps: int, where: str) -
 def check_coverage(lane_map: LaneMap, net: Path, log: Log, demanded: float, where: str) -> float:
     """Check that the net covers the recording.
 
-    Pedestrians and cyclists do not count: they do not keep to lanes.
+    Pedestrians, cyclists and vehicles parked beside the lanes do not count: they do not keep to lanes.
 
     Returns:
         share of the recorded box centres that lie within half a lane width of some lane's centre line; NaN for none.
@@ -76,7 +79,10 @@ def check_coverage(lane_map: LaneMap, net: Path, log: Log, demanded: float, wher
         UnmetDemandError: the share is below `demanded`, or the lanes lead the other way; `where` names the scenario.
     """
     counts = log.valid & ~log.obstacle[:, None]
-    share = float(lane_map.inside_road(log.x[counts], log.y[counts]).mean()) if counts.any() else float("nan")
+    inside = np.zeros_like(counts)
+    inside[counts] = lane_map.inside_road(log.x[counts], log.y[counts])
+    counts &= inside | ~_parked(log)[:, None]
+    share = float(inside[counts].mean()) if counts.any() else float("nan")
     if share < demanded:
         x, y = log.x[log.valid], log.y[log.valid]
         x0, y0, x1, y1 = lane_map.bounds
@@ -95,3 +101,10 @@ def check_coverage(lane_map: LaneMap, net: Path, log: Log, demanded: float, wher
             f"vehicles head against its lanes, expected at most {AGAINST_MAX:.0%}",
         )
     return share
+
+
+def _parked(log: Log) -> BoolArray:
+    """Returns the mask (n,) of the agents that stay within STANDING_M for as long as they are there."""
+    spans = (np.ma.masked_array(values, ~log.valid) for values in (log.x, log.y))
+    extent = np.hypot(*(span.max(axis=1) - span.min(axis=1) for span in spans))
+    return np.asarray(extent.filled(0.0) < STANDING_M, np.bool_)

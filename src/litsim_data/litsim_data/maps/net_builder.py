@@ -1,88 +1,75 @@
-"""Lanelet maps as SUMO nets.
+"""Lane graphs as SUMO nets.
 
-A lanelet is a piece of one lane between a left and a right bound. Lanelets side by side become one edge whose lanes
-keep their own centre lines; lanelets inside intersections, where they cross or split, become connections with the
-lanelet's centre line as their shape. Readers: :mod:`litsim_data.maps.commonroad`, :mod:`litsim_data.maps.lanelet2_osm`.
+Lanelets side by side become one edge whose lanes keep their own centre lines; lanelets inside intersections, where they
+cross or split, become connections with the lanelet's centre line as their shape.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import shapely
 
+from litsim_data.maps.lane_graph import LEVEL, TURNS, LaneGraph, Lanelet, at_shares
 from litsim_data.maps.netconvert import DECIMALS, build_net
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.lane_map.lane_crossings import crossing_pairs, crossing_points
+from litsim_sim.lane_map.signal_links import ARROW
 
-SPEED_LIMIT = 13.89  # [m/s] 50 km/h, where the map gives none
 INNER_LENGTH_MAX = 60.0  # [m] longer lanelets that split or join are ramps, not turns
 ENDS_APART = 1.0  # [m] centre lines that come nearer than this only at their ends follow each other
 ROUNDS_MAX = 50
 AREA_GAP = 0.01  # [m] size of the outline that netconvert is given of a junction
 EXTENSION = 110.0  # [m] netconvert looks 100 m ahead of a lane for its junction
-SAMPLES_MIN = 8  # points of a centre line, at least
-SAMPLE = 2.0  # [m] between them
-LONGEST = 100_000.0  # [m] of a lanelet
+TURN = np.deg2rad(40.0)  # connections that turn less go straight on
+FLAT = 0.5  # [m] of height within which a map counts as flat
 
 
 @dataclass(frozen=True)
-class Lanelet:
-    """A piece of lane.
+class Connection:
+    """A connection of a built net.
 
     Attributes:
-        id: unique.
-        left, right: (k, 2), (l, 2) bounds in driving direction [m].
-        successors: ids of those that begin where this one ends; unknown ids are ignored.
-        left_id, right_id: ids of neighbours in the same direction.
-        speed_limit: [m/s].
-        signal: traffic lights hold at its end.
-        junction: whether the map says that it lies inside an intersection.
+        name: ``FROM_LANE -> TO_LANE``, by SUMO's ids.
+        start: the lanelet from which it leads.
+        inner: the lanelets over which it leads inside an intersection.
+        turn: left, straight or right.
     """
 
-    id: str
-    left: FloatArray
-    right: FloatArray
-    successors: tuple[str, ...] = ()
-    left_id: str | None = None
-    right_id: str | None = None
-    speed_limit: float = SPEED_LIMIT
-    signal: bool = False
-    junction: bool = False
+    name: str
+    start: str
+    inner: tuple[str, ...]
+    turn: str
 
-    @cached_property
-    def _sides(self) -> tuple[FloatArray, FloatArray]:
-        """Both bounds at the same shares of their length (m, 2)."""
-        length = max(_length(self.left), _length(self.right))
-        share = np.linspace(0.0, 1.0, max(SAMPLES_MIN, int(np.ceil(length / SAMPLE)) + 1))
-        return at_shares(self.left, share), at_shares(self.right, share)
 
-    @cached_property
-    def centerline(self) -> FloatArray:
-        """The points (m, 2) [m] midway between the bounds."""
-        left, right = self._sides
-        return 0.5 * (left + right)
+@dataclass(frozen=True)
+class BuiltNet:
+    """What became of a lane graph: notes on what of the map was not used, netconvert's warnings, and connections."""
 
-    def ends(self, at: int) -> FloatArray:
-        """Returns the points (2, 2) [m] of the left and the right bound at the start (`at` 0) or the end (`at` -1)."""
-        return np.stack([self.left[at], self.right[at]])
+    notes: tuple[str, ...]
+    connections: tuple[Connection, ...]
 
-    @cached_property
-    def width(self) -> float:
-        """Median distance between the bounds [m]."""
-        left, right = self._sides
-        return float(np.median(np.hypot(*(left - right).T)))
+    def controlled(self, graph: LaneGraph) -> dict[str, list[str]]:
+        """Returns the connections that each traffic light of `graph` holds, by its name: groups of signals.
 
-    @cached_property
-    def length(self) -> float:
-        """Length of the centre line [m]."""
-        return _length(self.centerline)
+        A connection over lanelets with lights is held by those, another by the lights of the lanelet that it comes
+        from; of several, by the first that is for its turn.
+        """
+        groups: dict[str, list[str]] = {}
+        for connection in self.connections:
+            over = [light for name in connection.inner for light in graph.by_id[name].lights]
+            lights = over or graph.by_id[connection.start].lights if connection.inner else ()
+            turns = (graph.turns.get(light, TURNS) for light in lights)
+            light = next((name for name, turn in zip(lights, turns, strict=True) if connection.turn in turn), None)
+            if light is not None:
+                groups.setdefault(light, []).append(connection.name)
+        return groups
 
 
 @dataclass(frozen=True)
@@ -97,25 +84,15 @@ class _Link:
 class _Plan:
     """Which lanelets are edges' lanes, which are connections, and which ends meet in a junction."""
 
-    def __init__(self, lanelets: Iterable[Lanelet]) -> None:
-        self.by_id = {lanelet.id: lanelet for lanelet in lanelets}
-        if not self.by_id:
-            raise InputError("the map holds no lanelets")
-        for lanelet in self.by_id.values():
-            reach = float(np.ptp(np.concatenate([lanelet.left, lanelet.right]), axis=0).max())
-            if reach > LONGEST:
-                raise InputError(
-                    f"lanelet {lanelet.id} is {reach / 1e3:.6g} km long, expected at most {LONGEST / 1e3:g}"
-                )
-        self.after = {
-            name: tuple(other for other in lanelet.successors if other in self.by_id and other != name)
-            for name, lanelet in self.by_id.items()
-        }
+    def __init__(self, graph: LaneGraph) -> None:
+        self.by_id = graph.by_id
+        self.hilly = bool(np.ptp(np.concatenate([lanelet.heights for lanelet in self.by_id.values()])) > FLAT)
+        self.after = {name: lanelet.successors for name, lanelet in self.by_id.items()}
         self.before: dict[str, list[str]] = {name: [] for name in self.by_id}
         for name, following in self.after.items():
             for other in following:
                 self.before[other].append(name)
-        self.crossing = _crossing_pairs(list(self.by_id.values()), self.after)
+        self.crossing = _crossing_pairs(list(self.by_id.values()))
         self.inner = self._first_inner()
         for _ in range(ROUNDS_MAX):
             self.groups = self._groups()
@@ -134,9 +111,21 @@ class _Plan:
             self.kept_outer |= lost | (looped & self.kept_outer)
             inner = (self.inner | looped) - self.kept_outer
             if inner == self.inner:
+                self.groups = [group[::-1] for group in self.groups] if graph.keeps_left else self.groups
                 return
             self.inner = inner
         raise InputError("the lanelets do not add up to roads and junctions")
+
+    def line(self, name: str) -> FloatArray:
+        """Returns the centre line (k, 2) of a lanelet, or (k, 3) on a map that is not flat [m]."""
+        lanelet = self.by_id[name]
+        return np.column_stack([lanelet.centerline, lanelet.heights]) if self.hilly else lanelet.centerline
+
+    def turn(self, link: _Link) -> str:
+        """Returns which way a connection turns."""
+        angle = self.by_id[link.end].course(0) - self.by_id[link.start].course(-1)
+        turned = float(wrap_angle(np.array(angle)))
+        return "straight" if abs(turned) < TURN else "left" if turned > 0.0 else "right"
 
     def _first_inner(self) -> set[str]:
         """Returns the lanelets inside intersections: by the map, or as they cross others, or are short and split or
@@ -215,58 +204,64 @@ class _Plan:
         return {end: numbers.setdefault(root(end), len(numbers)) for end in ends}
 
 
-def write_lanelets(lanelets: Iterable[Lanelet], path: Path) -> list[str]:
-    """Builds the SUMO net of a lanelet map at `path`, in the frame of the map.
-
-    Returns:
-        netconvert's warnings.
+def write_graph(graph: LaneGraph, path: Path) -> BuiltNet:
+    """Builds the SUMO net of a lane graph at `path`, in the frame of the graph.
 
     Raises:
         InputError: there are no lanelets, they do not add up, or netconvert is missing or refuses them.
     """
-    plain, outlines = lanelets_plain_xml(lanelets)
-    return build_net(plain, path, outlines=outlines)
+    plan = _Plan(graph)
+    plain, outlines, lanes = _plain_xml(plan)
+    options = ("--lefthand", "true") if graph.keeps_left else ()
+    warnings = build_net(plain, path, options, outlines=outlines)
+    connections = [
+        Connection(f"{lanes[link.start]}{ARROW}{lanes[link.end]}", link.start, link.inner, plan.turn(link))
+        for link in plan.links
+    ]
+    return BuiltNet((*graph.notes, *(f"netconvert: {warning}" for warning in warnings)), tuple(connections))
 
 
-def lanelets_plain_xml(lanelets: Iterable[Lanelet]) -> tuple[dict[str, ET.Element], dict[str, str]]:
+def _plain_xml(plan: _Plan) -> tuple[dict[str, ET.Element], dict[str, str], dict[str, str]]:
     """Returns the map as SUMO's plain XML.
 
-    Edges are named by the id of their rightmost lanelet, junctions by a number.
+    Lanes are numbered from the side to which traffic keeps, and edges named by the lanelet that lies there; junctions
+    are named by a number.
 
     Returns:
-        Nodes, edges and connections by file name, and the outlines of the junctions.
-
-    Raises:
-        InputError: there are no lanelets, or they do not add up.
+        Nodes, edges and connections by file name; the outlines of the junctions; SUMO's lanes by lanelet.
     """
-    plan = _Plan(lanelets)
     nodes, edges, connections = ET.Element("nodes"), ET.Element("edges"), ET.Element("connections")
     by_node: dict[int, list[FloatArray]] = {}
     ends_at: dict[int, list[FloatArray]] = {}
     lines_at: dict[int, list[FloatArray]] = {}
     outlines: dict[str, str] = {}
     signals: set[int] = set()
+    lanes: dict[str, str] = {}
     for row, group in enumerate(plan.groups):
         members = [plan.by_id[name] for name in group]
-        middle = 0.5 * (at_shares(members[0].centerline, SHARES) + at_shares(members[-1].centerline, SHARES))
+        lanes |= {name: f"{group[0]}_{index}" for index, name in enumerate(group)}
+        middle = 0.5 * (at_shares(plan.line(group[0]), SHARES) + at_shares(plan.line(group[-1]), SHARES))
         ends = plan.node_of[row, 0], plan.node_of[row, 1]
         for node, at in zip(ends, (0, -1), strict=True):
             by_node.setdefault(node, []).append(middle[at])
             ends_at.setdefault(node, []).extend(corner for member in members for corner in member.ends(at))
             lines_at.setdefault(node, []).extend(member.centerline for member in members)
-        signals |= {ends[1]} if any(member.signal for member in members) else set()
+        signals |= {ends[1]} if any(member.lights for member in members) else set()
         attributes = {"id": group[0], "from": f"j{ends[0]}", "to": f"j{ends[1]}", "numLanes": str(len(group))}
         attributes |= {"speed": f"{max(member.speed_limit for member in members):.2f}", "spreadType": "center"}
         attributes |= {"shape": _shape(middle), "priority": str(len(group))}
         edge = ET.SubElement(edges, "edge", attributes)
         for index, member in enumerate(members):
-            lane = {"index": str(index), "width": f"{member.width:.{DECIMALS}f}", "shape": _shape(member.centerline)}
+            lane = {"index": str(index), "width": f"{member.width:.{DECIMALS}f}", "shape": _shape(plan.line(member.id))}
             ET.SubElement(edge, "lane", lane)
+    for link in plan.links:
+        if any(plan.by_id[name].lights for name in link.inner):
+            signals.add(plan.node_of[plan.group_of[link.start], 1])
     controlled = {plan.node_of[plan.group_of[link.start], 1] for link in plan.links if link.inner}
     for node, points in sorted(by_node.items()):
-        x, y = np.mean(points, axis=0)
+        place = dict(zip("xyz", (f"{value:.{DECIMALS}f}" for value in np.mean(points, axis=0)), strict=False))
         kind = "traffic_light" if node in signals & controlled else "priority" if len(points) > 1 else "dead_end"
-        attributes = {"id": f"j{node}", "x": f"{x:.{DECIMALS}f}", "y": f"{y:.{DECIMALS}f}", "type": kind, "radius": "0"}
+        attributes = {"id": f"j{node}", **place, "type": kind, "radius": "0"}
         corners = np.array(ends_at[node])
         ET.SubElement(nodes, "node", {**attributes, "shape": _shape(_clear_place(corners, lines_at[node]))})
         hull = shapely.MultiPoint(corners).convex_hull
@@ -274,7 +269,7 @@ def lanelets_plain_xml(lanelets: Iterable[Lanelet]) -> tuple[dict[str, ET.Elemen
             outlines[f"j{node}"] = _shape(np.asarray(hull.exterior.coords, np.float64)[:-1])
     for link in plan.links:
         connections.append(_connection(plan, link))
-    return {"map.nod.xml": nodes, "map.edg.xml": edges, "map.con.xml": connections}, outlines
+    return {"map.nod.xml": nodes, "map.edg.xml": edges, "map.con.xml": connections}, outlines, lanes
 
 
 def _clear_place(corners: FloatArray, lines: list[FloatArray]) -> FloatArray:
@@ -308,40 +303,34 @@ def _connection(plan: _Plan, link: _Link) -> ET.Element:
     attributes = {"from": start[0], "to": end[0]}
     attributes |= {"fromLane": str(start.index(link.start)), "toLane": str(end.index(link.end))}
     if link.inner:
-        lines = [plan.by_id[name].centerline for name in link.inner]
-        begin, finish = plan.by_id[link.start].centerline[-1:], plan.by_id[link.end].centerline[:1]
+        lines = [plan.line(name) for name in link.inner]
+        begin, finish = plan.line(link.start)[-1:], plan.line(link.end)[:1]
         attributes["shape"] = _shape(_without_repeats(np.concatenate([begin, *lines, finish])))
     return ET.Element("connection", attributes)
 
 
-def _crossing_pairs(lanelets: list[Lanelet], after: dict[str, tuple[str, ...]]) -> list[tuple[str, str]]:
-    """Returns pairs of lanelets whose centre lines cross off their ends, other than where one leads into the other."""
+def _crossing_pairs(lanelets: list[Lanelet]) -> list[tuple[str, str]]:
+    """Returns pairs of lanelets whose centre lines cross off their ends, other than where one leads into the other, or
+    over it.
+    """
     lines = [shapely.LineString(lanelet.centerline) for lanelet in lanelets]
     pairs = []
     for row, column in sorted(crossing_pairs(lines)):
-        one, other = lanelets[row].id, lanelets[column].id
-        if row > column or other in after[one] or one in after[other]:
+        one, other = lanelets[row], lanelets[column]
+        if row > column or other.id in one.successors or one.id in other.successors:
             continue
         ends = shapely.union(lines[row].boundary, lines[column].boundary)
-        if any(ends.distance(point) > ENDS_APART for point in crossing_points(lines[row], lines[column])):
-            pairs.append((one, other))
+        if any(
+            ends.distance(point) > ENDS_APART and abs(one.height_at(point) - other.height_at(point)) < LEVEL
+            for point in crossing_points(lines[row], lines[column])
+        ):
+            pairs.append((one.id, other.id))
     return pairs
 
 
-def _length(line: FloatArray) -> float:
-    return float(np.hypot(*np.diff(line, axis=0).T).sum())
-
-
-def at_shares(line: FloatArray, share: FloatArray) -> FloatArray:
-    """Returns points (m, 2) of a polyline at shares (m,) of its length."""
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-    return np.column_stack([np.interp(share * s[-1], s, line[:, axis]) for axis in (0, 1)])
-
-
 def _without_repeats(line: FloatArray) -> FloatArray:
-    keep = np.concatenate([[True], np.hypot(*np.diff(line, axis=0).T) > 1e-3])
-    return line[keep]
+    return line[np.concatenate([[True], np.hypot(*np.diff(line[:, :2], axis=0).T) > 1e-3])]
 
 
 def _shape(line: FloatArray) -> str:
-    return " ".join(f"{x:.{DECIMALS}f},{y:.{DECIMALS}f}" for x, y in line)
+    return " ".join(",".join(f"{value:.{DECIMALS}f}" for value in point) for point in line)

@@ -1,4 +1,4 @@
-"""Lanelet maps as nets: by hand, from CommonRoad, Lanelet2 and OpenDRIVE files that the tests write."""
+"""Lane graphs as nets: by hand, from CommonRoad, Lanelet2 and OpenDRIVE files that the tests write."""
 
 from __future__ import annotations
 
@@ -12,14 +12,16 @@ import numpy as np
 import pytest
 
 from litsim_data.cli import main
-from litsim_data.maps import lanelet2_osm
 from litsim_data.maps.check import check_net
-from litsim_data.maps.commonroad import read_lanelets
-from litsim_data.maps.lanelets import Lanelet, lanelets_plain_xml, write_lanelets
+from litsim_data.maps.connectivity import connectivity
+from litsim_data.maps.lane_graph import LaneGraph, Lanelet
+from litsim_data.maps.map_format import CommonRoad, Lanelet2
+from litsim_data.maps.net_builder import write_graph
 from litsim_data.maps.netconvert import find_netconvert, import_opendrive
 from litsim_data.maps.positions import for_checking
 from litsim_sim.core.errors import InputError
 from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.lane_map.signal_links import read_links
 
 WIDTH = 3.5
 
@@ -39,7 +41,7 @@ def straight(name: str, start: tuple[float, float], end: tuple[float, float], *s
     return Lanelet(name, line + left, line - left, successors)
 
 
-def crossing() -> list[Lanelet]:
+def crossing() -> LaneGraph:
     """A two-lane road to the east that a lane to the north crosses; from the latter one can turn right."""
     right, left = (-1.75, 1.75)
     lanes = [
@@ -57,7 +59,7 @@ def crossing() -> list[Lanelet]:
     for at in (0, 2, 4):
         lanes[at] = replace(lanes[at], left_id=lanes[at + 1].id)
         lanes[at + 1] = replace(lanes[at + 1], right_id=lanes[at].id)
-    return lanes
+    return LaneGraph(tuple(lanes))
 
 
 def by_place(lane_map: LaneMap, x: float, y: float) -> str:
@@ -70,7 +72,7 @@ def by_place(lane_map: LaneMap, x: float, y: float) -> str:
 
 def test_crossing_lanelets_become_one_junction(tmp_path: Path) -> None:
     net = tmp_path / "made.net.xml"
-    assert write_lanelets(crossing(), net) == []
+    assert write_graph(crossing(), net).notes == ()
     lane_map = LaneMap.from_net(net)
     outer = {lane.id: lane for lane in lane_map.lanes if not lane.is_internal}
     assert set(outer) == {"right_in_0", "right_in_1", "right_out_0", "right_out_1", "north_in_0", "north_out_0"}
@@ -85,13 +87,66 @@ def test_crossing_lanelets_become_one_junction(tmp_path: Path) -> None:
 
 
 def test_signals_make_a_signalised_junction(tmp_path: Path) -> None:
-    lanes = [replace(lanelet, signal=lanelet.id == "north_in") for lanelet in crossing()]
-    write_lanelets(lanes, tmp_path / "made.net.xml")
+    before, within = ("right_in", "north_over"), {"right_in": ("a", "b"), "north_over": ("c",)}
+    graph = crossing()
+    lanes = tuple(replace(one, lights=within[one.id] if one.id in before else ()) for one in graph.lanelets)
+    graph = LaneGraph(lanes, turns={"a": ("left",), "b": ("straight", "right")})
+    groups = write_graph(graph, tmp_path / "made.net.xml").controlled(graph)
     assert 'type="traffic_light"' in (tmp_path / "made.net.xml").read_text()
+    assert groups == {"b": ["right_in_0 -> right_out_0"], "c": ["north_in_0 -> north_out_0"]}
+    assert {name for members in groups.values() for name in members} <= {
+        link.name for link in read_links(tmp_path / "made.net.xml")
+    }
+
+
+def mirrored(graph: LaneGraph) -> LaneGraph:
+    """The same lanes, seen in a mirror."""
+    flip = np.array([1.0, -1.0])
+    lanes = [replace(one, left=one.right * flip, right=one.left * flip) for one in graph.lanelets]
+    return LaneGraph(tuple(replace(one, left_id=one.right_id, right_id=one.left_id) for one in lanes))
+
+
+def test_left_hand_traffic_is_the_mirror_image(tmp_path: Path) -> None:
+    """Lanes, connections, and who gives way to whom; told by the side on which the oncoming lane lies."""
+    back = [straight("left_back", (60, 5.25), (10, 5.25), "back_over")]
+    back += [straight("back_over", (10, 5.25), (-10, 5.25), "back_out"), straight("back_out", (-10, 5.25), (-60, 5.25))]
+    graph = LaneGraph((*crossing().lanelets, *back))
+    assert not graph.keeps_left and mirrored(graph).keeps_left
+    write_graph(graph, tmp_path / "right.net.xml")
+    write_graph(mirrored(graph), tmp_path / "left.net.xml")
+    roots = [ET.parse(tmp_path / f"{side}.net.xml").getroot() for side in ("right", "left")]
+    assert [root.get("lefthand") for root in roots] == [None, "true"]
+    right, left = (LaneMap.from_net(tmp_path / f"{side}.net.xml") for side in ("right", "left"))
+    assert [lane.id for lane in right.lanes] == [lane.id for lane in left.lanes]
+    for one, other in zip(right.lanes, left.lanes, strict=True):
+        assert (one.left, one.right, one.successors) == (other.right, other.left, other.successors)
+        np.testing.assert_allclose(one.centerline * [1, -1], other.centerline, atol=2e-3)
+    yields = [sorted((one.get("index"), one.get("response")) for one in root.iter("request")) for root in roots]
+    assert yields[0] == yields[1] and any("1" in response for _, response in yields[0])
+
+
+@pytest.mark.parametrize(("height", "meeting"), [(0.5, True), (6.0, False)])
+def test_roads_on_two_levels_do_not_meet(height: float, meeting: bool, tmp_path: Path) -> None:
+    over = [straight(name, (x, 0), (x + 40, 0), after) for name, x, after in (("a", -60, "b"), ("b", -20, "c"))]
+    over = [replace(one, left=np.c_[one.left, [height] * 2], right=np.c_[one.right, [height] * 2]) for one in over]
+    under = [
+        straight("d", (0, -60), (0, -20), "e"),
+        straight("e", (0, -20), (0, 20), "f"),
+        straight("f", (0, 20), (0, 60)),
+    ]
+    net = tmp_path / "made.net.xml"
+    write_graph(LaneGraph((*over, straight("c", (20, 0), (60, 0)), *under)), net)
+    lane_map = LaneMap.from_net(net)
+    inside = {
+        name: by_place(lane_map, *at).startswith(":") for name, at in {"b": (10.0, 0.0), "e": (0.0, 10.0)}.items()
+    }
+    assert inside == {"b": meeting, "e": meeting}, "a lane of an intersection, or of a road that passes over another"
+    assert connectivity(lane_map).crossings == ()
 
 
 def test_lanelets_one_after_the_other_need_no_turn(tmp_path: Path) -> None:
-    write_lanelets([straight("a", (0, 0), (50, 0), "b"), straight("b", (50, 0), (90, 0))], tmp_path / "made.net.xml")
+    lanes = straight("a", (0, 0), (50, 0), "b"), straight("b", (50, 0), (90, 0))
+    write_graph(LaneGraph(lanes), tmp_path / "made.net.xml")
     lane_map = LaneMap.from_net(tmp_path / "made.net.xml")
     path = lane_map.path_from(lane_map.row("a_0"), 0.0, 90.0)
     np.testing.assert_allclose(path[:, 1], 0.0, atol=2e-3)
@@ -100,23 +155,31 @@ def test_lanelets_one_after_the_other_need_no_turn(tmp_path: Path) -> None:
 
 def test_lanelets_that_no_road_is_long_enough_for(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="lanelet far is 1e\\+06 km long, expected at most 100"):
-        write_lanelets(
-            [straight("a", (0, 0), (50, 0), "far"), straight("far", (50, 0), (1e9, 0))], tmp_path / "n.net.xml"
+        write_graph(
+            LaneGraph((straight("a", (0, 0), (50, 0), "far"), straight("far", (50, 0), (1e9, 0)))),
+            tmp_path / "n.net.xml",
         )
 
 
-def test_no_lanelets() -> None:
+def test_no_lanelets(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no lanelets"):
-        lanelets_plain_xml([])
+        write_graph(LaneGraph(()), tmp_path / "n.net.xml")
+
+
+def test_predecessors_count_as_successors_and_opposite_neighbours_do_not() -> None:
+    ahead, back = straight("a", (0, 0), (50, 0)), straight("back", (50, 3.5), (0, 3.5))
+    after = replace(straight("b", (50, 0), (90, 0)), predecessors=("a",))
+    by_id = LaneGraph((replace(ahead, left_id="back"), after, replace(back, left_id="a"))).by_id
+    assert by_id["a"].successors == ("b",) and by_id["a"].left_id is None and by_id["back"].left_id is None
 
 
 # CommonRoad
 
 
-def write_commonroad(lanelets: list[Lanelet], path: Path) -> None:
+def write_commonroad(graph: LaneGraph, path: Path) -> None:
     root = ET.Element("commonRoad", {"commonRoadVersion": "2020a"})
-    numbers = {lanelet.id: str(100 + i) for i, lanelet in enumerate(lanelets)}
-    for lanelet in lanelets:
+    numbers = {lanelet.id: str(100 + i) for i, lanelet in enumerate(graph.lanelets)}
+    for lanelet in graph.lanelets:
         element = ET.SubElement(root, "lanelet", {"id": numbers[lanelet.id]})
         for name, bound in (("leftBound", lanelet.left), ("rightBound", lanelet.right)):
             parent = ET.SubElement(element, name)
@@ -154,9 +217,9 @@ def test_files_that_are_no_commonroad_maps(tmp_path: Path) -> None:
     ):
         bad.write_text(text)
         with pytest.raises(InputError, match=message):
-            read_lanelets(bad)
+            CommonRoad().read(bad, None)
     with pytest.raises(InputError, match="not a readable CommonRoad file"):
-        read_lanelets(tmp_path / "absent.xml")
+        CommonRoad().read(tmp_path / "absent.xml", None)
 
 
 @pytest.mark.data
@@ -181,10 +244,10 @@ def test_real_lanelet_maps_hold_the_vehicles_of_their_windows(
     windows = Path(folder) / "ngsim" / f"{street}_commonroad_windows.parquet"
     if not source.is_file() or not windows.is_file():
         pytest.skip(f"{source} or {windows} is not there")
-    lanelets = read_lanelets(source)
-    write_lanelets(lanelets, net)
+    graph = CommonRoad().read(source, None)
+    write_graph(graph, net)
     lane_map = LaneMap.from_net(net)
-    ends = np.array([lanelet.centerline[at] for lanelet in lanelets for at in (0, -1)])
+    ends = np.array([lanelet.centerline[at] for lanelet in graph.lanelets for at in (0, -1)])
     for lane in lane_map.lanes:  # netconvert has neither cut nor lengthened a lane
         if not lane.is_internal:
             for point in lane.centerline[[0, -1]]:
@@ -303,11 +366,33 @@ def test_opendrive_that_is_missing_or_malformed(tmp_path: Path) -> None:
         import_opendrive(tmp_path / "bad.xodr", tmp_path / "a.net.xml")
 
 
-def test_opendrive_of_left_hand_traffic_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "left.xodr").write_text(XODR.replace('junction="-1"', 'junction="-1" rule="LHT"'))
-    with pytest.raises(InputError, match=r"left\.xodr: line 3: a road of left-hand traffic \(rule LHT\)"):
-        import_opendrive(tmp_path / "left.xodr", tmp_path / "a.net.xml")
-    assert not (tmp_path / "a.net.xml").exists()
+def test_opendrive_with_a_direct_junction(tmp_path: Path) -> None:
+    (tmp_path / "direct.xodr").write_text(XODR.replace("</OpenDRIVE>", '<junction id="9" type="direct"/></OpenDRIVE>'))
+    with pytest.raises(InputError, match=r"direct\.xodr: junction 9 is direct, of roads that follow"):
+        import_opendrive(tmp_path / "direct.xodr", tmp_path / "a.net.xml")
+
+
+def test_opendrive_of_left_hand_traffic(tmp_path: Path) -> None:
+    """A lane on each side of a bend whose middle is shifted to the left; the left one leads along the road."""
+    source, net = tmp_path / "left.xodr", tmp_path / "a.net.xml"
+    text = XODR.replace("<right>", f"<left>{LANE.format(id=1)}</left><right>").replace(LANE.format(id=-2), "")
+    text = text.replace("<lanes>", '<lanes><laneOffset s="0" a="0.5" b="0" c="0" d="0"/>')
+    text = text.replace("<line/>", '<arc curvature="0.01"/>')
+    source.write_text(text.replace('junction="-1"', 'junction="-1" rule="LHT"'))
+    centre, begin, end = np.array([5.0, 107.0]), -0.5 * np.pi, -0.5 * np.pi + 1.2
+
+    def at(left: float, angle: float) -> np.ndarray:
+        return centre + (100.0 - 0.5 - left) * np.array([np.cos(angle), np.sin(angle)])
+
+    for left_hand, side in ((None, 1.0), (False, -1.0)):
+        notes = import_opendrive(source, net, left_hand)
+        lane_map = LaneMap.from_net(net)
+        first, second = sorted(lane_map.lanes, key=lambda lane: lane.centerline[0, 0])
+        np.testing.assert_allclose(first.centerline[[0, -1]], [at(side * 1.75, begin), at(side * 1.75, end)], atol=0.1)
+        np.testing.assert_allclose(
+            second.centerline[[0, -1]], [at(-side * 1.75, end), at(-side * 1.75, begin)], atol=0.1
+        )
+    assert notes == ["1 of 1 roads keep to the left by rule, but are read as keeping to the right"]
 
 
 def test_an_openstreetmap_is_no_lanelet2_map(tmp_path: Path) -> None:
@@ -316,4 +401,69 @@ def test_an_openstreetmap_is_no_lanelet2_map(tmp_path: Path) -> None:
     way = '<way id="5"><nd ref="1"/><nd ref="2"/><tag k="highway" v="residential"/></way>'
     (tmp_path / "map.osm").write_text(f'<?xml version="1.0"?><osm version="0.6">{nodes}{way}</osm>')
     with pytest.raises(InputError, match=r"no lanelets that .*; it has 1 ways with tag highway, as OpenStreetMap"):
-        lanelet2_osm.read_lanelets(tmp_path / "map.osm", (49.0, 8.4))
+        Lanelet2().read(tmp_path / "map.osm", (49.0, 8.4))
+
+
+def edited(path: Path, *pairs: tuple[str, str]) -> Path:
+    text = path.read_text()
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["crosswalk", "detection_area", "road_marking"])
+def test_regulatory_elements_of_autoware_are_ignored_with_a_line(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("lanelet2")
+    write_osm(tmp_path / "map.osm")
+    rule = (
+        f'<relation id="301"><member type="way" role="refers" ref="21"/><tag k="type" v="regulatory_element"/>'
+        f'<tag k="subtype" v="{kind}"/></relation></osm>'
+    )
+    member = '<relation id="33"><member type="relation" role="regulatory_element" ref="301"/>'
+    edited(tmp_path / "map.osm", ("</osm>", rule), ('<relation id="33">', member))
+    main(
+        ["map", "--lanelet2", str(tmp_path / "map.osm"), "--origin", "49", "8.4", "--out", str(tmp_path / "n.net.xml")]
+    )
+    assert f"ignored: 1 regulatory elements {kind}, which are no lanes" in capsys.readouterr().err
+    assert {lane.id for lane in LaneMap.from_net(tmp_path / "n.net.xml").lanes if not lane.is_internal} == {
+        "32_0",
+        "32_1",
+        "33_0",
+    }
+
+
+@pytest.mark.parametrize("origin", [[], ["--origin", "0", "0"]])
+def test_coordinates_in_metres_as_of_autoware(origin: list[str], tmp_path: Path) -> None:
+    pytest.importorskip("lanelet2")
+    places = {1: (0, 4), 2: (40, 4), 3: (0, 0), 4: (40, 0)}
+    tags = '<tag k="local_x" v="{}"/><tag k="local_y" v="{}"/>'
+    nodes = "".join(f'<node id="{i}" lat="0" lon="0">{tags.format(*at)}</node>' for i, at in places.items())
+    ways = "".join(f'<way id="{w}"><nd ref="{a}"/><nd ref="{b}"/></way>' for w, a, b in ((21, 1, 2), (22, 3, 4)))
+    text = f'<osm version="0.6">{nodes}{ways}{RELATION.format(id=31, left=21, right=22)}</osm>'
+    (tmp_path / "map.osm").write_text(text)
+    main(["map", "--lanelet2", str(tmp_path / "map.osm"), *origin, "--out", str(tmp_path / "n.net.xml")])
+    (lane,) = LaneMap.from_net(tmp_path / "n.net.xml").lanes
+    np.testing.assert_allclose(lane.centerline[[0, -1]], [[0, 2], [40, 2]], atol=2e-3)
+    (tmp_path / "map.osm").write_text(text.replace('v="40"', 'v="far"'))
+    with pytest.raises(InputError, match=r"node 2: local_x and local_y are \['far', '4'\]"):
+        Lanelet2().read(tmp_path / "map.osm", None)
+
+
+@pytest.mark.parametrize("second", ['<nd ref="9"/><nd ref="2"/>', '<nd ref="2"/><nd ref="9"/>'])
+def test_borders_that_are_chains_of_ways_are_joined(second: str, tmp_path: Path) -> None:
+    pytest.importorskip("lanelet2")
+    write_osm(tmp_path / "map.osm")
+    whole = '<way id="21"><nd ref="1"/><nd ref="2"/>'
+    halves = f'<way id="26">{second}</way><way id="21"><nd ref="1"/><nd ref="9"/>'
+    middle = f'<node id="9" lat="{49 + 50 / 111_213:.9f}" lon="{8.4 - 3.5 / 73_170:.9f}"/>\n  <way id="21">'
+    left = '<member type="way" ref="21" role="left"/>'
+    more = f'<member type="way" ref="26" role="left"/>{left}'
+    edited(tmp_path / "map.osm", ('<way id="21">', middle), (whole, halves), (left, more))
+    graph = Lanelet2().read(tmp_path / "map.osm", (49.0, 8.4))
+    assert graph.notes == ("joined: 1 borders that are chains of ways",)
+    assert graph.by_id["31"].length == pytest.approx(100.0, abs=0.3)
+    assert graph.by_id["31"].width == pytest.approx(3.5, abs=0.05) and graph.by_id["31"].successors == ("33",)

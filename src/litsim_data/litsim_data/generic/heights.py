@@ -1,0 +1,49 @@
+"""Heights of the file, which recordings do not have: vehicles that pass over each other would touch."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pandas as pd
+from scipy.spatial import KDTree
+
+from litsim_sim.io.table_input import TableFiles
+
+NAMES = r"((vehicle|local|pos(ition)?|utm|map|cent(er|re))_?)?z(_?(m|center|centre|pos|position))?|elevation|altitude"
+"""Pattern of names of a column of heights, in lower case."""
+LEVEL = 3.0  # [m] of height from which on vehicles are on different levels
+NEAR = 30.0  # [m] within which vehicles on two levels are looked for: a hill does not rise as much
+INSTANTS = 400  # about as many instants are compared
+
+
+def levels(table: pd.DataFrame, source: TableFiles) -> str:
+    """Returns a sentence on vehicles near each other on different levels, empty for none.
+
+    Args:
+        table: vehicle_id, t [s], x, y [m], and row, the place in `source`.
+        source: the file, of which a column that looks like heights in metres is read.
+    """
+    name = next((one for one in source.columns if re.fullmatch(NAMES, one.strip().lower())), None)
+    if name is None or source.columns.count(name) > 1:
+        return ""
+    column = source.read([name], needed=set()).set_index("row")[name]
+    heights = pd.to_numeric(column, errors="coerce").reindex(table["row"]).to_numpy(np.float64)
+    instant = np.round(table["t"].to_numpy() * 10.0).astype(np.int64)
+    every = max(1, len(np.unique(instant)) // INSTANTS)
+    known = np.isfinite(heights) & (instant % every == 0)
+    rows = table[known].assign(height=heights[known], instant=instant[known])
+    pairs = set()
+    for _, now in rows.groupby("instant", sort=True):
+        one, other = KDTree(now[["x", "y"]]).query_pairs(NEAR, output_type="ndarray").T
+        height, vehicle = now["height"].to_numpy(), now["vehicle_id"].to_numpy()
+        apart = np.abs(height[one] - height[other]) > LEVEL
+        pairs |= {*zip(vehicle[one[apart]].tolist(), vehicle[other[apart]].tolist(), strict=True)}
+    if not pairs:
+        return ""
+    low, high = float(np.nanmin(heights)), float(np.nanmax(heights))
+    return (
+        f"column {name!r} spans {high - low:.1f} m and is not used, though {len(pairs)} pairs of vehicles are near "
+        f"each other on different levels, where they would touch: keep one level by field rows of the mapping, such as "
+        f"rows: {{{name}: {{max: {low + LEVEL:.1f}}}}}"
+    )

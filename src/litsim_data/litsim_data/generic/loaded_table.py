@@ -1,0 +1,60 @@
+"""A table that is in memory, as a source of :func:`litsim_data.generic.convert.convert`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.table_input import TableFiles
+
+
+@dataclass(frozen=True)
+class LoadedTable(TableFiles):
+    """Tracks that a reader has taken from a file which holds no table.
+
+    Attributes:
+        path: the file.
+        table: the tracks, a row for each time at which something is seen.
+    """
+
+    path: Path
+    table: pd.DataFrame
+
+    @classmethod
+    def of(cls, path: Path, columns: Mapping[str, Any]) -> LoadedTable:
+        """Returns the table of the tracks in `path`, by its columns.
+
+        Raises:
+            InputError: there are no rows.
+        """
+        table = pd.DataFrame(dict(columns))
+        if table.empty:
+            raise InputError(f"{path}: holds no tracks")
+        return cls((), tuple(map(str, table.columns)), path, table)
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    @property
+    def name(self) -> str:
+        """See :class:`TableFiles`."""
+        return self.path.name
+
+    @property
+    def folder(self) -> Path:
+        """See :class:`TableFiles`."""
+        return self.path.parent
+
+    def at(self, *rows: int) -> str:
+        """See :class:`TableFiles`; rows count from 1, in the order of the file."""
+        return f"{self.path}: row{'s' if len(rows) > 1 else ''} {' and '.join(map(str, rows))} of its tracks"
+
+    def read(self, wanted: list[str], *, needed: set[str] | None = None, whose: str = "") -> pd.DataFrame:  # noqa: ARG002 - all are there
+        """See :class:`TableFiles`."""
+        return self.table[wanted].assign(row=np.arange(1, len(self.table) + 1))

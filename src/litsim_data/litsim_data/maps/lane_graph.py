@@ -1,0 +1,215 @@
+"""The lane graph: what every format of maps is read as, and what nets are built from.
+
+A lanelet is a piece of one lane between a left and a right bound. A graph says which lanelets follow each other, which
+lie side by side, which lie inside intersections, and which traffic lights hold at them. Its readers are the formats of
+:mod:`.map_format`; :mod:`.net_builder` makes SUMO nets of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import shapely
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import to_body, wrap_angle
+from litsim_sim.core.scene import FloatArray
+
+SPEED_LIMIT = 13.89  # [m/s] 50 km/h, where the map gives none
+LANE_WIDTH = 3.5  # [m] of lanes of which only the centre line is known
+SAMPLES_MIN = 8  # points of a centre line, at least
+SAMPLE = 2.0  # [m] between them
+LONGEST = 100_000.0  # [m] of a lanelet
+LEVEL = 3.0  # [m] of height between lanes that cross, from which on one passes over the other
+OPPOSITE = np.deg2rad(150.0)  # from which on two lanes lead opposite ways
+BESIDE = 8.0  # [m] at most, between the middles of two lanes that lead opposite ways on one road
+
+
+TURNS = ("left", "straight", "right")
+
+
+@dataclass(frozen=True)
+class Lanelet:
+    """A piece of lane.
+
+    Attributes:
+        id: unique.
+        left, right: (k, 2), (l, 2) bounds in driving direction [m]; (k, 3), (l, 3) where heights are known.
+        successors: ids of those that begin where this one ends; unknown ids are ignored.
+        left_id, right_id: ids of neighbours in the same direction; those in the other direction are ignored.
+        speed_limit: [m/s].
+        lights: names of the traffic lights that hold at its end, or at its beginning if it lies inside an intersection.
+        junction: whether the map says that it lies inside an intersection.
+        predecessors: ids of those that end where this one begins, for formats that name them here alone.
+    """
+
+    id: str
+    left: FloatArray
+    right: FloatArray
+    successors: tuple[str, ...] = ()
+    left_id: str | None = None
+    right_id: str | None = None
+    speed_limit: float = SPEED_LIMIT
+    lights: tuple[str, ...] = ()
+    junction: bool = False
+    predecessors: tuple[str, ...] = ()
+
+    @cached_property
+    def _sides(self) -> tuple[FloatArray, FloatArray]:
+        """Both bounds at the same shares of their length (m, 2) or (m, 3)."""
+        length = max(_length(self.left), _length(self.right))
+        share = np.linspace(0.0, 1.0, max(SAMPLES_MIN, int(np.ceil(length / SAMPLE)) + 1))
+        return at_shares(self.left, share), at_shares(self.right, share)
+
+    @cached_property
+    def _middle(self) -> FloatArray:
+        left, right = self._sides
+        axes = min(left.shape[1], right.shape[1])
+        return 0.5 * (left[:, :axes] + right[:, :axes])
+
+    @property
+    def centerline(self) -> FloatArray:
+        """The points (m, 2) [m] midway between the bounds."""
+        return self._middle[:, :2]
+
+    @property
+    def heights(self) -> FloatArray:
+        """Heights (m,) [m] of the points of the centre line; 0 where unknown."""
+        return self._middle[:, 2] if self._middle.shape[1] == 3 else np.zeros(len(self._middle))
+
+    def ends(self, at: int) -> FloatArray:
+        """Returns the points (2, 2) [m] of the left and the right bound at the start (`at` 0) or the end (`at` -1)."""
+        return np.stack([self.left[at, :2], self.right[at, :2]])
+
+    @cached_property
+    def width(self) -> float:
+        """Median distance between the bounds [m]."""
+        left, right = self._sides
+        return float(np.median(np.hypot(*(left - right)[:, :2].T)))
+
+    @cached_property
+    def length(self) -> float:
+        """Length of the centre line [m]."""
+        return _length(self.centerline)
+
+    def height_at(self, point: shapely.Point) -> float:
+        """Returns the height [m] of the centre line where it is nearest to `point`."""
+        s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.centerline, axis=0).T))])
+        return float(np.interp(shapely.LineString(self.centerline).project(point), s, self.heights))
+
+    def course(self, at: int) -> float:
+        """Returns the direction [rad] of the centre line between point `at` and the next."""
+        return float(np.arctan2(*np.diff(self.centerline, axis=0)[at][::-1]))
+
+
+@dataclass(frozen=True)
+class LaneGraph:
+    """The lanes of a map.
+
+    Attributes:
+        lanelets: all of them.
+        left_hand: whether traffic keeps to the left; None: where most lanes have their oncoming lane to the right.
+        notes: sentences on what of the map was not used, or was read in another way than it says.
+        turns: those of TURNS that a traffic light is for, by its name; a light that is not named here is for all.
+    """
+
+    lanelets: tuple[Lanelet, ...]
+    left_hand: bool | None = None
+    notes: tuple[str, ...] = ()
+    turns: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    @cached_property
+    def by_id(self) -> dict[str, Lanelet]:
+        """The lanelets by their ids, each with all of its successors, and with neighbours that lead the same way.
+
+        Raises:
+            InputError: there are none, or one is longer than any road.
+        """
+        by_id = {lanelet.id: lanelet for lanelet in self.lanelets}
+        if not by_id:
+            raise InputError("the map holds no lanelets")
+        after = {name: [*lanelet.successors] for name, lanelet in by_id.items()}
+        for name, lanelet in by_id.items():
+            reach = float(np.ptp(np.concatenate([lanelet.left[:, :2], lanelet.right[:, :2]]), axis=0).max())
+            if reach > LONGEST:
+                raise InputError(f"lanelet {name} is {reach / 1e3:.6g} km long, expected at most {LONGEST / 1e3:g}")
+            for other in lanelet.predecessors:
+                after.get(other, []).append(name)
+        return {
+            name: replace(
+                lanelet,
+                successors=tuple(other for other in dict.fromkeys(after[name]) if other in by_id and other != name),
+                left_id=_along(lanelet, by_id.get(lanelet.left_id or "")),
+                right_id=_along(lanelet, by_id.get(lanelet.right_id or "")),
+            )
+            for name, lanelet in by_id.items()
+        }
+
+    @cached_property
+    def keeps_left(self) -> bool:
+        """Whether traffic keeps to the left: as the map says, or as most of its oncoming lanes lie."""
+        if self.left_hand is not None:
+            return self.left_hand
+        outer = [lanelet for lanelet in self.lanelets if not lanelet.junction]
+        middles = np.array([at_shares(lanelet.centerline, np.array([0.5]))[0] for lanelet in outer]).reshape(-1, 2)
+        courses = np.array([lanelet.course(len(lanelet.centerline) // 2 - 1) for lanelet in outer])
+        votes = 0
+        for middle, course, lanelet in zip(middles, courses, outer, strict=True):
+            away = middles - middle
+            ahead, left = to_body(away[:, 0], away[:, 1], course)
+            oncoming = np.abs(wrap_angle(courses - course)) > OPPOSITE
+            oncoming &= (np.abs(ahead) < 0.5 * lanelet.length) & (np.abs(left) < BESIDE)
+            if oncoming.any():
+                nearest = np.flatnonzero(oncoming)[int(np.abs(left[oncoming]).argmin())]
+                votes += 1 if left[nearest] > 0.0 else -1
+        return votes < 0
+
+
+def around(line: FloatArray, width: float | FloatArray = LANE_WIDTH) -> tuple[FloatArray, FloatArray]:
+    """Returns the left and the right bound (k, 2) or (k, 3) [m] of a lane of `width` [m] by its centre line."""
+    sides = (shift_left(line[:, :2], 0.5 * side * np.asarray(width)) for side in (1, -1))
+    left, right = (np.column_stack([side, line[:, 2:]]) for side in sides)
+    return left, right
+
+
+def at_shares(line: FloatArray, share: FloatArray) -> FloatArray:
+    """Returns points (m, 2) or (m, 3) of a polyline at shares (m,) of its length in the plane."""
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line[:, :2], axis=0).T))])
+    return np.column_stack([np.interp(share * s[-1], s, values) for values in line.T])
+
+
+def shift_left(line: FloatArray, distance: FloatArray | float) -> FloatArray:
+    """Returns the vertices of `line` (k, 2) moved to its left by `distance`, one for all or (k,) [m]."""
+    tangent = np.gradient(line, axis=0)
+    tangent /= np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-9)[:, None]
+    return line + np.reshape(distance, (-1, 1)) * np.column_stack([-tangent[:, 1], tangent[:, 0]])
+
+
+def polyline(points: Sequence[Sequence[float]], what: str) -> FloatArray:
+    """Returns points of a file as an array (k, 2) or (k, 3), without those that repeat the one before.
+
+    Raises:
+        ValueError: there are less than two, or some are not finite; `what` names them.
+    """
+    line = np.array(points, np.float64)
+    if line.ndim != 2 or not np.isfinite(line).all():
+        raise ValueError(f"{what} has {len(points)} points, expected at least 2 with finite x and y")
+    line = line[np.concatenate([[True], np.hypot(*np.diff(line[:, :2], axis=0).T) > 1e-3])]
+    if len(line) < 2:
+        raise ValueError(f"{what} has {len(line)} points, expected at least 2 with finite x and y")
+    return line
+
+
+def _along(lanelet: Lanelet, other: Lanelet | None) -> str | None:
+    """Returns the id of a neighbour that leads the same way as `lanelet`, else None."""
+    if other is None:
+        return None
+    there, here = (one.centerline[-1] - one.centerline[0] for one in (other, lanelet))
+    return other.id if float(there @ here) > 0.0 else None
+
+
+def _length(line: FloatArray) -> float:
+    return float(np.hypot(*np.diff(line[:, :2], axis=0).T).sum())

@@ -1,0 +1,280 @@
+"""`data import`: from a data set as it is published to recordings, nets and scenarios, with the check that they fit."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import sumolib
+from tqdm import tqdm
+
+from litsim_data import segments
+from litsim_data.generic.convert import CLOCK, convert
+from litsim_data.generic.counts import Counts
+from litsim_data.generic.description import describe
+from litsim_data.maps.alignment import share_along
+from litsim_data.maps.check import NetCheck, check_net
+from litsim_data.maps.check_text import describe as describe_check
+from litsim_data.maps.lane_graph import LaneGraph
+from litsim_data.maps.net_builder import BuiltNet, write_graph
+from litsim_data.maps.net_cropping import cropped_to_net
+from litsim_data.maps.netconvert import import_opendrive
+from litsim_data.maps.positions import vehicles_of
+from litsim_data.sources.source import Scene, Source, known_sources, source_of
+from litsim_sim.core.errors import InputError, reason
+from litsim_sim.core.scene import RATE_HZ, STEP_S
+from litsim_sim.io.files import make_folder, replacing
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.scenario.checks import DRIVING
+from litsim_sim.scenario.recorded_signals import survey
+from litsim_sim.scenario.recording import Recording
+from litsim_sim.scenario.signals import SignalsFile, on_clock
+
+SHORT_S = 28.1  # [s] recordings that are shorter become one scenario each
+HISTORY_SHARE, EGO_SHARE = 0.25, 0.6  # of a shorter recording; of the time after its history, that an ego is there
+
+
+@dataclass
+class Net:
+    """A net that was written.
+
+    Attributes:
+        path: its file.
+        lane_map: its lanes.
+        graph, built: the lane graph that it was built from; None where it was not.
+        opendrive: the OpenDRIVE map that it was built from, until its side has been compared with tracks.
+        notes: sentences on what of the map was not used, until they are told.
+    """
+
+    path: Path
+    lane_map: LaneMap
+    graph: LaneGraph | None = None
+    built: BuiltNet | None = None
+    opendrive: Path | None = None
+    notes: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A scene that was imported.
+
+    Attributes:
+        name: its name.
+        recording, path: the recording, and its file.
+        net: its net.
+        counts: of the conversion.
+        check: how the recording lies on the net.
+        signals: number of lights whose states it carries.
+        lines: text on all of that.
+        seconds: time that it took [s].
+    """
+
+    name: str
+    recording: Recording
+    path: Path
+    net: Net
+    counts: Counts
+    check: NetCheck
+    signals: int
+    lines: list[str]
+    seconds: float
+
+    @property
+    def row(self) -> str:
+        """A line of the table of all scenes."""
+        vehicles = len(np.unique(self.recording.columns["vehicle_id"]))
+        on_lanes = next(iter(self.check.placements.values())).inside
+        return (
+            f"{self.name:<40.40}{self.counts.read:>9}{vehicles:>10}{on_lanes:>11.1%}{self.signals:>9}"
+            f"{self.seconds:>9.1f}"
+        )
+
+
+HEAD = f"{'scene':<40}{'rows in':>9}{'vehicles':>10}{'on lanes':>11}{'signals':>9}{'seconds':>9}"
+
+
+def files_of(path: Path) -> list[tuple[Path, Source]]:
+    """Returns the recordings in a file or folder, with their data sets.
+
+    Raises:
+        InputError: there is no such file or folder, or nothing in it is known.
+    """
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder")
+    files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
+    known = [(file, source) for file in files if (source := source_of(file)) is not None]
+    if not known:
+        contents = "; ".join(source.content for source in known_sources())
+        held = f"none of its {len(files)} files is" if path.is_dir() else "is not"
+        raise InputError(f"{path}: {held} of a known data set: {contents}; any other table: data convert --draft")
+    return known
+
+
+def import_all(path: Path, out: Path, lanes: Path | None, most: int | None) -> Iterator[Imported | str]:
+    """Imports the scenes at `path` into the folder `out`; yields each, or a line on why it could not be used.
+
+    Args:
+        path: a file, or a folder with any number of them.
+        out: the folder, which is made.
+        lanes: the map, if it is not in the data or beside.
+        most: most scenes that are imported; None for all.
+
+    Raises:
+        InputError: as :func:`files_of`, or `out` cannot be written.
+    """
+    nets: dict[str, Net] = {}
+    files = files_of(path)
+    make_folder(out)
+    count = 0
+    with tqdm(files, unit=" files", leave=False, disable=None) as bar:
+        for file, source in bar:
+            try:
+                for scene in source.read(file, lanes):
+                    if most is not None and count >= most:
+                        return
+                    count += 1
+                    yield _import_scene(scene, source, out, nets)
+            except InputError as error:
+                yield reason(error)
+
+
+def _import_scene(scene: Scene, source: Source, out: Path, nets: dict[str, Net]) -> Imported:
+    """Imports a scene: see :func:`import_all`.
+
+    Raises:
+        InputError: it cannot be used.
+    """
+    begin = time.monotonic()
+    if scene.map_name not in nets:
+        nets[scene.map_name] = _net(scene, out)
+    net = nets[scene.map_name]
+    recording, counts = converted(scene, source, net.graph)
+    if net.opendrive is not None:
+        net = nets[scene.map_name] = _on_its_side(net, recording)
+    recording, cropped = cropped_to_net(recording, net.lane_map)
+    if not len(recording.columns["frame"]):
+        raise InputError(f"{scene.tracks}: none of its vehicles comes onto a lane of {scene.map_name}")
+    notes: dict[str, object] = {**recording.header.notes}
+    if scene.ego is not None:
+        ids = notes.get("ids")
+        notes[segments.EGO_NOTE] = (
+            ids.get(scene.ego) if isinstance(ids, Mapping) and scene.ego in ids else int(scene.ego)
+        )
+    recording = Recording(replace(recording.header, net=net.path.name, notes=notes), recording.columns)
+    recording, signals, heeded = _with_signals(scene, recording, net)
+    path = out / f"{scene.name}.parquet"
+    recording.write(path)
+    check, picture = _check(recording, net, out / f"{scene.name}.png")
+    lines = [describe(recording), counts.text(), *cropped, *heeded, *(f"note       {note}" for note in scene.notes)]
+    lines += [f"map        {note}" for note in net.notes]
+    lines += [describe_check(check), f"picture    {picture}"]
+    net.notes.clear()
+    return Imported(scene.name, recording, path, net, counts, check, signals, lines, time.monotonic() - begin)
+
+
+def converted(scene: Scene, source: Source, graph: LaneGraph | None = None) -> tuple[Recording, Counts]:
+    """Returns the tracks of a scene as a recording, and counts of the conversion; `graph` is its map, if known.
+
+    Raises:
+        InputError: the tracks cannot be used.
+    """
+    accept = [*scene.mapping.accept, *(["side"] if graph is not None and graph.keeps_left else [])]
+    header = {"name": scene.name, "source": source.citation, "licence": source.licence}
+    return convert(scene.tracks, scene.mapping.model_copy(update=header | {"accept": accept}))
+
+
+def _net(scene: Scene, out: Path) -> Net:
+    """Writes the net of a scene."""
+    path, lanes = out / f"{scene.map_name}.net.xml", scene.lanes()
+    if isinstance(lanes, LaneGraph):
+        built = write_graph(lanes, path)
+        return Net(path, LaneMap.from_net(path), lanes, built, notes=[*built.notes])
+    if lanes.suffix == ".xodr":
+        notes = import_opendrive(lanes, path)
+        return Net(path, LaneMap.from_net(path), opendrive=lanes, notes=notes)
+    with replacing(path) as new, sumolib.openz(str(lanes), "rb") as file:
+        new.write_bytes(file.read())
+    return Net(path, LaneMap.from_net(path))
+
+
+def _on_its_side(net: Net, recording: Recording) -> Net:
+    """Returns the net of an OpenDRIVE map on the side that the tracks keep to, which some files say wrongly."""
+    source = net.opendrive
+    assert source is not None
+    net.opendrive = None  # compared once
+    table = recording.table[recording.table["speed"] > DRIVING]
+    poses = [table[name].to_numpy() for name in ("x", "y", "yaw")]
+    along = share_along(net.lane_map, *poses) if len(table) else 1.0
+    if along >= 0.5:
+        return net
+    to_left = b'lefthand="true"' not in net.path.read_bytes()[:5000]
+    other = net.path.with_name(f"other.{net.path.name}")
+    notes = import_opendrive(source, other, left_hand=to_left)
+    lane_map = LaneMap.from_net(other)
+    if share_along(lane_map, *poses) <= along:
+        other.unlink()
+        return net
+    other.replace(net.path)
+    side = "left" if to_left else "right"
+    notes.append(f"{source.name}: the tracks keep to the {side}, and so does the net, other than the file says")
+    return Net(net.path, lane_map, notes=notes)
+
+
+def _with_signals(scene: Scene, recording: Recording, net: Net) -> tuple[Recording, int, list[str]]:
+    """Returns the recording with the signals of the scene, the number of lights that they are of, and lines on them."""
+    if not scene.signals or net.graph is None or net.built is None:
+        return recording, 0, []
+    held = net.built.controlled(net.graph)
+    shown = {light for _, light, _ in scene.signals}
+    groups = {light: held.get(light, []) for light in sorted(shown)}
+    count = sum(bool(members) for members in groups.values())
+    if not count:
+        return recording, 0, [f"signals    left out: no lane of the net is held by one of the {len(shown)} lights"]
+    zero = float(str(recording.header.notes.get(CLOCK, 0.0)))
+    content = on_clock(SignalsFile.model_validate({"groups": groups, "changes": list(scene.signals)}), zero)
+    try:
+        lines = survey(content, net.path, recording, str(scene.tracks))
+    except InputError as error:
+        return recording, 0, [f"signals    left out: {reason(error)}"]
+    header = replace(recording.header, signals=content.model_dump(mode="json", exclude_none=True))
+    return Recording(header, recording.columns), count, lines
+
+
+def _check(recording: Recording, net: Net, picture: Path) -> tuple[NetCheck, Path]:
+    """Checks how the vehicles that are on the road lie on the net, and draws it."""
+    from litsim_data.pictures.map_picture import draw  # matplotlib takes half a second to load
+
+    table = vehicles_of(recording.table, recording.header.name)
+    inside = net.lane_map.inside_road(table["x"].to_numpy(), table["y"].to_numpy())
+    on_road = pd.Series(inside, table.index).groupby(table["vehicle_id"]).transform("any")
+    parts = {"recording": table[on_road] if on_road.any() else table}
+    check = check_net(net.path, parts)
+    draw(picture, net.lane_map, parts, check)
+    return check, picture
+
+
+def cut(imported: list[Imported], out: Path, seed: int = 0) -> segments.Manifest:
+    """Cuts the recordings into scenarios, which are written into the folder `out`; returns their manifest.
+
+    Recordings of SHORT_S and less become one scenario each, with as much history as the shortest of them allows.
+
+    Raises:
+        InputError: no vehicle can be the ego.
+    """
+    frames = [one.recording.columns["frame"] for one in imported]
+    shortest = min(int(frame.max() - frame.min()) for frame in frames) * STEP_S
+    values: dict[str, Any] = {"seed": seed, "split": (1.0, 0.0, 0.0)}
+    if shortest < SHORT_S:
+        history = max(round(HISTORY_SHARE * shortest * RATE_HZ) * STEP_S, STEP_S)
+        values["history_s"] = round(min(history, 3.0), 1)
+        values["simulation_s"] = round(min(25.0, max(shortest - values["history_s"], STEP_S)), 1)
+        values["ego_min_s"] = round(max(EGO_SHARE * values["simulation_s"], STEP_S), 1)
+    sources = [(f"../{one.path.name}", f"../{one.net.path.name}", None, one.recording) for one in imported]
+    manifest = segments.cut(sources, segments.Settings(**values))
+    segments.write(manifest, out)
+    return manifest

@@ -1,0 +1,81 @@
+"""INTERACTION: ``vehicle_tracks_*.csv``, with ``pedestrian_tracks_*.csv`` beside, and Lanelet2 maps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+from litsim_data.generic.mapping import Mapping
+from litsim_data.maps.lane_graph import LaneGraph
+from litsim_data.sources.source import Scene, Source
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.table_input import TableFiles
+
+COLUMNS = ("track_id", "timestamp_ms", "agent_type", "x", "y", "vx", "vy", "psi_rad", "length", "width")
+ORIGIN = (0.0, 0.0)
+"""Latitude and longitude [deg] of (0, 0) in its maps, which lie in the Gulf of Guinea."""
+KINDS = {"car": "car", "truck": "truck", "bus": "truck", "motorcycle": "motorcycle"}
+WALKING = {"pedestrian": "pedestrian", "bicycle": "bicycle", "pedestrian/bicycle": "pedestrian"}
+
+
+class Interaction(Source):
+    """Recordings of some minutes at 10 Hz."""
+
+    content = "INTERACTION (vehicle_tracks_*.csv)"
+    licence = "INTERACTION: non-commercial research; the data must not be passed on"
+    citation = (
+        "Zhan et al., INTERACTION Dataset: An INTERnational, Adversarial and Cooperative moTION Dataset in Interactive "
+        "Driving Scenarios with Semantic Maps, arXiv:1910.03088, 2019"
+    )
+
+    def recognizes(self, path: Path) -> bool:
+        """See :class:`.source.Source`."""
+        with path.open("rb") as file:
+            first = file.readline(4000).decode("utf-8", "replace").strip().split(",")
+        return path.suffix == ".csv" and {*COLUMNS} <= {*first} and "case_id" not in first
+
+    def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
+        """See :class:`.source.Source`."""
+        beside = path.with_name(path.name.replace("vehicle", "pedestrian"))
+        files = [path, beside] if beside != path and beside.is_file() else [path]
+        tracks = TableFiles.open(files)
+        kinds = {str(kind) for kind in tracks.read(["agent_type"])["agent_type"].unique()}
+        mapping = Mapping.model_validate(
+            {
+                "name": "scene",
+                "columns": {
+                    "vehicle_id": "track_id",
+                    "time": "timestamp_ms",
+                    "x": "x",
+                    "y": "y",
+                    "yaw": "psi_rad",
+                    "speed": ["vx", "vy"],
+                    "length": "length",
+                    "width": "width",
+                    "kind": "agent_type",
+                },
+                "reference": "box_centre",
+                "units": {"time": "ms"},
+                "kinds": {kind: (KINDS | WALKING).get(kind, "unknown") for kind in kinds},
+            }
+        )
+        place = path.resolve().parent.name.lstrip(".")
+        name = f"{place}_{path.stem.removeprefix('vehicle_tracks_')}"
+        yield Scene(name, tracks, mapping, partial(_map, path, lanes), place)
+
+
+def _map(path: Path, lanes: Path | None) -> LaneGraph | Path:
+    """Returns the map that is named, or ``maps/PLACE.osm`` above the folder PLACE of the recording.
+
+    Raises:
+        InputError: there is none.
+    """
+    from litsim_data.maps.lanelet2_osm import read_graph
+
+    place = path.resolve().parent
+    beside = [folder / "maps" / f"{place.name}.osm" for folder in (place, *place.parents[:2])]
+    file = lanes or next((one for one in beside if one.is_file()), None)
+    if file is None:
+        raise InputError(f"{path}: no map {beside[-1]}: name it by --map")
+    return file if file.suffix == ".xodr" else read_graph(file, ORIGIN)

@@ -1,0 +1,138 @@
+"""SUMO's trajectories: files of option ``--fcd-output``, as XML or as the CSV that SUMO's xml2csv makes of it."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import sumolib
+
+from litsim_data.generic.loaded_table import LoadedTable
+from litsim_data.generic.mapping import Mapping
+from litsim_data.sources.beside import the_map
+from litsim_data.sources.source import Scene, Source
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.table_input import TableFile
+
+NUMBERS = ("x", "y", "angle", "speed")
+ELSEWHERE = 1e9  # [m] coordinates beyond stand for vehicles that are not on the road
+SIZES: dict[str, tuple[str, float, float]] = {
+    "passenger": ("car", 5.0, 1.8),
+    "truck": ("truck", 7.1, 2.4),
+    "trailer": ("truck", 16.5, 2.55),
+    "bus": ("truck", 12.0, 2.5),
+    "coach": ("truck", 14.0, 2.6),
+    "delivery": ("car", 6.5, 2.16),
+    "motorcycle": ("motorcycle", 2.2, 0.9),
+    "moped": ("motorcycle", 2.1, 0.8),
+    "bicycle": ("bicycle", 1.6, 0.65),
+    "pedestrian": ("pedestrian", 0.5, 0.5),
+}
+"""Our kind, length and width [m] by SUMO's vehicle class, as SUMO assumes them."""
+
+
+class SumoTrajectories(Source):
+    """Positions of front centres at any step; sizes are those of the vehicle types in the files beside."""
+
+    content = "SUMO's trajectories (--fcd-output, XML or CSV)"
+    licence = "that of whoever ran the simulation"
+    citation = "Lopez et al., Microscopic Traffic Simulation using SUMO, ITSC 2018"
+
+    def recognizes(self, path: Path) -> bool:
+        """See :class:`.source.Source`."""
+        with sumolib.openz(str(path), "rb") as file:
+            head = bytes(file.read(4000))
+        return b"<fcd-export" in head or head.lstrip(b"\xef\xbb\xbf").startswith(b"timestep_time")
+
+    def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
+        """See :class:`.source.Source`."""
+        name = path.name.split(".")[0]
+        columns = _from_csv(path) if path.suffix == ".csv" else _from_xml(path)
+        types = vehicle_types(path.parent)
+        kinds, lengths, widths = zip(*(types.get(kind, SIZES["passenger"]) for kind in columns["type"]), strict=True)
+        unknown = sorted({kind for kind in columns["type"] if kind not in types})
+        rows = columns | {"kind": kinds, "length": lengths, "width": widths}
+        mapping = Mapping.model_validate(
+            {
+                "name": "scene",
+                "columns": {
+                    "vehicle_id": "id",
+                    "time": "time",
+                    "yaw": "angle",
+                    **{column: column for column in ("x", "y", "speed", "kind", "length", "width")},
+                },
+                "reference": "front_centre",
+                "units": {"angle": "deg"},
+                "angles": {"zero": "y", "positive": "clockwise"},
+                "kinds": {kind: kind for kind in kinds},
+                "accept": ["heading", "side"],
+            }
+        )
+        notes = [f"no vType {', '.join(unknown)} in the files beside: cars of 5 by 1.8 m"] if unknown else []
+        tracks = LoadedTable.of(path, rows)
+        yield Scene(name, tracks, mapping, partial(_net, path, lanes), f"{name}_net", notes=tuple(notes))
+
+
+def _net(path: Path, lanes: Path | None) -> Path:
+    """Returns the net that is named, or the only one beside the trajectories."""
+    return lanes or the_map(path, ("*.net.xml", "*.net.xml.gz"), "the SUMO net")
+
+
+def vehicle_types(folder: Path) -> dict[str, tuple[str, float, float]]:
+    """Returns our kind, length and width [m] of the vehicle types in the XML files of a folder, and of SUMO's own."""
+    types = {f"DEFAULT_{name}TYPE": SIZES[of] for name, of in (("VEH", "passenger"), ("BIKE", "bicycle"))}
+    types["DEFAULT_PEDTYPE"] = SIZES["pedestrian"]
+    for file in sorted(folder.glob("*.xml")):
+        if file.name.endswith((".net.xml", "fcd.xml")):
+            continue
+        try:
+            for _, element in ET.iterparse(file):  # noqa: S314  a file that the user names, without network access
+                if element.tag == "vType":
+                    kind, length, width = SIZES.get(element.get("vClass", "passenger"), SIZES["passenger"])
+                    size = float(element.get("length", length)), float(element.get("width", width))
+                    types[element.get("id", "")] = kind, *size
+        except (ET.ParseError, ValueError):  # no file of SUMO
+            continue
+    return types
+
+
+def _from_xml(path: Path) -> dict[str, list[Any]]:
+    """Returns the columns id, type, time and NUMBERS of an XML file."""
+    columns: dict[str, list[Any]] = defaultdict(list)
+    time = 0.0
+    try:
+        with sumolib.openz(str(path), "rb") as file:
+            for event, element in ET.iterparse(file, ("start", "end")):  # noqa: S314  likewise
+                if element.tag == "timestep":
+                    if event == "start":
+                        time = float(element.get("time", ""))
+                    else:
+                        element.clear()
+                elif event == "start" and element.tag in ("vehicle", "person"):
+                    values = [float(element.get(name, "nan")) for name in NUMBERS]
+                    usual = "DEFAULT_PEDTYPE" if element.tag == "person" else "DEFAULT_VEHTYPE"
+                    _add(columns, element.get("id", ""), element.get("type", usual), time, values)
+    except (ET.ParseError, ValueError, OSError) as error:
+        raise InputError(f"{path}: not a readable file of SUMO's trajectories: {error}") from error
+    return columns
+
+
+def _from_csv(path: Path) -> dict[str, list[Any]]:
+    """Returns the same of a CSV file, whose columns are named after elements and attributes."""
+    source = TableFile.open(path)
+    names = [f"vehicle_{name}" for name in ("id", "type", *NUMBERS)]
+    table = source.read(["timestep_time", *names]).dropna(subset=["vehicle_id"])  # steps without vehicles have a row
+    columns: dict[str, list[Any]] = defaultdict(list)
+    for row in table[["vehicle_id", "vehicle_type", "timestep_time", *names[2:]]].itertuples(index=False):
+        _add(columns, str(row[0]), str(row[1]), float(row[2]), [float(value) for value in row[3:]])
+    return columns
+
+
+def _add(columns: dict[str, list[Any]], name: str, kind: str, time: float, values: list[float]) -> None:
+    if max(map(abs, values[:2])) < ELSEWHERE:
+        for column, value in zip(("id", "type", "time", *NUMBERS), (name, kind, time, *values), strict=True):
+            columns[column].append(value)

@@ -1,0 +1,45 @@
+"""From a data set as it is published to a verdict on a driving system, in two commands."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import made_sources
+from litsim_data.maps.netconvert import find_netconvert
+from litsim_sim.core.errors import InputError
+
+ROOT = Path(__file__).resolve().parents[2]
+EVALUATE = (
+    "evaluate --scenario mine/scenarios/*_train_*.yaml --egos ego --ego external --policy litsim --out campaign "
+    "-- python3 examples/minimal_ads.py"
+)
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize("write", [made_sources.argoverse, made_sources.commonroad], ids=["argoverse", "commonroad"])
+def test_two_commands_from_a_download_to_a_verdict(write: Callable[[Path], Path], tmp_path: Path) -> None:
+    try:
+        find_netconvert()
+    except InputError as error:
+        pytest.skip(str(error))
+    write(tmp_path / "download")
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    for command in ("data import download mine", EVALUATE):
+        done = subprocess.run(
+            ["bash", "-c", f"{ROOT}/litsim {command}"],
+            cwd=tmp_path,
+            env=os.environ,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode in ((0,) if command.startswith("data") else (0, 1)), done.stdout + done.stderr
+    (run,) = json.loads((tmp_path / "campaign" / "results.json").read_text())["runs"]
+    assert run["verdict"] in ("passed", "failed"), run
+    assert run["metrics"]["ego_motion"]["progress_m"] > 30.0, "it drives along the imported road"

@@ -1,0 +1,355 @@
+"""Small data sets in published formats: three cars, a parked one and a pedestrian at a crossing with a light.
+
+A lane leads east through (0, 0), another one north; the light of the former is green. Cars 1 and 2 drive east at 10 m/s
+for 11 s, car 3 stands on the lane to the north, 4 is parked beside the road, and 5 walks. Nothing in it is real.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pandas as pd
+
+from litsim_data.maps.lane_graph import LaneGraph, Lanelet, around
+from litsim_data.maps.net_builder import write_graph
+
+STEPS = 111
+WALKING, PARKED, STANDING = 5, 4, 3
+VEHICLES = 4
+LIGHT = "e1"
+"""The lane inside the junction that the light holds."""
+
+
+def lanes() -> list[Lanelet]:
+    east = [(-150.0, -10.0), (-10.0, 10.0), (10.0, 150.0)]
+    made = []
+    for name, axis in (("e", 0), ("n", 1)):
+        for number, (begin, end) in enumerate(east):
+            line = np.zeros((2, 2))
+            line[:, axis] = begin, end
+            after = (f"{name}{number + 1}",) if number < 2 else ()
+            made.append(Lanelet(f"{name}{number}", *around(line), after, junction=number == 1))
+    return made
+
+
+def tracks() -> pd.DataFrame:
+    """Columns id, step, x, y, yaw, speed, length, width, kind: box centres [m], [rad], [m/s]."""
+    step = np.arange(STEPS)
+    rows = []
+    for name, x, y, yaw, speed in (
+        (1, -120.0, 0.0, 0.0, 10.0),
+        (2, -90.0, 0.0, 0.0, 10.0),
+        (STANDING, 0.0, -16.0, 0.5 * np.pi, 0.0),
+        (PARKED, -60.0, 6.0, 0.0, 0.0),
+        (WALKING, -40.0, 9.0, 0.0, 1.2),
+    ):
+        walks = name == WALKING
+        size = (0.6, 0.6) if walks else (4.6, 1.9)
+        row = {"id": name, "step": step, "x": x + 0.1 * speed * step, "y": y, "yaw": yaw, "speed": speed}
+        rows.append(pd.DataFrame(row | {"length": size[0], "width": size[1], "kind": "pedestrian" if walks else "car"}))
+    return pd.concat(rows, ignore_index=True)
+
+
+def argoverse(folder: Path) -> Path:
+    folder.mkdir(parents=True)
+    rows = tracks()
+    table = pd.DataFrame(
+        {
+            "track_id": rows["id"].map({1: "AV"}).fillna(rows["id"].astype(str)),
+            "object_type": rows["kind"].map({"car": "vehicle", "pedestrian": "pedestrian"}),
+            "timestep": rows["step"],
+            "position_x": rows["x"],
+            "position_y": rows["y"],
+            "heading": rows["yaw"],
+            "velocity_x": rows["speed"] * np.cos(rows["yaw"]),
+            "velocity_y": rows["speed"] * np.sin(rows["yaw"]),
+            "scenario_id": "made",
+        }
+    )
+    still = table[table["track_id"] == str(PARKED)].assign(track_id="9", object_type="static", position_y=9.0)
+    pd.concat([table, still]).to_parquet(folder / "scenario_made.parquet")
+
+    def points(line: np.ndarray) -> list[dict[str, float]]:
+        return [{"x": float(x), "y": float(y), "z": 20.0} for x, y in line]
+
+    numbers = {one.id: 100 + at for at, one in enumerate(lanes())}
+    segments = {
+        str(numbers[one.id]): {
+            "id": numbers[one.id],
+            "is_intersection": one.junction,
+            "lane_type": "VEHICLE",
+            "left_lane_boundary": points(one.left),
+            "right_lane_boundary": points(one.right),
+            "left_neighbor_id": None,
+            "right_neighbor_id": None,
+            "predecessors": [7],
+            "successors": [numbers[after] for after in one.successors],
+        }
+        for one in lanes()
+    }
+    bike = segments["100"] | {"id": 99, "lane_type": "BIKE", "predecessors": [], "successors": []}
+    content = {"lane_segments": segments | {"99": bike}, "pedestrian_crossings": {}, "drivable_areas": {}}
+    (folder / "log_map_archive_made.json").write_text(json.dumps(content))
+    return folder
+
+
+def commonroad(path: Path, step: float = 0.1) -> Path:
+    root = ET.Element("commonRoad", {"commonRoadVersion": "2020a", "benchmarkID": "ZAM_Made-1_1_T-1"})
+    root.set("timeStepSize", str(step))
+    numbers = {one.id: str(100 + at) for at, one in enumerate(lanes())}
+
+    def child(parent: ET.Element, *path: str, text: object = "") -> ET.Element:
+        for tag in path:
+            parent = ET.SubElement(parent, tag)
+        parent.text = str(text)
+        return parent
+
+    for one in lanes():
+        lanelet = ET.SubElement(root, "lanelet", {"id": numbers[one.id]})
+        for name, bound in (("leftBound", one.left), ("rightBound", one.right)):
+            side = child(lanelet, name)
+            for place in bound:
+                point = child(side, "point")
+                for axis, value in zip("xy", place, strict=True):
+                    child(point, axis, text=value)
+        for other in one.successors:
+            ET.SubElement(lanelet, "successor", {"ref": numbers[other]})
+        if one.id == "e0":
+            ET.SubElement(lanelet, "trafficLightRef", {"ref": "50"})
+    cycle = child(ET.SubElement(root, "trafficLight", {"id": "50"}), "cycle")
+    for colour, lasts in (("green", 400), ("yellow", 30), ("red", 300)):
+        element = child(cycle, "cycleElement")
+        child(element, "duration", text=lasts)
+        child(element, "color", text=colour)
+    child(cycle, "timeOffset", text=650)
+    for name, rows in tracks().groupby("id"):
+        kind = rows["kind"].iloc[0]
+        fixed = name == PARKED
+        tag = "staticObstacle" if fixed else "dynamicObstacle"
+        obstacle = ET.SubElement(root, tag, {"id": str(name)})
+        child(obstacle, "type", text="parkedVehicle" if fixed else kind)
+        shape = child(obstacle, "shape", "rectangle")
+        for size in ("length", "width"):
+            child(shape, size, text=rows[size].iloc[0])
+        later = obstacle if fixed else ET.Element("trajectory")
+        for number, row in enumerate(rows.iloc[:1].itertuples() if fixed else rows.itertuples()):
+            state = child(obstacle, "initialState") if number == 0 else child(later, "state")
+            point = child(state, "position", "point")
+            child(point, "x", text=row.x), child(point, "y", text=row.y)
+            child(state, "orientation", "exact", text=row.yaw)
+            child(state, "time", "exact", text=row.step)
+            child(state, "velocity", "exact", text=row.speed)
+        if not fixed:
+            obstacle.append(later)
+    wall = ET.SubElement(root, "staticObstacle", {"id": "77"})
+    child(wall, "type", text="building")
+    ET.SubElement(root, "planningProblem", {"id": "88"})
+    ET.ElementTree(root).write(path)
+    return path
+
+
+def sumo(folder: Path, kind: str = "xml") -> Path:
+    """Trajectories with the net, and the types of vehicles, beside; in CSV the pedestrian is missing."""
+    folder.mkdir(parents=True)
+    write_graph(LaneGraph(tuple(lanes())), folder / "made.net.xml")
+    (folder / "made.rou.xml").write_text(
+        '<routes><vType id="small" vClass="passenger" length="4.6" width="1.9"/></routes>'
+    )
+    rows = tracks()
+    rows = rows.assign(
+        front_x=rows["x"] + 0.5 * rows["length"] * np.cos(rows["yaw"]),
+        front_y=rows["y"] + 0.5 * rows["length"] * np.sin(rows["yaw"]),
+        angle=90.0 - np.rad2deg(rows["yaw"]),
+    )
+    if kind == "csv":
+        cars = rows[rows["kind"] == "car"]
+        names = {"id": "vehicle_id", "front_x": "vehicle_x", "front_y": "vehicle_y", "angle": "vehicle_angle"}
+        table = cars.rename(columns=names | {"speed": "vehicle_speed"}).assign(vehicle_type="small")
+        table = table.assign(timestep_time=table["step"] * 0.1).sort_values(["step", "vehicle_id"])
+        columns = ["timestep_time", *names.values(), "vehicle_speed", "vehicle_type"]
+        table[columns].to_csv(folder / "fcd.csv", sep=";", index=False)
+        return folder
+    root = ET.Element("fcd-export")
+    for step, now in rows.groupby("step"):
+        moment = ET.SubElement(root, "timestep", {"time": f"{0.1 * step:.2f}"})
+        for row in now.itertuples():
+            values = {"id": str(row.id), "x": row.front_x, "y": row.front_y, "angle": row.angle, "speed": row.speed}
+            values |= {"type": "small"} if row.kind == "car" else {}
+            tag = "vehicle" if row.kind == "car" else "person"
+            ET.SubElement(moment, tag, {name: str(value) for name, value in values.items()})
+    gone = {"id": "8", "type": "small", "x": "-1073741824.0", "y": "0", "angle": "0", "speed": "0"}
+    ET.SubElement(root[0], "vehicle", gone)
+    ET.ElementTree(root).write(folder / "made.fcd.xml")
+    return folder
+
+
+def level_x(folder: Path, data_set: str = "inD") -> Path:
+    """inD at 25 Hz with the map as OpenDRIVE: one road; or highD, where y points down and x, y are corners."""
+    data = folder / data_set / "data"
+    data.mkdir(parents=True)
+    t = np.arange(0.0, 11.0, 0.04)
+    cars = ((1, -120.0, -1.75, 10.0), (2, -90.0, -1.75, 10.0), (3, 110.0, 1.75, -11.0))
+    frames, meta = [], []
+    for name, x, y, speed in cars:
+        at = pd.DataFrame({"frame": np.arange(len(t)) + 1, "x": x + speed * t, "y": y, "speed": speed})
+        if data_set == "highD":
+            corner = {"x": at["x"] - 2.3, "y": -at["y"] - 0.95, "width": 4.6, "height": 1.9, "xVelocity": speed}
+            rows = at.assign(id=name, **corner, yVelocity=0.0, laneId=2)
+            meta.append({"id": name, "class": "Car", "width": 4.6, "height": 1.9})
+        else:
+            rows = pd.DataFrame({"recordingId": 7, "trackId": name, "frame": at["frame"], "xCenter": at["x"]})
+            rows = rows.assign(yCenter=y, heading=0.0 if speed > 0 else 180.0, length=4.6, width=1.9)
+            rows = rows.assign(xVelocity=speed, yVelocity=0.0)
+            meta.append({"recordingId": 7, "trackId": name, "class": "car"})
+        frames.append(rows)
+    pd.concat(frames).to_csv(data / "07_tracks.csv", index=False)
+    pd.DataFrame(meta).to_csv(data / "07_tracksMeta.csv", index=False)
+    about: dict[str, Any] = {"frameRate": 25, "locationId": 1, "speedLimit": -1}
+    marks = {"upperLaneMarkings": "-3.5;0", "lowerLaneMarkings": "0;3.5"} if data_set == "highD" else {}
+    pd.DataFrame([about | marks]).to_csv(data / "07_recordingMeta.csv", index=False)
+    if data_set != "highD":
+        maps = folder / data_set / "maps" / "opendrive"
+        maps.mkdir(parents=True)
+        (maps / "01_place.xodr").write_text(opendrive())
+        (maps / "11_other.xodr").write_text(opendrive())
+    return folder
+
+
+def opendrive(rule: str = "") -> str:
+    """A road along x with a lane on each side, 3.5 m wide, from x = -150 to 150 m."""
+    lane = '<lane id="{}" type="driving" level="false"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane>'
+    header = '<header revMajor="1" revMinor="4" name="" version="1" north="0" south="0" east="0" west="0"/>'
+    plan = '<planView><geometry s="0" x="-150" y="0" hdg="0" length="300"><line/></geometry></planView>'
+    middle = '<center><lane id="0" type="none" level="false"/></center>'
+    sides = f"<left>{lane.format(1)}</left>{middle}<right>{lane.format(-1)}</right>"
+    return (
+        f'<OpenDRIVE>{header}<road name="" length="300" id="1" junction="-1"{rule}><link/>{plan}<lanes>'
+        f'<laneSection s="0">{sides}</laneSection></lanes></road></OpenDRIVE>'
+    )
+
+
+def interaction(folder: Path) -> Path:
+    """Tracks of vehicles and of a pedestrian, whose file has fewer columns, and the map as OpenDRIVE."""
+    place = folder / "recorded_trackfiles" / "DR_Made"
+    place.mkdir(parents=True)
+    rows = tracks()
+    table = pd.DataFrame(
+        {"track_id": rows["id"], "frame_id": rows["step"] + 1, "timestamp_ms": 100 * (rows["step"] + 1)}
+    )
+    table = table.assign(agent_type=rows["kind"], x=rows["x"], y=rows["y"] - 1.75, vx=rows["speed"], vy=0.0)
+    table = table.assign(psi_rad=rows["yaw"], length=rows["length"], width=rows["width"])
+    walks = rows["kind"] == "pedestrian"
+    driving = ~walks & (rows["id"] != STANDING)
+    table[driving].to_csv(place / "vehicle_tracks_000.csv", index=False)
+    walking = (
+        table[walks].drop(columns=["psi_rad", "length", "width"]).assign(track_id="P1", agent_type="pedestrian/bicycle")
+    )
+    walking.to_csv(place / "pedestrian_tracks_000.csv", index=False)
+    return folder
+
+
+def waymo_content() -> dict[str, Any]:
+    objects = []
+    first = tracks()
+    for name, rows in first[first["step"] < 91].groupby("id"):
+        valid = (rows["step"] != 90).tolist() if name == PARKED else [True] * 91
+        places = [
+            {"x": float(row.x), "y": float(row.y), "z": 0.0} if there else {"x": -10000.0, "y": -10000.0, "z": -10000.0}
+            for row, there in zip(rows.itertuples(), valid, strict=True)
+        ]
+        objects.append(
+            {
+                "id": int(name),
+                "type": "pedestrian" if rows["kind"].iloc[0] == "pedestrian" else "vehicle",
+                "position": places,
+                "heading": rows["yaw"].tolist(),
+                "velocity": [{"x": float(row.speed), "y": 0.0} for row in rows.itertuples()],
+                "valid": valid,
+                "length": float(rows["length"].iloc[0]),
+                "width": float(rows["width"].iloc[0]),
+            }
+        )
+    numbers = {one.id: 100 + at for at, one in enumerate(lanes())}
+    roads = [
+        {
+            "type": "lane",
+            "id": numbers[one.id],
+            "map_element_id": 2,
+            "geometry": [{"x": float(x), "y": float(y), "z": 0.0} for x, y in one.centerline],
+        }
+        for one in lanes()
+    ]
+    roads.append(roads[0] | {"id": 99, "map_element_id": 3})
+    states = {"time_index": [0, 1, 2], "state": ["unknown", "arrow_go", "go"]}
+    return {
+        "scenario_id": "made",
+        "objects": objects,
+        "roads": roads,
+        "tl_states": {str(numbers[LIGHT]): states},
+        "metadata": {"sdc_track_index": 1},
+    }
+
+
+def waymo_json(path: Path) -> Path:
+    path.write_text(json.dumps(waymo_content()))
+    return path
+
+
+def waymo_record(path: Path) -> Path:
+    """The same as a TFRecord of Scenario messages; which lanes follow each other is named."""
+    content = waymo_content()
+    names = {one.id: 100 + at for at, one in enumerate(lanes())}
+    after = {names[one.id]: [names[other] for other in one.successors] for one in lanes()}
+    scenario = b"".join(_fixed(1, "d", 0.1 * step) for step in range(91))
+    kinds = {"vehicle": 1, "pedestrian": 2}
+    for one in content["objects"]:
+        track = _varint_field(1, one["id"]) + _varint_field(2, kinds[one["type"]])
+        for step in range(91):
+            place, velocity = one["position"][step], one["velocity"][step]
+            state = b"".join(_fixed(number, "d", place[axis]) for number, axis in zip((2, 3, 4), "xyz", strict=True))
+            floats = (one["length"], one["width"], 1.5, one["heading"][step], velocity["x"], velocity["y"])
+            state += b"".join(_fixed(5 + at, "f", value) for at, value in enumerate(floats))
+            track += _bytes(3, state + _varint_field(11, int(one["valid"][step])))
+        scenario += _bytes(2, track)
+    scenario += _bytes(5, b"made") + _varint_field(6, 1)
+    (lane, states), *_ = content["tl_states"].items()
+    for step in range(91):
+        state = {"unknown": 0, "arrow_go": 3, "go": 6}[states["state"][min(step, 2)]]
+        scenario += _bytes(7, _bytes(1, _varint_field(1, int(lane)) + _varint_field(2, state)))
+    for road in content["roads"]:
+        points = b"".join(
+            _bytes(8, b"".join(_fixed(at, "d", point[axis]) for at, axis in zip((1, 2, 3), "xyz", strict=True)))
+            for point in road["geometry"]
+        )
+        exits = b"".join(map(_varint, after.get(road["id"], [])))
+        lane_bytes = _fixed(1, "d", 30.0) + _varint_field(2, road["map_element_id"]) + points + _bytes(10, exits)
+        scenario += _bytes(8, _varint_field(1, road["id"]) + _bytes(3, lane_bytes))
+    path.write_bytes(struct.pack("<Q", len(scenario)) + bytes(4) + scenario + bytes(4))
+    return path
+
+
+def _varint(value: int) -> bytes:
+    parts = []
+    while True:
+        parts.append((value & 0x7F) | (0x80 if value > 0x7F else 0))
+        value >>= 7
+        if not value:
+            return bytes(parts)
+
+
+def _varint_field(number: int, value: int) -> bytes:
+    return _varint(number << 3) + _varint(value)
+
+
+def _fixed(number: int, kind: str, value: float) -> bytes:
+    return _varint(number << 3 | (1 if kind == "d" else 5)) + struct.pack(f"<{kind}", value)
+
+
+def _bytes(number: int, content: bytes | Sequence[int]) -> bytes:
+    return _varint(number << 3 | 2) + _varint(len(content)) + bytes(content)
