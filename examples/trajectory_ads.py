@@ -11,31 +11,48 @@ from sensor_msgs.msg import PointCloud2
 
 STEP_S, HORIZON = 0.1, 30  # [s], steps
 WANTED = 12.0  # [m/s]
-TOPICS = {DiagnosticArray: "/diagnostics", Path: "/litsim/ego/route", PolygonStamped: "/litsim/ego/footprint"}
-TOPICS |= {Odometry: "/litsim/ego/state", PointCloud2: "/litsim/objects"}
-seen = {}  # the newest message of every type
+TOPICS = {"/diagnostics": DiagnosticArray, "/litsim/ego/route": Path, "/litsim/ego/footprint": PolygonStamped}
+TOPICS |= {"/litsim/ego/state": Odometry, "/litsim/objects": PointCloud2, "/litsim/lights": PointCloud2}
+seen = {}  # the newest message of every topic
 
 
-def on_message(message):
-    seen[type(message)] = message
-    said, route, box, ego, objects = map(seen.get, TOPICS)
+def on_message(topic, message):
+    seen[topic] = message
+    said, route, box, ego, *clouds = map(seen.get, TOPICS)
     if said and {"FINISHED", "FAILED"} & {value.value for status in said.status for value in status.values}:
         raise SystemExit
-    if message is said or not (route and box and ego and objects and ego.header.stamp == objects.header.stamp):
+    if (
+        message is said
+        or not all((route, box, ego, *clouds))
+        or any(c.header.stamp != ego.header.stamp for c in clouds)
+    ):
         return  # nothing to answer, or the inputs of the step are not complete
-    del seen[PointCloud2]  # one answer each time that a step is published
-    publisher.publish(plan(route, box, ego, objects))
+    del seen["/litsim/objects"]  # one answer each time that a step is published
+    publisher.publish(plan(route, box, ego, *map(table, clouds)))
 
 
-def plan(route, box, ego, objects):
-    others = np.frombuffer(objects.data, {f.name: (" bBhHiIfd"[f.datatype], f.offset) for f in objects.fields})
+def table(cloud):
+    """The points of a cloud, with its fields."""
+    return np.frombuffer(cloud.data, {f.name: (" bBhHiIfd"[f.datatype], f.offset) for f in cloud.fields})
+
+
+def plan(route, box, ego, others, lights):
     pose, speed = ego.pose.pose, ego.twist.twist.linear.x
     at, yaw = complex(pose.position.x, pose.position.y), 2.0 * np.arctan2(pose.orientation.z, pose.orientation.w)
     away = (others["x64"] + 1j * others["y64"] - at) * np.exp(-1j * yaw)  # [m] other agents: ahead, and to the left
-    apart = away.real - 0.5 * (others["length"] + np.ptp([p.x for p in box.polygon.points]))  # [m] bumper to bumper
+    length = np.ptp([p.x for p in box.polygon.points])  # [m] of the ego
+    apart = away.real - 0.5 * (others["length"] + length)  # [m] bumper to bumper
     gap = np.min(apart[(away.real > 0) & (abs(away.imag) < 1.8)], initial=100.0) - 2.5
     corners = np.array([complex(p.pose.position.x, p.pose.position.y) for p in route.poses])
     line = np.interp(np.arange(1000.0), np.append(0.0, np.cumsum(abs(np.diff(corners)))), corners)  # metre by metre
+    here = np.argmin(abs(line[:-10] - at))
+    for light in lights[np.isin(lights["state"], (3, 4, 8))]:  # red, red and amber, amber
+        ends = complex(light["x64"], light["y64"]), complex(light["exit_x64"], light["exit_y64"])
+        stop, leave = (np.argmin(abs(line - end)) for end in ends)
+        on_route = abs(line[stop] - ends[0]) < 1.5 and abs(line[leave] - ends[1]) < 1.5
+        room = stop - here - 0.5 * length  # [m] from the front bumper to the stop line
+        if on_route and room > (-1.0 if light["state"] < 8 else speed**2 / 7.0):  # at amber, if it can
+            gap = min(gap, room - 1.0)
     answer = Path(header=ego.header)  # with the stamp of the step, in frame map
     for step in range(1, HORIZON + 1):
         speed += np.clip(min(WANTED, max(0.0, gap / 1.5)) - speed, -4.0 * STEP_S, 1.0 * STEP_S)
@@ -54,6 +71,7 @@ rclpy.init()
 node = rclpy.create_node("trajectory_ads")
 publisher = node.create_publisher(Path, "/litsim/ego/trajectory", 10)
 latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
-for kind, topic in TOPICS.items():
-    node.create_subscription(kind, topic, on_message, latched if kind in (Path, PolygonStamped) else 100)
+for name, kind in TOPICS.items():
+    qos = latched if kind in (Path, PolygonStamped) else 100
+    node.create_subscription(kind, name, lambda message, name=name: on_message(name, message), qos)
 rclpy.spin(node)

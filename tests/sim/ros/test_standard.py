@@ -15,8 +15,10 @@ from litsim_sim.core.scene import AgentTable, EgoCommand, EgoMode
 from litsim_sim.ego_port.answer import Interface
 from litsim_sim.ego_port.tracking import Trajectory, TwistTarget
 from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.lane_map.signal_links import read_links
 from litsim_sim.ros import ego_port, messages, standard
 from litsim_sim.scenario.scenario import packaged
+from litsim_sim.scenario.signals import Signals
 
 CODES = {2: "B", 6: "I", 7: "f", 8: "d"}  # of sensor_msgs/PointField
 
@@ -117,3 +119,34 @@ def test_answers_of_every_type() -> None:
     path.poses[1].header.frame_id = ""
     assert ego_port.from_path(path).frame == "map"
     assert len(ego_port.from_path(Path()).target.time) == 0  # type: ignore[union-attr]
+
+
+def test_lights_are_read_field_by_field_and_drawn_as_stop_lines() -> None:
+    net = packaged("nets/urban_like.net.xml")
+    lane_map, links = LaneMap.from_net(net), read_links(net)
+    group = np.arange(len(links)) % 2
+    signals = Signals(("a", "b"), links, group, np.array([[3, 6], [8, 8]], np.uint8))
+    cloud = standard.lights(1, signals, lane_map)
+    assert (cloud.width, cloud.header.stamp) == (len(links), messages.stamp(1))
+    layout = {f.name: ("<" + CODES[f.datatype], f.offset) for f in cloud.fields}
+    lights = np.frombuffer(cloud.data, layout)  # as the examples read it
+    names = [lane.id for lane in lane_map.lanes]
+    markers = standard.light_markers(1, signals).markers
+    for row, (light, marker, link) in enumerate(zip(lights, markers, links, strict=True)):
+        assert light["state"] == (6, 8)[row % 2]
+        assert (names[light["lane"]], names[light["to_lane"]]) == (link.from_lane, link.to_lane)
+        assert (light["x64"], light["y64"]) == pytest.approx(link.stop)
+        assert (light["exit_x64"], light["exit_y64"]) == pytest.approx(link.exit)
+        assert (light["yaw"], light["width"]) == pytest.approx((link.heading, link.width))
+        assert marker.text == f"{link.name} {('GREEN', 'AMBER')[row % 2]}" and marker.type == Marker.LINE_STRIP
+        ends = np.array([(p.x, p.y) for p in marker.points])
+        away = np.abs((ends - link.stop) @ [np.cos(link.heading), np.sin(link.heading)])
+        assert away == pytest.approx(0.0, abs=1e-6) and np.hypot(*np.diff(ends, axis=0)[0]) <= link.width
+    assert (markers[0].color.g, markers[1].color.g) == pytest.approx((0.8, 0.7))
+
+
+def test_without_signals_the_cloud_of_lights_is_empty() -> None:
+    cloud = standard.lights(4, None, LaneMap.from_net(packaged("nets/us101_like.net.xml")))
+    assert (cloud.width, len(cloud.data), len(cloud.fields)) == (0, 0, 12)
+    assert len(np.frombuffer(cloud.data, {f.name: ("<" + CODES[f.datatype], f.offset) for f in cloud.fields})) == 0
+    assert standard.light_markers(4, None).markers == []

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.lane_map.net_lanes import UNREADABLE, Lane, read_net, unreadable_net
 
@@ -133,6 +134,24 @@ def _link(connection: Any, lanes: dict[str, Lane], foes: tuple[str, ...]) -> Sig
         exit=end.centerline[0],
         exit_heading=float(np.arctan2(*(end.centerline[1] - end.centerline[0])[::-1])),
     )
+
+
+def stop_line_parts(links: Sequence[SignalLink]) -> FloatArray:
+    """Returns (n, 2, 2) left and right end of each connection's part of its stop line, in frame map [m].
+
+    The connections of a lane share its line from left to right, as they turn, with a little space between them.
+    """
+    parts = np.zeros((len(links), 2, 2))
+    for link, ends in zip(links, parts, strict=True):
+        of_lane = sorted(
+            (other for other in links if other.from_lane == link.from_lane),
+            key=lambda other: -wrap_angle(np.array(other.exit_heading - other.heading)),
+        )
+        place = [other.name for other in of_lane].index(link.name)
+        left = np.array([-np.sin(link.heading), np.cos(link.heading)])
+        for end, side in enumerate((0.05, 0.95)):
+            ends[end] = link.stop + left * link.width * (0.5 - (place + side) / len(of_lane))
+    return parts
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,8 @@ from litsim_sim.ros.topics import (
     EGO_VEHICLE,
     FORECASTS,
     LANES,
+    LIGHT_MARKERS,
+    LIGHTS,
     OBJECTS,
     RUN_INFO,
     SIGNAL_MAP,
@@ -43,7 +45,9 @@ from litsim_sim.ros.topics import (
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan, versions
 from litsim_sim.scenario.scenario import Scenario
 
-PUBLISHED = (RUN_INFO, CLOCK, AGENTS, EGO_STATE, OBJECTS, EGO_ROUTE, EGO_VEHICLE, EGO_FOOTPRINT, LANES)
+IF_HEARD = (OBJECTS, LIGHTS, LIGHT_MARKERS)
+"""Published after step 0 only while somebody listens."""
+PUBLISHED = (RUN_INFO, CLOCK, AGENTS, EGO_STATE, *IF_HEARD, EGO_ROUTE, EGO_VEHICLE, EGO_FOOTPRINT, LANES)
 PUBLISHED_OF_SIGNALS = (SIGNAL_MAP, SIGNALS)
 """Published in addition if the scenario has signals."""
 ROUTE_LENGTH = 1000.0  # [m] length of the ego's route
@@ -70,7 +74,8 @@ class Broadcast:
         self._frames = FrameBroadcaster(node, self._geometry) if clock else None
         self._with_ticks = clock and plan.ego == EXTERNAL
         self._scene: list[tuple[Topic, Any]] = []
-        self._without_objects: AgentTable | None = None  # the last step shown, if its objects have not been published
+        self._table: AgentTable | None = None  # the last step shown
+        self._unheard: set[Topic] = set()  # of IF_HEARD, those on which it has not been published
 
     def begin(self, info: RunInfo) -> None:
         """Publish the messages for the whole run."""
@@ -91,7 +96,7 @@ class Broadcast:
         self._scene = [self._publish(AGENTS, message)]
 
     def accompany(self, table: AgentTable) -> None:
-        """Publish the other messages of the last step shown; after step 0, objects only if there are subscribers."""
+        """Publish the other messages of the last step shown; after step 0, those of IF_HEARD only to subscribers."""
         ego_id = self._plan.scenario.ego_id
         state = messages.ego_odometry(table, ego_id)
         if self._frames and table.row(ego_id) >= 0:
@@ -102,18 +107,17 @@ class Broadcast:
         if (signals := self._plan.scenario.signals) is not None:
             shown = messages.signals_to_message(signals.table(table.step), self._plan.run_id)
             self._scene.append(self._publish(SIGNALS, shown))
-        self._without_objects = table
-        if table.step == 0 or self._are_objects_heard:
-            self._show_objects(table)
+        self._table, self._unheard = table, set(IF_HEARD)
+        self._show_heard(table)
 
     def repeat(self) -> None:
-        """Publish the last step shown again; its objects, too, if a subscriber has come since, such as a new stack."""
+        """Publish the last step shown again, and what of it a subscriber that has come since, as a new stack, wants."""
         for topic, message in self._scene:
             self._publish(topic, message)
         if self._clock:
             self._clock.repeat()
-        if self._without_objects is not None and self._are_objects_heard:
-            self._show_objects(self._without_objects)
+        if self._table is not None:
+            self._show_heard(self._table)
 
     def creep(self) -> None:
         """Advance the clock a little, while step 0 waits for a stack whose timers may need that."""
@@ -135,17 +139,26 @@ class Broadcast:
         seconds, nanoseconds = divmod(time_ns, 10**9)
         self._publishers[CLOCK].publish(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))
 
-    @property
-    def _are_objects_heard(self) -> bool:
-        return bool(self._publishers[OBJECTS].get_subscription_count())
-
-    def _show_objects(self, table: AgentTable) -> None:
-        self._scene.append(self._publish(OBJECTS, standard.objects(table, self._plan.scenario.ego_id)))
-        self._without_objects = None
+    def _show_heard(self, table: AgentTable) -> None:
+        """Publish what of IF_HEARD has not been published of the last step, and is heard; of step 0 everything."""
+        scenario = self._plan.scenario
+        for topic in IF_HEARD:
+            if topic in self._unheard and (table.step == 0 or self._publishers[topic].get_subscription_count()):
+                self._unheard.remove(topic)
+                self._scene.append(self._publish(topic, _standard(topic, table, scenario)))
 
     def _publish(self, topic: Topic, message: Any) -> tuple[Topic, Any]:
         self._publishers[topic].publish(message)
         return topic, message
+
+
+def _standard(topic: Topic, table: AgentTable, scenario: Scenario) -> Any:
+    """Returns the message of a topic of IF_HEARD on a step."""
+    if topic == OBJECTS:
+        return standard.objects(table, scenario.ego_id)
+    if topic == LIGHTS:
+        return standard.lights(table.step, scenario.signals, scenario.lane_map)
+    return standard.light_markers(table.step, scenario.signals)
 
 
 def route(scenario: Scenario) -> Path:

@@ -1,8 +1,9 @@
-"""The scene in standard message types, readable for any stack and viewer: agents as point cloud, lanes as markers."""
+"""The scene in standard message types, readable for any stack and viewer: clouds of agents and lights, and markers."""
 
 from __future__ import annotations
 
 from array import array
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose
@@ -11,10 +12,13 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from litsim_sim.core.scene import AgentTable, FloatArray
+from litsim_sim.core.signals import SignalState
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.net_lanes import Lane
+from litsim_sim.lane_map.signal_links import stop_line_parts
 from litsim_sim.ros.messages import header
 from litsim_sim.ros.topics import OBJECTS
+from litsim_sim.scenario.signals import Signals
 
 _FLOATS = ("x", "y", "z", "yaw", "speed", "vx", "vy", "length", "width")
 _DOUBLES = ("x64", "y64")
@@ -27,20 +31,42 @@ _OBJECT = np.dtype(
         *((name, "<f8") for name in _DOUBLES),
     ]
 )
-_FIELDS = [
-    PointField(name=name, offset=_OBJECT.fields[name][1], datatype=datatype, count=1)  # type: ignore[index]
-    for name, datatype in (
-        *((name, PointField.FLOAT32) for name in _FLOATS),
-        ("id", PointField.UINT32),
-        ("kind", PointField.UINT8),
-        *((name, PointField.FLOAT64) for name in _DOUBLES),
-    )
-]
+_LIGHT = np.dtype(
+    [
+        *((name, "<f4") for name in ("x", "y", "z", "yaw", "width")),
+        ("lane", "<u4"),
+        ("to_lane", "<u4"),
+        ("state", "u1"),
+        ("padding", "V3"),
+        *((name, "<f8") for name in ("x64", "y64", "exit_x64", "exit_y64")),
+    ]
+)
+_DATATYPES = {
+    "<f4": PointField.FLOAT32,
+    "<f8": PointField.FLOAT64,
+    "<u4": PointField.UINT32,
+    "|u1": PointField.UINT8,
+}
+_NO_LANE = 0xFFFFFFFF
 _COARSE = 0.01  # [m] rounding of x and y from which on x64 and y64 are needed
 _ID_MASK = 0xFFFFFFFF  # PointCloud2 has no 64-bit integers
 _CENTRE = ColorRGBA(r=0.55, g=0.55, b=0.6, a=0.6)
 _BOUNDARY = ColorRGBA(r=1.0, g=1.0, b=1.0, a=0.9)
 _LINE_WIDTH = 0.12  # [m]
+_STOP_LINE_WIDTH = 0.4  # [m]
+_RED, _AMBER, _GREEN, _UNKNOWN = (
+    ColorRGBA(r=r, g=g, b=b, a=1.0) for r, g, b in ((0.9, 0.1, 0.1), (1.0, 0.7, 0.0), (0.1, 0.8, 0.2), (0.5, 0.5, 0.5))
+)
+_LIGHT_COLOURS = {
+    SignalState.FLASHING_RED: _RED,
+    SignalState.RED: _RED,
+    SignalState.RED_AMBER: _RED,
+    SignalState.GREEN_PERMISSIVE: _GREEN,
+    SignalState.GREEN: _GREEN,
+    SignalState.AMBER_PERMISSIVE: _AMBER,
+    SignalState.AMBER: _AMBER,
+    SignalState.FLASHING_AMBER: _AMBER,
+}
 
 
 def objects(table: AgentTable, ego_id: int) -> PointCloud2:
@@ -58,14 +84,64 @@ def objects(table: AgentTable, ego_id: int) -> PointCloud2:
     points["id"] = table.id[others] & _ID_MASK
     yaw, speed = table.yaw[others], table.speed[others]
     points["vx"], points["vy"] = speed * np.cos(yaw), speed * np.sin(yaw)
+    return _cloud(table.step, points)
+
+
+def lights(step: int, signals: Signals | None, lane_map: LaneMap) -> PointCloud2:
+    """Returns what the signals show at a step, as a point of a cloud in frame map for each connection they control.
+
+    Fields: x, y, z (0), yaw of the lane in the middle of its stop line and width of the lane there as FLOAT32 [m, rad];
+    lane and to_lane, numbers of the lanes before and after the junction as in :func:`lanes`, as UINT32; state as UINT8
+    (:class:`litsim_sim.core.signals.SignalState`); x64 and y64, x and y, and exit_x64 and exit_y64, where to_lane
+    begins, as FLOAT64 [m]. The cloud is empty if the scenario has no signals.
+    """
+    links = () if signals is None else signals.links
+    points = np.zeros(len(links), _LIGHT)
+    if signals is not None:
+        number = {lane.id: row for row, lane in enumerate(lane_map.lanes)}
+        points["state"] = signals.of_links(step)[0]
+        for point, link in zip(points, links, strict=True):
+            point["x"], point["y"] = point["x64"], point["y64"] = link.stop
+            point["yaw"], point["width"] = link.heading, link.width
+            point["exit_x64"], point["exit_y64"] = link.exit
+            point["lane"], point["to_lane"] = (number.get(lane, _NO_LANE) for lane in (link.from_lane, link.to_lane))
+    return _cloud(step, points)
+
+
+def light_markers(step: int, signals: Signals | None) -> MarkerArray:
+    """Returns a stop line (namespace ``stop_lines``) for each connection that signals control, in the colour they show.
+
+    Connections of one lane share its line. `text` is ``FROM_LANE -> TO_LANE STATE``, by SUMO's ids.
+    """
+    if signals is None:
+        return MarkerArray()
+    markers = []
+    states = map(SignalState, signals.of_links(step)[0].tolist())
+    lines = stop_line_parts(signals.links).tolist()
+    for row, (link, state, line) in enumerate(zip(signals.links, states, lines, strict=True)):
+        marker = Marker(header=header(step), ns="stop_lines", id=row, type=Marker.LINE_STRIP, pose=Pose())
+        marker.color, marker.scale.x = _LIGHT_COLOURS.get(state, _UNKNOWN), _STOP_LINE_WIDTH
+        marker.text, marker.points = f"{link.name} {state.name}", [Point(x=x, y=y) for x, y in line]
+        markers.append(marker)
+    return MarkerArray(markers=markers)
+
+
+def _cloud(step: int, points: np.ndarray[Any, Any]) -> PointCloud2:
+    """Returns a structured array (n,) as a cloud with a field for each of its fields but padding, in frame map."""
+    layout = points.dtype
+    fields = [
+        PointField(name=name, offset=offset, datatype=_DATATYPES[kind.str], count=1)
+        for name, (kind, offset, *_) in (layout.fields or {}).items()
+        if name != "padding"
+    ]
     return PointCloud2(
-        header=header(table.step),
+        header=header(step),
         height=1,
         width=len(points),
-        fields=_FIELDS,
+        fields=fields,
         is_bigendian=False,
-        point_step=_OBJECT.itemsize,
-        row_step=_OBJECT.itemsize * len(points),
+        point_step=layout.itemsize,
+        row_step=layout.itemsize * len(points),
         data=array("B", points.tobytes()),
         is_dense=True,
     )

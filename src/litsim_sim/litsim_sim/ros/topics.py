@@ -89,6 +89,8 @@ OBJECTS = Topic(topic_names.OBJECTS, PointCloud2)
 LANES = Topic(topic_names.LANES, MarkerArray, latched=True)
 SIGNALS = Topic(topic_names.SIGNALS, SignalStates)
 SIGNAL_MAP = Topic(topic_names.SIGNAL_MAP, SignalMap, latched=True)
+LIGHTS = Topic(topic_names.LIGHTS, PointCloud2)
+LIGHT_MARKERS = Topic(topic_names.LIGHT_MARKERS, MarkerArray)
 EGO_TWIST = Topic(topic_names.EGO_TWIST, TwistStamped)
 EGO_TRAJECTORY = Topic(topic_names.EGO_TRAJECTORY, Path)
 EGO_APPLIED = Topic(topic_names.EGO_APPLIED, EgoControl)
@@ -113,6 +115,8 @@ EGO_FEEDS = (
     EGO_VEHICLE,
     EGO_FOOTPRINT,
     LANES,
+    LIGHTS,
+    LIGHT_MARKERS,
     SIGNALS,
     SIGNAL_MAP,
     CLOCK,
