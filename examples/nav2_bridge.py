@@ -5,13 +5,13 @@
 
 The run is in real time, so that nav2 lives on the wall clock, which runs before the run as well. The bridge then leaves
 /clock and /tf to this script: map -> odom -> base_link. The newest /cmd_vel answers each step; none is a standstill.
-Other agents are in the scan of 720 rays from base_link. Needs tf2_msgs.
+Other agents are in the scan of 720 rays from base_link. The costmaps get the ego's footprint. Needs tf2_msgs.
 """
 
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TransformStamped, Twist, TwistStamped
+from geometry_msgs.msg import Polygon, PolygonStamped, TransformStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import LaserScan, PointCloud2
@@ -23,7 +23,7 @@ seen = {"command": Twist()}
 
 
 def on_state(message):
-    if "vehicle" not in seen:
+    if not {"vehicle", "footprint"} <= seen.keys():
         return
     answer = TwistStamped(header=message.header, twist=seen["command"])
     answer.header.frame_id = "base_link"
@@ -42,6 +42,8 @@ def on_state(message):
     moved = frames[1].transform
     moved.translation.x, moved.translation.y, moved.rotation = place.x, place.y, turn
     tf.publish(TFMessage(transforms=frames))
+    for footprint in footprints:
+        footprint.publish(seen["footprint"])
     if "objects" in seen:
         yaw = 2.0 * np.arctan2(turn.z, turn.w)
         message = LaserScan(angle_min=ANGLES[0], angle_max=ANGLES[-1], angle_increment=ANGLES[1] - ANGLES[0])
@@ -72,6 +74,10 @@ def on_vehicle(message):
     seen["vehicle"] = {value.key: float(value.value) for value in message.status[0].values}
 
 
+def on_footprint(message):
+    seen["footprint"] = message.polygon
+
+
 def on_diagnostics(message):
     if {"FINISHED", "FAILED"} & {value.value for status in message.status for value in status.values}:
         raise SystemExit
@@ -82,9 +88,11 @@ if __name__ == "__main__":
     node = rclpy.create_node("nav2_bridge")
     odom, tf = node.create_publisher(Odometry, "/odom", 10), node.create_publisher(TFMessage, "/tf", 10)
     laser = node.create_publisher(LaserScan, "/scan", 10)
+    footprints = [node.create_publisher(Polygon, f"/{name}_costmap/footprint", 10) for name in ("local", "global")]
     twist = node.create_publisher(TwistStamped, "/litsim/ego/twist", 10)
     latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
     node.create_subscription(DiagnosticArray, "/litsim/ego/vehicle", on_vehicle, latched)
+    node.create_subscription(PolygonStamped, "/litsim/ego/footprint", on_footprint, latched)
     node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, 10)
     node.create_subscription(Odometry, "/litsim/ego/state", on_state, 10)
     node.create_subscription(PointCloud2, "/litsim/objects", lambda message: seen.update(objects=message), 10)

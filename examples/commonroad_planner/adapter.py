@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import fields
 from pathlib import Path as File
 from typing import Any
 
@@ -60,7 +61,7 @@ class Adapter(Node):
 
     def _on_vehicle(self, array: DiagnosticArray) -> None:
         values = {value.key: float(value.value) for status in array.status for value in status.values}
-        self._body = Body(*(values[name] for name in ("length", "width", "rear_axle", "curvature_max")))
+        self._body = Body(**{field.name: values[field.name] for field in fields(Body)})
 
     def _respond(self, stamp: int, ego: Odometry, objects: PointCloud2) -> Path:
         assert self._planner is not None

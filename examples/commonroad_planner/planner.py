@@ -34,12 +34,14 @@ OFF_PLAN, OFF_SPEED = 0.5, 1.0  # [m], [m/s] from the plan beyond which the next
 
 @dataclass(frozen=True)
 class Body:
-    """The ego's box and axles [m], and the largest curvature [1/m]; defaults are those of LitSim's vehicle."""
+    """The ego's box and axles [m], and its limits, called as in `/litsim/ego/vehicle`."""
 
-    length: float = 4.8
-    width: float = 2.0
-    rear_axle: float = 0.29  # share of the length behind the centre
-    curvature_max: float = 0.2
+    length: float
+    width: float
+    wheelbase: float
+    rear_axle_to_centre: float
+    steering_angle_max: float  # [rad]
+    deceleration_max: float  # [m/s2]
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ class Planner:
     def __init__(self, route: np.ndarray, lanes: list, body: Body, wanted: float) -> None:
         logging.getLogger("RP_LOGGER").setLevel(logging.ERROR)
         self._body, self._wanted = body, wanted
-        self._rear = body.rear_axle * body.length
+        self._rear = body.rear_axle_to_centre
         self._config = _configuration(body, lanes)
         self._road = _road_borders(lanes)
         with warnings.catch_warnings():  # of the spline that it fits; straight roads have no radius
@@ -168,9 +170,10 @@ def _configuration(body: Body, lanes: list) -> ReactivePlannerConfiguration:
     config.debug.multiproc, config.debug.logging_level = False, "ERROR"
     vehicle = config.vehicle
     vehicle.length, vehicle.width = body.length, body.width
-    vehicle.wb_rear_axle = vehicle.wb_front_axle = body.rear_axle * body.length
-    vehicle.delta_max = float(np.arctan(2.0 * vehicle.wb_rear_axle * body.curvature_max))
-    vehicle.delta_min, vehicle.a_max = -vehicle.delta_max, 8.0
+    vehicle.wb_rear_axle = body.rear_axle_to_centre
+    vehicle.wb_front_axle = body.wheelbase - body.rear_axle_to_centre
+    vehicle.delta_max, vehicle.delta_min = body.steering_angle_max, -body.steering_angle_max
+    vehicle.a_max = body.deceleration_max
     vehicle.__post_init__()  # the wheelbase follows
     network = LaneletNetwork()
     for number, (left, centre, right) in enumerate(lanes, start=1):
