@@ -25,7 +25,7 @@ from litsim_sim.scenario.signals import Signals
 from made_ngsim import Traffic, table, write_portal, write_text
 
 EMBEDDED = packaged("scenarios/us101_like.parquet")
-STREET = packaged("suites/small/street_train_14.parquet", "litsim_eval")
+STREET = packaged("suites/small/street_14.parquet", "litsim_eval")
 
 
 @pytest.fixture(scope="module")

@@ -89,7 +89,7 @@ def test_the_scenario_comes_from_the_attachments_while_the_record_is_open(write:
 
 
 def test_signals_that_the_recording_carries_are_those_of_the_run(write: Any) -> None:
-    street = Scenario.load(packaged("suites/small/street_train_14.yaml", "litsim_eval"))
+    street = Scenario.load(packaged("suites/small/street_14.yaml", "litsim_eval"))
     assert street.signals is not None and street.file.signals is None
     with open_record(write(scenario=street, fields={"net": str(street.net_path)})) as record:
         assert record.scenario.signals is not None

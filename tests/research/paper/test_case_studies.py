@@ -20,7 +20,7 @@ from litsim_research.paper import roads
 from litsim_research.paper.case_studies import LEFT_TURN, SEGMENTS, _outlines, candidates, chosen, left_turns
 from litsim_sim.scenario.scenario import packaged
 
-TURN_37, TURN_50 = ("street_train_37", 128), ("street_train_50", 160)
+TURN_37, TURN_50 = ("street_37", 128), ("street_50", 160)
 """Who passes before a left turn in suite small, the nearest first."""
 
 

@@ -14,7 +14,7 @@ from litsim_sim.core.errors import InputError
 
 
 def suite(*egos: int) -> Suite:
-    return campaigns.suite(cases=[{"scenario": "demo", "egos": list(egos)}], egos=["log"], policies=["replay"])
+    return campaigns.suite(cases=[{"scenario": "demo", "ego_id": list(egos)}], egos=["log"], policies=["replay"])
 
 
 def test_what_has_been_run_is_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -24,7 +24,7 @@ def test_what_has_been_run_is_not_run_again(tmp_path: Path, monkeypatch: pytest.
     (kept,) = first.results
     both = carried_out(suite(7, 3), tmp_path / "out", 1, overwrite=True)
     assert len(both.results) == 2 and kept in both.results
-    with pytest.raises(InputError, match="holds another campaign"):
+    with pytest.raises(InputError, match="holds more than this part of a suite"):
         carried_out(suite(7), tmp_path / "out", 1, overwrite=True)  # a part of it is no reason to lose the rest
     sources["sources"] = "b"
     with pytest.raises(InputError, match="sources a, now b"):

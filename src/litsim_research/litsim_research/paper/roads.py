@@ -27,7 +27,7 @@ DRAWS = len(PAPER)
 SEGMENTS = 3
 """Most segments of 28 s in a draw of generated traffic, each with one ego."""
 QUICK_S = 6.0
-QUICK = {HIGHWAY: "demo", URBAN: "small/street_train_14"}
+QUICK = {HIGHWAY: "demo", URBAN: "small/street_14"}
 """Packaged scenarios of a quick trial by set, shortened to :data:`QUICK_S` [s]."""
 
 Roads = dict[str, list[CaseEntry]]
