@@ -33,6 +33,7 @@ from litsim_eval.analysis.metrics_tree import (
 from litsim_eval.analysis.progress import mean_progress
 from litsim_eval.analysis.realism import Naturalness
 from litsim_eval.analysis.signals import log_passages, run_passages
+from litsim_eval.analysis.standoff import standoffs
 from litsim_eval.analysis.takeover import Handback, Jump, handbacks, ledger
 from litsim_eval.analysis.timing import timing
 from litsim_sim.core.errors import InputError
@@ -107,6 +108,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "realism_near": None if (near_ego := natural.of(beside)) is None else near_ego.score,
         "signals": _signals(run),
         "minimum_risk_s": minimum_risk_s(run),
+        "standoffs": [asdict(each) for each in standoffs(run)],
         "lockstep": lockstep(run),
         "timing": timing(run),
         "world": {

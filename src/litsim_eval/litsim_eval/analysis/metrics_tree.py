@@ -270,6 +270,7 @@ class Metrics(TypedDict):
     realism_near: float | None
     signals: SignalMetrics | None
     minimum_risk_s: float | None
+    standoffs: list[dict[str, Any]]
     lockstep: LockstepMetrics
     timing: TimingMetrics
     world: WorldMetrics

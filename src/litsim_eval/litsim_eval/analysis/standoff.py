@@ -1,0 +1,178 @@
+"""Standoffs: the ego and another vehicle stand for each other, with no light that holds one of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from litsim_sim.core.geometry import box_corners, wrap_angle
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.core.signals import STOP_STATES, SignalState
+from litsim_sim.lane_map.signal_links import SignalLink
+from litsim_sim.record.run import Run
+
+STANDS_MPS = 0.3  # [m/s] below which a vehicle stands
+LASTS_S = 3.0  # [s] shortest standoff
+NEAR_M, AHEAD_M = 40.0, 40.0  # [m] between the two; of their ways ahead that may cross
+QUEUE_RAD = np.deg2rad(30.0)  # below which the headings of two vehicles that stand in a queue differ
+OFF_WAY_M = 10.0  # [m] from its log beyond which the way of a vehicle is not known
+HELD = (*STOP_STATES, SignalState.AMBER, SignalState.AMBER_PERMISSIVE, SignalState.FLASHING_RED)
+
+
+@dataclass(frozen=True)
+class Standoff:
+    """The ego and another vehicle stand, and their ways cross.
+
+    Attributes:
+        agent: id of the other.
+        step, end_step: first and last step at which both stand, and no light holds one of them.
+        could_go_first: ego, other, either or neither: whose way ahead is free of the box of the other one.
+        resolved: whether one of them has moved before the end of the run.
+    """
+
+    agent: int
+    step: int
+    end_step: int
+    could_go_first: str
+    resolved: bool
+
+
+@dataclass(frozen=True)
+class _Track:
+    """Motion (n,) of an agent by step: place [m], heading [rad], speed [m/s]; its box [m]; logged way (m, 2) [m]."""
+
+    step: IntArray
+    x: FloatArray
+    y: FloatArray
+    yaw: FloatArray
+    speed: FloatArray
+    length: float
+    width: float
+    log: FloatArray
+
+
+def standoffs(run: Run) -> list[Standoff]:
+    """Returns the standoffs of the ego after the history, sorted by step and agent.
+
+    The way of a vehicle is that of its log, from where it stands on. Vehicles that head into nearly one direction stand
+    in a queue, which is none.
+    """
+    ego = _track(run, run.info.ego_id)
+    if ego is None or not _long_enough(ego.speed < STANDS_MPS, run.info.dt):
+        return []
+    steps = run.steps.after(run.info.history_steps - 1)
+    stacked = steps.stacked
+    standing = stacked.id[(stacked.speed < STANDS_MPS) & (stacked.id != run.info.ego_id)]
+    ids, counts = np.unique(standing, return_counts=True)
+    found = []
+    for agent in ids[counts * run.info.dt >= LASTS_S].tolist():
+        other = _track(run, agent)
+        if other is not None:
+            found += _between(run, ego, other, agent)
+    return sorted(found, key=lambda each: (each.step, each.agent))
+
+
+def _track(run: Run, agent: int) -> _Track | None:
+    """Returns the motion of an agent after the history; None if it is not there, or its log is not known."""
+    steps = run.steps.after(run.info.history_steps - 1)
+    rows, logged = steps.track(agent), run.logged.track(agent)
+    if not len(rows) or not len(logged):
+        return None
+    table, log = steps.stacked, run.logged.stacked
+    return _Track(
+        step=steps.step[table.number[rows]],
+        x=table.x[rows],
+        y=table.y[rows],
+        yaw=table.yaw[rows],
+        speed=table.speed[rows],
+        length=float(table.length[rows[0]]),
+        width=float(table.width[rows[0]]),
+        log=np.stack([log.x[logged], log.y[logged]], axis=1),
+    )
+
+
+def _between(run: Run, ego: _Track, other: _Track, agent: int) -> list[Standoff]:
+    """Returns the standoffs of the ego with one other agent."""
+    steps, mine, theirs = np.intersect1d(ego.step, other.step, return_indices=True)
+    near = np.hypot(ego.x[mine] - other.x[theirs], ego.y[mine] - other.y[theirs]) < NEAR_M
+    both = near & (ego.speed[mine] < STANDS_MPS) & (other.speed[theirs] < STANDS_MPS)
+    both &= np.abs(wrap_angle(ego.yaw[mine] - other.yaw[theirs])) > QUEUE_RAD
+    if not _long_enough(both, run.info.dt):
+        return []
+    if run.signals is not None:
+        both &= ~(_held(run, ego)[mine] | _held(run, other)[theirs])
+    found = []
+    for begin, end in _periods(both):
+        if (end - begin) * run.info.dt < LASTS_S:
+            continue
+        first = _could_go_first(ego, int(mine[begin]), other, int(theirs[begin]))
+        if first:
+            last = int(steps[end - 1])
+            found.append(Standoff(agent, int(steps[begin]), last, first, resolved=last < run.tables[-1].step))
+    return found
+
+
+def _could_go_first(ego: _Track, at: int, other: _Track, there: int) -> str:
+    """Returns who could go first where both stand; empty if their ways do not cross."""
+    ways = _way(ego, at), _way(other, there)
+    if ways[0] is None or ways[1] is None or not ways[0].intersects(ways[1]):
+        return ""
+    could = not ways[0].intersects(_box(other, there)), not ways[1].intersects(_box(ego, at))
+    return {(True, True): "either", (True, False): "ego", (False, True): "other"}.get(could, "neither")
+
+
+def _way(track: _Track, at: int) -> shapely.Geometry | None:
+    """Returns the area that a vehicle sweeps along its log ahead; None if its log is elsewhere, or ends there."""
+    place = np.array([track.x[at], track.y[at]])
+    away = np.hypot(*(track.log - place).T)
+    nearest = len(away) - 1 - int(np.argmin(away[::-1]))  # the last, where the log stands there itself
+    ahead = track.log[nearest:]
+    if away[nearest] > OFF_WAY_M or len(ahead) < 2:
+        return None
+    along = np.append(0.0, np.cumsum(np.hypot(*np.diff(ahead, axis=0).T)))
+    ahead = ahead[along <= AHEAD_M]
+    if along[-1] < 0.5 * track.length or len(ahead) < 2:
+        return None
+    return shapely.LineString(ahead).buffer(0.5 * track.width, cap_style="flat")
+
+
+def _box(track: _Track, at: int) -> shapely.Geometry:
+    corners = box_corners(
+        track.x[at : at + 1],
+        track.y[at : at + 1],
+        track.yaw[at : at + 1],
+        np.array([track.length]),
+        np.array([track.width]),
+    )
+    return shapely.Polygon(corners[0])
+
+
+def _held(run: Run, track: _Track) -> BoolArray:
+    """Returns (n,) the steps at which a light ahead of a vehicle, on its lane and within AHEAD_M, holds it."""
+    assert run.signals is not None
+    held = np.zeros(len(track.step), np.bool_)
+    last = run.signals.states.shape[1] - 1
+    for link, group in zip(run.signals.links, run.signals.link_group.tolist(), strict=True):
+        shown = run.signals.states[group, np.minimum(track.step, last)]
+        held |= np.isin(shown, HELD) & _before(link, track)
+    return held
+
+
+def _before(link: SignalLink, track: _Track) -> BoolArray:
+    cos, sin = np.cos(link.heading), np.sin(link.heading)
+    dx, dy = link.stop[0] - track.x, link.stop[1] - track.y
+    ahead, beside = cos * dx + sin * dy, cos * dy - sin * dx
+    facing = np.abs(wrap_angle(track.yaw - link.heading)) < QUEUE_RAD
+    return (ahead > -1.0) & (ahead < AHEAD_M) & (np.abs(beside) < 0.5 * link.width) & facing
+
+
+def _periods(true: BoolArray) -> list[tuple[int, int]]:
+    """Returns begin and end (exclusive) of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]])))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def _long_enough(true: BoolArray, dt: float) -> bool:
+    return any((end - begin) * dt >= LASTS_S for begin, end in _periods(true))
