@@ -36,6 +36,7 @@ setup(
             "security = litsim_eval.cli.security:main",
         ],
         # See litsim_sim.core.plugins for the groups.
-        "litsim.recorded": ["analyze = litsim_eval.report.recorded:analyze_recorded"],
+        "litsim.recorded": ["analyze = litsim_eval.report.recorded:RecordedAnalysis"],
+        "litsim.listed": ["suites = litsim_eval.campaign.suite:listed_suites"],
     },
 )

@@ -249,7 +249,7 @@ def test_info_and_convert(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
 def test_list(capsys: pytest.CaptureFixture[str]) -> None:
     data.main(["list"])
     text = capsys.readouterr().out
-    assert all(name in text for name in ("demo", "us101_0750", "us101_like.net.xml"))
+    assert all(name in text for name in ("demo", "us101_0750", "us101_like.net.xml", "small"))
 
 
 def test_synthesize(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

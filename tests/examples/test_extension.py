@@ -39,7 +39,19 @@ def verb(extended: dict[str, str], package: str, name: str, *words: object) -> s
 def test_campaign_by_the_policy_judged_by_the_measure(extended: dict[str, str], tmp_path: Path) -> None:
     criteria, out = tmp_path / "criteria.yaml", tmp_path / "campaign"
     criteria.write_text(f"runs:\n  - {{name: keeps away, field: added.{MEASURE}, min: 0.5}}\n")
-    words = ("--scenario", "demo", "--egos", "6,1", "--policy", POLICY, "replay", "--criteria", criteria, "--out", out)
+    words = (
+        "--scenario",
+        "demo",
+        "--ego-id",
+        "6,1",
+        "--policy",
+        POLICY,
+        "replay",
+        "--criteria",
+        criteria,
+        "--out",
+        out,
+    )
     done = verb(extended, "litsim_eval", "evaluate", *words, "--set", f"policy.{POLICY}.time_gap=1.2")
     assert done.returncode == 1, done.stderr  # replay drives into the ego, and does not keep away
     assert f"{MEASURE} m (higher is better)" in done.stdout

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -15,7 +16,8 @@ import yaml
 from junitparser import JUnitXml
 
 from litsim_eval.campaign.criteria import Verdict
-from litsim_eval.campaign.results import RunResult, read_campaign
+from litsim_eval.campaign.results import RunResult, read_campaign, rerun_command
+from litsim_eval.report.verdict import verdict_in
 from litsim_sim.record.run import read_run
 
 STACK = [sys.executable, str(Path(__file__).with_name("external_ego.py"))]
@@ -32,7 +34,7 @@ CRITERIA = {"runs": [{"name": "no fault", "field": "collision.ego_at_fault", "ma
 
 def suite(graph: Any, egos: list[Any], ids: list[int]) -> Path:
     path: Path = graph.folder / "suite.yaml"
-    content = {"name": "short", "cases": [{"scenario": "short.yaml", "egos": ids}], "egos": egos}
+    content = {"name": "short", "cases": [{"scenario": "short.yaml", "ego_id": ids}], "egos": egos}
     graph.scenario()
     path.write_text(yaml.safe_dump(content | {"policies": ["replay"], "criteria": CRITERIA}))
     return path
@@ -60,10 +62,10 @@ def test_a_stack_that_is_broken_fails_its_run_with_the_reason_and_no_other(graph
         "log": Verdict.PASSED,
     }
     reasons = {name: result.reason for name, result in found.items()}
-    assert "the stack (sh -c 'echo no licence; exit 4') ended with exit status 4: no licence" in reasons["crashes"]
+    assert "sh -c 'echo no licence; exit 4') ended with exit status 4: no licence" in reasons["crashes"]
     assert reasons["hangs"].startswith("no answer to step 12 on /litsim/ego/control within 6 s")
     assert "cannot be used: acceleration is nan" in reasons["lies"]
-    assert f"error: short/13/crashes/replay: error: {reasons['crashes']}" in done.stderr
+    assert f"error   short/13/crashes/replay: {reasons['crashes']}" in done.stderr
 
     tests = {test.name: test for each in JUnitXml.fromfile(str(graph.folder / "out/junit.xml")) for test in each}
     (said,) = tests["short/13/crashes/replay"].result
@@ -80,6 +82,30 @@ def test_a_stack_that_is_broken_fails_its_run_with_the_reason_and_no_other(graph
     run = read_run(folders["good"] / good.recording)
     assert (run.info.ego, run.complete) == ("external", True)
     assert good.metrics is not None and good.metrics["steps"] == 35
+
+
+def test_a_failed_run_is_run_again_by_the_command_that_is_named(graph: Any) -> None:
+    file = suite(graph, EGOS[:1], [13])
+    strict = {"runs": [{"name": "far", "field": "ego_motion.progress_ratio", "min": 9.0}]}
+    file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | {"criteria": strict}))
+    done = graph.finish(start(graph, file))
+    assert done.returncode == 1, done.stderr
+    (first,) = read_campaign(graph.folder / "out").results
+    command = rerun_command(graph.folder / "out", first.case)
+    assert command in done.stderr
+    words = shlex.split(command)
+    assert words[:2] == ["./litsim", "evaluate"]
+    again = graph.finish(graph.start_program("litsim_eval", *words[1:]))
+    assert again.returncode == 1, again.stderr
+    out = Path(words[-1])
+    (second,) = read_campaign(out).results
+    assert (second.case.id, second.verdict, second.criteria) == (first.case.id, Verdict.FAILED, first.criteria)
+    assert second.metrics and first.metrics and second.metrics["digest"] == first.metrics["digest"]
+    page = out / "runs" / second.case.id / str(second.report)
+    verdict = json.loads(verdict_in(page))
+    assert (verdict["verdict"], verdict["reason"]) == ("failed", second.reason)
+    back, _, run = verdict["campaign"].partition("#")
+    assert (page.parent / back).resolve() == (out / "experiment.html").resolve() and run == f"run={second.case.id}"
 
 
 def test_a_stack_that_runs_already_drives_in_one_run_after_the_other(graph: Any) -> None:

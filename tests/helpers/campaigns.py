@@ -25,7 +25,7 @@ CRITERIA = Criteria(runs=[{"name": "no contact at fault", "field": "collision.eg
 
 
 def suite(**values: Any) -> Suite:
-    usual: dict[str, Any] = {"name": "some", "cases": [{"scenario": "demo", "egos": "ego"}], "egos": ["idm"]}
+    usual: dict[str, Any] = {"name": "some", "cases": [{"scenario": "demo", "ego_id": "ego"}], "egos": ["idm"]}
     return Suite(**(usual | {"criteria": CRITERIA} | values))
 
 

@@ -29,7 +29,7 @@ def status(*words: str | Path) -> int | None:
 
 def test_the_demo_gives_a_suite_and_the_same_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, again = tmp_path / "hard.yaml", tmp_path / "again.yaml"
-    asked = ("demo", "--events", "lane_change,cut_in=1", "--hardest", "2", "--egos", "idm", "bat")
+    asked = ("demo", "--events", "lane_change,cut_in=1", "--hardest", "2", "--ego", "idm", "bat")
     assert status(*asked, "--out", out, "--plot", tmp_path / "severities.of_events") == 0
     printed = capsys.readouterr().out
     assert "lane change" in printed and "merge" not in printed

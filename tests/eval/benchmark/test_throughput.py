@@ -80,7 +80,7 @@ def test_scenario_seconds_are_those_of_the_runs_that_were_made(tmp_path: Path) -
     found = time_evaluation(side, ["demo"], "3,7", 2, tmp_path / "out")
     assert found == {EVALUATE: pytest.approx(34.0), EVALUATE + CPU: pytest.approx(68.0)}
     (call,) = side.calls
-    assert call[0] == "litsim_eval.cli.evaluate" and call[call.index("--egos") + 1] == "3,7"
+    assert call[0] == "litsim_eval.cli.evaluate" and call[call.index("--ego-id") + 1] == "3,7"
 
 
 def test_an_evaluation_whose_runs_do_not_pass_is_timed_all_the_same() -> None:

@@ -50,19 +50,19 @@ def test_a_model_is_named_by_its_value_alone() -> None:
 def test_which_vehicles_are_the_ego(choice: Any) -> None:
     demo = Scenario.load("demo")
     wanted = {"egos": demo.egos, "ego": (demo.ego_id,), "all": demo.possible_egos}
-    found = cases(cases=[{"scenario": "demo", "egos": choice}], policies=["litsim"])
+    found = cases(cases=[{"scenario": "demo", "ego_id": choice}], policies=["litsim"])
     assert tuple(case.ego_id for case in found) == (wanted[choice] if isinstance(choice, str) else (1, 3))
 
 
 def test_an_entry_that_cannot_be_used_is_told_by_file_line_and_field(tmp_path: Path) -> None:
     inner, outer = tmp_path / "inner.yaml", tmp_path / "outer.yaml"
     inner.write_text(
-        "name: inner\negos: [idm]\ncases:\n  - {scenario: demo, egos: ego}\n  - {scenario: demo, ego_id: 99}\n"
+        "name: inner\negos: [idm]\ncases:\n  - {scenario: demo, ego_id: ego}\n  - {scenario: demo, ego_id: 99}\n"
     )
     outer.write_text("name: outer\negos: [idm]\ninclude: [inner.yaml]\ncases:\n  - {scenario: none.yaml}\n")
     with pytest.raises(InputError) as found:
         cases_of(Suite.load(outer), with_versions=VERSIONS)
-    assert str(found.value).startswith(f"{inner}: line 5, field cases.1: egos: 99 not there at the start of demo")
+    assert str(found.value).startswith(f"{inner}: line 5, field cases.1: ego_id: 99 not there at the start of demo")
     inner.write_text(inner.read_text().replace("ego_id: 99", "ego_id: 7"))
     with pytest.raises(InputError) as found:
         cases_of(Suite.load(outer), with_versions=VERSIONS)
@@ -71,7 +71,7 @@ def test_an_entry_that_cannot_be_used_is_told_by_file_line_and_field(tmp_path: P
 
 def test_a_scenario_without_egos_for_tuning() -> None:
     with pytest.raises(InputError, match="field tuning of the scenario lists no egos"):
-        cases(cases=[{"scenario": "demo", "egos": "tuning"}])
+        cases(cases=[{"scenario": "demo", "ego_id": "tuning"}])
 
 
 def test_the_same_run_asked_for_twice_is_one_case() -> None:

@@ -23,7 +23,7 @@ def compared(folder: Path, before: Sequence[Any], after: Sequence[Any], **values
 
 def of_vehicles(count: int) -> dict[str, Any]:
     """The first `count` egos of the demo, with one seed."""
-    return {"cases": [{"scenario": "demo", "egos": EGOS[:count]}], "seeds": [0]}
+    return {"cases": [{"scenario": "demo", "ego_id": EGOS[:count]}], "seeds": [0]}
 
 
 GOOD, BAD = metrics(at_fault=0), metrics(at_fault=1)
@@ -65,7 +65,7 @@ def test_cases_are_matched_by_all_that_is_no_version(tmp_path: Path) -> None:
 
 def test_cases_of_one_name_whose_scenario_is_another_are_not_the_same(tmp_path: Path) -> None:
     entries = [
-        [{"scenario": scenario_file(tmp_path / at, simulation_s=s), "ego_id": 1}, {"scenario": "demo", "egos": "ego"}]
+        [{"scenario": scenario_file(tmp_path / at, simulation_s=s), "ego_id": 1}, {"scenario": "demo", "ego_id": "ego"}]
         for at, s in (("a", 3.0), ("b", 4.0))
     ]
     before, after = (

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from campaigns import CRITERIA, EGO, VERSIONS, cases, metrics, suite
-from litsim_eval.campaign.case import Case
+from litsim_eval.campaign.case import Case, cases_of
+from litsim_eval.campaign.comparison import compare_campaigns
 from litsim_eval.campaign.criteria import Criteria
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.results import (
@@ -62,13 +64,87 @@ def test_more_cases_may_be_asked_for_and_other_ones_may_not(tmp_path: Path) -> N
     assert len(read_campaign(tmp_path).cases) == 4
 
 
-def test_another_version_is_refused_and_named(tmp_path: Path) -> None:
-    from litsim_eval.campaign.case import cases_of
+def test_what_has_changed_is_run_again_and_its_verdict_is_kept(tmp_path: Path) -> None:
+    """As in a CI job with a kept folder, after a change of the stack: a new version of one of two."""
+    stack = tmp_path / "stack.py"
+    stack.write_text("brake = 1")
+    egos = ["log", {"name": "mine", "kind": "external", "command": ["python3", str(stack)]}]
+    folder, plan = CampaignFolder(tmp_path / "out"), suite(egos=egos, policies=["replay"])
+    other, first = made = cases(egos=egos, policies=["replay"])
+    folder.begin(plan, made, VERSIONS)
+    for case, at_fault in ((other, 0), (first, 1)):
+        folder.clear(case)
+        folder.store(RunResult.judged(case, metrics(at_fault), CRITERIA, report="report.html"))
+    for name in ("report.html", "run.mcap"):
+        (folder.run_folder(first) / name).touch()
 
-    CampaignFolder(tmp_path).begin(suite(), cases(), VERSIONS)
-    later = VERSIONS | {"sources": "c"}
-    with pytest.raises(InputError, match=r"\(sources b, now c\)"):
-        CampaignFolder(tmp_path).begin(suite(), cases_of(suite(), with_versions=later), later)
+    stack.write_text("brake = 2")
+    _, changed = again = cases(egos=egos, policies=["replay"])
+    assert folder.changes(again, VERSIONS) == {f"{stack} has changed": 1}
+    done = folder.begin(plan, again, VERSIONS)
+
+    assert list(done) == [other.id] and changed.id != first.id
+    assert not folder.run_folder(first).exists()
+    assert folder.changes(again, VERSIONS) == {}
+    (kept,) = folder.history
+    earlier = read_campaign(kept)
+    assert [(each.case.name, each.verdict) for each in earlier.results] == [
+        (other.name, Verdict.PASSED),
+        (first.name, Verdict.FAILED),
+    ]
+    left = {path.name for path in (kept / "runs" / first.id).iterdir()}
+    assert left == {"result.json", "report.html"}
+    folder.store(RunResult.judged(changed, metrics(), CRITERIA))
+    comparison = compare_campaigns(earlier, read_campaign(tmp_path / "out"))
+    assert [pair.case.name for pair in comparison.those("newly_passing")] == [first.name]
+    assert folder.begin(plan, again, VERSIONS, overwrite=True) == {} and not folder.history
+
+
+def test_keeping_verdicts_may_be_interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, made, later = CampaignFolder(tmp_path), cases(), VERSIONS | {"sources": "c"}
+    folder.begin(suite(), made, VERSIONS)
+    for case in made:
+        folder.clear(case)
+        folder.store(RunResult.judged(case, metrics(), CRITERIA))
+    again = cases_of(suite(), with_versions=later)
+    moved: list[Path] = []
+
+    def killed(source: Path, target: Path) -> None:
+        if moved:
+            raise KeyboardInterrupt
+        moved.append(source.rename(target))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("litsim_eval.campaign.folder.shutil.move", killed)
+        with pytest.raises(KeyboardInterrupt):
+            folder.begin(suite(), again, later)
+    folder.begin(suite(), again, later)
+    assert [result.case for result in read_campaign(folder.history[0]).results] == made
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"versions": VERSIONS | {"sources": "c"}}, "LitSim itself has changed"),
+        ({"versions": VERSIONS | {"python": "4"}}, "python 3, now 4: has changed"),
+        ({"parameters": {"ego.time_gap": [2.0]}}, "the parameters have changed"),
+        ({"egos": [{"name": "idm", "kind": "log"}]}, 'kind of ego idm was "idm", is "log"'),
+        ({"policies": ["replay"]}, "not in the suite any more"),
+    ],
+)
+def test_why_a_case_has_changed(tmp_path: Path, change: dict[str, Any], why: str) -> None:
+    fields = dict(change)
+    versions = fields.pop("versions", VERSIONS)
+    folder = CampaignFolder(tmp_path)
+    folder.begin(suite(), cases(), VERSIONS)
+    assert list(folder.changes(cases_of(suite(**fields), with_versions=versions), versions)) == [why]
+
+
+def test_a_part_does_not_take_the_place_of_its_campaign(tmp_path: Path) -> None:
+    folder, whole = CampaignFolder(tmp_path), cases()
+    folder.begin(suite(), whole, VERSIONS)
+    with pytest.raises(InputError, match=r"holds more than this part of a suite: 1 of its 2 cases .*--overwrite"):
+        folder.begin(suite(), whole[:1], VERSIONS, is_part=True)
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
@@ -121,7 +197,7 @@ def test_a_suite_told_more_since_tells_it_of_old_results(tmp_path: Path) -> None
     folder = CampaignFolder(tmp_path)
     folder.begin(suite(), made, VERSIONS)
     folder.store(RunResult.judged(made[0], metrics(), CRITERIA))
-    tagged = cases(cases=[{"scenario": "demo", "egos": "ego", "tags": ["hard"]}])
+    tagged = cases(cases=[{"scenario": "demo", "ego_id": "ego", "tags": ["hard"]}])
     assert folder.begin(suite(), tagged, VERSIONS)[made[0].id].case.tags == ("hard",)
 
 

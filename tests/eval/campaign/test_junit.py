@@ -11,7 +11,7 @@ from junit2htmlreport.parser import Junit
 from campaigns import CRITERIA, EGO, VERSIONS, cases, metrics, suite
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.junit import write_junit
-from litsim_eval.campaign.results import Campaign, RunResult, read_campaign
+from litsim_eval.campaign.results import Campaign, RunResult, read_campaign, rerun_command
 
 
 @pytest.fixture
@@ -41,8 +41,9 @@ def test_another_reader_finds_every_case_and_why_it_did_not_pass(campaign: Campa
     assert not passed.failed() and passed.duration == 1.25
     reason = "no contact at fault: collision.ego_at_fault is 2, expected at most 0"
     assert failed.failure_msg == reason
-    assert failed.failure == f"{reason}\nreport: runs/{campaign.cases[1].id}/report.html"
-    assert error.failure == f'the stack said "[31m<no>[0m"\nlog: runs/{campaign.cases[2].id}/ads.log'
+    again = [f"run it again: {rerun_command(campaign.folder, case)}" for case in campaign.cases]
+    assert failed.failure == f"{reason}\nreport: runs/{campaign.cases[1].id}/report.html\n{again[1]}"
+    assert error.failure == f'the stack said "[31m<no>[0m"\nlog: runs/{campaign.cases[2].id}/ads.log\n{again[2]}'
     assert gap.failure == "it has not been run"
     whole = tests["campaign night & day", "all runs pass"]
     assert whole.failure == "passed_share is 0.4, expected at least 1"

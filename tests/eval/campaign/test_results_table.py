@@ -13,7 +13,7 @@ from litsim_eval.campaign.results_table import TABLE_FILE, results_table
 
 
 def test_one_row_a_run_and_one_column_a_measure(tmp_path: Path) -> None:
-    first, second, third = cases(seeds=[1, 2, 3], cases=[{"scenario": "demo", "egos": "ego", "tags": ["cut_in"]}])[:3]
+    first, second, third = cases(seeds=[1, 2, 3], cases=[{"scenario": "demo", "ego_id": "ego", "tags": ["cut_in"]}])[:3]
     measured = metrics(
         at_fault=1,
         seed=1,

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from litsim_eval.campaign.case import cases_of
+from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.suite import Suite
 from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.scenario import packaged
@@ -15,7 +17,7 @@ GOOD = """
 name: some
 cases:
   - {scenario: demo, ego_id: 17, tags: [cut_in], events: [{kind: cut_in, time_s: 12.3}]}
-  - {scenario: windows/a.yaml, egos: all}
+  - {scenario: windows/a.yaml, ego_id: all}
 egos:
   - idm
   - {name: braker, kind: perturbed, parameters: {ego.kind: brake}}
@@ -34,7 +36,7 @@ def load(folder: Path, text: str) -> Suite:
 
 def test_fields_are_read(tmp_path: Path) -> None:
     suite = load(tmp_path, GOOD)
-    assert [case.chosen for case in suite.cases] == [[17], "all"]
+    assert [case.ego_id for case in suite.cases] == [17, "all"]
     assert suite.cases[0].events == [{"kind": "cut_in", "time_s": 12.3}]
     assert [ego.name for ego in suite.egos] == ["idm", "braker", "mine"]
     assert suite.egos[1].parameters == {"ego.kind": "brake"}
@@ -56,7 +58,7 @@ def test_a_pattern_stands_for_all_scenarios_of_such_names(tmp_path: Path) -> Non
     assert [case.scenario for case in suite.cases[1:]] == [
         str(folder / "windows" / name) for name in ("a_test.yaml", "b_test.yaml")
     ]
-    assert all(case.chosen == "all" for case in suite.cases[1:])
+    assert all(case.ego_id == "all" for case in suite.cases[1:])
     absolute = load(tmp_path, GOOD.replace("windows/a.yaml", f"'{tmp_path}/*/windows/d*'"))
     literal = load(folder, GOOD.replace("windows/a.yaml", "'windows/d[1].yaml'"))
     assert absolute.cases[1].scenario == literal.cases[1].scenario == str(folder / "windows" / "d[1].yaml")
@@ -66,7 +68,7 @@ def test_a_pattern_stands_for_all_scenarios_of_such_names(tmp_path: Path) -> Non
 
 def test_what_is_left_out_is_the_default(tmp_path: Path) -> None:
     suite = load(tmp_path, "name: some\ncases: [{scenario: demo}]\negos: [idm]")
-    assert suite.cases[0].chosen == "egos"
+    assert suite.cases[0].ego_id == "egos"
     assert suite.policies == ["replay", "litsim"]
     assert suite.seeds == [] and suite.parameters == {}
     assert len(suite.criteria.runs) > 0
@@ -105,7 +107,7 @@ def test_the_cases_of_suites_that_are_included_come_first(tmp_path: Path) -> Non
         ("name: a\ninclude: [suite.yaml]\negos: [idm]", "field include: the suite includes itself"),
         (
             "name: a\ninclude: [none.yaml]\negos: [idm]",
-            "none.yaml: no such suite, expected a YAML file, or one of",
+            "none.yaml: no such suite, expected a YAML file, the folder of a campaign, or one of",
         ),
     ],
 )
@@ -132,7 +134,8 @@ def test_what_cannot_be_included(tmp_path: Path, text: str, said: str) -> None:
         ),
         ("policies: [replay]", "policies: [reply]", r"line 10, field policies\.0"),
         ("policies: [replay]", "policy: [replay]", "field policy: .*known fields: name, description, include, cases"),
-        ("ego_id: 17", "ego_id: 17, egos: all", r"line 4, field cases\.0: .*ego_id and egos, expected one of them"),
+        ("ego_id: 17", "ego_id: some", r"line 4, field cases\.0\.ego_id"),
+        ("interface: twist", "environment: [A B]", r"line 9, field egos\.2\.environment"),
         ("kind: cut_in, ", "", r"line 4, field cases\.0\.events: .*an event without kind"),
         ("conflict.horizon", "horizon", "line 12, field parameters: .*'horizon', expected STAGE.NAME"),
         ("seeds: [1, 2]", "seeds: [1, 1]", "seeds: 1 more than once"),
@@ -153,7 +156,7 @@ def test_what_the_documentation_shows_can_be_used(tmp_path: Path) -> None:
     (shown,) = (block for block in blocks if block.startswith("name: cut_ins"))
     (criteria,) = (block for block in blocks if block.startswith("criteria:"))
     suite = load(tmp_path, re.sub("criteria: default.*\n", criteria, shown))
-    assert [ego.name for ego in suite.egos] == ["idm", "late_braker", "minimal_ads"]
+    assert [ego.name for ego in suite.egos] == ["idm", "late_braker", "mine"]
     assert len(suite.criteria.runs) == 3 and len(suite.criteria.suite) == 2
 
 
@@ -181,3 +184,45 @@ def test_policies_may_have_setups_of_their_own(tmp_path: Path) -> None:
 def test_policies_that_there_are_not(tmp_path: Path, policies: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         load(tmp_path, GOOD.replace("policies: [replay]", f"policies: {policies}"))
+
+
+def test_a_command_is_started_beside_its_suite_with_the_variables_that_it_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MODEL", "small")
+    monkeypatch.delenv("DEVICE", raising=False)
+    ego = "{name: mine, kind: external, command: [python3, mine.py], environment: [GAIN=2.5, MODEL, DEVICE]}"
+    suite = load(tmp_path, f"name: a\ncases: [{{scenario: demo}}]\negos: [{ego}]\n")
+    wanted = ["env", "-C", str(tmp_path), "-u", "DEVICE", "GAIN=2.5", "MODEL=small", "python3", "mine.py"]
+    assert suite.egos[0].argv == wanted
+    with pytest.raises(InputError, match=rf"ego mine: mine.py: no such file in {tmp_path}, expected the script"):
+        suite.egos[0].check_command()
+    (tmp_path / "mine.py").touch()
+    suite.egos[0].check_command()
+    with pytest.raises(InputError, match=r"ego mine: \./run.sh: no such program in "):
+        suite.egos[0].model_copy(update={"command": ["./run.sh"]}).check_command()
+
+
+def test_variables_belong_to_the_identity_of_a_case_and_its_folder_does_not(tmp_path: Path) -> None:
+    def identity(folder: Path, environment: str) -> str:
+        folder.mkdir(exist_ok=True)
+        (folder / "mine.py").write_text("drive()")
+        ego = f"{{name: mine, kind: external, command: [python3, mine.py], environment: [{environment}]}}"
+        suite = load(folder, f"name: a\ncases: [{{scenario: demo, ego_id: ego}}]\negos: [{ego}]\npolicies: [replay]\n")
+        return cases_of(suite, with_versions={})[0].id
+
+    same, here, other = (
+        identity(tmp_path / "a", "GAIN=1"),
+        identity(tmp_path / "b", "GAIN=1"),
+        identity(tmp_path, "GAIN=2"),
+    )
+    assert same == here != other
+
+
+def test_the_folder_of_a_campaign_is_a_suite(tmp_path: Path) -> None:
+    suite = load(tmp_path, "name: a\ncases: [{scenario: demo, ego_id: ego}]\negos: [idm]\n")
+    CampaignFolder(tmp_path / "out").begin(suite, cases_of(suite), {})
+    assert Suite.load(tmp_path / "out").model_dump() == suite.model_dump()
+    (tmp_path / "out/campaign.json").write_text("{}")
+    with pytest.raises(InputError, match=r"campaign.json: not a campaign"):
+        Suite.load(tmp_path / "out")

@@ -20,7 +20,7 @@ RATES = [0.0, 0.01, 0.02, 0.0, 0.05, 0.03, 0.0, 0.0, 0.04, 0.02]
 def judged(each: Sequence[dict[str, Any] | None], seeds: Sequence[int] = (0,)) -> list[RunResult]:
     """A run for each of `each`, its changed metrics, by ego and then by seed; None for one that could not be judged."""
     egos = EGOS[: len(each) // len(seeds)]
-    asked = cases(cases=[{"scenario": "demo", "egos": egos}], policies=["litsim"], seeds=list(seeds))
+    asked = cases(cases=[{"scenario": "demo", "ego_id": egos}], policies=["litsim"], seeds=list(seeds))
     asked.sort(key=lambda case: (egos.index(case.ego_id), case.seed))
     return [
         RunResult.error(case, "lost")

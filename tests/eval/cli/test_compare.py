@@ -25,7 +25,7 @@ VEHICLES = Scenario.load("demo").possible_egos
 
 def by_vehicle(count: int) -> dict[str, Any]:
     """A suite of `count` vehicles, with one run each."""
-    return {"seeds": [], "cases": [{"scenario": "demo", "egos": list(VEHICLES[:count])}]}
+    return {"seeds": [], "cases": [{"scenario": "demo", "ego_id": list(VEHICLES[:count])}]}
 
 
 def test_a_newly_failing_case_is_status_1_with_both_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -100,3 +100,15 @@ def test_enough_vehicles_are_not_called_few(tmp_path: Path, capsys: pytest.Captu
     assert "too narrow" not in capsys.readouterr().out
     main([repeated, repeated])
     assert "too narrow" in capsys.readouterr().out, "20 seeds of one vehicle are few"
+
+
+def test_a_campaign_alone_is_compared_with_what_it_was(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = by_faults(tmp_path / "a", [0, 0])
+    with pytest.raises(SystemExit) as ended:
+        main([folder])
+    assert ended.value.code == 2 and "nothing has changed in this campaign yet" in capsys.readouterr().err
+    stored(tmp_path / "a", [metrics(0), metrics(1)], sources="c")
+    with pytest.raises(SystemExit) as ended:
+        main([folder])
+    assert ended.value.code == 1
+    assert f"1 of 2 newly failing\n  demo/{EGO}/idm/litsim/1\n" in capsys.readouterr().out

@@ -63,8 +63,8 @@ def results(out: Path) -> dict[str, Any]:
             "conflict: parameter horizon is -1, expected a number of at least 0.1 and at most 60 [s]",
         ),
         (["--set", "conflict.handback=jump"], "conflict: parameter handback is 'jump'"),
-        (["--egos", "2,99999"], "99999"),
-        (["--egos", "tuning"], "tuning"),
+        (["--ego-id", "2,99999"], "99999"),
+        (["--ego-id", "tuning"], "tuning"),
         (["--processes", "0"], "'0', expected a whole number of at least 1"),
         (["--ego", "external", "--", "no_such_stack"], "no_such_stack: no such program"),
         (["--policy", "litsm"], "--policy litsm (near: litsim"),
@@ -84,7 +84,7 @@ def test_what_is_wrong_is_said_before_the_first_run(
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ("", "line 2, field cases.0: egos: 99999 not there at the start of "),
+        ("", "line 2, field cases.0: ego_id: 99999 not there at the start of "),
         (
             "parameters: {conflict.horizon: [2, -1]}",
             "line 5, field parameters.conflict.horizon: variant idm, litsim, horizon=-1: conflict: parameter horizon",
@@ -142,25 +142,25 @@ def test_a_count_of_more_runs_than_there_are_is_refused(capsys, tmp_path, scenar
 
 @pytest.mark.parametrize("policy", ["replay", "yield"])
 def test_the_table_tells_of_takeovers_where_there_can_be_any(capsys, tmp_path, scenario, policy: str) -> None:
-    called("--scenario", scenario, "--policy", policy, "--egos", "1", "--out", tmp_path / "out")
+    called("--scenario", scenario, "--policy", policy, "--ego-id", "1", "--all", "--out", tmp_path / "out")
     assert ("takeovers per run" in capsys.readouterr().out) == (policy == "yield")
 
 
 def test_intervals_stand_behind_the_figures_on_demand(capsys, tmp_path) -> None:
-    words = ["--policy", "replay", "--egos", "7", "20", "24", "--out", tmp_path / "out"]
-    called(*words, "--intervals")
+    words = ["--policy", "replay", "--ego-id", "7", "20", "24", "--out", tmp_path / "out"]
+    called(*words, "--all", "--intervals")
     found = re.search(r"colliding agents +(\d+) \[(\d+), (\d+)\]", capsys.readouterr().out)
     assert found is not None and int(found[2]) < int(found[1]) < int(found[3])
-    called(*words)
+    called(*words, "--all")
     assert re.search(r"colliding agents +\d+ *\n", capsys.readouterr().out)
 
 
 def test_several_egos_and_values_are_variants(capsys, tmp_path, criteria) -> None:
     """In this scene those behind the ego are under control for less time if their logs may be shifted."""
     waves = {"recording": str(packaged("scenarios/us101_like.parquet")), "ego": 7, "egos": [7]}
-    words = ["--policy", "replay", "yield", "--set", "conflict.handback=catch_up,time_shift", "--egos", "ego"]
+    words = ["--policy", "replay", "yield", "--set", "conflict.handback=catch_up,time_shift", "--ego-id", "ego"]
     words += ["--scenario", scenario_file(tmp_path, "waves", **waves)]
-    called("--ego", "idm", "log", *words, "--out", tmp_path / "out", "--criteria", criteria)
+    called("--ego", "idm", "log", *words, "--all", "--out", tmp_path / "out", "--criteria", criteria)
     found = results(tmp_path / "out")["variants"]
     variants = ["replay", "yield, handback=catch_up", "yield, handback=time_shift"]
     assert list(found) == [f"{ego}, {variant}" for ego in ("idm", "log") for variant in variants]
@@ -174,10 +174,10 @@ def test_the_exit_status_is_the_verdict_by_the_criteria(tmp_path, capsys, limit:
     criteria = tmp_path / "criteria.yaml"
     some = {"name": "few", "field": "collision.excess", "max": limit}
     criteria.write_text(yaml.safe_dump({"runs": [some]}))
-    words = ["--policy", "replay", "--egos", "ego", "--criteria", criteria, "--out", tmp_path / "out"]
+    words = ["--policy", "replay", "--ego-id", "ego", "--criteria", criteria, "--out", tmp_path / "out"]
     assert called(*words) == status
     said = capsys.readouterr()
-    assert (f"demo/{EGO}/idm/replay: failed: few: collision.excess is " in said.err) == bool(status)
+    assert (f"failed  demo/{EGO}/idm/replay: few: collision.excess is " in said.err) == bool(status)
     assert f"{1 - status} passed, {status} failed, 0 errors" in said.out
     found = results(tmp_path / "out")
     assert found["verdict"] == ("failed" if status else "passed")
@@ -194,8 +194,8 @@ def test_a_run_that_fails_is_marked_in_the_table_listed_and_run_again_on_demand(
     fields = yaml.safe_load(scenario.read_text())
     shutil.copy(fields["net"], net)
     other.write_text(yaml.safe_dump(fields | {"net": str(net)}))
-    words = ["--scenario", scenario, other, "--egos", "1", "--policy", "replay", "--out", tmp_path / "out"]
-    words += ["--criteria", criteria]
+    words = ["--scenario", scenario, other, "--ego-id", "1", "--policy", "replay", "--out", tmp_path / "out"]
+    words += ["--criteria", criteria, "--all"]
     kept = tmp_path / "kept"
     local_runs = evaluate.LocalRuns
 
@@ -209,8 +209,8 @@ def test_a_run_that_fails_is_marked_in_the_table_listed_and_run_again_on_demand(
     said = capsys.readouterr()
     cells = {line.rsplit(maxsplit=1)[0].strip(): line.split()[-1] for line in said.out.splitlines() if line.split()}
     assert (cells["runs"], cells["passed"], cells["errors"]) == ("2", "1", "1")
-    assert cells["agents"].endswith("*") and not cells["reactive %"].endswith("*")
-    assert "error: lost/1/idm/replay: error: " in said.err and "lost.net.xml" in said.err
+    assert cells["agents"].endswith("*") and not cells["no new contacts %"].endswith("*")
+    assert "error   lost/1/idm/replay: " in said.err and "lost.net.xml" in said.err
     found = {each["case"]["name"]: each["verdict"] for each in results(tmp_path / "out")["runs"]}
     assert found == {"short/1/idm/replay": "passed", "lost/1/idm/replay": "error"}
 
@@ -223,7 +223,7 @@ def test_a_run_that_fails_is_marked_in_the_table_listed_and_run_again_on_demand(
 
 
 def test_a_dry_run_says_what_would_be_run_and_touches_nothing(capsys, tmp_path, scenario, criteria) -> None:
-    words = ["--scenario", scenario, "--egos", "1", "--policy", "replay", "--out", tmp_path / "out"]
+    words = ["--scenario", scenario, "--ego-id", "1", "--policy", "replay", "--out", tmp_path / "out"]
     words += ["--criteria", criteria]
     assert called(*words, "--dry-run") == 0
     assert capsys.readouterr().out.splitlines() == [
@@ -244,14 +244,14 @@ def test_a_dry_run_says_what_would_be_run_and_touches_nothing(capsys, tmp_path, 
 
 def test_another_campaign_in_the_folder_is_kept_unless_it_may_go(capsys, tmp_path, scenario) -> None:
     words = ["--scenario", scenario, "--policy", "replay", "--out", tmp_path / "out"]
-    called(*words, "--egos", "1")
-    assert called(*words, "--egos", "2") == 2
+    called(*words, "--ego-id", "1")
+    assert called(*words, "--ego-id", "2") == 2
     assert "holds another campaign" in capsys.readouterr().err
-    called(*words, "--egos", "2", "--overwrite")
+    called(*words, "--ego-id", "2", "--overwrite")
     assert [each["case"]["ego_id"] for each in results(tmp_path / "out")["runs"]] == [2]
 
 
-DEMO = ("--egos", "3,7,24", "--ego", "idm", "perturbed", "--policy", "replay", "--processes", "2")
+DEMO = ("--ego-id", "3,7,24", "--ego", "idm", "perturbed", "--policy", "replay", "--processes", "2")
 
 
 @pytest.fixture(scope="module")

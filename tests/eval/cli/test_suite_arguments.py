@@ -16,7 +16,7 @@ from litsim_sim.core.errors import InputError
 
 FILE: dict[str, Any] = {
     "name": "mine",
-    "cases": [{"scenario": "demo", "ego_id": 3, "tags": ["slow"]}, {"scenario": "demo", "egos": [7, 24]}],
+    "cases": [{"scenario": "demo", "ego_id": 3, "tags": ["slow"]}, {"scenario": "demo", "ego_id": [7, 24]}],
     "egos": ["idm", {"name": "braker", "kind": "perturbed", "parameters": {"ego.kind": "brake"}}],
     "policies": ["litsim"],
     "seeds": [1, 2],
@@ -47,11 +47,11 @@ def test_without_any_it_is_the_demo_by_the_usual_ego() -> None:
 
 
 def test_options_are_its_fields(tmp_path: Path) -> None:
-    words = ["--scenario", "demo", tmp_path / "b.yaml", "--egos", "7,3", "--ego", "log", "bat", "--policy", "yield"]
+    words = ["--scenario", "demo", tmp_path / "b.yaml", "--ego-id", "7,3", "--ego", "log", "bat", "--policy", "yield"]
     words += ["--seeds", 1, 2, "--predictor", "kinematic", "--set", "conflict.horizon=2,3"]
     words += ["--end-after-contact", 1.5]
     found = suite(*words)
-    assert [(entry.scenario, entry.chosen) for entry in found.cases] == [
+    assert [(entry.scenario, entry.ego_id) for entry in found.cases] == [
         ("demo", [7, 3]),
         (str(tmp_path / "b.yaml"), [7, 3]),
     ]
@@ -63,16 +63,16 @@ def test_options_are_its_fields(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("ids", [["7,3"], ["7", "3"], ["7,", "3"], ["7", ",3"]])
 def test_ids_of_egos_may_have_spaces_between_them_before_the_command_of_a_stack(ids: list[str]) -> None:
-    found = suite("--egos", *ids, "--ego", "external", "--", "my_stack")
-    assert [entry.chosen for entry in found.cases] == [[7, 3]]
+    found = suite("--ego-id", *ids, "--ego", "external", "--", "my_stack")
+    assert [entry.ego_id for entry in found.cases] == [[7, 3]]
     assert [ego.command for ego in found.egos] == [["my_stack"]]
 
 
 @pytest.mark.parametrize("words", [["7", "x"], ["all", "7"], [","], ["1.5"], ["\u0667"]])
 def test_what_names_no_egos_is_told(words: list[str], capsys) -> None:
     with pytest.raises(SystemExit):
-        suite("--egos", *words)
-    assert f"--egos: {' '.join(words)}: expected egos, tuning, ego, all, or ids" in capsys.readouterr().err
+        suite("--ego-id", *words)
+    assert f"--ego-id: {' '.join(words)}: expected egos, tuning, ego, all, or ids" in capsys.readouterr().err
 
 
 def test_a_file_is_taken_as_it_is(file: Path) -> None:
@@ -82,9 +82,9 @@ def test_a_file_is_taken_as_it_is(file: Path) -> None:
 def test_options_take_the_place_of_its_fields(file: Path, tmp_path: Path) -> None:
     criteria = tmp_path / "criteria.yaml"
     criteria.write_text(yaml.safe_dump({"runs": [{"name": "valid", "field": "valid", "equals": True}]}))
-    words = ["--egos", "ego", "--ego", "braker", "--policy", "replay", "--seeds", 9, "--criteria", criteria]
+    words = ["--ego-id", "ego", "--ego", "braker", "--policy", "replay", "--seeds", 9, "--criteria", criteria]
     found = suite("--suite", file, *words, "--set", "conflict.horizon=4.0", "policy.yield.headway=2.0")
-    assert [(entry.chosen, entry.tags) for entry in found.cases] == [("ego", ["slow"]), ("ego", [])]
+    assert [(entry.ego_id, entry.tags) for entry in found.cases] == [("ego", ["slow"]), ("ego", [])]
     (ego,) = found.egos
     assert (ego.kind, ego.parameters) == ("perturbed", {"ego.kind": "brake"}), "of the suite, by its name"
     assert (found.policies, found.seeds, found.name) == (["replay"], [9], "mine")
@@ -94,7 +94,7 @@ def test_options_take_the_place_of_its_fields(file: Path, tmp_path: Path) -> Non
 
 def test_another_scenario_takes_the_place_of_all_cases(file: Path) -> None:
     (entry,) = suite("--suite", file, "--scenario", "demo").cases
-    assert (entry.chosen, entry.tags) == ("egos", [])
+    assert (entry.ego_id, entry.tags) == ("egos", [])
 
 
 def test_a_command_starts_the_external_ego() -> None:

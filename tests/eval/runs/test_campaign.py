@@ -35,7 +35,7 @@ def begun(tmp_path: Path) -> Callable[..., tuple[list[Any], LocalRuns]]:
 
 
 def test_runs_are_judged_and_stored_as_they_come(begun: Callable[..., Any]) -> None:
-    roads = [{"scenario": "demo", "egos": [7, 3]}]
+    roads = [{"scenario": "demo", "ego_id": [7, 3]}]
     cases, runs = begun(2, cases=roads, egos=["log", "idm"], policies=["replay"])
     seen = []
     for result in runs.run(cases):
@@ -77,7 +77,7 @@ def test_what_is_interrupted_ends_what_runs_and_stores_nothing_of_it(
 
     monkeypatch.setattr(campaign, "run_over_graph", run)
     external = {"kind": "external", "command": ["true"]}
-    cases, runs = begun(cases=[{"scenario": "demo", "egos": [7, 3, 24]}], egos=[external], policies=["replay"])
+    cases, runs = begun(cases=[{"scenario": "demo", "ego_id": [7, 3, 24]}], egos=[external], policies=["replay"])
     results = runs.run(cases)
     assert next(results).case.ego_id == 7
     assert under_way.wait(60.0)
@@ -100,7 +100,7 @@ def test_a_run_that_the_same_signal_has_ended_just_before_the_campaign_is_no_err
     monkeypatch.setattr(campaign, "run_over_graph", run)
     monkeypatch.setattr(campaign, "SIGNAL_S", 60.0)
     external = {"kind": "external", "command": ["true"]}
-    cases, runs = begun(cases=[{"scenario": "demo", "egos": [7, 3]}], egos=[external], policies=["replay"])
+    cases, runs = begun(cases=[{"scenario": "demo", "ego_id": [7, 3]}], egos=[external], policies=["replay"])
     results = runs.run(cases)
     assert next(results).case.ego_id == 7
     assert ended.wait(60.0)
@@ -127,7 +127,7 @@ def test_a_stack_that_runs_already_drives_in_one_run_at_a_time(
 
     monkeypatch.setattr(campaign, "run_over_graph", run)
     external = {"kind": "external"} | started
-    cases, runs = begun(3, cases=[{"scenario": "demo", "egos": [7, 3, 24]}], egos=[external], policies=["replay"])
+    cases, runs = begun(3, cases=[{"scenario": "demo", "ego_id": [7, 3, 24]}], egos=[external], policies=["replay"])
     assert len(list(runs.run(cases))) == 3
     assert max(counts) <= most
 
@@ -140,7 +140,7 @@ def result(case: Any, metrics: dict[str, Any] | None) -> RunResult:
 def test_the_conclusion_is_by_the_criteria_of_the_suite(tmp_path: Path, share: float, verdict: str) -> None:
     some = {"name": "most pass", "field": "passed_share", "min": share}
     criteria = Criteria(runs=[dict(campaigns.CRITERIA.runs[0])], suite=[some])  # type: ignore[list-item]
-    what: dict[str, Any] = {"cases": [{"scenario": "demo", "egos": [7, 3, 24]}], "policies": ["replay"]}
+    what: dict[str, Any] = {"cases": [{"scenario": "demo", "ego_id": [7, 3, 24]}], "policies": ["replay"]}
     suite: Suite = campaigns.suite(**what, criteria=criteria)
     cases = campaigns.cases(**what)
     folder = CampaignFolder(tmp_path)

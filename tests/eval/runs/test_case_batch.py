@@ -14,7 +14,7 @@ from litsim_eval.runs import batched
 from litsim_eval.runs.batched import BATCH_MAX, batches, record_batch, run_batch
 from litsim_eval.runs.case_run import run_in_process
 
-ROADS = [{"scenario": "demo", "egos": [7, 3]}]
+ROADS = [{"scenario": "demo", "ego_id": [7, 3]}]
 
 
 def made(**suite: Any) -> list[Any]:
@@ -22,7 +22,7 @@ def made(**suite: Any) -> list[Any]:
 
 
 def test_portions_hold_what_can_be_stepped_together_and_leave_something_for_every_process() -> None:
-    cases = made(policies=["replay", "yield"], cases=[{"scenario": "demo", "egos": "egos"}], seeds=[1, 2, 3])
+    cases = made(policies=["replay", "yield"], cases=[{"scenario": "demo", "ego_id": "egos"}], seeds=[1, 2, 3])
     for processes in (1, 2, 50):
         found = batches(cases, processes)
         assert sorted(case.id for some in found for case in some) == sorted(case.id for case in cases)

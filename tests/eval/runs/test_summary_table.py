@@ -10,7 +10,7 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from litsim_eval.analysis.displacement import HORIZONS_S
-from litsim_eval.runs.summary_table import MEASURES, print_summary
+from litsim_eval.runs.summary_table import OF_EGO, OF_SIMULATION, print_summary
 
 WIDTH = 100
 
@@ -18,7 +18,11 @@ WIDTH = 100
 def variant(**values: Any) -> dict[str, Any]:
     """Measures of a variant, as wide as they get."""
     ade = dict.fromkeys(map(str, HORIZONS_S), 0.000868)
-    usual: dict[str, Any] = dict.fromkeys(MEASURES.values(), 0.000868) | {"runs": 20, "agents": 1920, "failed": 0}
+    usual: dict[str, Any] = dict.fromkeys((OF_EGO | OF_SIMULATION).values(), 0.000868) | {
+        "runs": 20,
+        "agents": 1920,
+        "failed": 0,
+    }
     usual |= {"ade_controlled_m": ade, "ade_all_m": ade, "ade_runs": dict.fromkeys(ade, 20)}
     return usual | {"reactive": 1.0, "measured": 20} | values
 
@@ -52,9 +56,14 @@ def test_few_variants_are_named_above_their_columns() -> None:
 @pytest.mark.parametrize("count", [1, 9])
 def test_where_nobody_can_be_taken_over_nothing_is_said_of_it(count: int) -> None:
     whole, short = printed(variants(count)), printed(variants(count), replayed=True)
-    for name in ("takeovers", "guarded %, of policy C's steps", "max jump m", f"ADE@{HORIZONS_S[0]} s m, controlled"):
+    for name in (
+        "takeovers",
+        "guarded %, of policy C's steps",
+        "largest jump m",
+        f"ADE@{HORIZONS_S[0]} s m, controlled",
+    ):
         assert cells(whole, name) and not cells(short, name)
-    for name in ("runs", "ego contacts", "progress m", f"ADE@{HORIZONS_S[0]} s m, all"):
+    for name in ("runs", "contacts of the ego", "progress of all agents m", f"ADE@{HORIZONS_S[0]} s m, all"):
         assert cells(short, name) == cells(whole, name) != []
 
 
@@ -80,7 +89,7 @@ def test_more_variants_are_spread_over_tables(count: int) -> None:
 def test_figures_of_fewer_runs_than_there_are_are_marked_and_explained() -> None:
     lines = printed({"a": variant(), "b": variant(runs=20, measured=19, failed=1, errors=1)})
     assert cells(lines, "agents") == ["1920", "1920*"] and cells(lines, "runs") == ["20", "20"]
-    assert cells(lines, "reactive %") == ["100.00", "100.00"], "of all runs, those that failed among them"
+    assert cells(lines, "no new contacts %") == ["100.00", "100.00"], "of all runs, those that failed among them"
     assert lines[-1] == "* over the runs that were measured: b: 19 of 20"
 
 
@@ -104,6 +113,6 @@ def test_bounds_stand_behind_the_figures_that_have_them() -> None:
     bounds = {"a": {"takeovers": (36.025, 95.0), "reactive": (0.9, 1.0), "ade_all_m.10": (0.1, 0.25)}}
     lines = printed({"a": variant(takeovers=61), "b": variant(takeovers=55)}, bounds=bounds)
     assert cells(lines, "takeovers")[:4] == ["61", "[36,", "95]", "55"]
-    assert cells(lines, "reactive %") == ["100.00", "[90.00,", "100.00]", "100.00"]
+    assert cells(lines, "no new contacts %") == ["100.00", "[90.00,", "100.00]", "100.00"]
     assert cells(lines, "ADE@10 s m, all") == ["0.000868", "[0.1,", "0.25]", "0.000868"]
     assert cells(lines, "ADE@5 s m, all") == ["0.000868", "0.000868"]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from litsim_eval.campaign.results import CAMPAIGN_FILE
+from litsim_eval.campaign.suite import CAMPAIGN_FILE
 from litsim_sim.cli import launch
 from litsim_sim.cli.launch import main
 from litsim_sim.launch.processes import GraphFailed

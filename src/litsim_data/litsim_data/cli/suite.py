@@ -51,9 +51,7 @@ def add(subparsers: Any) -> None:
     )
     command.add_argument("--name", help="name of the suite; default: the name of the file")
     drivers = list(driver_names())
-    command.add_argument(
-        "--egos", nargs="+", choices=drivers, default=["idm"], help="what drives the egos; default idm"
-    )
+    command.add_argument("--ego", nargs="+", choices=drivers, default=["idm"], help="what drives the ego; default idm")
     packed = "copy scenarios and their pieces of recordings into the folder SUITE beside the file"
     command.add_argument("--pack", action="store_true", help=packed)
     command.add_argument("--plot", type=Path, metavar="OUT.png", help="draw the severities by kind")
@@ -87,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int | None:
     if arguments.out is not None:
         if arguments.pack:
             chosen = pack(chosen, arguments.out.with_suffix(""))
-        write_suite(arguments.out, chosen, arguments.name or arguments.out.stem, arguments.egos)
+        write_suite(arguments.out, chosen, arguments.name or arguments.out.stem, arguments.ego)
         print(f"{arguments.out}: {len(chosen)} cases")
     return None
 

@@ -110,13 +110,14 @@ class Side:
         return lambda figure, amount: {figure: amount / wall, figure + CPU: amount / processor}
 
 
-def time_evaluation(side: Side, scenarios: Sequence[str], egos: str, processes: int, out: Path) -> Sample:
-    """Times `evaluate` with :data:`POLICIES` on `egos` of `scenarios`, in process.
+def time_evaluation(side: Side, scenarios: Sequence[str], ego_id: str | None, processes: int, out: Path) -> Sample:
+    """Times `evaluate` with :data:`POLICIES` on the egos of `scenarios`, in process.
 
     Raises:
         InputError: it fails.
     """
-    options = ["--scenario", *scenarios, "--ego", "idm", "--policy", *POLICIES, "--egos", egos, "--out", str(out)]
+    options = ["--scenario", *scenarios, "--ego", "idm", "--policy", *POLICIES, "--out", str(out)]
+    options += [] if ego_id is None else ["--ego-id", ego_id]
     shutil.rmtree(out, ignore_errors=True)  # an existing campaign there would be resumed
     rates = side.rates("litsim_eval.cli.evaluate", *options, "--processes", str(processes), answers_no=True)
     steps = [run["metrics"]["steps"] for run in json.loads((out / RESULTS_FILE).read_text())["runs"]]
@@ -159,7 +160,7 @@ def measure_throughput(
     folder: Path,
     beside: Path | None,
     scenarios: Sequence[str],
-    egos: str,
+    ego_id: str | None,
     processes: int,
     pairs: int,
     done: Callable[[], object],
@@ -169,7 +170,7 @@ def measure_throughput(
     Args:
         folder: for the output of the programs.
         beside: the other checkout; None to time this one alone.
-        scenarios, egos: to evaluate; egos as in the option of `evaluate`.
+        scenarios, ego_id: to evaluate, as the options of `evaluate`.
         processes: of an evaluation.
         pairs: number of measurements of each side.
         done: called after each pair.
@@ -185,7 +186,7 @@ def measure_throughput(
     samples: dict[str, list[Sample]] = {name: [] for name in sides}
     for pair in range(pairs):
         for name, side in list(sides.items())[:: 1 if pair % 2 else -1]:  # neither side always comes second
-            sample = time_evaluation(side, scenarios, egos, processes, folder / "evaluation")
+            sample = time_evaluation(side, scenarios, ego_id, processes, folder / "evaluation")
             samples[name].append(sample | time_training(side, data[name], folder / "training"))
         done()
     if beside is not None:

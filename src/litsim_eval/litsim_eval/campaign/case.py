@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib.util import find_spec
 from itertools import product
@@ -52,6 +52,7 @@ class Case:
         end_after_contact_s: time after the ego's first contact at which the run ends [s]; None for the scenario's.
         parameters: `stage.name` and value of each parameter set by the variant; those of the ego are in `ego`.
         execution_mode: whether it is run over DDS or in process.
+        files: digests of the files that its command and its parameters name.
         tags, events: as the suite gives them.
     """
 
@@ -67,6 +68,7 @@ class Case:
     end_after_contact_s: float | None
     parameters: Settings
     execution_mode: ExecutionMode
+    files: Mapping[str, str] = field(default_factory=dict)
     tags: tuple[str, ...] = ()
     events: tuple[Mapping[str, Any], ...] = ()
 
@@ -107,6 +109,7 @@ class Case:
             "end_after_contact_s": self.end_after_contact_s,
             "parameters": dict(self.parameters),
             "execution_mode": self.execution_mode,
+            "files": dict(self.files),
             "tags": list(self.tags),
             "events": [dict(event) for event in self.events],
         }
@@ -114,15 +117,46 @@ class Case:
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Case:
         """Returns what :meth:`to_json` was made of; raises KeyError or ValueError for other values."""
-        apart = ("ego", "parameters", "end_after_contact_s", "execution_mode")
+        apart = ("ego", "parameters", "end_after_contact_s", "execution_mode", "files")
         own = {field: values[field] for field in cls.__dataclass_fields__ if field not in apart}
         own |= {
             "end_after_contact_s": values.get("end_after_contact_s"),  # was not always there
             "execution_mode": values.get("execution_mode") or values["shell"],  # its name in format 1
+            "files": values.get("files", {}),  # was not always there
             "tags": tuple(values["tags"]),
             "events": tuple(values["events"]),
         }
         return cls(ego=EgoSetup(**values["ego_setup"]), parameters=tuple(values["parameters"].items()), **own)
+
+
+def what_differs(one: Case, other: Case, versions: Mapping[str, str], other_versions: Mapping[str, str]) -> str:
+    """Returns in one line why two cases of one name have different ids; `versions` are those of the dependencies."""
+    texts = [
+        f"{name} has changed" for name in sorted(one.files.keys() & other.files) if one.files[name] != other.files[name]
+    ]
+    before, now = (case.ego.model_dump(mode="json", exclude={"folder"}) for case in (one, other))
+    texts += [
+        f"{name} of ego {one.ego.name} was {_said(before.get(name))}, is {_said(now.get(name))}"
+        for name in sorted(before.keys() | now)
+        if before.get(name) != now.get(name)
+    ]
+    if one.parameters != other.parameters:
+        texts.append("the parameters have changed")
+    elif one.key != other.key:
+        texts.append("the scenario, its recording or its net has changed")
+    if one.execution_mode != other.execution_mode:
+        texts.append(f"it ran as {one.execution_mode}, now as {other.execution_mode}")
+    texts += [
+        f"{'LitSim itself has' if name == 'sources' else f'{name} {versions.get(name)}, now {version}: has'} changed"
+        for name, version in other_versions.items()
+        if name not in NOT_OF_THE_RESULT and versions.get(name) != version
+    ]
+    return "; ".join(texts) or "a file that the command or a parameter names has come or gone"
+
+
+def _said(value: Any) -> str:
+    """Returns a field of a setup as a user writes it."""
+    return " ".join(map(str, value)) if isinstance(value, list) else json.dumps(value)
 
 
 def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, str] | None = None) -> list[Case]:
@@ -162,12 +196,14 @@ def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, s
     return list(cases.values())
 
 
-def chosen_egos(choice: EgoChoice | Sequence[int], scenario: Scenario) -> tuple[int, ...]:
+def chosen_egos(choice: int | EgoChoice | Sequence[int], scenario: Scenario) -> tuple[int, ...]:
     """Returns ids of the vehicles of `scenario` that are the ego, one run each.
 
     Raises:
         InputError: the scenario lists none, or one that was chosen is not present at its start.
     """
+    if isinstance(choice, int):
+        choice = [choice]
     if choice == "ego":
         return (scenario.ego_id,)
     if choice == "all":
@@ -179,7 +215,7 @@ def chosen_egos(choice: EgoChoice | Sequence[int], scenario: Scenario) -> tuple[
         return listed
     if absent := sorted(set(choice) - set(scenario.possible_egos)):
         named = ", ".join(map(str, absent))
-        raise InputError(f"egos: {named} not there at the start of {scenario.name}, expected vehicles that are")
+        raise InputError(f"ego_id: {named} not there at the start of {scenario.name}, expected vehicles that are")
     return tuple(choice)
 
 
@@ -242,7 +278,7 @@ def _roads(entry: CaseEntry, load: Callable[[str], Scenario]) -> list[_Road]:
     """
     try:
         scenario = load(entry.scenario)
-        egos = chosen_egos(entry.chosen, scenario)
+        egos = chosen_egos(entry.ego_id, scenario)
     except InputError as error:
         raise InputError(": ".join(filter(None, (entry.place, str(error))))) from error
     file = scenario.file
@@ -269,8 +305,9 @@ def _case(
     if ends is not None:  # questions of before runs could end so stay the same
         question["end_after_contact_s"] = ends
     mode = GRAPH if graph or ego.kind == EXTERNAL else PROCESS
-    settings = [*ego.command, *ego.parameters.values(), *dict(variant.parameters).values()]
-    setup = {"ego": ego.model_dump(mode="json"), "files": _files(settings)}
+    settings = [*ego.parameters.values(), *dict(variant.parameters).values()]
+    files = _files(settings) | _files(ego.command, ego.folder)
+    setup = {"ego": ego.model_dump(mode="json", exclude={"folder"}), "files": files}
     name = "/".join((short, str(road.ego_id), ego.name, variant.policy, *([] if seed is None else [str(seed)])))
     return Case(
         id=_digest({"question": question, "setup": setup, "execution_mode": mode, "versions": deciding}),
@@ -285,6 +322,7 @@ def _case(
         end_after_contact_s=end,
         parameters=variant.parameters,
         execution_mode=mode,
+        files=files,
         tags=tuple(road.entry.tags),
         events=tuple(road.entry.events),
     )
@@ -331,10 +369,10 @@ def _file_digest(path: Path, size: int, changed_ns: int) -> str:  # noqa: ARG001
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _files(values: Sequence[Any]) -> dict[str, str]:
-    """Returns digests of those of `values` that are paths of files, such as scripts of a command and weights."""
-    paths = [Path(value) for value in values if isinstance(value, str) and value]
-    return {str(path): file_digest(path.resolve()) for path in paths if path.is_file()}
+def _files(values: Sequence[Any], folder: str = "") -> dict[str, str]:
+    """Returns digests of those of `values` that are paths of files in `folder`, such as scripts and weights."""
+    paths = {str(Path(value)): Path(folder, value).resolve() for value in values if isinstance(value, str) and value}
+    return {name: file_digest(path) for name, path in paths.items() if path.is_file()}
 
 
 def _digest(values: Mapping[str, Any]) -> str:

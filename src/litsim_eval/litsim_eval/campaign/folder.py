@@ -1,4 +1,4 @@
-"""The folder of a campaign while it runs: writing results, resuming, and refusing other campaigns."""
+"""The folder of a campaign while it runs: writing results, resuming, keeping earlier verdicts, refusing others."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import fcntl
 import json
 import re
 import shutil
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from litsim_eval.campaign.case import ID_LENGTH, Case
+from litsim_eval.campaign.case import ID_LENGTH, Case, what_differs
 from litsim_eval.campaign.junit import JUNIT_FILE
 from litsim_eval.campaign.results import (
-    CAMPAIGN_FILE,
     EXPERIMENT_REPORT_FILE,
     FORMAT,
     RESULT_FILE,
@@ -27,11 +27,13 @@ from litsim_eval.campaign.results import (
     read_results,
 )
 from litsim_eval.campaign.results_table import TABLE_FILE, write_results_table
-from litsim_eval.campaign.suite import Suite
+from litsim_eval.campaign.suite import CAMPAIGN_FILE, Suite
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import Unwritable, replacing
 
 LOCK_FILE = ".lock"
+HISTORY_FOLDER = "history"
+"""In the folder of a campaign: a folder 1, 2, ... for each time that something has changed, a campaign of its own."""
 RUN_FOLDER = re.compile(f"[0-9a-f]{{{ID_LENGTH}}}")
 """Pattern of the names of folders of runs; other files beside them are not the campaign's, and stay."""
 
@@ -65,19 +67,57 @@ class CampaignFolder:
                 raise InputError(f"{self.path}: another campaign is running here") from error
             yield
 
+    def changes(self, cases: Sequence[Case], versions: Mapping[str, str], *, is_part: bool = False) -> Counter[str]:
+        """Returns why cases of the campaign in this folder are not among `cases`, with the number of cases of each.
+
+        Args:
+            cases: to be run here.
+            versions: versions of the dependencies of the runs.
+            is_part: whether they are a part of a suite; then others of the campaign may not be missing.
+
+        Raises:
+            InputError: this folder holds another campaign, or more than the part, or cannot be used.
+        """
+        if not self._file.exists():
+            return Counter()
+        earlier = read_campaign(self.path)
+        ids, named = {case.id for case in cases}, {case.name: case for case in cases}
+        others = [case for case in earlier.cases if case.id not in ids]
+        gone = [case for case in others if case.name not in named]
+        if gone and (is_part or len(gone) == len(earlier.cases)):
+            whole = "another campaign" if len(gone) == len(earlier.cases) else "more than this part of a suite"
+            raise InputError(
+                f"{self.path}: holds {whole}: {len(gone)} of its {len(earlier.cases)} cases are not of this one, "
+                f"such as {gone[0].name}; expected another --out, or --overwrite"
+            )
+        return Counter(
+            what_differs(case, named[case.name], earlier.versions, versions)
+            if case.name in named
+            else "not in the suite any more"
+            for case in others
+        )
+
     def begin(
-        self, suite: Suite, cases: Sequence[Case], versions: Mapping[str, str], *, overwrite: bool = False
+        self,
+        suite: Suite,
+        cases: Sequence[Case],
+        versions: Mapping[str, str],
+        *,
+        overwrite: bool = False,
+        is_part: bool = False,
     ) -> dict[str, RunResult]:
         """Begins a campaign, or resumes the one in this folder.
 
+        Results of cases that have changed, or are not in the suite any more, are kept in :data:`HISTORY_FOLDER`.
         Folders of runs without a result, which a killed campaign leaves behind, are removed; foreign files in the
         folder stay. Results that were judged by other criteria are stored with their verdicts by those of `suite`.
 
         Args:
             suite: the resolved suite.
-            cases: cases of the suite; those of a campaign in this folder must all be among them.
+            cases: cases of the suite, or of a part of it.
             versions: versions of the dependencies of the runs.
             overwrite: whether a campaign in this folder is removed.
+            is_part: see :meth:`changes`.
 
         Returns:
             Results of the cases that are finished already, by id of the case.
@@ -88,8 +128,8 @@ class CampaignFolder:
         if overwrite and self._file.exists():
             self._remove()
         earlier = read_campaign(self.path) if self._file.exists() else None
-        if earlier is not None:
-            _check_same(earlier, cases, versions)
+        if earlier is not None and self.changes(cases, versions, is_part=is_part):
+            self._set_aside(earlier, cases)
         self._remove_unfinished()
         described = suite.model_dump(mode="json")
         _write(
@@ -149,11 +189,41 @@ class CampaignFolder:
         return path
 
     @property
+    def history(self) -> list[Path]:
+        """The folders of what the campaign was before something changed, the newest last."""
+        numbers = [int(path.name) for path in (self.path / HISTORY_FOLDER).glob("*") if path.name.isdecimal()]
+        return [self.path / HISTORY_FOLDER / str(number) for number in sorted(numbers)]
+
+    def _set_aside(self, earlier: Campaign, cases: Sequence[Case]) -> None:
+        """Keeps all results of the campaign in this folder as they are, and removes those not of `cases` from it.
+
+        Recordings of runs that will be run again are not kept; all else of them, as reports and logs, is.
+        """
+        number = 1 + max((int(path.name) for path in self.history), default=0)
+        target = self.path / HISTORY_FOLDER / str(number)
+        begun = target.with_name(f"{number}.new")  # there already if this was interrupted; then it is gone on with
+        if not (earlier.results or begun.exists()):
+            return
+        (begun / RUNS_FOLDER).mkdir(parents=True, exist_ok=True)
+        shutil.copy(self._file, begun)
+        ids, names = {case.id for case in cases}, {case.name for case in cases}
+        old = [result.case for result in earlier.results if result.case.id not in ids]
+        for result in earlier.results:
+            if result.case.id in ids:
+                (begun / RUNS_FOLDER / result.case.id).mkdir(exist_ok=True)
+                shutil.copy(self.run_folder(result.case) / RESULT_FILE, begun / RUNS_FOLDER / result.case.id)
+        for case in old:
+            shutil.move(self.run_folder(case), begun / RUNS_FOLDER / case.id)
+            for record in (begun / RUNS_FOLDER / case.id).rglob("*.mcap") if case.name in names else ():
+                record.unlink()
+        begun.rename(target)
+
+    @property
     def _file(self) -> Path:
         return self.path / CAMPAIGN_FILE
 
     def _remove(self) -> None:
-        for folder in self._run_folders():
+        for folder in (*self._run_folders(), self.path / HISTORY_FOLDER):
             shutil.rmtree(folder, ignore_errors=True)
         for name in (RESULTS_FILE, TABLE_FILE, JUNIT_FILE, EXPERIMENT_REPORT_FILE, CAMPAIGN_FILE):
             (self.path / name).unlink(missing_ok=True)
@@ -166,27 +236,6 @@ class CampaignFolder:
     def _run_folders(self) -> list[Path]:
         """Returns the folders of runs in this folder."""
         return [each for each in (self.path / RUNS_FOLDER).glob("*") if RUN_FOLDER.fullmatch(each.name)]
-
-
-def _check_same(earlier: Campaign, cases: Sequence[Case], versions: Mapping[str, str]) -> None:
-    """Checks that all cases of the campaign in a folder are among those to be run there.
-
-    Raises:
-        InputError: some are not.
-    """
-    ids = {case.id for case in cases}
-    if not (other := [case for case in earlier.cases if case.id not in ids]):
-        return
-    changed = [
-        f"{name} {earlier.versions.get(name)}, now {version}"
-        for name, version in versions.items()
-        if earlier.versions.get(name) != version
-    ]
-    why = f" ({'; '.join(changed)})" if changed else ""
-    raise InputError(
-        f"{earlier.folder}: holds another campaign: {len(other)} of its {len(earlier.cases)} cases are not of this "
-        f"one, such as {other[0].name}{why}; expected another --out, or --overwrite"
-    )
 
 
 def _write(path: Path, values: Mapping[str, Any]) -> None:

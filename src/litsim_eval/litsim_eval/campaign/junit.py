@@ -9,7 +9,7 @@ from junitparser import Error, Failure, JUnitXml, TestCase, TestSuite
 
 from litsim_eval.campaign.case import Case
 from litsim_eval.campaign.criteria import CriterionResult, Verdict
-from litsim_eval.campaign.results import RUNS_FOLDER, Campaign, RunResult
+from litsim_eval.campaign.results import RUNS_FOLDER, Campaign, RunResult, rerun_command
 from litsim_sim.io.files import replacing
 
 JUNIT_FILE = "junit.xml"
@@ -34,7 +34,9 @@ def write_junit(campaign: Campaign, path: Path) -> None:
     for case in campaign.cases:
         variants.setdefault(case.variant, []).append(case)
     for variant, cases in variants.items():
-        document.add_testsuite(_suite(variant, campaign, [_run(case, results.get(case.id)) for case in cases]))
+        document.add_testsuite(
+            _suite(variant, campaign, [_run(case, results.get(case.id), campaign.folder) for case in cases])
+        )
     whole = f"campaign {campaign.name}"
     document.add_testsuite(_suite(whole, campaign, [_criterion(each, whole) for each in campaign.judged]))
     document.update_statistics()
@@ -51,16 +53,18 @@ def _suite(name: str, campaign: Campaign, tests: list[TestCase]) -> TestSuite:
     return suite
 
 
-def _run(case: Case, result: RunResult | None) -> TestCase:
+def _run(case: Case, result: RunResult | None, campaign: Path) -> TestCase:
+    again = f"run it again: {rerun_command(campaign, case)}"
     test = TestCase(_clean(case.name), _clean(case.variant))
     test.time = 0.0 if result is None or result.wall_s is None else round(result.wall_s, 3)
     if result is None:
         test.result = [_with_text(Error(NOT_RUN, TYPE_OF_GAP), NOT_RUN)]
     elif result.verdict == Verdict.FAILED:
-        faults = [f"{each.name}: {each.reason}" for each in result.criteria if not each.passed]
-        test.result = [_with_text(Failure(_clean(faults[0]), TYPE_OF_FAILURE), "\n".join([*faults, *_files(result)]))]
+        faults = [each.reason for each in result.criteria if not each.passed]
+        text = "\n".join([*faults, *_files(result), again])
+        test.result = [_with_text(Failure(_clean(faults[0]), TYPE_OF_FAILURE), text)]
     elif result.verdict == Verdict.ERROR:
-        text = "\n".join([result.reason, *_files(result)])
+        text = "\n".join([result.reason, *_files(result), again])
         test.result = [_with_text(Error(_clean(result.reason), TYPE_OF_ERROR), text)]
     return test
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
@@ -12,13 +13,13 @@ from typing import Any
 from litsim_eval.analysis.summary import check_summable
 from litsim_eval.campaign.case import Case
 from litsim_eval.campaign.criteria import Criteria, CriterionResult, Outcome, Verdict
+from litsim_eval.campaign.reasons import what_happened
+from litsim_eval.campaign.suite import CAMPAIGN_FILE
 from litsim_sim.core.errors import InputError, shown
 from litsim_sim.io.yaml_input import validate_yaml
-from litsim_sim.launch.output import OF_MANY_RUNS
 
 FORMAT = 2
 READABLE = (1, FORMAT)  # in format 1, `variant` is called `row`, and `execution_mode` is `shell`
-CAMPAIGN_FILE = OF_MANY_RUNS
 RESULT_FILE = "result.json"
 RESULTS_FILE = "results.json"
 RUNS_FOLDER = "runs"
@@ -56,8 +57,8 @@ class RunResult:
         """Returns the result of a run that was measured, an error if it is not valid; `files` are further fields."""
         if metrics["valid"] is not True:
             return cls.error(case, f"the run is not valid: {metrics['why']}", metrics=metrics, **files)
-        judged = tuple(criterion.of_run(metrics) for criterion in criteria.runs)
-        reason = "; ".join(f"{each.name}: {each.reason}" for each in judged if not each.passed)
+        judged = judge(metrics, criteria)
+        reason = "; ".join(each.reason for each in judged if not each.passed)
         verdict = Verdict.FAILED if reason else Verdict.PASSED
         return cls(case, verdict, reason, judged, metrics, **({"finished_at": now()} | files))
 
@@ -87,6 +88,26 @@ class RunResult:
             return cls.error(case, values["reason"] or "the run has left no measures", **files)
         check_summable(metrics)
         return cls.judged(case, metrics, criteria, **files)
+
+
+def judge(metrics: Mapping[str, Any], criteria: Criteria) -> tuple[CriterionResult, ...]:
+    """Returns the results of all criteria of a run for its measures."""
+    return tuple(_told(criterion.of_run(metrics), metrics) for criterion in criteria.runs)
+
+
+def _told(criterion: CriterionResult, metrics: Mapping[str, Any]) -> CriterionResult:
+    """Returns the result of a criterion with what happened as its reason, where it is not met."""
+    if criterion.passed:
+        return criterion
+    said = what_happened(criterion.field, criterion.value, criterion.limit, metrics)
+    return replace(criterion, reason=said or f"{criterion.name}: {criterion.reason}")
+
+
+def rerun_command(campaign: Path, case: Case) -> str:
+    """Returns the command that runs one case of the `campaign` in this folder again, over DDS, with a report."""
+    out = campaign / "reruns" / case.id
+    words = ["./litsim", "evaluate", "--suite", str(campaign), "--case", case.name, "--graph", "--overwrite"]
+    return shlex.join([*words, "--out", str(out)])
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import os
+import shutil
 from collections.abc import Sequence
 from glob import glob, has_magic
 from pathlib import Path
@@ -27,6 +30,7 @@ from litsim_sim.core.quantities import OneOf
 from litsim_sim.ego_port.answer import AUTO, INTERFACES
 from litsim_sim.io.yaml_input import parse_yaml, place_in, read_text, validate_yaml
 from litsim_sim.launch.adapters import adapter_names
+from litsim_sim.launch.output import OF_MANY_RUNS
 from litsim_sim.scenario.run_info import EXTERNAL, REPLAY, ego_names, policy_names
 from litsim_sim.scenario.scenario import packaged, packaged_scenarios
 from litsim_sim.scenario.scenario_file import SEEDS
@@ -37,6 +41,9 @@ that are there from step 0 through the first simulated step."""
 
 DEFAULT_EGOS: EgoChoice = "egos"
 PACKAGE, SUITES = "litsim_eval", "suites"  # folder of the packaged ones
+INTERPRETERS = ("python", "bash", "sh")
+CAMPAIGN_FILE = OF_MANY_RUNS
+"""In the folder of a campaign: its suite and its cases."""
 
 
 def _known_policy(name: str) -> str:
@@ -55,8 +62,7 @@ class CaseEntry(BaseModel):
     Attributes:
         scenario: a packaged name, or a YAML file, relative to the suite's file; or a pattern of such files, such as
             `windows/*_test_*.yaml`, which stands for an entry of each.
-        ego_id: id of the only ego.
-        egos: or several egos, by id or by :data:`EgoChoice`.
+        ego_id: the vehicle that is the ego, by its id; or several, by ids or by :data:`EgoChoice`.
         seed: seed of all randomness in these runs if the suite names no seeds; None for the scenario's.
         tags: words to filter by.
         events: what happens, as found in the recording; each with `kind`, its name, and numbers of it.
@@ -65,8 +71,7 @@ class CaseEntry(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     scenario: Name
-    ego_id: int | None = None
-    egos: EgoChoice | Annotated[list[int], Field(min_length=1)] | None = None
+    ego_id: int | EgoChoice | Annotated[list[int], Field(min_length=1)] = DEFAULT_EGOS
     seed: Annotated[int, Field(ge=0, lt=SEEDS)] | None = None
     tags: list[Name] = []
     events: list[dict[str, Any]] = []
@@ -82,17 +87,6 @@ class CaseEntry(BaseModel):
     def place(self) -> str:
         """The place of the entry, by file, line and field; empty if it is not from a file."""
         return place_in(self._place[0], "cases", self._place[1]) if self._place else ""
-
-    @property
-    def chosen(self) -> EgoChoice | list[int]:
-        """The vehicles that are the ego, as the entry names them; default: the scenario's own list."""
-        return [self.ego_id] if self.ego_id is not None else self.egos or DEFAULT_EGOS
-
-    @model_validator(mode="after")
-    def _check_egos(self) -> CaseEntry:
-        if self.ego_id is not None and self.egos is not None:
-            raise ValueError("ego_id and egos, expected one of them")
-        return self
 
     @field_validator("events")
     @classmethod
@@ -111,6 +105,10 @@ class EgoSetup(BaseModel):
         adapter: name of the adapter through which the stack drives; empty for none.
         parameters: values by `stage.name`, such as ``{ego.kind: brake}``.
         command: command that starts the stack of an external ego; none if it is started elsewhere.
+        folder: where the command is started, to which its words are relative; empty for the current folder.
+            :meth:`Suite.load` makes it absolute; default there: that of the suite.
+        environment: variables of the command, each NAME=VALUE, or NAME for its value in the shell of the campaign,
+            which :meth:`Suite.load` has put there.
         interface: interface of an external ego, one of :data:`litsim_sim.ego_port.answer.INTERFACES`.
         ready_s: time limit for the first answer of an external ego [s]; None for the launcher's default.
     """
@@ -122,6 +120,8 @@ class EgoSetup(BaseModel):
     adapter: str = ""
     parameters: Parameters = {}
     command: list[Name] = []
+    folder: str = ""
+    environment: list[Annotated[str, Field(pattern=r"^[A-Za-z_]\w*(=.*)?$")]] = []
     interface: Annotated[str, OneOf(INTERFACES)] = AUTO
     ready_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
 
@@ -137,14 +137,49 @@ class EgoSetup(BaseModel):
         return {**named, "adapter": named["kind"], "kind": EXTERNAL} if adapted else named
 
     @model_serializer(mode="wrap")
-    def _without_no_adapter(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leaves an empty adapter out, so that the identities of cases without one stay as they were."""
-        return {name: value for name, value in dump(self).items() if name != "adapter" or value}
+    def _without_what_is_empty(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leaves empty fields out: an empty command is none that a suite may name."""
+        return {name: value for name, value in dump(self).items() if value}
+
+    @property
+    def argv(self) -> list[str]:
+        """The command with its folder and its variables, by the program `env`; empty without a command."""
+        elsewhere = self.folder and Path(self.folder) != Path.cwd()
+        if not self.command or not (elsewhere or self.environment):
+            return self.command
+        unset = [word for name in self.environment if "=" not in name for word in ("-u", name)]
+        folder = ["-C", self.folder] if elsewhere else []
+        return ["env", *folder, *unset, *(each for each in self.environment if "=" in each), *self.command]
+
+    def check_command(self) -> None:
+        """Checks that the program of the command is there, and the script that an interpreter is to run.
+
+        Raises:
+            InputError: it is not.
+        """
+        program, *words = self.command
+        where = f" in {self.folder}" if self.folder else ""
+        if shutil.which(str(Path(self.folder) / program) if "/" in program else program) is None:
+            raise InputError(f"ego {self.name}: {program}: no such program{where}, expected the command of a stack")
+        is_script = words and not words[0].startswith("-") and Path(program).name.startswith(INTERPRETERS)
+        if is_script and not (Path(self.folder) / words[0]).is_file():
+            raise InputError(f"ego {self.name}: {words[0]}: no such file{where}, expected the script of a stack")
+
+    def within(self, folder: Path) -> EgoSetup:
+        """Returns the same as an entry of a suite in `folder`, with variables of the shell put in."""
+        if not self.command:
+            return self
+        shell = [
+            each if "=" in each or each not in os.environ else f"{each}={os.environ[each]}" for each in self.environment
+        ]
+        return self.model_copy(update={"folder": str((folder / self.folder).resolve()), "environment": shell})
 
     @model_validator(mode="after")
     def _check_command(self) -> EgoSetup:
         if self.kind != EXTERNAL and (self.command or self.interface != AUTO or self.ready_s is not None):
             raise ValueError(f"ego {self.name}: command, interface and ready_s belong to kind {EXTERNAL} alone")
+        if (self.environment or self.folder) and not self.command:
+            raise ValueError(f"ego {self.name}: folder and environment without a command")
         return self
 
 
@@ -216,15 +251,20 @@ class Suite(BaseModel):
 
     @classmethod
     def load(cls, name: str | Path, among: Sequence[Path] = ()) -> Suite:
-        """Reads a suite; scenarios, a file of criteria and suites that it includes are found relative to its file.
+        """Reads a suite; scenarios, commands, criteria and suites that it includes are found relative to its file.
 
         Args:
-            name: a packaged name, or a YAML file.
+            name: a packaged name, a YAML file, or the folder of a campaign, for the suite and the cases that it has.
             among: files that include it.
 
         Raises:
             InputError: it cannot be read, a field does not fit, or it includes itself.
         """
+        if (file := Path(name) / CAMPAIGN_FILE).is_file():
+            try:
+                return validate_yaml(json.loads(read_text(file))["suite"], cls, f"{file}: suite", "")
+            except (ValueError, KeyError, TypeError) as error:
+                raise InputError(f"{file}: not a campaign: {type(error).__name__}: {error}") from error
         path = _suite_file(name)
         if path.resolve() in among:
             raise InputError(f"{path}: field include: the suite includes itself")
@@ -240,7 +280,8 @@ class Suite(BaseModel):
         for number, case in enumerate(suite.cases):
             entry = case.within(path, number)
             cases += [entry.model_copy(update={"scenario": file}) for file in _files(case.scenario, path)]
-        return suite.model_copy(update={"include": [], "cases": cases})
+        egos = [ego.within(path.parent) for ego in suite.egos]
+        return suite.model_copy(update={"include": [], "cases": cases, "egos": egos})
 
 
 def place_of(name: str | Path, setting: tuple[str, Any] | None) -> str:
@@ -248,7 +289,7 @@ def place_of(name: str | Path, setting: tuple[str, Any] | None) -> str:
 
     The suite alone if it does not, or without a `setting`.
     """
-    if setting is None:
+    if setting is None or Path(name).is_dir():
         return str(name)
     suite, (parameter, value) = Suite.load(name), setting
     places: list[tuple[tuple[str | int, ...], Any]]
@@ -262,17 +303,32 @@ def place_of(name: str | Path, setting: tuple[str, Any] | None) -> str:
     return place_in(_suite_file(name), *place) if place else str(name)
 
 
+def packaged_suite_folder() -> Path:
+    """Returns the folder of the packaged suites."""
+    return packaged(SUITES, PACKAGE)
+
+
+def listed_suites() -> dict[str, str]:
+    """Returns descriptions of the packaged suites, by name."""
+    return {name: Suite.load(name).description for name in packaged_suites()}
+
+
 def packaged_suites() -> tuple[str, ...]:
     """Returns names of the packaged suites, sorted."""
-    return tuple(sorted(path.stem for path in packaged(SUITES, PACKAGE).glob("*.yaml")))
+    return tuple(sorted(path.stem for path in packaged_suite_folder().glob("*.yaml")))
 
 
 def located(scenario: str, folder: Path) -> str:
     """Returns a scenario as :meth:`litsim_sim.scenario.scenario.Scenario.load` finds it from anywhere.
 
-    A packaged name stays as it is; the path of a file, relative to `folder`, becomes absolute.
+    A packaged name stays as it is; the path of a file, relative to `folder`, or else to that of the packaged suites,
+    becomes absolute.
     """
-    return scenario if scenario in packaged_scenarios() else str((folder / scenario).resolve())
+    if scenario in packaged_scenarios():
+        return scenario
+    of_suite = packaged_suite_folder() / scenario
+    is_packaged = of_suite.is_file() and not (folder / scenario).exists()
+    return str((of_suite if is_packaged else folder / scenario).resolve())
 
 
 def _files(scenario: str, suite: Path) -> list[str]:
@@ -299,5 +355,8 @@ def _suite_file(name: str | Path) -> Path:
     if name in packaged_suites():
         return packaged(f"{SUITES}/{name}.yaml", PACKAGE)
     if not Path(name).is_file():
-        raise InputError(f"{name}: no such suite, expected a YAML file, or one of {', '.join(packaged_suites())}")
+        raise InputError(
+            f"{name}: no such suite, expected a YAML file, the folder of a campaign, or one of "
+            f"{', '.join(packaged_suites())}"
+        )
     return Path(name)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from statistics import fmean
 from typing import Any
 
 import numpy as np
 
 from litsim_eval.analysis.displacement import HORIZONS_S
+from litsim_eval.analysis.metrics_tree import leaves
 from litsim_eval.analysis.summary import DISPLACEMENTS, MEANS, RATIOS, SUMS, Figure, displacement, summarise
 from litsim_eval.campaign.bootstrap import percentile_bounds, ratios, times_drawn
-from litsim_eval.campaign.criteria import PASSED_SHARE, Verdict
+from litsim_eval.campaign.criteria import PASSED_SHARE, Verdict, counted
 from litsim_eval.campaign.results import RunResult
 from litsim_sim.core.scene import FloatArray
 
@@ -22,6 +24,21 @@ VERDICTS = {"passed": Verdict.PASSED, "not_passed": Verdict.FAILED, "errors": Ve
 """Verdicts by the names of their numbers of runs."""
 
 
+EGO: dict[str, tuple[str, Callable[[Sequence[float]], float]]] = {
+    "ego_at_fault": ("collision.ego_at_fault", sum),
+    "red_ego": ("signals.red_ego", sum),
+    "standoffs": ("standoffs", sum),
+    "min_ttc_s": ("safety.min_ttc_s", min),
+    "min_headway_s": ("safety.min_headway_s", min),
+    "ego_comfort": ("comfort.ego.within", fmean),
+    "ego_progress": ("ego_motion.progress_ratio", fmean),
+}
+"""Measures of the ego: the field of `metrics.json`, and what is made of its values over the runs that have it.
+
+Of `comfort.ego.within` it is the share of the bound that is least kept.
+"""
+
+
 def variant_summary(results: Sequence[RunResult]) -> dict[str, Any]:
     """Returns measures as :func:`litsim_eval.analysis.summary.summarise` does, and how many runs have which verdict.
 
@@ -29,11 +46,26 @@ def variant_summary(results: Sequence[RunResult]) -> dict[str, Any]:
     None without runs.
     """
     measured = [dict(result.metrics) for result in results if result.metrics is not None]
+    fields = [leaves(metrics) for metrics in measured]
     counts = Counter(result.verdict for result in results)
     return summarise(measured, len(results) - len(measured)) | {
         **{name: counts[verdict] for name, verdict in VERDICTS.items()},
         PASSED_SHARE: counts[Verdict.PASSED] / len(results) if results else None,
+        **{name: _of_ego(field, aggregate, fields) for name, (field, aggregate) in EGO.items()},
     }
+
+
+def _of_ego(
+    field: str, aggregate: Callable[[Sequence[float]], float], runs: Sequence[Mapping[str, Any]]
+) -> float | None:
+    """Returns a measure of :data:`EGO` over the measures of `runs`, by path; None if none has it."""
+    values = []
+    for run in runs:
+        below = [value for path, value in run.items() if path.startswith(f"{field}.") and value is not None]
+        value = min(below) if below else counted(run.get(field))
+        if isinstance(value, int | float):
+            values.append(float(value))
+    return aggregate(values) if values else None
 
 
 def variant_bounds(results: Sequence[RunResult]) -> Bounds:

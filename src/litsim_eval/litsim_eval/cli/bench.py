@@ -48,7 +48,7 @@ def parser() -> argparse.ArgumentParser:
         "--beside", type=Path, metavar="CHECKOUT", help="with --throughput: alternate with another, built checkout"
     )
     p.add_argument("--scenario", nargs="+", default=["demo"], help="with --throughput: scenarios to evaluate")
-    p.add_argument("--egos", default="egos", help="with --throughput: egos, as for `evaluate`")
+    p.add_argument("--ego-id", help="with --throughput: vehicles that are the ego, as for `evaluate`")
     p.add_argument("--processes", type=at_least_one, default=2, help="with --throughput: processes of `evaluate`")
     p.add_argument(
         "--memory", type=float, metavar="MINUTES", help="measure memory growth in a run of this much simulated time"
@@ -129,7 +129,7 @@ def throughput_table(arguments: argparse.Namespace) -> Content:
     """Returns the throughput of evaluation and training."""
     a = arguments
     with tempfile.TemporaryDirectory() as folder, tqdm(total=a.repeats, unit="pair", dynamic_ncols=True) as bar:
-        samples = measure_throughput(Path(folder), a.beside, a.scenario, a.egos, a.processes, a.repeats, bar.update)
+        samples = measure_throughput(Path(folder), a.beside, a.scenario, a.ego_id, a.processes, a.repeats, bar.update)
     title = f"throughput, median (minimum to maximum) of {a.repeats} repetitions"
     return title, ["", *samples], throughput_rows(samples)
 

@@ -1,4 +1,4 @@
-"""`compare A B [C...]`: compare the measures of runs, with differences from the first in yellow; or two campaigns."""
+"""`compare A B [C...]`: compare measures of runs, with differences from the first in yellow; or two campaigns."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from rich.table import Table
 
 from litsim_eval.analysis.compare import Comparison, Row, compare, load, names_of
 from litsim_eval.campaign.comparison import compare_campaigns
+from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.results import is_campaign, read_campaign
 from litsim_eval.report.campaign_comparison import print_campaigns
 from litsim_sim.cli.arguments import Parser
@@ -36,7 +37,8 @@ def parser() -> argparse.ArgumentParser:
         type=Path,
         nargs="+",
         metavar="RUN",
-        help="folder, MCAP file or metrics.json of a run; or the folders of two campaigns, the earlier one first",
+        help="folder, MCAP file or metrics.json of a run; or the folders of two campaigns, the earlier one first; "
+        "or of one, with what it was before something changed",
     )
     p.add_argument("--differences", action="store_true", help="for runs: show only what differs")
     p.add_argument("--all", action="store_true", help="for campaigns: show every measure that differs, and every case")
@@ -89,6 +91,11 @@ def main(argv: list[str] | None = None) -> int:
     """Runs ``ros2 run litsim_eval compare``."""
     p = parser()
     arguments = p.parse_args(argv)
+    if len(arguments.runs) == 1 and is_campaign(arguments.runs[0]):
+        earlier = CampaignFolder(arguments.runs[0]).history
+        if not earlier:
+            raise InputError(f"{arguments.runs[0]}: nothing has changed in this campaign yet, expected a second one")
+        arguments.runs = [earlier[-1], arguments.runs[0]]
     if len(arguments.runs) < 2:
         p.error("name two runs at least")
     if any(is_campaign(path) for path in arguments.runs):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import closing
@@ -14,10 +15,18 @@ from tqdm import tqdm
 from litsim_eval.campaign.case import Case, cases_of, code_versions
 from litsim_eval.campaign.criteria import Verdict
 from litsim_eval.campaign.folder import CampaignFolder
-from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RESULTS_FILE, Campaign, RunResult, read_results
+from litsim_eval.campaign.part import suite_of_cases, write_suite
+from litsim_eval.campaign.results import (
+    EXPERIMENT_REPORT_FILE,
+    RESULTS_FILE,
+    Campaign,
+    RunResult,
+    read_results,
+    rerun_command,
+)
 from litsim_eval.campaign.suite import place_of
 from litsim_eval.campaign.variant_summary import variant_bounds, variant_summary
-from litsim_eval.cli.suite_arguments import add_suite_arguments, suite_of
+from litsim_eval.cli.suite_arguments import add_suite_arguments, part_of, suite_of
 from litsim_eval.runs.campaign import LocalRuns, conclude
 from litsim_eval.runs.case_run import TIME_LIMIT_S, CaseRefused, check_cases
 from litsim_eval.runs.ray_runs import LOCAL, RayRuns
@@ -32,15 +41,24 @@ STATUS_HELP = (
     "Exit status: 0, the campaign passes by the criteria of its suite (by default: every run passes); 1, it does not, "
     "and stderr says why; 2, bad input; 130, interrupted; the same command resumes it."
 )
+EXAMPLES = """examples:
+  evaluate --suite small --ego external --out bags/mine -- python3 my_stack.py
+      every case of a packaged suite, with a stack of yours as the ego
+  evaluate --suite small --failed-in bags/mine --save-suite failed.yaml
+      a suite of the cases that it has failed
+  evaluate --scenario demo --ego idm perturbed --policy replay litsim --out bags/variants
+      variants side by side: each ego with each policy
+
+"""
 DEFAULT_OUT = "bags/evaluation"
 VERDICT_NAMES = {Verdict.PASSED: "passed", Verdict.FAILED: "failed", Verdict.ERROR: "errors"}
 SMOOTHING = 0.02  # of tqdm's time left: low, since the durations of runs vary widely
-REASONS_MAX = 20  # most runs that have not passed and are printed with their reasons
+REASONS_MAX = 20  # most runs that have not passed and are printed with their reasons at the end
 
 
 def parser() -> argparse.ArgumentParser:
     """Returns the parser of ``ros2 run litsim_eval evaluate``."""
-    p = Parser(prog="evaluate", description=__doc__, epilog=STATUS_HELP, formatter_class=DefaultsFormatter)
+    p = Parser(prog="evaluate", description=__doc__, epilog=EXAMPLES + STATUS_HELP, formatter_class=ExamplesFormatter)
     add_suite_arguments(p)
     p.add_argument("--graph", action="store_true", help="run LitSim's own egos over DDS, too, and record them")
     p.add_argument("--out", default=DEFAULT_OUT, help="folder of the campaign; an existing one is resumed")
@@ -52,8 +70,10 @@ def parser() -> argparse.ArgumentParser:
         "--ray", metavar="ADDRESS", help=f"run on a Ray cluster: auto, HOST:PORT, or {LOCAL} for one of this machine"
     )
     p.add_argument("--dry-run", action="store_true", help="only list the runs to do and the runs done")
+    p.add_argument("--save-suite", type=Path, metavar="FILE", help="only write the chosen part as a suite of its own")
     p.add_argument("--retry-errors", action="store_true", help="repeat runs that could not be judged")
     p.add_argument("--overwrite", action="store_true", help="replace the campaign in the folder")
+    p.add_argument("--all", action="store_true", help="print the measures of the simulation, too")
     p.add_argument(
         "--intervals",
         action="store_true",
@@ -71,6 +91,14 @@ def evaluate(arguments: argparse.Namespace) -> int:
     suite = suite_of(arguments)
     versions = code_versions()
     cases = cases_of(suite, graph=arguments.graph, with_versions=versions)
+    part = part_of(arguments)
+    if part is not None:
+        cases = part.of(cases)
+        suite = suite_of_cases(suite, cases)
+    if arguments.save_suite is not None:
+        write_suite(suite, arguments.save_suite)
+        print(f"{arguments.save_suite}: {len(suite.cases)} cases")
+        return 0
     try:
         check_cases(cases)
     except CaseRefused as error:  # for a parameter that only its stage can check
@@ -86,10 +114,15 @@ def evaluate(arguments: argparse.Namespace) -> int:
     if arguments.ray is not None:
         runs = RayRuns(folder, suite.criteria, arguments.ray, arguments.processes, arguments.time_limit)
         runs.check(cases)
+    changes = Counter[str]() if arguments.overwrite else folder.changes(cases, versions, is_part=part is not None)
+    for why, count in changes.items():
+        print(f"{count} cases of before: {why}")
     if arguments.dry_run:
         return _list_cases(cases, read_results(folder.path, cases, suite.criteria), arguments)
     with folder.alone():
-        done = folder.begin(suite, cases, versions, overwrite=arguments.overwrite)
+        done = folder.begin(suite, cases, versions, overwrite=arguments.overwrite, is_part=part is not None)
+        if changes and folder.history:
+            print(f"their verdicts are kept in {folder.history[-1]}; see the difference: compare {folder.path}")
         if arguments.retry_errors:
             done = _judged(done)
         try:
@@ -99,7 +132,7 @@ def evaluate(arguments: argparse.Namespace) -> int:
             print_error("the campaign ended before all runs were done; the same command resumes it")
             raise
         campaign = conclude(folder)
-    _print(campaign, intervals=arguments.intervals)
+    _print(campaign, everything=arguments.all, intervals=arguments.intervals)
     print(f"report: {campaign.folder / EXPERIMENT_REPORT_FILE}")
     return 0 if campaign.passes else EXIT_FAILED
 
@@ -114,6 +147,8 @@ def _run_the_rest(runs: LocalRuns | RayRuns, cases: Sequence[Case], done: Mappin
         bar.set_postfix(_counts(results), refresh=False)
         for result in running:
             results.append(result)
+            if result.verdict != Verdict.PASSED:
+                bar.write(_line(result), file=sys.stderr)
             bar.set_postfix(_counts(results), refresh=False)
             bar.update()
 
@@ -144,21 +179,45 @@ def _counted(results: Collection[RunResult]) -> str:
     return ", ".join(f"{count} {name}" for name, count in _counts(results).items())
 
 
-def _print(campaign: Campaign, *, intervals: bool) -> None:
-    """Prints the table, the criteria that the campaign fails, and the runs that have not passed, with reasons."""
+def _line(result: RunResult) -> str:
+    """Returns verdict, name and reason of a run."""
+    return f"{result.verdict:8}{result.case.name}: {result.reason}"
+
+
+def _print(campaign: Campaign, *, everything: bool, intervals: bool) -> None:
+    """Prints the table, the criteria that the campaign fails, and runs that have not passed, with their reruns."""
     summary = {variant: variant_summary(results) for variant, results in campaign.variants.items()}
     replayed = all(case.policy == REPLAY for case in campaign.cases)
     bounds = {variant: variant_bounds(results) for variant, results in campaign.variants.items()} if intervals else None
-    print_summary(campaign.name, summary, Console(), replayed=replayed, bounds=bounds)
+    print_summary(campaign.name, summary, Console(), replayed=replayed, everything=everything, bounds=bounds)
     print(f"{_counted(campaign.results)}; every run: {campaign.folder / RESULTS_FILE}")
     for criterion in campaign.judged:
         if not criterion.passed:
-            print_error(f"{criterion.name}: {criterion.reason}")
-    bad = [result for result in campaign.results if result.verdict != Verdict.PASSED]
-    for result in bad[:REASONS_MAX]:
-        print_error(f"{result.case.name}: {result.verdict}: {result.reason}")
-    if len(bad) > REASONS_MAX:
-        print_error(f"and {len(bad) - REASONS_MAX} more, in {campaign.folder / RESULTS_FILE}")
+            print(f"failed  {criterion.name}: {criterion.reason}", file=sys.stderr)
+    bad = {variant: _worst_first(results) for variant, results in campaign.variants.items()}
+    most = max(1, REASONS_MAX // max(1, sum(bool(results) for results in bad.values())))
+    for variant, results in bad.items():
+        for result in results[:most]:
+            print(f"{_line(result)}\n        {rerun_command(campaign.folder, result.case)}", file=sys.stderr)
+        if len(results) > most:
+            print(
+                f"        and {len(results) - most} more of {variant}: {campaign.folder / RESULTS_FILE}",
+                file=sys.stderr,
+            )
+
+
+def _worst_first(results: Sequence[RunResult]) -> list[RunResult]:
+    """Returns the runs that have not passed: errors, then by the first criterion that they miss, as contacts."""
+    bad = [result for result in results if result.verdict != Verdict.PASSED]
+    return sorted(bad, key=lambda result: next((n for n, each in enumerate(result.criteria) if not each.passed), -1))
+
+
+class ExamplesFormatter(DefaultsFormatter):
+    """Keeps the lines of the examples below the options as they are."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        examples, blank, rest = text.rpartition("\n\n")
+        return examples + blank + super()._fill_text(rest, width, indent)
 
 
 @program

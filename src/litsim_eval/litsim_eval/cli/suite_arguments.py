@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any, get_args
 
 from litsim_eval.campaign.criteria import Criteria
+from litsim_eval.campaign.part import Part
 from litsim_eval.campaign.policy_setup import PolicySetup, packaged_setups, setup_of
+from litsim_eval.campaign.results import is_campaign, read_campaign
 from litsim_eval.campaign.suite import CaseEntry, EgoChoice, EgoSetup, Suite, located, packaged_suites
 from litsim_sim.cli.run_arguments import END_AFTER_CONTACT
 from litsim_sim.core.errors import InputError
@@ -24,13 +26,18 @@ DEFAULTS: dict[str, Any] = {"scenario": ["demo"], "ego": ["idm"]}
 
 def add_suite_arguments(p: argparse.ArgumentParser) -> None:
     """Adds the arguments that define the runs, most with several values; :func:`suite_of` reads them."""
-    p.add_argument("--suite", help=f"YAML file, or packaged: {', '.join(packaged_suites())}; options override it")
+    packaged = ", ".join(packaged_suites())
+    p.add_argument(
+        "--suite", help=f"YAML file, packaged name ({packaged}), or folder of a campaign; options override its fields"
+    )
     p.add_argument("--scenario", nargs="+", help="names of packaged scenarios, or YAML files (default: demo)")
     p.add_argument(
-        "--egos",
+        "--ego-id",
         nargs="+",
-        action=_Egos,
-        help="vehicles that are egos: a field of the scenarios (egos, tuning, ego), all, or ids",
+        action=_EgoIds,
+        metavar="ID",
+        help="vehicles of the recordings that are the ego, one run each: ids, a field of the scenarios (egos, tuning, "
+        "ego), or all; default: as the suite says, else egos",
     )
     p.add_argument(
         "--ego",
@@ -52,6 +59,24 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
         default=[],
         metavar="STAGE.NAME=VALUE[,VALUE]",
         help=f"{SET_HELP}; a variant for each of several values",
+    )
+    part = p.add_argument_group("part of the suite", "cases that are run; all options together choose them")
+    part.add_argument(
+        "--case", nargs="+", default=[], metavar="NAME", help="names, their beginnings, or patterns of them"
+    )
+    part.add_argument("--tag", nargs="+", default=[], metavar="TAG", help="those with one of these tags")
+    part.add_argument(
+        "--event", nargs="+", default=[], metavar="KIND", help="those in which one of these events happens"
+    )
+    part.add_argument(
+        "--failed-in", type=Path, metavar="CAMPAIGN", help="those that have not passed in this folder of a campaign"
+    )
+    part.add_argument(
+        "--hardest",
+        nargs=2,
+        metavar=("N", "FIELD"),
+        help="the N hardest by a field of their events, such as severity; or, with a campaign as --suite or "
+        "--failed-in, of its metrics.json, such as safety.min_own_ttc_s",
     )
     p.add_argument("--criteria", metavar="FILE", help="criteria that judge the runs (YAML); default: the packaged ones")
     p.add_argument(
@@ -87,16 +112,35 @@ def suite_of(arguments: argparse.Namespace) -> Suite:
     return validate_yaml((base.model_dump() if base else {}) | fields, Suite, arguments.suite or "options", "")
 
 
+def part_of(arguments: argparse.Namespace) -> Part | None:
+    """Returns what chooses the cases to run; None if all of the suite are.
+
+    Raises:
+        InputError: a campaign cannot be read, or an argument does not fit.
+    """
+    if not (arguments.case or arguments.tag or arguments.event or arguments.failed_in or arguments.hardest):
+        return None
+    failed_in = None if arguments.failed_in is None else read_campaign(arguments.failed_in)
+    measured_in = failed_in
+    if measured_in is None and arguments.hardest and arguments.suite and is_campaign(Path(arguments.suite)):
+        measured_in = read_campaign(Path(arguments.suite))
+    hardest = None
+    if arguments.hardest:
+        count, field = arguments.hardest
+        if not (count.isdecimal() and int(count)):
+            raise InputError(f"--hardest {count} {field}: expected a number of cases, then a field")
+        hardest = int(count), field
+    return Part(arguments.case, arguments.tag, arguments.event, failed_in, hardest, measured_in)
+
+
 def _cases(arguments: argparse.Namespace, base: Suite | None) -> list[CaseEntry]:
     if arguments.scenario or base is None:
         names = arguments.scenario or DEFAULTS["scenario"]
-        return [CaseEntry(scenario=located(name, Path.cwd()), egos=arguments.egos) for name in names]
-    if arguments.egos is None:
+        chosen = {} if arguments.ego_id is None else {"ego_id": arguments.ego_id}
+        return [CaseEntry(scenario=located(name, Path.cwd()), **chosen) for name in names]
+    if arguments.ego_id is None:
         return base.cases
-    return [
-        CaseEntry(**(entry.model_dump() | {"ego_id": None, "egos": arguments.egos}))  # the option replaces its ego
-        for entry in base.cases
-    ]
+    return [CaseEntry(**(entry.model_dump() | {"ego_id": arguments.ego_id})) for entry in base.cases]
 
 
 def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]:
@@ -110,7 +154,8 @@ def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]
         if len(external) != 1:
             many = ", ".join(setup.name for setup in external) or "none"
             raise InputError(f"{shlex.join(arguments.command)}: external egos: {many}; expected one for this command")
-        started = external[0].model_copy(update={"command": list(arguments.command)})
+        here = {"command": list(arguments.command), "folder": str(Path.cwd()), "environment": []}
+        started = external[0].model_copy(update=here)
         return [started if setup is external[0] else setup for setup in setups]
     if len(elsewhere := [setup.name for setup in external if not setup.command]) > 1:
         raise InputError(f"{', '.join(elsewhere)}: external egos without a command, expected at most one")
@@ -144,7 +189,7 @@ def _check_names(option: str, names: Sequence[str], known: Collection[str]) -> N
         raise InputError(f"{option} {not_among(unknown, known)}")
 
 
-class _Egos(argparse.Action):
+class _EgoIds(argparse.Action):
     """Parses the vehicles that are egos: a word, or ids separated by commas or spaces."""
 
     def __call__(self, _: object, namespace: argparse.Namespace, values: Any, __: object = None) -> None:

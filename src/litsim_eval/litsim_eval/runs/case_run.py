@@ -23,7 +23,7 @@ from litsim_eval.report.run_report import REPORT_FILE, write_report
 from litsim_eval.report.thumbnails import write_thumbnail
 from litsim_eval.runs.runner import Runner, configured, record
 from litsim_sim.core.errors import InputError
-from litsim_sim.launch.child import check_program, how_it_ended
+from litsim_sim.launch.child import how_it_ended
 from litsim_sim.launch.forked import ForkedProcess, preload
 from litsim_sim.launch.nodes import find_executable, nodes_of
 from litsim_sim.launch.processes import LOG_FOLDER, STACK
@@ -124,7 +124,7 @@ def check_case(case: Case) -> None:
     plan = RunPlan(_scenario(case.scenario), case.ego.kind, case.policy, _graph_parameters(case))
     nodes_of(plan, case.scenario, Path(RECORDING), ego_interface=case.ego.interface)
     if case.ego.command:
-        check_program(case.ego.command)
+        case.ego.check_command()
 
 
 def run_in_process(case: Case, folder: Path | None = None) -> dict[str, Any]:
@@ -253,7 +253,7 @@ def _launch(case: Case, out: Path) -> list[str]:
         for name, value in values.items()
     ]
     argv += ["--set", *settings] if settings else []
-    return [*argv, *(["--", *case.ego.command] if case.ego.command else [])]
+    return [*argv, *(["--", *case.ego.argv] if case.ego.command else [])]
 
 
 class _Reader(threading.Thread):

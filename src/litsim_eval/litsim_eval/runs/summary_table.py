@@ -15,38 +15,50 @@ from litsim_eval.analysis.displacement import HORIZONS_S
 from litsim_eval.analysis.metric import ADDED, title_of
 from litsim_eval.campaign.variant_summary import Bounds
 
-MEASURES = {
+OF_EGO = {
     "runs": "runs",
     "passed": "passed",
     "failed": "not_passed",
     "errors": "errors",
+    "contacts of the ego": "ego_contacts",
+    "at the ego's fault": "ego_at_fault",
+    "red lights passed": "red_ego",
+    "standoffs": "standoffs",
+    "shortest TTC s": "min_ttc_s",
+    "shortest headway s": "min_headway_s",
+    "steps in comfort %": "ego_comfort",
+    "progress %, of its log's": "ego_progress",
+}
+"""Measures of the ego, which are shown first."""
+
+OF_SIMULATION = {
     "agents": "agents",
     "colliding agents": "colliding_agents",
     "colliding runs": "colliding_runs",
-    "ego contacts": "ego_contacts",
     "contacts, background's fault": "background_faults",
-    "ego's fault, avoidable": "ego_faults_avoidable",
-    "ego's fault, unavoidable": "ego_faults_unavoidable",
+    "ego's fault, other could avoid": "ego_faults_avoidable",
+    "ego's fault, other could not": "ego_faults_unavoidable",
     "collision %, all": "rate_all",
     "collision %, controlled": "rate_controlled",
-    "reactive %": "reactive",
+    "no new contacts %": "reactive",
     "takeovers": "takeovers",
     "takeovers per run": "takeovers_per_run",
-    "of them released": "releases",
-    "of them released, %": "released_share",
-    "not, though their logs continue": "releases_missing",
+    "handed back to their logs": "releases",
+    "handed back, %": "released_share",
+    "held to the end of the run": "releases_missing",
     "time under control s": "held_s",
-    "bound of iterations hit": "bound_hits",
+    "steps cut short in detection": "bound_hits",
     "false alarms": "false_alarms",
-    "relevant %": "relevant_ratio",
+    "taken over near ego %": "relevant_ratio",
     "hard brakes under control": "hard_brakes",
     "of the log meanwhile": "hard_brakes_log",
     "guarded %, of policy C's steps": "guarded",
     "off road %, controlled": "off_road",
-    "progress m": "progress_m",
-    "max jump m": "max_position_jump_m",
-    "max residual at release m": "max_residual_m",
+    "progress of all agents m": "progress_m",
+    "largest jump m": "max_position_jump_m",
+    "largest distance at return m": "max_residual_m",
 }
+"""Measures of the simulation, which are shown on request."""
 OF_ALL_RUNS = ("runs", "passed", "not_passed", "errors", "reactive")
 """Measures that also count runs without metrics; `reactive` is over runs of which it is known."""
 
@@ -72,7 +84,10 @@ OF_CONTROL = (
 """Measures of agents under control, which are meaningless under replay."""
 
 MARK = "*"
-PERCENT = ("rate_all", "rate_controlled", "reactive", "released_share", "relevant_ratio", "guarded", "off_road")
+PERCENT = (
+    *("rate_all", "rate_controlled", "reactive", "released_share", "relevant_ratio", "guarded", "off_road"),
+    *("ego_comfort", "ego_progress"),
+)
 DISPLACEMENTS = (("ade_controlled_m", "controlled"), ("ade_all_m", "all"))
 BOUNDS = "bounds"  # key of a variant's bounds, beside its measures
 
@@ -83,6 +98,7 @@ def print_summary(
     console: Console,
     *,
     replayed: bool = False,
+    everything: bool = True,
     bounds: Mapping[str, Bounds] | None = None,
 ) -> None:
     """Prints the variants of a campaign side by side.
@@ -95,10 +111,12 @@ def print_summary(
         summary: by name of the variant, the result of :func:`litsim_eval.analysis.summary.summarise`, and verdicts.
         console: to print to.
         replayed: whether the background is replayed in all variants; measures of agents under control are left out.
+        everything: whether measures of the simulation are shown, not only those of the ego.
         bounds: of the figures, by variant, printed behind them.
     """
     variants = list(summary)
-    left_out = OF_CONTROL if replayed else ()
+    left_out = set(OF_CONTROL) if replayed else set[str]()
+    left_out |= set() if everything else {*OF_SIMULATION.values(), "ade_controlled_m", "ade_all_m"}
     summary = {
         variant: {key: v for key, v in each.items() if key not in left_out} | {BOUNDS: (bounds or {}).get(variant, {})}
         for variant, each in summary.items()
@@ -144,14 +162,14 @@ def _table(headings: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]]
     for heading in headings.values():
         table.add_column(heading, justify="right", no_wrap=True)
     columns = [summary[variant] for variant in headings]
-    for name, key in MEASURES.items():
-        if all(key in variant for variant in columns):
+    for name, key in (OF_EGO | OF_SIMULATION).items():
+        if all(key in variant for variant in columns) and any(variant[key] is not None for variant in columns):
             table.add_row(
                 name,
                 *(_cell(key, variant[key]) + _mark(key, variant) + _between(key, key, variant) for variant in columns),
             )
     for horizon in map(str, HORIZONS_S):
-        if any(variant["ade_all_m"][horizon] is not None for variant in summary.values()):
+        if any(variant.get("ade_all_m", {}).get(horizon) is not None for variant in summary.values()):
             for key, whose in ((key, whose) for key, whose in DISPLACEMENTS if key in columns[0]):
                 cells = (
                     f"{_cell(key, variant[key][horizon])}{_mark(key, variant)}"

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from litsim_eval.analysis.summary import Metrics
 from litsim_eval.campaign.case import code_versions
-from litsim_eval.campaign.results import CAMPAIGN_FILE, Campaign, read_campaign
-from litsim_eval.campaign.suite import Suite
+from litsim_eval.campaign.results import Campaign, read_campaign
+from litsim_eval.campaign.suite import CAMPAIGN_FILE, Suite
 from litsim_research.paper import claims, tables
 from litsim_research.paper.experiments import (
     ABLATIONS,

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from litsim_eval.campaign.case import Case, cases_of, code_versions
 from litsim_eval.campaign.folder import CampaignFolder
-from litsim_eval.campaign.results import Campaign, read_campaign
+from litsim_eval.campaign.results import Campaign, is_campaign, read_campaign
 from litsim_eval.campaign.suite import Suite
 from litsim_eval.runs.campaign import LocalRuns
 from litsim_eval.runs.case_run import check_cases, plan_of
@@ -41,12 +41,11 @@ def carried_out(suite: Suite, out: Path, processes: int, *, overwrite: bool = Fa
     folder = CampaignFolder(out)
     runs = LocalRuns(folder, suite.criteria, processes)
     with folder.alone():
-        try:
-            done = folder.begin(suite, cases, versions)
-        except InputError:
-            if not overwrite or read_campaign(out).versions.get(SOURCES) == versions[SOURCES]:
-                raise
-            done = folder.begin(suite, cases, versions, overwrite=True)
+        before = read_campaign(out).versions.get(SOURCES) if is_campaign(out) else versions[SOURCES]
+        has_changed = before != versions[SOURCES]
+        if has_changed and not overwrite:
+            raise InputError(f"{out}: was run with sources {before}, now {versions[SOURCES]}, expected --overwrite")
+        done = folder.begin(suite, cases, versions, overwrite=has_changed, is_part=True)
         to_run = [case for case in cases if case.id not in done]
         bar = tqdm(total=len(cases), initial=len(done), unit="run", desc=suite.name, dynamic_ncols=True)
         with bar, closing(runs.run(to_run)) as results:

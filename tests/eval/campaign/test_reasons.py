@@ -1,0 +1,71 @@
+"""What is said of a run that has not passed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from litsim_eval.campaign.criteria import Criteria
+from litsim_eval.campaign.results import judge
+
+CONTACT = {"agent": 31, "step": 181, "verdict": "front", "ego_at_fault": True, "in_log": False, "delta_v_mps": 3.25}
+STANDOFF = "ego and 12 stand for each other from 8.2 s to the end, 12 could go first"
+METRICS: dict[str, Any] = {
+    "collision": {
+        "ego_at_fault": 1,
+        "ego_contacts": [
+            CONTACT,
+            CONTACT | {"agent": 5, "in_log": True},
+            CONTACT | {"agent": 6, "ego_at_fault": False},
+        ],
+    },
+    "safety": {
+        "avoidable_contacts": 1,
+        "careful_driver": [{"agent": 31, "step": 181, "avoided": True}, {"agent": 6, "step": 181, "avoided": False}],
+        "min_own_ttc_s": 0.0,
+    },
+    "signals": {"red_ego": 1, "reds": [{"by": "log", "step": 9}, {"by": "ego", "step": 142, "connection": "A -> B"}]},
+    "ego_motion": {"off_road": 0.125, "progress_ratio": 0.138},
+    "comfort": {"ego": {"within": {"longitudinal_jerk": 0.9412}}},
+    "minimum_risk_s": 2.5,
+    "standoffs": [{"agent": 12, "step": 82, "end_step": 200, "could_go_first": "other", "resolved": False}],
+}
+
+
+@pytest.mark.parametrize(
+    ("criterion", "said"),
+    [
+        (
+            {"field": "collision.ego_at_fault", "max": 0},
+            "contact at the ego's fault with 31 at 18.1 s (front, 3.2 m/s)",
+        ),
+        ({"field": "safety.avoidable_contacts", "max": 0}, "contact that a careful driver avoids with 31 at 18.1 s"),
+        ({"field": "signals.red_ego", "max": 0}, "red light passed, A -> B at 14.2 s"),
+        ({"field": "minimum_risk_s", "max": 0}, "minimum-risk manoeuvre for 2.5 s"),
+        ({"field": "ego_motion.off_road", "max": 0}, "off the road at 12.5 % of the steps"),
+        ({"field": "safety.min_own_ttc_s", "min": 0.95}, "time to collision down to 0.00 s, expected at least 0.95 s"),
+        (
+            {"field": "ego_motion.progress_ratio", "min": 0.2},
+            f"the ego came 13.8 % as far as its log, expected at least 20 %; {STANDOFF}",
+        ),
+        (
+            {"field": "standoffs", "max": 0},
+            STANDOFF,
+        ),
+        (
+            {"field": "comfort.ego.within.longitudinal_jerk", "min": 0.95},
+            "jerk along the way within -4.13 to 4.13 m/s³ at 94.1 % of the steps, expected at least 95 %",
+        ),
+        ({"name": "own", "field": "takeovers", "max": 3}, "own: takeovers is missing"),
+    ],
+)
+def test_a_reason_says_what_happened(criterion: dict[str, Any], said: str) -> None:
+    (result,) = judge(METRICS, Criteria(runs=[criterion]))
+    assert (result.passed, result.reason) == (False, said)
+
+
+def test_measures_of_earlier_versions_are_told_as_numbers() -> None:
+    bare = {"collision": {"ego_at_fault": 2}}
+    (result,) = judge(bare, Criteria(runs=[{"name": "fault", "field": "collision.ego_at_fault", "max": 0}]))
+    assert result.reason == "fault: collision.ego_at_fault is 2, expected at most 0"
