@@ -3,29 +3,59 @@
 from __future__ import annotations
 
 import json
+import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import yaml
 
+from litsim_eval.report.verdict import verdict_in
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import Scenario
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 GROUPS = {"east": ["WA_0", "WA_1"], "left": ["WA_2"]}
 CHANGES = [[0.0, "east", "green"], [0.0, "left", "red"], [1.0, "east", "amber"], [2.0, "east", "red"]]
 
 
-def test_they_are_published_recorded_and_counted(graph: Any) -> None:
+def two_at_a_light(graph: Any) -> Path:
+    """A scenario in which the first of two cars passes a stop line at green, and the ego behind it at red."""
     frame = np.arange(36)
     same = {"yaw": 0.0, "speed": 10.0, "acceleration": 0.0, "length": 4.5, "width": 2.0, "kind": 0, "lane": -1}
     cars = [
         pd.DataFrame({"vehicle_id": number, "frame": frame, "x": -114.6 - 2.25 - to_line + frame, "y": -4.95, **same})
         for number, to_line in ((1, 9.0), (2, 28.0))
     ]
-    path = graph.scenario(net="urban_like", ego=2, signals={"groups": GROUPS, "changes": CHANGES})
+    path: Path = graph.scenario(net="urban_like", ego=2, signals={"groups": GROUPS, "changes": CHANGES})
     Recording.from_table(RecordingHeader("two"), pd.concat(cars), "two").write(graph.folder / "traffic.parquet")
+    return path
+
+
+def test_a_stack_on_standard_messages_stops_at_red_where_its_log_does_not(graph: Any) -> None:
+    """And `launch` judges the run by criteria."""
+    path = two_at_a_light(graph)
+    criteria = graph.folder / "criteria.yaml"
+    limits = [
+        {"name": "no red light", "field": "signals.red_ego", "max": 0},
+        {"field": "ego_motion.progress_m", "min": 90},
+    ]
+    criteria.write_text(yaml.safe_dump({"runs": limits}))
+    words = ("--scenario", path, "--ego", "external", "--policy", "replay", "--out", graph.folder / "run")
+    done = graph.launch(*words, "--criteria", criteria, "--", sys.executable, EXAMPLES / "minimal_ads.py")
+    assert done.returncode == 1, done.stderr
+    assert "failed  ego_motion.progress_m at least 90: ego_motion.progress_m is " in done.stderr
+    metrics = json.loads((graph.folder / "run/metrics.json").read_text())
+    assert (metrics["signals"]["red_ego"], metrics["signals"]["red_log"]) == (0, 1)
+    verdict = json.loads(verdict_in(graph.folder / "run/report.html"))
+    assert [each["passed"] for each in verdict["criteria"]] == [True, False]
+
+
+def test_they_are_published_recorded_and_counted(graph: Any) -> None:
+    path = two_at_a_light(graph)
     done = graph.launch("--scenario", path, "--ego", "log", "--policy", "replay", "--out", graph.folder / "run")
     assert done.returncode == 0, done.stderr
     run, wanted = read_run(graph.folder / "run"), Scenario.load(path).signals

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,9 +12,13 @@ import numpy as np
 import pytest
 
 from litsim_eval.analysis.metrics import compute_metrics
+from litsim_eval.campaign.criteria import CriterionResult
 from litsim_eval.report import run_report
 from litsim_eval.report.forecasts import Forecasts
+from litsim_eval.report.moments import moments
+from litsim_eval.report.pages import asset
 from litsim_eval.report.plans import Plans
+from litsim_eval.report.verdict import verdict_in, verdict_text
 from litsim_sim.record.run import Run
 
 Browser = Any
@@ -74,7 +79,11 @@ def test_playing_moves_the_agents(browser: Browser) -> None:
 @pytest.mark.parametrize("seconds", [1, 5, 28, 300, 1800, 7200])
 @pytest.mark.parametrize("pixels", [150, 400, 1200])
 def test_ticks_of_time_stay_apart(browser: Browser, seconds: float, pixels: int) -> None:
-    apart = browser.run(f"tickStep({seconds}, {pixels})")
+    parts = re.findall(
+        r"^(?:const TICK_PIXELS.*?;|function tickStep.*?^})", asset("charts.js"), re.DOTALL | re.MULTILINE
+    )
+    assert len(parts) == 2  # scripts of the page keep their names to themselves
+    apart = browser.run(f"(() => {{ {' '.join(parts)} return tickStep({seconds}, {pixels}); }})()")
     assert apart * pixels / seconds >= 45.0, "labels are about 30 pixels wide"
     assert apart == 1 or seconds / apart >= 1.2
 
@@ -229,7 +238,7 @@ def test_names_that_look_like_html_are_text(
     assert chromium.run("document.querySelector('#state dd').textContent") == name
     assert chromium.run("document.querySelector('h1').textContent") == name
     assert chromium.run("document.title").startswith(name)
-    assert chromium.run("[document.images.length, document.scripts.length]") == [0, 2]
+    assert chromium.run("[document.images.length, document.scripts.length]") == [0, 3]
     assert chromium.problems == []
     assert chromium.requests == [path.resolve().as_uri()]
 
@@ -275,3 +284,37 @@ def test_the_address_names_a_step(browser: Browser) -> None:
     browser.run("location.hash = 't=2.9'")  # 2.9 / 0.1 is less than 29
     browser.wait("litsim.time === 29")
     assert browser.run("document.getElementById('clock').title") == "step 29"
+
+
+def test_a_verdict_is_shown_with_marks_where_a_criterion_is_missed(
+    chromium: Browser, small_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nothing = np.zeros(0, np.int64)
+    empty = Forecasts(nothing, nothing, np.zeros(12), np.zeros((0, 12, 2)), np.zeros((0, 12, 3)))
+    monkeypatch.setattr(run_report, "read_forecasts", lambda run: empty)
+    metrics = compute_metrics(small_run)
+    missed, spans = next(iter(moments(small_run, metrics).items()))
+    criteria = [
+        CriterionResult("few", "takeovers", 1, "at most 3", passed=True, reason=""),
+        CriterionResult("calm", missed, 0.5, "at least 0.9", passed=False, reason="it went <too> fast"),
+    ]
+    said = verdict_text(
+        "failed", "it went <too> fast", criteria, campaign="../experiment.html#run=a", rerun="again 'a'"
+    )
+    path = tmp_path / "report.html"
+    path.write_text(run_report.render(small_run, metrics, said))
+    assert verdict_in(path) == said
+    chromium.open(path)
+    assert chromium.problems == []
+    assert chromium.run("[...document.querySelectorAll('#badges span')].map((each) => each.textContent)")[0] == "failed"
+    assert chromium.run("document.querySelectorAll('#badges .good').length") == 0
+    assert "it went <too> fast" in chromium.run("document.getElementById('judged').textContent")
+    assert chromium.run("document.querySelector('#judged a').getAttribute('href')") == "../experiment.html#run=a"
+    assert chromium.run("document.querySelectorAll('#events .missed').length") == len(spans)
+    rows = "[...document.querySelectorAll('#criteria tbody tr')].map((row) => row.cells[0].textContent)"
+    assert chromium.run(rows) == ["calm", "few"]
+    chromium.run("document.querySelector('#criteria tbody tr').click()")
+    assert chromium.run("litsim.time") == spans[0][0] - small_run.tables[0].step
+    titles = chromium.run("[...document.querySelectorAll('figcaption b')].map((each) => each.textContent)")
+    assert {"Acceleration", "Jerk", "Yaw rate", "Headway"} <= set(titles)
+    assert chromium.run("document.querySelectorAll('.chart .bound').length") > 0

@@ -234,7 +234,7 @@ def test_the_address_keeps_the_view(chromium: Browser, page: Path) -> None:
     choose(chromium, "high", "0")
     heading(chromium, "safety.min_ttc_s")
     heading(chromium, "safety.min_ttc_s")
-    chromium.run("document.querySelector('#measures input[value=\"false_alarms\"]').click()")
+    chromium.run("document.querySelector('#measures input[value=\"ego_motion.progress_ratio\"]').click()")
     chromium.run("campaign.open(campaign.selected[0])")
     names, address = chromium.run(NAMES), chromium.run("location.hash")
     assert names[0] == "scene_3/7/idm/replay"
@@ -244,7 +244,7 @@ def test_the_address_keeps_the_view(chromium: Browser, page: Path) -> None:
     assert chromium.run(NAMES) == names
     assert chromium.run("document.getElementById('verdict').value") == "failed"
     assert chromium.run("document.querySelector('#panel h2').textContent") == names[0]
-    assert chromium.run("document.querySelector('#runs th[data-column=\"false_alarms\"]') === null")
+    assert chromium.run("document.querySelector('#runs th[data-column=\"ego_motion.progress_ratio\"]') === null")
     assert chromium.problems == []
 
 

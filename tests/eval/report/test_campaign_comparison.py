@@ -77,7 +77,7 @@ def test_what_a_case_that_failed_before_fails_by_newly_is_told(tmp_path: Path) -
 
 
 def test_measures_that_have_hardly_changed_are_shown_on_request(tmp_path: Path) -> None:
-    asked = {"cases": [{"scenario": "demo", "egos": EGOS[:4]}], "seeds": [0]}
+    asked = {"cases": [{"scenario": "demo", "ego_id": EGOS[:4]}], "seeds": [0]}
     both = ("a", (1.0, 2.0, 3.0, 4.0)), ("b", (2.0, 1.0, 4.0, 3.0))
     before, after = (
         stored(tmp_path / name, [metrics(progress_m=value, takeovers=3) for value in values], **asked)

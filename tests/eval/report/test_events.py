@@ -29,9 +29,9 @@ def test_a_takeover() -> None:
         "at": "2.0 s",
         "predicted overlap": "in 2.5 s, p = 0.40",
         "the log alone": "hits ego 1 at 3.3 s",
-        "off its log": "2.0 s",
-        "back": "4.5 s",
-        "left over": "0.50 m",
+        "off its log for": "2.0 s",
+        "back at": "4.5 s",
+        "distance then": "0.50 m",
     }
 
 
@@ -40,7 +40,7 @@ def test_a_takeover_that_never_ends_and_was_for_nothing() -> None:
     cells = dict(zip(table.head, table.rows[0].cells, strict=True))
     assert cells["the log alone"] == "false alarm: no contact"
     assert cells["predicted overlap"] == "in 2.5 s"
-    assert cells["back"] == cells["left over"] == cells["off its log"] == "–"
+    assert cells["back at"] == cells["distance then"] == cells["off its log for"] == "–"
 
 
 def test_a_takeover_that_no_forecast_predicted() -> None:

@@ -67,7 +67,7 @@ def test_hostile_text_of_a_run(small_run: Run, without: Callable[..., Run], monk
     run = without(info=replace(small_run.info, versions=versions, **changes), scenario_yaml=HOSTILE)
     metrics = compute_metrics(run) | {"why": HOSTILE, "digest": HOSTILE, HOSTILE: {HOSTILE: [HOSTILE]}}
     html = run_report.render(run, metrics)
-    expect_text(html, scripts=2, times=12)
+    expect_text(html, scripts=3, times=12)
     data = re.search(r'<script id="data" type="text/plain">([A-Za-z0-9+/=]*)</script>', html)
     assert data  # of letters that cannot end a script, whatever is packed
     assert unpack(data[1])[0]["run"]["id"] == HOSTILE

@@ -96,7 +96,7 @@ def test_data_of_the_page(html: str) -> None:
 
 def test_a_run_that_is_not_valid_is_not_praised(small_run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run_report, "read_forecasts", lambda run: made_forecasts(61, 10))
-    praise, metrics = '<span class="badge good">reactive</span>', compute_metrics(small_run) | {"reactive": True}
+    praise, metrics = '<span class="badge good">no new contacts</span>', compute_metrics(small_run) | {"reactive": True}
     assert praise in render(small_run, metrics | {"valid": True})
     assert praise not in render(small_run, metrics | {"valid": False})
 

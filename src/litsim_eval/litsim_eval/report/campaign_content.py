@@ -9,7 +9,7 @@ from typing import Any
 from urllib.parse import quote
 
 from litsim_eval.analysis.metrics_tree import leaves
-from litsim_eval.campaign.results import RUNS_FOLDER, Campaign, RunResult
+from litsim_eval.campaign.results import RUNS_FOLDER, Campaign, RunResult, rerun_command
 from litsim_eval.report.packing import Packer
 from litsim_eval.report.thumbnails import UNIT_RAD
 from litsim_eval.report.wording import leaf
@@ -30,6 +30,7 @@ NAMED: dict[str, tuple[str, int | None]] = {
     "ego_motion.progress_ratio": ("ego: progress over its log's", 2),
     "false_alarms": ("false alarms", 0),
     "handback.max_position_jump_m": ("largest jump [m]", 3),
+    "minimum_risk_s": ("ego: minimum-risk manoeuvres [s]", 1),
     "progress_m": ("progress [m]", 1),
     "safety.avoidable_contacts": ("avoidable contacts", 0),
     "safety.max_drac_mps2": ("ego: largest DRAC [m/s²]", 2),
@@ -47,9 +48,9 @@ MAIN = (
     *("safety.min_ttc_s", "safety.min_pet_s", "collision.ego_contacts", "ego_motion.progress_ratio", "takeovers"),
     *("false_alarms", "ade_ego_m.10", "collision.excess"),
 )
-"""Measures that the table shows first, after those of criteria, up to :data:`SHOWN` in all."""
+"""Measures that the table shows after those of criteria: the first :data:`SHOWN` that differ between runs."""
 
-SHOWN = 10
+SHOWN = 5
 TOO_FINE = ("timing.stage_ms.", "timing.path_ms.", "lockstep.missed_by_topic.", "lockstep.ego_port.")
 """Branches of the measures that are left out, as their fields differ from run to run."""
 
@@ -76,6 +77,7 @@ def pack_campaign(campaign: Campaign, pictures: Mapping[str, Mapping[str, Any]],
         "runs": [
             {
                 **_case(result),
+                "rerun": rerun_command(campaign.folder, result.case),
                 "variant": variants.index(result.case.variant),
                 "tags": [tags.index(tag) for tag in result.case.tags],
                 "criteria": [
@@ -109,14 +111,13 @@ def fields_of(campaign: Campaign) -> list[dict[str, Any]]:
 
     Returns:
         For each its path, title, digits, the limits that criteria set on it, whether it is shown from the start, and
-        its values in the order of the runs, None where a run has none. Those of criteria come first.
+        its values in the order of the runs, None where a run has none. Those shown come first.
     """
     runs = [_numbers(result) for result in campaign.results]
     known = dict.fromkeys(path for run in runs for path in run)
     judged = dict.fromkeys(each.field for each in campaign.criteria.runs)
-    shown = [path for path in judged if path in known]
-    more = [path for path in MAIN if path in known and path not in judged]
-    main = [*shown, *more[: max(SHOWN - len(shown), 0)]]
+    differing = [path for path in dict.fromkeys((*judged, *MAIN)) if len({run.get(path) for run in runs} - {None}) > 1]
+    main = differing[:SHOWN]
     limits = {path: _limits(campaign, path) for path in judged}
     return [
         {

@@ -7,17 +7,19 @@ from typing import Any
 import numpy as np
 import shapely
 
-from litsim_data.surrogates.safety import following
+from litsim_data.surrogates.safety import TTC_CRITICAL_S, following, safety_series
+from litsim_eval.analysis.comfort import BOUNDS, motion_values
 from litsim_eval.report.forecasts import Forecasts
+from litsim_eval.report.moments import moments
 from litsim_eval.report.packing import Packer
 from litsim_eval.report.plans import NO_PLANS, Plans
 from litsim_eval.report.tracks import Tracks, ghosts_of, tracks_of
 from litsim_sim.core.colours import Mode
-from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import Controller, FloatArray, Kind
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.takeover import Takeover
 from litsim_sim.lane_map.net_lanes import Lane
+from litsim_sim.lane_map.signal_links import stop_line_parts
 from litsim_sim.record.lanes import lane_map_of
 from litsim_sim.record.run import Run
 
@@ -38,6 +40,9 @@ ORIGIN_GRID = 1000.0  # [m]
 IN_MAP = np.zeros(2)
 """Origin of places in frame map."""
 TTC_MAX = 12.0  # [s] largest time to collision that is plotted
+HEADWAY_MAX = 6.0  # [s] largest headway that is plotted
+COMFORT = {"acceleration": "longitudinal_acceleration", "jerk": "longitudinal_jerk", "yaw_rate": "yaw_rate"}
+"""Series of the ego with their names in :data:`litsim_eval.analysis.comfort.BOUNDS`."""
 ON_LOG = 0.005  # [m]
 
 
@@ -71,6 +76,8 @@ def pack_run(run: Run, metrics: dict[str, Any], forecasts: Forecasts, every: int
             "signals": signals(run, tracks, origin),
             **_takeovers(run, tracks, origin),
             "contacts": metrics["collision"]["contacts"],
+            "moments": moments(run, metrics),
+            "bounds": {"ttc": [TTC_CRITICAL_S[0]], **{name: BOUNDS[bound] for name, bound in COMFORT.items()}},
             "series": _series(run, tracks, ghosts),
             "forecast": {"time": np.round(forecasts.time, 3).tolist(), "every": every},
             "plan": {"topic": plans.topic, "stop": plans.stop.tolist()},
@@ -127,17 +134,11 @@ def signals(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> list[dict[
     frames = np.arange(tracks.first, tracks.first + tracks.frames)
     frames = frames[frames < run.signals.states.shape[1]]
     lines = []
-    for link, group in zip(run.signals.links, run.signals.link_group.tolist(), strict=True):
-        lane = sorted(
-            (other for other in run.signals.links if other.from_lane == link.from_lane),
-            key=lambda other: -wrap_angle(np.array(other.exit_heading - other.heading)),
-        )
-        left = np.array([-np.sin(link.heading), np.cos(link.heading)])
-        place = [other.name for other in lane].index(link.name)
-        ends = [link.stop - origin + left * link.width * (0.5 - (place + side) / len(lane)) for side in (0.05, 0.95)]
+    parts = stop_line_parts(run.signals.links) - origin
+    for ends, group in zip(parts, run.signals.link_group.tolist(), strict=True):
         lights = [LIGHTS.get(SignalState(state), "") for state in run.signals.states[group, frames].tolist()]
         shown = [[k, light] for k, light in enumerate(lights) if k == 0 or light != lights[k - 1]]
-        lines.append({"line": np.round(np.concatenate(ends), 2).tolist(), "shown": shown})
+        lines.append({"line": np.round(ends.ravel(), 2).tolist(), "shown": shown})
     return lines
 
 
@@ -218,10 +219,24 @@ def _series(run: Run, tracks: Tracks, ghosts: Tracks) -> dict[str, Any]:
         "speed_log": _values(speeds(ghosts, ego)),
         "ttc_ego": _values(ego_ttc),
         "ttc_others": _values(others_ttc),
+        **{name: _values(series) for name, series in _comfort(run, tracks).items()},
         "deviation": {str(agent): _values(values) for agent, values in far if agent != ego},
         "policy": _values(counts(tracks, Mode.POLICY)),
         "handback": _values(counts(tracks, Mode.HANDBACK)),
     }
+
+
+def _comfort(run: Run, tracks: Tracks) -> dict[str, FloatArray]:
+    """Returns acceleration [m/s2], jerk along the way [m/s3], yaw rate [rad/s] and headway [s] of the ego by frame."""
+    rows, table = run.steps.track(run.info.ego_id), run.steps.stacked
+    frame = run.steps.step[table.number[rows]] - tracks.first
+    values = motion_values(table.speed[rows], table.acceleration[rows], table.yaw_rate[rows], run.info.dt)
+    series = {name: np.full(tracks.frames, np.nan) for name in (*COMFORT, "headway")}
+    for name, bound in COMFORT.items():
+        series[name][frame[len(frame) - len(values[bound]) :]] = values[bound]
+    headway = safety_series(run.steps, run.info.ego_id).headway
+    series["headway"][frame] = np.where(headway <= HEADWAY_MAX, headway, np.nan)
+    return series
 
 
 def _values(series: FloatArray) -> list[float | None]:

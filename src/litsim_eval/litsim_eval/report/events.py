@@ -35,7 +35,7 @@ def takeover_table(entries: Sequence[dict[str, Any]], dt: float, ego: int) -> Ev
         dt: length of a step [s].
         ego: id of the ego.
     """
-    head = "agent|opponent|why|at|predicted overlap|the log alone|off its log|back|left over"
+    head = "agent|opponent|why|at|predicted overlap|the log alone|off its log for|back at|distance then"
     return EventTable(tuple(head.split("|")), tuple(_takeover(entry, dt, ego) for entry in entries))
 
 

@@ -44,31 +44,43 @@ class Column:
     of_all: bool = False
 
 
-SUMMARY = (
+OF_EGO = (
     Column("runs", "runs", of_all=True),
     Column("passed", "passed_share", percent, max, of_all=True),
     Column("not judged", "errors", better=min, of_all=True),
+    Column("contacts of the ego", "ego_contacts", better=min),
+    Column("at the ego's fault", "ego_at_fault", lambda v: number(v, 0), better=min),
+    Column("red lights passed", "red_ego", lambda v: number(v, 0), better=min),
+    Column("standoffs", "standoffs", lambda v: number(v, 0), better=min),
+    Column("shortest time to collision [s]", "min_ttc_s", better=max),
+    Column("shortest headway [s]", "min_headway_s", better=max),
+    Column("steps in comfort", "ego_comfort", percent, max),
+    Column("progress, of its log's", "ego_progress", percent),
+)
+"""Measures of the ego."""
+
+OF_SIMULATION = (
     Column("without measures", "failed", better=min, of_all=True),
     Column("not valid", "invalid", better=min, of_all=True),
     Column("agents", "agents"),
     Column("agents that collide", "colliding_agents", better=min),
     Column("runs with collisions", "colliding_runs", better=min),
     Column("pairs not in the log", "excess_pairs", better=min),
-    Column("contacts of the ego", "ego_contacts", better=min),
     Column("at a background agent's fault", "background_faults", better=min),
     Column("at the ego's fault, the other could avoid it", "ego_faults_avoidable", better=min),
     Column("at the ego's fault, the other could not", "ego_faults_unavoidable"),
     Column("collision rate, all", "rate_all", percent, min),
     Column("collision rate, controlled", "rate_controlled", percent, min),
-    Column("reactive runs", "reactive", percent, max, of_all=True),
+    Column("runs without new contacts", "reactive", percent, max, of_all=True),
     Column("takeovers", "takeovers"),
     Column("false alarms", "false_alarms", better=min),
-    Column("relevant agents", "relevant_ratio", percent),
-    Column("progress [m]", "progress_m", lambda v: number(v, 1)),
+    Column("agents taken over near the ego", "relevant_ratio", percent),
+    Column("progress of all agents [m]", "progress_m", lambda v: number(v, 1)),
     Column("largest jump [m]", "max_position_jump_m", lambda v: number(v, 3), min),
-    Column("largest residual [m]", "max_residual_m", lambda v: number(v, 3), min),
+    Column("largest distance at the return [m]", "max_residual_m", lambda v: number(v, 3), min),
     Column("× real time", "realtime_factor", lambda v: number(v, 1), max),
 )
+"""Measures of the simulation; those that are 0 in all variants are left out."""
 
 
 def write_experiment_report(campaign: Campaign, out: Path | None = None, quiet: bool = True) -> Path:
@@ -131,7 +143,8 @@ def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Pat
         names=list(by_variant),
         criteria=_criteria(campaign, by_variant),
         tags=_tags(by_variant),
-        summary=_side_by_side(summary, (*SUMMARY, *_added())),
+        summary=_side_by_side(summary, (*OF_EGO, *_added())),
+        simulation=_side_by_side(summary, OF_SIMULATION, with_zeros=False),
         displacement=_side_by_side(summary, _displacement()),
         unmeasured=any(variant["failed"] for variant in summary.values()),
         about=[("begun", campaign.begun_at), *((name, str(version)) for name, version in campaign.versions.items())],
@@ -202,6 +215,7 @@ def _criteria(campaign: Campaign, by_variant: dict[str, list[RunResult]]) -> lis
         {
             "name": name,
             "rule": _rule(name, field, limit),
+            "any": any(missed[variant, name, field, limit] for variant in by_variant),
             "cells": [
                 _cell(
                     missed[variant, name, field, limit],
@@ -234,6 +248,7 @@ def _tags(by_variant: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
         {
             "name": tag,
             "rule": "",
+            "any": shares[tag] > 0,
             "cells": [
                 _cell(missed[variant, tag], tagged[variant, tag], variant=variant, tag=tag, verdict=NOT_PASSED)
                 for variant in by_variant
@@ -269,7 +284,9 @@ def _reached(row: dict[str, Any], path: str) -> str:
     return f" ({runs} of {row['measured']})" if runs < row["measured"] else ""
 
 
-def _side_by_side(summary: dict[str, dict[str, Any]], columns: Iterable[Column]) -> list[dict[str, Any]]:
+def _side_by_side(
+    summary: dict[str, dict[str, Any]], columns: Iterable[Column], *, with_zeros: bool = True
+) -> list[dict[str, Any]]:
     """Returns a row for each measure that any variant has, with a cell for each variant; the best of several is marked.
 
     Values that leave out runs without measures have an asterisk. They are never marked as the best, as those runs might
@@ -289,6 +306,6 @@ def _side_by_side(summary: dict[str, dict[str, Any]], columns: Iterable[Column])
             }
             for row, value, mark in zip(rows, values, marks, strict=True)
         ]
-        if any(value is not None for value in values):
+        if any(value is not None and (value or with_zeros) for value in values):
             lines.append({"name": column.name, "cells": cells})
     return lines

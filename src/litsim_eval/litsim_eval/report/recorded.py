@@ -1,33 +1,56 @@
-"""What `launch` does with a run once it is recorded: its measures, its report and a table on the terminal."""
+"""What `launch` does with a run once it is recorded: its measures, its report, a verdict, a table on the terminal."""
 
 from __future__ import annotations
 
+import sys
 from contextlib import suppress
 from pathlib import Path
 
 from litsim_eval.analysis.analyze import measure
+from litsim_eval.campaign.criteria import Criteria, Verdict
+from litsim_eval.campaign.results import judge
 from litsim_eval.report.run_report import REPORT_FILE, render, save, write_report
 from litsim_eval.report.terminal import print_metrics
+from litsim_eval.report.verdict import verdict_text
 from litsim_sim.cli.program import run_status
-from litsim_sim.core.errors import InputError
+from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.record.run import read_run
 
 
-def analyze_recorded(out: Path, *, quiet: bool, failed: bool) -> int:
-    """Writes measures and report of the recording in `out`; returns the exit status: 1 if the run is not valid.
+class RecordedAnalysis:
+    """Measures a recorded run, writes its report, and judges it where there are criteria."""
 
-    Args:
-        out: folder of the run.
-        quiet: whether nothing is printed.
-        failed: whether the run has failed: then the partial recording gets a report, if it can be read.
-    """
-    if failed:
-        with suppress(InputError):
-            write_report(out)
-        return 0
-    run = read_run(out)
-    metrics = measure(run, out)
-    save(render(run, metrics), out / REPORT_FILE)
-    if not quiet:
-        print_metrics(metrics)
-    return run_status(metrics, out)
+    def __init__(self, criteria: str | None) -> None:
+        """Read the criteria: a file, or the name of the packaged ones; None for no verdict.
+
+        Raises:
+            InputError: they cannot be used.
+        """
+        self._criteria = None if criteria is None else Criteria.load(criteria)
+
+    def __call__(self, out: Path, *, quiet: bool, failed: bool) -> int:
+        """Write measures and report of the recording in `out`; returns 1 if the run is not valid, or does not pass.
+
+        Args:
+            out: folder of the run.
+            quiet: whether nothing is printed but the verdict.
+            failed: whether the run has failed: then the partial recording gets a report, if it can be read.
+        """
+        if failed:
+            with suppress(InputError):
+                write_report(out)
+            return 0
+        run = read_run(out)
+        metrics = measure(run, out)
+        status, verdict = run_status(metrics, out), ""
+        if self._criteria is not None and not status:
+            criteria = judge(metrics, self._criteria)
+            missed = [each.reason for each in criteria if not each.passed]
+            status = EXIT_FAILED if missed else 0
+            said = Verdict.FAILED if missed else Verdict.PASSED
+            verdict = verdict_text(said.value, "; ".join(missed), criteria)
+            print("\n".join(f"{said.value}  {reason}" for reason in missed) or said.value, file=sys.stderr)
+        save(render(run, metrics, verdict), out / REPORT_FILE)
+        if not quiet:
+            print_metrics(metrics)
+        return status

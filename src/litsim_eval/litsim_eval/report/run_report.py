@@ -6,12 +6,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.report.content import pack_run
 from litsim_eval.report.events import contact_table, takeover_table
 from litsim_eval.report.forecasts import read_forecasts
 from litsim_eval.report.pages import render_page
 from litsim_eval.report.plans import read_plans
+from litsim_eval.report.verdict import verdict_in
 from litsim_eval.report.wording import NOTHING, lockstep_text, number, percent
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.topic_names import RUN_INFO
@@ -26,7 +29,7 @@ THINNING = (1, 2, 5, 10)  # steps between forecasts, tried in this order until t
 
 
 def write_report(bag: Path, out: Path | None = None, metrics: dict[str, Any] | None = None) -> Path:
-    """Writes the report of a run.
+    """Writes the report of a run; a verdict in an earlier one is kept.
 
     Args:
         bag: folder of the run, or its MCAP file.
@@ -41,7 +44,7 @@ def write_report(bag: Path, out: Path | None = None, metrics: dict[str, Any] | N
     """
     run = read_run(bag)
     path = out or run.path.parent / REPORT_FILE
-    html = render(run, compute_metrics(run) if metrics is None else metrics)
+    html = render(run, compute_metrics(run) if metrics is None else metrics, verdict_in(path))
     save(html, path)
     return path
 
@@ -52,8 +55,8 @@ def save(html: str, path: Path) -> None:
         new.write_text(html, encoding="utf-8")
 
 
-def render(run: Run, metrics: dict[str, Any]) -> str:
-    """Returns the page of a run as HTML."""
+def render(run: Run, metrics: dict[str, Any], verdict: str = "") -> str:
+    """Returns the page of a run as HTML; for its `verdict` see :func:`litsim_eval.report.verdict.verdict_text`."""
     info = run.info
     data, stride = _packed(run, metrics)
     thinned = "" if stride == 1 else f" Forecasts are shown every {stride * info.dt:.1f} s to keep this file small."
@@ -64,6 +67,7 @@ def render(run: Run, metrics: dict[str, Any]) -> str:
         subtitle=f"ego {info.ego_id} by {info.ego} · background by {info.policy} · seed {info.seed}",
         info=info,
         complete=run.complete,
+        verdict=Markup(verdict),  # noqa: S704 - JSON, in which < is escaped
         metrics=metrics,
         takeovers=takeover_table(metrics["ledger"], info.dt, info.ego_id),
         contacts=contact_table(metrics, info.dt, info.ego_id),

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from litsim_eval.analysis.metric import ADDED, added_metrics
+from litsim_eval.campaign.reasons import standoff
 from litsim_eval.report.wording import lockstep_text
 from litsim_sim.core.run_end import RunEnd
 from litsim_sim.core.scene import STEP_S
@@ -35,7 +36,7 @@ def print_ledger(metrics: dict[str, Any], console: Console | None = None) -> Non
     console = console or Console()
     for title, head, rows in (
         ("contacts of the ego (s, m/s)", CONTACT_COLUMNS, list(_contact_rows(metrics))),
-        ("takeovers (s; last off the log by m)", LEDGER_COLUMNS, list(_ledger_rows(metrics))),
+        ("takeovers (s; off: distance from the log at the return, m)", LEDGER_COLUMNS, list(_ledger_rows(metrics))),
     ):
         if rows:
             table = Table(*head, title=title, title_justify="left", box=None, pad_edge=False)
@@ -107,7 +108,7 @@ def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "not in the log", f"{helped}; a background agent's fault {by['background']}"
     rates = (_percent(collision["rate_all"]), _percent(collision["rate_controlled"]))
     yield "collision rate", f"{rates[0]} of all, {rates[1]} of controlled agents"
-    yield "reactive", "yes" if metrics["reactive"] else "no"
+    yield "new contacts", "none" if metrics["reactive"] else "yes"
     horizons = list(metrics["ade_all_m"])
     for name, key in (("ADE all", "ade_all_m"), ("ADE controlled", "ade_controlled_m"), ("ADE ego", "ade_ego_m")):
         values = " / ".join(_plain(metrics[key][h]) for h in horizons)
@@ -138,6 +139,8 @@ def _driving_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "ego: closest", f"{near}, DRAC {_number(safety['max_drac_mps2'], 'm/s²')}"
     if road:
         yield "ego: off road", f"{_percent(road['off_road'])} of steps, over its edge {_percent(road['over_edge'])}"
+    for each in metrics.get("standoffs", []):
+        yield "standoff", standoff(each)
     ego, others = metrics["comfort"]["ego"], metrics["comfort"]["controlled"]
     yield "hard brakes", f"ego {ego['hard_brakes'] if ego else NOTHING}, agents under control {others['hard_brakes']}"
     within = _percent(min(ego["within"].values())) if ego else NOTHING

@@ -14,6 +14,7 @@ from litsim_eval.campaign.junit import JUNIT_FILE, write_junit
 from litsim_eval.campaign.results import Campaign, RunResult, read_campaign
 from litsim_eval.campaign.variant_summary import variant_summary
 from litsim_eval.report.experiment import write_experiment_report
+from litsim_eval.report.verdict import show_verdicts
 from litsim_eval.runs.batched import batches
 from litsim_eval.runs.case_run import PRELOADED, TIME_LIMIT_S, RunOutcome, RunStopped, is_elsewhere, run_over_graph
 from litsim_eval.runs.workers import Workers
@@ -111,5 +112,6 @@ def conclude(folder: CampaignFolder) -> Campaign:
         variants={variant: variant_summary(results) for variant, results in campaign.variants.items()},
     )
     write_junit(campaign, folder.path / JUNIT_FILE)
+    show_verdicts(campaign)
     write_experiment_report(campaign, quiet=False)
     return campaign

@@ -6,6 +6,7 @@ import argparse
 import os
 import shlex
 import sys
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
@@ -32,7 +33,10 @@ from litsim_sim.record.bag import make_room
 from litsim_sim.record.failure import write_failure
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan, ego_names
 
-STATUS_HELP = "Exit status: 0, the run is valid; 1, it failed or is not valid, and stderr says why; 2, bad input."
+STATUS_HELP = (
+    "Exit status: 0, the run is valid, and meets the criteria, if any; 1, it failed, is not valid or does not "
+    "meet them, and stderr says why; 2, bad input."
+)
 
 
 def launch(arguments: argparse.Namespace) -> int:
@@ -44,6 +48,10 @@ def launch(arguments: argparse.Namespace) -> int:
     with without_collection():  # the first step comes 1.07 times as late without this (1.01 to 1.10, 5 pairs)
         check_security(os.environ)
         check_logging(os.environ)
+        if arguments.criteria is not None:
+            if not arguments.analyze:
+                raise InputError("--criteria and --no-analyze: a run is judged by its measures, expected one of them")
+            _analyses(arguments.criteria)  # so that bad criteria are refused
         started_here = bool(arguments.command)
         adapter = _through_adapter(arguments)
         plan = plan_of(arguments)
@@ -87,10 +95,10 @@ def launch(arguments: argparse.Namespace) -> int:
                 with suppress(Unwritable):  # as on a disk that is full, of which the run may have failed
                     write_failure(out, str(error))
                 if arguments.analyze:
-                    _recorded(out, quiet=True, failed=True)
+                    _recorded(out, None, quiet=True, failed=True)
                 return EXIT_FAILED
         if arguments.analyze:
-            status = _recorded(out, quiet=arguments.quiet)
+            status = _recorded(out, arguments.criteria, quiet=arguments.quiet)
         else:
             status = run_status({"valid": not graph.invalid, "why": graph.invalid}, out)
     if not status:
@@ -118,13 +126,21 @@ def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], arguments
         without_interrupts(graph.stop)
 
 
-def _recorded(out: Path, *, quiet: bool, failed: bool = False) -> int:
+def _recorded(out: Path, criteria: str | None, *, quiet: bool, failed: bool = False) -> int:
     """Let the plug-ins of ``litsim.recorded`` work on the recording in `out`; return the highest exit status of theirs.
 
-    They are imported after the run, so that the nodes start without waiting for them.
+    Without criteria they are imported after the run, so that the nodes start without waiting for them.
     """
-    functions = [plugins.load(plugins.RECORDED, name) for name in plugins.names(plugins.RECORDED)]
-    return max((function(out, quiet=quiet, failed=failed) for function in functions), default=0)
+    return max((analysis(out, quiet=quiet, failed=failed) for analysis in _analyses(criteria)), default=0)
+
+
+def _analyses(criteria: str | None) -> list[Callable[..., int]]:
+    """Returns the plug-ins of ``litsim.recorded``, which judge by `criteria`.
+
+    Raises:
+        InputError: the criteria cannot be used.
+    """
+    return [plugins.load(plugins.RECORDED, name)(criteria) for name in plugins.names(plugins.RECORDED)]
 
 
 def _through_adapter(arguments: argparse.Namespace) -> EgoAdapter | None:
@@ -195,6 +211,7 @@ def parser() -> argparse.ArgumentParser:
         "--apart", action="store_true", help="one process per node; default: the stages and LitSim's own ego share one"
     )
     p.add_argument("--no-analyze", dest="analyze", action="store_false", help="record only")
+    p.add_argument("--criteria", metavar="FILE", help="judge the run: criteria (YAML) as of a campaign, or default")
     p.add_argument("--quiet", action="store_true", help="print no progress and no table")
     p.add_argument(
         "command",

@@ -14,6 +14,7 @@ class Player {
   constructor(scene) {
     Object.assign(this, { scene, time: 0, playing: false, speed: 1, then: 0 });
     this.drivers = ["its log", "the policy", scene.ego_by, "the way back to its log"];
+    document.querySelector(".stage").classList.toggle("flat", scene.isFlat());
     this.view = new BirdView($$("view"), scene);
     this.charts = makeCharts($$("plots"), scene, (time) => this.seek(time));
     $$("scrub").max = scene.last;
@@ -22,6 +23,7 @@ class Player {
     this.#legend();
     this.#buttons();
     this.#pointer();
+    this.#verdict();
     this.#tables();
     document.addEventListener("keydown", (event) => this.#key(event));
     for (const query of ["(prefers-color-scheme: dark)", "print"]) {
@@ -207,9 +209,16 @@ class Player {
     for (const { step, in_log: logged } of this.scene.contacts) {
       if (!logged) svg("rect", { x: x(this.scene.frameOf(step)) - 1, y: 0, width: 2.5, height: 14, class: "conflict" }, strip);
     }
+    for (const { name, field, passed } of this.judged ? this.judged.criteria : []) {
+      for (const [begin, end] of (!passed && this.scene.moments[field]) || []) {
+        const [from, to] = [begin, end].map((step) => x(this.scene.frameOf(step)));
+        const mark = svg("rect", { x: from - 1.5, y: -2, width: to - from + 3, height: 5, rx: 1.5, class: "missed" }, strip);
+        svg("title", {}, mark).textContent = name;
+      }
+    }
     for (const row of document.querySelectorAll("#ledger tr[data-step]")) {
       const at = x(this.scene.frameOf(Number(row.dataset.step)));
-      svg("path", { d: `M${at - 4},0h8l-4,6z`, class: "policy" }, strip);
+      svg("path", { d: `M${at - 4},8h8l-4,6z`, class: "policy" }, strip);
     }
   }
 
@@ -237,6 +246,46 @@ class Player {
   zoom(factor, at) {
     this.view.zoom(factor, at);
     this.show();
+  }
+
+  // What a campaign or the launcher has judged, if one has: badge, reasons, and a row for each criterion.
+  #verdict() {
+    const said = $$("verdict").textContent.trim();
+    this.judged = said ? JSON.parse(said) : null;
+    if (!this.judged) return;
+    const { verdict, reason, criteria, campaign, rerun } = this.judged;
+    for (const badge of document.querySelectorAll("#badges .good")) badge.remove();
+    const badge = element("span", verdict);
+    badge.className = `badge ${verdict === "passed" ? "good" : "bad"}`;
+    $$("badges").prepend(badge);
+    const missed = criteria.filter(({ passed }) => !passed);
+    for (const text of missed.length ? missed.map((each) => each.reason) : [reason]) {
+      if (!text) continue;
+      const line = element("p", text);
+      line.className = "problem";
+      $$("judged").append(line);
+    }
+    const links = element("p");
+    links.className = "hint";
+    if (campaign) {
+      const back = element("a", "back to the campaign");
+      back.href = campaign;
+      links.append(back);
+    }
+    if (rerun) links.append(campaign ? " · run it again: " : "run it again: ", element("code", rerun));
+    if (campaign || rerun) $$("judged").append(links);
+    $$("judged").hidden = false;
+    for (const { name, field, value, limit, passed, reason: why } of [...missed, ...criteria.filter((each) => each.passed)]) {
+      const state = element("span", passed ? "met" : "not met");
+      state.className = `badge ${passed ? "good" : "bad"}`;
+      const number = value === null ? "–" : typeof value === "number" ? String(+value.toPrecision(4)) : String(value);
+      const row = element("tr", element("td", name), element("td", state), element("td", number), element("td", limit), element("td", passed ? "" : why));
+      row.title = field;
+      const moments = passed ? [] : this.scene.moments[field] || [];
+      if (moments.length) Object.assign(row.dataset, { step: moments[0][0], agent: this.scene.ego });
+      $$("criteria").querySelector("tbody").append(row);
+    }
+    $$("criteria").hidden = !criteria.length;
   }
 
   #tables() {

@@ -5,20 +5,17 @@ const LEAD = 1; // [s] before the moment of its picture, from which a run is pla
 
 // The columns that there is anything to show in; `measures` are paths of fields.
 function columnsOf(runs, measures, painter) {
-  const text = (of) => (cell, run) => drawText(cell, of(run));
   const picture = (cell, run) => {
     if (run.picture || run.steps) painter.paint(make("canvas", "thumbnail", cell), run, PICTURE.width, PICTURE.height);
   };
   const columns = [
     { id: "picture", title: "", width: PICTURE.width + 14, draw: picture },
     { id: "verdict", title: "verdict", width: 86, sorts: true, draw: (cell, run) => make("span", `badge ${run.verdict}`, cell, run.verdict) },
-    { id: "variant", title: "variant", width: 140, sorts: true, draw: text((run) => runs.variants[run.variant]) },
     { id: "name", title: "run", width: 176, sorts: true, draw: drawName },
-    { id: "tags", title: "tags", width: 110, sorts: true, draw: (cell, run) => drawTags(cell, run.tags.map((tag) => runs.tags[tag])) },
-    { id: "reason", title: "reason", width: 250, sorts: true, draw: (cell, run) => drawText(cell, run.short, run.reason) },
+    { id: "tags", title: "tags", width: 130, sorts: true, draw: (cell, run) => drawTags(cell, run.tags.map((tag) => runs.tags[tag])) },
+    { id: "reason", title: "what happened", width: 268, sorts: true, draw: (cell, run) => drawText(cell, run.reason, run.reason) },
     { id: "links", title: "open", width: 92, draw: addLinks },
     ...measures.map((path) => measureColumn(runs, path)),
-    { id: "wall", title: "wall time [s]", width: 84, sorts: true, number: true, draw: text((run) => read(run.wall, 1)) },
   ];
   const links = runs.runs.some((run) => run.report || run.log);
   const shown = { picture: runs.pictured, tags: runs.tags.length > 0, links };
@@ -32,7 +29,7 @@ function measureColumn(runs, path) {
     cell.textContent = read(runs.value(run, path), field.digits);
     if (run.failed.some((each) => runs.criteria[each].field === path)) cell.classList.add("missed");
   };
-  return { id: path, title: field.label, hint: path, width: 92, sorts: true, number: true, draw };
+  return { id: path, title: field.label, hint: path, width: 84, sorts: true, number: true, draw };
 }
 
 function drawText(cell, text, more = text) {

@@ -16,6 +16,9 @@ class Panel {
     const links = make("p", "links", this.host);
     if (run.report || run.log) addLinks(links, run);
     make("code", "", links, run.folder);
+    const again = make("p", "again", this.host, "run it again ");
+    const command = make("code", "", again, run.rerun);
+    command.addEventListener("click", () => getSelection().selectAllChildren(command));
     this.#criteria(run);
     this.#alike(run);
     this.#list("What was run", [
@@ -40,7 +43,8 @@ class Panel {
   #head(run) {
     const head = make("header", "", this.host);
     make("span", `badge ${run.verdict}`, head, run.verdict);
-    make("h2", "", head, run.name);
+    const title = make("h2", "", head);
+    run.name.split("/").forEach((part, at) => title.append(...(at ? ["/", document.createElement("wbr")] : []), part));
     const buttons = make("div", "buttons", head);
     const button = (text, title, action) => {
       const made = make("button", "", buttons, text);
@@ -59,7 +63,7 @@ class Panel {
     if (!run.reason) return;
     const holder = make("div", "problem", this.host);
     const missed = run.criteria.filter(({ passed }) => !passed);
-    for (const { criterion, reason } of missed) make("p", "", holder, `${this.campaign.runs.criteria[criterion].name}: ${reason}`);
+    for (const { reason } of missed) make("p", "", holder, reason);
     if (!missed.length) make("p", "", holder, run.reason);
   }
 

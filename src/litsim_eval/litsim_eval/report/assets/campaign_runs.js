@@ -15,9 +15,8 @@ class Runs {
     this.runs.forEach((run, index) => {
       run.index = index;
       run.failed = run.criteria.filter(({ passed }) => !passed).map(({ criterion }) => criterion);
-      run.short = run.failed.length ? run.failed.map((each) => this.criteria[each].name).join(", ") : run.reason;
       const told = [run.name, this.variants[run.variant], run.id, run.verdict, run.reason, ...run.tags.map((tag) => this.tags[tag])];
-      run.said = [...told, run.short].join("\n").toLowerCase();
+      run.said = [...told, ...run.failed.map((each) => this.criteria[each].name)].join("\n").toLowerCase();
       if (!this.alike.has(run.same)) this.alike.set(run.same, []);
       this.alike.get(run.same).push(run);
     });
@@ -51,8 +50,7 @@ class Runs {
     if (column === "variant") return run.variant;
     if (column === "name") return run.name;
     if (column === "tags") return run.tags.length ? run.tags.map((tag) => this.tags[tag]).join(" ") : null;
-    if (column === "reason") return run.short || null;
-    if (column === "wall") return run.wall;
+    if (column === "reason") return run.reason || null;
     return this.value(run, column);
   }
 

@@ -5,8 +5,8 @@ const MARGIN = { left: 34, right: 8, top: 6, bottom: 16 };
 
 // lines: [{values, style, label, id}]; values are one a frame, null where there is nothing. Stacked lines are areas.
 class Chart {
-  constructor(host, scene, { title, unit, lines, stacked = false, digits = 1, empty = "" }, seek) {
-    Object.assign(this, { scene, lines, stacked, digits, unit, empty });
+  constructor(host, scene, { title, unit, lines, stacked = false, digits = 1, empty = "", bounds = [] }, seek) {
+    Object.assign(this, { scene, lines, stacked, digits, unit, empty, bounds });
     const figure = document.createElement("figure");
     const caption = document.createElement("figcaption");
     caption.innerHTML = `<b>${title}</b> <span class="unit">${unit}</span> `;
@@ -46,12 +46,14 @@ class Chart {
     if (!width) return;
     element.replaceChildren();
     element.setAttribute("viewBox", `0 0 ${width} ${height}`); // keeps it whole on paper, where it is not drawn anew
-    const high = niceTop(this.#highest());
+    const [lowest, highest] = this.#range();
+    const high = niceTop(Math.max(highest, -lowest));
+    const low = lowest < 0 ? -high : 0;
     this.x = (frame) => MARGIN.left + (frame / Math.max(scene.last, 1)) * (width - MARGIN.left - MARGIN.right);
-    const y = (value) => height - MARGIN.bottom - (value / high) * (height - MARGIN.top - MARGIN.bottom);
+    const y = (value) => height - MARGIN.bottom - ((value - low) / (high - low)) * (height - MARGIN.top - MARGIN.bottom);
     const past = this.x(scene.frameOf(scene.history));
-    svg("rect", { x: MARGIN.left, y: MARGIN.top, width: past - MARGIN.left, height: y(0) - MARGIN.top, class: "history" }, element);
-    for (const value of [0, high / 2, high]) {
+    svg("rect", { x: MARGIN.left, y: MARGIN.top, width: past - MARGIN.left, height: y(low) - MARGIN.top, class: "history" }, element);
+    for (const value of [low, (low + high) / 2, high]) {
       svg("line", { x1: MARGIN.left, x2: width - MARGIN.right, y1: y(value), y2: y(value), class: "grid" }, element);
       svg("text", { x: MARGIN.left - 5, y: y(value) + 4, class: "tick end" }, element).textContent = +value.toFixed(2);
     }
@@ -61,20 +63,25 @@ class Chart {
       const at = this.x(t / scene.dt - scene.first);
       svg("text", { x: at, y: height - 3, class: "tick middle" }, element).textContent = t ? t : "0 s";
     }
+    for (const bound of this.bounds.filter((each) => each >= low && each <= high)) {
+      svg("line", { x1: MARGIN.left, x2: width - MARGIN.right, y1: y(bound), y2: y(bound), class: "bound" }, element);
+    }
     this.#drawLines(y);
     if (this.empty && !this.lines.some(({ values }) => values.some((v) => v !== null))) {
       svg("text", { x: width / 2, y: height / 2, class: "tick middle" }, element).textContent = this.empty;
     }
-    this.cursor = svg("line", { y1: MARGIN.top, y2: y(0), class: "cursor" }, element);
+    this.cursor = svg("line", { y1: MARGIN.top, y2: y(low), class: "cursor" }, element);
     this.move(this.time || 0);
     this.select(this.selected ?? null);
   }
 
-  #highest() {
-    let high = 0;
+  // Smallest and largest value, 0 among them, and bounds that are not far beyond.
+  #range() {
+    let [low, high] = [0, 0];
     if (this.stacked) for (let k = 0; k < this.scene.frames; k++) high = Math.max(high, this.lines.reduce((sum, line) => sum + line.values[k], 0));
-    else for (const { values } of this.lines) for (const value of values) high = Math.max(high, value ?? 0);
-    return high;
+    else for (const { values } of this.lines) for (const value of values) [low, high] = [Math.min(low, value ?? 0), Math.max(high, value ?? 0)];
+    const near = this.bounds.filter((bound) => Math.abs(bound) < 3 * Math.max(high, -low));
+    return [Math.min(low, ...near), Math.max(high, ...near)];
   }
 
   #drawLines(y) {
@@ -145,10 +152,21 @@ function makeCharts(host, scene, seek) {
   const far = Object.entries(series.deviation).map(([id, values]) => ({ values, style: "policy", id: Number(id) }));
   const off = [{ values: series.policy, style: "policy", label: "taken over" }];
   if (series.handback.some(Boolean)) off.push({ values: series.handback, style: "handback", label: "handing back" });
-  return [
-    { title: "Speed of the ego", unit: "m/s", lines: speed },
-    { title: "TTC with the leader", unit: "s", lines: ttc, empty: "never below 12 s" },
+  const ofEgo = (values) => [{ values, style: "ego", label: "ego" }];
+  const within = (unit, [low, high]) => `${unit}, in comfort from ${low} to ${high}`;
+  const { bounds } = scene;
+  const offLog = off.some(({ values }) => values.some(Boolean));
+  const background = [
     { title: "Off their log by", unit: "m, a line an agent", lines: far, empty: "no agent left its log" },
     { title: "Agents off their log", unit: "", lines: off, stacked: true, digits: 0 },
+  ];
+  return [
+    { title: "Speed of the ego", unit: "m/s", lines: speed },
+    { title: "Acceleration", unit: within("m/s²", bounds.acceleration), lines: ofEgo(series.acceleration), bounds: bounds.acceleration },
+    { title: "Jerk", unit: within("m/s³", bounds.jerk), lines: ofEgo(series.jerk), bounds: bounds.jerk },
+    { title: "Yaw rate", unit: within("rad/s", bounds.yaw_rate), lines: ofEgo(series.yaw_rate), bounds: bounds.yaw_rate, digits: 2 },
+    { title: "Headway", unit: "s", lines: ofEgo(series.headway), empty: "never below 6 s" },
+    { title: "TTC with the leader", unit: "s", lines: ttc, empty: "never below 12 s", bounds: bounds.ttc },
+    ...(offLog ? background : []),
   ].map((description) => new Chart(host, scene, description, seek));
 }

@@ -7,6 +7,7 @@ class Scene {
   constructor(content) {
     Object.assign(this, content.run, { arrays: content.arrays, road: content.road, series: content.series });
     Object.assign(this, { agents: content.agents, takeovers: content.takeovers, paths: content.paths });
+    Object.assign(this, { moments: content.moments, bounds: content.bounds });
     Object.assign(this, { contacts: content.contacts, forecastTime: content.forecast.time, signals: content.signals });
     this.every = content.forecast.every;
     this.plan = content.plan;
@@ -24,6 +25,13 @@ class Scene {
       byStep.get(step).push(row);
     });
     return byStep;
+  }
+
+  // Whether the road is much longer from left to right than from top to bottom, as a motorway is.
+  isFlat() {
+    const points = this.road.lanes.flatMap(({ line }) => line);
+    const extent = (values) => values.reduce((most, value) => Math.max(most, value), -Infinity) + values.reduce((most, value) => Math.max(most, -value), -Infinity);
+    return points.length > 0 && extent(points.filter((_, k) => k % 2 === 0)) > 5 * extent(points.filter((_, k) => k % 2 === 1));
   }
 
   frameOf(step) {

@@ -1,0 +1,71 @@
+"""The verdict on a run in its report, which a campaign or the launcher gives after the report is written."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from litsim_eval.campaign.criteria import CriterionResult
+from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RUNS_FOLDER, Campaign, RunResult, rerun_command
+from litsim_eval.report.campaign_content import address
+from litsim_sim.io.files import replacing
+
+BEGIN, END = '<script id="verdict" type="application/json">', "</script>"
+
+
+def verdict_text(
+    verdict: str, reason: str, criteria: Sequence[CriterionResult], *, campaign: str = "", rerun: str = ""
+) -> str:
+    """Returns what a report reads as the verdict on its run, as JSON that can stand in a script of a page.
+
+    Args:
+        verdict: passed, failed or error.
+        reason: why it is no pass.
+        criteria: results of the criteria.
+        campaign: address of the run in the page of its campaign, relative to the report.
+        rerun: command that runs it again.
+    """
+    values = {
+        "verdict": verdict,
+        "reason": reason,
+        "criteria": [asdict(each) for each in criteria],
+        "campaign": campaign,
+        "rerun": rerun,
+    }
+    return json.dumps(values, allow_nan=False).replace("<", "\\u003c")
+
+
+def verdict_in(page: Path) -> str:
+    """Returns what a report reads as its verdict, as :func:`verdict_text` does; empty without a page or a verdict."""
+    if not page.is_file():
+        return ""
+    return page.read_text(encoding="utf-8", errors="replace").partition(BEGIN)[2].partition(END)[0]
+
+
+def show_verdicts(campaign: Campaign) -> None:
+    """Writes the verdicts of a campaign into the reports of its runs, where they are not there yet.
+
+    Raises:
+        Unwritable: a report cannot be written.
+    """
+    for result in campaign.results:
+        page = campaign.folder / RUNS_FOLDER / result.case.id / (result.report or "")
+        if result.report and page.is_file():
+            _show(page, _verdict(campaign, result, page.parent))
+
+
+def _verdict(campaign: Campaign, result: RunResult, beside: Path) -> str:
+    link = f"{address(campaign.folder / EXPERIMENT_REPORT_FILE, beside)}#run={result.case.id}"
+    rerun = rerun_command(campaign.folder, result.case)
+    return verdict_text(result.verdict.value, result.reason, result.criteria, campaign=link, rerun=rerun)
+
+
+def _show(page: Path, text: str) -> None:
+    html = page.read_text(encoding="utf-8")
+    before, begin, rest = html.partition(BEGIN)
+    old, end, after = rest.partition(END)
+    if begin and end and old != text:
+        with replacing(page) as new:
+            new.write_text(f"{before}{begin}{text}{end}{after}", encoding="utf-8")
