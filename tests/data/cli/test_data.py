@@ -18,6 +18,7 @@ from litsim_data.ngsim.sites import I80, US101
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller
 from litsim_sim.core.signals import SignalState
+from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.record.run import Run, RunInfo
 from litsim_sim.scenario.recording import COLUMNS, Recording
 from litsim_sim.scenario.scenario import packaged
@@ -179,6 +180,23 @@ def test_errors_take_one_line_and_status_2(
     if arguments[0] not in ("map", "info") and "cut.txt" not in arguments:  # those show their progress before
         assert len(said) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["cut.txt"]
+
+
+def test_tracks_are_cut_to_a_net(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    part = Recording.read(EMBEDDED)
+    part = Recording.of_table(part.header, part.table[part.table["frame"] < 20])
+    shifted = part.table.assign(x=part.table["x"] - 60.0)
+    Recording.of_table(part.header, shifted).write(tmp_path / "in.parquet")
+    data.main(["convert", str(tmp_path / "in.parquet"), str(tmp_path / "out.parquet"), "--net", "us101_like"])
+    cut = Recording.read(tmp_path / "out.parquet").table
+    lanes = LaneMap.from_net(packaged("nets/us101_like.net.xml"))
+    assert 0 < len(cut) < len(shifted) and lanes.inside_road(cut["x"].to_numpy(), cut["y"].to_numpy()).all()
+    assert re.search(r"left out   \d+ rows of vehicles before they come onto the map", capsys.readouterr().out)
+    far = shifted.assign(y=shifted["y"] + 500.0)
+    Recording.of_table(part.header, far).write(tmp_path / "far.parquet")
+    with pytest.raises(SystemExit, match="2"):
+        data.main(["convert", str(tmp_path / "far.parquet"), str(tmp_path / "no.parquet"), "--net", "us101_like"])
+    assert "no vehicle comes onto a lane of" in capsys.readouterr().err and not (tmp_path / "no.parquet").exists()
 
 
 # Plot and export

@@ -42,6 +42,12 @@ def drafted(path: Path) -> Mapping:
             .drop(columns="speed")
             .rename(columns={"track_id": "agent_uuid", "timestamp": "stamp_ns", "v": "speed_kph"})
         ),
+        lambda table: table.assign(timestamp=(1e9 * table["timestamp"]).round().astype(int)).rename(
+            columns={"track_id": "track_idx", "timestamp": "total_nanos", "x": "tx_m", "y": "ty_m"}
+        ),
+        lambda table: pd.concat(
+            [table.assign(valid=True), table.assign(valid=False, x=-10000.0, y=-10000.0, heading=np.nan, speed=-1.0)]
+        ),
         lambda table: table.assign(length=100.0 * table["length"], width=180.0).rename(
             columns={
                 "heading": "Course_rad",

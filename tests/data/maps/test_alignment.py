@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from litsim_data.maps import alignment
 from litsim_data.maps.alignment import Alignment, align, explained, grid_convergence
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.scenario import packaged
@@ -92,3 +93,12 @@ def test_what_a_turn_comes_from() -> None:
     assert "does not explain the turn" in explained(math.radians(0.7), site)
     assert "--origin LAT LON" in explained(math.radians(1.4), None)
     assert explained(math.radians(0.05), site) == explained(math.radians(12.0), site) == ""
+
+
+def test_tracks_in_another_country_are_told_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their motion is not looked for: with thousands of starts that took minutes."""
+    monkeypatch.setattr(alignment, "_descended", None)
+    lane_map = LaneMap.from_net(packaged("nets/us101_like.net.xml"))
+    far = pd.DataFrame({"x": np.linspace(1.5e7, 1.5e7 + 400.0, 50), "y": -5.0, "yaw": 0.0})
+    found = align(lane_map, far)
+    assert found.lost and found.shift == (0.0, 0.0) and found.net_centre == pytest.approx((320.0, -15.0), abs=30.0)

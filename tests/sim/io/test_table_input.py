@@ -113,3 +113,9 @@ def test_lines_of_packed_files_are_those_of_their_content(tmp_path: Path) -> Non
     path.write_bytes(gzip.compress(b"a,b\n" + b"1,2\n" * 300 + b"1,2,3\n"))
     with pytest.raises(InputError, match="line 302: 3 cells, expected 2"):
         TableFile.open(path).read(["a", "b"])
+
+
+def test_arrow_files_are_known_as_such(tmp_path: Path) -> None:
+    pd.DataFrame({"a": [1, 2]}).to_feather(tmp_path / "t.feather")
+    with pytest.raises(InputError, match=r"t\.feather: is an Arrow file \(Feather\), expected CSV or Parquet"):
+        TableFile.open(tmp_path / "t.feather")

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from litsim_data.generic.mapping import Mapping
 
 
-NOT_DRAFTED = ("mapping", "vehicles", "clip", "crop", "raw")  # options that do not apply to a draft
+NOT_DRAFTED = ("mapping", "vehicles", "clip", "crop", "raw", "net")  # options that do not apply to a draft
 
 
 def add(subparsers: Any) -> None:
@@ -43,6 +43,8 @@ def add(subparsers: Any) -> None:
     command.add_argument("--vehicles", type=Path, metavar="FILE", help=vehicles_help)
     draft_help = "guess a mapping (YAML) for IN from its columns, and write it to OUT for you to check"
     command.add_argument("--draft", action="store_true", help=draft_help)
+    net_help = "cut tracks to where lanes of this net are (a file, or the name of a packaged one)"
+    command.add_argument("--net", metavar="NET", help=net_help)
     raw_help = "official NGSIM: keep published speeds and accelerations, do not smooth positions"
     command.add_argument("--raw", action="store_true", help=raw_help)
     command.set_defaults(run=run)
@@ -69,6 +71,10 @@ def run(arguments: argparse.Namespace) -> None:
     if len(arguments.sources) > 1:
         raise InputError(f"{arguments.sources[1]}: several files IN go with --mapping or --draft")
     if is_official(source):
+        if arguments.net is not None:
+            raise InputError(
+                f"{source}: --net does not go with official NGSIM files: convert them, then cut the result"
+            )
         from litsim_data.ngsim.official import convert
 
         for one in convert(source, arguments.out, cleaned=not arguments.raw, crop=crop):
@@ -78,12 +84,31 @@ def run(arguments: argparse.Namespace) -> None:
         return
     if arguments.raw:
         raise InputError(f"{source}: --raw is for official NGSIM files")
-    if is_bag(source) and not crop:
+    if is_bag(source) and not crop and arguments.net is None:
         _convert_bag(source, arguments.out)
         return
-    recording = load_recording(source, crop)
+    recording, cut = _cut(load_recording(source, crop), arguments)
     recording.write(_file(arguments.out))
-    print(describe(recording))
+    print(describe(recording), *cut, sep="\n")
+
+
+def _cut(recording: Recording, arguments: argparse.Namespace) -> tuple[Recording, list[str]]:
+    """Returns the recording, cut to the net that `--net` names, and lines on what was left out.
+
+    Raises:
+        InputError: there is no such net, or no vehicle comes onto its lanes.
+    """
+    if arguments.net is None:
+        return recording, []
+    from litsim_data.maps.net_cropping import cropped_to_net
+    from litsim_sim.lane_map.lane_map import LaneMap
+    from litsim_sim.scenario.recorded_net import net_of
+
+    net = net_of(recording.header, arguments.out, arguments.net)
+    cut, lines = cropped_to_net(recording, LaneMap.from_net(net))
+    if not len(cut.columns["frame"]):
+        raise InputError(f"{arguments.sources[0]}: no vehicle comes onto a lane of {net}: data map --check shows why")
+    return cut, lines
 
 
 def _convert_bag(source: Path, out: Path) -> None:
@@ -117,9 +142,10 @@ def _convert_mapped(arguments: argparse.Namespace, crop: dict[str, list[float]])
         file = os.path.relpath(arguments.vehicles, arguments.sources[0].parent)
         chosen["vehicles"] = mapping.vehicles.model_copy(update={"file": file})
     recording, counts = convert(arguments.sources, mapping.model_copy(update=chosen))
+    recording, cut = _cut(recording, arguments)
     recording, signals = _with_signals(recording, mapping, arguments.mapping, arguments.out)
     recording.write(_file(arguments.out))
-    print(describe(recording), counts.text(), *signals, sep="\n")
+    print(describe(recording), counts.text(), *cut, *signals, sep="\n")
 
 
 def _with_signals(recording: Recording, mapping: Mapping, file: Path, out: Path) -> tuple[Recording, list[str]]:

@@ -53,8 +53,12 @@ def run(arguments: argparse.Namespace) -> int:
     if not imported:
         raise InputError(failed[0])
     folder = arguments.out / "scenarios"
-    manifest = cut(imported, folder)
     print(HEAD, *(scene.row for scene in imported), sep="\n")
+    try:
+        manifest = cut(imported, folder)
+    except InputError as error:
+        print(f"no scenario: {error}", file=sys.stderr)
+        return EXIT_FAILED
     sources = [Sources(one.recording, one.net.lane_map) for one in imported]
     names = [folder / f"{segment.name}.yaml" for segment in manifest.segments]
     usable = survey(names, [sources[segment.recording] for segment in manifest.segments])

@@ -37,11 +37,11 @@ OF = r"(vehicle|veh|car|object|obj|actor|agent|track|timestep)_?"
 """What many names begin with, in lower case: ``vehicle_x`` of SUMO's trajectories is an x."""
 PLACE = r"(local|pos(ition)?|utm|map|translation|location|cent(er|re))_?"
 NAMES: dict[str, str] = {
-    "vehicle_id": r"(vehicle|track|agent|actor|object|car|obj|veh|instance)?_?(id|uuid|token)",
-    "time": rf"({OF}|global_?)?(time|timestamp|stamp)(_?(s|ms|us|ns|sec|seconds|micros|millis|nanos))?|t",
+    "vehicle_id": r"(vehicle|track|agent|actor|object|car|obj|veh|instance)?_?(id|uuid|token|idx|index)",
+    "time": rf"({OF}|global_?)?(time|timestamp|stamp)(_?(s|ms|us|ns|sec|seconds|micros|millis|nanos))?|t|total_nanos",
     "frame": r"frame(_?(id|number|num|no))?|(time_?)?step",
-    "x": rf"({OF})?({PLACE})?x(_?(center|centre|m|ft|pos|position|utm))?|(utm_?)?east(ing)?",
-    "y": rf"({OF})?({PLACE})?y(_?(center|centre|m|ft|pos|position|utm))?|(utm_?)?north(ing)?",
+    "x": rf"({OF})?({PLACE})?t?x(_?(center|centre|m|ft|pos|position|utm))?|(utm_?)?east(ing)?",
+    "y": rf"({OF})?({PLACE})?t?y(_?(center|centre|m|ft|pos|position|utm))?|(utm_?)?north(ing)?",
     "length": rf"({OF}|v_?)?(length|size_?l)(_?(m|ft|cm))?",
     "width": rf"({OF}|v_?)?(width|size_?w)(_?(m|ft|cm))?",
     "yaw": rf"({OF}|utm_?)?(yaw|heading|course|psi|theta|orientation|angle)(_?(rad|deg))?",
@@ -81,6 +81,10 @@ FEET, METRES = r"(ft|feet)$", r"[_x]m$|utm|east"
 """Pattern of names of a column of positions, in lower case, that tell their unit."""
 GEOGRAPHIC = r"lat(itude)?|lon(gitude)?|lng"
 """Pattern of column names, in lower case, of positions that no mapping reads."""
+VALID = r"(is_?)?valid"
+"""Pattern of names of a column, in lower case, that says in which rows a vehicle is there."""
+TRUE = ("true", "1")
+"""Values, as text, of a column that says so."""
 COMPONENTS = ("speed_x", "speed_y")
 HEIGHT = "height"
 """Column of image boxes with their extent across the road; column width is their extent along it."""
@@ -109,7 +113,7 @@ def draft(paths: Path | Sequence[Path]) -> str:
     source = TableFiles.open(paths)
     columns = _named(source)
     used = set(columns.values())
-    raw = source.read(sorted(used), needed={columns[name] for name in NEEDED if name in columns})
+    raw, valid = _present(source, columns)
     table = pd.DataFrame({ours: raw[theirs] for ours, theirs in columns.items()})
     if "time" in table and is_stamped(table["time"]):
         table["time"] = since_1970(table["time"])
@@ -153,10 +157,28 @@ def draft(paths: Path | Sequence[Path]) -> str:
     _motion(mapping, _Steps.of(table, _rows_apart(mapping, steps)))
     if "kind" in columns:
         _kinds(mapping, table["kind"])
-    unused = [name for name in source.columns if name not in used or name in held]
+    if valid:
+        mapping.fields["rows"] = {name: [*TRUE] for name in valid}
+    unused = [name for name in source.columns if name not in {*used, *valid} or name in held]
     text = _written(mapping, f"Drafted from the columns of {source.name}; not used: {', '.join(unused) or 'none'}.")
     Mapping.model_validate(yaml.safe_load(text))  # else this is wrong, not the user
     return text
+
+
+def _present(source: TableFiles, columns: dict[str, str]) -> tuple[pd.DataFrame, list[str]]:
+    """Returns the rows of the file's `columns` in which a vehicle is there, and the columns that say so.
+
+    Raises:
+        InputError: the file cannot be read, or none is there.
+    """
+    valid = [name for name in source.columns if re.fullmatch(VALID, name.strip().lower())][:1]
+    needed = {columns[name] for name in NEEDED if name in columns}
+    raw = source.read(sorted({*columns.values(), *valid}), needed=needed)
+    for name in valid:
+        raw = raw[texts(raw[name]).isin(TRUE)].reset_index(drop=True)
+        if raw.empty:
+            raise InputError(f"{source}: column {name!r} is true in no row; write the mapping by hand (docs/data.md)")
+    return raw, valid
 
 
 def _numbers(column: pd.Series, row: pd.Series, name: str, source: TableFiles) -> pd.Series:

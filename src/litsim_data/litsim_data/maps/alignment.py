@@ -25,6 +25,7 @@ ITERATIONS = 25
 SCALES = (1.5, 0.6)  # [m] of the weights, from the first iteration to the last: farther matches count little
 START_SHIFTS = np.arange(-9.6, 9.7, 1.2)  # [m] along x and y: a third of a lane apart
 START_TURNS = np.deg2rad(np.arange(-3.0, 3.1, 0.75))
+REACH = 1000.0  # [m] between tracks and net, beyond which they are not compared
 STARTS = 6  # of these, the best, that are followed
 NEAR = 1.0  # [m] from a centre line at which a position counts a third of one in the middle, for choosing starts
 BETTER = 0.02  # share of the positions on lanes that another start must win to be preferred to no start at all
@@ -96,6 +97,12 @@ def align(lane_map: LaneMap, table: pd.DataFrame) -> Alignment:
     rows = np.unique(np.linspace(0, len(table) - 1, min(POINTS, len(table))).astype(np.int64))
     x, y, yaw = (table[name].to_numpy(np.float64)[rows] for name in ("x", "y", "yaw"))
     centre = (float(x.mean()), float(y.mean()))
+    points = np.concatenate([lane.centerline for lane in lane_map.lanes])
+    low, high = points.min(axis=0), points.max(axis=0)
+    net_centre = (float(0.5 * (low[0] + high[0])), float(0.5 * (low[1] + high[1])))
+    away = np.maximum(np.maximum(low - [x.max(), y.max()], [x.min(), y.min()] - high), 0.0)
+    if np.hypot(*away) > REACH:  # no motion of those below brings a track onto a lane
+        return Alignment(centre, (0.0, 0.0), 0.0, 0.0, 0.0, determined=False, net_centre=net_centre)
     before = share_along(lane_map, x, y, yaw)
     best, determined = _descended(lane_map, (x, y, yaw), np.zeros(3), centre)
     after = share_along(lane_map, *_moved(x, y, best, centre), yaw + best[2])
@@ -104,9 +111,7 @@ def align(lane_map: LaneMap, table: pd.DataFrame) -> Alignment:
         share = share_along(lane_map, *_moved(x, y, motion, centre), yaw + motion[2])
         if share > after + BETTER:
             best, after, determined = motion, share, complete
-    points = np.concatenate([lane.centerline for lane in lane_map.lanes])
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    shift, net_centre = (float(best[0]), float(best[1])), (float(middle[0]), float(middle[1]))
+    shift = (float(best[0]), float(best[1]))
     return Alignment(centre, shift, float(best[2]), before, after, determined, net_centre)
 
 

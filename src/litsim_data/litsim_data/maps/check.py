@@ -157,7 +157,7 @@ def load_warnings(net: Path) -> tuple[str, ...]:
     """Returns what SUMO says when it loads the net, in a process of its own (libsumo is one per process)."""
     done = subprocess.run([sys.executable, "-c", _LOAD, str(net)], capture_output=True, text=True, check=False)
     lines = [line.strip() for line in (done.stdout + done.stderr).splitlines()]
-    lines = [line for line in lines if line.startswith(("Warning", "Error"))]
-    if done.returncode != 0 and not lines:
-        lines = [f"SUMO ended with status {done.returncode}"]
-    return tuple(lines)
+    told = [line for line in lines if line.startswith(("Warning", "Error"))]
+    if done.returncode != 0 and not told:
+        told = [f"SUMO ended with status {done.returncode}: {next(filter(None, reversed(lines)), 'without a word')}"]
+    return tuple(told)

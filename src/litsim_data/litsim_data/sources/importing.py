@@ -36,6 +36,7 @@ from litsim_sim.scenario.recording import Recording
 from litsim_sim.scenario.signals import SignalsFile, on_clock
 
 SHORT_S = 28.1  # [s] recordings that are shorter become one scenario each
+NOTES = 8  # most lines on a map that are shown
 HISTORY_SHARE, EGO_SHARE = 0.25, 0.6  # of a shorter recording; of the time after its history, that an ego is there
 
 
@@ -171,7 +172,8 @@ def _import_scene(scene: Scene, source: Source, out: Path, nets: dict[str, Net])
     recording.write(path)
     check, picture = _check(recording, net, out / f"{scene.name}.png")
     lines = [describe(recording), counts.text(), *cropped, *heeded, *(f"note       {note}" for note in scene.notes)]
-    lines += [f"map        {note}" for note in net.notes]
+    lines += [f"map        {note}" for note in net.notes[:NOTES]]
+    lines += [f"map        and {len(net.notes) - NOTES} more such lines"] if len(net.notes) > NOTES else []
     lines += [describe_check(check), f"picture    {picture}"]
     net.notes.clear()
     return Imported(scene.name, recording, path, net, counts, check, signals, lines, time.monotonic() - begin)

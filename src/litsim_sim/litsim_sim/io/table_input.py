@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 ROWS_MAX = 10**12  # most rows of one of several files; row numbers of each file begin at a multiple of it
+ARROW_MAGIC = b"ARROW1"
 PACKED = (".bz2", ".gz", ".lz4", ".zst")  # ends of the names of files that pyarrow unpacks
 SEPARATORS = (";", "\t", "|")
 """Separators of cells other than commas; by the first line of a file, which has no comma then."""
@@ -57,6 +58,10 @@ class TableFile:
             raise InputError(f"{path}: no such file")
         parquet, separator = False, ","
         try:
+            if _is_arrow(path):
+                raise InputError(
+                    f"{path}: is an Arrow file (Feather), expected CSV or Parquet: pandas.read_feather reads it"
+                )
             parquet = is_parquet(path)
             if parquet:
                 return cls(path, parquet, tuple(pq.read_schema(path).names))
@@ -188,6 +193,12 @@ def _lines(path: Path, rows: Sequence[int]) -> list[int]:
         full = (number for number, line in enumerate(file, 1) if line.strip("\n"))
         lines = dict(enumerate(islice(full, max(rows)), 1))
     return [lines[row] for row in rows]
+
+
+def _is_arrow(path: Path) -> bool:
+    """Returns whether the file at `path` begins like an Arrow file (Feather)."""
+    with path.open("rb") as file:
+        return file.read(len(ARROW_MAGIC)) == ARROW_MAGIC
 
 
 def is_stamped(column: pd.Series) -> bool:
