@@ -8,7 +8,9 @@ autoware_simple_pure_pursuit does. Services refuse until what they need is there
 from __future__ import annotations
 
 import argparse
+import os
 import sys
+import time
 from typing import Any
 
 import numpy as np
@@ -34,6 +36,9 @@ p.add_argument("--universe", action="store_true", help="localization and operati
 p.add_argument("--sim-time", action="store_true", help="timers run on /clock")
 p.add_argument("--wheelbase", type=float, default=2.6)
 p.add_argument("--overhang", type=float, default=3.5)
+p.add_argument("--late", type=float, default=0.0, help="seconds until it starts")
+p.add_argument("--slow", type=float, default=0.0, help="seconds that a plan takes")
+p.add_argument("--restart-after", type=int, default=-1, help="commands after which it starts anew, knowing nothing")
 options = p.parse_args()
 
 
@@ -96,6 +101,7 @@ class StandIn(Node):
     def on_odometry(self, message: Odometry) -> None:
         self.odometry = message
         if self.route and len(self.line):
+            time.sleep(options.slow)
             self.trajectory = self.plan(message)
             self.plan_to.publish(self.trajectory)
 
@@ -134,6 +140,10 @@ class StandIn(Node):
         message.longitudinal.velocity = points[0].longitudinal_velocity_mps
         message.longitudinal.acceleration = float(np.clip(points[0].longitudinal_velocity_mps - speed, -4.0, 1.5))
         self.to.publish(message)
+        options.restart_after -= 1
+        if options.restart_after == 0:
+            words = sys.argv[: sys.argv.index("--restart-after")]
+            os.execv(sys.executable, [sys.executable, *words])
         self.gear_to.publish(GearCommand(stamp=message.stamp, command=GearCommand.DRIVE))
         side = TurnIndicatorsCommand.ENABLE_LEFT if speed < 14.0 else TurnIndicatorsCommand.DISABLE
         self.turn_to.publish(TurnIndicatorsCommand(stamp=message.stamp, command=side))
@@ -151,6 +161,7 @@ def state_of(odometry: Odometry) -> tuple[complex, float, float]:
     return complex(pose.position.x, pose.position.y), float(yaw), float(odometry.twist.twist.linear.x)
 
 
+time.sleep(options.late)
 rclpy.init()
 executor = SingleThreadedExecutor()
 executor.add_node(StandIn())

@@ -117,6 +117,21 @@ def test_a_trajectory_is_followed_and_the_adapter_may_be_started_by_hand(graph: 
 
 
 @with_types
+def test_a_stack_that_is_slow_and_comes_late_drives(graph: Any) -> None:
+    done, metrics = drive(graph, "run", stack=("--late", "3", "--slow", "0.15"))
+    assert done.returncode == 0, done.stderr + (graph.folder / "run/log/ads.log").read_text()
+    assert (metrics["lockstep"]["missed"], metrics["lockstep"]["ego_port"]["answered"]) == (0, 36)
+
+
+@with_types
+def test_a_stack_that_starts_anew_and_has_lost_its_route_ends_the_run(graph: Any) -> None:
+    done, _ = drive(graph, "run", "--answer-timeout", "4", stack=("--restart-after", "20"))
+    assert done.returncode == 1
+    assert "missed" not in done.stdout
+    assert "the external ego (/litsim_autoware" in done.stderr
+
+
+@with_types
 def test_what_is_waited_for_is_told(graph: Any) -> None:
     bag = graph.folder / "run"
     options = ("--set", "bridge.external_timeout_s=7", "--out", bag, "--scenario", graph.scenario())
