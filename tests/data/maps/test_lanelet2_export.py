@@ -15,6 +15,7 @@ from litsim_sim.scenario.scenario import packaged
 
 pytest.importorskip("lanelet2.core")
 from lanelet2 import io, projection, routing, traffic_rules
+from lanelet2.core import GPSPoint
 
 
 @pytest.mark.parametrize("net", ["us101_like", "us101", "urban_like"])
@@ -59,12 +60,26 @@ def ends(bound: object) -> np.ndarray:
     return np.array([[bound[at].x, bound[at].y] for at in (0, -1)])  # type: ignore[index]
 
 
-def test_a_net_comes_back_as_it_was(tmp_path: Path) -> None:
-    lane_map = LaneMap.from_net(packaged("nets/us101_like.net.xml"))
+@pytest.mark.parametrize("net", ["us101_like", "us101", "urban_like"])
+def test_a_net_comes_back_as_it_was(net: str, tmp_path: Path) -> None:
+    lane_map = LaneMap.from_net(packaged(f"nets/{net}.net.xml"))
     export_lanelet2(lane_map, (), tmp_path)
-    Lanelet2().write_net(tmp_path / MAP_FILE, ORIGIN, tmp_path / "back.net.xml")
+    Lanelet2().write_net(tmp_path / MAP_FILE, None, tmp_path / "back.net.xml")
     back = LaneMap.from_net(tmp_path / "back.net.xml")
     for lane in lane_map.lanes:
         if not lane.is_internal:
-            place = back.nearest(*lane.centerline.T, np.zeros(len(lane.centerline)))
-            assert np.abs(place.d).max() < 5e-3  # 1 mm, but beside the bends of a bound
+            along = np.gradient(lane.centerline, axis=0)
+            place = back.nearest(*lane.centerline.T, np.arctan2(along[:, 1], along[:, 0]))
+            assert np.abs(place.d).max() < 1.1e-3  # what the file and the net are rounded to
+
+
+def test_frame_map_is_that_of_autoware(tmp_path: Path) -> None:
+    lane_map = LaneMap.from_net(packaged("nets/us101_like.net.xml"))
+    export_lanelet2(lane_map, (), tmp_path)
+    own = Lanelet2().read(tmp_path / MAP_FILE, None)
+    (tmp_path / PROJECTOR_FILE).write_text("projector_type: MGRS\nmgrs_grid: 32UMV\n")
+    found = Lanelet2().read(tmp_path / MAP_FILE, None)
+    utm = projection.UtmProjector(io.Origin(*ORIGIN), False, False).forward(GPSPoint(*ORIGIN, 0.0))  # noqa: FBT003 - has no names
+    moved = np.array([utm.x - 400_000.0, utm.y - 5_400_000.0])  # corner of the square
+    for one, other in zip(own.lanelets, found.lanelets, strict=True):
+        assert other.left[:, :2] == pytest.approx(one.left[:, :2] + moved, abs=1e-3)

@@ -22,6 +22,8 @@ SPEED_LIMIT = 13.89  # [m/s] 50 km/h, where the map gives none
 LANE_WIDTH = 3.5  # [m] of lanes of which only the centre line is known
 SAMPLES_MIN = 8  # points of a centre line, at least
 SAMPLE = 2.0  # [m] between them
+NEAREST = 0.15  # [m] from those of its bounds, at least: netconvert drops points within 0.1 m
+OPPOSED = 0.5  # [m] along the bounds within which their points lie opposite each other
 LONGEST = 100_000.0  # [m] of a lanelet
 LEVEL = 3.0  # [m] of height between lanes that cross, from which on one passes over the other
 OPPOSITE = np.deg2rad(150.0)  # from which on two lanes lead opposite ways
@@ -59,10 +61,19 @@ class Lanelet:
 
     @cached_property
     def _sides(self) -> tuple[FloatArray, FloatArray]:
-        """Both bounds at the same shares of their length (m, 2) or (m, 3)."""
+        """Both bounds at the same shares of their length (m, 2) or (m, 3), at those of their points as well.
+
+        Bounds whose points lie opposite each other, as of lanes of constant width, are followed point by point.
+        """
         length = max(_length(self.left), _length(self.right))
-        share = np.linspace(0.0, 1.0, max(SAMPLES_MIN, int(np.ceil(length / SAMPLE)) + 1))
-        return at_shares(self.left, share), at_shares(self.right, share)
+        left, right = (_distances(side) / _length(side) for side in (self.left, self.right))
+        if len(left) == len(right) and np.abs(left - right).max() * length < OPPOSED:
+            left = right = 0.5 * (left + right)
+        even = np.linspace(0.0, 1.0, max(SAMPLES_MIN, int(np.ceil(length / SAMPLE)) + 1))
+        own = np.unique(np.concatenate([left, right]))
+        apart = np.abs(even[:, None] - own).min(axis=1) * length
+        share = np.union1d(own, even[apart > NEAREST])
+        return _interpolated(self.left, left, share), _interpolated(self.right, right, share)
 
     @cached_property
     def _middle(self) -> FloatArray:
@@ -177,8 +188,7 @@ def around(line: FloatArray, width: float | FloatArray = LANE_WIDTH) -> tuple[Fl
 
 def at_shares(line: FloatArray, share: FloatArray) -> FloatArray:
     """Returns points (m, 2) or (m, 3) of a polyline at shares (m,) of its length in the plane."""
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line[:, :2], axis=0).T))])
-    return np.column_stack([np.interp(share * s[-1], s, values) for values in line.T])
+    return _interpolated(line, _distances(line), share * _length(line))
 
 
 def shift_left(line: FloatArray, distance: FloatArray | float) -> FloatArray:
@@ -209,6 +219,16 @@ def _along(lanelet: Lanelet, other: Lanelet | None) -> str | None:
         return None
     there, here = (one.centerline[-1] - one.centerline[0] for one in (other, lanelet))
     return other.id if float(there @ here) > 0.0 else None
+
+
+def _interpolated(line: FloatArray, at: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Returns points (m, 2) or (m, 3) of a polyline whose own points lie `at` (k,), where `wanted` (m,)."""
+    return np.column_stack([np.interp(wanted, at, values) for values in line.T])
+
+
+def _distances(line: FloatArray) -> FloatArray:
+    """Returns distances (k,) [m] along a line from its beginning to its points."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line[:, :2], axis=0).T))])
 
 
 def _length(line: FloatArray) -> float:

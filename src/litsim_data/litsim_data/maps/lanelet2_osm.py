@@ -18,6 +18,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from litsim_data.maps.lane_graph import SPEED_LIMIT, LaneGraph, Lanelet
+from litsim_data.maps.map_projector import PROJECTOR_FILE, place_as_autoware
 from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.core.scene import FloatArray
 
@@ -37,7 +38,7 @@ def read_graph(source: Path, origin: tuple[float, float] | None) -> LaneGraph:
     Args:
         source: the file.
         origin: latitude and longitude [deg] of (0, 0), from which x and y are metres in UTM; None for maps with
-            coordinates in metres (:data:`LOCAL`).
+            coordinates in metres (:data:`LOCAL`), or with a file beside them that says how Autoware finds these.
 
     Raises:
         InputError: the lanelet2 package is missing, `source` cannot be used, or an origin is needed.
@@ -50,11 +51,16 @@ def read_graph(source: Path, origin: tuple[float, float] | None) -> LaneGraph:
         raise InputError(f"{source}: not a readable Lanelet2 file: {error}") from error
     root = tree.getroot()
     nodes = root.findall("node")
+    if origin is None:
+        place_as_autoware(nodes, source)
     places = {(node.get("lat"), node.get("lon")) for node in nodes}
     local = bool(nodes) and all(_tag(node, name) is not None for node in nodes for name in LOCAL)
     local = local and (origin is None or len(places) == 1)
     if origin is None and not local:
-        raise InputError("data map: --lanelet2 needs --origin LAT LON, the point that becomes (0, 0)")
+        raise InputError(
+            "data map: --lanelet2 needs --origin LAT LON, the point that becomes (0, 0), or "
+            f"{PROJECTOR_FILE} beside the map"
+        )
     latitude, longitude = LOCAL_ORIGIN if local or origin is None else origin
     if not (-90.0 <= latitude <= 90.0 and -180.0 <= longitude <= 180.0):
         raise InputError(f"--origin {latitude} {longitude}: expected degrees of latitude and longitude")

@@ -13,7 +13,7 @@ from xml.etree import ElementTree as ET
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from litsim_sim.core.errors import InputError
+from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.io.yaml_input import read_yaml
 
 PROJECTOR_FILE = "map_projector_info.yaml"
@@ -76,11 +76,15 @@ class MapProjector(BaseModel):
         """Yields x and y [m] in frame ``map`` of Autoware of latitudes and longitudes [deg].
 
         Raises:
-            RuntimeError: the lanelet2 package refuses one, such as one outside of the zone.
+            InputError: the lanelet2 package is missing.
+            RuntimeError: it refuses a place, such as one outside of the zone.
         """
-        from lanelet2.core import GPSPoint
-        from lanelet2.io import Origin as UtmOrigin
-        from lanelet2.projection import UtmProjector
+        try:
+            from lanelet2.core import GPSPoint
+            from lanelet2.io import Origin as UtmOrigin
+            from lanelet2.projection import UtmProjector
+        except ImportError as error:
+            raise not_installed("lanelet2") from error
 
         if self.projector_type == "MGRS":
             assert self.mgrs_grid is not None

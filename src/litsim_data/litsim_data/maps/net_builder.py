@@ -240,7 +240,9 @@ def _plain_xml(plan: _Plan) -> tuple[dict[str, ET.Element], dict[str, str], dict
     for row, group in enumerate(plan.groups):
         members = [plan.by_id[name] for name in group]
         lanes |= {name: f"{group[0]}_{index}" for index, name in enumerate(group)}
-        middle = 0.5 * (at_shares(plan.line(group[0]), SHARES) + at_shares(plan.line(group[-1]), SHARES))
+        middle = plan.line(group[0])
+        if len(group) > 1:
+            middle = 0.5 * (at_shares(middle, SHARES) + at_shares(plan.line(group[-1]), SHARES))
         ends = plan.node_of[row, 0], plan.node_of[row, 1]
         for node, at in zip(ends, (0, -1), strict=True):
             by_node.setdefault(node, []).append(middle[at])
