@@ -150,6 +150,18 @@ def test_tracks_that_leave_the_map_are_cut_there(tmp_path: Path, capsys: pytest.
     assert "left out   1 vehicles that drive beside the lanes only" in text
 
 
+def test_motion_that_is_too_rough_is_cleaned(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = made_sources.argoverse(tmp_path / "av2")
+    path = folder / "scenario_made.parquet"
+    table = pd.read_parquet(path)
+    rough = (table["track_id"] == "2") & (table["timestep"].isin([40, 80]))
+    table.loc[rough, "velocity_x"] += 30.0
+    table.to_parquet(path)
+    recording, *_ = imported(folder, tmp_path / "out")
+    assert "cleaned    the motion of vehicles, whose noise gives" in capsys.readouterr().out
+    assert recording.table["acceleration"].abs().max() < 3.0
+
+
 @pytest.mark.parametrize(
     ("damage", "message"),
     [

@@ -50,6 +50,10 @@ AHEAD = {"front_centre": -0.5, "box_centre": 0.0, "rear_axle": VehicleLimits.rea
 DERIVED = ("yaw", "speed", "acceleration")  # optional columns
 
 
+class RoughMotionError(InputError):
+    """Positions or speeds are so noisy that accelerations derived from them are impossible; cleaning helps."""
+
+
 def convert(tables: Path | Sequence[Path] | TableFiles, mapping: Mapping) -> tuple[Recording, Counts]:
     """Returns `tables` (CSV or Parquet, one file or several) as a recording, and counts of the conversion.
 
@@ -88,7 +92,7 @@ def convert(tables: Path | Sequence[Path] | TableFiles, mapping: Mapping) -> tup
         counts.harsh = float(harsh.mean())
         if not (np.abs(moving["acceleration"]) <= BOUNDS["acceleration"][1]).all() and "acceleration" not in table:
             leap = f"; {counts.leaps} leaps, at most {counts.farthest_leap}, it would not" if counts.leaps else ""
-            raise InputError(
+            raise RoughMotionError(
                 f"{source}: accelerations derived from the file reach "
                 f"{np.abs(moving['acceleration']).max():.3g} m/s2, beyond {HARSH:g} m/s2 in {counts.harsh:.1%} of the "
                 f"rows: field clean of the mapping, set to true, smooths such positions{leap}"

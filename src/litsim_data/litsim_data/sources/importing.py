@@ -14,7 +14,7 @@ import sumolib
 from tqdm import tqdm
 
 from litsim_data import segments
-from litsim_data.generic.convert import CLOCK, convert
+from litsim_data.generic.convert import CLOCK, RoughMotionError, convert
 from litsim_data.generic.counts import Counts
 from litsim_data.generic.description import describe
 from litsim_data.maps.alignment import share_along
@@ -171,6 +171,9 @@ def _import_scene(scene: Scene, source: Source, out: Path, nets: dict[str, Net])
     path = out / f"{scene.name}.parquet"
     recording.write(path)
     check, picture = _check(recording, net, out / f"{scene.name}.png")
+    mapped = recording.header.notes.get("mapping")
+    if isinstance(mapped, dict) and mapped.get("clean"):
+        cropped.append("cleaned    the motion of vehicles, whose noise gives impossible accelerations")
     lines = [describe(recording), counts.text(), *cropped, *heeded, *(f"note       {note}" for note in scene.notes)]
     lines += [f"map        {note}" for note in net.notes[:NOTES]]
     lines += [f"map        and {len(net.notes) - NOTES} more such lines"] if len(net.notes) > NOTES else []
@@ -182,12 +185,18 @@ def _import_scene(scene: Scene, source: Source, out: Path, nets: dict[str, Net])
 def converted(scene: Scene, source: Source, graph: LaneGraph | None = None) -> tuple[Recording, Counts]:
     """Returns the tracks of a scene as a recording, and counts of the conversion; `graph` is its map, if known.
 
+    Motion that is too rough to be driven is cleaned.
+
     Raises:
         InputError: the tracks cannot be used.
     """
     accept = [*scene.mapping.accept, *(["side"] if graph is not None and graph.keeps_left else [])]
     header = {"name": scene.name, "source": source.citation, "licence": source.licence}
-    return convert(scene.tracks, scene.mapping.model_copy(update=header | {"accept": accept}))
+    mapping = scene.mapping.model_copy(update=header | {"accept": accept})
+    try:
+        return convert(scene.tracks, mapping)
+    except RoughMotionError:  # noisy: smoothed, as the description and the notes of the recording say
+        return convert(scene.tracks, mapping.model_copy(update={"clean": True}))
 
 
 def _net(scene: Scene, out: Path) -> Net:
