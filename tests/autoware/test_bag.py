@@ -27,7 +27,7 @@ from litsim_sim.ros.definitions import definition
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.recording import Recording
 
-POSE = ("/localization/kinematic_state", "nav_msgs/msg/Odometry")
+ODOMETRY = "nav_msgs/msg/Odometry"
 TRACKED = ("/perception/object_recognition/tracking/objects", "autoware_perception_msgs/msg/TrackedObjects")
 PREDICTED = ("/perception/object_recognition/objects", "autoware_perception_msgs/msg/PredictedObjects")
 LIGHTS = (
@@ -80,23 +80,30 @@ def lights(step: int, stamp_ns: int) -> bytes:
     return bytes(serialize_message(message))
 
 
-def write(folder: Path, kind: tuple[str, str], plugin: StoragePlugin, period: float = 0.1, steps: int = 21) -> Path:
+def write(
+    folder: Path,
+    kind: tuple[str, str],
+    plugin: StoragePlugin,
+    period: float = 0.1,
+    steps: int = 21,
+    pose: str = "/localization/kinematic_state",
+) -> Path:
     """A bag of :func:`scene` and :func:`lights`, whose stamps are `period` seconds apart, as rosbag2 writes it."""
     store = get_typestore(Stores.EMPTY)
     with Writer(folder, version=9, storage_plugin=plugin) as writer:
         connections = {}
-        for topic, name in (POSE, kind, LIGHTS):
+        for topic, name in ((pose, ODOMETRY), kind, LIGHTS):
             store.register(get_types_from_msg(definition(name), name))
             connections[topic] = writer.add_connection(topic, name, typestore=store)
         for step in range(steps):
             table, stamp_ns = scene(step, period), round((BEGIN + period * step) * 1e9)
             write_objects = objects.tracked_objects if kind == TRACKED else objects.predicted_objects
-            pose = RearAxle.of(table, EGO, 0.5 * 4.8 - 0.8)
-            assert pose is not None
+            motion = RearAxle.of(table, EGO, 0.5 * 4.8 - 0.8)
+            assert motion is not None
             data = {
                 kind[0]: write_objects(table.take(table.id != EGO), stamp_ns),
                 LIGHTS[0]: lights(step, stamp_ns),
-                POSE[0]: pose.odometry(stamp_ns),
+                pose: motion.odometry(stamp_ns),
             }
             for topic, each in data.items():
                 writer.write(connections[topic], stamp_ns, each)
@@ -153,6 +160,8 @@ def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-300])
     with pytest.raises(InputError, match=r"metadata.yaml: cannot be read as a bag"):
         read_bag(bag_file(bag))
+    other = write(tmp_path / "other", TRACKED, StoragePlugin.MCAP, pose="/odometry/wheels")
+    assert "ego" not in read_bag(bag_file(other)).recording.header.notes
     empty: dict[str, Any] = {"version": 9, "storage_plugin": StoragePlugin.MCAP}
     with Writer(tmp_path / "empty", **empty):
         pass

@@ -154,7 +154,7 @@ def read_bag(path: Path) -> BagContent:
     zero_ns = int(table["t"].min()) // STEP_NS * STEP_NS
     table, counts = _usable(table.assign(t=1e-9 * (table["t"] - zero_ns)), path), Counts()
     frames = resampled(split(table, counts), path, counts)
-    notes: dict[str, object] = {"file": path.name, **counts.note()}
+    notes: dict[str, object] = {"file": path.name} | {name: count for name, count in counts.note().items() if count}
     if ego.poses:  # the longest of its pieces, if its track has holes
         pieces = frames["vehicle_id"][(frames["vehicle_id"] - tracks.free_id) % PIECE == 0]
         notes |= {"ego": int(pieces.mode().iloc[0]), "ego_size": VEHICLE_FILE if info.is_file() else SAMPLE_VEHICLE}
@@ -302,12 +302,12 @@ def _messages(reader: AnyReader, path: Path) -> Iterator[tuple[Connection, Any]]
 
 
 def _topic(reader: AnyReader, kind: str, usual: str, path: Path) -> str | None:
-    """Returns the topic of a type: the usual one, else the only one; None without any."""
+    """Returns the topic of a type: the usual one, else the only one, of odometry none; None without any."""
     names = sorted({each.topic for each in reader.connections if each.msgtype == kind})
-    if usual in names or len(names) < 2:
-        return usual if usual in names else next(iter(names), None)
-    if kind == ODOMETRY:  # other sources of odometry are not the ego's pose in the map
-        return None
+    if usual in names or kind == ODOMETRY:
+        return usual if usual in names else None
+    if len(names) < 2:
+        return next(iter(names), None)
     raise InputError(f"{path}: {kind} on {', '.join(names)}, expected it on {usual}, or on one topic")
 
 
