@@ -174,13 +174,15 @@ def test_an_ego_made_otherwise_is_compared_with_the_one_of_its_name() -> None:
     assert first.id != second.id and first.key == second.key
 
 
-def test_a_changed_script_of_the_command_is_another_run(tmp_path: Path) -> None:
+def test_a_changed_script_of_the_command_or_module_beside_it_is_another_run(tmp_path: Path) -> None:
     script = tmp_path / "ads.py"
     ids = set()
     for text in ("a = 1", "a = 22"):
         script.write_text(text)
         ids.add(one(egos=[{"name": "mine", "kind": "external", "command": ["python3", str(script)]}]).id)
-    assert len(ids) == 2
+    (tmp_path / "planner.py").write_text("a module that it may import")
+    ids.add(one(egos=[{"name": "mine", "kind": "external", "command": ["python3", str(script)]}]).id)
+    assert len(ids) == 3
 
 
 def test_two_scenarios_of_one_name(tmp_path: Path) -> None:

@@ -98,4 +98,4 @@ def test_a_part_is_a_suite_of_its_own(tmp_path: Path, made: list[Case]) -> None:
     written = Suite.load(tmp_path / "part.yaml")
     assert cases_of(written) == part
     text = (tmp_path / "part.yaml").read_text()
-    assert "small/street_14.yaml" in text and "folder: stacks" in text and str(tmp_path) not in text
+    assert "scenario: small/street_14.yaml" in text and "folder: stacks" in text and str(tmp_path) not in text

@@ -370,9 +370,15 @@ def _file_digest(path: Path, size: int, changed_ns: int) -> str:  # noqa: ARG001
 
 
 def _files(values: Sequence[Any], folder: str = "") -> dict[str, str]:
-    """Returns digests of those of `values` that are paths of files in `folder`, such as scripts and weights."""
-    paths = {str(Path(value)): Path(folder, value).resolve() for value in values if isinstance(value, str) and value}
-    return {name: file_digest(path) for name, path in paths.items() if path.is_file()}
+    """Returns digests of those of `values` that are paths of files in `folder`, such as scripts and weights.
+
+    With a Python script come the modules beside it, which it may import.
+    """
+    paths = [Path(value) for value in values if isinstance(value, str) and value]
+    paths = [path for path in paths if Path(folder, path).is_file()]
+    for script in [path for path in paths if path.suffix == ".py"]:
+        paths += [script.with_name(path.name) for path in sorted(Path(folder, script).parent.glob("*.py"))]
+    return {str(path): file_digest(Path(folder, path).resolve()) for path in paths}
 
 
 def _digest(values: Mapping[str, Any]) -> str:

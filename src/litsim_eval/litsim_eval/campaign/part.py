@@ -139,7 +139,7 @@ def _beside(path: str, folder: Path) -> str:
     """Returns an absolute path as it is found from `folder`; names of packaged scenarios stay as they are."""
     if not Path(path).is_absolute():
         return path
-    within = packaged_suite_folder()
+    within = packaged_suite_folder().resolve()
     return relpath(path, within if Path(path).is_relative_to(within) else folder.resolve())
 
 
