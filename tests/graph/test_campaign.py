@@ -94,7 +94,7 @@ def test_a_failed_run_is_run_again_by_the_command_that_is_named(graph: Any) -> N
     command = rerun_command(graph.folder / "out", first.case)
     assert command in done.stderr
     words = shlex.split(command)
-    assert words[:2] == ["./litsim", "evaluate"]
+    assert words[0].endswith("litsim") and words[1] == "evaluate"
     again = graph.finish(graph.start_program("litsim_eval", *words[1:]))
     assert again.returncode == 1, again.stderr
     out = Path(words[-1])

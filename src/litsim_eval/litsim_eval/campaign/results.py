@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -106,7 +107,16 @@ def _told(criterion: CriterionResult, metrics: Mapping[str, Any]) -> CriterionRe
 def rerun_command(campaign: Path, case: Case) -> str:
     """Returns the command that runs one case of the `campaign` in this folder again, over DDS, with a report."""
     out = campaign / "reruns" / case.id
-    words = ["./litsim", "evaluate", "--suite", str(campaign), "--case", case.name, "--graph", "--overwrite"]
+    words = [
+        os.environ.get("LITSIM", "./litsim"),
+        "evaluate",
+        "--suite",
+        str(campaign),
+        "--case",
+        case.name,
+        "--graph",
+        "--overwrite",
+    ]
     return shlex.join([*words, "--out", str(out)])
 
 
