@@ -40,6 +40,11 @@ class Chart {
     this.element.addEventListener("pointermove", (event) => event.buttons && jump(event));
   }
 
+  // Seconds between two ticks of a time axis, so that their labels stay apart.
+  static tickStep(seconds, pixels) {
+    return [1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 1800].find((step) => step * pixels >= TICK_PIXELS * seconds) ?? 3600;
+  }
+
   render() {
     const { element, scene } = this;
     const [width, height] = [element.clientWidth, element.clientHeight];
@@ -57,7 +62,7 @@ class Chart {
       svg("line", { x1: MARGIN.left, x2: width - MARGIN.right, y1: y(value), y2: y(value), class: "grid" }, element);
       svg("text", { x: MARGIN.left - 5, y: y(value) + 4, class: "tick end" }, element).textContent = +value.toFixed(2);
     }
-    const step = tickStep(scene.seconds(scene.last) - scene.seconds(0), width - MARGIN.left - MARGIN.right);
+    const step = Chart.tickStep(scene.seconds(scene.last) - scene.seconds(0), width - MARGIN.left - MARGIN.right);
     const from = Math.ceil(scene.seconds(0) / step) * step;
     for (let t = from; t <= scene.seconds(scene.last) + 1e-6; t += step) {
       const at = this.x(t / scene.dt - scene.first);
@@ -126,11 +131,6 @@ function trace(values, x, y) {
     d += `${before ? "L" : "M"}${x(k).toFixed(1)},${y(value).toFixed(1)}${alone ? "h0.1" : ""}`;
   });
   return d;
-}
-
-// Seconds between two ticks of a time axis, so that their labels stay apart.
-function tickStep(seconds, pixels) {
-  return [1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 1800].find((step) => step * pixels >= TICK_PIXELS * seconds) ?? 3600;
 }
 
 function niceTop(high) {
