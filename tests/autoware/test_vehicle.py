@@ -110,7 +110,7 @@ def test_a_route_that_is_set_already_is_cleared() -> None:
 
 
 def test_lights_have_the_ids_of_relations_of_exported_and_of_imported_maps() -> None:
-    scenario = Scenario.load(str(packaged("suites/small/street_train_14.yaml", "litsim_eval")))
+    scenario = Scenario.load(str(packaged("suites/small/street_14.yaml", "litsim_eval")))
     assert scenario.signals is not None
     ids, groups = lights_of(scenario.signals)
     by_link = {

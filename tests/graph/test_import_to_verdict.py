@@ -16,7 +16,7 @@ from litsim_sim.core.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
 EVALUATE = (
-    "evaluate --scenario mine/scenarios/*_train_*.yaml --egos ego --ego external --policy litsim --out campaign "
+    "evaluate --scenario mine/scenarios/*_train_*.yaml --ego-id ego --ego external --policy litsim --out campaign "
     "-- python3 examples/minimal_ads.py"
 )
 

@@ -51,7 +51,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def campaign(site: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("out") / "campaign"
-    words = ("--scenario", "demo", "--egos", "6", "--ego", "idm", "--policy", "litsim", "--out", out)
+    words = ("--scenario", "demo", "--ego-id", "6", "--ego", "idm", "--policy", "litsim", "--out", out)
     assert litsim(site, "evaluate", *words).returncode == 0
     return out
 

@@ -22,7 +22,7 @@ from litsim_eval.runs.ray_runs import RayRuns, run_task
 from litsim_sim.core.errors import InputError
 
 PATIENCE_S = 300.0  # a cluster takes its time to begin on a busy machine
-WORDS = ("--egos", "3,7,24", "--ego", "idm", "--policy", "litsim", "yield", "--processes", "2")
+WORDS = ("--ego-id", "3,7,24", "--ego", "idm", "--policy", "litsim", "yield", "--processes", "2")
 
 
 def runs(folder: Path) -> RayRuns:
