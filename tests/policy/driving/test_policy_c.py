@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.torch import load_file, save_file
 
+from litsim_eval.campaign.policy_setup import setup_of
 from litsim_policy.driving.action import HIGH, LOW, consistent, executed_yaw_rate, normalised, physical
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.features.scales import ACCELERATION
@@ -215,6 +216,17 @@ def test_shipped_weights_drive(make_scenario, track, drive) -> None:
     sources = {s for r in run.results if r.controls is not None for s in r.controls.source.tolist()}
     assert sources & {ControlSource.POLICY, ControlSource.GUARDED}
     assert all((np.diff(r.controls.id) > 0).all() for r in run.results if r.controls is not None)
+
+
+@pytest.mark.parametrize("setup", ["residual", "own_log"])
+def test_setups_along_the_own_log_need_no_guard_behind_an_ego_that_stops(make_scenario, track, drive, setup) -> None:
+    """Agent 2 keeps its distance, also with the guard off; what it is added to does without the network."""
+    parameters = {name.removeprefix("policy."): value for name, value in setup_of(setup).parameters.items()}
+    scenario = make_scenario(track(1, x=200.0, last=110), track(2, x=170.0, last=110))
+    for contact in (True, False):
+        alone = {"policy": parameters | {"safety.contact": contact}}
+        run = drive(scenario, lambda *_: (-5.0, 0.0), policy="litsim", parameters=alone)
+        assert run.world.contacts == {} and run.takeovers(2)
 
 
 @pytest.mark.parametrize("weights", ["none", "log"])

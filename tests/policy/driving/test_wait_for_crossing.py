@@ -128,3 +128,9 @@ def test_policy_litsim_waits_for_the_ego_that_crosses(make_scenario, track, plac
     assert does(CONFIG) < -0.5
     assert does(replace(CONFIG, crossing_horizon=0.0)) > does(CONFIG) + 0.5
     assert does(replace(CONFIG, rules=False)) == 0.0
+    asks = np.array([0.9, 0.0, 0.0])
+    pushes = SimpleNamespace(
+        observation=ObservationConfig(residual=True), mean=lambda seen: np.tile(asks, (len(seen), 1))
+    )
+    residual = PolicyC(scenario, pushes, CONFIG).act(table, held)
+    assert residual.acceleration[0] < -0.5, "whatever is added to driving on as the log does"

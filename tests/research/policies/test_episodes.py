@@ -189,6 +189,29 @@ def test_nothing_is_expected_of_who_is_handed_back_where_that_is_said(traffic, *
     assert np.concatenate(over).any() == ends
 
 
+def test_sampled_agents_are_driven_to_the_ends_of_their_logs_where_a_hand_back_ends_the_costs(
+    make_scenario, track
+) -> None:
+    """Their logs end on the road, ahead of the ego and long before the recording does."""
+    tracks = track(1, x=100.0, last=200), track(2, x=140.0, last=40)
+    scenario, residual = make_scenario(*tracks), ObservationConfig(residual=True)
+    for ends in (True, False):
+        config = EnvironmentConfig(steps_max=150, slots=2, sampled=1, sample_steps=150, handback_ends=ends)
+        course = Course([scenario], config, residual)
+        outcomes = driven(Episodes(course, [course.start(np.random.default_rng(0))]))
+        last = outcomes[-1]
+        assert bool(last.terminated[0]) == ends and not last.driven_on[0]
+        assert (len(outcomes) < 60) == ends
+
+
+def test_leaving_the_road_ends_no_episode_where_that_is_said(make_scenario, track, lane_centres) -> None:
+    scenario = make_scenario(track(1, x=60.0, last=80), track(2, x=80.0, y=lane_centres[0], last=80))
+    config = EnvironmentConfig(steps_max=60, slots=2, sampled=1, off_road_ends=False)
+    outcomes = driven(begun(scenario, config), lateral=0.3)
+    assert sum(int(o.terms.off_road.sum()) for o in outcomes) == 1
+    assert not any(o.terminated.any() for o in outcomes) and not outcomes[-1].terms.off_road.any()
+
+
 def test_corrections_of_a_residual_policy_are_residuals_too(traffic) -> None:
     """Guards that always want to brake by what they may, whatever the log does."""
     config = replace(SMALL, careful=SafetyConfig(own_braking=0.1, leader_braking=8.0, relax=0.1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +12,9 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from safetensors import safe_open
 
-from litsim_policy.driving.policy_c import PolicyNetwork
+from litsim_policy.driving.policy_c import PolicyNetwork, shipped_weights
 from litsim_research.policies import checkpoint, train
 from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.data import REPORTED, DataConfig, Generated, RealWindow, prepare
@@ -234,6 +236,15 @@ def test_the_configuration_that_corrects_has_the_data_of_the_usual_one() -> None
     assert corrected.data.model_copy(update={"real_weight": usual.data.real_weight}) == usual.data
     assert corrected.ppo.correction_weight > 0.0 and corrected.environment.careful
     assert PolicyNetwork.load(CONFIG.parents[2] / corrected.start).observation == corrected.observation
+
+
+def test_the_residual_weights_say_how_they_were_made() -> None:
+    config = read_yaml(CONFIG / "policy_c_residual.yaml", TrainConfig)
+    with safe_open(shipped_weights("policy_c_residual"), "np") as file:
+        about = file.metadata()
+    assert TrainConfig.model_validate_json(about["config"]) == config
+    assert (about["seed"], about["iterations"]) == (str(config.seed), str(config.iterations))
+    assert re.fullmatch("[0-9a-f]{64}", about["data"])
 
 
 def test_the_long_training_learns_from_what_the_usual_one_does_and_is_a_hundred_times_as_long() -> None:

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from litsim_policy.driving.safety.config import SafetyConfig
+from litsim_policy.driving.yielding_rules import keep_distance, wait_for_crossing
 from litsim_policy.motion.car_following import IdmConfig
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.stop_lines import StopLines, idm_at_signals
@@ -26,6 +28,7 @@ ACCELERATION_MAX, DECELERATION_MAX = 2.0, 3.0  # [m/s2] bounds of catching up; n
 SPEED_EXCESS = 4.0  # [m/s] most by which an agent drives faster than its log
 POSITION_GAIN = 0.36  # [1/s2] on the distance to the log
 SPEED_GAIN = 1.2  # [1/s] on the difference in speed; twice the root of the other, for critical damping
+CROSSING_HORIZON = 3.0  # [s] for which crossing agents are expected to continue
 
 
 def catch_up(
@@ -59,17 +62,30 @@ def along_log(log: Log, agents: PathFollowers, lag: IntArray) -> FloatArray:
 
 
 class OwnLogs:
-    """Logs as something that drives: on as the own log does, with a lag, but not over red lights.
+    """Logs as something that drives: on as the own log does, with a lag.
+
+    Agents keep their distance to those ahead and wait for crossing ones (:mod:`.yielding_rules`), unless `rules` is
+    off, and stop at red lights.
 
     Attributes:
         log: of all agents.
     """
 
-    def __init__(self, scenario: Setting) -> None:
-        self.log, self._stop_lines = scenario.log, StopLines(scenario.signals)
+    def __init__(self, scenario: Setting, *, rules: bool = True) -> None:
+        self.log, self._rules, self._stop_lines = scenario.log, rules, StopLines(scenario.signals)
 
     def onwards(self, agents: PathFollowers, lag: IntArray) -> FloatArray:
         """Returns accelerations (m,) [m/s2] of agents whose logs lag by `lag` (m,) steps."""
-        acceleration = along_log(self.log, agents, lag)
+        wanted, length = along_log(self.log, agents, lag), agents.table.length[agents.rows]
+        if self._rules:
+            safety = SafetyConfig().values
+            wanted = keep_distance(wanted, agents.speed, length, agents.leaders, COMFORTABLE.values, safety)
+        return self.waiting(agents, wanted)
+
+    def waiting(self, agents: PathFollowers, wanted: FloatArray) -> FloatArray:
+        """Returns `wanted` (m,) [m/s2], or less where agents wait for crossing ones or at red lights."""
+        if self._rules:
+            paths, table = agents.paths.arrays, agents.table.arrays
+            wanted = wait_for_crossing(wanted, paths, agents.s, table, agents.rows, CROSSING_HORIZON)
         free = np.full(len(agents), COMFORTABLE.desired_speed)
-        return idm_at_signals(COMFORTABLE, agents.speed, free, acceleration, self._stop_lines.of(agents))
+        return idm_at_signals(COMFORTABLE, agents.speed, free, wanted, self._stop_lines.of(agents))

@@ -89,9 +89,9 @@ class PolicyNetwork:
         return perceptron(observation, self.weights, self.biases)
 
 
-def shipped_weights() -> Path:
-    """Returns the packaged weights."""
-    return Path(str(resources.files("litsim_policy").joinpath("weights/policy_c.safetensors")))
+def shipped_weights(name: str = "policy_c") -> Path:
+    """Returns a packaged weights file of policy C."""
+    return Path(str(resources.files("litsim_policy").joinpath(f"weights/{name}.safetensors")))
 
 
 @configuration
@@ -99,8 +99,9 @@ class PolicyCConfig:
     """Parameters of :class:`PolicyC`.
 
     Attributes:
-        weights: file of the network, written by ``litsim_research train policy``; empty for the packaged one; `none`
-            for constant speed straight on in its place, `log` for driving on as the log does with the present lag.
+        weights: file of the network, written by ``litsim_research train policy``; empty for the packaged one,
+            `residual` for the packaged one that adds to driving on as the log does; or, in place of a network, `none`
+            for constant speed straight on, `log` for driving on as the log does with the present lag.
         rules: whether the network's commands are subject to the rules of :class:`PolicyC`.
         guards: whether the guards of `safety` are on; otherwise only its limits are.
         room_horizon: time for which merging agents are expected to continue; others make room for them.
@@ -123,6 +124,8 @@ class PolicyCConfig:
         """
         if self.weights in ("none", "log"):
             return PolicyNetwork.zero(ObservationConfig(residual=self.weights == "log"))
+        if self.weights == "residual":
+            return PolicyNetwork.load(shipped_weights("policy_c_residual"))
         return PolicyNetwork.load(Path(self.weights) if self.weights else shipped_weights())
 
 
@@ -180,7 +183,9 @@ class PolicyC(Policy):
     The network was trained to drive along logs; passing agents are driven by the rules of policy `yield`, behind the
     same safety layer. Unless `rules` is off, the network is also subject to :mod:`.yielding_rules`, since its training
     contained few standing or crossing agents, and no signals: an agent stays in its lane if the side is taken, keeps
-    its distance to the agent ahead and to red lights, waits for crossing agents, and makes room for merging ones.
+    its distance to the agent ahead and to red lights, waits for crossing agents, and makes room for merging ones. A
+    residual network is subject to two of them only: what it is added to keeps its distance, and whatever it asks for,
+    agents wait for crossing ones and at red lights (:class:`.handback.OwnLogs`).
     """
 
     batched = True
@@ -196,7 +201,8 @@ class PolicyC(Policy):
         safety = config.safety if config.guards else config.safety.without_guards
         self.driver = Driver(scenario.lane_map, network, safety, scenario.signals)
         self._yielding, self._config = YieldPolicy(scenario), config
-        self._lane_map, self._logs = scenario.lane_map, OwnLogs(scenario)
+        self._lane_map, self._logs = scenario.lane_map, OwnLogs(scenario, rules=config.rules)
+        self._residual = network.observation.residual
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
         """Returns controls of every agent that is held or handed back."""
@@ -212,7 +218,9 @@ class PolicyC(Policy):
         if not len(scene):
             return ControlTable.empty(table.step)
         acceleration, yaw_rate = self.driver.asked(scene)
-        if self._config.rules:
+        if self._residual:
+            acceleration = self._logs.waiting(scene.agents, acceleration)
+        elif self._config.rules:
             acceleration = self._hold_to_rules(scene.agents, acceleration)
             yaw_rate = self._stay_in_lane(scene.agents, yaw_rate)
         return guarded(scene, acceleration, yaw_rate, self.driver.safety)

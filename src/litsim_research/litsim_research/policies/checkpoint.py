@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -100,9 +101,9 @@ class AdversarialTraining:
 
     @property
     def about(self) -> dict[str, str]:
-        """Metadata of the weights: seed, number of iterations and the whole configuration."""
-        config = self.config.model_dump_json()
-        return {"seed": str(self.config.seed), "iterations": str(self.iterations), "config": config}
+        """Metadata of the weights: seed, number of iterations, configuration, and SHA-256 of what the scenarios are."""
+        config, data = self.config.model_dump_json(), hashlib.sha256(self._data.to_json().encode()).hexdigest()
+        return {"seed": str(self.config.seed), "iterations": str(self.iterations), "config": config, "data": data}
 
 
 class Training(AdversarialTraining):

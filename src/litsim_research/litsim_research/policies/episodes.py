@@ -48,7 +48,9 @@ class EnvironmentConfig:
         sample_radius: distance from the ego within which they are drawn.
         sample_steps: steps after the history for which they stay under the policy.
         model: predictor.
-        handback_ends: whether no penalties are expected of agents that have been handed back or have left the scene.
+        handback_ends: whether no penalties are expected of agents that have been handed back, have left the scene, or
+            have come to where their logs end, where sampled ones are no longer driven.
+        off_road_ends: whether an episode is over once a driven agent has left the road.
         guards: whose need is penalised.
         careful: guards that correct the policy's commands for the training (see :attr:`Outcome.corrected`); they brake
             early enough for the bounds on jerk, unlike the guards that drive. None for no corrections.
@@ -61,6 +63,7 @@ class EnvironmentConfig:
     sample_steps: NonNegative[Steps] = 100
     model: ModelName = "kinematic"
     handback_ends: Flag = False
+    off_road_ends: Flag = True
     guards: SafetyConfig = SafetyConfig()
     careful: SafetyConfig | None = None
 
@@ -107,8 +110,8 @@ class Outcome:
         penalty: (m,) weighted sum, at most 0.
         terms: the penalties before weights, of the agents in `present`.
         present: ids of the agents that are still in the scene.
-        terminated: (m,) whether no penalties can follow: the agent has collided or left the road, or, with
-            `handback_ends`, is handed back.
+        terminated: (m,) whether no penalties can follow: the agent has collided, or, with `off_road_ends`, left the
+            road, or, with `handback_ends`, is handed back or at the end of its log.
         driven_on: (m,) whether the agent is driven in the next step.
     """
 
@@ -146,8 +149,8 @@ class _Task(NamedTuple):
 class Episodes:
     """E episodes on scenarios of one :func:`litsim_sim.scenario.batched.kind`, from the first step after the history.
 
-    An episode is over when a driven agent collides or leaves the road, or when its time is up. Ids of agents are those
-    of the batched scenario.
+    An episode is over when a driven agent collides, or, with `off_road_ends`, leaves the road, or when its time is up.
+    Ids of agents are those of the batched scenario.
 
     Args:
         course: settings.
@@ -207,11 +210,11 @@ class Episodes:
         """
         before, tasks, scene = self._table, self._tasks, self._scene
         driven, residual = scene.id, self._course.observation.residual
-        command = executed(scene, action, residual=residual)
+        command = self._waiting(scene, executed(scene, action, residual=residual))
         needed = guarded(scene, *command, self._guards).source == ControlSource.GUARDED
         corrected = np.full((len(driven), 3), np.nan)
         if self._careful:
-            meant = command if intended is None else executed(scene, intended, residual=residual)
+            meant = command if intended is None else self._waiting(scene, executed(scene, intended, residual=residual))
             corrected = correction(scene, guarded(scene, *meant, self._careful), residual=residual)
         controls = merged(guarded(scene, *command, self.safety), self._others_controls())
         commands = self._egos.plan(before, self.running.nonzero()[0].tolist())
@@ -219,9 +222,15 @@ class Episodes:
         self._choose()
         outcome = self._outcome(before, driven, tasks, needed, corrected)
         over = self.step_number >= self._end
-        over[self.batch.log.scene[outcome.present[outcome.terms.collision | outcome.terms.off_road]]] = True
+        over[self.batch.log.scene[outcome.present[self._ends(outcome.terms)]]] = True
         self._leave_out(over)
         return outcome
+
+    def _waiting(self, scene: DrivingScene, command: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Returns `command`, or less acceleration where a residual policy waits; see :class:`.handback.OwnLogs`."""
+        if not self._course.observation.residual:
+            return command
+        return self._logs.waiting(scene.agents, command[0]), command[1]
 
     def _see(self, table: AgentTable) -> None:
         """Make `table` the current step: forecast it and update the takeovers."""
@@ -236,7 +245,7 @@ class Episodes:
             if t.state == TakeoverState.HELD and t.path_source != PathSource.LANE  # passing agents are driven by rules
         }
         sampling = self.step_number < self.batch.history_steps + self._config.sample_steps
-        sampled = self._sampled_agents.of(self._table) if sampling else []
+        sampled = self._sampled_agents.of(self._table, to_log_end=self._config.handback_ends) if sampling else []
         for task in sampled:
             held = task.agent in tasks
             opponent = tasks[task.agent].opponent if held else task.opponent
@@ -287,7 +296,7 @@ class Episodes:
         strayed = displacement(before, after, driven[here], self.batch.log)
         terms = penalties(before, after, driven[here], self.batch.lane_map, needed[here], strayed)
         penalty, terminated = np.zeros(len(driven)), np.zeros(len(driven), np.bool_)
-        penalty[here], terminated[here] = terms.total(self._course.penalty), terms.collision | terms.off_road
+        penalty[here], terminated[here] = terms.total(self._course.penalty), self._ends(terms)
         because = np.array([task.opponent if task.taken_over else NOBODY for task in tasks], np.int64)
         penalty += self._course.penalty.share * passed_on(penalty, driven, because)
         scene, collided = self.batch.log.scene[driven], np.zeros(len(self.running), np.bool_)
@@ -296,9 +305,13 @@ class Episodes:
         driven_on = here & still & (after.step < self._end[scene]) & ~collided[scene]
         if self._config.handback_ends:
             held = {t.agent for t in self._takeovers if t.state == TakeoverState.HELD}
-            back = [task.taken_over and task.agent not in held for task in tasks]
-            terminated |= ~driven_on & (np.array(back, np.bool_) | ~here)
+            back = np.array([agent not in held for agent in driven.tolist()], np.bool_)
+            terminated |= (back & ~still) | ~here
         return Outcome(driven, following, motion, corrected, penalty, terms, driven[here], terminated, driven_on)
+
+    def _ends(self, terms: Penalties) -> BoolArray:
+        """Returns whether what happened to agents in a step ends the episode (m,)."""
+        return terms.collision | terms.off_road if self._config.off_road_ends else terms.collision
 
     def _leave_out(self, over: BoolArray) -> None:
         """End the episodes in the mask `over` (E,) and remove their agents."""

@@ -12,7 +12,7 @@ from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
 from litsim_research.policies.draw import Start, sampled_tasks
 from litsim_research.policies.task import TaskConfig, all_nearest, recorded_task
-from litsim_sim.core.scene import AgentTable, FloatArray
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.scenario.batched import BatchedScenario
 
 
@@ -79,10 +79,16 @@ class SampledAgents:
         self._sampled = [one for _, one in sampled]
         self._paths = PathBatch([one.path.points for one in self._sampled])
 
-    def of(self, table: AgentTable) -> list[SampledTask]:
-        """Current tasks of the sampled agents that are on the road in `table`."""
+    def of(self, table: AgentTable, *, to_log_end: bool) -> list[SampledTask]:
+        """Current tasks of the sampled agents that are on the road in `table`; `to_log_end`: and not past their logs.
+
+        An agent is past its log if it is nearest to the last pose.
+        """
         rows = table.rows(np.array(self._agents, np.int64))
-        here = np.flatnonzero(rows >= 0)
+        on_way = rows >= 0
+        if to_log_end:
+            on_way[on_way] = ~self._past_log(table, rows[on_way])
+        here = np.flatnonzero(on_way)
         if not len(here):
             return []
         at, s = rows[here], np.zeros(len(rows))
@@ -97,6 +103,13 @@ class SampledAgents:
             minded = opponent if one.has_opponent else NOBODY
             found.append(SampledTask(self._agents[k], one.path.points[i:j], one.goal, one.due_step, minded))
         return found
+
+    def _past_log(self, table: AgentTable, rows: IntArray) -> BoolArray:
+        """Returns whether the agents in `rows` (m,) of `table` are past their logs (m,)."""
+        log = self._batch.log
+        own = log.ids.searchsorted(table.id[rows])
+        lags = log.lags(own, table.step, table.x[rows], table.y[rows])
+        return np.asarray(table.step - lags >= log.last_step[own])
 
     def _renew(self, one: _SampledAgent, table: AgentTable) -> None:
         """Draw another task for `one`, in `table` of its scene."""
