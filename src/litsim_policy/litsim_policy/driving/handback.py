@@ -28,6 +28,7 @@ ACCELERATION_MAX, DECELERATION_MAX = 2.0, 3.0  # [m/s2] bounds of catching up; n
 SPEED_EXCESS = 4.0  # [m/s] most by which an agent drives faster than its log
 POSITION_GAIN = 0.36  # [1/s2] on the distance to the log
 SPEED_GAIN = 1.2  # [1/s] on the difference in speed; twice the root of the other, for critical damping
+ASSUMED = SafetyConfig().values  # braking of leaders and in reply
 CROSSING_HORIZON = 3.0  # [s] for which crossing agents are expected to continue
 
 
@@ -78,8 +79,7 @@ class OwnLogs:
         """Returns accelerations (m,) [m/s2] of agents whose logs lag by `lag` (m,) steps."""
         wanted, length = along_log(self.log, agents, lag), agents.table.length[agents.rows]
         if self._rules:
-            safety = SafetyConfig().values
-            wanted = keep_distance(wanted, agents.speed, length, agents.leaders, COMFORTABLE.values, safety)
+            wanted = keep_distance(wanted, agents.speed, length, agents.leaders, COMFORTABLE.values, ASSUMED)
         return self.waiting(agents, wanted)
 
     def waiting(self, agents: PathFollowers, wanted: FloatArray) -> FloatArray:
