@@ -18,6 +18,7 @@ from litsim_msgs.msg import JointForecast
 from rclpy.serialization import deserialize_message
 
 from litsim_data.generic.autoware_bag import read_bag
+from litsim_data.ngsim.tracks import PIECE
 from litsim_sim.core.topic_names import FORECASTS
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import read_run
@@ -184,9 +185,12 @@ def check_bag(bag: Path) -> None:
     sizes |= {"left_overhang": 0.0, "right_overhang": 0.0}
     (bag / "vehicle_info.param.yaml").write_text(json.dumps({"/**": {"ros__parameters": sizes}}))
     recording = read_bag(bag / "metadata.yaml").recording
-    steps = recording.table.set_index(["frame", "vehicle_id"])
+    tracks = recording.table.assign(
+        vehicle_id=recording.table["vehicle_id"] % PIECE
+    )  # a hole before the run splits them
+    steps = tracks.set_index(["frame", "vehicle_id"])
     end = int(recording.table["frame"].max())
-    ids = {run.info.ego_id: recording.header.notes["ego"]}
+    ids = {run.info.ego_id: recording.header.notes["ego"] % PIECE}
     for table in run.tables[1:]:  # of step 0 the record has the first 20 messages only, all from before the run
         found = steps.loc[end - last.step + table.step].loc[[ids.get(agent, agent) for agent in table.id.tolist()]]
         for name in ("x", "y", "yaw", "speed", "acceleration", "length", "width", "kind"):
