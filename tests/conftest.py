@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -111,6 +112,16 @@ class Track:
             "lane": -1,
         }
         return pd.DataFrame(values)[list(COLUMNS)]
+
+
+@pytest.hookimpl(trylast=True)  # once those of the graph are marked
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Spread the files with tests of the graph, which mostly wait, evenly among the others, which mostly compute."""
+    files = [list(tests) for _, tests in groupby(items, key=lambda item: item.path)]
+    waiting = [tests for tests in files if any(test.get_closest_marker("graph") for test in tests)]
+    computing = [tests for tests in files if not any(test.get_closest_marker("graph") for test in tests)]
+    places = [((k + 0.5) / len(kind), tests) for kind in (waiting, computing) for k, tests in enumerate(kind)]
+    items[:] = [test for _, tests in sorted(places, key=lambda place: place[0]) for test in tests]
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

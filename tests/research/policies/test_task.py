@@ -70,11 +70,11 @@ def test_who_has_long_passed_his_goal_gets_the_next_one(scenario: Scenario) -> N
     start = Start(scenario, LogEgo(scenario), np.random.default_rng(0))
     first = scenario.history_steps
     sampled = SampledAgents(batch, [start], batch.log.table(first), 5, 30.0, config)
-    (agent,) = {task.agent for task in sampled.of(batch.log.table(first))}
+    (agent,) = {task.agent for task in sampled.of(batch.log.table(first), to_log_end=False)}
     ahead = []
     for step in range(first, 100):
         table = batch.log.table(step)
-        (task,) = sampled.of(table)
+        (task,) = sampled.of(table, to_log_end=False)
         ahead.append(task.due_step - step)
         row = batch.log.row(agent)
         assert task.goal == (batch.log.x[row, task.due_step], batch.log.y[row, task.due_step])

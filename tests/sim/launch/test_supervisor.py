@@ -67,7 +67,9 @@ def test_what_cannot_be_started_is_said(keep: Callable[..., subprocess.Popen[str
 
 
 def test_of_too_much_output_the_beginning_and_the_end_are_kept(tmp_path: Path) -> None:
-    script = "echo begin; yes | head -c 40000000; sleep 0.5; echo still there; yes | head -c 20000000; echo end"
+    script = (
+        "echo begin; yes | head -c 40000000; sleep 0.5; echo still there; yes | head -c 20000000; sleep 0.5; echo end"
+    )
     log = tmp_path / "ads.log"
     words = [sys.executable, "-I", "-S", supervisor.__file__, "sh", "-c", script]
     with log.open("a") as stream:
