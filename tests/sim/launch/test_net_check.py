@@ -19,9 +19,21 @@ UNKNOWN = (
 )
 
 
-def test_a_net_that_sumo_loads_is_fine(tmp_path: Path) -> None:
-    (tmp_path / "own.net.xml").write_text(NET.read_text())
-    begin_net_check(tmp_path / "own.net.xml")()
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+def test_a_net_that_sumo_loads_is_fine_and_not_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    net = tmp_path / "own.net.xml"
+    net.write_text(NET.read_text())
+    begin_net_check(net)()
+    with monkeypatch.context() as context:
+        context.delattr(subprocess, "Popen")
+        begin_net_check(net)()
+    net.write_text(ENDS.sub("", NET.read_text()))
+    with pytest.raises(InputError):
+        begin_net_check(net)()
 
 
 def test_a_net_that_sumo_refuses_is_told_with_its_reason(tmp_path: Path) -> None:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
+from hashlib import sha256
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from litsim_sim.core.errors import InputError
@@ -23,9 +27,11 @@ REASONS_MAX = 3
 def begin_net_check(net: Path) -> Callable[[], None]:
     """Begin to load `net` in a process of its own, which a net may crash; returns a function that checks the result.
 
-    That function raises an InputError with SUMO's reason if it cannot load the net. Packaged nets are not tried.
+    That function raises an InputError with SUMO's reason if it cannot load the net. Packaged nets are not tried, nor
+    those that were loaded before: that takes a quarter of a second.
     """
-    if net.resolve().parent == packaged("nets").resolve():
+    mark = _mark_of(net)
+    if net.resolve().parent == packaged("nets").resolve() or (mark and mark.is_file()):
         return lambda: None
     process = subprocess.Popen(
         [sys.executable, "-c", LOAD, str(net)],
@@ -42,5 +48,19 @@ def begin_net_check(net: Path) -> Callable[[], None]:
             reasons = [line.removeprefix(MARK) for line in said.splitlines() if line.startswith(MARK)]
             why = " ".join(reasons[:REASONS_MAX]) or f"it {how_it_ended(process.returncode)}"
             raise InputError(f"{net}: SUMO cannot load the net: {why}")
+        if mark:
+            with suppress(OSError):  # it is tried again next time
+                mark.parent.mkdir(parents=True, exist_ok=True)
+                mark.touch()
 
     return check
+
+
+def _mark_of(net: Path) -> Path | None:
+    """Returns the file in the user's cache that is there once this SUMO has loaded `net`; None without a folder."""
+    with suppress(OSError, RuntimeError, PackageNotFoundError):  # no net, no home, or SUMO not from pip
+        status = net.stat()
+        tried = (net.resolve(), status.st_size, status.st_mtime_ns, version("libsumo"))
+        cache = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
+        return cache / "litsim/nets" / sha256(repr(tried).encode()).hexdigest()
+    return None
