@@ -17,7 +17,7 @@ import numpy as np
 
 from litsim_policy.driving.action import ACTIONS, executed_yaw_rate, physical
 from litsim_policy.driving.features.observation import ObservationConfig, Observer
-from litsim_policy.driving.handback import COMFORTABLE, OwnLogs
+from litsim_policy.driving.handback import COMFORTABLE, CROSSING_HORIZON, OwnLogs
 from litsim_policy.driving.network_file import layer_arrays, perceptron, read_network
 from litsim_policy.driving.policy import Policy
 from litsim_policy.driving.safety.config import SafetyConfig
@@ -113,7 +113,7 @@ class PolicyCConfig:
     rules: Flag = True
     guards: Flag = True
     room_horizon: NonNegative[Duration] = 2.5
-    crossing_horizon: NonNegative[Duration] = 3.0
+    crossing_horizon: NonNegative[Duration] = CROSSING_HORIZON
     safety: SafetyConfig = SafetyConfig()
 
     def network(self) -> PolicyNetwork:
