@@ -10,8 +10,6 @@ loads the net without a warning.
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -26,12 +24,12 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.lane_map.green_conflicts import program_conflicts
 from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.lane_map.sumo_loading import begin_loading
 
 SAMPLE = 2.0  # [m] between the points of a centre line that are compared
 COVERED = 20.0  # [m] side of the cells in which a vehicle makes the road count as recorded
 INSIDE_GOAL = 0.99
 CAD_GOAL = 0.3  # [m]
-_LOAD = "import libsumo, sys; libsumo.start(['sumo', '-n', sys.argv[1], '--no-step-log']); libsumo.close()"
 
 
 @dataclass(frozen=True)
@@ -154,10 +152,10 @@ def cad_distance(lane_map: LaneMap, table: pd.DataFrame, cad: list[CenterLine]) 
 
 
 def load_warnings(net: Path) -> tuple[str, ...]:
-    """Returns what SUMO says when it loads the net, in a process of its own (libsumo is one per process)."""
-    done = subprocess.run([sys.executable, "-c", _LOAD, str(net)], capture_output=True, text=True, check=False)
-    lines = [line.strip() for line in (done.stdout + done.stderr).splitlines()]
+    """Returns what SUMO says when it loads the net."""
+    process = begin_loading(net)
+    lines = [line.strip() for text in process.communicate() for line in text.splitlines()]
     told = [line for line in lines if line.startswith(("Warning", "Error"))]
-    if done.returncode != 0 and not told:
-        told = [f"SUMO ended with status {done.returncode}: {next(filter(None, reversed(lines)), 'without a word')}"]
+    if process.returncode != 0 and not told:
+        told = [f"SUMO ended with status {process.returncode}: {next(filter(None, reversed(lines)), 'without a word')}"]
     return tuple(told)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from collections.abc import Callable
 from contextlib import suppress
 from hashlib import sha256
@@ -12,14 +10,10 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.lane_map.sumo_loading import begin_loading
 from litsim_sim.launch.child import how_it_ended
 from litsim_sim.scenario.scenario import packaged
 
-LOAD = """
-import sys, libsumo
-libsumo.start(["sumo", "--net-file", sys.argv[1], "--no-warnings", "true", "--no-step-log", "true"])
-libsumo.close()
-"""
 MARK = "Error: "  # begins the lines with SUMO's reasons
 REASONS_MAX = 3
 
@@ -33,14 +27,7 @@ def begin_net_check(net: Path) -> Callable[[], None]:
     mark = _mark_of(net)
     if net.resolve().parent == packaged("nets").resolve() or (mark and mark.is_file()):
         return lambda: None
-    process = subprocess.Popen(
-        [sys.executable, "-c", LOAD, str(net)],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        errors="replace",
-    )
+    process = begin_loading(net, "--no-warnings")
 
     def check() -> None:
         said = process.communicate()[1]
