@@ -28,7 +28,7 @@ def test_parameters_of_every_stage_are_taken() -> None:
         "recorder": {"overwrite": True},
         "predictor": {"kinematic.horizon": 2, "model": "kinematic"},
         "conflict": {"horizon": 2, "handback": "catch_up"},
-        "policy": {"safety.horizon": 2, "crossing_horizon": 1},
+        "policy": {"safety.horizon": 2, "rules": False},
         "ego": {"time": (0, 1)},
     }
     bridge = configured(STAGES, given, EGO)["bridge"]
@@ -60,16 +60,16 @@ def test_parameters_of_every_stage_are_taken() -> None:
         ("ego", "lane_change_time", 1e9, r"lane_change_time is 1000000000.0, expected a number of more than 0 and "),
         ("conflict", "confirm_steps", 10**12, r"expected a whole number of more than 0 and at most 36000 "),
         (
-            "policy",
-            "safety.road_horizon",
-            1.3,
-            "policy: parameter safety.road_horizon is 1.3, expected at most horizon, which is 1.2",
+            "conflict",
+            "probability_clear",
+            0.4,
+            "conflict: parameter probability_clear is 0.4, expected at most probability_threshold, which is 0.3",
         ),
         (
             "policy",
-            "safety.relax",
+            "safety.braking_max",
             0,
-            r"policy: parameter safety.relax is 0, expected a number of more than 0 \[",
+            r"policy: parameter safety.braking_max is 0, expected a number of more than 0 \[",
         ),
         (
             "ego",

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
-from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.handback import COMFORTABLE as IDM
 from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
 from litsim_policy.driving.safety.comfort import BRAKING_JERK_MAX
-from litsim_policy.driving.safety.config import LIMITS_ONLY
-from litsim_policy.driving.yielding_rules import COURTESY_DECELERATION, FOLLOWING_TIME, keep_distance
+from litsim_policy.driving.safety.config import SafetyConfig
+from litsim_policy.driving.yielding_rules import (
+    COURTESY_DECELERATION,
+    FOLLOWING_TIME,
+    LEADER_BRAKING,
+    OWN_BRAKING,
+    RELAX,
+    keep_distance,
+)
 from litsim_policy.motion.car_following import Leaders, safe_speed
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.takeover import TakeoverTable
 from takeovers import takeover
 
 LENGTH = 4.5  # [m]
-SAFE = LIMITS_ONLY.own_braking, LIMITS_ONLY.leader_braking, LIMITS_ONLY.relax
+SAFE = OWN_BRAKING, LEADER_BRAKING, RELAX
 STANDS, COMFORTABLE, COURTESY = IDM.standstill_gap, IDM.deceleration, COURTESY_DECELERATION
 
 
@@ -28,7 +32,7 @@ def kept(wanted: float, speed: float, gap: float, lead: float, braking: float = 
     first, acceleration = np.zeros(1, np.int64), np.array([-braking])
     leader = Leaders(np.array([[gap]]), np.array([[lead]]), np.array([[leads]]), first, acceleration)
     own = np.array([wanted]), np.array([speed]), np.array([LENGTH])
-    return float(keep_distance(*own, leader, IDM.values, LIMITS_ONLY.values)[0])
+    return float(keep_distance(*own, leader, IDM.values)[0])
 
 
 @pytest.mark.parametrize("wanted", [2.0, 0.0, -1.5, -2.9])
@@ -97,17 +101,19 @@ def test_of_several_leaders_the_most_demanding_one_counts() -> None:
     gaps, leads = np.array([[30.0, 6.0, 3.0]]), np.array([[True, True, False]])
     leaders = Leaders(gaps, np.array([[9.0, 5.0, 0.0]]), leads, np.zeros(1, np.int64), np.zeros(3))
     own = np.array([0.0]), np.array([12.0]), np.array([LENGTH])
-    found = keep_distance(*own, leaders, IDM.values, LIMITS_ONLY.values)
+    found = keep_distance(*own, leaders, IDM.values)
     assert found[0] == kept(0.0, 12.0, 6.0, 5.0) < -COMFORTABLE
 
 
-def test_the_network_needs_no_guard_behind_somebody_who_stands(make_scenario, track, lane_centres) -> None:
-    """It asks to drive on; the policy brakes, as hard as its bounds allow, with every guard off."""
+@pytest.mark.parametrize("rules", [True, False])
+def test_who_drives_on_along_its_log_needs_no_guard_behind_somebody_who_stands(
+    make_scenario, track, lane_centres, *, rules: bool
+) -> None:
+    """It brakes as hard as its bounds allow, with the guard off."""
     y = lane_centres[2]
     scenario = make_scenario(track(1, x=110.0, y=y, speed=0.0), track(2, x=100.0, y=y, speed=5.0))
-    says = SimpleNamespace(observation=ObservationConfig(), mean=lambda seen: np.zeros((len(seen), 3)))
-    policy = PolicyC(scenario, says, PolicyCConfig(guards=False))
+    config = PolicyCConfig(rules=rules, safety=SafetyConfig(contact=False))
     path = np.array([[90.0, y], [300.0, y]])
-    table = scenario.log.table(0)
-    controls = policy.act(table, TakeoverTable(0, (takeover(2, reference_path=path),)))
-    assert controls.acceleration[0] == pytest.approx(-BRAKING_JERK_MAX * STEP_S)
+    held = TakeoverTable(0, (takeover(2, reference_path=path),))
+    controls = PolicyC(scenario, config).act(scenario.log.table(0), held)
+    assert controls.acceleration[0] == pytest.approx(-BRAKING_JERK_MAX * STEP_S if rules else 0.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from litsim_policy.driving.look_ahead import SETTLE, first_touch, rolled_out, stay_on_road, steps_of
+from litsim_policy.driving.look_ahead import SETTLE, first_touch, rolled_out, steps_of
 from litsim_sim.core.geometry import boxes_overlap, to_body
 from litsim_sim.core.scene import STEP_S, AgentTable
 
@@ -108,15 +108,6 @@ def test_commands_do_not_change_each_other(crowd) -> None:
             alone = rolled_out(table, rows[i : i + 1], commands[i : i + 1, c : c + 1], INSTANTS)
             assert (alone[:, 0, 0] == poses[:, i, c]).all()
             assert first_touch(table, rows[i : i + 1], alone, INSTANTS, MARGIN)[0, 0] == together[i, c]
-
-
-def test_both_sides_count_for_the_road_unless_an_agent_is_off_it_now(make_scenario, track, agent_table) -> None:
-    lane_map = make_scenario(track(1, x=100.0)).lane_map
-    # the left edge of the road is at y = 0
-    table = agent_table(0, {"id": 1, "x": 100.0, "y": -1.5}, {"id": 2, "x": 120.0, "y": 0.5})
-    poses = np.zeros((3, 2, 3, 2))
-    poses[0, :, :, 1], poses[1, :, :, 1] = [[100.0], [120.0]], [-1.2, -0.8, 0.5]
-    assert stay_on_road(lane_map, table, np.arange(2), poses, 1).tolist() == [[True, False, False], [True, True, True]]
 
 
 def test_looking_ahead_takes_a_step_at_least() -> None:

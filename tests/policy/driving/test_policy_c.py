@@ -11,12 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.torch import load_file, save_file
 
-from litsim_eval.campaign.policy_setup import setup_of
 from litsim_policy.driving.action import HIGH, LOW, consistent, executed_yaw_rate, normalised, physical
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.features.scales import ACCELERATION
 from litsim_policy.driving.features.way import AHEAD
-from litsim_policy.driving.policy_c import FORMAT, PolicyC, PolicyNetwork, shipped_weights
+from litsim_policy.driving.policy_c import FORMAT, PACKAGED, PolicyC, PolicyNetwork, shipped_weights
 from litsim_policy.driving.registry import make_policy
 from litsim_research.policies.network import GaussianPolicy, driving_network, pedal_bounds, restore, save
 from litsim_sim.core.errors import InputError
@@ -206,37 +205,31 @@ def test_files_that_are_damaged(policy, tmp_path: Path, content: bytes | None) -
 # In the loop
 
 
-def test_shipped_weights_drive(make_scenario, track, drive) -> None:
-    assert PolicyNetwork.load(shipped_weights()).observation.slots == 8
+@pytest.mark.parametrize("weights", PACKAGED)
+def test_shipped_weights_drive(make_scenario, track, drive, weights: str) -> None:
+    assert PolicyNetwork.load(shipped_weights(weights)).observation.residual == (weights == "residual")
     ego, follower = track(1, x=200.0, last=110), track(2, x=170.0, last=110)
     scenario = make_scenario(ego, follower)
     assert isinstance(make_policy("litsim", scenario), PolicyC)
-    run = drive(scenario, lambda table, _: (-3.0 if table.step < 40 else 0.5, 0.0), policy="litsim")
+    run = drive(
+        scenario,
+        lambda table, _: (-3.0 if table.step < 40 else 0.5, 0.0),
+        policy="litsim",
+        parameters={"policy": {"weights": weights}},
+    )
     assert run.world.contacts == {} and run.takeovers(2)
     sources = {s for r in run.results if r.controls is not None for s in r.controls.source.tolist()}
     assert sources & {ControlSource.POLICY, ControlSource.GUARDED}
     assert all((np.diff(r.controls.id) > 0).all() for r in run.results if r.controls is not None)
 
 
-@pytest.mark.parametrize("setup", ["residual", "own_log"])
-def test_setups_along_the_own_log_need_no_guard_behind_an_ego_that_stops(make_scenario, track, drive, setup) -> None:
-    """Agent 2 keeps its distance, also with the guard off; what it is added to does without the network."""
-    parameters = {name.removeprefix("policy."): value for name, value in setup_of(setup).parameters.items()}
-    scenario = make_scenario(track(1, x=200.0, last=110), track(2, x=170.0, last=110))
-    for contact in (True, False):
-        alone = {"policy": parameters | {"safety.contact": contact}}
-        run = drive(scenario, lambda *_: (-5.0, 0.0), policy="litsim", parameters=alone)
-        assert run.world.contacts == {} and run.takeovers(2)
-
-
-@pytest.mark.parametrize("weights", ["none", "log"])
-@pytest.mark.parametrize(("guards", "collides"), [(False, True), (True, False)])
-def test_without_network_and_rules_only_the_guards_brake(
-    make_scenario, track, drive, weights: str, *, guards: bool, collides: bool
+@pytest.mark.parametrize(("guard", "collides"), [(False, True), (True, False)])
+def test_without_network_and_rules_only_the_guard_brakes(
+    make_scenario, track, drive, *, guard: bool, collides: bool
 ) -> None:
     """The ego ahead brakes to a stand; agent 2 would drive on."""
     scenario = make_scenario(track(1, x=200.0, last=110), track(2, x=170.0, last=110))
-    parameters = {"policy": {"weights": weights, "rules": False, "guards": guards}}
+    parameters = {"policy": {"rules": False, "safety.contact": guard}}
     run = drive(scenario, lambda *_: (-5.0, 0.0), policy="litsim", parameters=parameters)
     assert ((1, 2) in run.world.contacts) == collides
 
@@ -245,7 +238,7 @@ def test_without_network_and_rules_only_the_guards_brake(
 def test_without_network_it_drives_on_as_its_log_does(make_scenario, track, placed, lane_centres, lag: int) -> None:
     y = lane_centres[1]
     scenario = make_scenario(track(1, x=300.0), track(2, x=100.0, y=y, speed=8.0, acceleration=0.7))
-    parameters = {"weights": "log", "rules": False, "guards": False}
+    parameters = {"rules": False, "safety.contact": False}
     then, path = scenario.log.table(20 - lag), np.array([[90.0, y], [400.0, y]])
     own = {name: float(getattr(then, name)[then.row(2)]) for name in ("x", "speed", "acceleration")}
     table = placed(scenario.log.table(20), 2, **own)

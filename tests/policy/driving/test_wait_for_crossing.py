@@ -11,13 +11,14 @@ import pytest
 from agent_arrays import agent_arrays
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
+from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.yielding_rules import COURTESY_DECELERATION, PEDALS, wait_for_crossing
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_sim.core.scene import Controller
 from litsim_sim.core.takeover import TakeoverTable
 from takeovers import takeover
 
-CONFIG = PolicyCConfig(guards=False)
+CONFIG = PolicyCConfig(safety=SafetyConfig(contact=False))
 LENGTH, WIDTH = 5.0, 2.0  # [m]
 COURTESY = COURTESY_DECELERATION
 PATH = np.array([[-50.0, 0.0], [200.0, 0.0]])
@@ -34,7 +35,6 @@ def waits(
     turn: float = 0.0,
     wanted: float = 0.5,
     off_log: bool = True,
-    horizon: float = CONFIG.crossing_horizon,
     path: np.ndarray = PATH,
 ) -> float:
     """What an agent at (0, 0) does, heading along x at speed `own`, with another one at (x, y)."""
@@ -52,7 +52,7 @@ def waits(
         controller=[Controller.POLICY, Controller.POLICY if off_log else Controller.LOG],
     )
     own_s = paths.project(np.zeros(1, np.int64), np.zeros(1), np.zeros(1)).s
-    return float(wait_for_crossing(np.array([wanted]), paths.arrays, own_s, agents, np.zeros(1, np.int64), horizon)[0])
+    return float(wait_for_crossing(np.array([wanted]), paths.arrays, own_s, agents, np.zeros(1, np.int64))[0])
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -94,9 +94,8 @@ def test_it_counts_with_who_speeds_up_and_with_who_stops() -> None:
         {"x": 50.0, "y": 7.0, "yaw": -np.pi / 2, "speed": 3.0},
         {"x": -3.0, "y": 7.0, "yaw": -np.pi / 2, "speed": 5.0},
         {"x": 0.0, "y": 9.0, "yaw": -np.pi / 2, "speed": 8.0, "own": 2.0},
-        {"x": 24.0, "y": 7.0, "yaw": -np.pi / 2, "speed": 5.0, "horizon": 0.0},
     ],
-    ids=["on its log", "same way", "goes away", "later", "behind", "runs into its side", "rule is off"],
+    ids=["on its log", "same way", "goes away", "later", "behind", "runs into its side"],
 )
 def test_it_waits_for_nobody_else(other: dict[str, float]) -> None:
     assert waits(**other) == 0.5
@@ -122,15 +121,8 @@ def test_policy_litsim_waits_for_the_ego_that_crosses(make_scenario, track, plac
     held = TakeoverTable(0, (takeover(2, reference_path=path),))
 
     def does(config: PolicyCConfig) -> float:
-        policy = PolicyC(scenario, says, config)
+        policy = PolicyC(scenario, config, says)
         return float(policy.act(table, held).acceleration[0])
 
     assert does(CONFIG) < -0.5
-    assert does(replace(CONFIG, crossing_horizon=0.0)) > does(CONFIG) + 0.5
     assert does(replace(CONFIG, rules=False)) == 0.0
-    asks = np.array([0.9, 0.0, 0.0])
-    pushes = SimpleNamespace(
-        observation=ObservationConfig(residual=True), mean=lambda seen: np.tile(asks, (len(seen), 1))
-    )
-    residual = PolicyC(scenario, pushes, CONFIG).act(table, held)
-    assert residual.acceleration[0] < -0.5, "whatever is added to driving on as the log does"

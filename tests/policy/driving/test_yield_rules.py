@@ -65,9 +65,8 @@ def test_the_side_is_taken_by_whoever_is_or_soon_will_be_alongside(random) -> No
     target = np.column_stack([x[rows], y[rows]]) + random.normal(0.0, [5.0, 1.0], (AGENTS, 2))
     target[0] = x[rows[0]], y[rows[0]]
     scene = np.sort(random.integers(0, 2, OTHERS))
-    yaw = random.normal(0.0, 0.1, OTHERS)
-    agents = agent_arrays(OTHERS, scene=scene, x=x, y=y, yaw=yaw, speed=speed, length=length, width=width)
-    found = side_is_taken(agents, rows, heading, target, 1.2)
+    agents = agent_arrays(OTHERS, scene=scene, x=x, y=y, speed=speed, length=length, width=width)
+    found = side_is_taken(agents, rows, heading, target)
     off_x, off_y = target[:, 0] - x[rows], target[:, 1] - y[rows]
     move = (-np.sin(heading) * off_x + np.cos(heading) * off_y)[:, None]
     ahead, left = to_body(x - x[rows, None], y - y[rows, None], heading[:, None])
@@ -75,7 +74,6 @@ def test_the_side_is_taken_by_whoever_is_or_soon_will_be_alongside(random) -> No
     reach = 0.5 * (length + length[rows, None]) + SIDE_GAP
     reach += np.where(np.sign(ahead) * faster < 0, np.abs(faster) * SIDE_HORIZON, 0.0)
     clearance = np.abs(left) - 0.5 * (width + width[rows, None])
-    clearance -= np.maximum(-np.sign(left) * speed * np.sin(yaw - heading[:, None]), 0.0) * 1.2
     beside = (np.abs(ahead) < reach) & (left * move > 0) & (clearance < np.abs(move) + SIDE_MARGIN)
     beside &= scene == scene[rows, None]
     beside[np.arange(AGENTS), rows] = False

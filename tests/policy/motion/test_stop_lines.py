@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_policy.driving.policy_c import Driver, PolicyCConfig
-from litsim_policy.driving.task import DrivingTask
+from litsim_policy.driving.features.observation import ObservationConfig
+from litsim_policy.driving.policy_c import PolicyC
 from litsim_policy.driving.yield_policy import YieldPolicy
 from litsim_policy.motion.car_following import GAP_MIN, IdmConfig
 from litsim_policy.motion.path_batch import PathBatch
@@ -129,9 +130,11 @@ def yields(scenario: Scenario) -> Answer:
 
 
 def policy_c(scenario: Scenario) -> Answer:
-    driver = Driver(scenario.lane_map, PolicyCConfig().network(), signals=scenario.signals)
-    path = logged_path(scenario.log, scenario.lane_map, 2)
-    return lambda table: driver.drive(table, [DrivingTask(2, path, path.points[-1], table.step + 30)])
+    """Whatever its network asks for."""
+    says = SimpleNamespace(observation=ObservationConfig(), mean=lambda seen: np.tile([0.2, 0.0, 0.0], (len(seen), 1)))
+    policy = PolicyC(scenario, network=says)
+    path = logged_path(scenario.log, scenario.lane_map, 2).points
+    return lambda table: policy.act(table, TakeoverTable(table.step, (takeover(2, reference_path=path),)))
 
 
 @pytest.mark.parametrize("make", [yields, policy_c])

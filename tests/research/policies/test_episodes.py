@@ -7,9 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from litsim_policy.driving.action import physical
 from litsim_policy.driving.features.observation import ObservationConfig
-from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_research.policies.episodes import Course, EnvironmentConfig, Episodes, Outcome
 from litsim_research.policies.expert import ExpertConfig, expert_pairs
 from litsim_research.policies.reward import PenaltyConfig, displacement, penalties
@@ -210,33 +208,6 @@ def test_leaving_the_road_ends_no_episode_where_that_is_said(make_scenario, trac
     outcomes = driven(begun(scenario, config), lateral=0.3)
     assert sum(int(o.terms.off_road.sum()) for o in outcomes) == 1
     assert not any(o.terminated.any() for o in outcomes) and not outcomes[-1].terms.off_road.any()
-
-
-def test_corrections_of_a_residual_policy_are_residuals_too(traffic) -> None:
-    """Guards that always want to brake by what they may, whatever the log does."""
-    config = replace(SMALL, careful=SafetyConfig(own_braking=0.1, leader_braking=8.0, relax=0.1))
-    course = Course([traffic], config, ObservationConfig(residual=True))
-    episodes = Episodes(course, [course.start(np.random.default_rng(0))])
-    scene = episodes._scene
-    outcome = episodes.step(np.zeros((len(scene), 3)))
-    told = ~np.isnan(outcome.corrected[:, 0])
-    assert told.any()
-    sums = physical(outcome.corrected)[told, 0] + scene.onwards[told]
-    assert (sums < scene.onwards[told] - 0.1).all()
-
-
-# Experts
-
-
-def test_experts_do_what_was_recorded(make_scenario, track, lane_centres) -> None:
-    scenario = make_scenario(
-        track(1, x=100.0, speed=10.0, acceleration=1.0), track(2, x=80.0, speed=10.0, acceleration=-0.6)
-    )
-    pairs = expert_pairs([scenario], ObservationConfig(), ExpertConfig(), TaskConfig(), np.random.default_rng(0))
-    assert len(pairs.action) >= 10
-    assert set(np.round(pairs.action[:, 0], 3)) <= {0.333, -0.1}
-    assert np.abs(pairs.action[:, 1:]).max() < 1e-6
-    assert np.isfinite(pairs.observation).all() and pairs.observation.shape == pairs.displaced.shape
 
 
 def test_corrections_lead_back_to_the_path(make_scenario, track) -> None:

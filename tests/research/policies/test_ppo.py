@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -18,7 +16,6 @@ from litsim_research.policies.ppo import (
     PpoConfig,
     Track,
     advantages,
-    correction_error,
     make_batch,
     update_policy,
 )
@@ -125,40 +122,6 @@ def test_the_value_can_learn_alone_and_drivers_can_hold_the_policy_back() -> Non
     assert float(torch.tanh(policy(batch.observation[:128])).detach()[:, 0].mean()) == pytest.approx(-0.5, abs=0.1)
 
 
-def test_the_policy_goes_where_it_is_corrected() -> None:
-    torch.manual_seed(0)
-    policy, value = GaussianPolicy(SEEN), multilayer(SEEN.size, 1)
-    driven = tracks(policy)
-    told = [np.full((len(track), 3), np.nan) for track in driven]
-    for track, to in zip(driven, told, strict=True):
-        to[track.observation[:-1, 0] > 0.0] = [-0.5, 0.0, 0.0]
-    driven = [replace(track, corrected=to) for track, to in zip(driven, told, strict=True)]
-    batch = make_batch(driven, [np.zeros(len(track)) for track in driven], value, CONFIG)
-    optimiser = torch.optim.Adam([*policy.parameters(), *value.parameters()], 3e-3)
-    there = batch.observation[:, 0] > 0.0
-    before = policy.said(batch.observation).detach()[:, 0]
-    config = PpoConfig(batch=64, epochs=60, target_kl=1e9, correction_weight=10.0, vf_coef=0.0)
-    update_policy(policy, value, optimiser, batch, config, torch.Generator().manual_seed(0))
-    after = policy.said(batch.observation).detach()[:, 0]
-    assert float(after[there].mean()) == pytest.approx(-0.5, abs=0.15)
-    assert abs(float(before[there].mean())) < 0.1
-    update_policy(policy, value, optimiser, batch, config, torch.Generator().manual_seed(0), value_only=True)
-    assert torch.equal(policy.said(batch.observation).detach()[:, 0], after)
-
-
-def test_what_nobody_corrects_is_no_error() -> None:
-    torch.manual_seed(0)
-    policy = GaussianPolicy(SEEN)
-    observation = torch.rand((4, SEEN.size))
-    said = policy.said(observation).detach()
-    assert float(correction_error(policy, observation, torch.full((4, 3), float("nan"))).detach()) == 0.0
-    half = torch.where(torch.arange(4)[:, None] < 2, said - torch.tensor([0.3, 0.2, 0.2]), float("nan"))
-    error = correction_error(policy, observation, half)
-    assert float(error.detach()) == pytest.approx(0.5, abs=1e-5)
-    error.backward()
-    assert all(torch.isfinite(part.grad).all() for part in policy.parameters() if part.grad is not None)
-
-
 def test_a_batch_is_normalised() -> None:
     policy, value = GaussianPolicy(SEEN), multilayer(SEEN.size, 1)
     driven = tracks(policy)
@@ -197,9 +160,3 @@ def test_the_norm_is_that_of_the_gradient() -> None:
     critic.body = torch.nn.Sequential(linear)
     found = gradient_norm(critic, torch.randn(10, 5), torch.randn(10, 5), torch.Generator().manual_seed(0))
     assert found.detach().numpy() == pytest.approx(5.0, rel=1e-5)
-
-
-def test_the_weight_of_corrections_falls_to_zero() -> None:
-    falling = PpoConfig(correction_weight=2.0, correction_iterations=4)
-    assert [falling.at(k).correction_weight for k in range(6)] == [2.0, 1.5, 1.0, 0.5, 0.0, 0.0]
-    assert PpoConfig(correction_weight=2.0).at(100).correction_weight == 2.0

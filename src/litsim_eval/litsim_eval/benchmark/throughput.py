@@ -42,7 +42,7 @@ TRAINING = {
         ]
     },
 }
-"""Configuration of the timed training: a sixth of that of `policy_c.yaml`, without its real windows."""
+"""Configuration of the timed training: a sixth of that of `policy_c_critic.yaml`, without its real windows."""
 
 TIMED = """
 import resource, subprocess, sys, time

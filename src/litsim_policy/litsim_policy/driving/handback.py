@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.yielding_rules import keep_distance, wait_for_crossing
 from litsim_policy.motion.car_following import IdmConfig
 from litsim_policy.motion.followers import PathFollowers
@@ -28,8 +27,6 @@ ACCELERATION_MAX, DECELERATION_MAX = 2.0, 3.0  # [m/s2] bounds of catching up; n
 SPEED_EXCESS = 4.0  # [m/s] most by which an agent drives faster than its log
 POSITION_GAIN = 0.36  # [1/s2] on the distance to the log
 SPEED_GAIN = 1.2  # [1/s] on the difference in speed; twice the root of the other, for critical damping
-ASSUMED = SafetyConfig().values  # braking of leaders and in reply
-CROSSING_HORIZON = 3.0  # [s] for which crossing agents are expected to continue
 
 
 def catch_up(
@@ -77,15 +74,15 @@ class OwnLogs:
 
     def onwards(self, agents: PathFollowers, lag: IntArray) -> FloatArray:
         """Returns accelerations (m,) [m/s2] of agents whose logs lag by `lag` (m,) steps."""
-        wanted, length = along_log(self.log, agents, lag), agents.table.length[agents.rows]
+        wanted, table, rows = along_log(self.log, agents, lag), agents.table, agents.rows
         if self._rules:
-            wanted = keep_distance(wanted, agents.speed, length, agents.leaders, COMFORTABLE.values, ASSUMED)
+            wanted = keep_distance(wanted, agents.speed, table.length[rows], agents.leaders, COMFORTABLE.values)
         return self.waiting(agents, wanted)
 
     def waiting(self, agents: PathFollowers, wanted: FloatArray) -> FloatArray:
         """Returns `wanted` (m,) [m/s2], or less where agents wait for crossing ones or at red lights."""
         if self._rules:
             paths, table = agents.paths.arrays, agents.table.arrays
-            wanted = wait_for_crossing(wanted, paths, agents.s, table, agents.rows, CROSSING_HORIZON)
+            wanted = wait_for_crossing(wanted, paths, agents.s, table, agents.rows)
         free = np.full(len(agents), COMFORTABLE.desired_speed)
         return idm_at_signals(COMFORTABLE, agents.speed, free, wanted, self._stop_lines.of(agents))

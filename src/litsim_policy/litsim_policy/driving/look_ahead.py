@@ -1,4 +1,4 @@
-"""Outcome of commands over the next seconds: future poses, time of the first contact, and whether agents stay on road.
+"""Outcome of commands over the next seconds: future poses, and time of the first contact.
 
 Agents keep the commanded acceleration, and their turns end with a time constant; all others drive straight on, and keep
 braking if they brake.
@@ -10,23 +10,20 @@ import math
 from functools import cache
 
 import numpy as np
-from numba.types import UniTuple
 
 from litsim_sim.core.pair_geometry import overlap, within_scenes
-from litsim_sim.core.scene import AGENTS, STEP_S, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import AGENTS, STEP_S, AgentArrays, AgentTable, FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
     FLOATS,
     FLOATS3,
     INTS,
     OUT_FLOATS2,
-    OUT_FLOATS3,
     float64,
     int64,
     kernel,
     read_array,
     written_array,
 )
-from litsim_sim.lane_map.lane_map import LaneMap
 
 POSES = read_array(float64, 4)
 SETTLE = 0.5  # [s] time constant with which turns are expected to end
@@ -75,22 +72,6 @@ def first_touch(table: AgentTable, rows: IntArray, poses: FloatArray, instants: 
         (m, c) times [s], infinite where none is touched.
     """
     return _first_touch(table.arrays, rows, poses, instants, margin)
-
-
-def stay_on_road(lane_map: LaneMap, table: AgentTable, rows: IntArray, poses: FloatArray, instant: int) -> BoolArray:
-    """Mask (m, c) of agents with both sides on the road at an instant; those off it now always count.
-
-    Args:
-        lane_map: the road.
-        table: all agents.
-        rows: (m,) of the agents.
-        poses: (3, m, c, T) as in :func:`first_touch`.
-        instant: position of the instant among the T.
-    """
-    x, y = _sides(table.arrays, rows, poses, instant)
-    inside: BoolArray = lane_map.inside_road(x.ravel(), y.ravel()).reshape(x.shape)
-    both = inside[..., 0] & inside[..., 1]
-    return both[:, :-1] | ~both[:, -1:]
 
 
 @kernel(written_array(float64, 4)(AGENTS, INTS, FLOATS3, FLOATS))
@@ -154,24 +135,3 @@ def _first_touch(agents: AgentArrays, rows: IntArray, poses: FloatArray, instant
                     ):
                         touch[i, c] = at
     return touch
-
-
-@kernel(UniTuple(OUT_FLOATS3, 2)(AGENTS, INTS, POSES, int64))
-def _sides(agents: AgentArrays, rows: IntArray, poses: FloatArray, instant: int) -> tuple[FloatArray, FloatArray]:
-    """Centres of the left and the right side of agents at an instant of `poses` (3, m, c, T), and, last, at present.
-
-    Returns:
-        x and y (m, c + 1, 2) [m].
-    """
-    commands = poses.shape[2]
-    side_x, side_y = np.empty((len(rows), commands + 1, 2)), np.empty((len(rows), commands + 1, 2))
-    for i in range(len(rows)):
-        own = rows[i]
-        for c in range(commands + 1):
-            at_x, at_y, heading = agents.x[own], agents.y[own], agents.yaw[own]
-            if c < commands:
-                at_x, at_y, heading = poses[0, i, c, instant], poses[1, i, c, instant], poses[2, i, c, instant]
-            off_x, off_y = 0.5 * agents.width[own] * math.sin(heading), 0.5 * agents.width[own] * math.cos(heading)
-            side_x[i, c, 0], side_x[i, c, 1] = at_x - off_x, at_x + off_x
-            side_y[i, c, 0], side_y[i, c, 1] = at_y + off_y, at_y - off_y
-    return side_x, side_y

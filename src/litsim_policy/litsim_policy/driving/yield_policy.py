@@ -10,11 +10,7 @@ from litsim_policy.driving.handback import COMFORTABLE, SPEED_EXCESS, along_log
 from litsim_policy.driving.policy import Policy
 from litsim_policy.driving.safety.following import braking_needed
 from litsim_policy.driving.task import opponent_of
-from litsim_policy.driving.yielding_rules import (
-    SIDE_HORIZON,
-    give_way,
-    side_is_taken,
-)
+from litsim_policy.driving.yielding_rules import give_way, side_is_taken
 from litsim_policy.motion.car_following import idm_acceleration
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
@@ -106,19 +102,8 @@ class YieldPolicy(Policy):
 
     def _steer(self, agents: PathFollowers) -> FloatArray:
         """Yaw rates (m,) [rad/s] along the paths, or along the lanes if the side to which a path leads is taken."""
-        return np.where(self.side_taken(agents), agents.lane_yaw_rate, agents.path_yaw_rate)
-
-    def side_taken(self, agents: PathFollowers, *, or_will_be: bool = False) -> BoolArray:
-        """Mask (m,) of agents with paths to a side that is taken; with `or_will_be`, also by merging agents."""
-        coming_over = SIDE_HORIZON if or_will_be else 0.0
-        return side_is_taken(agents.table.arrays, agents.rows, agents.lane.heading, agents.target, coming_over)
-
-    def stop_at_red(self, agents: PathFollowers, wanted: FloatArray) -> FloatArray:
-        """Returns accelerations (m,) [m/s2] with which agents stop at red lights, if less than they want."""
-        line = self._stop_lines.of(agents)
-        if np.isinf(line).all():
-            return wanted
-        return idm_at_signals(COMFORTABLE, agents.speed, self._wanted_speed(agents), wanted, line)
+        taken = side_is_taken(agents.table.arrays, agents.rows, agents.lane.heading, agents.target)
+        return np.where(taken, agents.lane_yaw_rate, agents.path_yaw_rate)
 
     def _wanted_speed(self, agents: PathFollowers) -> FloatArray:
         """Desired speeds (m,) [m/s]: the log's at the agent's position or now, if greater, plus a reserve."""

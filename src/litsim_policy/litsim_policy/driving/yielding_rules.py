@@ -1,7 +1,7 @@
-"""Rules by which agents yield, earlier than guards act: to leaders, opponents, crossing and merging agents.
+"""Rules by which agents yield, earlier than the guard acts: to leaders, opponents and crossing agents.
 
-Policy `yield` gives way, and stays in its lane if the side is taken. Policy `litsim` applies the other rules to the
-commands of its network, and stays in its lane as well.
+Policy `yield` gives way, and stays in its lane if the side is taken. The other rules are those of driving on as the log
+does (:class:`litsim_policy.driving.handback.OwnLogs`).
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 
-from litsim_policy.driving.safety.config import SAFETY, SafetyValues
 from litsim_policy.motion.along_path import VIEW, AlongPath
 from litsim_policy.motion.car_following import (
     IDM,
@@ -43,6 +42,9 @@ SIDE_GAP = 1.0  # [m] least gap behind and ahead for a lateral move
 SIDE_HORIZON = 1.5  # [s] for which approaching agents are expected to continue
 SIDE_MARGIN = 0.3  # [m] lateral distance kept to others
 SIDE_DRIFT = 0.05  # [m] lateral distance that does not count as a move
+LEADER_BRAKING, OWN_BRAKING = 8.0, 7.5  # [m/s2] hardest braking of leaders at any time, and in reply to it
+RELAX = 1.0  # [s] time constant of slowing down to the speed that is safe behind a leader
+CROSSING_HORIZON = 3.0  # [s] for which crossing agents are expected to continue
 CROSSING_MARGIN = 0.5  # [m] distance kept to crossing agents
 FOLLOWING_TIME = 0.5  # [s] time constant of matching a leader's speed, nearer than the standstill gap
 PEDALS = 3  # number of braking strengths, up to the hardest, that are tried to let an agent cross
@@ -51,18 +53,18 @@ SAME_WAY = math.cos(math.pi / 4)  # cosine of the largest angle between headings
 LOG = int(Controller.LOG)
 
 
-@kernel(OUT_FLOATS(FLOATS, FLOATS, FLOATS, LEADERS, IDM, SAFETY))
+@kernel(OUT_FLOATS(FLOATS, FLOATS, FLOATS, LEADERS, IDM))
 def keep_distance(
     wanted: FloatArray,
     speed: FloatArray,
     length: FloatArray,
     leaders: Leaders,
     model: IdmValues,
-    safety: SafetyValues,
 ) -> FloatArray:
     """Accelerations (m,) [m/s2] with which agents keep their distance to leaders, if less than they want.
 
-    They drive no faster than is safe behind the leader, and slow down to that speed by at most comfortable braking.
+    They drive no faster than is safe behind the leader (:func:`litsim_policy.motion.car_following.safe_speed`), and
+    slow down to that speed by at most comfortable braking.
 
     Once keeping the standstill gap takes more than comfortable braking, they brake constantly as that requires: harder
     than by the courtesy deceleration only for half of that gap. Nearer than the standstill gap they slow down to the
@@ -73,8 +75,6 @@ def keep_distance(
         speed, length: (m,) of the agents [m/s], [m].
         leaders: of the agents.
         model: standstill gap and comfortable braking of the car following.
-        safety: assumed braking of the safe speed (:func:`litsim_policy.motion.car_following.safe_speed`), and the time
-            constant of the approach to it.
     """
     standstill_gap, comfortable = model.standstill_gap, model.deceleration
     gap, leads, first = leaders.gap, leaders.leads, leaders.first
@@ -85,8 +85,8 @@ def keep_distance(
             if not (leads[i, j] and gap[i, j] > -0.5 * length[i]):
                 continue
             room, lead = gap[i, j] - standstill_gap, max(leaders.speed[i, j], 0.0)
-            safe = safe_speed(room, lead, safety.own_braking, safety.leader_braking)
-            kept[i] = min(kept[i], max((safe - speed[i]) / safety.relax, -comfortable))
+            safe = safe_speed(room, lead, OWN_BRAKING, LEADER_BRAKING)
+            kept[i] = min(kept[i], max((safe - speed[i]) / RELAX, -comfortable))
             if not gap[i, j] > 0.0:
                 continue
             kept[i] = max(kept[i], -COURTESY_DECELERATION)
@@ -102,14 +102,8 @@ def keep_distance(
     return kept
 
 
-@kernel(OUT_BOOLS(AGENTS, INTS, FLOATS, FLOATS2, float64))
-def side_is_taken(
-    agents: AgentArrays,
-    rows: IntArray,
-    lane_heading: FloatArray,
-    target: FloatArray,
-    coming_over: float,
-) -> BoolArray:
+@kernel(OUT_BOOLS(AGENTS, INTS, FLOATS, FLOATS2))
+def side_is_taken(agents: AgentArrays, rows: IntArray, lane_heading: FloatArray, target: FloatArray) -> BoolArray:
     """Mask (m,) of agents that move to a side of their lanes where another agent is alongside, or soon will be.
 
     Args:
@@ -117,7 +111,6 @@ def side_is_taken(
         rows: (m,) of the agents.
         lane_heading: (m,) of their lanes [rad].
         target: (m, 2) points that they pursue [m].
-        coming_over: time for which merging agents are expected to continue [s].
     """
     taken, (begin, end) = np.zeros(len(rows), np.bool_), within_scenes(agents.scene, rows)
     for i in range(len(rows)):
@@ -132,67 +125,19 @@ def side_is_taken(
             reach = 0.5 * (agents.length[j] + agents.length[own]) + SIDE_GAP
             if np.sign(ahead) * faster < 0.0:
                 reach += abs(faster) * SIDE_HORIZON
-            comes_over = -np.sign(left) * agents.speed[j] * math.sin(agents.yaw[j] - lane_heading[i])
-            clearance = abs(left) - 0.5 * (agents.width[j] + agents.width[own]) - max(comes_over, 0.0) * coming_over
+            clearance = abs(left) - 0.5 * (agents.width[j] + agents.width[own])
             if j != own and abs(ahead) < reach and left * move > 0.0 and clearance < abs(move) + SIDE_MARGIN:
                 taken[i] = True
                 break
     return taken
 
 
-@kernel(OUT_FLOATS(FLOATS, AGENTS, INTS, FLOATS, float64))
-def make_room(
-    wanted: FloatArray, agents: AgentArrays, rows: IntArray, lane_heading: FloatArray, horizon: float
-) -> FloatArray:
-    """Accelerations (m,) [m/s2] with which agents make room for merging ones, if less than they want.
-
-    A merging agent that would be alongside with its centre ahead is let in: they brake so as to be behind it by then,
-    no harder than by the courtesy deceleration.
-
-    Args:
-        wanted: (m,) accelerations [m/s2].
-        agents: all agents.
-        rows: (m,) of the agents.
-        lane_heading: (m,) of their lanes [rad].
-        horizon: time for which all are assumed to continue, including their braking [s].
-    """
-    eased, (begin, end) = wanted.copy(), within_scenes(agents.scene, rows)
-    for i in range(len(rows)):
-        own, cos, sin = rows[i], math.cos(lane_heading[i]), math.sin(lane_heading[i])
-        along = agents.speed[own] * math.cos(agents.yaw[own] - lane_heading[i])
-        across = agents.speed[own] * math.sin(agents.yaw[own] - lane_heading[i])
-        for j in range(begin[i], end[i]):
-            dx, dy = agents.x[j] - agents.x[own], agents.y[j] - agents.y[own]
-            ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
-            clearance = abs(left) - 0.5 * (agents.width[j] + agents.width[own])
-            over = -np.sign(left) * agents.speed[j] * math.sin(agents.yaw[j] - lane_heading[i])
-            nearer = over + np.sign(left) * across
-            if not (over > 0.0 and 0.0 < clearance < nearer * horizon):
-                continue
-            time = clearance / nearer
-            faster = agents.speed[j] * math.cos(agents.yaw[j] - lane_heading[i]) - along
-            then = ahead + faster * time + 0.5 * min(agents.acceleration[j], 0.0) * time**2
-            missing = 0.5 * (agents.length[j] + agents.length[own]) + SIDE_GAP - then
-            if then >= 0.0 and missing > 0.0:
-                eased[i] = min(eased[i], -min(2.0 * missing / time**2, COURTESY_DECELERATION))
-    return eased
-
-
-@kernel(boolean(float64, PATHS, int64, float64, AGENTS, int64, int64, float64))
-def _runs_into(
-    pedal: float,
-    paths: PathArrays,
-    p: int,
-    own_s: float,
-    agents: AgentArrays,
-    own: int,
-    j: int,
-    horizon: float,
-) -> bool:
+@kernel(boolean(float64, PATHS, int64, float64, AGENTS, int64, int64))
+def _runs_into(pedal: float, paths: PathArrays, p: int, own_s: float, agents: AgentArrays, own: int, j: int) -> bool:
     """Whether agent `own`, at acceleration `pedal` on path `p`, runs into agent `j` with the centre of `j` ahead."""
     s, other_x, other_y, other_yaw = own_s, agents.x[j], agents.y[j], agents.yaw[j]
     bend = agents.yaw_rate[j] / max(agents.speed[j], TURNING_MIN)
-    for k in range(round(horizon / STEP_S)):
+    for k in range(round(CROSSING_HORIZON / STEP_S)):
         s += STEP_S * max(agents.speed[own] + pedal * STEP_S * (k + 1), 0.0)
         gone = STEP_S * max(agents.speed[j] + agents.acceleration[j] * STEP_S * (k + 1), 0.0)
         other_yaw += bend * gone
@@ -210,14 +155,9 @@ def _runs_into(
     return False
 
 
-@kernel(OUT_FLOATS(FLOATS, PATHS, FLOATS, AGENTS, INTS, float64))
+@kernel(OUT_FLOATS(FLOATS, PATHS, FLOATS, AGENTS, INTS))
 def wait_for_crossing(
-    wanted: FloatArray,
-    paths: PathArrays,
-    own_s: FloatArray,
-    agents: AgentArrays,
-    rows: IntArray,
-    horizon: float,
+    wanted: FloatArray, paths: PathArrays, own_s: FloatArray, agents: AgentArrays, rows: IntArray
 ) -> FloatArray:
     """Accelerations (m,) [m/s2] with which agents wait for others that cross their paths, if less than they want.
 
@@ -230,7 +170,6 @@ def wait_for_crossing(
         paths, own_s: (m,) paths of the agents, and arc lengths of the agents on them [m].
         agents: all agents.
         rows: (m,) of the agents.
-        horizon: time for which others are assumed to continue so [s].
     """
     eased, (begin, end) = wanted.copy(), within_scenes(agents.scene, rows)
     speed, acceleration, length, width = agents.speed, agents.acceleration, agents.length, agents.width
@@ -242,12 +181,12 @@ def wait_for_crossing(
             dx, dy = agents.x[j] - agents.x[own], agents.y[j] - agents.y[own]
             reach = 0.5 * (length[j] + length[own]) + width[j] + width[own] + 2.0 * CROSSING_MARGIN
             faster = max(eased[i], 0.0) + max(acceleration[j], 0.0)
-            reach += horizon * (speed[own] + speed[j] + 0.5 * horizon * faster)
+            reach += CROSSING_HORIZON * (speed[own] + speed[j] + 0.5 * CROSSING_HORIZON * faster)
             if not dx * dx + dy * dy < reach * reach:
                 continue
             for k in range(PEDALS + 1):
                 pedal = eased[i] if k == 0 else min(eased[i], -COURTESY_DECELERATION * k / PEDALS)
-                if not _runs_into(pedal, paths, i, own_s[i], agents, own, j, horizon):
+                if not _runs_into(pedal, paths, i, own_s[i], agents, own, j):
                     break
             eased[i] = pedal
     return eased

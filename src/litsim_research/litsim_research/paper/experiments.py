@@ -35,10 +35,10 @@ WITHIN_15_M: dict[str, float] = {"predictor__roi_m": 15.0, "conflict__roi_m": 15
 ABLATION: tuple[Policy, ...] = (
     _row("M0", "yield", predictor__model="kinematic", **WITHIN_15_M),
     _row("M1", "yield", **WITHIN_15_M),
-    _row("M2", OURS, **WITHIN_15_M),
+    _row("M2", OURS, policy__weights="residual", **WITHIN_15_M),
     OURS,
 )
-"""The paper's ablation: kinematic instead of joint prediction, rules instead of policy C; M* is LitSim."""
+"""The paper's ablation: kinematic instead of joint prediction, policy yield instead of policy C; M* is LitSim."""
 
 
 def oracles(outcomes: Path) -> tuple[Policy, ...]:
@@ -71,12 +71,9 @@ CHANGES = {
     "no confirmation": ("conflict.confirm_steps", "conflict.held_steps_min", "conflict.clear_steps"),
     "no passing": ("conflict.passing",),
     "its hand-back": ("conflict.handback",),
-    "no guards": (
-        "policy.safety.following",
-        "policy.safety.contact",
-        "policy.safety.road",
-        "policy.crossing_horizon",
-    ),
+    "its policy C": ("policy.weights",),
+    "no rules": ("policy.rules",),
+    "no guard": ("policy.safety.contact",),
 }
 """Parameters in which LitSim differs from the paper, by the name of the row that reverts them."""
 

@@ -19,7 +19,7 @@ from litsim_policy.driving.features.observation import ObservationConfig, Observ
 from litsim_policy.driving.handback import OwnLogs
 from litsim_policy.driving.policy_c import executed, guarded, merged
 from litsim_policy.driving.registry import make_policy
-from litsim_policy.driving.safety.config import LIMITS_ONLY, SafetyConfig
+from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.layer import SafetyLayer
 from litsim_policy.driving.task import NOBODY, DrivingScene, due_step, opponent_of
 from litsim_policy.ego.batched import BatchedEgos
@@ -29,7 +29,7 @@ from litsim_research.policies.reward import Penalties, PenaltyConfig, displaceme
 from litsim_research.policies.sampled_agents import SampledAgents
 from litsim_research.policies.task import TaskConfig
 from litsim_sim.core.quantities import Flag, Length, NonNegative, Positive, Steps, Whole, configuration
-from litsim_sim.core.scene import AgentTable, BoolArray, ControlSource, ControlTable, EgoCommand, FloatArray, IntArray
+from litsim_sim.core.scene import AgentTable, BoolArray, ControlTable, EgoCommand, FloatArray, IntArray
 from litsim_sim.core.takeover import PathSource, TakeoverState, TakeoverTable
 from litsim_sim.scenario.batched import BatchedScenario
 from litsim_sim.scenario.scenario import Scenario
@@ -51,9 +51,6 @@ class EnvironmentConfig:
         handback_ends: whether no penalties are expected of agents that have been handed back, have left the scene, or
             have come to where their logs end, where sampled ones are no longer driven.
         off_road_ends: whether an episode is over once a driven agent has left the road.
-        guards: whose need is penalised.
-        careful: guards that correct the policy's commands for the training (see :attr:`Outcome.corrected`); they brake
-            early enough for the bounds on jerk, unlike the guards that drive. None for no corrections.
     """
 
     steps_max: Positive[Steps] = 300
@@ -64,8 +61,6 @@ class EnvironmentConfig:
     model: ModelName = "kinematic"
     handback_ends: Flag = False
     off_road_ends: Flag = True
-    guards: SafetyConfig = SafetyConfig()
-    careful: SafetyConfig | None = None
 
 
 @dataclass(frozen=True)
@@ -77,7 +72,7 @@ class Course:
         config: of episodes.
         observation: of the driven agents.
         penalty: weights of the penalties.
-        safety: limits and guards on the policy's actions.
+        safety: limits and guard on the policy's actions; need of the guard is penalised instead.
         task: distribution of the sampled agents' tasks.
     """
 
@@ -85,7 +80,7 @@ class Course:
     config: EnvironmentConfig = EnvironmentConfig()
     observation: ObservationConfig = ObservationConfig()
     penalty: PenaltyConfig = PenaltyConfig()
-    safety: SafetyConfig = LIMITS_ONLY
+    safety: SafetyConfig = SafetyConfig(contact=False)
     task: TaskConfig = TaskConfig()
 
     def scenario(self, random: np.random.Generator) -> Scenario:
@@ -106,7 +101,6 @@ class Outcome:
         agents: ids.
         following: (m, size) observations after the step; of an agent that has left the scene, the one before.
         executed: (m, 3) executed motion, as actions in [-1, 1].
-        corrected: (m, 3) commands of the careful guards, as actions in [-1, 1]; NaN where they would not intervene.
         penalty: (m,) weighted sum, at most 0.
         terms: the penalties before weights, of the agents in `present`.
         present: ids of the agents that are still in the scene.
@@ -118,7 +112,6 @@ class Outcome:
     agents: IntArray
     following: FloatArray
     executed: FloatArray
-    corrected: FloatArray
     penalty: FloatArray
     terms: Penalties
     present: IntArray
@@ -168,10 +161,8 @@ class Episodes:
         self.batch = BatchedScenario.of([start.scenario for start in starts])
         self._egos = BatchedEgos(self.batch, [start.ego for start in starts])
         self._world = World(self.batch)
-        self.safety = SafetyLayer(self.batch.lane_map, course.safety)
-        self._guards = SafetyLayer(self.batch.lane_map, self._config.guards)  # for the penalty only
-        careful = self._config.careful
-        self._careful = SafetyLayer(self.batch.lane_map, careful) if careful else None
+        self.safety = SafetyLayer(course.safety)
+        self._guard = SafetyLayer()  # for the penalty only
         self._logs = OwnLogs(self.batch)
         self._observer = Observer(self.batch.lane_map, course.observation)
         self._predictor = make_predictor(self._config.model, self.batch)
@@ -203,34 +194,23 @@ class Episodes:
         """Ids (m,) of the agents that are driven in the next step, ascending."""
         return self._scene.id
 
-    def step(self, action: FloatArray, intended: FloatArray | None = None) -> Outcome:
-        """Drive the :attr:`driven` agents by `action` (m, 3) in [-1, 1], other agents off their logs by policy yield.
-
-        Corrections refer to `intended` (m, 3), the policy's mean if `action` was drawn; None for `action` itself.
-        """
+    def step(self, action: FloatArray) -> Outcome:
+        """Drive the :attr:`driven` agents by `action` (m, 3) in [-1, 1], others off their logs by policy yield."""
         before, tasks, scene = self._table, self._tasks, self._scene
-        driven, residual = scene.id, self._course.observation.residual
-        command = self._waiting(scene, executed(scene, action, residual=residual))
-        needed = guarded(scene, *command, self._guards).source == ControlSource.GUARDED
-        corrected = np.full((len(driven), 3), np.nan)
-        if self._careful:
-            meant = command if intended is None else self._waiting(scene, executed(scene, intended, residual=residual))
-            corrected = correction(scene, guarded(scene, *meant, self._careful), residual=residual)
+        acceleration, yaw_rate = executed(scene, action, residual=self._course.observation.residual)
+        if self._course.observation.residual:
+            acceleration = self._logs.waiting(scene.agents, acceleration)
+        command = acceleration, yaw_rate
+        needed = self._guard.guard(scene, *command).guarded
         controls = merged(guarded(scene, *command, self.safety), self._others_controls())
         commands = self._egos.plan(before, self.running.nonzero()[0].tolist())
         self._see(self._world.step_batch(controls, commands))
         self._choose()
-        outcome = self._outcome(before, driven, tasks, needed, corrected)
+        outcome = self._outcome(before, scene.id, tasks, needed)
         over = self.step_number >= self._end
         over[self.batch.log.scene[outcome.present[self._ends(outcome.terms)]]] = True
         self._leave_out(over)
         return outcome
-
-    def _waiting(self, scene: DrivingScene, command: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
-        """Returns `command`, or less acceleration where a residual policy waits; see :class:`.handback.OwnLogs`."""
-        if not self._course.observation.residual:
-            return command
-        return self._logs.waiting(scene.agents, command[0]), command[1]
 
     def _see(self, table: AgentTable) -> None:
         """Make `table` the current step: forecast it and update the takeovers."""
@@ -267,17 +247,14 @@ class Episodes:
         others = tuple(t for t in self._takeovers if t.agent not in driven)
         return self._rule.act(self._table, TakeoverTable(self.step_number, others))
 
-    def _outcome(
-        self, before: AgentTable, driven: IntArray, tasks: list[_Task], needed: BoolArray, corrected: FloatArray
-    ) -> Outcome:
+    def _outcome(self, before: AgentTable, driven: IntArray, tasks: list[_Task], needed: BoolArray) -> Outcome:
         """The outcome of the step from `before` to now.
 
         Args:
             before: all agents before the step.
             driven: (m,) ids of the agents that were driven.
             tasks: of these.
-            needed: (m,) whether a guard would have changed the command.
-            corrected: (m, 3) as in :class:`Outcome`.
+            needed: (m,) whether the guard would have changed the command.
         """
         after = self._table
         rows = after.rows(driven)
@@ -307,7 +284,7 @@ class Episodes:
             held = {t.agent for t in self._takeovers if t.state == TakeoverState.HELD}
             back = np.array([agent not in held for agent in driven.tolist()], np.bool_)
             terminated |= (back & ~still) | ~here
-        return Outcome(driven, following, motion, corrected, penalty, terms, driven[here], terminated, driven_on)
+        return Outcome(driven, following, motion, penalty, terms, driven[here], terminated, driven_on)
 
     def _ends(self, terms: Penalties) -> BoolArray:
         """Returns whether what happened to agents in a step ends the episode (m,)."""
@@ -342,18 +319,6 @@ class Episodes:
             [(task.agent, task.due_step, task.opponent, lag) for task, lag in zip(tasks, lags.tolist(), strict=True)],
             logs=self._logs,
         )
-
-
-def correction(scene: DrivingScene, controls: ControlTable, *, residual: bool) -> FloatArray:
-    """Guards' commands in `controls` for the agents of `scene`, as actions (m, 3) in [-1, 1]; NaN where none acted.
-
-    `residual` as in :func:`litsim_policy.driving.policy_c.executed`.
-    """
-    acceleration, yaw_rate = controls.acceleration, controls.yaw_rate
-    if residual:
-        acceleration, yaw_rate = acceleration - scene.onwards, yaw_rate - scene.agents.path_yaw_rate
-    actions = normalised(consistent(acceleration, yaw_rate, scene.agents.speed))
-    return np.where((controls.source == ControlSource.GUARDED)[:, None], actions, np.nan)
 
 
 def _same(a: np.ndarray, b: np.ndarray) -> bool:

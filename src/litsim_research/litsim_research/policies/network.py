@@ -131,11 +131,11 @@ class Sampler:
         """Return the sampler of `policy` with its current weights."""
         return cls(driving_network(policy), policy.std().detach().double().numpy())
 
-    def sample(self, observation: FloatArray, noise: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def sample(self, observation: FloatArray, noise: FloatArray | None) -> tuple[FloatArray, FloatArray]:
         """Actions for observations (m, size), by standard normal `noise` (m, 3); None for the means.
 
         Returns:
-            the means before tanh (m, 3), and the results of :meth:`GaussianPolicy.sample`.
+            the results of :meth:`GaussianPolicy.sample`.
         """
         mean = self.network.before_tanh(observation)
         raw = mean if noise is None else mean + self.std * noise
@@ -144,7 +144,7 @@ class Sampler:
         low, high = pedal_bounds(observation, self.network.observation)
         below, above = log_ndtr((low - mean[:, 0]) / self.std[0]), log_ndtr((mean[:, 0] - high) / self.std[0])
         density[:, 0] = np.where(raw[:, 0] <= low, below, np.where(raw[:, 0] >= high, above, density[:, 0]))
-        return mean, raw, density.sum(axis=1)
+        return raw, density.sum(axis=1)
 
 
 def multilayer(inputs: int, outputs: int) -> nn.Sequential:

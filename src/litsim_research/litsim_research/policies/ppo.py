@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Protocol
 
@@ -52,9 +52,6 @@ class PpoConfig:
             drove.
         imitation_weight: of the squared error against drivers' actions, in units of their spread, which keeps the
             policy close to drivers while it learns to avoid collisions (behaviour cloning with RL, Lu 2023).
-        correction_weight: of the squared error, on the same steps, against the guards' commands where they would have
-            changed the policy's; the guards act as the expert of DAgger (Ross 2011).
-        correction_iterations: over which that weight falls from its value to zero, linearly; 0 for a constant weight.
         value_first: first iterations, in which only the value network learns: advantages from an untrained one are
             noise.
     """
@@ -70,16 +67,7 @@ class PpoConfig:
     max_grad_norm: Positive[Number] = 0.5
     target_kl: Number = 0.01
     imitation_weight: NonNegative[Number] = 0.3
-    correction_weight: NonNegative[Number] = 0.0
-    correction_iterations: NonNegative[Whole] = 0
     value_first: NonNegative[Whole] = 3
-
-    def at(self, iteration: int) -> PpoConfig:
-        """Returns the parameters of an iteration."""
-        if not self.correction_iterations:
-            return self
-        share = max(1.0 - iteration / self.correction_iterations, 0.0)
-        return replace(self, correction_weight=share * self.correction_weight)
 
 
 @dataclass(frozen=True)
@@ -94,8 +82,6 @@ class Track:
         penalty: (T,) at most 0.
         terminated: whether the track ended in a collision or off the road, rather than with a hand-over or the end of
             the episode.
-        corrected: (T, 3) actions in [-1, 1] that would have been right; NaN where there is no correction, None for
-            none at all.
     """
 
     observation: FloatArray
@@ -104,7 +90,6 @@ class Track:
     executed: FloatArray
     penalty: FloatArray
     terminated: bool
-    corrected: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.raw)
@@ -120,7 +105,6 @@ class Batch:
         log_probability: (m,) of them, by the policy that drove.
         advantage: (m,) with mean 0 and standard deviation 1.
         target: (m,) of the value network.
-        corrected: (m, 3) as in :class:`Track`.
     """
 
     observation: Tensor
@@ -128,7 +112,6 @@ class Batch:
     log_probability: Tensor
     advantage: Tensor
     target: Tensor
-    corrected: Tensor | None = None
 
 
 @dataclass(frozen=True)
@@ -225,7 +208,6 @@ def make_batch(tracks: list[Track], rewards: list[FloatArray], value: nn.Module,
         for track, reward in zip(tracks, rewards, strict=True):
             values = value(tensor(track.observation))[:, 0].double().numpy()
             found.append(advantages(reward, values, config, terminated=track.terminated))
-    corrected = [track.corrected for track in tracks if track.corrected is not None]
     advantage = np.concatenate([a for a, _ in found])
     advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
     return Batch(
@@ -234,7 +216,6 @@ def make_batch(tracks: list[Track], rewards: list[FloatArray], value: nn.Module,
         tensor(np.concatenate([track.log_probability for track in tracks])),
         tensor(advantage),
         tensor(np.concatenate([target for _, target in found])),
-        tensor(np.concatenate(corrected)) if corrected else None,
     )
 
 
@@ -280,9 +261,6 @@ def update_policy(
             if demonstrations is not None and not value_only:
                 shown = demonstrations.draw(config.batch, generator)
                 loss = loss + config.imitation_weight * demonstrations.error(policy, shown)
-            if batch.corrected is not None and config.correction_weight and not value_only:
-                error = correction_error(policy, batch.observation[chosen], batch.corrected[chosen])
-                loss = loss + config.correction_weight * error
             optimiser.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(parameters, config.max_grad_norm)
@@ -295,16 +273,6 @@ def update_policy(
         if np.mean(divergences) > config.target_kl:
             break
     return PpoStep(*np.mean(seen, axis=0).tolist())
-
-
-CORRECTION_SCALE = (0.3, 0.2, 0.2)  # errors of the actions that count as 1
-
-
-def correction_error(policy: Learner, observation: Tensor, corrected: Tensor) -> Tensor:
-    """Mean squared error of the policy's means against `corrected` (m, 3), where NaN counts as no error; a scalar."""
-    said = policy.said(observation)
-    apart = (said - corrected) / torch.tensor(CORRECTION_SCALE)
-    return torch.where(torch.isnan(corrected), torch.zeros_like(said), apart.nan_to_num() ** 2).mean()
 
 
 def tensor(values: np.ndarray | BoolArray) -> Tensor:

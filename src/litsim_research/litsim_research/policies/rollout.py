@@ -165,10 +165,10 @@ def _drive_batch(episodes: Episodes, sampler: Sampler, generators: Sequence[torc
     open_tracks: dict[int, list[tuple[np.ndarray, ...]]] = defaultdict(list)
     while episodes.running.any():
         before, scene = episodes.seen.copy(), scene_of[episodes.driven]
-        mean, raw, density = sampler.sample(before, None if generators is None else _noise(scene, generators))
-        outcome = episodes.step(np.tanh(raw), np.tanh(mean))
+        raw, density = sampler.sample(before, None if generators is None else _noise(scene, generators))
+        outcome = episodes.step(np.tanh(raw))
         for k, agent in enumerate(outcome.agents.tolist()):
-            step = (before[k], raw[k], density[k], outcome.executed[k], outcome.penalty[k], outcome.corrected[k])
+            step = (before[k], raw[k], density[k], outcome.executed[k], outcome.penalty[k])
             open_tracks[agent].append(step)
             if not outcome.driven_on[k]:
                 ended = bool(outcome.terminated[k])
@@ -266,6 +266,6 @@ def _rates(sums: dict[str, float], episodes: int) -> dict[str, float]:
 
 def _track(steps: list[tuple[np.ndarray, ...]], following: np.ndarray, *, terminated: bool) -> Track:
     """The track of one agent, from its steps in :func:`_drive_batch` and the observation (size,) after the last."""
-    observation, raw, density, executed, penalty, corrected = (np.array(column) for column in zip(*steps, strict=True))
+    observation, raw, density, executed, penalty = (np.array(column) for column in zip(*steps, strict=True))
     seen = np.concatenate([observation, following[None]])
-    return Track(seen, raw, density, executed, penalty, terminated, corrected)
+    return Track(seen, raw, density, executed, penalty, terminated)

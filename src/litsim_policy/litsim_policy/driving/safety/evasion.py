@@ -1,4 +1,4 @@
-"""Evasive commands: what an agent may do instead of a command that leads into a contact or off the road."""
+"""Evasive commands: what an agent may do instead of a command that leads into a contact."""
 
 from __future__ import annotations
 
@@ -7,16 +7,15 @@ import numpy as np
 from litsim_policy.driving.safety.comfort import ACCELERATION_MAX, LATERAL_ACCELERATION_MAX, YAW_ACCELERATION_MAX
 from litsim_sim.core.dynamics import SPEED_MIN
 from litsim_sim.core.pair_geometry import within
-from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS2, FLOATS3, OUT_FLOATS3, OUT_INTS, float64, kernel
+from litsim_sim.core.scene import STEP_S, FloatArray, IntArray
+from litsim_sim.kernels.compiled import FLOATS, FLOATS2, FLOATS3, OUT_FLOATS3, OUT_INTS, float64, kernel
 
 BRAKING = np.array([2.0, 3.0, 4.0, 6.0])  # [m/s2] braking that is tried before the hardest
 
 
-@kernel(OUT_FLOATS3(FLOATS2, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, float64))
+@kernel(OUT_FLOATS3(FLOATS2, FLOATS, FLOATS, FLOATS, FLOATS, float64))
 def evasive_commands(
     commands: FloatArray,
-    cap: FloatArray,
     speed: FloatArray,
     yaw_rate: FloatArray,
     path_yaw_rate: FloatArray,
@@ -31,7 +30,6 @@ def evasive_commands(
 
     Args:
         commands: (k, 2) accelerations [m/s2] and yaw rates [rad/s].
-        cap: (k,) accelerations that the agents ahead allow [m/s2].
         speed, yaw_rate: (k,) now [m/s], [rad/s].
         path_yaw_rate, lane_yaw_rate: (k,) yaw rates along the path and along the lane [rad/s].
         braking_max: hardest braking [m/s2].
@@ -51,7 +49,7 @@ def evasive_commands(
         along_lane = within(within(lane_yaw_rate[i], low, high), -bound, bound)
         steering = (commands[i, 1], along_path, along_lane)
         swerves = (within(low, -bound, bound), within(high, -bound, bound))
-        driving_on = max(min(ACCELERATION_MAX, cap[i]), wanted)
+        driving_on = max(ACCELERATION_MAX, wanted)
         hardest = min(wanted, -braking_max)
         accelerations = np.full(strengths, hardest)
         accelerations[0], accelerations[-1] = wanted, driving_on
@@ -66,24 +64,20 @@ def evasive_commands(
     return choices
 
 
-@kernel(OUT_INTS(FLOATS3, FLOATS2, BOOLS2))
-def best_choice(choices: FloatArray, touch: FloatArray, stays: BoolArray) -> IntArray:
+@kernel(OUT_INTS(FLOATS3, FLOATS2))
+def best_choice(choices: FloatArray, touch: FloatArray) -> IntArray:
     """Positions (k,) of the choices to take.
 
-    The first that touches no agent and stays on the road; if there is none, of those that stay on the road and touch
-    latest, the one that brakes hardest.
+    The first that touches no agent; if there is none, of those that touch latest, the one that brakes hardest.
 
     Args:
         choices: (k, c, 2) accelerations [m/s2] and yaw rates [rad/s].
         touch: (k, c) times of the first contact [s], infinite for none.
-        stays: (k, c) whether they stay on the road, as at least one per agent does.
     """
     best = np.zeros(len(choices), np.int64)
     for i in range(len(choices)):
         latest, least = -1.0, np.inf
         for c in range(choices.shape[1]):
-            if not stays[i, c]:
-                continue
             later = touch[i, c] > latest
             if later or (touch[i, c] == latest and touch[i, c] < np.inf and choices[i, c, 0] < least):
                 best[i], latest, least = c, touch[i, c], choices[i, c, 0]

@@ -1,35 +1,32 @@
-"""Accelerations with which agents do not run into those ahead on their paths, and stop at lines."""
+"""Braking for agents ahead on the path: what is foreseen to be safe behind them, and what they require."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from litsim_policy.driving.safety.comfort import ACCELERATION_MAX
-from litsim_policy.driving.safety.config import SAFETY, SafetyConfig, SafetyValues
 from litsim_policy.motion.car_following import GAP_MIN, LEADER_BRAKES, LEADERS, Leaders, braking_behind, safe_speed
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.scene import BoolArray, FloatArray
 from litsim_sim.kernels.compiled import FLOATS, OUT_FLOATS, kernel
 
+LEADER_BRAKING, OWN_BRAKING = 5.0, 4.0  # [m/s2] that a leader may begin at any time, and in reply to it
+STANDSTILL_GAP = 1.0  # [m] kept behind the leader
+RELAX = 1.0  # [s] time constant of the approach to the safe speed
 WIDENING = 2.5  # [m/s2] hardest braking only to widen a gap that is too short, outside emergencies
+IMMINENT = 1.0  # [m/s2] an approach that needs harder braking is an emergency
+BRAKING_MAX = 8.0  # [m/s2]
 
 
-def following_cap(config: SafetyConfig, agents: PathFollowers) -> FloatArray:
-    """Accelerations (m,) [m/s2] above which agents could not stop behind the agent ahead on the path.
+def following_cap(agents: PathFollowers) -> FloatArray:
+    """Accelerations (m,) [m/s2] above which agents could not comfortably stop behind the agent ahead on the path.
 
-    The safe speed is that of Krauss (1997), at which `own_braking` suffices if the leader brakes by `leader_braking`.
-    It is approached with `relax`, by no more than :data:`WIDENING`. If the approach to the leader, which is assumed to
-    continue as now, needs more than `imminent`, the agent brakes accordingly at once.
+    The safe speed is that of Krauss (1997), at which OWN_BRAKING suffices if the leader brakes by LEADER_BRAKING. It is
+    approached with RELAX, by no more than WIDENING. If the approach to the leader, which is assumed to continue as now,
+    needs more than IMMINENT, the agent brakes accordingly at once.
     """
-    return _following_cap(agents.leaders, agents.speed, agents.table.length[agents.rows], config.values)
-
-
-def stopping_cap(config: SafetyConfig, agents: PathFollowers, gap: FloatArray) -> FloatArray:
-    """Accelerations (m,) [m/s2] above which agents could not stop at lines `gap` (m,) [m] ahead."""
-    line = gap[:, None]
-    lines = Leaders(line, np.zeros(line.shape), np.isfinite(line), np.zeros(len(gap), np.int64), np.zeros(1))
-    return _following_cap(lines, agents.speed, agents.table.length[agents.rows], config.values)
+    return _following_cap(agents.leaders, agents.speed, agents.table.length[agents.rows])
 
 
 def braking_needed(agents: PathFollowers, leads: BoolArray) -> FloatArray:
@@ -53,8 +50,8 @@ def _braking_needed(speed: FloatArray, leaders: Leaders) -> FloatArray:
     return needed
 
 
-@kernel(OUT_FLOATS(LEADERS, FLOATS, FLOATS, SAFETY))
-def _following_cap(leaders: Leaders, speed: FloatArray, length: FloatArray, safety: SafetyValues) -> FloatArray:
+@kernel(OUT_FLOATS(LEADERS, FLOATS, FLOATS))
+def _following_cap(leaders: Leaders, speed: FloatArray, length: FloatArray) -> FloatArray:
     """See :func:`following_cap`; `speed` and `length` (m,) of the agents [m/s], [m]."""
     caps = np.empty(len(speed))
     for i in range(len(speed)):
@@ -62,11 +59,11 @@ def _following_cap(leaders: Leaders, speed: FloatArray, length: FloatArray, safe
         for j in np.flatnonzero(leaders.leads[i]):
             if not leaders.gap[i, j] > -0.5 * length[i]:
                 continue
-            room, lead = leaders.gap[i, j] - safety.standstill_gap, max(leaders.speed[i, j], 0.0)
-            safe = safe_speed(room, lead, safety.own_braking, safety.leader_braking)
-            cap = max((safe - speed[i]) / safety.relax, -WIDENING)
+            room, lead = leaders.gap[i, j] - STANDSTILL_GAP, max(leaders.speed[i, j], 0.0)
+            safe = safe_speed(room, lead, OWN_BRAKING, LEADER_BRAKING)
+            cap = max((safe - speed[i]) / RELAX, -WIDENING)
             brakes = leaders.acceleration[leaders.first[i] + j]
-            needed = braking_behind(speed[i], lead, brakes, room, safety.leader_brakes)
-            least = min(least, min(cap, -needed) if needed > safety.imminent else cap)
-        caps[i] = within(least, -safety.braking_max, ACCELERATION_MAX)
+            needed = braking_behind(speed[i], lead, brakes, room, LEADER_BRAKES)
+            least = min(least, min(cap, -needed) if needed > IMMINENT else cap)
+        caps[i] = within(least, -BRAKING_MAX, ACCELERATION_MAX)
     return caps
