@@ -67,7 +67,13 @@ class Braking:
         return EgoCommand(table.step, float(np.clip(wanted, -3.0, 2.0)))
 
 
-@pytest.mark.parametrize("policy", ["yield", "litsim"])
+HELD_UP = "an agent that stands short of its log's stop brakes as its log did there: docs/conflicts.md, limits"
+
+
+@pytest.mark.parametrize(
+    "policy",
+    ["yield", pytest.param("litsim", marks=pytest.mark.xfail(strict=True, raises=AssertionError, reason=HELD_UP))],
+)
 def test_an_overlap_of_the_log_holds_nobody_while_the_queue_stands(queue, policy: str) -> None:
     """They had been held for 20 s and longer: each waited for the other to leave its place in the log.
 
