@@ -22,6 +22,7 @@ from mcap.stream_reader import breakup_chunk
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.input_files import require_file
 from litsim_sim.record.mcap_survey import DAMAGE, Place, damage_at, parse, survey
 
 METADATA_FILE = "metadata.yaml"
@@ -384,10 +385,9 @@ def find_mcap(path: Path) -> Path:
     Raises:
         InputError: there is none, or more than one.
     """
-    if path.is_file():
+    if not path.is_dir():
+        require_file(path, "bag")
         return path
-    if not path.exists():
-        raise InputError(f"{path}: no such bag")
     files = sorted(path.glob("*.mcap"))
     if len(files) != 1:
         raise InputError(f"{path}: expected one MCAP file in the folder, found {len(files)}")
