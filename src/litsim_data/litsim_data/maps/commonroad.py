@@ -21,7 +21,7 @@ def read_root(path: Path) -> ET.Element:
     Raises:
         InputError: the file is missing, no XML, or something else.
     """
-    root = read_xml(path, "CommonRoad file").getroot()
+    root = read_xml(path, "CommonRoad file")
     if root.tag != "commonRoad":
         raise InputError(f"{path}: not a CommonRoad file: its root element is <{root.tag}>")
     return root

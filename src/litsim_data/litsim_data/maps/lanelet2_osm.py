@@ -44,8 +44,7 @@ def read_graph(source: Path, origin: tuple[float, float] | None) -> LaneGraph:
     Raises:
         InputError: the lanelet2 package is missing, `source` cannot be used, or an origin is needed.
     """
-    tree = read_xml(source, "Lanelet2 file")
-    root = tree.getroot()
+    root = read_xml(source, "Lanelet2 file")
     nodes = root.findall("node")
     if origin is None:
         place_as_autoware(nodes, source)
@@ -69,7 +68,7 @@ def read_graph(source: Path, origin: tuple[float, float] | None) -> LaneGraph:
         notes.append("coordinates are those of the tags local_x and local_y, not --origin: all nodes are at one place")
     try:
         with tempfile.TemporaryDirectory() as scratch:
-            tree.write(Path(scratch) / "map.osm", encoding="UTF-8", xml_declaration=True)
+            ET.ElementTree(root).write(Path(scratch) / "map.osm", encoding="UTF-8", xml_declaration=True)
             lanelet_map = io.load(str(Path(scratch) / "map.osm"), projector)
     except RuntimeError as error:
         raise InputError(f"{source}: not a readable Lanelet2 file: {_why(str(error), origin)}") from error

@@ -101,7 +101,7 @@ def import_opendrive(source: Path, path: Path, left_hand: bool | None = None) ->
     Raises:
         InputError: as :func:`build_net`, or `source` is missing or no OpenDRIVE.
     """
-    root = read_xml(source, "OpenDRIVE file").getroot()
+    root = read_xml(source, "OpenDRIVE file")
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]  # without a namespace, which some files have
     if (direct := root.find("junction[@type='direct']")) is not None:

@@ -96,15 +96,16 @@ def unpacked_max(packed: int) -> int:
     return max(UNPACKED_MIN, SHRUNK_MAX * packed)
 
 
-def read_xml(path: Path, what: str) -> ET.ElementTree:
-    """Returns the content of an XML file; `what` says what is expected, such as "Lanelet2 file".
+def read_xml(path: Path, what: str) -> ET.Element:
+    """Returns the root element of an XML file; `what` says what is expected, such as "Lanelet2 file".
 
     Raises:
         InputError: the file cannot be opened, as by :func:`open_input`, or is no XML.
     """
     try:
         with open_input(path, what, size_max=TREE_MAX) as file:
-            return ET.parse(file)  # noqa: S314  of users, by a parser without network access that bounds entities
+            root: ET.Element = ET.parse(file).getroot()  # noqa: S314  by a parser without network, that bounds entities
+            return root
     except (ET.ParseError, OSError, ValueError) as error:  # ValueError: an encoding that is none
         raise InputError(f"{path}: not a readable {what}: {error}") from error
 

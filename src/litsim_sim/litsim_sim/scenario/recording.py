@@ -287,7 +287,7 @@ def _checksum(header: bytes, columns: Mapping[str, np.ndarray]) -> bytes:
     """CRC-32 over the header and the columns of the neutral schema, in hexadecimal digits."""
     crc = zlib.crc32(header)
     for name, dtype in COLUMNS.items():
-        crc = zlib.crc32(np.ascontiguousarray(columns[name], np.dtype(dtype).newbyteorder("<")), crc)
+        crc = zlib.crc32(np.ascontiguousarray(columns[name], np.dtype(dtype).newbyteorder("<")).data, crc)
     return b"%08x" % crc
 
 
