@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from math import cos, inf, sin
 from typing import Any
 
@@ -41,6 +42,7 @@ from sensor_msgs.msg import PointCloud2
 from litsim_autoware import objects, vehicle
 from litsim_autoware.cdr import ENCAPSULATION, TIME, Message, stamped
 from litsim_autoware.objects import Forecast
+from litsim_autoware.output import Output
 from litsim_autoware.profile import TRAJECTORY, Profile
 from litsim_autoware.start_up import Call, Future, StartUp
 from litsim_autoware.timeline import BEGIN_NS, Timeline
@@ -136,20 +138,21 @@ class AutowareNode(Node):
         }
         self._mrm_state, self._reported, self._noted = MrmState.UNKNOWN, "", time.monotonic()
         self._compute_s: list[float] = []  # of each step, from its agents to the ego's pose
+        self._cpu_s: list[float] = []  # of which this thread has used
         self._make_publishers()
         self._make_subscriptions()
 
     def _make_publishers(self) -> None:
         profile = self._profile
-        self._clock_to = publisher_on(self, CLOCK)
-        self._frames = publisher_on(self, TF) if FRAMES else None
+        self._clock_to = Output(self, CLOCK.type, CLOCK.name, CLOCK.qos)
+        self._frames = Output(self, TF.type, TF.name, TF.qos) if FRAMES else None
         self._fixed_frames = publisher_on(self, TF_STATIC) if FRAMES else None
         self._diagnostics = publisher_on(self, DIAGNOSTICS)
         self._control_to, self._path_to = publisher_on(self, EGO_CONTROL), publisher_on(self, EGO_TRAJECTORY)
-        self._status = {name: self.create_publisher(kind, topic, QOS) for name, (topic, kind) in STATUS_TOPICS.items()}
+        self._status = {name: Output(self, kind, topic, QOS) for name, (topic, kind) in STATUS_TOPICS.items()}
         self._predicted = self._optional(PredictedObjects, profile.objects)
         self._lists = [
-            (self.create_publisher(kind, topic, QOS), write)
+            (Output(self, kind, topic, QOS), write)
             for name, (kind, write) in OBJECT_LISTS.items()
             if (topic := getattr(profile, name))
         ]
@@ -183,8 +186,8 @@ class AutowareNode(Node):
             self.create_subscription(MrmState, self._profile.mrm_state, self._on_mrm_state, QOS)
         self.create_service(ControlModeCommand, CONTROL_MODE_REQUEST, self._on_control_mode)
 
-    def _optional(self, kind: Any, topic: str | None) -> Publisher | None:
-        return self.create_publisher(kind, topic, QOS) if topic else None
+    def _optional(self, kind: Any, topic: str | None) -> Output | None:
+        return Output(self, kind, topic, QOS) if topic else None
 
     def tick(self, now: float) -> float:
         """Publish what is due at `now` of the performance counter [s]; return the time until the next call is due."""
@@ -250,7 +253,9 @@ class AutowareNode(Node):
         bridge = (yaml.safe_load(info.configuration) or {}).get(BRIDGE, {})
         factor = float(bridge.get("real_time_factor", 1.0))
         self._clock = StepClock(
-            lambda time_ns: self._show_time(self._timeline.stamp(0) + time_ns), lambda: True, factor
+            lambda time_ns: self._show_time(self._timeline.stamp(0) + time_ns),
+            lambda: self._clock_to.listeners > 1,  # one is the recorder, which has no use of ticks
+            factor,
         )
         goal = self._goal or log_end(scenario, self._ego_id)
         self._start_up = StartUp(self._calls(*goal))
@@ -332,8 +337,10 @@ class AutowareNode(Node):
         newest = self._forecasts[-1].step if self._forecasts else -1
         if self._with_forecasts and newest < table.step - 1 and patient and not self._realtime:
             return
+        cpu = time.thread_time()
         self._show_step(table)
         self._compute_s.append(time.perf_counter() - begin)
+        self._cpu_s.append(time.thread_time() - cpu)
 
     def _show_step(self, table: AgentTable) -> None:
         """Publish a step; the ego's pose last, so that whoever answers it has the rest."""
@@ -355,15 +362,15 @@ class AutowareNode(Node):
 
     def _show_others(self, others: AgentTable, stamp_ns: int) -> None:
         """Publish all agents but the ego, what signals show, and that there is nothing else."""
-        if self._predicted is not None and self._predicted.get_subscription_count():
+        if self._predicted is not None and self._predicted.listeners:
             self._predicted.publish(objects.predicted_objects(others, stamp_ns, self._forecast_for(others.step)))
-        for publisher, write in self._lists:
-            if publisher.get_subscription_count():
-                publisher.publish(write(others, stamp_ns))
-        if self._lights is not None and self._signals is not None:
+        for output, write in self._lists:
+            if output.listeners:
+                output.publish(write(others, stamp_ns))
+        if self._lights is not None and self._lights.listeners and self._signals is not None:
             states = np.frombuffer(self._signals.state, np.uint8)
             self._lights.publish(objects.traffic_lights(self._light_ids, states[self._light_groups], stamp_ns))
-        if self._cloud is not None:
+        if self._cloud is not None and self._cloud.listeners:
             begin = len(ENCAPSULATION)
             stamp = CLOCK_MESSAGE.data(stamped(stamp_ns))
             self._cloud.publish(stamp + self._empty_cloud[begin + 8 :])
@@ -376,14 +383,15 @@ class AutowareNode(Node):
         """Publish the ego: its frame, the status of the vehicle, its pose."""
         if self._frames is not None:
             self._frames.publish(motion.transform(stamp_ns))
-        data = {name: vehicle.report(value, stamp_ns) for name, value in self._reports.items()} | {
-            "velocity": motion.velocity(stamp_ns),
-            "steering": vehicle.steering_report(self._steering, stamp_ns),
-            "acceleration": motion.accel(stamp_ns),
-            "odometry": motion.odometry(stamp_ns),
-        }
-        for name, publisher in self._status.items():
-            publisher.publish(data[name])
+        write: dict[str, Callable[[int], bytes]] = {
+            "velocity": motion.velocity,
+            "steering": partial(vehicle.steering_report, self._steering),
+            "acceleration": motion.accel,
+            "odometry": motion.odometry,
+        } | {name: partial(vehicle.report, value) for name, value in self._reports.items()}
+        for name, output in self._status.items():
+            if output.listeners:
+                output.publish(write[name](stamp_ns))
 
     def _on_control(self, message: Control) -> None:
         step = self._step_answered(message.stamp)
@@ -447,8 +455,10 @@ class AutowareNode(Node):
         if ended and self._info is not None and status.run_id == self._info.run_id:
             self.finished = True
             if self._compute_s:
-                median = 1e3 * float(np.median(self._compute_s))
-                self.get_logger().info(f"{len(self._compute_s) + 1} steps, each published in {median:.2f} ms (median)")
+                wall, cpu = (1e3 * float(np.median(times)) for times in (self._compute_s, self._cpu_s))
+                self.get_logger().info(
+                    f"{len(self._compute_s) + 1} steps, each published in {wall:.2f} ms (median), {cpu:.2f} ms of CPU"
+                )
 
     def _report(self, step: int) -> None:
         """Tell lights, gear and minimum-risk state on /diagnostics, which is recorded, where they have changed."""

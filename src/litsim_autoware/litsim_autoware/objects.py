@@ -12,6 +12,7 @@ import numpy as np
 
 from litsim_autoware.cdr import TIME, Fields, ListMessage, RecordList, header, stamped
 from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.object_ids import uuids_of
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ByteArray, FloatArray, IntArray, Kind
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.vehicle_geometry import HEIGHTS
@@ -19,8 +20,6 @@ from litsim_sim.lane_map.signal_links import relation_id
 from litsim_sim.scenario.signals import Signals
 
 POSES, POSE_S = 11, 0.5  # poses of a predicted path, [s] between them
-NAMESPACE = b"litsim\0\0"
-"""First half of an object's UUID; the second is its id in the recording."""
 LABELS = {Kind.CAR: 1, Kind.TRUCK: 2, Kind.MOTORCYCLE: 5, Kind.BICYCLE: 6, Kind.PEDESTRIAN: 7, Kind.UNKNOWN: 0}
 AVAILABLE = 2  # of the orientation
 RED, AMBER, GREEN, UNKNOWN_COLOUR = 1, 2, 3, 0
@@ -204,10 +203,7 @@ def _filled(message: ListMessage, table: AgentTable) -> RecordList:
         records.head(name, 1)
     records.head("label", _LABELS[table.kind])
     if message is not DETECTED:
-        uuid = np.empty((len(table), 16), np.uint8)
-        uuid[:, :8] = np.frombuffer(NAMESPACE, np.uint8)
-        uuid[:, 8:] = table.id.astype("<i8").view(np.uint8).reshape(-1, 8)
-        records.head("uuid", uuid)
+        records.head("uuid", uuids_of(table.id))
     body, height = records.body, _HEIGHTS[table.kind]
     place, size = body["position"], body["size"]
     place[:, 0], place[:, 1], place[:, 2] = table.x, table.y, 0.5 * height

@@ -134,7 +134,7 @@ def test_frames_of_signals_are_those_of_the_table(tmp_path: Path, capsys: pytest
         (["convert", str(EMBEDDED), "/dev/null/out.parquet"], "cannot be written"),
         (["map", "--recording", "absent.parquet", "--out", "out.net.xml"], "absent.parquet: no such recording"),
         (["convert", str(EMBEDDED), "out.parquet", "--raw"], "is for official NGSIM files"),
-        (["convert", str(EMBEDDED), "out.parquet", "--mapping", "absent.yaml"], "cannot be read"),
+        (["convert", str(EMBEDDED), "out.parquet", "--mapping", "absent.yaml"], "absent.yaml: no such file"),
         (["clean", "cut.txt", "cut.txt"], "cut.txt: is the input cut.txt itself"),
         (["convert", str(EMBEDDED), "."], "is a folder, expected a file name"),
         (["convert", str(EMBEDDED), "o.parquet", "--mapping", "m.yaml", "--raw"], "--mapping goes without --raw"),

@@ -12,6 +12,7 @@ from litsim_data.maps.map_format import Lanelet2
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.signal_links import read_links, relation_id
 from litsim_sim.scenario.scenario import packaged
+from litsim_sim.scenario.signals import read_signals
 
 pytest.importorskip("lanelet2.core")
 from lanelet2 import io, projection, routing, traffic_rules
@@ -83,3 +84,24 @@ def test_frame_map_is_that_of_autoware(tmp_path: Path) -> None:
     moved = np.array([utm.x - 400_000.0, utm.y - 5_400_000.0])  # corner of the square
     for one, other in zip(own.lanelets, found.lanelets, strict=True):
         assert other.left[:, :2] == pytest.approx(one.left[:, :2] + moved, abs=1e-3)
+
+
+def test_lights_keep_their_ids_in_the_file_of_signals(tmp_path: Path) -> None:
+    """Groups are named as the relations, by which Autoware's adapter publishes them; what users add is kept."""
+    path = packaged("nets/urban_like.net.xml")
+    links = read_links(path)
+    export_lanelet2(LaneMap.from_net(path), links, tmp_path)
+    net, signals = tmp_path / "again.net.xml", tmp_path / "again_signals.yaml"
+    notes = Lanelet2().write_net(tmp_path / MAP_FILE, None, net)
+    assert f"signals: {len(links)} traffic lights of the map -> {signals}; name there what they show" in notes
+    (tmp_path / "states.csv").write_text(
+        "group,begin,state\n" + "".join(f"{relation_id(link.name)},0,red\n" for link in links)
+    )
+    groups = read_signals(signals).groups
+    assert {*groups} == {str(relation_id(link.name)) for link in links}
+    assert sorted(name for members in groups.values() for name in members) == sorted(
+        one.name for one in read_links(net)
+    )
+    signals.write_text("groups: {}\n")
+    assert f"signals: {signals} exists already and is kept" in Lanelet2().write_net(tmp_path / MAP_FILE, None, net)
+    assert signals.read_text() == "groups: {}\n"

@@ -102,6 +102,7 @@ def test_a_step_over_the_graph_is_what_lies_between_steps_after_the_history() ->
         step: {"begin": at, "shown": at + 0.001, "free": at + 0.002, "answered": at + 0.017, "complete": at + 0.018}
         for step, at in enumerate(begins)
     }
+    bridge[3] |= {"watch": 0.023, "watched": 0.0232}
     stages = {
         stage: {
             step: {"begin": at + 0.002 + 0.005 * k, "answered": at + 0.006 + 0.005 * k}
@@ -115,6 +116,7 @@ def test_a_step_over_the_graph_is_what_lies_between_steps_after_the_history() ->
     assert sample["graph with recording"] == pytest.approx(20.0)
     assert sample["transport and waiting"] == pytest.approx(20.0 - 3 * 4.0 - 1.0)
     assert sample["graph: hop to conflict"] == pytest.approx(1.0)
+    assert sample["watch over publishers, once a second"] == pytest.approx(0.2)
 
 
 def test_recording_is_timed_by_writing_the_messages_again(tmp_path: Path) -> None:

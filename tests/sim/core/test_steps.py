@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Callable
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from litsim_data.surrogates.safety import following, times_to_collision
 from litsim_sim.core.geometry import overlapping_pairs
 from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable
-from litsim_sim.core.steps import Steps
+from litsim_sim.core.steps import BLOCK, Steps, StepsBuilder
 
 Crowd = Callable[[int], list[AgentTable]]
 
@@ -125,3 +126,43 @@ def test_a_stack_can_be_taken_from_but_has_no_row_for_an_agent(crowd: Crowd) -> 
         stacked.row(3)
     with pytest.raises(NotImplementedError):
         stacked.rows(np.array([3]))
+
+
+def test_collected_tables_are_the_same_steps(crowd: Crowd) -> None:
+    tables = crowd(BLOCK + 9)
+    for order in (tables, tables[::-1], [*tables[3:], *tables[:3]]):
+        builder = StepsBuilder()
+        for table in [*order, *crowd(4)[:2]]:  # of two for one step, the first counts
+            builder.add(table)
+        steps, expected = builder.steps(), Steps(tables)
+        assert np.array_equal(steps.step, expected.step) and np.array_equal(steps.begin, expected.begin)
+        for field in (*ARRAY_FIELDS, "scene"):
+            assert np.array_equal(getattr(steps.stacked, field), getattr(expected.stacked, field))
+
+
+def test_collecting_tables_takes_little_more_memory_than_their_rows() -> None:
+    """Held one by one and stacked at the end, they take more than twice as much."""
+    columns = [np.zeros(100, DTYPES[field]) for field in ARRAY_FIELDS]
+    steps, bytes_of_step = 10 * BLOCK, sum(column.nbytes for column in columns) + 8 * 100  # with the scene
+    tracemalloc.start()
+    builder = StepsBuilder()
+    for step in range(steps):
+        builder.add(AgentTable(step, *(column.copy() for column in columns)))
+    builder.steps()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1.6 * steps * bytes_of_step
+
+
+def test_tracks_of_later_steps_are_those_of_all(crowd: Crowd) -> None:
+    tables = crowd(12)
+    later, expected = Steps(tables).after(9), Steps(tables[5:])
+    assert later.ids.tolist() == expected.ids.tolist() and np.array_equal(later.agent, expected.agent)
+    asked = np.array([0, 3, 4, 33, 99])
+    for agent in asked.tolist():
+        assert np.array_equal(later.track(agent), expected.track(agent))
+    for k in range(-1, 9):
+        number = np.full(len(asked), k)
+        assert np.array_equal(later.rows_until(number, asked), expected.rows_until(number, asked))
+    assert later.ids.tolist() == Steps(tables).after(8).after(9).ids.tolist(), "later ones of later ones"
+    assert not len(Steps(tables).after(99).ids) and not len(Steps([]).after(0).ids)

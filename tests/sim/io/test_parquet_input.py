@@ -23,9 +23,10 @@ def test_all_columns_are_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize("read", [read_schema, read_arrow, read_table])
 def test_what_is_no_parquet_file(read, tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
-    for there in (path, tmp_path):  # nothing, and a folder
-        with pytest.raises(InputError, match=f"^{there}: no such file$"):
-            read(there)
+    with pytest.raises(InputError, match=f"^{path}: no such file$"):
+        read(path)
+    with pytest.raises(InputError, match=f"^{tmp_path}: is a folder, expected a file$"):
+        read(tmp_path)
     path.write_text("PAR1 and no more")
     with pytest.raises(InputError, match=f"^{path}: not a readable Parquet file: "):
         read(path)

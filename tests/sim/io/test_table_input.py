@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.io import files
+from litsim_sim.io import input_files
 from litsim_sim.io.table_input import TableFile
 
 TABLE = pd.DataFrame({"a": [1, 2, 3], "b": ["x", None, "z"], "c": 0.5})
@@ -99,7 +99,7 @@ def test_a_small_file_that_unpacks_to_a_large_one_is_refused(
     else:
         path.write_bytes(gzip.compress(b"a,b\n" + b"0,1\n" * rows))
     assert len(TableFile.open(path).read(["a", "b"])) == rows
-    monkeypatch.setattr(files, "UNPACKED_MIN", 10**6)
+    monkeypatch.setattr(input_files, "UNPACKED_MIN", 10**6)
     with pytest.raises(InputError, match=f"{name}: unpacks .*expected") as error:
         TableFile.open(path).read(["a", "b"])
     assert "\n" not in str(error.value)

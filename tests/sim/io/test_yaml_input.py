@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from pathlib import Path
 
@@ -44,21 +43,17 @@ def test_a_sound_file(tmp_path: Path) -> None:
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.yaml: cannot be read: No such file or directory"):
+    with pytest.raises(InputError, match=r"none\.yaml: no such file"):
         read_yaml(tmp_path / "none.yaml", Car)
-    with pytest.raises(InputError, match="cannot be read: Is a directory"):
+    with pytest.raises(InputError, match="is a folder, expected a file"):
         read_yaml(tmp_path, Car)
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match=r"binary\.yaml: cannot be read as UTF-8 text"):
         read_yaml(tmp_path / "binary.yaml", Car)
 
 
-def test_what_is_no_file_or_too_large_is_not_read(tmp_path: Path) -> None:
-    pipe, large = tmp_path / "pipe", tmp_path / "large.yaml"
-    os.mkfifo(pipe)
-    for path in (pipe, Path("/dev/zero")):
-        with pytest.raises(InputError, match=f"{path}: is a device, pipe or socket, expected a file"):
-            read_yaml(path, Car)
+def test_what_is_too_large_is_not_read(tmp_path: Path) -> None:
+    large = tmp_path / "large.yaml"
     with large.open("wb") as file:
         file.truncate(TEXT_MAX + 1)
     with pytest.raises(InputError, match=f"has {TEXT_MAX + 1} bytes, expected at most {TEXT_MAX}"):

@@ -10,13 +10,16 @@ from pathlib import Path
 
 import pytest
 import yaml
+import zstandard
 from mcap.reader import make_reader
+from mcap.records import Chunk
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.bag import CHUNK_BYTES, BagReader, BagWriter, find_mcap, qos_yaml
+from litsim_sim.record.mcap_survey import CHUNK_MAX, records_of
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TYPES = {"/pose": "geometry_msgs/msg/PoseStamped", "/text": "std_msgs/msg/String"}
@@ -229,3 +232,12 @@ def test_wrong_calls_are_refused(tmp_path: Path) -> None:
             writer.add_topic("/pose", "std_msgs/msg/String", "string data\n", qos_yaml(1), "")
         with pytest.raises(ValueError, match="QoS must be a YAML list"):
             writer.add_topic("/new", "std_msgs/msg/String", "string data\n", "reliable", "")
+
+
+@pytest.mark.parametrize("stated", [2**40, 10])
+def test_a_chunk_that_would_fill_the_memory_is_not_unpacked(stated: int) -> None:
+    """By what its record says, or, where that is wrong, by what the compressed data say."""
+    data = zstandard.compress(bytes(CHUNK_MAX + 1))
+    chunk = Chunk("zstd", data, message_end_time=0, message_start_time=0, uncompressed_crc=0, uncompressed_size=stated)
+    with pytest.raises(InputError, match=r"^run\.mcap: a chunk unpacks to \d+ bytes, expected at most \d+$"):
+        records_of(chunk, Path("run.mcap"))

@@ -189,9 +189,11 @@ def test_start_length_and_crop(tmp_path: Path, fields: dict[str, Any]) -> None:
 
 
 def test_no_such_scenario(tmp_path: Path) -> None:
-    for name in ("dema", tmp_path / "absent.yaml", tmp_path):
+    for name in ("dema", tmp_path / "absent.yaml"):
         with pytest.raises(InputError, match="no such scenario; expected a YAML file, or one of demo, us101_0750"):
             Scenario.load(name)
+    with pytest.raises(InputError, match=f"^{tmp_path}: is a folder, expected a file$"):
+        Scenario.load(tmp_path)
 
 
 @pytest.mark.parametrize(

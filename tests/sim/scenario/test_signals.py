@@ -221,7 +221,7 @@ def test_a_recording_may_carry_its_signals(build: Callable[..., Scenario], caplo
             {"groups": GROUPS, "program": {"phases": [{"duration_s": 1, "states": {"x": "red"}}]}},
             "group x is not among",
         ),
-        ("absent.yaml", "absent.yaml: cannot be read"),
+        ("absent.yaml", "absent.yaml: no such file"),
     ],
 )
 def test_what_cannot_be_used(build: Callable[..., Scenario], signals: Any, message: str) -> None:

@@ -25,6 +25,7 @@ from litsim_data.generic.counts import Counts
 from litsim_data.generic.resampling import resampled, split
 from litsim_data.ngsim.tracks import PIECE
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.object_ids import agent_of
 from litsim_sim.core.scene import STEP_NS, Kind
 from litsim_sim.core.signals import SignalState
 from litsim_sim.io.files import replacing
@@ -33,8 +34,6 @@ from litsim_sim.record.run import UNDECODABLE
 from litsim_sim.scenario.recording import BOUNDS, COLUMNS, Recording, RecordingHeader
 
 VEHICLE_FILE, SAMPLE_VEHICLE = "vehicle_info.param.yaml", "Autoware's sample vehicle"
-NAMESPACE = b"litsim\0\0"
-"""First half of the UUIDs of objects that LitSim has published; the second is the id in the recording."""
 OBJECTS = {
     "autoware_perception_msgs/msg/TrackedObjects": "/perception/object_recognition/tracking/objects",
     "autoware_perception_msgs/msg/PredictedObjects": "/perception/object_recognition/objects",
@@ -211,9 +210,8 @@ class _Tracks:
 
     def _id(self, uuid: bytes) -> int:
         if uuid not in self._ids:
-            ours = uuid.startswith(NAMESPACE)
-            number = int.from_bytes(uuid[8:], "little", signed=True)
-            self._ids[uuid] = number if ours else self.free_id
+            agent = agent_of(uuid)
+            self._ids[uuid] = self.free_id if agent is None else agent
         return self._ids[uuid]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.input_files import read_head
 from litsim_sim.scenario.cropping import Crop
 from litsim_sim.scenario.load import RecordingFormat
 from litsim_sim.scenario.recording import Recording
@@ -40,6 +41,5 @@ def is_bag(path: Path) -> bool:
     """Returns whether the file at `path` is a bag, or the ``metadata.yaml`` of one."""
     if not path.is_file():
         return False
-    with path.open("rb") as file:
-        head = file.read(4096)
+    head = read_head(path)
     return head.startswith(MAGIC) or (path.name == METADATA_FILE and METADATA_FIELD in head)

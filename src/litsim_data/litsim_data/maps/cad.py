@@ -15,6 +15,7 @@ import shapely
 from litsim_data.ngsim.sites import FOOT, SITES, Site
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.io.yaml_input import read_text
 
 
 @dataclass(frozen=True)
@@ -35,10 +36,7 @@ def read_center_lines(path: Path, site: Site | None = None) -> tuple[list[Center
     Raises:
         InputError: the file is missing or malformed, or lies on no known site.
     """
-    try:
-        lines = [line.strip() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from error
+    lines = [line.strip() for line in read_text(path).splitlines() if line.strip()]
     if not lines or lines[0] != "CENTERLINES":
         raise InputError(f"{path}: not a file of CAD centre lines: it does not begin with the line CENTERLINES")
     center_lines, at = [], 2

@@ -9,6 +9,7 @@ from xml.etree import ElementTree as ET
 from litsim_data.maps.lane_graph import SPEED_LIMIT, TURNS, LaneGraph, Lanelet, polyline
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
+from litsim_sim.io.input_files import read_xml
 
 SPEED_MIN = 1.0  # [m/s] smaller "limits" are defects of a map
 NO_ROADS = {"crosswalk", "sidewalk", "bicycleLane"}  # types of lanelets that no vehicle uses
@@ -20,10 +21,7 @@ def read_root(path: Path) -> ET.Element:
     Raises:
         InputError: the file is missing, no XML, or something else.
     """
-    try:
-        root = ET.parse(path).getroot()  # noqa: S314  a map that the user names, read by a parser without network access
-    except (OSError, ET.ParseError) as error:
-        raise InputError(f"{path}: not a readable CommonRoad file: {error}") from error
+    root = read_xml(path, "CommonRoad file")
     if root.tag != "commonRoad":
         raise InputError(f"{path}: not a CommonRoad file: its root element is <{root.tag}>")
     return root

@@ -21,6 +21,7 @@ from litsim_data.maps.lane_graph import SPEED_LIMIT, LaneGraph, Lanelet
 from litsim_data.maps.map_projector import PROJECTOR_FILE, place_as_autoware
 from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.core.scene import FloatArray
+from litsim_sim.io.input_files import read_xml
 
 TURNS = ("left", "right", "straight")
 """Values of the attribute `turn_direction`, which lanelets inside intersections have."""
@@ -43,13 +44,7 @@ def read_graph(source: Path, origin: tuple[float, float] | None) -> LaneGraph:
     Raises:
         InputError: the lanelet2 package is missing, `source` cannot be used, or an origin is needed.
     """
-    if not source.is_file():
-        raise InputError(f"{source}: no such Lanelet2 file")
-    try:
-        tree = ET.parse(source)  # noqa: S314  a map that the user names, read by a parser without network access
-    except ET.ParseError as error:
-        raise InputError(f"{source}: not a readable Lanelet2 file: {error}") from error
-    root = tree.getroot()
+    root = read_xml(source, "Lanelet2 file")
     nodes = root.findall("node")
     if origin is None:
         place_as_autoware(nodes, source)
@@ -73,7 +68,7 @@ def read_graph(source: Path, origin: tuple[float, float] | None) -> LaneGraph:
         notes.append("coordinates are those of the tags local_x and local_y, not --origin: all nodes are at one place")
     try:
         with tempfile.TemporaryDirectory() as scratch:
-            tree.write(Path(scratch) / "map.osm", encoding="UTF-8", xml_declaration=True)
+            ET.ElementTree(root).write(Path(scratch) / "map.osm", encoding="UTF-8", xml_declaration=True)
             lanelet_map = io.load(str(Path(scratch) / "map.osm"), projector)
     except RuntimeError as error:
         raise InputError(f"{source}: not a readable Lanelet2 file: {_why(str(error), origin)}") from error

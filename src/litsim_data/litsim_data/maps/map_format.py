@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar
 
+import yaml
+
 from litsim_data.maps.lane_graph import LaneGraph
+from litsim_sim.io.files import replacing
+
+SIGNALS_HEAD = """# Connections by the traffic lights of the map, under their ids there (Lanelet2: of the relations).
+# In place of `states`, a file with columns group, begin and state, may be `program`, a timing plan: docs/signals.md
+"""
 
 
 class MapFormat(ABC):
@@ -34,6 +42,22 @@ class MapFormat(ABC):
         """
 
 
+def _write_groups(groups: Mapping[str, Sequence[str]], net: Path) -> list[str]:
+    """Writes a file of signals beside a net, of groups that are named as the lights of the map; returns a line on it.
+
+    A file that is there is kept, as users say in it what the lights show.
+    """
+    if not groups:
+        return []
+    path = net.with_name(f"{net.name.removesuffix('.net.xml')}_signals.yaml")
+    if path.exists():
+        return [f"signals: {path} exists already and is kept"]
+    content = yaml.safe_dump({"groups": {name: [*groups[name]] for name in groups}}, sort_keys=False)
+    with replacing(path) as new:
+        new.write_text(f"{SIGNALS_HEAD}{content}states: {{file: states.csv}}\n", encoding="utf-8")
+    return [f"signals: {len(groups)} traffic lights of the map -> {path}; name there what they show"]
+
+
 class GraphFormat(MapFormat):
     """A format that is read as a lane graph, of which LitSim builds the net."""
 
@@ -42,10 +66,12 @@ class GraphFormat(MapFormat):
         """Returns the lanes of the map at `path`; arguments and errors are those of :meth:`write_net`."""
 
     def write_net(self, path: Path, origin: tuple[float, float] | None, out: Path) -> list[str]:
-        """See :class:`MapFormat`."""
+        """See :class:`MapFormat`; the groups of the traffic lights are written beside the net."""
         from litsim_data.maps.net_builder import write_graph
 
-        return [*write_graph(self.read(path, origin), out).notes]
+        graph = self.read(path, origin)
+        built = write_graph(graph, out)
+        return [*built.notes, *_write_groups(built.controlled(graph), out)]
 
 
 class CommonRoad(GraphFormat):

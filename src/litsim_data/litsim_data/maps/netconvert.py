@@ -18,6 +18,7 @@ from xml.etree import ElementTree as ET
 
 from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.io.files import replacing
+from litsim_sim.io.input_files import read_xml
 
 DECIMALS = 3  # of written coordinates: millimetres
 LEFT_HAND = "LHT"
@@ -100,12 +101,7 @@ def import_opendrive(source: Path, path: Path, left_hand: bool | None = None) ->
     Raises:
         InputError: as :func:`build_net`, or `source` is missing or no OpenDRIVE.
     """
-    if not source.is_file():
-        raise InputError(f"{source}: no such OpenDRIVE file")
-    try:
-        root = ET.parse(source).getroot()  # noqa: S314  a map that the user names, read by a parser without network access
-    except ET.ParseError as error:
-        raise InputError(f"netconvert refused {source}: {error}") from error
+    root = read_xml(source, "OpenDRIVE file")
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]  # without a namespace, which some files have
     if (direct := root.find("junction[@type='direct']")) is not None:

@@ -15,6 +15,7 @@ from litsim_data.ngsim.formats import is_official
 from litsim_data.ngsim.sites import SITES
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import is_obstacle
+from litsim_sim.io.input_files import require_file
 from litsim_sim.io.parquet_input import is_parquet, read_schema
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.recording import HEADER_KEY, Recording
@@ -115,6 +116,5 @@ def _official(path: Path, site: str) -> tuple[pd.DataFrame, str]:
 
 def _parquet_columns(path: Path) -> list[str]:
     """Returns names of the columns of a Parquet file; none of anything else."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such recording")
+    require_file(path, "recording")
     return list(read_schema(path).names) if is_parquet(path) else []

@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import sumolib
 
 from litsim_sim.core.scene import ByteArray
 from litsim_sim.core.signals import STOP_STATES, SignalState
+from litsim_sim.lane_map.net_lanes import parse_net
 from litsim_sim.scenario.scenario import Scenario
 
 GREEN = frozenset("Gg")  # SUMO's signals: with right of way, and giving way
@@ -78,10 +77,8 @@ def _goes_alone(own: str, theirs: str) -> bool:
 
 def signal_plans(net: Path) -> dict[Way, tuple[str, ...]]:
     """Returns the signal plans of a SUMO net, by way; see :class:`WaySignals`."""
-    # Of internal lanes that it skips, sumolib takes the parameters for those of a program, and fails.
-    read: Any = sumolib.net.readNet(str(net), withPrograms=True, withInternal=True, lxml=False)
     plans = {}
-    for light in read.getTrafficLights():
+    for light in parse_net(net, programs=True).getTrafficLights():
         programs = [[phase.state for phase in program.getPhases()] for program in light.getPrograms().values()]
         for before, after, index in light.getConnections():
             plans[before.getID(), after.getID()] = tuple(

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.input_files import packing_of, read_head
 
 HEAD = 1 << 16  # [bytes] read for recognition
 
@@ -92,12 +93,8 @@ def detect(path: Path) -> Layout | None:
     Raises:
         InputError: it cannot be read, or it resembles NGSIM's but columns are missing, unknown or of the wrong number.
     """
-    try:
-        with path.open("rb") as file:
-            head = file.read(HEAD)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    if b"\0" in head:
+    head = read_head(path, HEAD)
+    if b"\0" in head or packing_of(path):
         return None
     start = 3 if head.startswith(b"\xef\xbb\xbf") else 0
     line = 1

@@ -17,6 +17,7 @@ from litsim_data.ngsim.formats import FEET, NAMES, OPTIONAL, WHOLE, Layout, dete
 from litsim_data.ngsim.sites import FOOT, SITES, Site, site_at, site_of
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.io.input_files import require_file
 
 BLOCK = 16 << 20  # [bytes] read at once
 UNKNOWN = pa.array(["", "NA", "NULL", "null", "NaN"])  # cells without a value
@@ -45,8 +46,7 @@ def layout_of(path: Path) -> Layout:
     Raises:
         InputError: it is missing, cannot be read, or is not an official file.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such recording")
+    require_file(path, "recording")
     layout = detect(path)
     if layout is None:
         raise InputError(f"{path}: no official NGSIM file")

@@ -12,9 +12,9 @@ from litsim_data.generic.draft import USUAL_SIZE
 from litsim_data.generic.loaded_table import LoadedTable
 from litsim_data.generic.mapping import Mapping
 from litsim_data.maps.lane_graph import LaneGraph, Lanelet, polyline
-from litsim_data.sources.json_input import read_json
 from litsim_data.sources.source import Scene, Source
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.input_files import read_json
 from litsim_sim.io.parquet_input import is_parquet, read_schema, read_table
 
 COLUMNS = ("track_id", "object_type", "timestep", "position_x", "position_y", "heading", "velocity_x", "velocity_y")

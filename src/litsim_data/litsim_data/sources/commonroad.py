@@ -16,6 +16,7 @@ from litsim_data.maps.commonroad import read_graph, read_root
 from litsim_data.maps.lane_graph import LaneGraph
 from litsim_data.sources.source import Scene, SignalChange, Source
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.input_files import read_head
 from litsim_sim.scenario.signals import NAMES
 
 KINDS = {
@@ -44,8 +45,7 @@ class CommonRoad(Source):
 
     def recognizes(self, path: Path) -> bool:
         """See :class:`.source.Source`."""
-        with path.open("rb") as file:
-            return b"<commonRoad" in file.read(2000)
+        return b"<commonRoad" in read_head(path)
 
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
         """See :class:`.source.Source`."""

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import sumolib
 from tqdm import tqdm
 
 from litsim_data import segments
@@ -29,6 +28,7 @@ from litsim_data.sources.source import Scene, Source, known_sources, source_of
 from litsim_sim.core.errors import InputError, reason
 from litsim_sim.core.scene import RATE_HZ, STEP_S
 from litsim_sim.io.files import make_folder, replacing
+from litsim_sim.io.input_files import TREE_MAX, open_input, require_file
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.checks import DRIVING
 from litsim_sim.scenario.recorded_signals import survey
@@ -105,8 +105,8 @@ def files_of(path: Path) -> list[tuple[Path, Source]]:
     Raises:
         InputError: there is no such file or folder, or nothing in it is known.
     """
-    if not path.exists():
-        raise InputError(f"{path}: no such file or folder")
+    if not path.is_dir():
+        require_file(path, "file or folder")
     files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
     known = [(file, source) for file in files if (source := source_of(file)) is not None]
     if not known:
@@ -208,7 +208,7 @@ def _net(scene: Scene, out: Path) -> Net:
     if lanes.suffix == ".xodr":
         notes = import_opendrive(lanes, path)
         return Net(path, LaneMap.from_net(path), opendrive=lanes, notes=notes)
-    with replacing(path) as new, sumolib.openz(str(lanes), "rb") as file:
+    with replacing(path) as new, open_input(lanes, "net", size_max=TREE_MAX) as file:
         new.write_bytes(file.read())
     return Net(path, LaneMap.from_net(path))
 

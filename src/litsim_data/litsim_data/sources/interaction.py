@@ -10,7 +10,7 @@ from litsim_data.generic.mapping import Mapping
 from litsim_data.maps.lane_graph import LaneGraph
 from litsim_data.sources.source import Scene, Source
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.table_input import TableFiles
+from litsim_sim.io.table_input import TableFiles, first_cells
 
 COLUMNS = ("track_id", "timestamp_ms", "agent_type", "x", "y", "vx", "vy", "psi_rad", "length", "width")
 ORIGIN = (0.0, 0.0)
@@ -31,9 +31,8 @@ class Interaction(Source):
 
     def recognizes(self, path: Path) -> bool:
         """See :class:`.source.Source`."""
-        with path.open("rb") as file:
-            first = file.readline(4000).decode("utf-8", "replace").strip().split(",")
-        return path.suffix == ".csv" and {*COLUMNS} <= {*first} and "case_id" not in first
+        first = first_cells(path)
+        return path.suffix == ".csv" and {*COLUMNS} <= first and "case_id" not in first
 
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
         """See :class:`.source.Source`."""

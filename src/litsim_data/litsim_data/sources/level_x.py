@@ -16,7 +16,7 @@ from litsim_data.generic.mapping import Mapping
 from litsim_data.maps.lane_graph import LaneGraph, Lanelet
 from litsim_data.sources.source import Scene, Source
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.table_input import TableFile, TableFiles
+from litsim_sim.io.table_input import TableFile, TableFiles, first_cells
 
 ROAD_USERS = {"pedestrian": "pedestrian", "bicycle": "bicycle"}
 """Kinds that a mapping drafted for vehicles drops, and that are kept here."""
@@ -115,9 +115,7 @@ class LevelX(Source):
 
 
 def _has_columns(path: Path, columns: tuple[str, ...]) -> bool:
-    with path.open("rb") as file:
-        first = file.readline(4000).decode("utf-8", "replace").strip().split(",")
-    return path.name.endswith("_tracks.csv") and {*columns} <= {*first}
+    return path.name.endswith("_tracks.csv") and {*columns} <= first_cells(path)
 
 
 def _meta(path: Path, kind: str, needed: tuple[str, ...]) -> tuple[dict[str, Any], TableFile]:

@@ -7,11 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.input_files import open_input
 
 Fields = dict[int, list[int | memoryview]]
 """Values of a message by the number of their field: whole numbers, or the bytes of anything else."""
 VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5  # wire types
-RECORD_MAX = 2**30  # [B]
+RECORD_MAX = 2**27  # [B]; Waymo's have some millions
 
 
 def records(path: Path) -> Iterator[memoryview]:
@@ -20,7 +21,7 @@ def records(path: Path) -> Iterator[memoryview]:
     Raises:
         InputError: the file ends within a record, or is none of these.
     """
-    with path.open("rb") as file:
+    with open_input(path) as file:
         while head := file.read(12):  # length, and a checksum of it
             length = struct.unpack("<Q", head[:8])[0] if len(head) == 12 else RECORD_MAX + 1
             if length > RECORD_MAX:

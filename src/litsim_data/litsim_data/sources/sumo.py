@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
-
-import sumolib
 
 from litsim_data.generic.loaded_table import LoadedTable
 from litsim_data.generic.mapping import Mapping
 from litsim_data.sources.beside import the_map
 from litsim_data.sources.source import Scene, Source
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.input_files import open_input, read_head
 from litsim_sim.io.table_input import TableFile
 
 NUMBERS = ("x", "y", "angle", "speed")
@@ -44,8 +44,7 @@ class SumoTrajectories(Source):
 
     def recognizes(self, path: Path) -> bool:
         """See :class:`.source.Source`."""
-        with sumolib.openz(str(path), "rb") as file:
-            head = bytes(file.read(4000))
+        head = read_head(path)
         return b"<fcd-export" in head or head.lstrip(b"\xef\xbb\xbf").startswith(b"timestep_time")
 
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
@@ -89,14 +88,13 @@ def vehicle_types(folder: Path) -> dict[str, tuple[str, float, float]]:
     for file in sorted(folder.glob("*.xml")):
         if file.name.endswith((".net.xml", "fcd.xml")):
             continue
-        try:
-            for _, element in ET.iterparse(file):  # noqa: S314  a file that the user names, without network access
+        with suppress(InputError, OSError, ET.ParseError, ValueError), open_input(file) as content:  # no file of SUMO
+            for _, element in ET.iterparse(content):  # noqa: S314  of users, by a parser without network access
                 if element.tag == "vType":
                     kind, length, width = SIZES.get(element.get("vClass", "passenger"), SIZES["passenger"])
                     size = float(element.get("length", length)), float(element.get("width", width))
                     types[element.get("id", "")] = kind, *size
-        except (ET.ParseError, ValueError):  # no file of SUMO
-            continue
+                element.clear()
     return types
 
 
@@ -105,8 +103,8 @@ def _from_xml(path: Path) -> dict[str, list[Any]]:
     columns: dict[str, list[Any]] = defaultdict(list)
     time = 0.0
     try:
-        with sumolib.openz(str(path), "rb") as file:
-            for event, element in ET.iterparse(file, ("start", "end")):  # noqa: S314  likewise
+        with open_input(path) as file:
+            for event, element in ET.iterparse(file, ("start", "end")):  # noqa: S314  a parser without network access
                 if element.tag == "timestep":
                     if event == "start":
                         time = float(element.get("time", ""))

@@ -12,12 +12,12 @@ import numpy as np
 from litsim_data.generic.loaded_table import LoadedTable
 from litsim_data.generic.mapping import Mapping as Meaning
 from litsim_data.maps.lane_graph import LANE_WIDTH, SPEED_LIMIT, LaneGraph, Lanelet, around, at_shares, polyline
-from litsim_data.sources.json_input import read_json
 from litsim_data.sources.lane_links import linked
 from litsim_data.sources.protobuf import Fields, fields_of, records, varints
 from litsim_data.sources.source import Scene, SignalChange, Source
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import to_body
+from litsim_sim.io.input_files import read_head, read_json
 
 MPH = 0.44704
 RATE_HZ = 10.0
@@ -61,8 +61,7 @@ class WaymoJson(Source):
         """See :class:`.source.Source`."""
         if path.suffix != ".json":
             return False
-        with path.open("rb") as file:
-            head = file.read(4000)
+        head = read_head(path)
         return b'"objects"' in head and b'"position"' in head
 
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:  # noqa: ARG002 - the lanes are in the file

@@ -181,7 +181,7 @@ def collisions(run: Run) -> Collisions:
     tables, ego = run.simulated, run.info.ego_id
     touching, logged = tuple(contacts(tables, run.info.dt)), LogContacts(run)
     in_log = tuple(map(logged.excuse, touching))
-    by_step, axle = {table.step: table for table in tables}, _rear_axle_of(run)
+    axle = _rear_axle_of(run)
     telling = _first(each for _, each in sorted(zip(in_log, touching, strict=True), key=lambda pair: pair[0]))
     of_ego = sorted((step, sum(pair) - ego) for pair, step in telling.items() if ego in pair)
     lane_map = lane_map_of(run) if of_ego else None
@@ -191,7 +191,9 @@ def collisions(run: Run) -> Collisions:
         log=logged.first,
         agents=frozenset(tables.ids.tolist()) | frozenset(run.simulated_log.ids.tolist()),
         controlled=frozenset(tables.stacked.id[tables.stacked.of_policy].tolist()),
-        ego=tuple(judge(by_step[step], ego, agent, lane_map, axle) for step, agent in of_ego),
+        ego=tuple(
+            judge(tables[int(tables.step.searchsorted(step))], ego, agent, lane_map, axle) for step, agent in of_ego
+        ),
     )
 
 

@@ -22,7 +22,7 @@ from litsim_sim.record.run import Run
 
 SERIES_FILE = "series.parquet"
 TAKEOVERS_FILE = "takeovers.parquet"
-ROWS_MAX = 300_000  # rows that are in memory together
+ROWS_MAX = 100_000  # rows that are in memory together
 WORDS = ["controller", "takeover", "reason", "outcome"]  # dictionary-encoded columns
 RUN_KEYS = ("run_id", "scenario", "ego", "policy", "seed")
 

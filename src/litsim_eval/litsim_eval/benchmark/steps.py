@@ -45,7 +45,8 @@ HISTORY_S = 3.0  # [s] without driven agents
 IN_PROCESS, GRAPH, HIGHWAY_ENV = "in process", "graph with recording", "highway-env"
 WITHOUT_SUMO = "in process without SUMO"  # as in `evaluate` and `train`
 WORLD, SUMO, EGO_STAGE, RECORDING, TRANSPORT = "world", "SUMO", "ego", "recording", "transport and waiting"
-PARTS = (WORLD, SUMO, *LOOP, EGO_STAGE, RECORDING, TRANSPORT)
+WATCH = "watch over publishers, once a second"
+PARTS = (WORLD, SUMO, *LOOP, EGO_STAGE, RECORDING, WATCH, TRANSPORT)
 RATIOS = {
     "graph / in process": (GRAPH, IN_PROCESS),
     "highway-env / graph": (HIGHWAY_ENV, GRAPH),
@@ -202,7 +203,8 @@ def graph_sample(run: Run) -> Sample:
         1e3 * statistics.median(s for step, s in run.timing[stage].items() if step in begins)
         for stage in (BRIDGE, *LOOP)
     )
-    return {GRAPH: whole, TRANSPORT: whole - spent} | parts
+    watch = [1e3 * (at["watched"] - at["watch"]) for at in run.marks[BRIDGE].values() if "watched" in at]
+    return {GRAPH: whole, TRANSPORT: whole - spent, WATCH: statistics.median(watch)} | parts
 
 
 def time_recording(bag: Path, folder: Path) -> Sample:

@@ -28,6 +28,7 @@ from litsim_eval.campaign.policy_setup import Name, Parameters, PolicySetup, pac
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import OneOf
 from litsim_sim.ego_port.answer import AUTO, INTERFACES
+from litsim_sim.io.input_files import require_file
 from litsim_sim.io.yaml_input import parse_yaml, place_in, read_text, validate_yaml
 from litsim_sim.launch.adapters import adapter_names
 from litsim_sim.launch.output import OF_MANY_RUNS
@@ -354,9 +355,6 @@ def _suite_file(name: str | Path) -> Path:
     """
     if name in packaged_suites():
         return packaged(f"{SUITES}/{name}.yaml", PACKAGE)
-    if not Path(name).is_file():
-        raise InputError(
-            f"{name}: no such suite, expected a YAML file, the folder of a campaign, or one of "
-            f"{', '.join(packaged_suites())}"
-        )
+    hint = f", expected a YAML file, the folder of a campaign, or one of {', '.join(packaged_suites())}"
+    require_file(Path(name), "suite", hint)
     return Path(name)

@@ -24,6 +24,7 @@ from litsim_predictor.inference.map_memory import MapMemory
 from litsim_predictor.inference.weights import Weights
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import IntArray
+from litsim_sim.io.input_files import require_file
 
 FORMAT = "litsim_predictor/graph/2"
 INPUTS = ("position", "heading", "history", "observed", "state", "traffic", "asked", "raster", "known", "code_of")
@@ -62,8 +63,7 @@ class CompiledNetwork:
     """
 
     def __init__(self, path: Path, weights: Weights | None = None) -> None:
-        if not path.is_file():
-            raise InputError(f"{path}: no such graph; shipped are {', '.join(SHIPPED)}")
+        require_file(path, "graph", f"; shipped are {', '.join(SHIPPED)}")
         options = onnxruntime.SessionOptions()
         # Scenes are small, so that a second thread mostly costs waiting; and rounding depends on the number of threads.
         options.intra_op_num_threads = options.inter_op_num_threads = 1

@@ -18,6 +18,7 @@ from litsim_predictor.inference import SHIPPED
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import problems
 from litsim_sim.core.quantities import configuration
+from litsim_sim.io.input_files import require_file
 
 FORMAT = "litsim_predictor/1"
 Config = TypeVar("Config")
@@ -109,8 +110,7 @@ def read_weights(name: str) -> Weights:
             finite numbers of single precision.
     """
     path = weights_path(name)
-    if not path.is_file():
-        raise InputError(f"{path}: no such weights; shipped are {', '.join(SHIPPED)}")
+    require_file(path, "weights", f"; shipped are {', '.join(SHIPPED)}")
     if path.suffix == ".onnx":
         raise InputError(f"{path}: a graph, expected the file *.safetensors of the weights that it was exported from")
     try:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
+from sys import intern
 
 
 def step_marks(marks: Mapping[str, float]) -> str:
@@ -20,5 +21,5 @@ def marks_of(text: str) -> dict[str, float]:
     for part in text.split():
         name, _, value = part.partition("=")
         with suppress(ValueError):
-            marks[name] = float(value)
+            marks[intern(name)] = float(value)  # few names, of many steps
     return marks

@@ -12,6 +12,7 @@ from litsim_sim.core.geometry import overlapping_pairs
 from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, BoolArray, IntArray
 
 T = TypeVar("T")
+BLOCK, GROWTH = 500, 1.125  # tables that are held one by one while steps are collected; of their arrays
 
 
 class StackedTable(AgentTable):
@@ -32,17 +33,18 @@ class StackedTable(AgentTable):
 
 
 class Steps(Sequence[AgentTable]):
-    """S immutable tables of successive steps, also as arrays, of which the tables are then parts."""
+    """S immutable tables of successive steps, also as arrays; once there are arrays, tables are made of their parts."""
 
     def __init__(self, tables: Iterable[AgentTable]) -> None:
-        self._tables = tuple(tables)
+        self._tables: tuple[AgentTable, ...] | None = tuple(tables)
+        self._whole: tuple[Steps, int] | None = None  # of which these are the steps from an index on
         self._results: dict[Hashable, Any] = {}
 
     @classmethod
     def split(cls, step: IntArray, begin: IntArray, stacked: StackedTable) -> Steps:
         """Returns the steps `step` (S,), each the rows of `stacked` from its `begin` (S + 1,) to the next."""
-        steps = cls(_parts(step, begin, stacked))
-        vars(steps).update(step=step, begin=begin, stacked=stacked)
+        steps = cls(())
+        vars(steps).update(step=step, begin=begin, stacked=stacked, _tables=None)
         return steps
 
     @classmethod
@@ -55,15 +57,21 @@ class Steps(Sequence[AgentTable]):
     @overload
     def __getitem__(self, at: slice) -> tuple[AgentTable, ...]: ...
     def __getitem__(self, at: int | slice) -> AgentTable | tuple[AgentTable, ...]:
-        return self._tables[at]
+        if self._tables is not None:
+            return self._tables[at]
+        if isinstance(at, slice):
+            return tuple(self._part(k) for k in range(*at.indices(len(self))))
+        if not -len(self) <= at < len(self):
+            raise IndexError(f"step {at} of {len(self)}")
+        return self._part(at % len(self))
 
     def __len__(self) -> int:
-        return len(self._tables)
+        return len(self.step) if self._tables is None else len(self._tables)
 
     @cached_property
     def step(self) -> IntArray:
         """(S,) the steps."""
-        return np.array([table.step for table in self._tables], np.int64)
+        return np.array([table.step for table in self._tables or ()], np.int64)
 
     @cached_property
     def follows(self) -> BoolArray:
@@ -73,41 +81,40 @@ class Steps(Sequence[AgentTable]):
     @cached_property
     def begin(self) -> IntArray:
         """(S + 1,) row in :attr:`stacked` at which each step begins; the last entry is the number of rows."""
-        return np.cumsum([0, *(len(table) for table in self._tables)])
+        return np.cumsum([0, *(len(table) for table in self._tables or ())])
 
     @cached_property
     def stacked(self) -> StackedTable:
         """All agents of all steps; `number` is the index of the step."""
-        columns = {
-            f: np.concatenate([np.empty(0, DTYPES[f]), *(getattr(table, f) for table in self._tables)])
-            for f in ARRAY_FIELDS
-        }
         number = np.repeat(np.arange(len(self)), np.diff(self.begin))
-        stacked = StackedTable(int(self.step[0]) if len(self) else 0, **columns, scene=number)
-        self._tables = _parts(self.step, self.begin, stacked)  # the memory of the others can be freed
+        first = int(self.step[0]) if len(self) else 0
+        tables = self._tables or ()
+        columns = {f: np.concatenate([np.empty(0, DTYPES[f]), *(getattr(t, f) for t in tables)]) for f in ARRAY_FIELDS}
+        stacked = StackedTable(first, **columns, scene=number)
+        self._tables = None  # their memory can be freed
         return stacked
 
     @cached_property
-    def _agents(self) -> tuple[IntArray, IntArray]:
-        """Ids (n,) of all agents, and the index among them of the agent of each row (m,)."""
-        ids, agent = np.unique(self.stacked.id, return_inverse=True)
-        return ids, agent
-
-    @property
     def ids(self) -> IntArray:
         """(n,) ids of all agents that are ever on the road, ascending."""
-        return self._agents[0]
+        if self._whole is None:
+            return np.unique(self.stacked.id)
+        whole, first = self._whole
+        order, keys = whole._by_agent  # noqa: SLF001 - of the same class
+        last = order[keys.searchsorted((np.arange(len(whole.ids)) + 1) * len(whole)) - 1]
+        return whole.ids[last >= whole.begin[first]]
 
     @property
     def agent(self) -> IntArray:
         """(m,) position in :attr:`ids` of the agent of each row of :attr:`stacked`."""
-        return self._agents[1]
+        return self.ids.searchsorted(self.stacked.id)
 
     @cached_property
     def _by_agent(self) -> tuple[IntArray, IntArray]:
         """Rows (m,) of :attr:`stacked` by agent and step, and ascending keys (m,) of both."""
-        order = np.argsort(self.agent, kind="stable")
-        return order, self.agent[order] * len(self) + self.stacked.number[order]
+        agent = self.agent
+        order = np.argsort(agent, kind="stable")
+        return order, agent[order] * len(self) + self.stacked.number[order]
 
     def rows_until(self, number: IntArray, ids: IntArray) -> IntArray:
         """Returns the rows (q,) in :attr:`stacked` of agents at their last steps up to some.
@@ -119,6 +126,9 @@ class Steps(Sequence[AgentTable]):
         Returns:
             The rows; -1 for agents that have not been on the road by then.
         """
+        if self._whole is not None:
+            whole, first = self._whole
+            return np.maximum(whole.rows_until(number + first, ids) - whole.begin[first], -1)
         if not len(self.ids):
             return np.full(len(ids), -1, np.int64)
         order, keys = self._by_agent
@@ -142,6 +152,10 @@ class Steps(Sequence[AgentTable]):
 
     def track(self, agent: int) -> IntArray:
         """Returns the rows (k,) in :attr:`stacked` of `agent`, of the steps at which it is on the road."""
+        if self._whole is not None:
+            whole, first = self._whole
+            rows = whole.track(agent) - whole.begin[first]
+            return rows[rows >= 0]
         order, keys = self._by_agent
         at = int(self.ids.searchsorted(agent))
         if at == len(self.ids) or self.ids[at] != agent:
@@ -171,6 +185,11 @@ class Steps(Sequence[AgentTable]):
         result: T = self._results[key]
         return result
 
+    def _part(self, at: int) -> AgentTable:
+        """Returns the table of the step of index `at`, without copies."""
+        rows = slice(self.begin[at], self.begin[at + 1])
+        return AgentTable(int(self.step[at]), *(getattr(self.stacked, name)[rows] for name in ARRAY_FIELDS))
+
     def _after(self, step: int) -> Steps:
         """See :meth:`after`."""
         first = int(np.searchsorted(self.step, step, "right"))
@@ -180,13 +199,52 @@ class Steps(Sequence[AgentTable]):
         columns = {name: getattr(self.stacked, name)[rows] for name in ARRAY_FIELDS}
         number = self.stacked.number[rows] - first
         stacked = StackedTable(int(self.step[first]) if first < len(self) else 0, **columns, scene=number)
-        return Steps.split(self.step[first:], self.begin[first:] - self.begin[first], stacked)
+        later = Steps.split(self.step[first:], self.begin[first:] - self.begin[first], stacked)
+        later._whole = self, first  # noqa: SLF001 - their tracks are parts of these
+        return later
 
 
-def _parts(step: IntArray, begin: IntArray, stacked: StackedTable) -> tuple[AgentTable, ...]:
-    """Returns the tables of the steps `step` (S,) whose rows of `stacked` begin at `begin` (S + 1,), without copies."""
-    columns = [*(getattr(stacked, name) for name in ARRAY_FIELDS), np.zeros(len(stacked), np.int64)]  # one scene
-    return tuple(
-        AgentTable(at, *(column[low:high] for column in columns))
-        for at, low, high in zip(step.tolist(), begin[:-1].tolist(), begin[1:].tolist(), strict=True)
-    )
+class StepsBuilder:
+    """Collects tables in any order; they are held as arrays, as single tables take half as much memory again."""
+
+    def __init__(self) -> None:
+        self._sizes: dict[int, int] = {}  # of the tables, by step
+        self._new: list[AgentTable] = []
+        self._columns = {name: np.empty(0, DTYPES[name]) for name in ARRAY_FIELDS}
+        self._rows = 0  # of the columns, that are in use
+
+    def __len__(self) -> int:
+        return len(self._sizes)
+
+    def add(self, table: AgentTable) -> None:
+        """Adds the table of a step; of several for one step, the first counts."""
+        if table.step not in self._sizes:
+            self._sizes[table.step] = len(table)
+            self._new.append(table)
+            if len(self._new) == BLOCK:
+                self._stack()
+
+    def steps(self) -> Steps:
+        """Returns the steps, ascending; the builder is of no use then."""
+        self._stack()
+        columns = self._columns
+        for column in columns.values():
+            column.resize(self._rows, refcheck=False)
+        step, size = (np.array([*values], np.int64) for values in (self._sizes, self._sizes.values()))
+        if (np.diff(step) < 0).any():
+            order, begin = np.argsort(step), np.cumsum([0, *size])
+            rows = np.concatenate([np.arange(begin[k], begin[k + 1]) for k in order.tolist()])
+            columns = {name: values[rows] for name, values in columns.items()}
+            step, size = step[order], size[order]
+        number = np.repeat(np.arange(len(step)), size)
+        return Steps.split(step, np.cumsum([0, *size]), StackedTable(int(step[0]), **columns, scene=number))
+
+    def _stack(self) -> None:
+        """Moves the new tables into the columns, which grow in place."""
+        begin, self._rows = self._rows, self._rows + sum(map(len, self._new))
+        for name, column in self._columns.items():
+            if self._rows > len(column):
+                column.resize(int(GROWTH * self._rows), refcheck=False)
+            if self._new:
+                np.concatenate([getattr(t, name) for t in self._new], out=column[begin : self._rows])
+        self._new = []

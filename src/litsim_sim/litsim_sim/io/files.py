@@ -10,9 +10,6 @@ from pathlib import Path
 
 from litsim_sim.core.errors import InputError
 
-UNPACKED_MIN = 512 * 2**20  # [B] to which any packed file may unpack
-SHRUNK_MAX = 100  # times that a larger file may grow by unpacking
-
 
 class Unwritable(InputError):
     """A file cannot be written, for lack of space or permission; the input is not at fault."""
@@ -68,27 +65,6 @@ def refuse_input_as_output(out: Path, *inputs: Path) -> None:
         with suppress(OSError):  # a missing file: nothing is lost
             if out.samefile(source):
                 raise InputError(f"{out}: is the input {source} itself, expected another file: nothing is replaced")
-
-
-def check_regular(path: Path, *, size_max: int) -> None:
-    """Check that `path`, if it exists, is a file: a device has no end, and a pipe without a writer is waited for.
-
-    Raises:
-        InputError: it is something else, or larger than `size_max` [B].
-    """
-    if _is_special(path):
-        raise InputError(f"{path}: is a device, pipe or socket, expected a file")
-    with suppress(OSError):  # a missing file, of which the reader tells
-        if (size := path.stat().st_size) > size_max:
-            raise InputError(f"{path}: has {size} bytes, expected at most {size_max}")
-
-
-def unpacked_max(packed: int) -> int:
-    """Returns the most [B] that a file of `packed` bytes may unpack to: tables of measurements shrink tenfold at most.
-
-    A small file that is large once it is unpacked would fill the memory.
-    """
-    return max(UNPACKED_MIN, SHRUNK_MAX * packed)
 
 
 def _is_special(path: Path) -> bool:

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import unpacked_max
+from litsim_sim.io.input_files import read_head, require_file, unpacked_max
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,9 +28,12 @@ UNREADABLE = (pa.ArrowException, OSError, UnicodeError)
 
 
 def is_parquet(path: Path) -> bool:
-    """Returns whether the file at `path` begins like a Parquet file; raises OSError if it cannot be read."""
-    with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
+    """Returns whether the file at `path` begins like a Parquet file.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    return read_head(path, len(MAGIC)) == MAGIC
 
 
 def read_schema(path: Path) -> pa.Schema:
@@ -39,7 +42,7 @@ def read_schema(path: Path) -> pa.Schema:
     Raises:
         InputError: it is missing, or no Parquet.
     """
-    _require(path)
+    require_file(path)
     try:
         schema = pq.read_schema(path)
         _ = schema.names  # text in the file, which pyarrow decodes only now
@@ -54,7 +57,7 @@ def read_arrow(path: Path) -> pa.Table:
     Raises:
         InputError: it is missing, or no Parquet.
     """
-    _require(path)
+    require_file(path)
     return parse_arrow(path, str(path))
 
 
@@ -102,7 +105,7 @@ def read_table(path: Path, needed: Sequence[str] = (), *, purpose: str = "") -> 
     Raises:
         InputError: it is missing, no Parquet, or lacks columns.
     """
-    _require(path, purpose)
+    require_file(path, hint=purpose and f"; {purpose}")
     arrow = read_arrow(path)
     missing = [name for name in needed if name not in arrow.column_names]
     if missing:
@@ -136,11 +139,6 @@ def _values(chunk: pa.Array, dtype: np.dtype) -> np.ndarray:
         return values
     there = np.unpackbits(np.frombuffer(gaps, np.uint8), bitorder="little")[own].astype(np.bool_)
     return np.where(there, values, dtype.type(np.nan))
-
-
-def _require(path: Path, purpose: str = "") -> None:
-    if not path.is_file():
-        raise InputError(f"{path}: no such file" + (purpose and f"; {purpose}"))
 
 
 def _unreadable(path: Path | str, error: Exception) -> InputError:

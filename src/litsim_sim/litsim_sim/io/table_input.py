@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
-from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 import pyarrow as pa
@@ -18,7 +17,7 @@ import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import unpacked_max
+from litsim_sim.io.input_files import open_input, packing_of, read_head, require_file
 from litsim_sim.io.parquet_input import UNREADABLE, check_unpacked, is_parquet
 
 if TYPE_CHECKING:
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
 
 ROWS_MAX = 10**12  # most rows of one of several files; row numbers of each file begin at a multiple of it
 ARROW_MAGIC = b"ARROW1"
-PACKED = (".bz2", ".gz", ".lz4", ".zst")  # ends of the names of files that pyarrow unpacks
 SEPARATORS = (";", "\t", "|")
 """Separators of cells other than commas; by the first line of a file, which has no comma then."""
 
@@ -54,18 +52,17 @@ class TableFile:
         Raises:
             InputError: it is neither CSV nor Parquet.
         """
-        if not path.is_file():
-            raise InputError(f"{path}: no such file")
+        require_file(path)
         parquet, separator = False, ","
         try:
-            if _is_arrow(path):
+            if read_head(path, len(ARROW_MAGIC)) == ARROW_MAGIC:
                 raise InputError(
                     f"{path}: is an Arrow file (Feather), expected CSV or Parquet: pandas.read_feather reads it"
                 )
             parquet = is_parquet(path)
             if parquet:
                 return cls(path, parquet, tuple(pq.read_schema(path).names))
-            with io.BufferedReader(_Unpacked(path)) as file:
+            with open_input(path) as file:
                 separator = _separator(next((line for line in file if line.strip()), b""))
             with pcsv.open_csv(_csv(path), parse_options=pcsv.ParseOptions(delimiter=separator)) as reader:
                 return cls(path, parquet, tuple(reader.schema.names), separator)
@@ -189,16 +186,15 @@ class TableFiles:
 
 def _lines(path: Path, rows: Sequence[int]) -> list[int]:
     """Line number of each of `rows` in a CSV file; rows count the non-empty lines, from 1."""
-    with io.TextIOWrapper(io.BufferedReader(_Unpacked(path)), "latin-1") as file:  # unpacked by its name; any end
+    with io.TextIOWrapper(open_input(path), "latin-1") as file:  # any end of lines
         full = (number for number, line in enumerate(file, 1) if line.strip("\n"))
         lines = dict(enumerate(islice(full, max(rows)), 1))
     return [lines[row] for row in rows]
 
 
-def _is_arrow(path: Path) -> bool:
-    """Returns whether the file at `path` begins like an Arrow file (Feather)."""
-    with path.open("rb") as file:
-        return file.read(len(ARROW_MAGIC)) == ARROW_MAGIC
+def first_cells(path: Path) -> set[str]:
+    """Returns the cells in the first line of a file, if it is CSV, by which formats are recognised."""
+    return {*read_head(path).partition(b"\n")[0].decode("utf-8", "replace").strip().split(",")}
 
 
 def is_stamped(column: pd.Series) -> bool:
@@ -215,40 +211,9 @@ def since_1970(column: pd.Series) -> pd.Series:
     return (pd.to_datetime(column, utc=True) - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
 
 
-class _Unpacked(io.RawIOBase):
-    """The bytes of a file, unpacked if its name says that it is packed, and bounded then.
-
-    Raises:
-        InputError: when more is read than such a file may hold.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path, self._stream, self._left = path, pa.input_stream(path), inf
-        if path.suffix in PACKED:
-            self._left = self._most = unpacked_max(path.stat().st_size)
-
-    def readable(self) -> bool:
-        """See :class:`io.RawIOBase`."""
-        return True
-
-    def readinto(self, buffer: Any) -> int:
-        """See :class:`io.RawIOBase`."""
-        data = self._stream.read(len(buffer))
-        self._left -= len(data)
-        if self._left < 0:
-            raise InputError(f"{self._path}: unpacks to more than {self._most} bytes, the most expected of its size")
-        buffer[: len(data)] = data
-        return len(data)
-
-    def close(self) -> None:
-        """See :class:`io.RawIOBase`."""
-        self._stream.close()
-        super().close()
-
-
-def _csv(path: Path) -> Path | io.BufferedReader:
-    """Returns what pyarrow reads a CSV file from."""
-    return io.BufferedReader(_Unpacked(path)) if path.suffix in PACKED else path
+def _csv(path: Path) -> Path | BinaryIO:
+    """Returns what pyarrow reads a CSV file from; from paths it reads faster."""
+    return open_input(path) if packing_of(path) else path
 
 
 def _unreadable(path: Path, error: Exception, *, separator: str) -> InputError:
@@ -261,7 +226,7 @@ def _unreadable(path: Path, error: Exception, *, separator: str) -> InputError:
 
 def _first_odd_line(path: Path, separator: str) -> str:
     """Returns a text on the first bad line of an unreadable CSV file: its number, and how it differs; else empty."""
-    with io.BufferedReader(_Unpacked(path)) as file:
+    with open_input(path) as file:
         columns = 0
         for number, raw in enumerate(file, 1):
             try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +14,7 @@ from pydantic_core import ErrorDetails
 
 from litsim_sim.core import yaml_loader
 from litsim_sim.core.errors import InputError, shown
-from litsim_sim.io.files import check_regular
+from litsim_sim.io.input_files import open_input
 
 SHOWN = 5  # most problems that one message lists
 TEXT_MAX = 8 * 2**20  # [B] most of a text file; those of usual suites and scenarios have some thousands
@@ -39,9 +40,9 @@ def read_text(path: Path) -> str:
     Raises:
         InputError: it cannot be read, is not text in UTF-8, or is larger than `TEXT_MAX`.
     """
-    check_regular(path, size_max=TEXT_MAX)
     try:
-        return path.read_text(encoding="utf-8")
+        with io.TextIOWrapper(open_input(path, size_max=TEXT_MAX), encoding="utf-8") as file:
+            return file.read()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:

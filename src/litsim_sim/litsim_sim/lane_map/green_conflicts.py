@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import sumolib
 
 from litsim_sim.core.signals import OF_SUMO, SignalState
-from litsim_sim.lane_map.net_lanes import UNREADABLE, unreadable_net
+from litsim_sim.lane_map.net_lanes import UNREADABLE, parse_net, unreadable_net
 from litsim_sim.lane_map.signal_links import SignalLink, read_links
 
 CROSSING = np.sin(np.deg2rad(45.0))  # of the angle between two approaches, above which they cross each other
@@ -48,9 +47,8 @@ def program_conflicts(net: Path) -> tuple[str, ...]:
     if not pairs:
         return ()
     try:
-        # Of internal lanes that it skips, sumolib takes the parameters for those of a program, and fails.
-        read: Any = sumolib.net.readNet(str(net), withPrograms=True, withInternal=True, lxml=False)
-        programs = {light.getID(): light.getPrograms() for light in read.getTrafficLights()}
+        lights = parse_net(net, programs=True).getTrafficLights()
+        programs = {light.getID(): light.getPrograms() for light in lights}
     except UNREADABLE as error:
         raise unreadable_net(net, error) from error
     return tuple(

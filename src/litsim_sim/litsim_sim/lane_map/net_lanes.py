@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
-from xml.sax import SAXException, SAXParseException
+from xml.sax import SAXException, SAXParseException, parse
 
 import numpy as np
 import sumolib
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
+from litsim_sim.io.input_files import TREE_MAX, open_input
 
 UNREADABLE = (SAXException, OSError, KeyError, ValueError, AttributeError, TypeError, IndexError)
 """Exceptions that sumolib raises for files that are damaged or not nets."""
@@ -86,16 +87,28 @@ def unreadable_net(path: Path, error: Exception) -> InputError:
     return InputError(f"{path}: not a readable SUMO net: {why}")
 
 
+def parse_net(path: Path, *, programs: bool = False) -> Any:
+    """Returns a SUMO net as sumolib reads it, with internal lanes, and with the programs of lights on request.
+
+    Raises:
+        InputError: the file cannot be opened, as by :func:`litsim_sim.io.input_files.open_input`.
+        one of UNREADABLE: it is no net.
+    """
+    # Of internal lanes that it skips, sumolib takes the parameters for those of a program, and fails.
+    reader = sumolib.net.NetReader(withInternal=True, withPrograms=programs)
+    with open_input(path, "net", size_max=TREE_MAX) as file:
+        parse(file, reader)  # noqa: S317  of users, by a parser without network access that bounds entities
+    return reader.getNet()
+
+
 def read_net(path: Path) -> tuple[Any, list[Lane]]:
     """Returns a SUMO net as sumolib has read it, and the lanes of :func:`read_lanes`.
 
     Raises:
         InputError: as there.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such net")
     try:
-        net: Any = sumolib.net.readNet(str(path), withInternal=True, lxml=False)
+        net = parse_net(path)
         edges = net.getEdges(withInternal=True)
         left_hand = _root(path).get("lefthand") == "true"
         lanes = [_lane(lane, left_hand, path) for edge in edges for lane in edge.getLanes() if _drivable(lane)]
@@ -131,7 +144,7 @@ def _drivable(lane: Any) -> bool:
 
 def _root(path: Path) -> ET.Element:
     """Returns the root element of a net, whose attributes sumolib does not tell."""
-    with sumolib.openz(str(path), "rb") as file:
+    with open_input(path) as file:
         _, root = next(iter(ET.iterparse(file, ("start",))))  # noqa: S314  sumolib has read all of it before
     return root
 

@@ -100,6 +100,7 @@ class BridgeNode(Node):
         self._ego_publishers_changed = True  # whether a publisher of the ego may have come since they were last noted
         self._owners = owners(plan.stages, external=external, signals=plan.scenario.signals is not None)
         self._watched = -WATCH_S
+        self.watch_marks: dict[str, float] = {}  # marks of the last check of publishers, until they are reported
         published = (HELLO, STATUS, TIMING, *((EGO_APPLIED,) if external else ()))
         self._outputs = {t: publisher_on(self, t) for t in published}
         self._broadcast = Broadcast(self, plan, clock=options.clock, factor=options.real_time_factor)
@@ -238,8 +239,9 @@ class BridgeNode(Node):
         Raises:
             RunFailed: somebody does.
         """
-        self._watched = time.monotonic()
+        self._watched, begin = time.monotonic(), time.perf_counter()
         check_publishers(self, self._owners)
+        self.watch_marks = {"watch": begin, "watched": time.perf_counter()}
 
     def note_ego_publishers(self) -> None:
         """Report publishers of an external ego that were not there at step 0, which they have answered now."""

@@ -187,7 +187,8 @@ class RunLoop:
 
     def _report_time(self, step: int) -> None:
         """Publish the times of a step; called after the next step is published, since no node waits for them."""
-        self._bridge.report_time(step, self._reported, step_marks(self._marks))
+        self._bridge.report_time(step, self._reported, step_marks(self._marks | self._bridge.watch_marks))
+        self._bridge.watch_marks = {}
         self._reported = self._compute
 
     def _take(self, step: int) -> tuple[ControlTable, EgoCommand]:

@@ -18,11 +18,11 @@ from typing import Any, BinaryIO, Self
 import yaml
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import breakup_chunk
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.record.mcap_survey import DAMAGE, Place, damage_at, parse, survey
+from litsim_sim.io.input_files import require_file
+from litsim_sim.record.mcap_survey import DAMAGE, Place, damage_at, parse, records_of, survey
 
 METADATA_FILE = "metadata.yaml"
 ROS_DISTRO, METADATA_VERSION = "jazzy", 9  # version of rosbag2's metadata.yaml since then
@@ -370,7 +370,7 @@ class BagReader:
                 stream.seek(place.content)
                 try:
                     record = parse(place, stream.read(place.end - place.content))
-                    inside = breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
+                    inside = records_of(record, self.path) if isinstance(record, Chunk) else [record]
                 except DAMAGE as error:
                     kind = Opcode(place.opcode).name.lower()
                     what = f"a {kind} that is not what was written ({type(error).__name__})"
@@ -384,10 +384,9 @@ def find_mcap(path: Path) -> Path:
     Raises:
         InputError: there is none, or more than one.
     """
-    if path.is_file():
+    if not path.is_dir():
+        require_file(path, "bag")
         return path
-    if not path.exists():
-        raise InputError(f"{path}: no such bag")
     files = sorted(path.glob("*.mcap"))
     if len(files) != 1:
         raise InputError(f"{path}: expected one MCAP file in the folder, found {len(files)}")

@@ -26,8 +26,9 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema, Statistics
+from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC as MAGIC
-from zstandard import ZstdError
+from zstandard import ZstdError, frame_content_size
 
 from litsim_sim.core.errors import InputError
 
@@ -40,6 +41,7 @@ _HEAD = struct.Struct("<BQ")  # of every record: opcode, bytes that follow
 _CRC = struct.Struct("<I")
 _FOOTER = struct.Struct("<QQI")  # begin of the summary, begin of its offsets, checksum
 _BLOCK = 2**20
+CHUNK_MAX = 256 * 2**20  # [B] of a chunk, unpacked; those of LitSim and of ros2 bag have at most some millions
 _KINDS: dict[int, Any] = {
     Opcode.SCHEMA: Schema,
     Opcode.CHANNEL: Channel,
@@ -118,6 +120,19 @@ def parse(place: Place, content: bytes) -> McapRecord | None:
         return Message.read(stream, len(content))
     kind = _KINDS.get(place.opcode)
     return None if kind is None else kind.read(stream)
+
+
+def records_of(chunk: Chunk, path: Path) -> list[McapRecord]:
+    """Returns the records in a chunk of the file at `path`.
+
+    Raises:
+        InputError: they are larger than any writer makes them, and would fill the memory.
+        one of DAMAGE: they are not what was written.
+    """
+    stated = frame_content_size(chunk.data) if chunk.compression == "zstd" else 0
+    if (size := max(stated, chunk.uncompressed_size)) > CHUNK_MAX:
+        raise InputError(f"{path}: a chunk unpacks to {size} bytes, expected at most {CHUNK_MAX}")
+    return breakup_chunk(chunk, validate_crc=True)
 
 
 def damage_at(path: Path, at: int, what: str) -> InputError:

@@ -9,13 +9,12 @@ from pathlib import Path
 
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.bag import ROSBAG2_RECORD, BagTopic, BagWriter, find_mcap
 from litsim_sim.record.failure import read_failure, write_failure
-from litsim_sim.record.mcap_survey import DAMAGE, REPAIR_HINT, attachment_is_whole, parse, places, survey
+from litsim_sim.record.mcap_survey import DAMAGE, REPAIR_HINT, attachment_is_whole, parse, places, records_of, survey
 from litsim_sim.record.player import offered_qos
 from litsim_sim.record.run import LOST_ATTACHMENTS, read_run
 
@@ -152,7 +151,7 @@ def _records(path: Path, lost: list[str]) -> Iterator[McapRecord]:
             continue
         if isinstance(record, Chunk):
             try:
-                yield from breakup_chunk(record, validate_crc=True)
+                yield from records_of(record, path)
             except DAMAGE:
                 first, last = record.message_start_time / _SECOND_NS, record.message_end_time / _SECOND_NS
                 lost.append(f"a damaged chunk with the messages of {first:.1f} to {last:.1f} s")

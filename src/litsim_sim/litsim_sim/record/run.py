@@ -18,11 +18,20 @@ from rosbags.typesys.store import Typestore
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.run_end import RunEnd
-from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, ByteArray, ControlTable, EgoCommand, EgoMode
+from litsim_sim.core.scene import (
+    ARRAY_FIELDS,
+    DTYPES,
+    AgentTable,
+    ByteArray,
+    ControlTable,
+    EgoCommand,
+    EgoMode,
+    IntArray,
+)
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.step_marks import marks_of
-from litsim_sim.core.steps import Steps
+from litsim_sim.core.steps import Steps, StepsBuilder
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState
 from litsim_sim.core.topic_names import (
     AGENTS,
@@ -262,16 +271,16 @@ def read_run(path: Path) -> Run:
                 f"{kind} of this version: {error}"
             ) from error
     info = content.info
-    if info is None or not content.tables:
+    if info is None or not len(content.tables):
         because = f" ({reader.problem})" if reader.problem else ""
         raise InputError(f"{reader.path}: no LitSim run: no message on {AGENTS if info else RUN_INFO}{because}")
     scenario_yaml = _scenario_yaml(reader) or info.scenario_yaml
-    steps = sorted(content.tables)
+    steps = content.tables.steps()
     return Run(
         path=reader.path,
         info=info,
-        tables=Steps(content.tables[step] for step in steps),
-        log=_log(reader, scenario_yaml, steps),
+        tables=steps,
+        log=_log(reader, scenario_yaml, steps.step),
         **content.by_step,
         statuses=content.statuses,
         scenario_yaml=scenario_yaml,
@@ -290,7 +299,7 @@ class _Content:
 
     def __init__(self) -> None:
         self.info: RunInfo | None = None
-        self.tables: dict[int, AgentTable] = {}
+        self.tables = StepsBuilder()
         self.by_step: dict[str, dict[Any, Any]] = {name: {} for name in BY_STEP}
         self.statuses: list[Status] = []
         self._signal_map: Any = None
@@ -347,7 +356,7 @@ class _Content:
         self._steps.setdefault(topic, []).append(step)
         if topic == AGENTS:
             columns = [np.asarray(getattr(message, name), DTYPES[name]) for name in ARRAY_FIELDS]
-            self.tables.setdefault(step, AgentTable(step, *columns))
+            self.tables.add(AgentTable(step, *columns))
         elif topic == CONTROLS:
             columns = [np.asarray(getattr(message, name), dtype) for name, dtype in CONTROL_FIELDS.items()]
             self.by_step["controls"].setdefault(step, ControlTable(step, *columns))
@@ -417,14 +426,14 @@ def _takeover(message: Any) -> Takeover:
     )
 
 
-def _log(reader: BagReader, scenario_yaml: str, steps: list[int]) -> Sequence[AgentTable]:
+def _log(reader: BagReader, scenario_yaml: str, steps: IntArray) -> Sequence[AgentTable]:
     """Logged agents of `steps` from the attached recording; empty without one."""
     data = reader.attachments.get(RECORDING_FILE)
     if data is None:
         return []
-    where = f"{reader.path}: attachment {RECORDING_FILE}"
-    recording = Recording.from_arrow(parse_arrow(pa.BufferReader(data), where), where)
-    return logged_steps(recording, start_frame(scenario_yaml, reader.path), np.array(steps))
+    start, where = start_frame(scenario_yaml, reader.path), f"{reader.path}: attachment {RECORDING_FILE}"
+    # nothing here holds the recording, which is as large as its steps
+    return logged_steps(Recording.from_arrow(parse_arrow(pa.BufferReader(data), where), where), start, steps)
 
 
 def _scenario_yaml(reader: BagReader) -> str:

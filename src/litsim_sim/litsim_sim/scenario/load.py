@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.input_files import require_file
 from litsim_sim.io.parquet_input import is_parquet, read_schema
 from litsim_sim.scenario.cropping import Crop, within
 from litsim_sim.scenario.recording import COLUMNS, HEADER_KEY, Recording
@@ -55,9 +56,8 @@ def load_recording(path: Path, crop: Crop | None = None) -> Recording:
         InputError: the file is missing or of an unknown format; `crop` names an unknown column, is malformed or keeps
             nothing; or the content fails a check of :meth:`Recording.from_table`.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such recording")
-    schema = read_schema(path) if path.suffix == ".parquet" or _looks_like_parquet(path) else None
+    require_file(path, "recording")
+    schema = read_schema(path) if path.suffix == ".parquet" or is_parquet(path) else None
     if schema is not None and HEADER_KEY in (schema.metadata or {}):
         return _neutral(path, crop)
     formats: list[RecordingFormat] = [
@@ -82,10 +82,3 @@ def _neutral(path: Path, crop: Crop | None) -> Recording:
     inside = within(recording.columns, len(recording.columns["frame"]), crop, str(path))
     limits = ", ".join(f"{column} within [{float(low):g}, {float(high):g}]" for column, (low, high) in crop.items())
     return Recording.from_columns(recording.header, recording.take(inside).columns, f"{path}, cropped to {limits}")
-
-
-def _looks_like_parquet(path: Path) -> bool:
-    try:
-        return is_parquet(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error

@@ -180,38 +180,49 @@ class Log:
 
 
 def logged_steps(recording: Recording, start_frame: int, wanted: IntArray) -> Steps:
-    """Returns the tables of :meth:`Log.table` for the steps `wanted` (S,), ascending, in memory of their rows alone."""
-    step = recording.columns["frame"] - start_frame
-    inside = (step >= 0) & (step <= max(wanted.tolist(), default=-1))
-    table, step = recording.take(inside).columns, step[inside]
-    _, first, agent = np.unique(table["vehicle_id"], return_index=True, return_inverse=True)
+    """Returns the tables of :meth:`Log.table` for the steps `wanted` (S,), ascending, in memory of their rows alone.
+
+    A column of the recording is let go of once it is used, if the caller does not hold it.
+    """
+    table = dict(recording.columns)
+    del recording
+    step = table.pop("frame") - start_frame
+    if not (inside := (step >= 0) & (step <= max(wanted.tolist(), default=-1))).all():
+        table, step = {name: values[inside] for name, values in table.items()}, step[inside]
+    id_ = table.pop("vehicle_id")
+    _, first, agent = np.unique(id_, return_index=True, return_inverse=True)
+    number = np.searchsorted(wanted, step)
+    rows = np.flatnonzero(wanted[np.minimum(number, len(wanted) - 1)] == step) if len(wanted) else np.empty(0, np.int64)
+    rows = rows[np.lexsort((id_[rows], number[rows]))]
+    number = number[rows]
+    own = {"id": id_[rows], "yaw_rate": _yaw_rates(agent, step, table["yaw"])[rows]}
+    del id_, step
+    own |= {name: table.pop(name)[first][agent[rows]] for name in ("kind", "length", "width")}
+    del agent
+    own["yaw"] = wrap_angle(table.pop("yaw")[rows])
+    own |= {name: table.pop(name)[rows] for name in ("x", "y", "speed", "acceleration")}
+    own["controller"] = np.full(len(rows), LOG)
+    own = {name: np.asarray(own.pop(name), DTYPES[name]) for name in ARRAY_FIELDS}
+    begin = number.searchsorted(np.arange(len(wanted) + 1))
+    return Steps.split(wanted, begin, StackedTable(int(wanted[0]) if len(wanted) else 0, **own, scene=number))
+
+
+def _yaw_rates(agent: IntArray, step: IntArray, yaw: FloatArray) -> FloatArray:
+    """Returns yaw rates (m,) [rad/s] at each row of the tracks of agents: since the step before; at first, to the next.
+
+    It is 0 where a track has no such step.
+    """
     order = np.lexsort((step, agent))
-    at, yaw = step[order], table["yaw"][order]
-    follows = (np.diff(agent[order]) == 0) & (np.diff(at) == 1)
+    follows = (np.diff(agent[order]) == 0) & (np.diff(step[order]) == 1)
     rate = np.zeros(len(order))
-    rate[1:] = np.where(follows, wrap_angle(np.diff(yaw)) / STEP_S, 0.0)
+    rate[1:] = np.where(follows, wrap_angle(np.diff(yaw[order])) / STEP_S, 0.0)
     begins = np.flatnonzero(np.diff(agent[order], prepend=-1))
     continued = begins[begins + 1 < len(order)]
     continued = continued[follows[continued]]
     rate[continued] = rate[continued + 1]
     yaw_rate = np.empty(len(order))
     yaw_rate[order] = rate
-    columns = {
-        "id": table["vehicle_id"],
-        "kind": table["kind"][first][agent],
-        "controller": np.full(len(step), LOG),
-        "yaw": wrap_angle(table["yaw"]),
-        "yaw_rate": yaw_rate,
-        "length": table["length"][first][agent],
-        "width": table["width"][first][agent],
-    }
-    number = np.searchsorted(wanted, step)
-    rows = np.flatnonzero(wanted[np.minimum(number, len(wanted) - 1)] == step) if len(wanted) else np.empty(0, np.int64)
-    rows = rows[np.lexsort((table["vehicle_id"][rows], number[rows]))]
-    begin = number[rows].searchsorted(np.arange(len(wanted) + 1))
-    own = {name: np.asarray(columns.get(name, table.get(name)), DTYPES[name])[rows] for name in ARRAY_FIELDS}
-    first_step = int(wanted[0]) if len(wanted) else 0
-    return Steps.split(wanted, begin, StackedTable(first_step, **own, scene=number[rows]))
+    return yaw_rate
 
 
 @kernel(OUT_INTS(FLOATS2, FLOATS2, BOOLS2, INTS, int64, FLOATS, FLOATS))

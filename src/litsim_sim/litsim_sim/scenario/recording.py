@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -22,7 +22,7 @@ import pyarrow.parquet as pq
 from pydantic import TypeAdapter, ValidationError
 
 from litsim_sim.core.errors import InputError, shown
-from litsim_sim.core.scene import RATE_HZ, FloatArray
+from litsim_sim.core.scene import RATE_HZ, FloatArray, IntArray
 from litsim_sim.io.files import replacing
 from litsim_sim.io.parquet_input import plain_columns, read_arrow
 
@@ -129,20 +129,23 @@ class Recording:
             )
         if not table.columns.is_unique:
             raise InputError(f"{where}: columns {list(table.columns)}, expected each of them once")
-        numbers = {name: _numbers(table[name], f"{where}: column {name}") for name in COLUMNS}
-        return cls._checked(header, {name: table[name].to_numpy() for name in COLUMNS}, numbers, where)
+        return cls._checked(
+            header,
+            {name: table[name].to_numpy() for name in COLUMNS},
+            lambda name: _numbers(table[name], f"{where}: column {name}"),
+            where,
+        )
 
     @classmethod
     def from_columns(cls, header: RecordingHeader, columns: Mapping[str, np.ndarray], where: str) -> Recording:
         """Like :meth:`from_table`, from numeric arrays (n,) by the names of :data:`COLUMNS`."""
-        numbers = {name: columns[name].astype(np.float64, copy=False) for name in COLUMNS}
-        return cls._checked(header, columns, numbers, where)
+        return cls._checked(header, columns, lambda name: columns[name].astype(np.float64, copy=False), where)
 
     @classmethod
     def _checked(
-        cls, header: RecordingHeader, raw: Mapping[str, Any], numbers: Mapping[str, FloatArray], where: str
+        cls, header: RecordingHeader, raw: Mapping[str, Any], numbers: Callable[[str], FloatArray], where: str
     ) -> Recording:
-        """Check the columns, `raw` and converted to `numbers`, and make the recording of them.
+        """Check the columns, `raw` and as `numbers` by their names, and make the recording of them.
 
         Raises:
             InputError: as :meth:`from_table`.
@@ -152,7 +155,7 @@ class Recording:
         if not len(raw["frame"]):
             raise InputError(f"{where}: the recording holds no rows")
         for name, dtype in COLUMNS.items():
-            values = numbers[name]
+            values = numbers(name)
             bad = ~np.isfinite(values)
             expected = "a finite number"
             if not dtype.startswith("float"):  # a cast would silently cut fractions off
@@ -171,8 +174,9 @@ class Recording:
                 )
         with np.errstate(invalid="ignore"):  # an id or a frame beyond int64 becomes an arbitrary one
             columns = {name: np.asarray(raw[name]).astype(dtype, copy=False) for name, dtype in COLUMNS.items()}
-        order = np.lexsort((columns["vehicle_id"], columns["frame"]))
-        columns = {name: values[order] for name, values in columns.items()}
+        if not _in_order(columns["frame"], columns["vehicle_id"]):
+            order = np.lexsort((columns["vehicle_id"], columns["frame"]))
+            columns = {name: values[order] for name, values in columns.items()}
         _check_tracks(columns, where)
         return cls(header, columns)
 
@@ -203,6 +207,8 @@ class Recording:
             recording = cls.from_columns(header, columns, where)
         else:
             recording = cls.from_table(header, arrow.to_pandas(), where)
+        del arrow  # as large as the recording, for which its memory is used from here on
+        pa.default_memory_pool().release_unused()
         if metadata.get(CHECK_KEY, (crc := _checksum(raw, recording.columns))) != crc:
             raise InputError(f"{where}: damaged: its content does not match its checksum")
         return recording
@@ -281,8 +287,14 @@ def _checksum(header: bytes, columns: Mapping[str, np.ndarray]) -> bytes:
     """CRC-32 over the header and the columns of the neutral schema, in hexadecimal digits."""
     crc = zlib.crc32(header)
     for name, dtype in COLUMNS.items():
-        crc = zlib.crc32(columns[name].astype(np.dtype(dtype).newbyteorder("<"), copy=False).tobytes(), crc)
+        crc = zlib.crc32(np.ascontiguousarray(columns[name], np.dtype(dtype).newbyteorder("<")).data, crc)
     return b"%08x" % crc
+
+
+def _in_order(frame: IntArray, vehicle: IntArray) -> bool:
+    """Returns whether rows are sorted by frame and vehicle, as files of recordings are."""
+    later = frame[1:] > frame[:-1]
+    return bool((later | ((frame[1:] == frame[:-1]) & (vehicle[1:] >= vehicle[:-1]))).all())
 
 
 def _check_tracks(columns: Mapping[str, np.ndarray], where: str) -> None:

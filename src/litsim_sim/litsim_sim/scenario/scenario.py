@@ -18,6 +18,7 @@ import yaml
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, IntArray
 from litsim_sim.core.vehicle import VehicleModel
+from litsim_sim.io.input_files import require_file
 from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.checks import Demand, UnmetDemandError, check_agents, check_coverage
@@ -30,6 +31,7 @@ from litsim_sim.scenario.signal_conflicts import green_conflicts
 from litsim_sim.scenario.signals import Signals, SignalsFile, build, check_known, read_signals, resolved
 
 DATA_VARIABLE = "LITSIM_DATA"
+NO_DATA = "(scenario demo needs none; docs/data.md: NGSIM's own files in its place)"
 PACKAGE = "litsim_sim"
 
 _log = logging.getLogger(__name__)
@@ -124,10 +126,7 @@ class Scenario:
         path = Path(name_or_path)
         if not path.suffix and str(path) == path.name and str(path) in packaged_scenarios():
             path = packaged(f"scenarios/{path}.yaml")
-        if not path.is_file():
-            raise InputError(
-                f"{name_or_path}: no such scenario; expected a YAML file, or one of {', '.join(packaged_scenarios())}"
-            )
+        require_file(path, "scenario", f"; expected a YAML file, or one of {', '.join(packaged_scenarios())}")
         return cls._build(read_text(path), str(path), path.resolve().parent, overrides, sources)
 
     @classmethod
@@ -172,10 +171,8 @@ class Scenario:
         values.update(changes)
         file = validate_yaml(values, ScenarioFile, where, text)
         net = packaged(f"nets/{file.net}.net.xml") if file.net in packaged_nets() else folder / file.net
-        if not net.is_file():
-            raise InputError(
-                f"{where}: field net: {net}: no such net; expected a file, or one of {', '.join(packaged_nets())}"
-            )
+        packaged_ones = f"; expected a file, or one of {', '.join(packaged_nets())}"
+        require_file(net, "net", packaged_ones, where=f"{where}: field net: ")
         resolved_fields: dict[str, Any] = {
             "recording": str(_data_path(file.recording, folder, where)),
             "net": str(net.resolve()),
@@ -296,19 +293,15 @@ def _data_path(recording: str, folder: Path, where: str) -> Path:
     data_file = re.fullmatch(rf"\$(?:{DATA_VARIABLE}|{{{DATA_VARIABLE}}})/+(.+)", recording)
     if data_file is None:
         path = (folder / recording).resolve()
-        if not path.is_file():
-            raise InputError(f"{where}: field recording: {path}: no such recording")
+        require_file(path, "recording", where=f"{where}: field recording: ")
         return path
     relative, data = data_file[1], os.environ.get(DATA_VARIABLE, "")
     if not data:
         raise InputError(
             f"{where}: field recording: needs real data: put it into a folder as DATA/{relative} and set "
-            f"{DATA_VARIABLE} to DATA (scenario demo needs none; docs/data.md: NGSIM's own files in its place)"
+            f"{DATA_VARIABLE} to DATA {NO_DATA}"
         )
     path = (Path(data).expanduser() / relative).resolve()
-    if not path.is_file():
-        raise InputError(
-            f"{where}: field recording: {path}: no such recording; put the file there, or set {DATA_VARIABLE} to the "
-            f"folder that holds {relative} (scenario demo needs none; docs/data.md: NGSIM's own files in its place)"
-        )
+    hint = f"; put the file there, or set {DATA_VARIABLE} to the folder that holds {relative} {NO_DATA}"
+    require_file(path, "recording", hint, where=f"{where}: field recording: ")
     return path

@@ -19,6 +19,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import OneOf
 from litsim_sim.core.scene import RATE_HZ, STEP_S, ByteArray, IntArray
 from litsim_sim.core.signals import STOP_STATES, SignalState, SignalTable
+from litsim_sim.io.input_files import require_file
 from litsim_sim.io.table_input import TableFile, is_stamped, since_1970
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.lane_map.signal_links import ARROW, SignalLink, crossings, read_links
@@ -389,8 +390,7 @@ def check_passages(counts: Mapping[str, tuple[int, int]], where: str) -> None:
 
 def _read_changes(states: StateList, path: Path) -> list[tuple[float, str, Any]]:
     """Returns the changes of a file, ascending by time."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file of signal states")
+    require_file(path, "file of signal states")
     source = TableFile.open(path)
     table = source.read([states.group, states.begin, states.state], may_be_empty=True)
     from pandas import to_numeric  # imported here, as runs without such a file do not need it

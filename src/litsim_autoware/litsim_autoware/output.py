@@ -1,0 +1,31 @@
+"""Publishers that write nothing while nobody listens: publishing costs most of a step, also without a subscriber."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+
+class Output:
+    """A publisher of serialised messages.
+
+    Attributes:
+        listeners: number of subscribers, as of the last time that the node was served. Asking the middleware takes half
+            as long as publishing.
+    """
+
+    def __init__(self, node: Node, kind: Any, topic: str, qos: QoSProfile) -> None:
+        self.listeners = 0
+        events = PublisherEventCallbacks(matched=self._on_matched)
+        self._publisher = node.create_publisher(kind, topic, qos, event_callbacks=events)
+
+    def publish(self, data: bytes) -> None:
+        """Publishes a message if anybody listens."""
+        if self.listeners:
+            self._publisher.publish(data)
+
+    def _on_matched(self, change: Any) -> None:
+        self.listeners = change.current_count
