@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.cluster.hierarchy import DisjointSet
 
+from litsim_data.maps.lane_graph import turn
 from litsim_sim.core.errors import InputError, not_installed
-from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.net_lanes import Lane
@@ -72,14 +73,14 @@ class _Lanelets:
         for row, lane in enumerate(self._lanes):
             if lane.left is not None:  # one bound for both, where both lanes have it
                 self._bounds[self._row[lane.left], RIGHT] = self._bounds[row, LEFT]
-        self._same = _Joined()
+        self._same = DisjointSet([(row, side, end) for row, side in self._bounds for end in (0, -1)])
         for row, lane in enumerate(self._lanes):
             for side in (LEFT, RIGHT):
                 if side == LEFT and lane.left is not None:
                     for end in (0, -1):
-                        self._same.join((row, LEFT, end), (self._row[lane.left], RIGHT, end))
+                        self._same.merge((row, LEFT, end), (self._row[lane.left], RIGHT, end))
                 for name in lane.successors:
-                    self._same.join((row, side, -1), (self._row[name], side, 0))
+                    self._same.merge((row, side, -1), (self._row[name], side, 0))
         self._points: dict[_Corner, Any] = {}
         self._lines: dict[tuple[int, int], Any] = {}
         self._crossings = _crossings(self._lanes)
@@ -141,10 +142,10 @@ class _Lanelets:
 
     def _corner(self, corner: _Corner) -> Any:
         """The point at the end of a bound, which those that meet there have in common."""
-        name = self._same.name(corner)
+        name = self._same[corner]
         if name not in self._points:
-            members = self._same.members(corner)
-            outside = [each for each in members if not self._lanes[each[0]].is_internal] or members
+            members = sorted(self._same.subset(corner))
+            outside = [end for end in members if not self._lanes[end[0]].is_internal] or members
             self._points[name] = self._point(np.mean([self._bounds[r, s][e] for r, s, e in outside], axis=0))
         return self._points[name]
 
@@ -154,27 +155,6 @@ class _Lanelets:
         point.attributes["local_x"], point.attributes["local_y"] = f"{x:.4f}", f"{y:.4f}"
         point.attributes["ele"] = f"{height:g}"
         return point
-
-
-class _Joined:
-    """Ends of bounds that are one point."""
-
-    def __init__(self) -> None:
-        self._groups: dict[_Corner, set[_Corner]] = {}
-
-    def join(self, one: _Corner, other: _Corner) -> None:
-        """Note that two ends are the same."""
-        group = self._groups.get(one, {one}) | self._groups.get(other, {other})
-        for each in group:
-            self._groups[each] = group
-
-    def members(self, corner: _Corner) -> list[_Corner]:
-        """All ends that are the same as `corner`, itself included."""
-        return sorted(self._groups.get(corner, {corner}))
-
-    def name(self, corner: _Corner) -> _Corner:
-        """The same one of them, whichever is asked for."""
-        return self.members(corner)[0]
 
 
 def _bound(lane: Lane, side: int) -> FloatArray:
@@ -213,7 +193,5 @@ def _crossings(lanes: Iterable[Lane]) -> set[str]:
 
 def _turn(lane: Lane) -> str:
     """Where a lane inside an intersection leads, as Autoware's attribute `turn_direction` has it."""
-    steps = np.diff(lane.centerline, axis=0)[[0, -1]]
-    headings = np.arctan2(steps[:, 1], steps[:, 0])
-    turned = float(wrap_angle(np.asarray(headings[1] - headings[0])))
-    return "straight" if abs(turned) < TURN else "left" if turned > 0.0 else "right"
+    begin, end = np.arctan2(*np.diff(lane.centerline, axis=0)[[0, -1]].T[::-1])
+    return turn(end - begin, TURN)

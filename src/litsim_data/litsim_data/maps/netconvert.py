@@ -17,6 +17,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from litsim_sim.core.errors import InputError, not_installed
+from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.files import replacing
 
 DECIMALS = 3  # of written coordinates: millimetres
@@ -37,6 +38,11 @@ PLAIN_OPTIONS = {
 }
 WITHOUT_INTERNAL_LANES = ("--no-internal-links",)
 """For nets whose lanes follow each other without a gap: no lanes are put between them."""
+
+
+def shape_text(line: FloatArray) -> str:
+    """Returns the points of a line (k, 2) or (k, 3) [m] as SUMO writes shapes."""
+    return " ".join(",".join(f"{value:.{DECIMALS}f}" for value in point) for point in line)
 
 
 def find_netconvert() -> Path:
