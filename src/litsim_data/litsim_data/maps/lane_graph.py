@@ -192,10 +192,14 @@ def at_shares(line: FloatArray, share: FloatArray) -> FloatArray:
 
 
 def shift_left(line: FloatArray, distance: FloatArray | float) -> FloatArray:
-    """Returns the vertices of `line` (k, 2) moved to its left by `distance`, one for all or (k,) [m]."""
-    tangent = np.gradient(line, axis=0)
-    tangent /= np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-9)[:, None]
-    return line + np.reshape(distance, (-1, 1)) * np.column_stack([-tangent[:, 1], tangent[:, 0]])
+    """Returns the vertices of `line` (k, 2) moved to its left by `distance`, one for all or (k,) [m].
+
+    At a bend a vertex is moved so far that both of its segments are at this distance.
+    """
+    step = np.diff(line, axis=0)
+    across = np.column_stack([-step[:, 1], step[:, 0]]) / np.maximum(np.hypot(*step.T), 1e-9)[:, None]
+    mean = np.concatenate([across[:1], 0.5 * (across[:-1] + across[1:]), across[-1:]])
+    return line + np.reshape(distance, (-1, 1)) * mean / np.maximum((mean**2).sum(axis=1), 0.5)[:, None]
 
 
 def polyline(points: Sequence[Sequence[float]], what: str) -> FloatArray:

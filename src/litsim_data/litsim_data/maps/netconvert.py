@@ -16,6 +16,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+import sumolib
+
 from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.files import replacing
@@ -136,6 +138,27 @@ def import_opendrive(source: Path, path: Path, left_hand: bool | None = None) ->
     return [*notes * bool(other), *(f"netconvert: {warning}" for warning in warnings)]
 
 
+def export_opendrive(net: Path, path: Path) -> list[str]:
+    """Converts the SUMO net `net` to the OpenDRIVE map at `path`, in the same frame; returns netconvert's warnings.
+
+    Raises:
+        InputError: as :func:`build_net`.
+    """
+    options = ["--sumo-net-file", str(net.resolve()), "--opendrive-output.lefthand-left", "true"]
+    with tempfile.TemporaryDirectory() as scratch, replacing(path) as new:
+        warnings = _convert(options, new, Path(scratch), {}, str(net), output="--opendrive-output")
+        if is_left_hand(net):  # which netconvert does not write down, and OpenDRIVE has since 1.5
+            text = new.read_text(encoding="UTF-8").replace('revMinor="4"', 'revMinor="5"', 1)
+            new.write_text(text.replace("<road ", f'<road rule="{LEFT_HAND}" '), encoding="UTF-8")
+    return warnings
+
+
+def is_left_hand(net: Path) -> bool:
+    """Returns whether traffic on the SUMO net keeps to the left."""
+    with sumolib.openz(str(net), "rb") as file:
+        return b'lefthand="true"' in file.read(5000)
+
+
 def _swap_sides(root: ET.Element) -> None:
     """Numbers the lanes of an OpenDRIVE map, in place, as if those to the left of the reference line lay to its right.
 
@@ -156,22 +179,30 @@ def _swap_sides(root: ET.Element) -> None:
         section[:] = sorted(section, key=lambda group: order.get(group.tag, 3))
 
 
-def _convert(options: Sequence[str], path: Path, folder: Path, outlines: Mapping[str, str], source: str) -> list[str]:
+def _convert(
+    options: Sequence[str],
+    path: Path,
+    folder: Path,
+    outlines: Mapping[str, str],
+    source: str,
+    output: str = "--output-file",
+) -> list[str]:
     command = [
-        *(str(find_netconvert()), *options, "--output-file", "made.net.xml", "--precision", str(DECIMALS)),
+        *(str(find_netconvert()), *options, output, "made.xml", "--precision", str(DECIMALS)),
         # keep the frame of the input
         *("--offset.disable-normalization", "--no-turnarounds"),
     ]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    net_file = folder / "made.net.xml"
+    net_file = folder / "made.xml"
     if done.returncode != 0 or not net_file.is_file():
         why = " ".join((done.stderr or done.stdout).split())
         raise InputError(f"netconvert refused {source}: {why}")
     # netconvert heads the file with the date and its command line, which would make every regeneration differ.
     net = re.sub(r"<!--.*?-->\n*", "", net_file.read_text(encoding="UTF-8"), count=1, flags=re.DOTALL)
+    net = re.sub(r'(<header [^>]*?) date="[^"]*"', r"\1", net, count=1)
     for junction, outline in outlines.items():
         net = re.sub(rf'(<junction id="{re.escape(junction)}"[^>]*? shape=")[^"]*', rf"\g<1>{outline}", net, count=1)
     with replacing(path) as new:
         new.write_text(net, encoding="UTF-8")
-    output = (done.stdout + done.stderr).splitlines()
-    return [line.removeprefix("Warning: ").strip() for line in output if line.startswith("Warning")]
+    told = (done.stdout + done.stderr).splitlines()
+    return [line.removeprefix("Warning: ").strip() for line in told if line.startswith("Warning")]

@@ -1,4 +1,4 @@
-"""A net as a map of Autoware: ``lanelet2_map.osm`` and ``map_projector_info.yaml``, through the ``lanelet2`` package.
+"""A net as a Lanelet2 map of Autoware, through the ``lanelet2`` package.
 
 Every lane is a lanelet, those inside junctions included. Lanes side by side have the bound between them in common, and
 lanes that follow each other the points where they meet, so that Lanelet2's routing graph connects what the net does.
@@ -16,17 +16,20 @@ from typing import Any
 import numpy as np
 from scipy.cluster.hierarchy import DisjointSet
 
-from litsim_data.maps.lane_graph import turn
+from litsim_data.exports.export import Content, Export
+from litsim_data.maps.lane_graph import around, turn
+from litsim_data.maps.map_projector import PROJECTOR_FILE
 from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.core.scene import FloatArray
+from litsim_sim.io.files import replacing
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.net_lanes import Lane
-from litsim_sim.lane_map.signal_links import SignalLink, relation_id
+from litsim_sim.lane_map.signal_links import SignalLink, read_links, relation_id
 
-MAP_FILE, PROJECTOR_FILE = "lanelet2_map.osm", "map_projector_info.yaml"
 ORIGIN = (49.0, 8.4)
 """Latitude and longitude [deg] of (0, 0) in the file, with which `data map --lanelet2` reads it back. Autoware does not
 read it: its coordinates are those of the net, from the tags local_x and local_y."""
+PARTS = ("core", "io", "projection")
 TURN = np.radians(20.0)  # change of heading from which on a lane inside a junction is a turn
 LEFT, RIGHT = 0, 1
 LIGHT_HEIGHT, LIGHT_WIDTH = 5.0, 1.0  # [m] above the road, and across it
@@ -35,28 +38,28 @@ _Corner = tuple[int, int, int]
 """An end of a bound: row of the lane, side, and 0 for its beginning or -1 for its end."""
 
 
-def export_lanelet2(lane_map: LaneMap, links: Sequence[SignalLink], folder: Path) -> None:
-    """Write the map of all lanes of `lane_map` for Autoware into `folder`, which is made.
+class Lanelet2(Export):
+    """The net of what is exported; ids of lights are those of :func:`litsim_sim.lane_map.signal_links.relation_id`."""
 
-    `links` are the connections of the net that a traffic light controls; the ids of their lights are those of
-    :func:`litsim_sim.lane_map.signal_links.relation_id`.
+    endings, content = (".osm",), "a Lanelet2 map, with Autoware's projector file beside it"
 
-    Raises:
-        InputError: the lanelet2 package is missing, or the folder cannot be written.
-    """
-    try:
-        core, io, projection = (importlib.import_module(f"lanelet2.{name}") for name in ("core", "io", "projection"))
-    except ImportError as error:
-        raise not_installed("lanelet2") from error
-    lanelet_map = core.LaneletMap()
-    for lanelet in _Lanelets(lane_map, links, core).all():
-        lanelet_map.add(lanelet)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        io.write(str(folder / MAP_FILE), lanelet_map, projection.UtmProjector(io.Origin(*ORIGIN)))
-        (folder / PROJECTOR_FILE).write_text("projector_type: Local\n", encoding="utf-8")
-    except (OSError, RuntimeError) as error:
-        raise InputError(f"{folder}: cannot be written: {error}") from error
+    def write(self, content: Content, out: Path) -> list[str]:
+        """See :class:`.export.Export`."""
+        try:
+            core, io, projection = (importlib.import_module(f"lanelet2.{part}") for part in PARTS)
+        except ImportError as error:
+            raise not_installed("lanelet2") from error
+        lanelet_map = core.LaneletMap()
+        for lanelet in _Lanelets(content.lanes(), read_links(content.net_file()), core).all():
+            lanelet_map.add(lanelet)
+        projector = out.with_name(PROJECTOR_FILE)
+        try:
+            with replacing(out) as new, replacing(projector) as info:
+                io.write(str(new), lanelet_map, projection.UtmProjector(io.Origin(*ORIGIN)))
+                info.write_text("projector_type: Local\n", encoding="utf-8")
+        except RuntimeError as error:
+            raise InputError(f"{out}: cannot be written: {error}") from error
+        return [f"beside it: {projector.name}"]
 
 
 class _Lanelets:
@@ -69,7 +72,11 @@ class _Lanelets:
             self._links[next(iter(link.via), link.from_lane)].append(link)
         self._stop_lines: dict[str, Any] = {}
         self._row = {lane.id: row for row, lane in enumerate(self._lanes)}
-        self._bounds = {(row, side): _bound(lane, side) for row, lane in enumerate(self._lanes) for side in (0, 1)}
+        self._bounds = {
+            (row, side): bound
+            for row, lane in enumerate(self._lanes)
+            for side, bound in zip((LEFT, RIGHT), around(lane.centerline, lane.width), strict=True)
+        }
         for row, lane in enumerate(self._lanes):
             if lane.left is not None:  # one bound for both, where both lanes have it
                 self._bounds[self._row[lane.left], RIGHT] = self._bounds[row, LEFT]
@@ -155,15 +162,6 @@ class _Lanelets:
         point.attributes["local_x"], point.attributes["local_y"] = f"{x:.4f}", f"{y:.4f}"
         point.attributes["ele"] = f"{height:g}"
         return point
-
-
-def _bound(lane: Lane, side: int) -> FloatArray:
-    """(k, 2) the line half a width beside the centre line of a lane [m]."""
-    step = np.diff(lane.centerline, axis=0)
-    across = np.stack([-step[:, 1], step[:, 0]], axis=1) / np.hypot(step[:, 0], step[:, 1])[:, None]
-    mean = np.concatenate([across[:1], 0.5 * (across[:-1] + across[1:]), across[-1:]])
-    left = mean / np.maximum((mean**2).sum(axis=1), 0.5)[:, None]
-    return np.asarray(lane.centerline + (0.5 - side) * lane.width * left, np.float64)
 
 
 def _across(middle: FloatArray, heading: float, width: float) -> FloatArray:
