@@ -80,8 +80,7 @@ def test_what_is_imported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     write(tmp_path / "in")
     main(["import", str(tmp_path / "in"), str(tmp_path / "out")])
     text = capsys.readouterr().out
-    assert "1 entities of category tram are left out" in text
-    assert "1 entities without a trajectory in time are left out" in text
+    assert "2 entities without a trajectory in time are left out" in text
     recording = Recording.read(tmp_path / "out" / "made.parquet")
     ids, table = recording.header.notes["ids"], recording.table
     ego, van = (table[table["vehicle_id"] == ids[name]] for name in ("ego", "van"))  # type: ignore[index]
@@ -98,8 +97,14 @@ def test_what_is_imported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     ("change", "message"),
     [
         (("made.xodr", "gone.xodr"), r"RoadNetwork names .*gone\.xodr, which is no file: name the OpenDRIVE map by"),
-        (('entryName="box"', 'entryName="bus"'), "entity van: no entry bus of catalog vans in its CatalogLocations"),
-        (('value="1.5"', 'value="${1+1}"'), "entity ego: attribute x of element Center is '${1+1}', expected a number"),
+        (
+            ('entryName="box"', 'entryName="bus"'),
+            r"entity van: \('vans', 'bus'\) is not in the file, nor in its CatalogLocations",
+        ),
+        (
+            ('value="1.5"', 'value="${1+1}"'),
+            "trajectory of ego: attribute x of element Center is '${1+1}', expected a number",
+        ),
         (('x="-80.000"', 'x="east"'), "trajectory of ego: attribute x of element WorldPosition is 'east', expected a"),
         (("</OpenSCENARIO>", ""), "not a readable OpenSCENARIO file"),
     ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
@@ -11,10 +12,14 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
+import numpy as np
+
 from litsim_data.generic.loaded_table import LoadedTable
 from litsim_data.generic.mapping import Mapping as ColumnMapping
 from litsim_data.sources.source import Scene, Source
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.scene import STEP_S
 from litsim_sim.io.files import check_regular
 
 SIZE_MAX = 2**30  # [B] of a file
@@ -32,6 +37,8 @@ KINDS = {
 }
 """Our kinds of vehicleCategory and pedestrianCategory; others, such as trams and animals, are left out."""
 ACTION = ".//FollowTrajectoryAction"
+Vertex = tuple[float, float, float, float]
+"""Time [s], x, y [m] and heading [rad]."""
 NEEDED = "FollowTrajectoryAction with Timing, and with a Polyline of which each vertex has a WorldPosition"
 
 
@@ -51,14 +58,7 @@ class OpenScenario(Source):
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
         """See :class:`.source.Source`."""
         root = _parsed(path)
-        parameters = {
-            one.get("name", ""): one.get("value", "")
-            for one in root.findall("ParameterDeclarations/ParameterDeclaration")
-        }
-        for element in root.iter():
-            element.attrib |= {
-                name: parameters.get(value[1:], value) for name, value in element.attrib.items() if value[:1] == "$"
-            }
+        _fill_in(root, {})
         rows, left_out = _rows(root, path)
         mapping = ColumnMapping.model_validate(
             {
@@ -102,28 +102,32 @@ def _parsed(path: Path) -> ET.Element:
 
 def _rows(root: ET.Element, path: Path) -> tuple[dict[str, list[Any]], Counter[str]]:
     """Returns the columns of all vertices, as centres of boxes, and the numbers of what is left out."""
-    entities, left_out = _entities(root, path)
+    entities = {one.get("name", ""): one for one in root.findall("Entities/ScenarioObject")}
+    catalogs, left_out = _catalogs(root, path), Counter[str]()
     rows: dict[str, list[Any]] = defaultdict(list)
-    for names, action, start in _actions(root):
-        for name in names:
-            if name not in entities:
-                continue
-            try:
-                vertices = _vertices(action, start)
-            except ValueError as error:
-                raise InputError(f"{path}: trajectory of {name}: {error}") from error
-            if not vertices:
-                left_out["trajectories without times, or not of world positions,"] += 1
-            kind, length, width, shift_x, shift_y = entities[name]
-            for time, x, y, h in vertices:
-                cos, sin = math.cos(h), math.sin(h)
-                rows["x"].append(x + shift_x * cos - shift_y * sin)
-                rows["y"].append(y + shift_x * sin + shift_y * cos)
-                fixed = {"id": name, "time": time, "h": h, "kind": kind, "length": length, "width": width}
-                for column, value in fixed.items():
-                    rows[column].append(value)
-    still = len(entities.keys() - {*rows["id"]})
-    left_out["entities without a trajectory in time"] += still
+    for name, action, start in ((name, action, start) for names, action, start in _actions(root) for name in names):
+        try:
+            kind, length, width, shift_x, shift_y = _entity(entities[name], catalogs)
+            vertices = _vertices(action, start)
+        except KeyError as error:
+            raise InputError(
+                f"{path}: entity {name}: {error} is not in the file, nor in its CatalogLocations"
+            ) from error
+        except ValueError as error:
+            raise InputError(f"{path}: trajectory of {name}: {error}") from error
+        if kind not in KINDS:
+            left_out[f"entities of category {kind or 'none'}"] += 1
+            continue
+        if not vertices:
+            left_out["trajectories without times, or not of world positions,"] += 1
+        for time, x, y, h in vertices:
+            cos, sin = math.cos(h), math.sin(h)
+            rows["x"].append(x + shift_x * cos - shift_y * sin)
+            rows["y"].append(y + shift_x * sin + shift_y * cos)
+            fixed = {"id": name, "time": time, "h": h, "kind": kind, "length": length, "width": width}
+            for column, value in fixed.items():
+                rows[column].append(value)
+    left_out["entities without a trajectory in time"] += len(entities.keys() - {*rows["id"]})
     if not rows["id"]:
         raise InputError(f"{path}: no {NEEDED}; left out are {dict(+left_out)}")
     return rows, +left_out
@@ -144,10 +148,10 @@ def _actions(root: ET.Element) -> Iterator[tuple[list[str], ET.Element, float | 
                 yield actors, action, float(times[0].get("value", "nan")) if known and times[0] is not None else None
 
 
-def _vertices(action: ET.Element, start: float | None) -> list[tuple[float, float, float, float]]:
+def _vertices(action: ET.Element, start: float | None) -> list[Vertex]:
     """Returns time [s], x, y [m] and heading [rad] of a trajectory of world positions; none of other trajectories.
 
-    Where no heading is given it is that of the way, as the standard says.
+    Where no heading is given it is that of the way, and the way between vertices is straight, as the standard says.
     """
     timing, line = action.find("TimeReference/Timing"), action.find(".//Trajectory/Shape/Polyline")
     if timing is None or line is None:
@@ -161,40 +165,54 @@ def _vertices(action: ET.Element, start: float | None) -> list[tuple[float, floa
     points = [(_number(place, "x"), _number(place, "y")) for place in places if place is not None]
     ahead = [math.atan2(b[1] - a[1], b[0] - a[0]) if a != b else None for a, b in pairwise(points)]
     course = next((angle for angle in ahead if angle is not None), 0.0)
-    vertices = []
-    for time, point, place, angle in zip(times, points, places, [*ahead, None], strict=True):
+    headings = []
+    for place, angle in zip(places, [*ahead, None], strict=True):
         course = course if angle is None else angle  # one that stands looks where it last went
         given = place is not None and place.get("h") is not None
-        vertices.append((time, *point, _number(place, "h") if given and place is not None else course))
-    return vertices
+        headings.append(_number(place, "h") if given and place is not None else course)
+    vertices = [(time, *point, heading) for time, point, heading in zip(times, points, headings, strict=True)]
+    between = [_between(one, other) for one, other in pairwise(vertices)]
+    return [vertex for one, inner in zip(vertices, [*between, []], strict=True) for vertex in (one, *inner)]
 
 
-def _entities(root: ET.Element, path: Path) -> tuple[dict[str, tuple[str, float, float, float, float]], Counter[str]]:
-    """Returns category, length, width, and centre (x, y) of the box before the reference point [m], by entity."""
-    entities, left_out, catalogs = {}, Counter[str](), _catalogs(root, path)
-    for scenario_object in root.findall("Entities/ScenarioObject"):
-        name = scenario_object.get("name", "")
-        entity: ET.Element | None = next(iter(scenario_object), None)
-        if entity is not None and entity.tag == "CatalogReference":
-            key = (entity.get("catalogName", ""), entity.get("entryName", ""))
-            if key not in catalogs:
-                raise InputError(
-                    f"{path}: entity {name}: no entry {key[1]} of catalog {key[0]} in its CatalogLocations"
-                )
-            entity = catalogs[key]
-        kind = "" if entity is None else entity.get(f"{entity.tag.lower()}Category", "")
-        if entity is None or kind not in KINDS:
-            left_out[f"entities of category {kind or 'none'}"] += 1
-            continue
-        centre, size = entity.find("BoundingBox/Center"), entity.find("BoundingBox/Dimensions")
-        if centre is None or size is None:
-            raise InputError(f"{path}: entity {name}: no BoundingBox")
-        try:
-            sizes = _number(size, "length"), _number(size, "width"), _number(centre, "x"), _number(centre, "y")
-        except ValueError as error:
-            raise InputError(f"{path}: entity {name}: {error}") from error
-        entities[name] = (kind, *sizes)
-    return entities, left_out
+def _between(one: Vertex, other: Vertex) -> list[Vertex]:
+    """Returns poses on the straight way from a vertex to the next one, every 0.1 s or less, without both ends."""
+    count = math.ceil(round((other[0] - one[0]) / STEP_S, 6))
+    turned = float(wrap_angle(np.array(other[3] - one[3])))
+    way = (other[0] - one[0], other[1] - one[1], other[2] - one[2], turned)
+    shares = [k / count for k in range(1, count)]
+    return [tuple(value + share * part for value, part in zip(one, way, strict=True)) for share in shares]  # type: ignore[misc]
+
+
+def _entity(
+    scenario_object: ET.Element, catalogs: Mapping[tuple[str, str], ET.Element]
+) -> tuple[str, float, float, float, float]:
+    """Returns category, length, width, and centre (x, y) of the box before the reference point [m], of an entity.
+
+    Raises:
+        KeyError: it is an entry of a catalog which is not there.
+        ValueError: it has no box, or one that is not given in numbers.
+    """
+    entity = next((one for one in scenario_object if one.tag != "ObjectController"), scenario_object)
+    assigned: dict[str, str] = {}
+    if entity.tag == "CatalogReference":
+        assignments = entity.findall("ParameterAssignments/ParameterAssignment")
+        assigned = {one.get("parameterRef", ""): one.get("value", "") for one in assignments}
+        entity = copy.deepcopy(catalogs[entity.get("catalogName", ""), entity.get("entryName", "")])
+    _fill_in(entity, assigned)
+    kind = entity.get(f"{entity.tag[:1].lower()}{entity.tag[1:]}Category", "")
+    centre, size = entity.find("BoundingBox/Center"), entity.find("BoundingBox/Dimensions")
+    if centre is None or size is None:
+        raise ValueError("its entity has no BoundingBox")
+    return kind, _number(size, "length"), _number(size, "width"), _number(centre, "x"), _number(centre, "y")
+
+
+def _fill_in(element: ET.Element, assigned: Mapping[str, str]) -> None:
+    """Puts values in place of parameters, within an element: those that are assigned, or else as it declares them."""
+    declared = element.findall("ParameterDeclarations/ParameterDeclaration")
+    values = {one.get("name", ""): one.get("value", "") for one in declared} | {**assigned}
+    for one in element.iter():
+        one.attrib |= {name: values.get(text[1:], text) for name, text in one.attrib.items() if text[:1] == "$"}
 
 
 def _catalogs(root: ET.Element, path: Path) -> Mapping[tuple[str, str], ET.Element]:
