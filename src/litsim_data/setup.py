@@ -56,6 +56,7 @@ setup(
             "waymo_json = litsim_data.sources.waymo:WaymoJson",
             "waymo_tfrecord = litsim_data.sources.waymo:WaymoRecord",
             "openscenario = litsim_data.sources.openscenario:OpenScenario",
+            "osi = litsim_data.sources.osi:OpenSimulationInterface",
             "sumo = litsim_data.sources.sumo:SumoTrajectories",
         ],
     },
