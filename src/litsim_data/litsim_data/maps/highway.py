@@ -72,7 +72,7 @@ def write_net(plan: HighwayPlan, path: Path) -> None:
 
 
 def plain_xml(plan: HighwayPlan) -> dict[str, ET.Element]:
-    """Returns the plan as SUMO's plain XML, by file name: nodes, edges, connections.
+    """Returns the plan as SUMO's plain XML: nodes, edges and connections, by what they are.
 
     Raises:
         InputError: the gores lie off the road or in the wrong order.
@@ -103,7 +103,7 @@ def plain_xml(plan: HighwayPlan) -> dict[str, ET.Element]:
     for start, from_lane, end, to_lane in _links(plan, shapes):
         attributes = {"from": start, "to": end, "fromLane": str(from_lane), "toLane": str(to_lane)}
         ET.SubElement(connections, "connection", attributes)
-    return {"road.nod.xml": nodes, "road.edg.xml": edges, "road.con.xml": connections}
+    return {"node": nodes, "edge": edges, "connection": connections}
 
 
 def _edge(plan: HighwayPlan, name: str, ends: tuple[str, str], shape: FloatArray) -> ET.Element:

@@ -128,14 +128,12 @@ class _Plan:
 
     def _groups(self) -> list[list[str]]:
         """Returns the outer lanelets that lie side by side, group by group, each with the rightmost first."""
-        outer = [name for name in self.by_id if name not in self.inner]
+        outer = {name: lanelet for name, lanelet in self.by_id.items() if name not in self.inner}
         left_of: dict[str, str] = {}
-        for name in outer:
-            lanelet = self.by_id[name]
-            if lanelet.left_id in self.by_id and lanelet.left_id not in self.inner and lanelet.left_id is not None:
-                left_of.setdefault(name, lanelet.left_id)
-            if lanelet.right_id in self.by_id and lanelet.right_id not in self.inner and lanelet.right_id is not None:
-                left_of.setdefault(lanelet.right_id, name)
+        for name, lanelet in outer.items():
+            for right, left in ((name, lanelet.left_id), (lanelet.right_id, name)):
+                if right in outer and left in outer:
+                    left_of.setdefault(str(right), str(left))
         has_right: set[str] = set()
         for name, left in list(left_of.items()):  # a lanelet is the left neighbour of one other only
             if left in has_right:
@@ -200,7 +198,7 @@ def _plain_xml(plan: _Plan) -> tuple[dict[str, ET.Element], dict[str, str], dict
     are named by a number.
 
     Returns:
-        Nodes, edges and connections by file name; the outlines of the junctions; SUMO's lanes by lanelet.
+        Nodes, edges and connections, by what they are; the outlines of the junctions; SUMO's lanes by lanelet.
     """
     nodes, edges, connections = ET.Element("nodes"), ET.Element("edges"), ET.Element("connections")
     by_node: dict[int, list[FloatArray]] = {}
@@ -244,7 +242,7 @@ def _plain_xml(plan: _Plan) -> tuple[dict[str, ET.Element], dict[str, str], dict
             outlines[f"j{node}"] = shape_text(np.asarray(hull.exterior.coords, np.float64)[:-1])
     for link in plan.links:
         connections.append(_connection(plan, link))
-    return {"map.nod.xml": nodes, "map.edg.xml": edges, "map.con.xml": connections}, outlines, lanes
+    return {"node": nodes, "edge": edges, "connection": connections}, outlines, lanes
 
 
 def _clear_place(corners: FloatArray, lines: list[FloatArray]) -> FloatArray:

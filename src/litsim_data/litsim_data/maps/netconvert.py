@@ -33,11 +33,6 @@ LANE_NUMBERS = {
     "validity": ("fromLane", "toLane"),
 }
 """Attributes of OpenDRIVE with numbers of lanes, by the elements that have them."""
-PLAIN_OPTIONS = {
-    ".nod.xml": "--node-files",
-    ".edg.xml": "--edge-files",
-    ".con.xml": "--connection-files",
-}
 WITHOUT_INTERNAL_LANES = ("--no-internal-links",)
 """For nets whose lanes follow each other without a gap: no lanes are put between them."""
 
@@ -71,7 +66,7 @@ def build_net(
     """Assembles `plain` to the net at `path`, in the frame of its coordinates.
 
     Args:
-        plain: root elements of SUMO's plain XML by file name, whose ending says what they are.
+        plain: root elements of SUMO's plain XML by what they hold: node, edge or connection.
         path: file of the net.
         options: options of netconvert.
         outlines: shapes of junctions in SUMO's format by their id, to replace those of netconvert.
@@ -84,11 +79,9 @@ def build_net(
     """
     with tempfile.TemporaryDirectory() as scratch:
         folder, files = Path(scratch), []
-        for name, tree in plain.items():
-            ET.indent(tree)
-            ET.ElementTree(tree).write(folder / name, encoding="UTF-8", xml_declaration=True)
-            kind = next(option for ending, option in PLAIN_OPTIONS.items() if name.endswith(ending))
-            files += [kind, name]
+        for kind, tree in plain.items():
+            ET.ElementTree(tree).write(folder / f"{kind}.xml", encoding="UTF-8", xml_declaration=True)
+            files += [f"--{kind}-files", f"{kind}.xml"]
         return _convert([*files, *options], path, folder, outlines or {}, f"the plan of {path.name}")
 
 
