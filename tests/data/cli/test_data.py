@@ -315,7 +315,7 @@ def a_run(agent_table: object, **fields: object) -> Run:
 
 
 def test_export_of_a_run(tmp_path: Path, agent_table: object) -> None:
-    content = reading.of_run(a_run(agent_table), tmp_path)
+    content = reading.run_content(a_run(agent_table), tmp_path)
     rows = content.table
     assert rows is not None and content.ego == 3 and content.net is None and content.free_from == 317
     assert list(rows.columns) == [*COLUMNS, "step", "yaw_rate", "controller"]

@@ -235,6 +235,7 @@ def test_a_scenario_by_the_command(tmp_path: Path, capsys: pytest.CaptureFixture
         (["absent", "out.xml"], "absent: no such recording"),
         (["alone.parquet", "out.xml"], "alone.parquet: its net is not known: name it by --net"),
         (["alone.parquet", "out.xml", "--net", "nowhere"], "no net nowhere"),
+        (["demo", "out.xml", "--net", "us101"], "demo: --net names the net of a recording, which this is not"),
     ],
 )
 def test_what_cannot_be_exported(

@@ -24,25 +24,30 @@ def opened(source: Path, net: str | None = None) -> Iterator[Content]:
 
     Args:
         source: folder or MCAP file of a run, name or file of a scenario or a net, or a recording of any known format.
-        net: packaged net or file that is taken instead of the one that `source` names.
+        net: packaged net or file that is taken instead of the one that a recording names.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: it cannot be read, or has a net of its own.
     """
     name = str(source)
-    if source.is_dir() or source.suffix == ".mcap":
+    of_run = source.is_dir() or source.suffix == ".mcap"
+    of_scenario = name in packaged_scenarios() or source.suffix in (".yaml", ".yml")
+    of_net = name.endswith(NET_ENDINGS) or (not source.is_file() and name in packaged_nets())
+    if net is not None and (of_run or of_scenario or of_net):
+        raise InputError(f"{source}: --net names the net of a recording, which this is not")
+    if of_run:
         with tempfile.TemporaryDirectory() as folder:
-            yield of_run(read_run(source), Path(folder))
-    elif name in packaged_scenarios() or source.suffix in (".yaml", ".yml"):
+            yield run_content(read_run(source), Path(folder))
+    elif of_scenario:
         yield _of_scenario(Scenario.load(name, coverage_min=0.0), source)
-    elif name.endswith(NET_ENDINGS) or (not source.is_file() and name in packaged_nets()):
+    elif of_net:
         known = packaged(f"nets/{name}.net.xml") if name in packaged_nets() and not source.is_file() else source
         yield Content(known.name.split(".")[0], known, net=known)
     else:
         yield _of_recording(source, net)
 
 
-def of_run(run: Run, folder: Path) -> Content:
+def run_content(run: Run, folder: Path) -> Content:
     """Returns the content of a run, whose net is written into `folder`.
 
     Raises:
