@@ -39,6 +39,14 @@ setup(
             "lanelet2 = litsim_data.maps.map_format:Lanelet2",
             "opendrive = litsim_data.maps.map_format:OpenDrive",
         ],
+        "litsim.exports": [
+            "commonroad = litsim_data.exports.commonroad:CommonRoad",
+            "lanelet2 = litsim_data.exports.lanelet2:Lanelet2",
+            "opendrive = litsim_data.exports.opendrive:OpenDrive",
+            "openscenario = litsim_data.exports.openscenario:OpenScenario",
+            "sumo = litsim_data.exports.sumo:SumoTrajectories",
+            "table = litsim_data.exports.table:Table",
+        ],
         "litsim.sources": [
             "argoverse2 = litsim_data.sources.argoverse:Argoverse2",
             "commonroad = litsim_data.sources.commonroad:CommonRoad",
@@ -47,6 +55,8 @@ setup(
             "levelx = litsim_data.sources.level_x:LevelX",
             "waymo_json = litsim_data.sources.waymo:WaymoJson",
             "waymo_tfrecord = litsim_data.sources.waymo:WaymoRecord",
+            "openscenario = litsim_data.sources.openscenario:OpenScenario",
+            "osi = litsim_data.sources.osi:OpenSimulationInterface",
             "sumo = litsim_data.sources.sumo:SumoTrajectories",
         ],
     },

@@ -254,6 +254,73 @@ def interaction(folder: Path) -> Path:
     return folder
 
 
+def osi(path: Path, kind: str = "GroundTruth") -> Path:
+    """A trace with its lanes in the first message; the lanes across the junction are pairs of one intersection."""
+    from mcap.writer import Writer
+    from osi3.osi_groundtruth_pb2 import GroundTruth
+    from osi3.osi_sensorview_pb2 import SensorView
+
+    messages = []
+    for step, now in tracks().groupby("step"):
+        truth = GroundTruth()
+        if step == 0:
+            _osi_lanes(truth)
+        truth.timestamp.seconds, truth.timestamp.nanos = divmod(int(step) * 100_000_000, 1_000_000_000)
+        truth.host_vehicle_id.value = 2
+        for row in now.itertuples():
+            one = truth.moving_object.add()
+            one.id.value = row.id
+            one.base.position.x, one.base.position.y, one.base.position.z = row.x, row.y, 0.8
+            one.base.dimension.length, one.base.dimension.width = row.length, row.width
+            one.base.orientation.yaw = row.yaw
+            one.base.velocity.x, one.base.velocity.y = row.speed * np.cos(row.yaw), row.speed * np.sin(row.yaw)
+            one.type = one.TYPE_PEDESTRIAN if row.kind == "pedestrian" else one.TYPE_VEHICLE
+            one.vehicle_classification.type = one.VehicleClassification.TYPE_MEDIUM_CAR
+        view = SensorView(timestamp=truth.timestamp, global_ground_truth=truth)
+        view.mounting_position_rmse.position.x = 0.1
+        messages.append((view if kind == "SensorView" else truth).SerializeToString())
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("wb") as file:
+        if path.suffix == ".osi":
+            file.writelines(struct.pack("<L", len(message)) + message for message in messages)
+            return path
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("truth", "protobuf", writer.register_schema(f"osi3.{kind}", "protobuf", b""))
+        for number, message in enumerate(messages):
+            writer.add_message(channel, number, message, number)
+        writer.finish()
+    return path
+
+
+def _osi_lanes(truth: Any) -> None:
+    """Adds the outer lanes, the borders of which are 3.6 m apart, and the intersection; centre lines may lead back."""
+    numbers = {one.id: 10 + at for at, one in enumerate(lanes()) if not one.junction}
+    for one in lanes():
+        if one.junction:
+            continue
+        lane = truth.lane.add()
+        lane.id.value = numbers[one.id]
+        lane.classification.type = lane.classification.TYPE_DRIVING
+        lane.classification.centerline_is_driving_direction = one.id != "e2"
+        for x, y in one.centerline[::-1] if one.id == "e2" else one.centerline:
+            lane.classification.centerline.add(x=x, y=y)
+        for at, bound in enumerate(around(one.centerline, 3.6)):
+            border = truth.lane_boundary.add()
+            border.id.value = 10 * numbers[one.id] + at
+            for x, y in bound:
+                point = border.boundary_line.add().position
+                point.x, point.y = x, y
+            side = (lane.classification.left_lane_boundary_id, lane.classification.right_lane_boundary_id)[at]
+            side.add(value=border.id.value)
+    middle = truth.lane.add()
+    middle.id.value = 99
+    middle.classification.type = middle.classification.TYPE_INTERSECTION
+    for before, after in (("e0", "e2"), ("n0", "n2")):
+        pair = middle.classification.lane_pairing.add()
+        pair.antecessor_lane_id.value, pair.successor_lane_id.value = numbers[before], numbers[after]
+
+
 def waymo_content() -> dict[str, Any]:
     objects = []
     first = tracks()

@@ -13,9 +13,9 @@ import pytest
 import yaml
 
 from litsim_data import cli as data
-from litsim_data.generic import trajectories as export
+from litsim_data.exports import reading
+from litsim_data.exports import table as export
 from litsim_data.ngsim.sites import I80, US101
-from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller
 from litsim_sim.core.signals import SignalState
 from litsim_sim.lane_map.lane_map import LaneMap
@@ -315,17 +315,17 @@ def a_run(agent_table: object, **fields: object) -> Run:
 
 
 def test_export_of_a_run(tmp_path: Path, agent_table: object) -> None:
-    rows = export.trajectories(a_run(agent_table))
+    content = reading.run_content(a_run(agent_table), tmp_path)
+    rows = content.table
+    assert rows is not None and content.ego == 3 and content.net is None and content.free_from == 317
     assert list(rows.columns) == [*COLUMNS, "step", "yaw_rate", "controller"]
     assert rows["frame"].tolist() == [316, 316, 317, 317, 318, 318, 319, 319]
     assert rows["controller"].tolist()[:2] == ["ego", "log"]
     assert set(rows["lane"]) == {-1}
     for name in ("out.csv", "out.parquet"):
-        export.write(rows, tmp_path / name)
+        assert export.Table().write(content, tmp_path / name) == ["8 rows of 2 agents (4 ego, 4 log)"]
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "out.csv"), rows, check_dtype=False)
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "out.parquet"), rows, check_dtype=False)
-    with pytest.raises(InputError, match=r"expected a name that ends with \.csv or \.parquet"):
-        export.write(rows, tmp_path / "out.xlsx")
 
 
 def test_exported_lanes_count_from_the_left(agent_table: object) -> None:

@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from litsim_data.maps.map_projector import PROJECTOR_FILE, place_as_autoware
+from litsim_data.maps.map_projector import PROJECTOR_FILE, located
 from litsim_sim.core.errors import InputError
 
 pytest.importorskip("lanelet2.core")
@@ -17,14 +17,12 @@ METRES_PER_DEGREE = 110_949.0  # of a meridian at 35.7 degrees north
 
 
 def placed(folder: Path, info: str, *places: tuple[float, float]) -> np.ndarray:
-    """Tags local_x and local_y (n, 2) of nodes at latitudes and longitudes, beside a file with `info`."""
+    """Positions (n, 2) [m] of nodes at latitudes and longitudes, beside a file with `info`."""
     (folder / PROJECTOR_FILE).write_text(info)
     nodes = [
         ET.Element("node", {"id": str(k), "lat": str(lat), "lon": str(lon)}) for k, (lat, lon) in enumerate(places)
     ]
-    place_as_autoware(nodes, folder / "map.osm")
-    tags = [{tag.get("k"): tag.get("v") for tag in node.findall("tag")} for node in nodes]
-    return np.array([[float(tag["local_x"]), float(tag["local_y"])] for tag in tags])
+    return np.array(located(nodes, folder / "map.osm"))
 
 
 def test_mgrs_counts_from_the_corner_of_the_square(tmp_path: Path) -> None:
@@ -52,10 +50,9 @@ def test_local_cartesian_utm_is_turned_by_the_convergence_of_its_zone(tmp_path: 
 
 def test_tags_stay_where_the_projector_is_local_or_nobody_says(tmp_path: Path) -> None:
     node = ET.Element("node", {"id": "1", "lat": "0", "lon": "0"})
-    place_as_autoware([node], tmp_path / "map.osm")
+    assert located([node], tmp_path / "map.osm") is None
     (tmp_path / PROJECTOR_FILE).write_text("projector_type: Local\n")
-    place_as_autoware([node], tmp_path / "map.osm")
-    assert len(node) == 0
+    assert located([node], tmp_path / "map.osm") is None
 
 
 @pytest.mark.parametrize(
@@ -70,4 +67,4 @@ def test_tags_stay_where_the_projector_is_local_or_nobody_says(tmp_path: Path) -
 def test_what_does_not_fit_is_refused(tmp_path: Path, info: str, fault: str) -> None:
     (tmp_path / PROJECTOR_FILE).write_text(info)
     with pytest.raises(InputError, match=fault):
-        place_as_autoware([ET.Element("node", {"id": "1"})], tmp_path / "map.osm")
+        located([ET.Element("node", {"id": "1"})], tmp_path / "map.osm")

@@ -13,7 +13,7 @@ import made_ngsim
 from litsim_data.cli import main
 from litsim_data.maps.check import load_warnings
 from litsim_data.maps.connectivity import connectivity
-from litsim_data.maps.intersections import LEFT, RIGHT, THROUGH, fit_streets
+from litsim_data.maps.intersections import fit_streets
 from litsim_data.maps.lane_graph import LaneGraph, Lanelet
 from litsim_data.maps.net_builder import write_graph
 from litsim_data.maps.netconvert import find_netconvert
@@ -29,6 +29,7 @@ OFFSETS = {11: 1.6, 1: 4.9, 2: 8.3}  # of lanes to the right of the middle of th
 SIDE = 1.8
 REACH, SIDE_REACH = 260.0, 60.0
 EAST, NORTH, WEST, SOUTH = 1, 2, 3, 4
+THROUGH, LEFT, RIGHT = 1, 2, 3  # values of column Movement
 
 
 def arc(start: np.ndarray, end: np.ndarray, leaving: np.ndarray, arriving: np.ndarray) -> np.ndarray:

@@ -37,6 +37,8 @@ def imported(source: Path, out: Path, *more: str) -> tuple[Recording, LaneMap, l
 CROSSINGS: dict[str, tuple[Written, int, bool]] = {
     "argoverse": (lambda folder: made_sources.argoverse(folder / "av2"), 110, False),
     "commonroad": (lambda folder: made_sources.commonroad(folder / "made.xml"), 110, True),
+    "osi": (lambda folder: made_sources.osi(folder / "made_gt.osi"), 110, False),
+    "osi_mcap": (lambda folder: made_sources.osi(folder / "made_sv.mcap", "SensorView"), 110, False),
     "sumo": (lambda folder: made_sources.sumo(folder / "sumo"), 110, False),
     "waymo_json": (lambda folder: made_sources.waymo_json(folder / "made.json"), 90, True),
     "waymo_tfrecord": (lambda folder: made_sources.waymo_record(folder / "made.tfrecord-00000-of-00001"), 90, True),
@@ -46,6 +48,8 @@ CROSSINGS: dict[str, tuple[Written, int, bool]] = {
 
 @pytest.mark.parametrize("name", CROSSINGS)
 def test_a_crossing_in_every_format(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    if name.startswith("osi"):
+        pytest.importorskip("osi3")
     write, last, lit = CROSSINGS[name]
     recording, lane_map, (scenario,) = imported(write(tmp_path), tmp_path / "out")
     text = capsys.readouterr().out
@@ -71,7 +75,13 @@ def test_a_crossing_in_every_format(name: str, tmp_path: Path, capsys: pytest.Ca
     if loaded.signals is not None:
         assert [link.from_lane for link in loaded.signals.links] == [outer[0].id]
         assert "1 vehicles pass, 0 at red" in text or "2 vehicles pass, 0 at red" in text
-    if name in ("argoverse", "waymo_json", "waymo_tfrecord"):  # which know the vehicle that recorded the others
+    if name in (
+        "argoverse",
+        "osi",
+        "osi_mcap",
+        "waymo_json",
+        "waymo_tfrecord",
+    ):  # which know the vehicle that recorded the others
         x = -120.0 if name == "argoverse" else -90.0
         assert table.loc[(table["vehicle_id"] == loaded.ego_id) & (table["frame"] == 0), "x"].iloc[0] == pytest.approx(
             x
@@ -188,6 +198,20 @@ def edit(path: Path, change: Callable[[dict], object]) -> None:
     content = json.loads(path.read_text())
     change(content)
     path.write_text(json.dumps(content))
+
+
+def test_traces_of_osi_that_cannot_be_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("osi3")
+    path = made_sources.osi(tmp_path / "in" / "made.osi", "SensorView")
+    assert load_recording(path).table["frame"].max() == 110
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-10])
+    with pytest.raises(SystemExit, match="2"):
+        main(["import", str(path), str(tmp_path / "out")])
+    assert "made.osi: message 111: the file ends within it, or is no OSI trace" in capsys.readouterr().err
+    path.write_bytes(len(whole).to_bytes(4, "little")[:4] + b"\xff" * len(whole))
+    with pytest.raises(InputError, match="message 1: neither ground truth of OSI nor a sensor's view of it"):
+        load_recording(path)
 
 
 def test_what_is_no_data_set(tmp_path: Path) -> None:

@@ -257,7 +257,7 @@ def test_no_points() -> None:
 
 def test_plan_with_gores_out_of_order() -> None:
     plan = us101_like_plan()
-    assert set(plain_xml(plan)) == {"road.nod.xml", "road.edg.xml", "road.con.xml"}
+    assert set(plain_xml(plan)) == {"node", "edge", "connection"}
     with pytest.raises(InputError, match="gores must lie along the road in order"):
         plain_xml(HighwayPlan(plan.left_edge, Ramp(400.0), Ramp(389.0)))
 

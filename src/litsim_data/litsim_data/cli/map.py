@@ -1,4 +1,4 @@
-"""`data map`: build a net, from a recording or from a map of another format; check or export one."""
+"""`data map`: build a net, from a recording or from a map of another format; or check one."""
 
 from __future__ import annotations
 
@@ -21,16 +21,13 @@ SITES = ("us101", "i80", "lankershim", "peachtree", "generic")
 
 def add(subparsers: Any) -> None:
     """Adds the parser of the command."""
-    command = subparsers.add_parser("map", help="build, check or export a net", description=__doc__)
+    command = subparsers.add_parser("map", help="build or check a net", description=__doc__)
     what = command.add_mutually_exclusive_group()
     for name, known in _formats().items():
         what.add_argument(
             f"--{name}", type=Path, metavar=known.file, dest=_chosen(name), help=f"import {known.content}"
         )
     what.add_argument("--check", type=Path, metavar="NET.net.xml", help="check this net instead of building one")
-    what.add_argument(
-        "--export", type=Path, metavar="NET.net.xml", help="write this net for Autoware into the folder --out"
-    )
     command.add_argument("--recording", type=Path, metavar="R", help="recording to fit lanes to, or to check against")
     command.add_argument("--site", choices=SITES, help="site of the recording; default: as the recording says")
     command.add_argument(
@@ -45,9 +42,7 @@ def add(subparsers: Any) -> None:
     command.add_argument("--scenario", action="append", default=[], metavar="S", help=scenario_help)
     picture_help = "for --check: draw the net, the tracks and where they lie on no lane"
     command.add_argument("--picture", type=Path, metavar="P.png", help=picture_help)
-    command.add_argument(
-        "--out", type=Path, metavar="OUT", help="the net to write, OUT.net.xml; for --export, the folder"
-    )
+    command.add_argument("--out", type=Path, metavar="OUT.net.xml", help="the net to write")
     command.set_defaults(run=run)
 
 
@@ -61,14 +56,6 @@ def run(arguments: argparse.Namespace) -> int:
         return 0 if check(arguments) else EXIT_FAILED
     if arguments.out is None:
         raise InputError("data map: name the net to write with --out, or one to check with --check")
-    if arguments.export is not None:
-        from litsim_data.maps.lanelet2_export import export_lanelet2
-        from litsim_sim.lane_map.signal_links import read_links
-
-        net = _net(arguments.export)
-        export_lanelet2(LaneMap.from_net(net), read_links(net), arguments.out)
-        print(arguments.out)
-        return 0
     print(f"building {arguments.out} ...", file=sys.stderr)
     for note in _build(arguments):
         print(note, file=sys.stderr)

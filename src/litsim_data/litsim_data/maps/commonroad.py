@@ -58,7 +58,7 @@ def read_graph(root: ET.Element, path: Path) -> LaneGraph:
                 right_id=_neighbour(element, "adjacentRight"),
                 speed_limit=min(signs, default=SPEED_LIMIT),
                 lights=tuple(_refs(element, "trafficLightRef")),
-                junction=name in inside,
+                junction=name in inside or "intersection" in types,
                 predecessors=tuple(_refs(element, "predecessor")),
             )
         except (ValueError, AttributeError, TypeError) as error:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
+from scipy.sparse import coo_array, hstack
 
 from litsim_data.maps.highway import LANE_WIDTH, MARGIN, VERTEX_SPACING, HighwayPlan, Ramp
 from litsim_data.maps.lane_graph import shift_left
@@ -207,26 +208,15 @@ def _fit_line(
     size = count + features.shape[1]
     smooth = np.zeros((size, size))
     smooth[:count, :count] = SMOOTHNESS * third.T @ third
+    row = np.arange(len(x))
+    hats = coo_array((np.r_[1.0 - part, part], (np.r_[row, row], np.r_[cell, cell + 1])), shape=(len(x), count))
     weight, stretch = even, np.ones(len(x))
     for _ in range(ITERATIONS):
-        across = -features * stretch[:, None]
-        normal, right = smooth.copy(), np.zeros(size)
-        hats = ((cell, 1.0 - part), (cell + 1, part))
-        for at, value in hats:
-            right[:count] += np.bincount(at, weight * value * y, count)
-            for other, value_other in hats:
-                flat = np.bincount(at * count + other, weight * value * value_other, count * count)
-                normal[:count, :count] += flat.reshape(count, count)
-            for column in range(features.shape[1]):
-                mixed = np.bincount(at, weight * value * across[:, column], count)
-                normal[:count, count + column] += mixed
-                normal[count + column, :count] += mixed
-        normal[count:, count:] += across.T @ (weight[:, None] * across)
-        right[count:] = across.T @ (weight * y)
-        solution: FloatArray = np.linalg.solve(normal, right).astype(np.float64)
+        design = hstack([hats, coo_array(-features * stretch[:, None])], format="csr")
+        weighted = design.multiply(weight[:, None]).T
+        solution: FloatArray = np.linalg.solve(smooth + (weighted @ design).toarray(), weighted @ y)
         line, coefficients = solution[:count], solution[count:]
-        residual = line[cell] * (1.0 - part) + line[cell + 1] * part + across @ coefficients - y
-        weight = even / np.maximum(1.0, np.abs(residual) / HUBER)
+        weight = even / np.maximum(1.0, np.abs(design @ solution - y) / HUBER)
         stretch = np.sqrt(1.0 + np.interp(x, grid, np.gradient(line, GRID)) ** 2)
     return grid, line, coefficients
 

@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from litsim_data.maps.netconvert import DECIMALS, WITHOUT_INTERNAL_LANES, build_net
+from litsim_data.maps.netconvert import DECIMALS, WITHOUT_INTERNAL_LANES, build_net, shape_text
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 
@@ -72,17 +72,12 @@ def write_net(plan: HighwayPlan, path: Path) -> None:
 
 
 def plain_xml(plan: HighwayPlan) -> dict[str, ET.Element]:
-    """Returns the plan as SUMO's plain XML, by file name: nodes, edges, connections.
+    """Returns the plan as SUMO's plain XML: nodes, edges and connections, by what they are.
 
     Raises:
         InputError: the gores lie off the road or in the wrong order.
     """
     shapes = _edge_shapes(plan)
-    through: dict[str, int] = {
-        name: plan.lanes for name in ("upstream", "weave", "downstream", "road") if name in shapes
-    }
-    if "weave" in through:
-        through["weave"] += 1
     between = {
         "upstream": ("begin", "merge"),
         "weave": ("merge", "diverge"),
@@ -92,37 +87,34 @@ def plain_xml(plan: HighwayPlan) -> dict[str, ET.Element]:
         "road": ("begin", "end"),
     }
     nodes, edges = ET.Element("nodes"), ET.Element("edges")
-    # Every node lies on one edge that says where; ramps only say where they end.
-    ends = {"begin": ("upstream", 0), "merge": ("weave", 0), "diverge": ("downstream", 0), "end": ("downstream", -1)}
-    ends |= {"on": ("on_ramp", 0), "off": ("off_ramp", -1)}
-    if "road" in shapes:
-        ends = {"begin": ("road", 0), "end": ("road", -1)}
-    places = {node: shapes[name][at] for node, (name, at) in ends.items() if name in shapes}
+    places: dict[str, FloatArray] = {}
+    for name in shapes:  # ramps come last: where they meet the road, the road says where
+        for node, point in zip(between[name], shapes[name][[0, -1]], strict=True):
+            places.setdefault(node, point)
     for name, (x, y) in places.items():
         # Radius 0 keeps netconvert from cutting the lanes back at a junction, so that they follow without a gap.
         inner = {"type": "priority", "radius": "0"}
         kind = inner if name in ("merge", "diverge") else {"type": "dead_end"}
         ET.SubElement(nodes, "node", {"id": name, "x": _number(x), "y": _number(y), **kind})
-    for name in (name for name in between if name in shapes):
-        edges.append(_edge(plan, name, between[name], through.get(name, 1), shapes[name]))
+    for name, shape in shapes.items():
+        edges.append(_edge(plan, name, between[name], shape))
 
     connections = ET.Element("connections")
     for start, from_lane, end, to_lane in _links(plan, shapes):
         attributes = {"from": start, "to": end, "fromLane": str(from_lane), "toLane": str(to_lane)}
         ET.SubElement(connections, "connection", attributes)
-    return {"road.nod.xml": nodes, "road.edg.xml": edges, "road.con.xml": connections}
+    return {"node": nodes, "edge": edges, "connection": connections}
 
 
-def _edge(plan: HighwayPlan, name: str, ends: tuple[str, str], lanes: int, shape: FloatArray) -> ET.Element:
+def _edge(plan: HighwayPlan, name: str, ends: tuple[str, str], shape: FloatArray) -> ET.Element:
     ramp = "ramp" in name
-    attributes = {"id": name, "from": ends[0], "to": ends[1], "numLanes": str(lanes), "width": _number(LANE_WIDTH)}
+    widths = () if ramp else plan.widths + (LANE_WIDTH,) * (name == "weave")
+    attributes = {"id": name, "from": ends[0], "to": ends[1], "numLanes": str(max(len(widths), 1))}
     attributes |= {"speed": str(RAMP_SPEED_LIMIT if ramp else SPEED_LIMIT), "priority": "1" if ramp else "3"}
-    attributes |= {"spreadType": "right", "shape": " ".join(f"{_number(x)},{_number(y)}" for x, y in shape)}
+    attributes |= {"width": _number(LANE_WIDTH), "spreadType": "right", "shape": shape_text(shape)}
     edge = ET.Element("edge", attributes)
-    if not ramp:
-        widths = plan.widths + ((LANE_WIDTH,) if name == "weave" else ())
-        for index, of_lane in enumerate(reversed(widths)):
-            ET.SubElement(edge, "lane", {"index": str(index), "width": _number(of_lane)})
+    for index, width in enumerate(reversed(widths)):
+        ET.SubElement(edge, "lane", {"index": str(index), "width": _number(width)})
     return edge
 
 

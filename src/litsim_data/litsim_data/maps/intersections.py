@@ -19,12 +19,13 @@ import numpy as np
 import pandas as pd
 
 from litsim_data.maps.fitting import fit_lanes, lane_widths
-from litsim_data.maps.lane_graph import LaneGraph, Lanelet, around, at_shares
+from litsim_data.maps.lane_graph import LaneGraph, Lanelet, around, at_shares, turn
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 
 COLUMNS = ("vehicle_id", "frame", "x", "y", "lane", "intersection", "section", "direction", "movement")
-THROUGH, LEFT, RIGHT = 1, 2, 3  # values of column movement
+MOVEMENTS = {"straight": 1, "left": 2, "right": 3}
+"""Values of column movement by the turn."""
 LANE_WIDTH = 3.3  # [m] of a lane without neighbours
 WIDTHS = (2.7, 4.2)  # [m] fitted widths are held within
 ROWS_MIN = 30  # of a lane
@@ -79,20 +80,16 @@ def fit_streets(table: pd.DataFrame) -> LaneGraph:
     for arm in arms:
         _fit_arm(arm)
     movements = _movements(rows, arms, arm_of)
-    onwards: dict[str, list[str]] = {}
-    for movement, start in movements:
-        onwards.setdefault(start, []).append(movement.id)
+    starts = {name for movement in movements for name in movement.predecessors}
     lanes = [
-        replace(
-            part, successors=(*part.successors, *onwards.get(part.id, ())), lights=(part.id,) * (part.id in onwards)
-        )
+        replace(part, lights=(part.id,) * (part.id in starts))
         for arm in arms
         for parts in arm.lanelets.values()
         for part in parts
     ]
     if not lanes:
         raise InputError(f"cannot fit streets: no lane has {ROWS_MIN} rows of {VEHICLES_MIN} vehicles")
-    return LaneGraph((*lanes, *(movement for movement, _ in movements)))
+    return LaneGraph((*lanes, *movements))
 
 
 def _arms(rows: pd.DataFrame) -> tuple[list[_Arm], IntArray]:
@@ -251,16 +248,15 @@ def _fit_arm(arm: _Arm) -> None:
             parts.append(lanelet)
 
 
-def _movements(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> list[tuple[Lanelet, str]]:
-    """Returns movements as lanelets, each with the id of the lanelet from which it begins."""
+def _movements(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> list[Lanelet]:
+    """Returns movements as lanelets."""
     x, y = rows["x"].to_numpy(np.float64), rows["y"].to_numpy(np.float64)
     vehicle, label = rows["vehicle_id"].to_numpy(np.int64), np.zeros(len(rows), np.int64)
     for number, arm in enumerate(arms):
         label[arm_of == number] = arm.lane
     movement = rows["movement"].to_numpy(np.int64)
     crossing = rows["intersection"].to_numpy(np.int64)
-    paths: dict[tuple[int, int, int, int], list[FloatArray]] = {}
-    turns: dict[tuple[int, int, int, int], list[int]] = {}
+    ways: dict[tuple[int, int, int, int], list[tuple[FloatArray, int]]] = {}
     places: dict[tuple[int, int, int, int], int] = {}
     for track in _tracks(vehicle):
         on = track[(arm_of[track] >= 0) & (label[track] > 0)]
@@ -269,33 +265,29 @@ def _movements(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> list[t
                 continue
             key = (int(arm_of[before]), int(label[before]), int(arm_of[after]), int(label[after]))
             between = np.arange(before, after + 1)
-            paths.setdefault(key, []).append(np.column_stack([x[between], y[between]]))
             codes = movement[between][movement[between] > 0]
-            turns.setdefault(key, []).append(int(np.bincount(codes).argmax()) if len(codes) else 0)
+            code = int(np.bincount(codes).argmax()) if len(codes) else 0
+            ways.setdefault(key, []).append((np.column_stack([x[between], y[between]]), code))
             named = crossing[between][crossing[between] > 0]
             places[key] = int(named[0]) if len(named) else 0
     movements = []
-    for (from_arm, from_lane, to_arm, to_lane), ways in sorted(paths.items()):
-        key = (from_arm, from_lane, to_arm, to_lane)
+    for key in sorted(ways):
+        from_arm, from_lane, to_arm, to_lane = key
         starts, ends = arms[from_arm].lanelets.get(from_lane), arms[to_arm].lanelets.get(to_lane)
         if not starts or not ends:
             continue
-        turn = _turn(arms[from_arm].along, arms[to_arm].along)
+        (out_x, out_y), (in_x, in_y) = arms[to_arm].along, arms[from_arm].along
+        kind = MOVEMENTS[turn(float(np.arctan2(out_y, out_x) - np.arctan2(in_y, in_x)), TURN)]
         # A way that contradicts the column is a mistake of one or the other.
-        agreeing = [way for way, column in zip(ways, turns[key], strict=True) if column in (0, turn)]
+        agreeing = [way for way, code in ways[key] if code in (0, kind)]
         if len(agreeing) < MOVEMENTS_MIN:
             continue
         start, end = starts[-1], ends[0]
         line = _median_path(agreeing, start.centerline[-1], end.centerline[0])
         sides = around(line, np.linspace(start.width, end.width, len(line)))
         name = f"i{places[key]}_{start.id}_{end.id}"
-        movements.append((Lanelet(name, *sides, successors=(end.id,), junction=True), start.id))
+        movements.append(Lanelet(name, *sides, (end.id,), junction=True, predecessors=(start.id,)))
     return movements
-
-
-def _turn(before: FloatArray, after: FloatArray) -> int:
-    angle = float(np.arctan2(before[0] * after[1] - before[1] * after[0], before @ after))
-    return LEFT if angle > TURN else RIGHT if angle < -TURN else THROUGH
 
 
 def _median_path(ways: list[FloatArray], start: FloatArray, end: FloatArray) -> FloatArray:

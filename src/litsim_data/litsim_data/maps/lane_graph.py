@@ -108,8 +108,8 @@ class Lanelet:
 
     def height_at(self, point: shapely.Point) -> float:
         """Returns the height [m] of the centre line where it is nearest to `point`."""
-        s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.centerline, axis=0).T))])
-        return float(np.interp(shapely.LineString(self.centerline).project(point), s, self.heights))
+        s = shapely.LineString(self.centerline).project(point)
+        return float(np.interp(s, _distances(self.centerline), self.heights))
 
     def course(self, at: int) -> float:
         """Returns the direction [rad] of the centre line between point `at` and the next."""
@@ -192,10 +192,14 @@ def at_shares(line: FloatArray, share: FloatArray) -> FloatArray:
 
 
 def shift_left(line: FloatArray, distance: FloatArray | float) -> FloatArray:
-    """Returns the vertices of `line` (k, 2) moved to its left by `distance`, one for all or (k,) [m]."""
-    tangent = np.gradient(line, axis=0)
-    tangent /= np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-9)[:, None]
-    return line + np.reshape(distance, (-1, 1)) * np.column_stack([-tangent[:, 1], tangent[:, 0]])
+    """Returns the vertices of `line` (k, 2) moved to its left by `distance`, one for all or (k,) [m].
+
+    At a bend a vertex is moved so far that both of its segments are at this distance.
+    """
+    step = np.diff(line, axis=0)
+    across = np.column_stack([-step[:, 1], step[:, 0]]) / np.maximum(np.hypot(*step.T), 1e-9)[:, None]
+    mean = np.concatenate([across[:1], 0.5 * (across[:-1] + across[1:]), across[-1:]])
+    return line + np.reshape(distance, (-1, 1)) * mean / np.maximum((mean**2).sum(axis=1), 0.5)[:, None]
 
 
 def polyline(points: Sequence[Sequence[float]], what: str) -> FloatArray:
@@ -207,10 +211,21 @@ def polyline(points: Sequence[Sequence[float]], what: str) -> FloatArray:
     line = np.array(points, np.float64)
     if line.ndim != 2 or not np.isfinite(line).all():
         raise ValueError(f"{what} has {len(points)} points, expected at least 2 with finite x and y")
-    line = line[np.concatenate([[True], np.hypot(*np.diff(line[:, :2], axis=0).T) > 1e-3])]
+    line = without_repeats(line)
     if len(line) < 2:
         raise ValueError(f"{what} has {len(line)} points, expected at least 2 with finite x and y")
     return line
+
+
+def without_repeats(line: FloatArray) -> FloatArray:
+    """Returns a line (k, 2) or (k, 3) without the points that repeat the one before."""
+    return line[np.concatenate([[True], np.hypot(*np.diff(line[:, :2], axis=0).T) > 1e-3])]
+
+
+def turn(angle: float, least: float) -> str:
+    """Returns which of TURNS a change of heading is, which is one from `least` on [rad]."""
+    turned = float(wrap_angle(np.array(angle)))
+    return "straight" if abs(turned) < least else "left" if turned > 0.0 else "right"
 
 
 def _along(lanelet: Lanelet, other: Lanelet | None) -> str | None:

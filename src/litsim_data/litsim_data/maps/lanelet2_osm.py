@@ -17,20 +17,18 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from litsim_data.maps.lane_graph import SPEED_LIMIT, LaneGraph, Lanelet
-from litsim_data.maps.map_projector import PROJECTOR_FILE, place_as_autoware
+from litsim_data.maps.lane_graph import SPEED_LIMIT, TURNS, LaneGraph, Lanelet
+from litsim_data.maps.map_projector import PROJECTOR_FILE, located
 from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.input_files import read_xml
 
-TURNS = ("left", "right", "straight")
-"""Values of the attribute `turn_direction`, which lanelets inside intersections have."""
 RULES = ("all_way_stop", "right_of_way", "speed_limit", "traffic_light", "traffic_sign")
 """Subtypes of regulatory elements that the package knows."""
 LOCAL = ("local_x", "local_y")
 """Tags of nodes with coordinates in metres, which Autoware reads instead of latitude and longitude."""
-LOCAL_ORIGIN = (49.0, 8.4)
-"""Latitude and longitude [deg] that stand for (0, 0) of these within the package."""
+ANYWHERE = (49.0, 8.4)
+"""Latitude and longitude [deg] that stand for (0, 0) of coordinates in metres within the package."""
 
 
 def read_graph(source: Path, origin: tuple[float, float] | None) -> LaneGraph:
@@ -46,25 +44,25 @@ def read_graph(source: Path, origin: tuple[float, float] | None) -> LaneGraph:
     """
     root = read_xml(source, "Lanelet2 file")
     nodes = root.findall("node")
-    if origin is None:
-        place_as_autoware(nodes, source)
-    places = {(node.get("lat"), node.get("lon")) for node in nodes}
-    local = bool(nodes) and all(_tag(node, name) is not None for node in nodes for name in LOCAL)
-    local = local and (origin is None or len(places) == 1)
-    if origin is None and not local:
+    metres = located(nodes, source) if origin is None else None
+    if metres is None and nodes and all(_tag(node, name) is not None for node in nodes for name in LOCAL):
+        places = {(node.get("lat"), node.get("lon")) for node in nodes}
+        metres = [_metres(node, source) for node in nodes] if origin is None or len(places) == 1 else None
+    if origin is None and metres is None:
         raise InputError(
             "data map: --lanelet2 needs --origin LAT LON, the point that becomes (0, 0), or "
             f"{PROJECTOR_FILE} beside the map"
         )
-    latitude, longitude = LOCAL_ORIGIN if local or origin is None else origin
+    latitude, longitude = ANYWHERE if metres is not None or origin is None else origin
     if not (-90.0 <= latitude <= 90.0 and -180.0 <= longitude <= 180.0):
         raise InputError(f"--origin {latitude} {longitude}: expected degrees of latitude and longitude")
     io, projection, routing, traffic_rules, core = _modules()
     projector = projection.UtmProjector(io.Origin(latitude, longitude))
-    if local:
-        _place_by_metres(nodes, projector, core, source)
+    for node, (x, y) in zip(nodes, metres or (), strict=metres is not None):  # where the package finds x and y again
+        place = projector.reverse(core.BasicPoint3d(x, y, 0.0))
+        node.attrib |= {"lat": repr(place.lat), "lon": repr(place.lon)}
     notes = [*_without_unknown(root), *_joined_borders(root)]
-    if local and origin is not None:
+    if metres is not None and origin is not None:
         notes.append("coordinates are those of the tags local_x and local_y, not --origin: all nodes are at one place")
     try:
         with tempfile.TemporaryDirectory() as scratch:
@@ -88,17 +86,13 @@ def _tag(element: ET.Element, key: str) -> str | None:
     return next((tag.get("v") for tag in element.findall("tag") if tag.get("k") == key), None)
 
 
-def _place_by_metres(nodes: list[ET.Element], projector: Any, core: Any, source: Path) -> None:
-    """Gives each node the latitude and longitude by which `projector` finds its coordinates in metres."""
-    for node in nodes:
-        values = [_tag(node, name) or "" for name in LOCAL]
-        try:
-            x, y = (float(value) for value in values)
-        except ValueError as error:
-            raise InputError(f"{source}: node {node.get('id')}: {' and '.join(LOCAL)} are {values}: {error}") from error
-        place = projector.reverse(core.BasicPoint3d(x, y, 0.0))
-        node.set("lat", repr(place.lat))
-        node.set("lon", repr(place.lon))
+def _metres(node: ET.Element, source: Path) -> tuple[float, float]:
+    """Returns x and y [m] by the tags of a node."""
+    x, y = values = [_tag(node, name) or "" for name in LOCAL]
+    try:
+        return float(x), float(y)
+    except ValueError as error:
+        raise InputError(f"{source}: node {node.get('id')}: {' and '.join(LOCAL)} are {values}: {error}") from error
 
 
 def _without_unknown(root: ET.Element) -> list[str]:
@@ -192,7 +186,7 @@ def _lanelet(raw: Any, graph: Any, rules: Any) -> Lanelet:
         right_id=None if right is None else str(right.id),
         speed_limit=limit if limit > 0.0 and math.isfinite(limit) else SPEED_LIMIT,
         lights=tuple(str(element.id) for element in raw.regulatoryElements if "TrafficLight" in type(element).__name__),
-        junction=turn in TURNS,
+        junction=turn in TURNS,  # which lanelets inside intersections have
     )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 from xml.etree import ElementTree as ET
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -17,7 +17,6 @@ from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.io.yaml_input import read_yaml
 
 PROJECTOR_FILE = "map_projector_info.yaml"
-LOCAL, LOCAL_TAGS = "Local", ("local_x", "local_y")
 MERIDIAN = -99.0  # [deg] central meridian of a UTM zone (14) that is as wide as all, at every latitude
 SQUARE = 100_000.0  # [m] of a square of the MGRS
 ROWS = "ABCDEFGHJKLMNPQRSTUV"
@@ -115,32 +114,27 @@ def _corner(grid: str, northing: float) -> tuple[float, float]:
     return easting, south + again * round((northing - south) / again)
 
 
-def place_as_autoware(nodes: Sequence[ET.Element], source: Path) -> None:
-    """Gives the nodes of the Lanelet2 file `source` their coordinates in Autoware's frame, as tags local_x and local_y.
+def located(nodes: Sequence[ET.Element], source: Path) -> list[tuple[float, float]] | None:
+    """Returns x and y [m] in Autoware's frame ``map`` of the nodes of the Lanelet2 file `source`.
 
-    Nothing is changed where no ``map_projector_info.yaml`` lies beside the file, or where it says that they are there.
+    None is returned where no ``map_projector_info.yaml`` lies beside the file, or where it says that tags of the nodes
+    have them.
 
     Raises:
         InputError: that file cannot be used, or a node has no place on earth that fits it.
     """
     projector = MapProjector.beside(source)
-    if projector is None or projector.projector_type.capitalize() == LOCAL or not nodes:
-        return
-    where = f"{source}: {PROJECTOR_FILE} beside it, {projector.projector_type}"
+    if projector is None or projector.projector_type.capitalize() == "Local" or not nodes:
+        return None
     try:
-        places = [(float(_degrees(node, "lat")), float(_degrees(node, "lon"))) for node in nodes]
-        located = list(projector.locate(places))
+        return list(projector.locate([(_degrees(node, "lat"), _degrees(node, "lon")) for node in nodes]))
     except (ValueError, RuntimeError) as error:
-        raise InputError(f"{where}: {' '.join(str(error).split())}") from error
-    for node, place in zip(nodes, located, strict=True):
-        for name, value in zip(LOCAL_TAGS, place, strict=True):
-            for tag in [tag for tag in node.findall("tag") if tag.get("k") == name]:
-                node.remove(tag)
-            ET.SubElement(node, "tag", {"k": name, "v": repr(value)})
+        why = " ".join(str(error).split())
+        raise InputError(f"{source}: {PROJECTOR_FILE} beside it, {projector.projector_type}: {why}") from error
 
 
-def _degrees(node: ET.Element, name: str) -> Any:
+def _degrees(node: ET.Element, name: str) -> float:
     value = node.get(name)
     if value is None:
         raise ValueError(f"node {node.get('id')} has no {name}")
-    return value
+    return float(value)

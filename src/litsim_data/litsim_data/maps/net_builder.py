@@ -7,17 +7,17 @@ cross or split, become connections with the lanelet's centre line as their shape
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import shapely
+from scipy.cluster.hierarchy import DisjointSet
 
-from litsim_data.maps.lane_graph import LEVEL, TURNS, LaneGraph, Lanelet, at_shares
-from litsim_data.maps.netconvert import DECIMALS, build_net
+from litsim_data.maps.lane_graph import LEVEL, TURNS, LaneGraph, Lanelet, at_shares, turn, without_repeats
+from litsim_data.maps.netconvert import DECIMALS, build_net, shape_text
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.lane_map.lane_crossings import crossing_pairs, crossing_points
 from litsim_sim.lane_map.signal_links import ARROW
@@ -33,19 +33,20 @@ FLAT = 0.5  # [m] of height within which a map counts as flat
 
 @dataclass(frozen=True)
 class Connection:
-    """A connection of a built net.
+    """From one lanelet outside of intersections to another, over those inside between them.
 
     Attributes:
-        name: ``FROM_LANE -> TO_LANE``, by SUMO's ids.
-        start: the lanelet from which it leads.
-        inner: the lanelets over which it leads inside an intersection.
+        start, end: the lanelets outside.
+        inner: those inside, in order.
         turn: left, straight or right.
+        name: ``FROM_LANE -> TO_LANE``, by SUMO's ids, once the net is built.
     """
 
-    name: str
     start: str
+    end: str
     inner: tuple[str, ...]
     turn: str
+    name: str = ""
 
 
 @dataclass(frozen=True)
@@ -70,15 +71,6 @@ class BuiltNet:
             if light is not None:
                 groups.setdefault(light, []).append(connection.name)
         return groups
-
-
-@dataclass(frozen=True)
-class _Link:
-    """From one outer lanelet to another; `inner` are the lanelets between them."""
-
-    start: str
-    end: str
-    inner: tuple[str, ...]
 
 
 class _Plan:
@@ -121,12 +113,6 @@ class _Plan:
         lanelet = self.by_id[name]
         return np.column_stack([lanelet.centerline, lanelet.heights]) if self.hilly else lanelet.centerline
 
-    def turn(self, link: _Link) -> str:
-        """Returns which way a connection turns."""
-        angle = self.by_id[link.end].course(0) - self.by_id[link.start].course(-1)
-        turned = float(wrap_angle(np.array(angle)))
-        return "straight" if abs(turned) < TURN else "left" if turned > 0.0 else "right"
-
     def _first_inner(self) -> set[str]:
         """Returns the lanelets inside intersections: by the map, or as they cross others, or are short and split or
         join.
@@ -142,14 +128,12 @@ class _Plan:
 
     def _groups(self) -> list[list[str]]:
         """Returns the outer lanelets that lie side by side, group by group, each with the rightmost first."""
-        outer = [name for name in self.by_id if name not in self.inner]
+        outer = {name: lanelet for name, lanelet in self.by_id.items() if name not in self.inner}
         left_of: dict[str, str] = {}
-        for name in outer:
-            lanelet = self.by_id[name]
-            if lanelet.left_id in self.by_id and lanelet.left_id not in self.inner and lanelet.left_id is not None:
-                left_of.setdefault(name, lanelet.left_id)
-            if lanelet.right_id in self.by_id and lanelet.right_id not in self.inner and lanelet.right_id is not None:
-                left_of.setdefault(lanelet.right_id, name)
+        for name, lanelet in outer.items():
+            for right, left in ((name, lanelet.left_id), (lanelet.right_id, name)):
+                if right in outer and left in outer:
+                    left_of.setdefault(str(right), str(left))
         has_right: set[str] = set()
         for name, left in list(left_of.items()):  # a lanelet is the left neighbour of one other only
             if left in has_right:
@@ -166,13 +150,14 @@ class _Plan:
             grouped |= set(group)
         return groups + [[name] for name in outer if name not in grouped]
 
-    def _links(self) -> Iterator[_Link]:
+    def _links(self) -> Iterator[Connection]:
         for name in self.group_of:
             stack: list[tuple[str, ...]] = [(other,) for other in self.after[name]]
             while stack:
                 path = stack.pop()
                 if path[-1] not in self.inner:
-                    yield _Link(name, path[-1], path[:-1])
+                    turned = turn(self.by_id[path[-1]].course(0) - self.by_id[name].course(-1), TURN)
+                    yield Connection(name, path[-1], path[:-1], turned)
                 else:
                     stack += [(*path, other) for other in self.after[path[-1]] if other not in path]
 
@@ -180,28 +165,16 @@ class _Plan:
         """Returns the junction of each group's start (row, 0) and end (row, 1): ends that are linked, or whose links
         cross, meet.
         """
-        parent: dict[tuple[int, int] | str, tuple[int, int] | str] = {}
-
-        def root(item: tuple[int, int] | str) -> tuple[int, int] | str:
-            parent.setdefault(item, item)
-            while parent[item] != item:
-                parent[item] = parent[parent[item]]
-                item = parent[item]
-            return item
-
-        for row in range(len(self.groups)):
-            root((row, 0)), root((row, 1))
+        ends = [(row, side) for row in range(len(self.groups)) for side in (0, 1)]
+        meeting = DisjointSet([*ends, *self.inner])
         for link in self.links:
-            end = (self.group_of[link.start], 1)
-            parent[root((self.group_of[link.end], 0))] = root(end)
-            for name in link.inner:
-                parent[root(name)] = root(end)
+            for item in ((self.group_of[link.end], 0), *link.inner):
+                meeting.merge((self.group_of[link.start], 1), item)
         for one, other in self.crossing:
             if one in self.inner and other in self.inner:
-                parent[root(one)] = root(other)
+                meeting.merge(one, other)
         numbers: dict[tuple[int, int] | str, int] = {}
-        ends = [(row, side) for row in range(len(self.groups)) for side in (0, 1)]
-        return {end: numbers.setdefault(root(end), len(numbers)) for end in ends}
+        return {end: numbers.setdefault(meeting[end], len(numbers)) for end in ends}
 
 
 def write_graph(graph: LaneGraph, path: Path) -> BuiltNet:
@@ -214,11 +187,8 @@ def write_graph(graph: LaneGraph, path: Path) -> BuiltNet:
     plain, outlines, lanes = _plain_xml(plan)
     options = ("--lefthand", "true") if graph.keeps_left else ()
     warnings = build_net(plain, path, options, outlines=outlines)
-    connections = [
-        Connection(f"{lanes[link.start]}{ARROW}{lanes[link.end]}", link.start, link.inner, plan.turn(link))
-        for link in plan.links
-    ]
-    return BuiltNet((*graph.notes, *(f"netconvert: {warning}" for warning in warnings)), tuple(connections))
+    connections = tuple(replace(one, name=f"{lanes[one.start]}{ARROW}{lanes[one.end]}") for one in plan.links)
+    return BuiltNet((*graph.notes, *(f"netconvert: {warning}" for warning in warnings)), connections)
 
 
 def _plain_xml(plan: _Plan) -> tuple[dict[str, ET.Element], dict[str, str], dict[str, str]]:
@@ -228,7 +198,7 @@ def _plain_xml(plan: _Plan) -> tuple[dict[str, ET.Element], dict[str, str], dict
     are named by a number.
 
     Returns:
-        Nodes, edges and connections by file name; the outlines of the junctions; SUMO's lanes by lanelet.
+        Nodes, edges and connections, by what they are; the outlines of the junctions; SUMO's lanes by lanelet.
     """
     nodes, edges, connections = ET.Element("nodes"), ET.Element("edges"), ET.Element("connections")
     by_node: dict[int, list[FloatArray]] = {}
@@ -251,10 +221,11 @@ def _plain_xml(plan: _Plan) -> tuple[dict[str, ET.Element], dict[str, str], dict
         signals |= {ends[1]} if any(member.lights for member in members) else set()
         attributes = {"id": group[0], "from": f"j{ends[0]}", "to": f"j{ends[1]}", "numLanes": str(len(group))}
         attributes |= {"speed": f"{max(member.speed_limit for member in members):.2f}", "spreadType": "center"}
-        attributes |= {"shape": _shape(middle), "priority": str(len(group))}
+        attributes |= {"shape": shape_text(middle), "priority": str(len(group))}
         edge = ET.SubElement(edges, "edge", attributes)
         for index, member in enumerate(members):
-            lane = {"index": str(index), "width": f"{member.width:.{DECIMALS}f}", "shape": _shape(plan.line(member.id))}
+            shape = shape_text(plan.line(member.id))
+            lane = {"index": str(index), "width": f"{member.width:.{DECIMALS}f}", "shape": shape}
             ET.SubElement(edge, "lane", lane)
     for link in plan.links:
         if any(plan.by_id[name].lights for name in link.inner):
@@ -265,13 +236,13 @@ def _plain_xml(plan: _Plan) -> tuple[dict[str, ET.Element], dict[str, str], dict
         kind = "traffic_light" if node in signals & controlled else "priority" if len(points) > 1 else "dead_end"
         attributes = {"id": f"j{node}", **place, "type": kind, "radius": "0"}
         corners = np.array(ends_at[node])
-        ET.SubElement(nodes, "node", {**attributes, "shape": _shape(_clear_place(corners, lines_at[node]))})
+        ET.SubElement(nodes, "node", {**attributes, "shape": shape_text(_clear_place(corners, lines_at[node]))})
         hull = shapely.MultiPoint(corners).convex_hull
         if kind != "dead_end" and hull.geom_type == "Polygon":
-            outlines[f"j{node}"] = _shape(np.asarray(hull.exterior.coords, np.float64)[:-1])
+            outlines[f"j{node}"] = shape_text(np.asarray(hull.exterior.coords, np.float64)[:-1])
     for link in plan.links:
         connections.append(_connection(plan, link))
-    return {"map.nod.xml": nodes, "map.edg.xml": edges, "map.con.xml": connections}, outlines, lanes
+    return {"node": nodes, "edge": edges, "connection": connections}, outlines, lanes
 
 
 def _clear_place(corners: FloatArray, lines: list[FloatArray]) -> FloatArray:
@@ -300,14 +271,14 @@ SHARES: FloatArray = np.linspace(0.0, 1.0, 24)
 """At which the middle line of an edge is taken."""
 
 
-def _connection(plan: _Plan, link: _Link) -> ET.Element:
+def _connection(plan: _Plan, link: Connection) -> ET.Element:
     start, end = plan.groups[plan.group_of[link.start]], plan.groups[plan.group_of[link.end]]
     attributes = {"from": start[0], "to": end[0]}
     attributes |= {"fromLane": str(start.index(link.start)), "toLane": str(end.index(link.end))}
     if link.inner:
         lines = [plan.line(name) for name in link.inner]
         begin, finish = plan.line(link.start)[-1:], plan.line(link.end)[:1]
-        attributes["shape"] = _shape(_without_repeats(np.concatenate([begin, *lines, finish])))
+        attributes["shape"] = shape_text(without_repeats(np.concatenate([begin, *lines, finish])))
     return ET.Element("connection", attributes)
 
 
@@ -328,11 +299,3 @@ def _crossing_pairs(lanelets: list[Lanelet]) -> list[tuple[str, str]]:
         ):
             pairs.append((one.id, other.id))
     return pairs
-
-
-def _without_repeats(line: FloatArray) -> FloatArray:
-    return line[np.concatenate([[True], np.hypot(*np.diff(line[:, :2], axis=0).T) > 1e-3])]
-
-
-def _shape(line: FloatArray) -> str:
-    return " ".join(",".join(f"{value:.{DECIMALS}f}" for value in point) for point in line)

@@ -16,7 +16,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+import sumolib
+
 from litsim_sim.core.errors import InputError, not_installed
+from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.files import replacing
 from litsim_sim.io.input_files import read_xml
 
@@ -31,13 +34,13 @@ LANE_NUMBERS = {
     "validity": ("fromLane", "toLane"),
 }
 """Attributes of OpenDRIVE with numbers of lanes, by the elements that have them."""
-PLAIN_OPTIONS = {
-    ".nod.xml": "--node-files",
-    ".edg.xml": "--edge-files",
-    ".con.xml": "--connection-files",
-}
 WITHOUT_INTERNAL_LANES = ("--no-internal-links",)
 """For nets whose lanes follow each other without a gap: no lanes are put between them."""
+
+
+def shape_text(line: FloatArray) -> str:
+    """Returns the points of a line (k, 2) or (k, 3) [m] as SUMO writes shapes."""
+    return " ".join(",".join(f"{value:.{DECIMALS}f}" for value in point) for point in line)
 
 
 def find_netconvert() -> Path:
@@ -64,7 +67,7 @@ def build_net(
     """Assembles `plain` to the net at `path`, in the frame of its coordinates.
 
     Args:
-        plain: root elements of SUMO's plain XML by file name, whose ending says what they are.
+        plain: root elements of SUMO's plain XML by what they hold: node, edge or connection.
         path: file of the net.
         options: options of netconvert.
         outlines: shapes of junctions in SUMO's format by their id, to replace those of netconvert.
@@ -77,11 +80,9 @@ def build_net(
     """
     with tempfile.TemporaryDirectory() as scratch:
         folder, files = Path(scratch), []
-        for name, tree in plain.items():
-            ET.indent(tree)
-            ET.ElementTree(tree).write(folder / name, encoding="UTF-8", xml_declaration=True)
-            kind = next(option for ending, option in PLAIN_OPTIONS.items() if name.endswith(ending))
-            files += [kind, name]
+        for kind, tree in plain.items():
+            ET.ElementTree(tree).write(folder / f"{kind}.xml", encoding="UTF-8", xml_declaration=True)
+            files += [f"--{kind}-files", f"{kind}.xml"]
         return _convert([*files, *options], path, folder, outlines or {}, f"the plan of {path.name}")
 
 
@@ -126,6 +127,27 @@ def import_opendrive(source: Path, path: Path, left_hand: bool | None = None) ->
     return [*notes * bool(other), *(f"netconvert: {warning}" for warning in warnings)]
 
 
+def export_opendrive(net: Path, path: Path) -> list[str]:
+    """Converts the SUMO net `net` to the OpenDRIVE map at `path`, in the same frame; returns netconvert's warnings.
+
+    Raises:
+        InputError: as :func:`build_net`.
+    """
+    options = ["--sumo-net-file", str(net.resolve()), "--opendrive-output.lefthand-left", "true"]
+    with tempfile.TemporaryDirectory() as scratch, replacing(path) as new:
+        warnings = _convert(options, new, Path(scratch), {}, str(net), output="--opendrive-output")
+        if is_left_hand(net):  # which netconvert does not write down, and OpenDRIVE has since 1.5
+            text = new.read_text(encoding="UTF-8").replace('revMinor="4"', 'revMinor="5"', 1)
+            new.write_text(text.replace("<road ", f'<road rule="{LEFT_HAND}" '), encoding="UTF-8")
+    return warnings
+
+
+def is_left_hand(net: Path) -> bool:
+    """Returns whether traffic on the SUMO net keeps to the left."""
+    with sumolib.openz(str(net), "rb") as file:
+        return b'lefthand="true"' in file.read(5000)
+
+
 def _swap_sides(root: ET.Element) -> None:
     """Numbers the lanes of an OpenDRIVE map, in place, as if those to the left of the reference line lay to its right.
 
@@ -146,22 +168,30 @@ def _swap_sides(root: ET.Element) -> None:
         section[:] = sorted(section, key=lambda group: order.get(group.tag, 3))
 
 
-def _convert(options: Sequence[str], path: Path, folder: Path, outlines: Mapping[str, str], source: str) -> list[str]:
+def _convert(
+    options: Sequence[str],
+    path: Path,
+    folder: Path,
+    outlines: Mapping[str, str],
+    source: str,
+    output: str = "--output-file",
+) -> list[str]:
     command = [
-        *(str(find_netconvert()), *options, "--output-file", "made.net.xml", "--precision", str(DECIMALS)),
+        *(str(find_netconvert()), *options, output, "made.xml", "--precision", str(DECIMALS)),
         # keep the frame of the input
         *("--offset.disable-normalization", "--no-turnarounds"),
     ]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    net_file = folder / "made.net.xml"
+    net_file = folder / "made.xml"
     if done.returncode != 0 or not net_file.is_file():
         why = " ".join((done.stderr or done.stdout).split())
         raise InputError(f"netconvert refused {source}: {why}")
     # netconvert heads the file with the date and its command line, which would make every regeneration differ.
     net = re.sub(r"<!--.*?-->\n*", "", net_file.read_text(encoding="UTF-8"), count=1, flags=re.DOTALL)
+    net = re.sub(r'(<header [^>]*?) date="[^"]*"', r"\1", net, count=1)
     for junction, outline in outlines.items():
         net = re.sub(rf'(<junction id="{re.escape(junction)}"[^>]*? shape=")[^"]*', rf"\g<1>{outline}", net, count=1)
     with replacing(path) as new:
         new.write_text(net, encoding="UTF-8")
-    output = (done.stdout + done.stderr).splitlines()
-    return [line.removeprefix("Warning: ").strip() for line in output if line.startswith("Warning")]
+    told = (done.stdout + done.stderr).splitlines()
+    return [line.removeprefix("Warning: ").strip() for line in told if line.startswith("Warning")]

@@ -22,7 +22,7 @@ from litsim_data.maps.check_text import describe as describe_check
 from litsim_data.maps.lane_graph import LaneGraph
 from litsim_data.maps.net_builder import BuiltNet, write_graph
 from litsim_data.maps.net_cropping import cropped_to_net
-from litsim_data.maps.netconvert import import_opendrive
+from litsim_data.maps.netconvert import import_opendrive, is_left_hand
 from litsim_data.maps.positions import vehicles_of
 from litsim_data.sources.source import Scene, Source, known_sources, source_of
 from litsim_sim.core.errors import InputError, reason
@@ -223,7 +223,7 @@ def _on_its_side(net: Net, recording: Recording) -> Net:
     along = share_along(net.lane_map, *poses) if len(table) else 1.0
     if along >= 0.5:
         return net
-    to_left = b'lefthand="true"' not in net.path.read_bytes()[:5000]
+    to_left = not is_left_hand(net.path)
     other = net.path.with_name(f"other.{net.path.name}")
     notes = import_opendrive(source, other, left_hand=to_left)
     lane_map = LaneMap.from_net(other)

@@ -31,6 +31,7 @@ SIZES: dict[str, tuple[str, float, float]] = {
     "moped": ("motorcycle", 2.1, 0.8),
     "bicycle": ("bicycle", 1.6, 0.65),
     "pedestrian": ("pedestrian", 0.5, 0.5),
+    "ignoring": ("unknown", 5.0, 1.8),
 }
 """Our kind, length and width [m] by SUMO's vehicle class, as SUMO assumes them."""
 

@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from litsim_data.maps.lanelet2_export import MAP_FILE, ORIGIN, PROJECTOR_FILE, export_lanelet2
+from litsim_data.exports.export import Content
+from litsim_data.exports.lanelet2 import ORIGIN
+from litsim_data.exports.lanelet2 import Lanelet2 as Lanelet2Export
 from litsim_data.maps.map_format import Lanelet2
+from litsim_data.maps.map_projector import PROJECTOR_FILE
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.signal_links import read_links, relation_id
 from litsim_sim.scenario.scenario import packaged
@@ -18,12 +21,14 @@ pytest.importorskip("lanelet2.core")
 from lanelet2 import io, projection, routing, traffic_rules
 from lanelet2.core import GPSPoint
 
+MAP_FILE = "lanelet2_map.osm"
+
 
 @pytest.mark.parametrize("net", ["us101_like", "us101", "urban_like"])
 def test_the_routing_graph_is_that_of_the_net(net: str, tmp_path: Path) -> None:
     path = packaged(f"nets/{net}.net.xml")
     lane_map, links = LaneMap.from_net(path), read_links(path)
-    export_lanelet2(lane_map, links, tmp_path)
+    Lanelet2Export().write(Content(net, path, net=path), tmp_path / MAP_FILE)
     assert (tmp_path / PROJECTOR_FILE).read_text() == "projector_type: Local\n"
     loaded = io.load(str(tmp_path / MAP_FILE), projection.UtmProjector(io.Origin(*ORIGIN)))
     rules = traffic_rules.create(traffic_rules.Locations.Germany, traffic_rules.Participants.Vehicle)
@@ -63,8 +68,9 @@ def ends(bound: object) -> np.ndarray:
 
 @pytest.mark.parametrize("net", ["us101_like", "us101", "urban_like"])
 def test_a_net_comes_back_as_it_was(net: str, tmp_path: Path) -> None:
-    lane_map = LaneMap.from_net(packaged(f"nets/{net}.net.xml"))
-    export_lanelet2(lane_map, (), tmp_path)
+    path = packaged(f"nets/{net}.net.xml")
+    lane_map = LaneMap.from_net(path)
+    Lanelet2Export().write(Content("net", path, net=path), tmp_path / MAP_FILE)
     Lanelet2().write_net(tmp_path / MAP_FILE, None, tmp_path / "back.net.xml")
     back = LaneMap.from_net(tmp_path / "back.net.xml")
     for lane in lane_map.lanes:
@@ -75,8 +81,8 @@ def test_a_net_comes_back_as_it_was(net: str, tmp_path: Path) -> None:
 
 
 def test_frame_map_is_that_of_autoware(tmp_path: Path) -> None:
-    lane_map = LaneMap.from_net(packaged("nets/us101_like.net.xml"))
-    export_lanelet2(lane_map, (), tmp_path)
+    path = packaged("nets/us101_like.net.xml")
+    Lanelet2Export().write(Content("net", path, net=path), tmp_path / MAP_FILE)
     own = Lanelet2().read(tmp_path / MAP_FILE, None)
     (tmp_path / PROJECTOR_FILE).write_text("projector_type: MGRS\nmgrs_grid: 32UMV\n")
     found = Lanelet2().read(tmp_path / MAP_FILE, None)

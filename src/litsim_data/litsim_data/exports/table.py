@@ -1,4 +1,4 @@
-"""Trajectories of a run as a plain table, for tools that do not read bags."""
+"""Trajectories as a plain table: CSV or Parquet."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from litsim_sim.core.errors import InputError
+from litsim_data.exports.export import Content, Export
 from litsim_sim.core.scene import Controller
 from litsim_sim.io.files import replacing
 from litsim_sim.lane_map.net_lanes import lanes_from_left
@@ -56,16 +56,17 @@ def _lanes(run: Run, rows: pd.DataFrame) -> np.ndarray:
     return np.where(from_left == 0, -1, from_left)
 
 
-def write(rows: pd.DataFrame, out: Path) -> None:
-    """Writes `rows` as CSV or Parquet, by the suffix of `out`.
+class Table(Export):
+    """Rows by agent and frame, for tools that do not read bags."""
 
-    Raises:
-        InputError: `out` has another suffix, or cannot be written.
-    """
-    if out.suffix not in (".csv", ".parquet"):
-        raise InputError(f"{out}: expected a name that ends with .csv or .parquet")
-    with replacing(out) as new:
-        if out.suffix == ".csv":
-            rows.to_csv(new, index=False)
-        else:
-            rows.to_parquet(new, index=False, compression="zstd")
+    endings, content = (".csv", ".parquet"), "a table of all agents by frame"
+
+    def write(self, content: Content, out: Path) -> list[str]:
+        """See :class:`.export.Export`."""
+        rows = content.motion().drop(columns="t")
+        with replacing(out) as new:
+            if out.suffix == ".csv":
+                rows.to_csv(new, index=False)
+            else:
+                rows.to_parquet(new, index=False, compression="zstd")
+        return [content.counts]

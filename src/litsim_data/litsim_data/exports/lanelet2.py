@@ -1,4 +1,4 @@
-"""A net as a map of Autoware: ``lanelet2_map.osm`` and ``map_projector_info.yaml``, through the ``lanelet2`` package.
+"""A net as a Lanelet2 map of Autoware, through the ``lanelet2`` package.
 
 Every lane is a lanelet, those inside junctions included. Lanes side by side have the bound between them in common, and
 lanes that follow each other the points where they meet, so that Lanelet2's routing graph connects what the net does.
@@ -14,18 +14,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.cluster.hierarchy import DisjointSet
 
+from litsim_data.exports.export import Content, Export
+from litsim_data.maps.lane_graph import around, turn
+from litsim_data.maps.map_projector import PROJECTOR_FILE
 from litsim_sim.core.errors import InputError, not_installed
-from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray
+from litsim_sim.io.files import replacing
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.net_lanes import Lane
-from litsim_sim.lane_map.signal_links import SignalLink, relation_id
+from litsim_sim.lane_map.signal_links import SignalLink, read_links, relation_id
 
-MAP_FILE, PROJECTOR_FILE = "lanelet2_map.osm", "map_projector_info.yaml"
 ORIGIN = (49.0, 8.4)
 """Latitude and longitude [deg] of (0, 0) in the file, with which `data map --lanelet2` reads it back. Autoware does not
 read it: its coordinates are those of the net, from the tags local_x and local_y."""
+PARTS = ("core", "io", "projection")
 TURN = np.radians(20.0)  # change of heading from which on a lane inside a junction is a turn
 LEFT, RIGHT = 0, 1
 LIGHT_HEIGHT, LIGHT_WIDTH = 5.0, 1.0  # [m] above the road, and across it
@@ -34,28 +38,28 @@ _Corner = tuple[int, int, int]
 """An end of a bound: row of the lane, side, and 0 for its beginning or -1 for its end."""
 
 
-def export_lanelet2(lane_map: LaneMap, links: Sequence[SignalLink], folder: Path) -> None:
-    """Write the map of all lanes of `lane_map` for Autoware into `folder`, which is made.
+class Lanelet2(Export):
+    """The net of what is exported; ids of lights are those of :func:`litsim_sim.lane_map.signal_links.relation_id`."""
 
-    `links` are the connections of the net that a traffic light controls; the ids of their lights are those of
-    :func:`litsim_sim.lane_map.signal_links.relation_id`.
+    endings, content = (".osm",), "a Lanelet2 map, with Autoware's projector file beside it"
 
-    Raises:
-        InputError: the lanelet2 package is missing, or the folder cannot be written.
-    """
-    try:
-        core, io, projection = (importlib.import_module(f"lanelet2.{name}") for name in ("core", "io", "projection"))
-    except ImportError as error:
-        raise not_installed("lanelet2") from error
-    lanelet_map = core.LaneletMap()
-    for lanelet in _Lanelets(lane_map, links, core).all():
-        lanelet_map.add(lanelet)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        io.write(str(folder / MAP_FILE), lanelet_map, projection.UtmProjector(io.Origin(*ORIGIN)))
-        (folder / PROJECTOR_FILE).write_text("projector_type: Local\n", encoding="utf-8")
-    except (OSError, RuntimeError) as error:
-        raise InputError(f"{folder}: cannot be written: {error}") from error
+    def write(self, content: Content, out: Path) -> list[str]:
+        """See :class:`.export.Export`."""
+        try:
+            core, io, projection = (importlib.import_module(f"lanelet2.{part}") for part in PARTS)
+        except ImportError as error:
+            raise not_installed("lanelet2") from error
+        lanelet_map = core.LaneletMap()
+        for lanelet in _Lanelets(content.lanes(), read_links(content.net_file()), core).all():
+            lanelet_map.add(lanelet)
+        projector = out.with_name(PROJECTOR_FILE)
+        try:
+            with replacing(out) as new, replacing(projector) as info:
+                io.write(str(new), lanelet_map, projection.UtmProjector(io.Origin(*ORIGIN)))
+                info.write_text("projector_type: Local\n", encoding="utf-8")
+        except RuntimeError as error:
+            raise InputError(f"{out}: cannot be written: {error}") from error
+        return [f"beside it: {projector.name}"]
 
 
 class _Lanelets:
@@ -68,18 +72,22 @@ class _Lanelets:
             self._links[next(iter(link.via), link.from_lane)].append(link)
         self._stop_lines: dict[str, Any] = {}
         self._row = {lane.id: row for row, lane in enumerate(self._lanes)}
-        self._bounds = {(row, side): _bound(lane, side) for row, lane in enumerate(self._lanes) for side in (0, 1)}
+        self._bounds = {
+            (row, side): bound
+            for row, lane in enumerate(self._lanes)
+            for side, bound in zip((LEFT, RIGHT), around(lane.centerline, lane.width), strict=True)
+        }
         for row, lane in enumerate(self._lanes):
             if lane.left is not None:  # one bound for both, where both lanes have it
                 self._bounds[self._row[lane.left], RIGHT] = self._bounds[row, LEFT]
-        self._same = _Joined()
+        self._same = DisjointSet([(row, side, end) for row, side in self._bounds for end in (0, -1)])
         for row, lane in enumerate(self._lanes):
             for side in (LEFT, RIGHT):
                 if side == LEFT and lane.left is not None:
                     for end in (0, -1):
-                        self._same.join((row, LEFT, end), (self._row[lane.left], RIGHT, end))
+                        self._same.merge((row, LEFT, end), (self._row[lane.left], RIGHT, end))
                 for name in lane.successors:
-                    self._same.join((row, side, -1), (self._row[name], side, 0))
+                    self._same.merge((row, side, -1), (self._row[name], side, 0))
         self._points: dict[_Corner, Any] = {}
         self._lines: dict[tuple[int, int], Any] = {}
         self._crossings = _crossings(self._lanes)
@@ -141,10 +149,10 @@ class _Lanelets:
 
     def _corner(self, corner: _Corner) -> Any:
         """The point at the end of a bound, which those that meet there have in common."""
-        name = self._same.name(corner)
+        name = self._same[corner]
         if name not in self._points:
-            members = self._same.members(corner)
-            outside = [each for each in members if not self._lanes[each[0]].is_internal] or members
+            members = sorted(self._same.subset(corner))
+            outside = [end for end in members if not self._lanes[end[0]].is_internal] or members
             self._points[name] = self._point(np.mean([self._bounds[r, s][e] for r, s, e in outside], axis=0))
         return self._points[name]
 
@@ -154,36 +162,6 @@ class _Lanelets:
         point.attributes["local_x"], point.attributes["local_y"] = f"{x:.4f}", f"{y:.4f}"
         point.attributes["ele"] = f"{height:g}"
         return point
-
-
-class _Joined:
-    """Ends of bounds that are one point."""
-
-    def __init__(self) -> None:
-        self._groups: dict[_Corner, set[_Corner]] = {}
-
-    def join(self, one: _Corner, other: _Corner) -> None:
-        """Note that two ends are the same."""
-        group = self._groups.get(one, {one}) | self._groups.get(other, {other})
-        for each in group:
-            self._groups[each] = group
-
-    def members(self, corner: _Corner) -> list[_Corner]:
-        """All ends that are the same as `corner`, itself included."""
-        return sorted(self._groups.get(corner, {corner}))
-
-    def name(self, corner: _Corner) -> _Corner:
-        """The same one of them, whichever is asked for."""
-        return self.members(corner)[0]
-
-
-def _bound(lane: Lane, side: int) -> FloatArray:
-    """(k, 2) the line half a width beside the centre line of a lane [m]."""
-    step = np.diff(lane.centerline, axis=0)
-    across = np.stack([-step[:, 1], step[:, 0]], axis=1) / np.hypot(step[:, 0], step[:, 1])[:, None]
-    mean = np.concatenate([across[:1], 0.5 * (across[:-1] + across[1:]), across[-1:]])
-    left = mean / np.maximum((mean**2).sum(axis=1), 0.5)[:, None]
-    return np.asarray(lane.centerline + (0.5 - side) * lane.width * left, np.float64)
 
 
 def _across(middle: FloatArray, heading: float, width: float) -> FloatArray:
@@ -213,7 +191,5 @@ def _crossings(lanes: Iterable[Lane]) -> set[str]:
 
 def _turn(lane: Lane) -> str:
     """Where a lane inside an intersection leads, as Autoware's attribute `turn_direction` has it."""
-    steps = np.diff(lane.centerline, axis=0)[[0, -1]]
-    headings = np.arctan2(steps[:, 1], steps[:, 0])
-    turned = float(wrap_angle(np.asarray(headings[1] - headings[0])))
-    return "straight" if abs(turned) < TURN else "left" if turned > 0.0 else "right"
+    begin, end = np.arctan2(*np.diff(lane.centerline, axis=0)[[0, -1]].T[::-1])
+    return turn(end - begin, TURN)

@@ -1,0 +1,1 @@
+"""Exports: runs, scenarios, recordings and nets in the formats of other tools."""
