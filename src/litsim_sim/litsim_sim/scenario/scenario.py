@@ -20,14 +20,15 @@ from litsim_sim.core.scene import STEP_S, IntArray
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.scenario.checks import Demand, UnmetDemandError, check_agents, check_coverage
+from litsim_sim.scenario.changes import Act, SignalsLater, acts, changed_recording
+from litsim_sim.scenario.checks import Demand, UnmetDemandError, check_agents, check_changes, check_coverage
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
 from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario_file import ScenarioFile
 from litsim_sim.scenario.signal_conflicts import green_conflicts
-from litsim_sim.scenario.signals import Signals, SignalsFile, build, check_known, read_signals, resolved
+from litsim_sim.scenario.signals import Signals, SignalsFile, build, check_known, on_clock, read_signals, resolved
 
 DATA_VARIABLE = "LITSIM_DATA"
 PACKAGE = "litsim_sim"
@@ -94,13 +95,18 @@ class Scenario:
                 f"{where}: the recording is too short: {last - self.start_frame} steps of {STEP_S} s follow frame "
                 f"{self.start_frame}, expected more than the history of {file.history_s:g} s",
             )
+        recording = changed_recording(recording, file.changes, self.start_frame, self.history_steps)
+        frames = recording.columns["frame"]
         self.recording = recording.take((frames >= self.start_frame) & (frames <= self.start_frame + self.total_steps))
         self.log = Log.from_recording(self.recording, self.start_frame, self.total_steps + 1)
         check_agents(self.file, self.log, self.history_steps, where)
+        check_changes(self.file, self.log, self.history_steps, where)
         self.coverage = check_coverage(self.lane_map, self.net_path, self.log, file.coverage_min, where)
         signals = self.file.signals or recorded_signals(recording.header, self.net_path, file.recording)
         self.signals: Signals | None = None
         if isinstance(signals, SignalsFile):
+            later = sum(change.later_s for change in file.changes if isinstance(change, SignalsLater))
+            signals = on_clock(signals, -later) if later else signals
             self.signals = build(signals, self.net_path, self.log, self.start_frame, where)
             for sentence in green_conflicts(signals, self.signals, self.start_frame):
                 _warn(f"{where}: signals: {sentence}")
@@ -221,6 +227,11 @@ class Scenario:
         """Ids of the vehicles that are present from step 0 to the first simulated step."""
         there = (self.log.first_step == 0) & (self.log.last_step > self.history_steps) & ~self.log.obstacle
         return tuple(self.log.ids[there].tolist())
+
+    @property
+    def actors(self) -> tuple[tuple[int, Act], ...]:
+        """Ids of the agents that the changes of the scenario make actors, and what each does."""
+        return tuple((act.agent, act) for act in acts(self.file.changes))
 
     @property
     def roi_m(self) -> float:
