@@ -21,6 +21,7 @@ from litsim_sim.scenario.scenario import Scenario
 
 BRISK = IdmConfig(desired_speed=15.0, headway=1.2, standstill_gap=2.0, acceleration=1.5, deceleration=3.0)
 """Keeps up with traffic, so that what happens ahead matters."""
+BRAKING_MAX = 4.0  # [m/s2] as minimal_ads brakes
 OWN_LANE_M, BLIND_STEPS = (
     1.5,
     15,
@@ -65,6 +66,7 @@ class PlantedEgo(Ego):
         if table.step == 0:
             self._first = frozenset(table.id.tolist())
         command = self._idm.plan(self._known(table))
+        command = replace(command, acceleration=max(command.acceleration, -BRAKING_MAX))
         if self._weakness != "delay":
             return command
         self._delayed.append(command)

@@ -106,7 +106,8 @@ class Search:
         """
         if find_spec("optuna") is None:
             raise InputError(
-                "Optuna is not installed: .venv/bin/pip install -r requirements/search.txt -c requirements/constraints.txt"
+                "Optuna is not installed: "
+                ".venv/bin/pip install -r requirements/search.txt -c requirements/constraints.txt"
             )
         variants = list(dict.fromkeys(case.variant for case in cases))
         if len(variants) != 1:

@@ -12,7 +12,7 @@ import yaml
 
 from litsim_eval.search.people import PARAMETERS, Habit, Parameter, People
 from litsim_sim.core.geometry import to_body
-from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray
+from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 from litsim_sim.scenario.changes import Change
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.scenario.scenario_file import ScenarioFile
@@ -259,7 +259,7 @@ def _agents(scenario: Scenario) -> dict[str, tuple[int, ...]]:
     }
 
 
-def _nearest(ids: FloatArray, may: BoolArray, away: FloatArray) -> tuple[int, ...]:
+def _nearest(ids: IntArray, may: BoolArray, away: FloatArray) -> tuple[int, ...]:
     """Returns those of `ids` (n,) that ever may, by the mask `may` (n, steps), the nearest by `away` first."""
     least = np.where(may, away, np.inf).min(axis=1, initial=np.inf)
     order = np.argsort(least, kind="stable")[: min(AGENTS_MAX, int(np.isfinite(least).sum()))]
