@@ -21,7 +21,7 @@ def write_margins_page(margins: Mapping[str, Any], tried: Sequence[Sequence[Mapp
 
     Args:
         margins: the content of `margins.json`.
-        tried: for each scenario, its runs: rows of `tried.parquet`, with `z`: signed distances by parameter.
+        tried: for each scenario, its runs: rows of `tried.parquet`, with `distances`: signed, by parameter.
         path: of the page.
 
     Raises:
@@ -71,8 +71,8 @@ def _rate(scenario: Mapping[str, Any]) -> str:
 
 def _map(rows: Sequence[Mapping[str, Any]], bound: float) -> dict[str, Any]:
     """Returns parallel coordinates: an axis for each parameter and the whole distance, a line for each run."""
-    names = [*dict.fromkeys(name for row in rows for name in row["proposal"]["z"]), TOTAL]
-    signed = {name for name in names if any(row["proposal"]["z"].get(name, 0.0) < 0.0 for row in rows)}
+    names = [*sorted({name for row in rows for name in row["distances"]}), TOTAL]
+    signed = {name for name in names if any(row["distances"].get(name, 0.0) < 0.0 for row in rows)}
     place = {name: 50.0 + k * (WIDTH - 100.0) / max(1, len(names) - 1) for k, name in enumerate(names)}
 
     def height(name: str, value: float) -> float:
@@ -81,8 +81,8 @@ def _map(rows: Sequence[Mapping[str, Any]], bound: float) -> dict[str, Any]:
 
     lines = []
     for row in sorted(rows, key=lambda row: ORDER.index(row["outcome"])):
-        values = row["proposal"]["z"] | {TOTAL: row["distance"]}
-        points = " ".join(f"{place[name]:.1f},{height(name, values[name])}" for name in names if name in values)
+        values = row["distances"] | {TOTAL: row["distance"]}  # what is not changed is at 0
+        points = " ".join(f"{place[name]:.1f},{height(name, values.get(name, 0.0))}" for name in names)
         lines.append({"points": points, "outcome": row["outcome"], "about": _about(row)})
     axes = [
         {"name": name, "x": round(place[name], 1), "zero": height(name, 0.0), "ends": _ends(name in signed, bound)}

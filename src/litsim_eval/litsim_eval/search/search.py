@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
 from importlib.util import find_spec
+from math import copysign
 from pathlib import Path
 from typing import Any
 
@@ -272,7 +273,7 @@ class Search:
             (self._out / FAILURES_FILE).unlink(missing_ok=True)
         write_margins_page(
             asdict(margins),
-            [[asdict(each) | self._row(one, each) for each in one.exploration.tried] for one in self.all],
+            [[self._drawn(one, each) for each in one.exploration.tried] for one in self.all],
             self._out / PAGE_FILE,
         )
         margins.write(self._out)
@@ -330,6 +331,12 @@ class Search:
             digest=tried.digest,
             rerun=rerun_command(self._folder.path, one.cases[tried.number]),
         )
+
+    @classmethod
+    def _drawn(cls, one: _One, tried: Tried) -> dict[str, Any]:
+        """Returns a run as the page draws it: its row, and its distances with their signs."""
+        z, far = tried.proposal.z, one.exploration.space.distances(tried.proposal)
+        return cls._row(one, tried) | {"distances": {name: copysign(d, z.get(name, 1.0)) for name, d in far.items()}}
 
     @staticmethod
     def _row(one: _One, tried: Tried) -> dict[str, Any]:
