@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.run_info import RunPlan
@@ -42,6 +43,22 @@ def test_enter_shifts_a_track(make_scenario, tracks) -> None:
     row = earlier.log.row(LATE)
     assert earlier.log.first_step[row] == 38
     assert earlier.log.x[row, 38] == 60.0 and earlier.start_frame == 0 and earlier.total_steps == 120
+
+
+def test_a_record_has_what_makes_the_same_log(make_scenario, tracks, tmp_path) -> None:
+    changes = [
+        {"kind": "enter", "agent": LATE, "later_s": -1.2},
+        {"kind": "start", "agent": EGO, "faster": 1.0, "left": 0.3},
+    ]
+    fields = {"history_steps": HISTORY, "changes": changes, "simulation_s": 6.0}
+    scenario = make_scenario(*tracks, **fields)
+    scenario.recording.write(tmp_path / "again.parquet")  # as the recorder attaches it
+    again = Scenario.from_yaml(
+        yaml.safe_dump(yaml.safe_load(scenario.to_yaml()) | {"recording": str(tmp_path / "again.parquet")}), "again"
+    )
+    for name in ("ids", "valid", "x", "y", "yaw", "speed", "first_step", "last_step"):
+        np.testing.assert_array_equal(getattr(again.log, name), getattr(scenario.log, name))
+    assert again.total_steps == scenario.total_steps and scenario.log.last_step[scenario.log.row(LATE)] == 90
 
 
 def test_signals_change_later() -> None:

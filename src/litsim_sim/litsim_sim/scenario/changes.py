@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from litsim_sim.core.scene import STEP_S, FloatArray
+from litsim_sim.core.scene import STEP_S, FloatArray, IntArray
 from litsim_sim.scenario.recording import BOUNDS, Recording
 
 ENTRY_S = 5.0
@@ -155,7 +155,7 @@ Act = Brake | CutIn | Pace | Enter
 
 
 def changed_recording(
-    recording: Recording, changes: Iterable[Change], start_frame: int, history_steps: int
+    recording: Recording, changes: Sequence[Change], start_frame: int, history_steps: int
 ) -> Recording:
     """Returns a recording in which the ego starts, and agents enter, as `changes` say; `recording` itself without any.
 
@@ -166,11 +166,9 @@ def changed_recording(
         history_steps: step from which on the ego is free.
     """
     columns = dict(recording.columns)
+    columns["frame"] = shifted_frames(recording, changes)
     for change in changes:
-        if isinstance(change, Enter):
-            mine = columns["vehicle_id"] == change.agent
-            columns["frame"] = np.where(mine, columns["frame"] + round(change.later_s / STEP_S), columns["frame"])
-        elif isinstance(change, Start):
+        if isinstance(change, Start):
             mine = (columns["vehicle_id"] == change.agent).nonzero()[0]
             step = columns["frame"][mine] - start_frame
             columns |= _started(columns, mine, step, history_steps, change)
@@ -178,6 +176,15 @@ def changed_recording(
         return recording
     order = np.lexsort((columns["vehicle_id"], columns["frame"]))
     return Recording(recording.header, {name: values[order] for name, values in columns.items()})
+
+
+def shifted_frames(recording: Recording, changes: Iterable[Change]) -> IntArray:
+    """Returns the frames (n,) of the rows of a recording once agents enter when `changes` say."""
+    frames, ids = recording.columns["frame"], recording.columns["vehicle_id"]
+    for change in changes:
+        if isinstance(change, Enter):
+            frames = np.where(ids == change.agent, frames + round(change.later_s / STEP_S), frames)
+    return frames
 
 
 def _started(

@@ -20,7 +20,7 @@ from litsim_sim.core.scene import STEP_S, IntArray
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.scenario.changes import Act, SignalsLater, acts, changed_recording
+from litsim_sim.scenario.changes import Act, SignalsLater, acts, changed_recording, shifted_frames
 from litsim_sim.scenario.checks import Demand, UnmetDemandError, check_agents, check_changes, check_coverage
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.log import Log
@@ -51,8 +51,8 @@ class Scenario:
 
     Attributes:
         file: the resolved fields, with absolute paths.
-        recording: the recording, cut to the frames of the scenario.
-        log: the recording as dense arrays.
+        recording: the recording, without its changes, cut to the frames of the scenario.
+        log: the recording with its changes, as dense arrays.
         start_frame: frame of step 0.
         history_steps: step from which on the ego is free.
         total_steps: the last step.
@@ -95,10 +95,12 @@ class Scenario:
                 f"{where}: the recording is too short: {last - self.start_frame} steps of {STEP_S} s follow frame "
                 f"{self.start_frame}, expected more than the history of {file.history_s:g} s",
             )
-        recording = changed_recording(recording, file.changes, self.start_frame, self.history_steps)
-        frames = recording.columns["frame"]
-        self.recording = recording.take((frames >= self.start_frame) & (frames <= self.start_frame + self.total_steps))
-        self.log = Log.from_recording(self.recording, self.start_frame, self.total_steps + 1)
+        end = self.start_frame + self.total_steps
+        changed_frames = shifted_frames(recording, file.changes)
+        within = [(each >= self.start_frame) & (each <= end) for each in (frames, changed_frames)]
+        self.recording = recording.take(within[0] | within[1])
+        changed = changed_recording(self.recording, file.changes, self.start_frame, self.history_steps)
+        self.log = Log.from_recording(changed, self.start_frame, self.total_steps + 1)
         check_agents(self.file, self.log, self.history_steps, where)
         check_changes(self.file, self.log, self.history_steps, where)
         self.coverage = check_coverage(self.lane_map, self.net_path, self.log, file.coverage_min, where)
