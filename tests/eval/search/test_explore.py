@@ -58,7 +58,16 @@ def test_agents_that_may_act_are_those_in_the_right_place(space: Space) -> None:
         "cut_in": {BESIDE},
         "pace": {LEADER, BESIDE},
     }
-    assert "signals.later_s" not in space.parameters
+    assert not any(each.declared for each in space.parameters.values())
+
+
+def test_what_is_declared_varies_where_it_is_named(space: Space) -> None:
+    named = Space.of(space.scenario, space.people, ["delay", "start.left"])
+    assert set(named.parameters) == {"delay.later_s", "start.left"} and not named.agents
+    proposal = Proposal(z={"delay.later_s": 2.4, "start.left": 0.01})
+    (change,) = named.changes(proposal)
+    assert change.model_dump() == {"kind": "delay", "later_s": 0.2}
+    assert named.distance(proposal) == pytest.approx(2.0)  # of what it is rounded to
 
 
 def test_finds_the_nearest_failure_and_leaves_out_what_it_does_not_need(space: Space) -> None:

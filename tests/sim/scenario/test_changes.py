@@ -82,6 +82,13 @@ def test_identities_of_before_changes_stay() -> None:
     assert RunPlan(Scenario.load("demo"), "idm", "replay").identity == DEMO_IDENTITY
 
 
+def test_delay_is_of_the_ego_alone(make_scenario, tracks) -> None:
+    delay = {"kind": "delay", "later_s": 0.4}
+    scenario = make_scenario(*tracks, history_steps=HISTORY, changes=[delay], vehicle={"delay_s": 0.1})
+    assert scenario.vehicle.delay_s == 0.5 and scenario.vehicle.delay_steps == 5
+    assert make_scenario(*tracks, history_steps=HISTORY).vehicle.delay_s == 0.0
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [

@@ -13,15 +13,15 @@ from tqdm import tqdm
 
 from litsim_eval.campaign.case import cases_of, code_versions
 from litsim_eval.campaign.criteria import SAFETY, Criteria
+from litsim_eval.campaign.part import suite_of_cases
 from litsim_eval.campaign.suite import place_of
 from litsim_eval.cli.evaluate import ExamplesFormatter
 from litsim_eval.cli.suite_arguments import add_suite_arguments, part_of, suite_of
 from litsim_eval.runs.case_run import TIME_LIMIT_S, CaseRefused, check_cases
 from litsim_eval.search.explore import SAMPLERS
 from litsim_eval.search.margins import FAILURES_FILE, JUNIT_FILE, PAGE_FILE, Margins, is_short, told, write_junit
-from litsim_eval.search.people import PARAMETERS, People
+from litsim_eval.search.people import DECLARED, PARAMETERS, People
 from litsim_eval.search.search import RUNS, SCENARIOS, SEARCH_FILE, Search, Settings
-from litsim_eval.search.space import SIGNALS
 from litsim_sim.cli.arguments import Parser, number, positive
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
@@ -50,7 +50,10 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--runs", type=at_least_one, default=200, help="most runs in each scenario")
     p.add_argument("--minutes", type=positive, help="time after which no further run begins")
     p.add_argument(
-        "--change", nargs="+", default=[], help="kinds of change, or parameters, that may vary; default: all"
+        "--change",
+        nargs="+",
+        default=[],
+        help="kinds of change, or parameters, that may vary; default: all measured ones",
     )
     p.add_argument("--sampler", choices=SAMPLERS, default="tpe", help="what proposes changes")
     p.add_argument("--search-seed", type=int, default=0, help="seed of what is proposed")
@@ -97,7 +100,9 @@ def search(arguments: argparse.Namespace) -> int:
     versions = code_versions()
     cases = cases_of(suite, graph=arguments.graph, with_versions=versions)
     part = part_of(arguments)
-    cases = cases if part is None else part.of(cases)
+    if part is not None:
+        cases = part.of(cases)
+        suite = suite_of_cases(suite, cases)
     try:
         check_cases(cases)
     except CaseRefused as error:
@@ -159,7 +164,7 @@ def _print_parameters(people: People) -> None:
     for name in ("parameter", "unit", "bounds", "at 1", "at 2", "at 3", "moments", "what it is"):
         table.add_column(name, no_wrap=name != "what it is")
     for each in PARAMETERS:
-        habit = people.habits.get(each.habit, SIGNALS)
+        habit = people.habits.get(each.habit) or DECLARED[each.habit]
         low = -each.high if each.signed else each.low
         at = [f"{habit.value(distance):.2f}" for distance in (1.0, 2.0, 3.0)]
         moments = str(habit.moments) if habit.moments else "declared"

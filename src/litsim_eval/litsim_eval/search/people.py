@@ -201,6 +201,9 @@ class Parameter:
         habit: by which its distance is measured.
         signed: whether it may go either way from 0.
         about: what it is.
+        step: its values are multiples of this.
+        declared: whether its distance is not measured but declared, as no recording shows what is usual. It varies only
+            if it is named.
     """
 
     name: str
@@ -210,8 +213,15 @@ class Parameter:
     habit: str
     signed: bool
     about: str
+    step: float = 0.001
+    declared: bool = False
 
 
+DECLARED = {
+    "signals_s": Habit(unit="s", moments=0, values=[float(z) for z in 2.0 * DISTANCES]),
+    "delay_s": Habit(unit="s", moments=0, values=[float(z) for z in 0.1 * DISTANCES]),
+}
+"""Habits that no recording shows: 2 s a standard deviation for signals, 0.1 s for latency."""
 PARAMETERS = (
     Parameter("brake.deceleration", "m/s²", 0.1, 6.0, "deceleration", signed=False, about="how hard an agent brakes"),
     Parameter("brake.duration_s", "s", 0.3, 6.0, "braking_s", signed=False, about="how long"),
@@ -220,9 +230,29 @@ PARAMETERS = (
     ),
     Parameter("cut_in.headway_s", "s", 0.0, 5.0, "headway_left_s", signed=False, about="headway left; by who and when"),
     Parameter("pace.factor", "", 0.0, 0.7, "pace", signed=True, about="how much faster or slower an agent drives"),
-    Parameter("enter.later_s", "s", 0.0, 4.0, "entry_s", signed=True, about="how much later an agent enters"),
+    Parameter("enter.later_s", "s", 0.0, 4.0, "entry_s", signed=True, about="how much later an agent enters", step=0.1),
     Parameter("start.faster", "m/s", 0.0, 6.0, "speed", signed=True, about="how much faster the ego starts"),
     Parameter("start.left", "m", 0.0, 1.2, "lane_offset", signed=True, about="how far beside its place it starts"),
-    Parameter("signals.later_s", "s", 0.0, 10.0, "signals_s", signed=True, about="how much later signals change"),
+    Parameter(
+        "signals.later_s",
+        "s",
+        0.0,
+        10.0,
+        "signals_s",
+        signed=True,
+        about="how much later signals change",
+        declared=True,
+    ),
+    Parameter(
+        "delay.later_s",
+        "s",
+        0.0,
+        1.0,
+        "delay_s",
+        signed=False,
+        about="latency added to the ego",
+        step=0.1,
+        declared=True,
+    ),
 )
 """All parameters of a search. Who acts and when has no distance: every agent and moment is as usual as another."""

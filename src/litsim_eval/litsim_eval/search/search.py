@@ -192,7 +192,8 @@ class Search:
                 )
                 suite = self._suite.model_copy(update={"cases": [entry], "seeds": []})
                 try:
-                    (case,) = cases_of(suite, graph=self._settings.graph, with_versions=self._versions)
+                    cases = cases_of(suite, graph=self._settings.graph, with_versions=self._versions)
+                    case = next(each for each in cases if each.variant == one.case.variant)
                 except InputError as error:  # such as an agent that would enter before the recording begins
                     refused[k, number] = str(error)
                     continue

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
-from litsim_eval.search.people import PARAMETERS, Habit, Parameter, People
+from litsim_eval.search.people import DECLARED, PARAMETERS, Habit, Parameter, People
 from litsim_sim.core.geometry import to_body
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 from litsim_sim.scenario.changes import Change
@@ -32,10 +32,8 @@ PACE_S = 6.0  # [s] for which an agent keeps another pace
 SMALLEST = 0.05  # distance below which a parameter is left as recorded
 NOTHING = "nothing"
 """Kind of act of proposals in which no agent acts."""
-OF_THE_EGO = ("start.faster", "start.left", "signals.later_s")
+OF_ALL = ("start.faster", "start.left", "signals.later_s", "delay.later_s")
 """Parameters that all proposals have."""
-SIGNALS = Habit(unit="s", moments=0, values=[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
-"""Declared, as no recording shows how signals are retimed: 2 s a standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class Proposal:
     def without(self, name: str) -> Proposal:
         """Returns the same with one parameter as recorded; a parameter of the act takes the act with it."""
         if _kind(name) == self.act:
-            return Proposal(z={key: value for key, value in self.z.items() if key in OF_THE_EGO})
+            return Proposal(z={key: value for key, value in self.z.items() if key in OF_ALL})
         return replace(self, z={key: value for key, value in self.z.items() if key != name})
 
     def scaled(self, factor: float, only: str = "") -> Proposal:
@@ -91,15 +89,15 @@ class Space:
         usable = {
             each.name: each
             for each in PARAMETERS
-            if _kind(each.name) in (*agents, "start", *(["signals"] if scenario.signals else []))
-            and (not only or each.name in only or _kind(each.name) in only)
+            if _kind(each.name) in (*agents, "start", "delay", *(["signals"] if scenario.signals else []))
+            and (each.name in only or _kind(each.name) in only or not (only or each.declared))
         }
         acts = {_kind(name) for name in usable}
         return cls(scenario, usable, {act: ids for act, ids in agents.items() if act in acts and ids}, people)
 
     def habit(self, parameter: Parameter) -> Habit:
         """Returns the habit by which a parameter is measured."""
-        return self.people.habits.get(parameter.habit, SIGNALS)
+        return self.people.habits.get(parameter.habit) or DECLARED[parameter.habit]
 
     def range_of(self, parameter: Parameter) -> float:
         """Returns the largest distance of a parameter, by its bounds and DISTANCE_MAX."""
@@ -140,7 +138,7 @@ class Space:
     def varied(self, act: str) -> list[str]:
         """Returns the names of the parameters that proposals with this act have."""
         of_act = [name for name in self.parameters if _kind(name) == act and name != "cut_in.headway_s"]
-        return of_act + [name for name in OF_THE_EGO if name in self.parameters]
+        return of_act + [name for name in OF_ALL if name in self.parameters]
 
     @property
     def steps(self) -> tuple[int, int]:
@@ -152,6 +150,10 @@ class Space:
     def distances(self, proposal: Proposal) -> dict[str, float]:
         """Returns how far a proposal is from reality by parameter, without those that are as recorded."""
         far = {name: abs(z) for name, z in proposal.z.items() if abs(z) >= SMALLEST}
+        for name, value in self.values(proposal).items():
+            if name in far and self.parameters[name].step >= STEP_S:  # as it is rounded
+                far[name] = self.habit(self.parameters[name]).distance(abs(value))
+        far = {name: distance for name, distance in far.items() if distance > 0.0}
         if proposal.act == "cut_in" and (left := self._headway_left(proposal)) > 0.0:
             far["cut_in.headway_s"] = left
         return far
@@ -166,13 +168,14 @@ class Space:
         for name, z in proposal.z.items():
             parameter = self.parameters[name]
             size = float(np.clip(self.habit(parameter).value(abs(z)), parameter.low, parameter.high))
-            values[name] = round(float(np.copysign(size, z)) if parameter.signed else size, 3)
+            value = float(np.copysign(size, z)) if parameter.signed else size
+            values[name] = round(round(value / parameter.step) * parameter.step, 3)
         return values
 
     def changes(self, proposal: Proposal) -> list[Change]:
         """Returns the changes of the scenario that a proposal stands for."""
         small = {name for name, z in proposal.z.items() if abs(z) < SMALLEST}
-        value = {name: 0.0 if name in small and name in OF_THE_EGO else v for name, v in self.values(proposal).items()}
+        value = {name: 0.0 if name in small and name in OF_ALL else v for name, v in self.values(proposal).items()}
         fields: list[dict[str, Any]] = []
         who = {"kind": proposal.act, "agent": proposal.agent}
         when = {"begin_s": proposal.begin_s}
@@ -192,6 +195,8 @@ class Space:
             fields.append({"kind": "start", "agent": self.scenario.ego_id, **start})
         if later := value.get("signals.later_s"):
             fields.append({"kind": "signals", "later_s": later})
+        if later := value.get("delay.later_s"):
+            fields.append({"kind": "delay", "later_s": later})
         known = ScenarioFile.model_validate({"name": "x", "recording": "x", "net": "x", "ego": 0, "changes": fields})
         return known.changes
 

@@ -149,7 +149,23 @@ class SignalsLater(_Change):
         return f"signals change {abs(self.later_s):.1f} s {'later' if self.later_s >= 0 else 'earlier'}"
 
 
-Change = Annotated[Brake | CutIn | Pace | Enter | Start | SignalsLater, Field(discriminator="kind")]
+class Delay(_Change):
+    """The ego's commands take effect later, as with more latency anywhere between its sensors and its actuators.
+
+    Attributes:
+        later_s: how much, whole steps [s].
+    """
+
+    kind: Literal["delay"]
+    later_s: Annotated[_Finite, Field(ge=0.0, le=10.0, multiple_of=STEP_S)]
+
+    @property
+    def text(self) -> str:
+        """The change as a sentence."""
+        return f"the ego's commands take effect {self.later_s:.1f} s later"
+
+
+Change = Annotated[Brake | CutIn | Pace | Enter | Start | SignalsLater | Delay, Field(discriminator="kind")]
 Act = Brake | CutIn | Pace | Enter
 """Changes by which an agent is an actor."""
 

@@ -10,7 +10,7 @@ import numpy as np
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, BoolArray, Kind
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.scenario.changes import Enter, SignalsLater, Start
+from litsim_sim.scenario.changes import Delay, Enter, SignalsLater, Start
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario_file import ScenarioFile
 
@@ -75,7 +75,7 @@ def check_changes(file: ScenarioFile, log: Log, history_steps: int, where: str) 
         UnmetDemandError: one is not in the recording, is the ego or not as it has to be, or would begin in the history.
     """
     for number, change in enumerate(file.changes):
-        if isinstance(change, SignalsLater):
+        if isinstance(change, SignalsLater | Delay):
             continue
         row, fault = log.row(change.agent), ""
         if row < 0:

@@ -20,7 +20,7 @@ from litsim_sim.core.scene import STEP_S, IntArray
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.scenario.changes import Act, SignalsLater, acts, changed_recording, shifted_frames
+from litsim_sim.scenario.changes import Act, Delay, SignalsLater, acts, changed_recording, shifted_frames
 from litsim_sim.scenario.checks import Demand, UnmetDemandError, check_agents, check_changes, check_coverage
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.log import Log
@@ -254,7 +254,9 @@ class Scenario:
     @cached_property
     def vehicle(self) -> VehicleModel:
         """Vehicle model of the ego: limits and actuators."""
-        return VehicleModel.of(self.file.vehicle)
+        later = sum(change.later_s for change in self.file.changes if isinstance(change, Delay))
+        delay = {"delay_s": round(self.file.vehicle.get("delay_s", 0.0) + later, 1)} if later else {}
+        return VehicleModel.of(self.file.vehicle | delay)
 
     @cached_property
     def log_overlaps(self) -> LogOverlaps:
