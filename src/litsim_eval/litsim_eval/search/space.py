@@ -13,9 +13,8 @@ import yaml
 from litsim_eval.search.people import DECLARED, PARAMETERS, Habit, Parameter, People
 from litsim_sim.core.geometry import to_body
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
-from litsim_sim.scenario.changes import Change
+from litsim_sim.scenario.changes import Change, changes_of
 from litsim_sim.scenario.scenario import Scenario
-from litsim_sim.scenario.scenario_file import ScenarioFile
 
 if TYPE_CHECKING:
     from optuna import Trial
@@ -197,8 +196,7 @@ class Space:
             fields.append({"kind": "signals", "later_s": later})
         if later := value.get("delay.later_s"):
             fields.append({"kind": "delay", "later_s": later})
-        known = ScenarioFile.model_validate({"name": "x", "recording": "x", "net": "x", "ego": 0, "changes": fields})
-        return known.changes
+        return changes_of(fields)
 
     def scenario_file(self, proposal: Proposal, name: str) -> str:
         """Returns the YAML text of the scenario with the changes of a proposal."""

@@ -7,11 +7,11 @@ policy's, which brings it back to its log; in pure replay it returns by itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Annotated, Literal
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from litsim_sim.core.scene import STEP_S, FloatArray, IntArray
 from litsim_sim.scenario.recording import BOUNDS, Recording
@@ -168,6 +168,11 @@ class Delay(_Change):
 Change = Annotated[Brake | CutIn | Pace | Enter | Start | SignalsLater | Delay, Field(discriminator="kind")]
 Act = Brake | CutIn | Pace | Enter
 """Changes by which an agent is an actor."""
+
+
+def changes_of(values: Sequence[Mapping[str, Any]]) -> list[Change]:
+    """Returns the changes in the field `changes` of a scenario; raises pydantic.ValidationError for others."""
+    return TypeAdapter(list[Change]).validate_python(values)
 
 
 def changed_recording(
