@@ -135,12 +135,12 @@ install_packages() {
 
 install_extras() { # what tests and lint need; what of it is optional is skipped by its tests, which say so
   local key extra
-  key=$(cat requirements/locked/{dev,maps,live,ray}.txt | sha256sum)
+  key=$(cat requirements/locked/{dev,maps,live,ray,search}.txt | sha256sum)
   stamped extras "$key" && return
   say "installing what tests, lint and maps need"
   unstamp extras
   install dev || fail "pip could not install requirements/locked/dev.txt; its message is above"
-  for extra in maps live ray; do
+  for extra in maps live ray search; do
     install "$extra" || say "note: requirements/locked/$extra.txt could not be installed; its tests will be skipped"
   done
   stamp extras "$key"

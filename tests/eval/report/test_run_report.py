@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.report import run_report
@@ -99,6 +100,15 @@ def test_a_run_that_is_not_valid_is_not_praised(small_run: Run, monkeypatch: pyt
     praise, metrics = '<span class="badge good">no new contacts</span>', compute_metrics(small_run) | {"reactive": True}
     assert praise in render(small_run, metrics | {"valid": True})
     assert praise not in render(small_run, metrics | {"valid": False})
+
+
+def test_changes_of_the_scenario_are_told(small_run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_report, "read_forecasts", lambda run: made_forecasts(61, 10))
+    brake = {"kind": "brake", "agent": 2, "begin_s": 4.0, "duration_s": 1.5, "deceleration": 2.0}
+    for change, told in ((brake, True), ({"kind": "of a later version"}, False)):
+        changed = replace(small_run, scenario_yaml=yaml.safe_dump(dict(small_run.scenario) | {"changes": [change]}))
+        page = render(changed, compute_metrics(small_run))
+        assert ("2 brakes at 2.00 m/s² for 1.5 s from 4.0 s on" in page) == told
 
 
 def test_size_of_a_long_dense_run(small_run: Run, without: Make) -> None:

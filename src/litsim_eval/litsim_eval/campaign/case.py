@@ -282,7 +282,7 @@ def _roads(entry: CaseEntry, load: Callable[[str], Scenario]) -> list[_Road]:
     except InputError as error:
         raise InputError(": ".join(filter(None, (entry.place, str(error))))) from error
     file = scenario.file
-    content = file.model_dump(mode="json", exclude=OF_NO_RUN)
+    content = file.model_dump(mode="json", exclude=OF_NO_RUN | (set() if file.changes else {"changes"}))
     files = {field: Path(getattr(file, field)) for field in ("recording", "net")}
     content |= {field: [path.name, file_digest(path)] for field, path in files.items()}
     return [_Road(entry, ego_id, scenario.seed, file.end_after_contact_s, content) for ego_id in egos]

@@ -17,8 +17,8 @@ from litsim_eval.analysis.metrics_tree import COUNT, SHARE, MetricField, find_fi
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.scenario import packaged
 
-PACKAGE, DEFAULT = "litsim_eval", "default"
-"""Name of the packaged set of criteria."""
+PACKAGE, DEFAULT, SAFETY = "litsim_eval", "default", "safety"
+"""Names of the packaged sets of criteria: all that a drive should be, and safety alone."""
 
 _KINDS = {bool: "true or false", int: "a number", float: "a number", str: "a text"}
 Value = bool | int | float | str
@@ -273,14 +273,14 @@ class Criteria(BaseModel):
 
     @classmethod
     def load(cls, name_or_path: str = DEFAULT, folder: Path | None = None) -> Criteria:
-        """Reads the packaged set :data:`DEFAULT`, or a file, relative to `folder`.
+        """Reads a packaged set, :data:`DEFAULT` or :data:`SAFETY`, or a file, relative to `folder`.
 
         Raises:
             InputError: the file cannot be read, or a field does not fit.
         """
         path = (
-            packaged(f"criteria/{DEFAULT}.yaml", PACKAGE)
-            if name_or_path == DEFAULT
+            packaged(f"criteria/{name_or_path}.yaml", PACKAGE)
+            if name_or_path in (DEFAULT, SAFETY)
             else (folder or Path()) / name_or_path
         )
         return read_yaml(path, cls)

@@ -1,10 +1,11 @@
-"""`compare A B [C...]`: compare measures of runs, with differences from the first in yellow; or two campaigns."""
+"""`compare A B [C...]`: compare runs, with differences from the first in yellow; or two campaigns, or two searches."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from litsim_eval.campaign.comparison import compare_campaigns
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.results import is_campaign, read_campaign
 from litsim_eval.report.campaign_comparison import print_campaigns
+from litsim_eval.search.margins import Margins, compare_margins, is_search
 from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import EXIT_FAILED, InputError
@@ -26,7 +28,10 @@ WIDTH = 140  # of what is not printed to a terminal
 TEXT_MAX = 17  # enough to tell digests apart; --json has everything
 
 
-STATUS_HELP = "Exit status: 0; of campaigns 1 where a case passed and does not any more; 2, bad input."
+STATUS_HELP = (
+    "Exit status: 0; of campaigns 1 where a case passed and does not any more; of searches 1 where margins clearly "
+    "shrink; 2, bad input."
+)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -38,7 +43,7 @@ def parser() -> argparse.ArgumentParser:
         nargs="+",
         metavar="RUN",
         help="folder, MCAP file or metrics.json of a run; or the folders of two campaigns, the earlier one first; "
-        "or of one, with what it was before something changed",
+        "or of one, with what it was before something changed; or the folders of two searches",
     )
     p.add_argument("--differences", action="store_true", help="for runs: show only what differs")
     p.add_argument("--all", action="store_true", help="for campaigns: show every measure that differs, and every case")
@@ -100,6 +105,8 @@ def main(argv: list[str] | None = None) -> int:
         p.error("name two runs at least")
     if any(is_campaign(path) for path in arguments.runs):
         return _campaigns(arguments)
+    if any(is_search(path) for path in arguments.runs):
+        return _searches(arguments)
     metrics = [load(path) for path in arguments.runs]
     comparison = compare(dict(zip(names_of(arguments.runs), metrics, strict=True)))
     if arguments.json:
@@ -126,6 +133,35 @@ def _campaigns(arguments: argparse.Namespace) -> int:
     else:
         print_campaigns(comparison, everything=arguments.all)
     return EXIT_FAILED if comparison.those("newly_failing") else 0
+
+
+def _searches(arguments: argparse.Namespace) -> int:
+    """Compares the margins of two searches; returns the exit status.
+
+    Raises:
+        InputError: they are not two, or cannot be compared.
+    """
+    if len(arguments.runs) > 2:
+        raise InputError(f"{len(arguments.runs)} folders, expected two searches")
+    change = compare_margins(*(Margins.read(path) for path in arguments.runs))
+    if arguments.json:
+        print(json.dumps(asdict(change) | {"mean": change.mean, "worse": change.worse}, indent=2))
+    else:
+        table = Table(box=None, pad_edge=False)
+        table.add_column("margin", overflow="fold", min_width=30)
+        for name in ("before", "after", "change"):
+            table.add_column(name, justify="right", no_wrap=True)
+        for name, before, after in zip(change.names, change.before, change.after, strict=True):
+            table.add_row(name, f"{before:.2f}", f"{after:.2f}", f"{after - before:+.2f}")
+        console = Console(width=None if sys.stdout.isatty() else WIDTH)
+        console.print(table)
+        bounds = (
+            "" if change.interval is None else f", 95 % interval {change.interval[0]:+.2f} to {change.interval[1]:+.2f}"
+        )
+        print(
+            f"mean change {change.mean:+.2f}{bounds}; margins are upper bounds, and at most what the search looked at"
+        )
+    return EXIT_FAILED if change.worse else 0
 
 
 if __name__ == "__main__":

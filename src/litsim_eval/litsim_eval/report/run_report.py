@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
+from pydantic import ValidationError
 
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.report.content import pack_run
@@ -22,6 +24,7 @@ from litsim_sim.io.files import replacing
 from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.record.bag import FAILURE_FILE
 from litsim_sim.record.run import Run, read_run
+from litsim_sim.scenario.changes import changes_of
 
 REPORT_FILE = "report.html"
 DATA_MAX = 8_000_000  # most characters of packed data; the page must stay below 10 MB
@@ -127,6 +130,9 @@ def _what_was_run(run: Run) -> Iterator[tuple[str, str]]:
         f"{run.tables[-1].step} of {info.total_steps}, {info.dt:g} s each, the first {info.history_steps} are history"
     )
     yield from (("run", info.run_id), ("scenario", info.scenario), ("seed", str(info.seed)), ("steps", steps))
+    if changes := run.scenario.get("changes"):
+        with suppress(ValidationError):  # of a record that a later version has made
+            yield "changes of the scenario", "; ".join(change.text for change in changes_of(changes))
     yield "ended", NOTHING if run.ended is None else run.ended.sentence
     yield from (("ego", f"agent {info.ego_id}, driven by {info.ego}"), ("background", info.policy), ("mode", info.mode))
     versions = load_yaml(info.versions, f"{run.path}: topic {RUN_INFO}, field versions") if info.versions else None

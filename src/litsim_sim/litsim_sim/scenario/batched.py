@@ -18,6 +18,7 @@ from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable, ControlTable, IntArr
 from litsim_sim.core.takeover import Takeover
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.scenario.changes import Act
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
 from litsim_sim.scenario.scenario import Scenario
@@ -108,6 +109,12 @@ class BatchedScenario:
             lane_map=first.lane_map,
             vehicle=first.vehicle,
         )
+
+    @property
+    def actors(self) -> tuple[tuple[int, Act], ...]:
+        """See :attr:`.scenario.Scenario.actors`, with the ids of the batch."""
+        each = enumerate(self.scenarios)
+        return tuple((self.agent(scene, agent), act) for scene, one in each for agent, act in one.actors)
 
     def tables(self, table: AgentTable) -> list[AgentTable]:
         """Splits `table` by scene, with the ids of the recordings."""

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import BoolArray, Kind
+from litsim_sim.core.scene import STEP_S, BoolArray, Kind
 from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.scenario.changes import Delay, Enter, SignalsLater, Start
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario_file import ScenarioFile
 
@@ -65,6 +66,32 @@ def check_agents(file: ScenarioFile, log: Log, history_steps: int, where: str) -
                     f"{where}: field {field}: vehicle {agent} is present in steps {first} to {last}, expected at "
                     f"least steps 0 to {needed} (the history and the first simulated step)",
                 )
+
+
+def check_changes(file: ScenarioFile, log: Log, history_steps: int, where: str) -> None:
+    """Check that the agents of the changes are there, and may change.
+
+    Raises:
+        UnmetDemandError: one is not in the recording, is the ego or not as it has to be, or would begin in the history.
+    """
+    for number, change in enumerate(file.changes):
+        if isinstance(change, SignalsLater | Delay):
+            continue
+        row, fault = log.row(change.agent), ""
+        if row < 0:
+            fault = f"agent: no agent {change.agent} in these steps"
+        elif log.obstacle[row]:
+            fault = f"agent: {change.agent} is a {Kind(int(log.kind[row])).name.lower()}, expected a vehicle"
+        elif (change.agent == file.ego) != isinstance(change, Start):
+            expected = "the ego" if isinstance(change, Start) else "another agent than the ego"
+            fault = f"agent: {change.agent}, expected {expected}"
+        elif isinstance(change, Enter):
+            if log.first_step[row] <= history_steps:
+                fault = f"agent: {change.agent} is there in the history, expected one that enters later"
+        elif not isinstance(change, Start) and round(change.begin_s / STEP_S) < history_steps:
+            fault = f"begin_s: {change.begin_s:g} s, expected at least the history of {file.history_s:g} s"
+        if fault:
+            raise UnmetDemandError(Demand.EGO, f"{where}: field changes.{number}.{fault}")
 
 
 def check_coverage(lane_map: LaneMap, net: Path, log: Log, demanded: float, where: str) -> float:

@@ -98,7 +98,9 @@ class RunPlan:
         names = {name: Path(getattr(file, name)).name for name in ("recording", "net")}
         without = {"coverage_min"}  # affects whether a run is possible, not its result
         # left out at their defaults, so that runs of older versions keep their identities
-        without |= {name for name in ("vehicle", "end_after_contact_s") if getattr(file, name) in ({}, None)}
+        without |= {
+            name for name in ("vehicle", "end_after_contact_s", "changes") if getattr(file, name) in ({}, [], None)
+        }
         described = file.model_copy(update=names).model_dump_json(exclude=without)
         described = f"{described}\n{self.ego}\n{self.policy}"
         if self.stage_parameters:

@@ -21,14 +21,15 @@ from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.io.input_files import require_file
 from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.scenario.checks import Demand, UnmetDemandError, check_agents, check_coverage
+from litsim_sim.scenario.changes import Act, Delay, SignalsLater, acts, changed_recording, shifted_frames
+from litsim_sim.scenario.checks import Demand, UnmetDemandError, check_agents, check_changes, check_coverage
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
 from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario_file import ScenarioFile
 from litsim_sim.scenario.signal_conflicts import green_conflicts
-from litsim_sim.scenario.signals import Signals, SignalsFile, build, check_known, read_signals, resolved
+from litsim_sim.scenario.signals import Signals, SignalsFile, build, check_known, on_clock, read_signals, resolved
 
 DATA_VARIABLE = "LITSIM_DATA"
 NO_DATA = "(scenario demo needs none; docs/data.md: NGSIM's own files in its place)"
@@ -52,8 +53,8 @@ class Scenario:
 
     Attributes:
         file: the resolved fields, with absolute paths.
-        recording: the recording, cut to the frames of the scenario.
-        log: the recording as dense arrays.
+        recording: the recording, without its changes, cut to the frames of the scenario.
+        log: the recording with its changes, as dense arrays.
         start_frame: frame of step 0.
         history_steps: step from which on the ego is free.
         total_steps: the last step.
@@ -96,13 +97,20 @@ class Scenario:
                 f"{where}: the recording is too short: {last - self.start_frame} steps of {STEP_S} s follow frame "
                 f"{self.start_frame}, expected more than the history of {file.history_s:g} s",
             )
-        self.recording = recording.take((frames >= self.start_frame) & (frames <= self.start_frame + self.total_steps))
-        self.log = Log.from_recording(self.recording, self.start_frame, self.total_steps + 1)
+        end = self.start_frame + self.total_steps
+        changed_frames = shifted_frames(recording, file.changes)
+        within = [(each >= self.start_frame) & (each <= end) for each in (frames, changed_frames)]
+        self.recording = recording.take(within[0] | within[1])
+        changed = changed_recording(self.recording, file.changes, self.start_frame, self.history_steps)
+        self.log = Log.from_recording(changed, self.start_frame, self.total_steps + 1)
         check_agents(self.file, self.log, self.history_steps, where)
+        check_changes(self.file, self.log, self.history_steps, where)
         self.coverage = check_coverage(self.lane_map, self.net_path, self.log, file.coverage_min, where)
         signals = self.file.signals or recorded_signals(recording.header, self.net_path, file.recording)
         self.signals: Signals | None = None
         if isinstance(signals, SignalsFile):
+            later = sum(change.later_s for change in file.changes if isinstance(change, SignalsLater))
+            signals = on_clock(signals, -later) if later else signals
             self.signals = build(signals, self.net_path, self.log, self.start_frame, where)
             for sentence in green_conflicts(signals, self.signals, self.start_frame):
                 _warn(f"{where}: signals: {sentence}")
@@ -220,6 +228,11 @@ class Scenario:
         return tuple(self.log.ids[there].tolist())
 
     @property
+    def actors(self) -> tuple[tuple[int, Act], ...]:
+        """Ids of the agents that the changes of the scenario make actors, and what each does."""
+        return tuple((act.agent, act) for act in acts(self.file.changes))
+
+    @property
     def roi_m(self) -> float:
         """Radius around each agent off its log within which others are forecast and may be taken over [m]."""
         return self.file.roi_m
@@ -238,7 +251,9 @@ class Scenario:
     @cached_property
     def vehicle(self) -> VehicleModel:
         """Vehicle model of the ego: limits and actuators."""
-        return VehicleModel.of(self.file.vehicle)
+        later = sum(change.later_s for change in self.file.changes if isinstance(change, Delay))
+        delay = {"delay_s": round(self.file.vehicle.get("delay_s", 0.0) + later, 1)} if later else {}
+        return VehicleModel.of(self.file.vehicle | delay)
 
     @cached_property
     def log_overlaps(self) -> LogOverlaps:

@@ -9,6 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field
 
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.vehicle import VehicleModel
+from litsim_sim.scenario.changes import Change
 from litsim_sim.scenario.signals import SignalsFile
 
 SEEDS = 2**64  # range of the field in RunInfo
@@ -66,6 +67,7 @@ class ScenarioFile(BaseModel):
             continues. Contacts with agents that touch the ego in the log as well do not count.
         coverage_min: smallest share, from 0 to 1, of the recorded box centres that must lie on lanes of the net.
         vehicle: fields of :class:`litsim_sim.core.vehicle.VehicleModel` of the ego that differ from the defaults.
+        changes: what differs from the recording, see :mod:`litsim_sim.scenario.changes`.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True)
@@ -87,6 +89,7 @@ class ScenarioFile(BaseModel):
     end_after_contact_s: Annotated[_Finite, Field(ge=0, le=DAY_S)] | None = None
     coverage_min: Annotated[_Finite, Field(ge=0, le=1)] = 0.9
     vehicle: dict[str, _Finite] = {}
+    changes: list[Change] = []
 
     @field_validator("vehicle")
     @classmethod

@@ -20,6 +20,7 @@ from litsim_sim.core.scene import (
     FloatArray,
 )
 from litsim_sim.scenario.setting import Setting
+from litsim_sim.world.actors import Actors
 from litsim_sim.world.driven import DrivenVehicles, check_answers
 from litsim_sim.world.entries import Entries
 from litsim_sim.world.log_policy import LogPolicy
@@ -47,7 +48,8 @@ class World:
     An agent follows its log unless the controls list it. One that is no longer listed rejoins its log, the residual
     fading out; one listed with source LATE does so with a lag, from the logged pose nearest to it. One whose log ends
     while it is controlled drives on until it has left the net. One whose log begins where it would collide waits
-    (`entries`), and then enters under POLICY.
+    (`entries`), and then enters under POLICY. An agent that the scenario makes an actor is driven as that says while it
+    acts, whatever the controls say.
 
     The run is over once the ego has left: past an end of the net, or at the end of its log while it follows that.
     Leaving the road to the side is not leaving the net. If the scenario says so, the run is also over some time after
@@ -78,6 +80,7 @@ class World:
         self._gone, self._mirror_deviation = np.zeros(scenes, np.bool_), 0.0
         self._have_driven = np.zeros(scenes, np.bool_)  # the ego of each scene, in the last step
         self._vehicles, self._log_policy = DrivenVehicles(self.scenario), LogPolicy(log)
+        self._actors = Actors(self.scenario)
         self._table = self._finish(self._log_policy.table(0))
         return self._table
 
@@ -95,6 +98,7 @@ class World:
         self.catch_up()
         table, step = self._table, self._table.step
         check_answers(step, self._ego_ids, controls, egos, table)
+        controls = self._actors.overrule(table, controls)
         driving = [
             ego if driven and ego.mode == EgoMode.CONTROL else None
             for ego, driven in zip(egos, self.egos_are_driven.tolist(), strict=True)

@@ -1,0 +1,184 @@
+"""`search`: find the least changes of what people did with which a stack fails, in every case of a suite."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+from tqdm import tqdm
+
+from litsim_eval.campaign.case import cases_of, code_versions
+from litsim_eval.campaign.criteria import SAFETY, Criteria
+from litsim_eval.campaign.part import suite_of_cases
+from litsim_eval.campaign.suite import place_of
+from litsim_eval.cli.evaluate import ExamplesFormatter
+from litsim_eval.cli.suite_arguments import add_suite_arguments, part_of, suite_of
+from litsim_eval.runs.case_run import TIME_LIMIT_S, CaseRefused, check_cases
+from litsim_eval.search.explore import SAMPLERS
+from litsim_eval.search.margins import FAILURES_FILE, JUNIT_FILE, PAGE_FILE, Margins, is_short, told, write_junit
+from litsim_eval.search.people import DECLARED, PARAMETERS, People
+from litsim_eval.search.search import RUNS, SCENARIOS, SEARCH_FILE, Search, Settings
+from litsim_sim.cli.arguments import Parser, number, positive
+from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
+from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
+from litsim_sim.core.parameters import not_among
+
+STATUS_HELP = (
+    "Exit status: 0; 1, a scenario fails as recorded or has a margin below --at-least; 2, bad input; 130, interrupted; "
+    "the same command resumes it."
+)
+EXAMPLES = """examples:
+  search --scenario demo --ego idm --policy litsim --out bags/margin
+      the margin of LitSim's ego idm in one scenario
+  search --suite small --case motorway_00 --ego external --out bags/mine -- python3 my_stack.py
+      margins of your stack, over DDS
+  evaluate --suite bags/mine/failures.yaml --out bags/again
+      run the failures that were found again
+
+"""
+DEFAULT_OUT = "bags/search"
+
+
+def parser() -> argparse.ArgumentParser:
+    """Returns the parser of ``ros2 run litsim_eval search``."""
+    p = Parser(prog="search", description=__doc__, epilog=EXAMPLES + STATUS_HELP, formatter_class=ExamplesFormatter)
+    add_suite_arguments(p)
+    p.add_argument("--runs", type=at_least_one, default=200, help="most runs in each scenario")
+    p.add_argument("--minutes", type=positive, help="time after which no further run begins")
+    p.add_argument(
+        "--change",
+        nargs="+",
+        default=[],
+        help="kinds of change, or parameters, that may vary; default: all measured ones",
+    )
+    p.add_argument("--sampler", choices=SAMPLERS, default="tpe", help="what proposes changes")
+    p.add_argument("--search-seed", type=int, default=0, help="seed of what is proposed")
+    p.add_argument("--people", nargs="+", metavar="SCENARIO", help="recordings that distances are measured by")
+    p.add_argument("--save-people", type=Path, metavar="FILE", help="only write what people did there, as YAML")
+    p.add_argument("--parameters", action="store_true", help="only list the parameters, and what people did")
+    p.add_argument(
+        "--at-least", type=number(0.0), default=0.0, metavar="MARGIN", help="margin below which a scenario has failed"
+    )
+    p.add_argument("--graph", action="store_true", help="run LitSim's own egos over DDS, too")
+    p.add_argument(
+        "--out", type=Path, default=Path(DEFAULT_OUT), help="folder of the search; an existing one is resumed"
+    )
+    p.add_argument("--processes", type=at_least_one, default=2, help="number of runs at a time")
+    p.add_argument(
+        "--time-limit", type=positive, default=TIME_LIMIT_S, metavar="S", help="time limit of a run over DDS [s]"
+    )
+    p.add_argument("--overwrite", action="store_true", help="replace the search in the folder")
+    return p
+
+
+def search(arguments: argparse.Namespace) -> int:
+    """Makes the search that the arguments describe, or the rest of it, and returns the exit status.
+
+    Raises:
+        InputError: an argument or a file cannot be used; raised before the first run.
+    """
+    known = {each.name for each in PARAMETERS} | {each.name.split(".")[0] for each in PARAMETERS}
+    if unknown := [name for name in arguments.change if name not in known]:
+        raise InputError(f"--change {not_among(unknown, sorted(known))}")
+    people = People.of(arguments.people) if arguments.people else People.load()
+    if arguments.save_people is not None:
+        people.write(arguments.save_people)
+        print(f"{arguments.save_people}: what people did in {people.source}")
+        return 0
+    if arguments.parameters:
+        _print_parameters(people)
+        return 0
+    if arguments.suite is None and arguments.policy is None:
+        arguments.policy = ["litsim"]
+    suite = suite_of(arguments)
+    if arguments.criteria is None:
+        suite = suite.model_copy(update={"criteria": Criteria.load(SAFETY)})
+    versions = code_versions()
+    cases = cases_of(suite, graph=arguments.graph, with_versions=versions)
+    part = part_of(arguments)
+    if part is not None:
+        cases = part.of(cases)
+        suite = suite_of_cases(suite, cases)
+    try:
+        check_cases(cases)
+    except CaseRefused as error:
+        where = f"{place_of(arguments.suite, error.setting)}: " if arguments.suite else ""
+        raise InputError(f"{where}{error}") from error
+    settings = Settings(
+        runs=arguments.runs,
+        sampler=arguments.sampler,
+        seed=arguments.search_seed,
+        only=tuple(arguments.change),
+        minutes=arguments.minutes,
+        processes=arguments.processes,
+        time_limit_s=arguments.time_limit,
+        graph=arguments.graph,
+    )
+    making = Search(suite, cases, versions, people, settings, arguments.out)
+    if arguments.overwrite and (arguments.out / SEARCH_FILE).is_file():
+        for name in (RUNS, SCENARIOS):
+            shutil.rmtree(arguments.out / name, ignore_errors=True)
+        (arguments.out / SEARCH_FILE).unlink()
+    with tqdm(total=settings.runs * len(cases), unit="run", dynamic_ncols=True) as bar:
+        try:
+            margins = making.run(bar.update)
+        except KeyboardInterrupt:
+            print_error("the search ended before all runs were done; the same command resumes it")
+            raise
+    write_junit(margins, arguments.at_least, arguments.out / JUNIT_FILE)
+    _print(margins, arguments.out)
+    short = [each for each in margins.scenarios if is_short(each, arguments.at_least)]
+    for each in short:
+        text = each.recorded or f"margin {each.margin:.2f}, expected at least {arguments.at_least:g}"
+        print(f"failed  {each.name}: {text}", file=sys.stderr)
+    return EXIT_FAILED if short else 0
+
+
+def _print(margins: Margins, out: Path) -> None:
+    """Prints the margins, and the nearest failure of each scenario."""
+    table = Table(box=None, pad_edge=False)
+    table.add_column("scenario", overflow="fold", min_width=30)
+    for name in ("margin", "runs", "failed", "forced", "errors", "drawn: rate, 95 %"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for each in margins.scenarios:
+        margin = "-" if each.margin is None else f"{each.margin:.2f}"
+        rate = "-" if each.rate is None else f"{100.0 * each.rate[0]:.1f} to {100.0 * each.rate[1]:.1f} %"
+        table.add_row(each.name, margin, str(each.runs), str(each.failed), str(each.forced), str(each.errors), rate)
+    console = Console()
+    console.print(table)
+    for each in margins.scenarios:
+        for line in told(each.failures[0]) if each.failures else []:
+            console.print(line, markup=False, highlight=False, soft_wrap=True)
+    failures = f"; failures: {out / FAILURES_FILE}" if (out / FAILURES_FILE).is_file() else ""
+    print(f"margins in standard deviations of what people did; -: no failure that counts up to {margins.bound:g} each")
+    print(f"page: {out / PAGE_FILE}{failures}")
+
+
+def _print_parameters(people: People) -> None:
+    """Prints every parameter with its bounds and what people did."""
+    table = Table(box=None, pad_edge=False, title=f"what people did: {people.source}", title_justify="left")
+    for name in ("parameter", "unit", "bounds", "at 1", "at 2", "at 3", "moments", "what it is"):
+        table.add_column(name, no_wrap=name != "what it is")
+    for each in PARAMETERS:
+        habit = people.habits.get(each.habit) or DECLARED[each.habit]
+        low = -each.high if each.signed else each.low
+        at = [f"{habit.value(distance):.2f}" for distance in (1.0, 2.0, 3.0)]
+        moments = str(habit.moments) if habit.moments else "declared"
+        table.add_row(each.name, each.unit, f"{low:g} to {each.high:g}", *at, moments, each.about)
+    Console().print(table)
+
+
+@program
+def main(argv: list[str] | None = None) -> int:
+    """Runs ``ros2 run litsim_eval search``."""
+    arguments = parser().parse_args(argv)
+    interrupt_on_signals()
+    return search(arguments)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,186 @@
+"""The search in one scenario: an optimiser proposes changes, failures that count are shrunk and grouped.
+
+It is a generator of batches of proposals, which is sent what became of them: whoever runs it decides where and how many
+at a time, and a search that was interrupted is repeated with the same answers.
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from litsim_eval.search.judging import Outcome
+from litsim_eval.search.space import DISTANCE_MAX, NOTHING, Proposal, Space
+
+if TYPE_CHECKING:
+    from optuna.samplers import BaseSampler
+
+BATCH = 8
+"""Proposals at a time; the optimiser learns of their outcomes together."""
+GROUPS_MAX = 10
+"""Most groups of failures that are shrunk and shown."""
+SHARE_SHRINKING, SHARE_DRAWN = 0.3, 0.2
+"""Shares of the budget: for shrinking, and for plain draws from the declared distribution, which give the rate."""
+SHRUNK_BY = (0.5, 0.75, 0.9)
+"""Factors that are tried of all distances together; of single ones, the first."""
+LESS = 0.02  # least gain in distance for which shrinking goes on
+PASSED_VALUE = 2.0 * DISTANCE_MAX
+"""What the optimiser is told of a run that has not failed, more if it is far from a contact; else the distance."""
+SAMPLERS = ("tpe", "random")
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A run with changes, and what became of it.
+
+    Attributes:
+        number: counted from 0, in order; 0 is the scenario as recorded.
+        how: `recorded`, `drawn`, `proposed` or `shrunk`.
+        proposal: the changes.
+        distance: of these from reality.
+        outcome: what became of it.
+        case: id of its case.
+        reason: why it has not passed, in one line.
+        group: what failures are grouped by, together with the act: what happened.
+        near: how near to a contact it came, from 0 to 1.
+        digest: of the run.
+    """
+
+    number: int
+    how: str
+    proposal: Proposal
+    distance: float
+    outcome: Outcome
+    case: str
+    reason: str = ""
+    group: str = ""
+    near: float = 0.0
+    digest: str = ""
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """The group of a failure."""
+        return self.proposal.act, self.group
+
+
+Asked = list[tuple[str, Proposal]]
+"""Proposals, each with how it came about."""
+
+
+@dataclass
+class Exploration:
+    """What a search in one scenario has tried so far."""
+
+    space: Space
+    tried: list[Tried] = field(default_factory=list)
+
+    @property
+    def failures(self) -> list[Tried]:
+        """The nearest failure that counts of each group, the nearest first."""
+        nearest: dict[tuple[str, str], Tried] = {}
+        for each in sorted(self.tried, key=lambda each: (each.distance, each.number)):
+            if each.outcome == Outcome.FAILED:
+                nearest.setdefault(each.key, each)
+        return list(nearest.values())[:GROUPS_MAX]
+
+
+def explore(
+    exploration: Exploration,
+    runs: int,
+    sampler: str,
+    seed: int,
+    expired: Callable[[], bool] = lambda: False,
+) -> Generator[Asked, Sequence[Tried], None]:
+    """Yields batches of proposals, and is sent what became of each; all are kept in `exploration`.
+
+    Args:
+        exploration: begins empty.
+        runs: budget, all runs together.
+        sampler: one of :data:`SAMPLERS`; `random` draws all proposals uniformly within the bounds, and shrinks nothing.
+        seed: of the sampler and of the draws.
+        expired: whether the time is over, asked before each batch.
+    """
+    import optuna  # takes a second to load
+
+    warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+    logging.getLogger("optuna").setLevel(logging.ERROR)
+    tried, space = exploration.tried, exploration.space
+    tried += yield [("recorded", Proposal())]
+    if tried[0].outcome != Outcome.PASSED or not space.parameters:
+        return
+    study = optuna.create_study(sampler=_sampler(sampler, runs, seed))
+    random = np.random.default_rng([seed, space.scenario.ego_id])
+    plain = sampler == "random"
+    drawn = 0 if plain else round(SHARE_DRAWN * runs)
+    budget = runs if plain else round((1.0 - SHARE_SHRINKING) * runs)
+    for _ in range(drawn):
+        study.enqueue_trial(space.drawn(random))
+    while len(tried) < (budget if exploration.failures else runs) and not expired():
+        trials = [study.ask() for _ in range(min(BATCH, runs - len(tried)))]
+        asked = [("drawn" if trial.number < drawn else "proposed", space.suggested(trial)) for trial in trials]
+        outcomes = yield asked
+        tried += outcomes
+        for trial, outcome in zip(trials, outcomes, strict=True):
+            study.tell(trial, _value(outcome))
+    shrunk: set[tuple[str, str]] = set()
+    while len(tried) < runs and not expired():
+        waiting = [each for each in exploration.failures if each.key not in shrunk]
+        if not waiting:
+            return
+        shrunk.add(waiting[0].key)
+        best = waiting[0]
+        while len(tried) < runs and not expired():
+            candidates = _smaller(space, best.proposal)[: runs - len(tried)]
+            if not candidates:
+                break
+            outcomes = yield [("shrunk", each) for each in candidates]
+            tried += outcomes
+            failed = [
+                each
+                for each in outcomes
+                if each.outcome == Outcome.FAILED and _is_smaller(space, each.proposal, best.proposal)
+            ]
+            if not failed:
+                break
+            best = min(failed, key=lambda each: (each.distance, each.number))
+            shrunk.add(best.key)
+
+
+def _smaller(space: Space, proposal: Proposal) -> list[Proposal]:
+    """Returns proposals that change less than another: one thing less, or everything, or one thing, by less."""
+    changed = [name for name in space.distances(proposal) if name in proposal.z]
+    fewer = [proposal.without(name) for name in changed] if len(changed) > 1 or proposal.act == NOTHING else []
+    if proposal.act != NOTHING and not any(name.startswith(proposal.act) for name in changed):
+        fewer.append(Proposal(z=proposal.z))
+    less = [proposal.scaled(factor) for factor in SHRUNK_BY]
+    less += [proposal.scaled(SHRUNK_BY[0], name) for name in changed] if len(changed) > 1 else []
+    unique = {repr(sorted(each.z.items())) + each.act: each for each in (*fewer, *less)}
+    return [each for each in unique.values() if _is_smaller(space, each, proposal)]
+
+
+def _is_smaller(space: Space, one: Proposal, other: Proposal) -> bool:
+    """Returns whether a proposal is clearly nearer to reality than another, or changes less and is no farther."""
+    nearer, fewer = space.distance(other) - space.distance(one), len(space.distances(one)) < len(space.distances(other))
+    return nearer > LESS or (fewer and nearer >= 0.0)
+
+
+def _value(tried: Tried) -> float:
+    """Returns what the optimiser minimises."""
+    if tried.outcome == Outcome.FAILED:
+        return tried.distance
+    near = tried.near if tried.outcome == Outcome.PASSED else 0.0
+    return PASSED_VALUE * (2.0 - near) + 0.1 * tried.distance
+
+
+def _sampler(name: str, runs: int, seed: int) -> BaseSampler:
+    from optuna import samplers
+
+    if name == "random":
+        return samplers.RandomSampler(seed=seed)
+    start = round((SHARE_DRAWN + 0.1) * runs)  # the draws, and half as many uniform within the bounds
+    return samplers.TPESampler(seed=seed, n_startup_trials=start, multivariate=True, group=True, constant_liar=True)

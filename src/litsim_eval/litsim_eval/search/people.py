@@ -1,0 +1,258 @@
+"""What people did: quantiles of recorded traffic, by which a change of a scenario is as far as it is unusual.
+
+A distance is in standard deviations: a value that a share p of the recorded moments exceeds has the distance at which
+a normal distribution has p beyond it, on both sides. So 2 is what one moment in 22 exceeds, 3 one in 370. Beyond that
+the quantiles from 1.5 to 3 are prolonged by a straight line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field
+from scipy.ndimage import uniform_filter1d
+from scipy.stats import norm
+
+from litsim_data.mining.events import EventKind, Situation
+from litsim_data.mining.mine import events_in
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import RATE_HZ, STEP_S, FloatArray
+from litsim_sim.io.files import replacing
+from litsim_sim.io.yaml_input import read_yaml
+from litsim_sim.scenario.scenario import Scenario, packaged
+
+PACKAGE, FILE = "litsim_eval", "search/people.yaml"
+DISTANCES = np.arange(0.0, 3.01, 0.5)
+"""Distances at which the quantiles of a habit are kept."""
+PROLONGED_FROM = 3  # position in DISTANCES of the first of the two quantiles whose line is prolonged
+MOMENTS_MIN = 10  # fewest moments of which quantiles are taken
+AHEAD_S = 2.0  # [s] over which braking is measured
+BRAKING, SMOOTHING = 0.5, 11  # [m/s2] from which on one brakes, of the mean over so many steps
+NEARBY_M = 60.0  # [m] within which a leader is followed
+DRIVING = 3.0  # [m/s] speed above which ratios of speeds are compared
+
+
+class Habit(BaseModel):
+    """How a quantity is distributed.
+
+    Attributes:
+        unit: its unit.
+        moments: number of recorded moments.
+        values: at :data:`DISTANCES`, ascending where large values are unusual, descending where small ones are.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    unit: str
+    moments: int
+    values: Annotated[list[float], Field(min_length=len(DISTANCES), max_length=len(DISTANCES))]
+
+    @classmethod
+    def of(cls, moments: FloatArray, unit: str, *, small: bool = False) -> Habit:
+        """Returns the habit of values (n,), none negative; `small` if small ones are unusual, and not large ones."""
+        share = 2.0 * norm.cdf(DISTANCES) - 1.0  # that is not beyond a distance
+        values = np.quantile(moments, 1.0 - share if small else share)
+        if not small:
+            values[0] = 0.0  # no change is no distance
+        slope = np.arange(len(values)) * 1e-6 * (-1.0 if small else 1.0)  # strictly monotonic
+        return cls(unit=unit, moments=len(moments), values=[round(float(value), 6) for value in values + slope])
+
+    def value(self, distance: float) -> float:
+        """Returns the value at a distance."""
+        if distance > DISTANCES[-1]:
+            return self.values[-1] + (distance - float(DISTANCES[-1])) * self._slope
+        return float(np.interp(distance, DISTANCES, self.values))
+
+    def distance(self, value: float) -> float:
+        """Returns the distance of a value; 0 for what is usual."""
+        beyond = (value - self.values[-1]) / self._slope
+        if beyond > 0.0:
+            return float(DISTANCES[-1]) + beyond
+        order = 1 if self._slope > 0.0 else -1
+        return float(np.interp(value, self.values[::order], DISTANCES[::order]))
+
+    @property
+    def _slope(self) -> float:
+        """Slope by which the values go on beyond the last."""
+        return (self.values[-1] - self.values[PROLONGED_FROM]) / float(DISTANCES[-1] - DISTANCES[PROLONGED_FROM])
+
+
+class People(BaseModel):
+    """What people did in some recordings.
+
+    Attributes:
+        source: the recordings.
+        habits: by name.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    source: str
+    habits: dict[str, Habit]
+
+    @classmethod
+    def load(cls) -> People:
+        """Reads the packaged quantiles."""
+        return read_yaml(packaged(FILE, PACKAGE), cls)
+
+    @classmethod
+    def of(cls, scenarios: Sequence[str]) -> People:
+        """Measures what people do in the recordings of `scenarios`; what is too rare there is as packaged.
+
+        Raises:
+            InputError: a scenario cannot be used.
+        """
+        measured = [_moments(Scenario.load(name)) for name in scenarios]
+        habits = dict(cls.load().habits) if packaged(FILE, PACKAGE).is_file() else {}
+        for name, (unit, small) in QUANTITIES.items():
+            moments = np.concatenate([each[name] for each in measured])
+            if len(moments) >= MOMENTS_MIN:
+                habits[name] = Habit.of(moments, unit, small=small)
+            elif name not in habits:
+                raise InputError(f"{', '.join(scenarios)}: {len(moments)} moments of {name}, expected {MOMENTS_MIN}")
+        return cls(source=", ".join(scenarios), habits=habits)
+
+    def write(self, path: Path) -> None:
+        """Writes the quantiles as YAML.
+
+        Raises:
+            Unwritable: `path` cannot be written.
+        """
+        with replacing(path) as new:
+            new.write_text(yaml.safe_dump(self.model_dump(), sort_keys=False, width=120), encoding="utf-8")
+
+
+QUANTITIES: Mapping[str, tuple[str, bool]] = {
+    "deceleration": ("m/s2", False),
+    "braking_s": ("s", False),
+    "lane_change_s": ("s", True),
+    "headway_left_s": ("s", True),
+    "pace": ("", False),
+    "entry_s": ("s", False),
+    "speed": ("m/s", False),
+    "lane_offset": ("m", False),
+}
+"""Quantities of :func:`_moments`: unit, and whether small values are the unusual ones."""
+
+
+def _moments(scenario: Scenario) -> dict[str, FloatArray]:
+    """Returns values (k,) of each of the :data:`QUANTITIES` in the log of a scenario.
+
+    - `deceleration`: mean over 2 s, of every vehicle once a second while it is slowing down.
+    - `braking_s`: duration of each stretch with a deceleration of 0.5 m/s2 or more.
+    - `lane_change_s`, `headway_left_s`: duration of lane changes, and headway that they leave to who is then behind.
+    - `pace`, `speed`: how far the speed is from that of a leader within 60 m, as a share of that and in m/s.
+    - `entry_s`: how far the time between two vehicles that enter the same lane is from the median of that lane.
+    - `lane_offset`: distance of the middle of a vehicle from that of its lane.
+    """
+    log = scenario.log
+    situation = Situation.of(log, scenario.lane_map)
+    vehicle = ~log.obstacle
+    valid, second = log.valid & vehicle[:, None], round(RATE_HZ)
+    ahead = round(AHEAD_S / STEP_S)
+    both = valid[:, :-ahead] & valid[:, ahead:]
+    loss = np.where(both, log.speed[:, :-ahead] - log.speed[:, ahead:], 0.0)[:, ::second] / AHEAD_S
+    braking = uniform_filter1d(log.acceleration, SMOOTHING, axis=1) <= -BRAKING
+    edges = np.diff(np.pad((braking & valid).astype(np.int8), ((0, 0), (1, 1))), axis=1)
+    stretches = (edges == -1).nonzero()[1] - (edges == 1).nonzero()[1]
+    changes = [event.numbers for event in events_in(situation, [EventKind.LANE_CHANGE])]
+    follow = situation.following
+    following = (valid & (follow.leader >= 0) & (follow.gap < NEARBY_M))[:, ::second]
+    closing, own = follow.closing[:, ::second][following], log.speed[:, ::second][following]
+    of_leader = own - closing
+    entries = []
+    first = log.first_step
+    rows = (vehicle & (first > 0)).nonzero()[0]
+    lane = scenario.lane_map.nearest(log.x[rows, first[rows]], log.y[rows, first[rows]], log.yaw[rows, first[rows]])
+    for one in np.unique(lane.lane):
+        between = np.diff(np.sort(first[rows][lane.lane == one])) * STEP_S
+        entries.append(np.abs(between - np.median(between)) if len(between) > 1 else np.empty(0))
+    x, y, yaw = (values[:, ::second][valid[:, ::second]] for values in (log.x, log.y, log.yaw))
+    return {
+        "deceleration": loss[loss > 0.0],
+        "braking_s": stretches * STEP_S,
+        "lane_change_s": _numbers(changes, "duration_s"),
+        "headway_left_s": _numbers(changes, "behind_headway_s"),
+        "pace": np.abs(closing / np.maximum(of_leader, DRIVING))[of_leader > DRIVING],
+        "entry_s": np.concatenate([np.empty(0), *entries]),
+        "speed": np.abs(closing),
+        "lane_offset": np.abs(scenario.lane_map.nearest(x, y, yaw).d),
+    }
+
+
+def _numbers(events: Sequence[Mapping[str, object]], name: str) -> FloatArray:
+    """Returns the measure `name` of those of `events` that have it."""
+    return np.array([value for each in events if isinstance(value := each.get(name), float)], np.float64)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A quantity of a change that a search varies.
+
+    Attributes:
+        name: `kind.field`.
+        unit: its unit.
+        low, high: bounds; of a signed parameter, for its size.
+        habit: by which its distance is measured.
+        signed: whether it may go either way from 0.
+        about: what it is.
+        step: its values are multiples of this.
+        declared: whether its distance is not measured but declared, as no recording shows what is usual. It varies only
+            if it is named.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    habit: str
+    signed: bool
+    about: str
+    step: float = 0.001
+    declared: bool = False
+
+
+DECLARED = {
+    "signals_s": Habit(unit="s", moments=0, values=[float(z) for z in 2.0 * DISTANCES]),
+    "delay_s": Habit(unit="s", moments=0, values=[float(z) for z in 0.1 * DISTANCES]),
+}
+"""Habits that no recording shows: 2 s a standard deviation for signals, 0.1 s for latency."""
+PARAMETERS = (
+    Parameter("brake.deceleration", "m/s²", 0.1, 6.0, "deceleration", signed=False, about="how hard an agent brakes"),
+    Parameter("brake.duration_s", "s", 0.3, 6.0, "braking_s", signed=False, about="how long"),
+    Parameter(
+        "cut_in.duration_s", "s", 1.0, 8.0, "lane_change_s", signed=False, about="how long an agent takes to cut in"
+    ),
+    Parameter("cut_in.headway_s", "s", 0.0, 5.0, "headway_left_s", signed=False, about="headway left; by who and when"),
+    Parameter("pace.factor", "", 0.0, 0.7, "pace", signed=True, about="how much faster or slower an agent drives"),
+    Parameter("enter.later_s", "s", 0.0, 4.0, "entry_s", signed=True, about="how much later an agent enters", step=0.1),
+    Parameter("start.faster", "m/s", 0.0, 6.0, "speed", signed=True, about="how much faster the ego starts"),
+    Parameter("start.left", "m", 0.0, 1.2, "lane_offset", signed=True, about="how far beside its place it starts"),
+    Parameter(
+        "signals.later_s",
+        "s",
+        0.0,
+        10.0,
+        "signals_s",
+        signed=True,
+        about="how much later signals change",
+        declared=True,
+    ),
+    Parameter(
+        "delay.later_s",
+        "s",
+        0.0,
+        1.0,
+        "delay_s",
+        signed=False,
+        about="latency added to the ego",
+        step=0.1,
+        declared=True,
+    ),
+)
+"""All parameters of a search. Who acts and when has no distance: every agent and moment is as usual as another."""

@@ -1,0 +1,350 @@
+"""A search: runs of changed scenarios as a campaign, and the margins that they give."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass, field, replace
+from importlib.util import find_spec
+from math import copysign
+from pathlib import Path
+from typing import Any
+
+from scipy.stats import binomtest
+
+from litsim_eval.campaign.case import Case, cases_of
+from litsim_eval.campaign.folder import CampaignFolder
+from litsim_eval.campaign.part import write_suite
+from litsim_eval.campaign.reasons import at_fault, avoidable
+from litsim_eval.campaign.results import RunResult, read_results, rerun_command
+from litsim_eval.campaign.suite import CaseEntry, Suite
+from litsim_eval.report.margins import write_margins_page
+from litsim_eval.runs.campaign import LocalRuns, conclude
+from litsim_eval.search.explore import Asked, Exploration, Tried, explore
+from litsim_eval.search.judging import Outcome, closeness, missed_by, outcome_of
+from litsim_eval.search.margins import (
+    FAILURES_FILE,
+    PAGE_FILE,
+    TABLE_FILE,
+    CriticalChange,
+    Margin,
+    Margins,
+    write_tried,
+)
+from litsim_eval.search.people import People
+from litsim_eval.search.space import DISTANCE_MAX, Space
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import make_folder, replacing
+from litsim_sim.scenario.scenario import Scenario
+
+SEARCH_FILE, SCENARIOS, RUNS, REPEATED = "search.json", "scenarios", "tried", "repeated"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a search does.
+
+    Attributes:
+        runs: budget of each scenario.
+        sampler, seed: of the optimiser.
+        only: kinds of change, or parameters, that may vary; none for all.
+        minutes: time after which no further run begins; None for no limit.
+        processes, time_limit_s: as in a campaign.
+        graph: whether LitSim's own egos are run over DDS, too.
+    """
+
+    runs: int
+    sampler: str
+    seed: int
+    only: tuple[str, ...]
+    minutes: float | None
+    processes: int
+    time_limit_s: float
+    graph: bool
+
+    @property
+    def deciding(self) -> dict[str, Any]:
+        """Those by which a search is another one, as they decide what it proposes."""
+        return {"sampler": self.sampler, "seed": self.seed, "only": list(self.only)}
+
+
+@dataclass
+class _One:
+    """The search in one case of the suite: what it has explored, and its results by number."""
+
+    case: Case
+    exploration: Exploration
+    results: dict[int, RunResult] = field(default_factory=dict)
+    cases: dict[int, Case] = field(default_factory=dict)
+    entries: dict[int, CaseEntry] = field(default_factory=dict)
+
+    @property
+    def stem(self) -> str:
+        """Beginning of the names of its scenarios."""
+        seed = "" if self.case.seed is None else f"_s{self.case.seed}"
+        return f"{Path(self.case.scenario).stem}_{self.case.ego_id}{seed}"
+
+
+class Search:
+    """A search in the scenarios of a suite with one ego and one policy."""
+
+    def __init__(
+        self,
+        suite: Suite,
+        cases: Sequence[Case],
+        versions: Mapping[str, str],
+        people: People,
+        settings: Settings,
+        out: Path,
+    ) -> None:
+        """Makes the space of every case; nothing is run or written yet.
+
+        Raises:
+            InputError: Optuna is not installed, a scenario cannot be used, or there are several variants.
+        """
+        if find_spec("optuna") is None:
+            raise InputError(
+                "Optuna is not installed: "
+                ".venv/bin/pip install -r requirements/search.txt -c requirements/constraints.txt"
+            )
+        variants = list(dict.fromkeys(case.variant for case in cases))
+        if len(variants) != 1:
+            raise InputError(
+                f"{len(variants)} variants: {'; '.join(variants)}; expected one: name it by --ego and --policy"
+            )
+        self._suite, self._versions, self._people, self._settings, self._out = suite, versions, people, settings, out
+        self._folder = CampaignFolder(out / RUNS)
+        self._begin = time.monotonic()
+        self.all = [_One(case, Exploration(self._space(case))) for case in cases]
+
+    def run(self, progress: Callable[[int], object] = lambda _: None) -> Margins:
+        """Makes all runs, or those that are missing, writes everything, and returns the margins.
+
+        Args:
+            progress: told the number of runs that have ended.
+
+        Raises:
+            InputError: the folder holds another search, or cannot be used.
+        """
+        make_folder(self._out)
+        with self._folder.alone():
+            self._check_folder()
+            self._explore(progress)
+            return self._conclude()
+
+    def _space(self, case: Case) -> Space:
+        scenario = Scenario.load(case.scenario).around(case.ego_id, case.seed, case.end_after_contact_s)
+        return Space.of(scenario, self._people, self._settings.only)
+
+    def _check_folder(self) -> None:
+        """Notes in the folder what is searched; refuses that of another search."""
+        path = self._out / SEARCH_FILE
+        note = {"cases": [one.case.key for one in self.all], "people": self._people.source, **self._settings.deciding}
+        if path.is_file() and json.loads(path.read_text(encoding="utf-8")) != note:
+            raise InputError(f"{self._out}: holds another search; expected another --out, or --overwrite")
+        with replacing(path) as new:
+            new.write_text(json.dumps(note, indent=1) + "\n", encoding="utf-8")
+
+    def _explore(self, progress: Callable[[int], object]) -> None:
+        settings = self._settings
+        deadline = None if settings.minutes is None else self._begin + 60.0 * settings.minutes
+        running = {
+            k: explore(
+                one.exploration,
+                settings.runs,
+                settings.sampler,
+                settings.seed,
+                lambda: deadline is not None and time.monotonic() > deadline,
+            )
+            for k, one in enumerate(self.all)
+        }
+        asked = {k: next(searching) for k, searching in running.items()}
+        while asked:
+            outcomes = self._evaluate(asked, progress)
+            asked = {}
+            for k, tried in outcomes.items():
+                try:
+                    asked[k] = running[k].send(tried)
+                except StopIteration:
+                    del running[k]
+
+    def _evaluate(self, asked: Mapping[int, Asked], progress: Callable[[int], object]) -> dict[int, list[Tried]]:
+        """Returns what became of proposals, by number of the case; those that were run before are not run again."""
+        refused: dict[tuple[int, int], str] = {}
+        for k, proposals in asked.items():
+            one, first = self.all[k], len(self.all[k].exploration.tried)
+            for number, (_, proposal) in enumerate(proposals, first):
+                name = f"{one.stem}_{number:04d}"
+                path = self._out / SCENARIOS / f"{name}.yaml"
+                make_folder(path.parent)
+                with replacing(path) as new:
+                    new.write_text(one.exploration.space.scenario_file(proposal, name), encoding="utf-8")
+                events = [change.model_dump(mode="json") for change in one.exploration.space.changes(proposal)]
+                entry = CaseEntry(
+                    scenario=str(path.resolve()),
+                    ego_id=one.case.ego_id,
+                    seed=one.case.seed,
+                    tags=list(dict.fromkeys(event["kind"] for event in events)),
+                    events=events,
+                )
+                suite = self._suite.model_copy(update={"cases": [entry], "seeds": []})
+                try:
+                    cases = cases_of(suite, graph=self._settings.graph, with_versions=self._versions)
+                    case = next(each for each in cases if each.variant == one.case.variant)
+                except InputError as error:  # such as an agent that would enter before the recording begins
+                    refused[k, number] = str(error)
+                    continue
+                one.cases[number], one.entries[number] = case, entry
+        wanted = {case.id: case for k in asked for case in self.all[k].cases.values()}
+        known = {result.case.id: result for one in self.all for result in one.results.values()}
+        missing = [case for case in wanted.values() if case.id not in known]
+        done = {result.case.id: result for result in read_results(self._folder.path, missing, self._suite.criteria)}
+        progress(len(done) + len(refused))
+        runs = LocalRuns(self._folder, self._suite.criteria, self._settings.processes, self._settings.time_limit_s)
+        with closing(runs.run([case for case in missing if case.id not in done])) as running:
+            for result in running:
+                done[result.case.id] = result
+                progress(1)
+        return {k: self._tried(self.all[k], proposals, done | known, refused, k) for k, proposals in asked.items()}
+
+    @staticmethod
+    def _tried(
+        one: _One,
+        proposals: Asked,
+        results: Mapping[str, RunResult],
+        refused: Mapping[tuple[int, int], str],
+        k: int,
+    ) -> list[Tried]:
+        """Returns what became of the proposals of one case, by the results of their cases."""
+        tried = []
+        for number, (how, proposal) in enumerate(proposals, len(one.exploration.tried)):
+            distance = one.exploration.space.distance(proposal)
+            base = Tried(number, how, proposal, round(distance, 4), Outcome.ERROR, "", refused.get((k, number), ""))
+            if number in one.cases:
+                result = one.results[number] = results[one.cases[number].id]
+                outcome = outcome_of(result, proposal)
+                base = replace(
+                    base,
+                    outcome=outcome,
+                    case=result.case.id,
+                    reason=result.reason,
+                    group=missed_by(result) if outcome == Outcome.FAILED else "",
+                    near=closeness(result.metrics),
+                    digest=(result.metrics or {}).get("digest") or "",
+                )
+            tried.append(base)
+        return tried
+
+    def _conclude(self) -> Margins:
+        """Repeats the failures, and writes what the search leaves."""
+        repeated = self._repeat()
+        everything = [(one, number) for one in self.all for number in one.cases]
+        suite = self._suite.model_copy(
+            update={"cases": [one.entries[number] for one, number in everything], "seeds": []}
+        )
+        cases = [one.cases[number] for one, number in everything]
+        self._folder.begin(suite, cases, self._versions)
+        conclude(self._folder)
+        margins = Margins(
+            ego=self.all[0].case.ego.name,
+            policy=self.all[0].case.policy,
+            bound=DISTANCE_MAX,
+            people=self._people.source,
+            settings=asdict(self._settings),
+            versions=self._versions,
+            wall_s=round(time.monotonic() - self._begin, 1),
+            scenarios=[self._margin(one, repeated) for one in self.all],
+        )
+        write_tried(
+            [self._row(one, each) for one in self.all for each in one.exploration.tried], self._out / TABLE_FILE
+        )
+        shown = [(one, each) for one in self.all for each in one.exploration.failures if each.number]
+        if shown:
+            failed = [
+                one.entries[each.number].model_copy(
+                    update={"events": [{"kind": "margin", "distance": each.distance}, *one.entries[each.number].events]}
+                )
+                for one, each in shown
+            ]
+            write_suite(self._suite.model_copy(update={"cases": failed, "seeds": []}), self._out / FAILURES_FILE)
+        else:
+            (self._out / FAILURES_FILE).unlink(missing_ok=True)
+        write_margins_page(
+            asdict(margins),
+            [[self._drawn(one, each) for each in one.exploration.tried] for one in self.all],
+            self._out / PAGE_FILE,
+        )
+        margins.write(self._out)
+        return margins
+
+    def _repeat(self) -> dict[str, RunResult]:
+        """Runs the failures that are shown once more; returns the results by id of the case."""
+        folder = CampaignFolder(self._out / REPEATED)
+        cases = [one.cases[each.number] for one in self.all for each in one.exploration.failures]
+        runs = LocalRuns(folder, self._suite.criteria, self._settings.processes, self._settings.time_limit_s)
+        with closing(runs.run(cases)) as running:
+            results = {result.case.id: result for result in running}
+        shutil.rmtree(folder.path, ignore_errors=True)
+        return results
+
+    def _margin(self, one: _One, repeated: Mapping[str, RunResult]) -> Margin:
+        tried, failures = one.exploration.tried, one.exploration.failures
+        count = {outcome: sum(each.outcome == outcome for each in tried) for outcome in Outcome}
+        drawn = [each for each in tried if each.how == "drawn" and each.outcome != Outcome.ERROR]
+        bad = sum(each.outcome == Outcome.FAILED for each in drawn)
+        bounds = binomtest(bad, len(drawn)).proportion_ci(0.95, "exact") if drawn else None
+        by_act: dict[str, float] = {}
+        for each in failures:
+            by_act.setdefault(each.proposal.act, each.distance)
+        return Margin(
+            name=one.case.name,
+            margin=failures[0].distance if failures else None,
+            recorded="" if tried[0].outcome == Outcome.PASSED else f"{tried[0].outcome}: {tried[0].reason}",
+            runs=len(tried),
+            failed=count[Outcome.FAILED],
+            forced=count[Outcome.FORCED],
+            errors=count[Outcome.ERROR],
+            drawn=len(drawn),
+            drawn_failed=bad,
+            rate=None if bounds is None else (round(float(bounds.low), 4), round(float(bounds.high), 4)),
+            by_act=by_act,
+            failures=[self._critical(one, each, repeated[each.case]) for each in failures],
+        )
+
+    def _critical(self, one: _One, tried: Tried, again: RunResult) -> CriticalChange:
+        space, metrics = one.exploration.space, one.results[tried.number].metrics or {}
+        contact = next(iter(at_fault(metrics)), None) or next(iter(avoidable(metrics)), None)
+        careful = {each["agent"] for each in avoidable(metrics)}
+        digest = (again.metrics or {}).get("digest") or ""
+        return CriticalChange(
+            name=f"{one.stem}_{tried.number:04d}",
+            act=tried.proposal.act,
+            distance=tried.distance,
+            distances={name: round(z, 3) for name, z in space.distances(tried.proposal).items()},
+            changes=[change.text for change in space.changes(tried.proposal)] or ["as recorded"],
+            reason=tried.reason,
+            holds=outcome_of(again, tried.proposal) == Outcome.FAILED and missed_by(again) == tried.group,
+            same_digest=digest == tried.digest if tried.digest and digest else None,
+            careful_driver=None if contact is None else contact["agent"] in careful,
+            digest=tried.digest,
+            rerun=rerun_command(self._folder.path, one.cases[tried.number]),
+        )
+
+    @classmethod
+    def _drawn(cls, one: _One, tried: Tried) -> dict[str, Any]:
+        """Returns a run as the page draws it: its row, and its distances with their signs."""
+        z, far = tried.proposal.z, one.exploration.space.distances(tried.proposal)
+        return cls._row(one, tried) | {"distances": {name: copysign(d, z.get(name, 1.0)) for name, d in far.items()}}
+
+    @staticmethod
+    def _row(one: _One, tried: Tried) -> dict[str, Any]:
+        """Returns a run as a row of the table: what it was, its changes in their units, and their distances."""
+        space, proposal = one.exploration.space, tried.proposal
+        row = {"case": one.case.name, "scenario": f"{one.stem}_{tried.number:04d}", "number": tried.number}
+        row |= {"how": tried.how, "outcome": tried.outcome.value, "distance": tried.distance, "reason": tried.reason}
+        row |= {"act": proposal.act, "agent": proposal.agent, "begin_s": proposal.begin_s, "digest": tried.digest}
+        row |= space.values(proposal)
+        return row | {f"distance.{name}": round(z, 4) for name, z in space.distances(proposal).items()}

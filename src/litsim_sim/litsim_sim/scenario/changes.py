@@ -1,0 +1,252 @@
+"""Changes of a scenario: what one wants to know of that was not recorded, such as an agent that brakes.
+
+An agent that brakes, cuts in, drives at another pace or enters at another time is an *actor*: the world drives it off
+its log for a time (:mod:`litsim_sim.world.actors`), while all others react as they always do. After that it is the
+policy's, which brings it back to its log; in pure replay it returns by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+
+from litsim_sim.core.scene import STEP_S, FloatArray, IntArray
+from litsim_sim.scenario.recording import BOUNDS, Recording
+
+ENTRY_S = 5.0
+"""Time after its entry for which an agent that enters at another time is driven, as an actor, along its shifted log
+[s]."""
+
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
+_Time = Annotated[float, Field(ge=0.0, le=86_400.0, allow_inf_nan=False)]
+_Duration = Annotated[float, Field(ge=STEP_S, le=3600.0, allow_inf_nan=False)]
+
+
+class _Change(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class Brake(_Change):
+    """An agent brakes on its logged path.
+
+    Attributes:
+        agent: its id.
+        begin_s, duration_s: when, from step 0 on, and for how long [s].
+        deceleration: how hard [m/s2].
+    """
+
+    kind: Literal["brake"]
+    agent: int
+    begin_s: _Time
+    duration_s: _Duration
+    deceleration: Annotated[_Finite, Field(gt=0.0, le=8.0)]
+
+    @property
+    def text(self) -> str:
+        """The change as a sentence."""
+        how = f"{self.deceleration:.2f} m/s² for {self.duration_s:.1f} s"
+        return f"{self.agent} brakes at {how} from {self.begin_s:.1f} s on"
+
+
+class CutIn(_Change):
+    """An agent changes to the lane beside it on the ego's side, at the speed of its log.
+
+    Attributes:
+        agent: its id.
+        begin_s: when it begins, from step 0 on [s].
+        duration_s: of the lane change; the agent stays in the lane for as long again [s].
+    """
+
+    kind: Literal["cut_in"]
+    agent: int
+    begin_s: _Time
+    duration_s: _Duration
+
+    @property
+    def text(self) -> str:
+        """The change as a sentence."""
+        return f"{self.agent} cuts in within {self.duration_s:.1f} s from {self.begin_s:.1f} s on"
+
+
+class Pace(_Change):
+    """An agent drives on its logged path at a multiple of the speed that it had there.
+
+    Attributes:
+        agent: its id.
+        begin_s, duration_s: when, from step 0 on, and for how long [s].
+        factor: of the logged speed.
+    """
+
+    kind: Literal["pace"]
+    agent: int
+    begin_s: _Time
+    duration_s: _Duration
+    factor: Annotated[_Finite, Field(ge=0.0, le=3.0)]
+
+    @property
+    def text(self) -> str:
+        """The change as a sentence."""
+        how = f"{self.factor:.2f} times its recorded speed"
+        return f"{self.agent} drives at {how} for {self.duration_s:.1f} s from {self.begin_s:.1f} s on"
+
+
+class Enter(_Change):
+    """An agent enters at another time.
+
+    Attributes:
+        agent: its id.
+        later_s: how much later it enters; earlier if negative [s].
+    """
+
+    kind: Literal["enter"]
+    agent: int
+    later_s: Annotated[_Finite, Field(ge=-60.0, le=60.0)]
+
+    @property
+    def text(self) -> str:
+        """The change as a sentence."""
+        return f"{self.agent} enters {abs(self.later_s):.1f} s {'later' if self.later_s >= 0 else 'earlier'}"
+
+
+class Start(_Change):
+    """The ego begins at another speed, or beside its recorded place; the recorded past leads there smoothly.
+
+    Attributes:
+        agent: id of the ego.
+        faster: change of its speed at the end of the history; slower if negative [m/s].
+        left: distance to the left of its recorded place; to the right if negative [m].
+    """
+
+    kind: Literal["start"]
+    agent: int
+    faster: Annotated[_Finite, Field(ge=-20.0, le=20.0)] = 0.0
+    left: Annotated[_Finite, Field(ge=-5.0, le=5.0)] = 0.0
+
+    @property
+    def text(self) -> str:
+        """The change as a sentence."""
+        speed = f"{abs(self.faster):.2f} m/s {'faster' if self.faster > 0 else 'slower'}" if self.faster else ""
+        side = f"{abs(self.left):.2f} m further {'left' if self.left > 0 else 'right'}" if self.left else ""
+        return f"the ego starts {', '.join(filter(None, (speed, side))) or 'as recorded'}"
+
+
+class SignalsLater(_Change):
+    """All signals change at another time.
+
+    Attributes:
+        later_s: how much later; earlier if negative [s].
+    """
+
+    kind: Literal["signals"]
+    later_s: Annotated[_Finite, Field(ge=-600.0, le=600.0)]
+
+    @property
+    def text(self) -> str:
+        """The change as a sentence."""
+        return f"signals change {abs(self.later_s):.1f} s {'later' if self.later_s >= 0 else 'earlier'}"
+
+
+class Delay(_Change):
+    """The ego's commands take effect later, as with more latency anywhere between its sensors and its actuators.
+
+    Attributes:
+        later_s: how much, whole steps [s].
+    """
+
+    kind: Literal["delay"]
+    later_s: Annotated[_Finite, Field(ge=0.0, le=10.0, multiple_of=STEP_S)]
+
+    @property
+    def text(self) -> str:
+        """The change as a sentence."""
+        return f"the ego's commands take effect {self.later_s:.1f} s later"
+
+
+Change = Annotated[Brake | CutIn | Pace | Enter | Start | SignalsLater | Delay, Field(discriminator="kind")]
+Act = Brake | CutIn | Pace | Enter
+"""Changes by which an agent is an actor."""
+
+
+def changes_of(values: Sequence[Mapping[str, Any]]) -> list[Change]:
+    """Returns the changes in the field `changes` of a scenario; raises pydantic.ValidationError for others."""
+    return TypeAdapter(list[Change]).validate_python(values)
+
+
+def changed_recording(
+    recording: Recording, changes: Sequence[Change], start_frame: int, history_steps: int
+) -> Recording:
+    """Returns a recording in which the ego starts, and agents enter, as `changes` say; `recording` itself without any.
+
+    Args:
+        recording: sorted by frame and vehicle.
+        changes: of a scenario.
+        start_frame: frame of step 0.
+        history_steps: step from which on the ego is free.
+    """
+    columns = dict(recording.columns)
+    columns["frame"] = shifted_frames(recording, changes)
+    for change in changes:
+        if isinstance(change, Start):
+            mine = (columns["vehicle_id"] == change.agent).nonzero()[0]
+            step = columns["frame"][mine] - start_frame
+            columns |= _started(columns, mine, step, history_steps, change)
+    if all(columns[name] is recording.columns[name] for name in columns):
+        return recording
+    order = np.lexsort((columns["vehicle_id"], columns["frame"]))
+    return Recording(recording.header, {name: values[order] for name, values in columns.items()})
+
+
+def shifted_frames(recording: Recording, changes: Iterable[Change]) -> IntArray:
+    """Returns the frames (n,) of the rows of a recording once agents enter when `changes` say."""
+    frames, ids = recording.columns["frame"], recording.columns["vehicle_id"]
+    for change in changes:
+        if isinstance(change, Enter):
+            frames = np.where(ids == change.agent, frames + round(change.later_s / STEP_S), frames)
+    return frames
+
+
+def _started(
+    columns: dict[str, np.ndarray], rows: np.ndarray, step: np.ndarray, history_steps: int, change: Start
+) -> dict[str, np.ndarray]:
+    """Returns the columns of the pose and motion of the ego, whose rows (k,) are of the steps `step` (k,).
+
+    Both changes grow over the history as 10 u^3 - 15 u^4 + 6 u^5, whose first two derivatives vanish at both ends. The
+    ego is ahead of its log by the integral of the change of its speed, which stays from the end of the history on.
+    """
+    u = np.clip(step / history_steps, 0.0, 1.0)
+    grown, ahead = u**3 * (10 - 15 * u + 6 * u**2), u**4 * (2.5 - 3 * u + u**2)  # the latter is the integral
+    slope = 30 * u**2 * (1 - u) ** 2 / (history_steps * STEP_S)
+    forth, left = change.faster * ahead * history_steps * STEP_S, change.left * grown
+    yaw, speed = columns["yaw"][rows], columns["speed"][rows]
+    faster = np.where(step <= history_steps, change.faster * grown, 0.0)  # its log itself goes on as it was
+    new_speed = np.clip(speed + faster, *BOUNDS["speed"])
+    moved = {
+        "x": columns["x"][rows] + forth * np.cos(yaw) - left * np.sin(yaw),
+        "y": columns["y"][rows] + forth * np.sin(yaw) + left * np.cos(yaw),
+        "yaw": yaw + np.arctan2(change.left * slope, np.maximum(new_speed, 1.0)),
+        "speed": new_speed,
+        "acceleration": np.clip(columns["acceleration"][rows] + change.faster * slope, *BOUNDS["acceleration"]),
+    }
+    changed = {name: columns[name].copy() for name in moved}
+    for name, values in moved.items():
+        changed[name][rows] = values
+    return changed
+
+
+def acts(changes: Sequence[Change]) -> tuple[Act, ...]:
+    """Returns those of `changes` by which agents are actors."""
+    return tuple(change for change in changes if isinstance(change, Act))
+
+
+def polyline_at(points: FloatArray, s: float) -> FloatArray:
+    """Returns the point (2,) at arc length `s` [m] of a polyline (m, 2), prolonged straight beyond its end."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    if s <= along[-1]:
+        return np.array([np.interp(s, along, points[:, 0]), np.interp(s, along, points[:, 1])])
+    moving = (along < along[-1] - 1.0).nonzero()[0]
+    direction = points[-1] - points[moving[-1] if len(moving) else 0]
+    length = np.hypot(*direction)
+    return points[-1] + (s - along[-1]) * (direction / length if length > 0.0 else direction)

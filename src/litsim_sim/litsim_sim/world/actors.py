@@ -1,0 +1,116 @@
+"""Actors: agents that do what the changes of a scenario say, for a time, in place of what the policy wants."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from litsim_sim.core.geometry import to_body
+from litsim_sim.core.scene import STEP_S, AgentTable, ControlTable, FloatArray
+from litsim_sim.scenario.changes import ENTRY_S, Act, Brake, CutIn, Enter, Pace, polyline_at
+from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.setting import Setting
+
+REACH_S, REACH_MIN = 1.0, 4.0  # [s], [m] to the pursued point of a path
+SPEED_GAIN = 1.0  # [1/s] acceleration per difference to the wanted speed
+ACCELERATION_MAX, DECELERATION_MAX = 2.0, 4.0  # [m/s2] of an actor that does not brake by its change
+CHANGE_LENGTH = 300.0  # [m] length of the path of a lane change
+
+
+class Actors:
+    """The actors of a run, or of several that are stepped together; :meth:`overrule` is called once a step."""
+
+    def __init__(self, scenario: Setting) -> None:
+        self._scenario = scenario
+        self._actors = [_Actor(scenario, agent, act) for agent, act in scenario.actors]
+
+    def overrule(self, table: AgentTable, controls: ControlTable) -> ControlTable:
+        """Returns `controls` with those of the agents that act at the step of `table` replaced, or added."""
+        if not self._actors or table.step < self._scenario.history_steps:
+            return controls
+        commands: dict[int, tuple[float, float]] = {}
+        for actor in self._actors:
+            row = table.row(actor.agent) if actor.acts_at(table.step) else -1
+            if row >= 0 and not table.of_ego[row]:
+                command = actor.command(table, row)
+                if command is not None:
+                    commands[row] = command
+        if not commands:
+            return controls
+        rows = np.array(sorted(commands))
+        acceleration, yaw_rate = np.array([commands[row] for row in rows.tolist()]).T
+        acting = ControlTable.of_policy(table, rows, acceleration, yaw_rate)
+        stays = ~np.isin(controls.id, acting.id)
+        names = ("id", "acceleration", "lateral_acceleration", "yaw_rate", "source")
+        columns = [np.concatenate([getattr(controls, name)[stays], getattr(acting, name)]) for name in names]
+        order = columns[0].argsort(kind="stable")
+        return ControlTable(table.step, *(values[order] for values in columns))
+
+
+class _Actor:
+    """One agent and what it does."""
+
+    def __init__(self, scenario: Setting, agent: int, act: Act) -> None:
+        log: Log = scenario.log
+        self.agent, self._act, self._scenario = agent, act, scenario
+        self._row = row = log.row(agent)
+        begin, duration = int(log.first_step[row]) + 1, ENTRY_S
+        if not isinstance(act, Enter):
+            begin = round(act.begin_s / STEP_S)
+            duration = act.duration_s * (2.0 if isinstance(act, CutIn) else 1.0)
+        self._begin, self._end = begin, begin + round(duration / STEP_S)
+        valid = log.valid[row]
+        self._logged = np.column_stack([log.x[row, valid], log.y[row, valid]])
+        self._logged_speed = log.speed[row, valid]
+        self._path: FloatArray | None = None if isinstance(act, CutIn) else self._logged
+
+    def acts_at(self, step: int) -> bool:
+        """Returns whether it acts at `step`."""
+        return self._begin <= step < self._end
+
+    def command(self, table: AgentTable, row: int) -> tuple[float, float] | None:
+        """Returns acceleration [m/s2] and yaw rate [rad/s] of the agent in `row`; None where it cannot act."""
+        x, y, yaw, speed = (float(getattr(table, name)[row]) for name in ("x", "y", "yaw", "speed"))
+        if self._path is None and table.step == self._begin:
+            self._path = self._lane_change(table, row)
+        if self._path is None:
+            return None
+        nearest = int(np.hypot(self._path[:, 0] - x, self._path[:, 1] - y).argmin())
+        target = polyline_at(self._path[nearest:], max(REACH_MIN, REACH_S * speed))
+        away = math.hypot(target[0] - x, target[1] - y)
+        yaw_rate = 2.0 * speed * math.sin(math.atan2(target[1] - y, target[0] - x) - yaw) / max(away, 1.0)
+        if isinstance(self._act, Brake):
+            return -self._act.deceleration, yaw_rate
+        if isinstance(self._act, CutIn):  # by the time: it keeps up with the lane that it comes from
+            at = min(max(table.step - int(self._scenario.log.first_step[self._row]), 0), len(self._logged_speed) - 1)
+            wanted = float(self._logged_speed[at])
+        else:
+            wanted = float(self._logged_speed[nearest]) * (self._act.factor if isinstance(self._act, Pace) else 1.0)
+        return min(max(SPEED_GAIN * (wanted - speed), -DECELERATION_MAX), ACCELERATION_MAX), yaw_rate
+
+    def _lane_change(self, table: AgentTable, row: int) -> FloatArray | None:
+        """Returns the path (m, 2) onto the lane beside that of the agent in `row`, on the ego's side; None without."""
+        assert isinstance(self._act, CutIn)
+        lane_map = self._scenario.lane_map
+        pose = table.x[row], table.y[row], table.yaw[row]
+        egos = (table.of_ego & (table.scene == table.scene[row])).nonzero()[0]
+        if not len(egos):
+            return None
+        at = lane_map.nearest(*(np.array([value]) for value in pose))
+        here, heading = lane_map.lanes[int(at.lane[0])], float(at.heading[0])
+        _, left = to_body(table.x[egos] - pose[0], table.y[egos] - pose[1], np.array(heading))
+        name = here.left if left[0] > 0.0 else here.right
+        if name is None:
+            return None
+        beside = lane_map.lanes[lane_map.row(name)]
+        offset = 0.5 * (here.width + beside.width) * (1.0 if left[0] > 0.0 else -1.0)
+        centre = lane_map.path_from(lane_map.row(name), float(at.s[0]) * beside.length / here.length, CHANGE_LENGTH)
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(centre, axis=0).T))])
+        marks = np.arange(0.0, along[-1], 1.0)
+        points = np.column_stack([np.interp(marks, along, centre[:, axis]) for axis in (0, 1)])
+        direction = np.gradient(points, axis=0)
+        normal = np.column_stack([-direction[:, 1], direction[:, 0]]) / np.hypot(*direction.T)[:, None]
+        u = np.clip(marks / (self._act.duration_s * max(float(table.speed[row]), 3.0)), 0.0, 1.0)
+        still = (float(at.d[0]) - offset) * (1.0 - u**3 * (10 - 15 * u + 6 * u**2))  # [m] left of the new lane's centre
+        return np.asarray(points + still[:, None] * normal, np.float64)

@@ -1,0 +1,72 @@
+"""Which failures count: fault, what a careful driver avoids, and what the background forces."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from campaigns import cases
+from litsim_eval.campaign.criteria import Criteria
+from litsim_eval.campaign.results import RunResult
+from litsim_eval.search.judging import Outcome, closeness, missed_by, outcome_of
+from litsim_eval.search.space import Proposal
+
+OTHER = 7
+CUT_IN, BRAKE = Proposal("cut_in", OTHER, 4.0), Proposal("brake", OTHER, 4.0)
+
+
+def result(*, fault: bool, avoided: bool, contact: bool = True, off_road: float = 0.0) -> RunResult:
+    verdict = {
+        "agent": OTHER,
+        "step": 50,
+        "ego_at_fault": fault,
+        "in_log": False,
+        "verdict": "front",
+        "delta_v_mps": 2.0,
+    }
+    careful = {"agent": OTHER, "step": 50, "avoided": avoided}
+    metrics: dict[str, Any] = {
+        "valid": True,
+        "collision": {"ego_contacts": [verdict] if contact else [], "ego_at_fault": int(fault and contact)},
+        "safety": {
+            "careful_driver": [careful] if contact else [],
+            "avoidable_contacts": int(avoided and contact),
+            "min_own_ttc_s": 1.5,
+            "min_ttc_s": 1.0,
+            "min_headway_s": None,
+        },
+        "ego_motion": {"off_road": off_road},
+    }
+    return RunResult.judged(cases()[0], metrics, Criteria.load("safety"))
+
+
+@pytest.mark.parametrize(
+    ("fault", "avoided", "proposal", "outcome"),
+    [
+        (True, True, BRAKE, Outcome.FAILED),
+        (True, False, BRAKE, Outcome.FAILED),
+        (False, True, BRAKE, Outcome.FAILED),
+        (True, True, CUT_IN, Outcome.FAILED),
+        (True, False, CUT_IN, Outcome.FORCED),
+        (False, False, BRAKE, Outcome.PASSED),
+    ],
+)
+def test_contacts(fault: bool, avoided: bool, proposal: Proposal, outcome: Outcome) -> None:
+    assert outcome_of(result(fault=fault, avoided=avoided), proposal) == outcome
+
+
+def test_what_follows_a_forced_contact_is_forced() -> None:
+    assert outcome_of(result(fault=False, avoided=False, off_road=0.1), BRAKE) == Outcome.FORCED
+    assert outcome_of(result(fault=False, avoided=False, off_road=0.1, contact=False), BRAKE) == Outcome.FAILED
+
+
+def test_groups_and_errors() -> None:
+    assert missed_by(result(fault=True, avoided=True)) == "no contact at fault, front"
+    assert missed_by(result(fault=False, avoided=False, contact=False, off_road=0.1)) == "on the road"
+    assert outcome_of(RunResult.error(cases()[0], "it crashed"), BRAKE) == Outcome.ERROR
+
+
+def test_closeness_is_by_the_shortest_time_to_collision() -> None:
+    assert closeness(result(fault=False, avoided=False).metrics) == pytest.approx(2 / 3)
+    assert closeness(None) == 0.0

@@ -1,0 +1,173 @@
+"""`search` from end to end, in process: margins, files that it leaves, resumption, and the comparison of two."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+import yaml
+from junitparser import JUnitXml
+
+from litsim_eval.cli import compare, evaluate, search
+from litsim_eval.search.margins import Margins, compare_margins
+from litsim_sim.core.errors import InputError
+
+pytest.importorskip("optuna", reason="Optuna is not installed (requirements/search.txt)")
+
+EGO, LEADER, BESIDE = 1, 2, 3
+RUNS = 25
+
+
+@pytest.fixture(scope="module")
+def suite(make_scenario, track, lane_centres, tmp_path_factory) -> Path:
+    """A suite in which the ego never brakes, so that it fails once its leader does."""
+    tracks = (
+        track(EGO, x=100.0, last=100),
+        track(LEADER, x=125.0, last=100),
+        track(BESIDE, x=112.0, y=lane_centres[2], last=100),
+    )
+    scenario = make_scenario(*tracks)
+    ego = {"name": "blind", "kind": "perturbed", "parameters": {"ego.kind": "keep_speed", "ego.time": [0.0, 0.0]}}
+    values: dict[str, Any] = {
+        "name": "one",
+        "cases": [{"scenario": str(scenario.file.recording).replace(".parquet", ".yaml"), "ego_id": "ego"}],
+        "egos": [ego],
+        "policies": ["replay"],
+    }
+    path = tmp_path_factory.mktemp("suite") / "suite.yaml"
+    path.write_text(yaml.safe_dump(values))
+    return path
+
+
+def called(program: Any, *words: object) -> int:
+    """Exit status of a program with these words, in this process."""
+    try:
+        return int(program.main([str(word) for word in words]) or 0)
+    except SystemExit as stop:
+        return int(stop.code or 0)
+
+
+@pytest.fixture(scope="module")
+def found(suite: Path, tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("found") / "out"
+    assert called(search, "--suite", suite, "--runs", RUNS, "--out", out, "--at-least", 0.5) in (0, 1)
+    return out
+
+
+def test_margin_of_an_ego_that_never_brakes(found: Path) -> None:
+    (margin,) = Margins.read(found).scenarios
+    assert margin.margin is not None and 0.0 < margin.margin < 4.0
+    assert margin.runs <= RUNS and margin.errors == 0 and not margin.recorded
+    nearest = margin.failures[0]
+    assert nearest.distance == margin.margin == min(margin.by_act.values())
+    assert nearest.holds and nearest.same_digest
+    assert str(LEADER) in nearest.reason and nearest.careful_driver
+    assert margin.drawn == round(0.2 * RUNS) and margin.rate is not None and margin.rate[0] <= margin.rate[1]
+
+
+def test_failures_are_a_suite_with_equal_digests(found: Path, tmp_path: Path) -> None:
+    margins = Margins.read(found).scenarios[0]
+    assert called(evaluate, "--suite", found / "failures.yaml", "--out", tmp_path / "again") == 1
+    runs = json.loads((tmp_path / "again/results.json").read_text())["runs"]
+    digests = {run["case"]["name"].split("/")[0]: run["metrics"]["digest"] for run in runs}
+    assert digests == {each.name: each.digest for each in margins.failures}
+    (first, *_) = runs
+    assert first["case"]["events"][0]["kind"] == "margin" and first["case"]["tags"]
+
+
+def test_files(found: Path) -> None:
+    margin = Margins.read(found).scenarios[0]
+    tried = pq.read_table(found / "tried.parquet").to_pandas()
+    assert len(tried) == margin.runs
+    assert (tried["outcome"] == "failed").sum() == margin.failed
+    worst = tried[tried["outcome"] == "failed"]["distance"].min()
+    assert worst == margin.margin
+    page = (found / "margins.html").read_text()
+    assert page.count("<polyline") == margin.runs and margin.failures[0].changes[0] in page
+    (test,) = next(iter(JUnitXml.fromfile(str(found / "junit.xml"))))
+    assert bool(test.result) == (margin.margin is not None and margin.margin < 0.5)
+    changed = yaml.safe_load((found / f"scenarios/{margin.failures[0].name}.yaml").read_text())
+    assert changed["changes"] and margin.failures[0].changes[0] in changed["description"]
+    assert (found / "tried/experiment.html").is_file()
+
+
+def test_the_same_command_runs_nothing_again(suite: Path, found: Path) -> None:
+    before = {path: path.stat().st_mtime_ns for path in found.glob("tried/runs/*/result.json")}
+    margins = Margins.read(found)
+    called(search, "--suite", suite, "--runs", RUNS, "--out", found)
+    assert {path: path.stat().st_mtime_ns for path in found.glob("tried/runs/*/result.json")} == before
+    assert Margins.read(found).scenarios == margins.scenarios
+
+
+def test_an_interrupted_search_goes_on_with_what_is_there(suite: Path, found: Path, tmp_path: Path) -> None:
+    margins, out = Margins.read(found).scenarios, tmp_path / "out"
+    called(search, "--suite", suite, "--runs", 12, "--out", out)
+    for path in out.glob("tried/runs/*"):
+        if int(path.name[0], 16) % 2:
+            (path / "result.json").unlink()
+    assert called(search, "--suite", suite, "--runs", RUNS, "--out", out) in (0, 1)
+    assert Margins.read(out).scenarios[0].runs == margins[0].runs
+
+
+def test_another_search_in_the_folder_is_refused(suite: Path, found: Path, capsys) -> None:
+    words = ("--suite", suite, "--runs", RUNS, "--out", found, "--search-seed", 1)
+    assert called(search, *words) == 2
+    assert "holds another search; expected another --out, or --overwrite" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--change", "swerve"], "--change swerve"),
+        (["--policy", "replay", "yield"], "2 variants: blind, replay; blind, yield; expected one"),
+        (["--case", "nowhere"], "no such case"),
+        (["--sampler", "luck"], "invalid choice"),
+    ],
+)
+def test_bad_input(suite: Path, tmp_path: Path, capsys, words: list[str], said: str) -> None:
+    assert called(search, "--suite", suite, "--out", tmp_path / "out", *words) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_optuna(suite: Path, tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr("litsim_eval.search.search.find_spec", lambda _: None)
+    assert called(search, "--suite", suite, "--out", tmp_path / "out") == 2
+    assert "Optuna is not installed: .venv/bin/pip install -r requirements/search.txt" in capsys.readouterr().err
+
+
+def test_only_named_changes_vary(suite: Path, tmp_path: Path) -> None:
+    called(search, "--suite", suite, "--runs", 10, "--change", "start", "--out", tmp_path / "out")
+    tried = pq.read_table(tmp_path / "out/tried.parquet").to_pandas()
+    assert set(tried["act"]) == {"nothing"} and "start.left" in tried
+
+
+def changed(margins: Margins, **values: float | None) -> Margins:
+    """Returns margins of several scenarios, by their names."""
+    from dataclasses import replace
+
+    one = margins.scenarios[0]
+    return replace(margins, scenarios=[replace(one, name=f"{n}/1/blind/replay", margin=m) for n, m in values.items()])
+
+
+def test_margins_of_two_versions(found: Path, tmp_path: Path, capsys) -> None:
+    margins = Margins.read(found)
+    before = changed(margins, a=2.0, b=3.0, c=None, d=2.5)
+    after = changed(margins, a=1.0, b=2.0, c=5.0, d=1.5)
+    change = compare_margins(before, after)
+    assert change.mean == pytest.approx(-1.0) and change.worse
+    assert change.interval is not None and change.interval[1] < 0.0
+    assert not compare_margins(after, before).worse
+    for name, one in (("before", before), ("after", after)):
+        (tmp_path / name).mkdir()
+        one.write(tmp_path / name)
+    assert called(compare, tmp_path / "before", tmp_path / "after") == 1
+    printed = capsys.readouterr().out
+    assert re.search(r"c/1\s+6.00\s+5.00\s+-1.00", printed) and "mean change -1.00" in printed
+    assert called(compare, tmp_path / "after", tmp_path / "before") == 0
+    with pytest.raises(InputError, match="no scenario in common"):
+        compare_margins(before, changed(margins, x=1.0))
