@@ -33,6 +33,7 @@ setup(
             "launch = litsim_sim.cli.launch:main",
             "replay = litsim_sim.cli.replay:main",
             "live = litsim_sim.cli.live:main",
+            "serve = litsim_sim.cli.serve:main",
             "compile = litsim_sim.cli.compile:main",
         ],
         # See litsim_sim.core.plugins for the groups.

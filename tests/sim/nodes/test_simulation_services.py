@@ -27,7 +27,7 @@ class Services:
         self.sent: list[tuple[Any, str]] = []
         plan: Any = SimpleNamespace(scenario=SimpleNamespace(ego_id=1, name="demo"))
         node: Any = self
-        self.run = SimulationServices(node, plan)
+        self.run = SimulationServices(node, plan, served=False)
 
     def create_service(self, kind: Any, topic: str, call: Any) -> Any:
         self.calls[kind.__name__] = (kind, topic, call)

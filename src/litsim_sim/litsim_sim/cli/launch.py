@@ -74,6 +74,7 @@ def launch(arguments: argparse.Namespace) -> int:
             answer_timeout_s=arguments.answer_timeout,
             real_time_factor=arguments.real_time_factor,
             clock=adapter is None,
+            served=arguments.served,
             record=arguments.record,
             progress="lines",
         )
@@ -210,6 +211,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--apart", action="store_true", help="one process per node; default: the stages and LitSim's own ego share one"
     )
+    p.add_argument("--served", action="store_true", help=argparse.SUPPRESS)  # of `serve`
     p.add_argument("--no-analyze", dest="analyze", action="store_false", help="record only")
     p.add_argument("--criteria", metavar="FILE", help="judge the run: criteria (YAML) as of a campaign, or default")
     p.add_argument("--quiet", action="store_true", help="print no progress and no table")

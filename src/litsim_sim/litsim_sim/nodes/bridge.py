@@ -112,7 +112,7 @@ class BridgeNode(Node):
         subscribe(self, RECORDED, lambda m: self.liveness.take_confirmation(m.run_id, m.step))
         for topic in (HELLO, RUN_INFO):
             subscribe(self, topic, lambda m: self.liveness.take_run(m.run_id))
-        self._simulation = SimulationServices.on(self, plan)
+        self._simulation = SimulationServices.on(self, plan, served=options.served)
         self._executor = executor_of(self)
 
     def run(self) -> None:

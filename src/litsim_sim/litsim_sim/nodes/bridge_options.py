@@ -65,6 +65,7 @@ class BridgeOptions:
         external_timeout_s: time limit for an external ego to answer step 0.
         clock: whether the bridge publishes /clock and /tf; false if an adapter of the ego's stack does.
         real_time_factor: simulated time per wall time: of the clock while a step waits, and in real time of the steps.
+        served: whether the run was loaded by `serve`: it then waits at step 0 until it is told to go on.
         progress: how the progress of the run is shown.
         vehicle: vehicle model of the ego.
         stage_parameters: values of the stages' parameters, by stage and name, in YAML; they enter the identity of the
@@ -86,6 +87,7 @@ class BridgeOptions:
     external_timeout_s: Positive[Duration] = 60.0
     clock: Flag = True
     real_time_factor: Positive[Number] = 1.0
+    served: Flag = False
     progress: Literal["bar", "lines", "none"] = "bar"
     vehicle: Any = field(default_factory=VehicleOptions)
     stage_parameters: str = ""

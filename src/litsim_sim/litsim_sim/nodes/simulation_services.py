@@ -42,6 +42,9 @@ REFUSED = {
     "SetEntityInfo": "kinds are those of the recording",
 }
 """Services that are there but refuse every request, with the reason."""
+OF_SERVER = {"LoadWorld", "UnloadWorld", "ResetSimulation"}
+"""Those of them that `serve` has in place of the bridge, see :mod:`.simulation_server`, and its features."""
+FEATURES_OF_SERVER = ("SIMULATION_RESET", "WORLD_LOADING", "WORLD_UNLOADING")
 FEATURES = (
     "ENTITY_TAGS",
     "ENTITY_BOUNDS",
@@ -75,8 +78,9 @@ class SimulationServices:
         paused: whether the run waits after each step until it is told to go on.
     """
 
-    def __init__(self, node: Node, plan: RunPlan) -> None:
-        self.paused = False
+    def __init__(self, node: Node, plan: RunPlan, *, served: bool) -> None:
+        """Offers the services; a run that is `served` is paused at first, and others load it."""
+        self.paused, self._served = served, served
         self._plan = plan
         self._table: AgentTable | None = None  # newest step
         self._steps = 0  # to be made while paused
@@ -93,16 +97,18 @@ class SimulationServices:
             "GetEntityBounds": self._entity_bounds,
             "GetAvailableWorlds": self._worlds,
             "GetCurrentWorld": self._world,
-        } | {name: _refuser(reason) for name, reason in REFUSED.items()}
-        services = {name: node.create_service(getattr(srv, name), _topic(name), call) for name, call in answers.items()}
+        } | {name: _refuser(why) for name, why in REFUSED.items() if not (served and name in OF_SERVER)}
+        services = {
+            name: node.create_service(getattr(srv, name), service_name(name), call) for name, call in answers.items()
+        }
         self._stepping = services["StepSimulation"]
         self._send = self._stepping.send_response
         self._stepping.send_response = self._send_or_keep
 
     @classmethod
-    def on(cls, node: Node, plan: RunPlan) -> SimulationServices | None:
+    def on(cls, node: Node, plan: RunPlan, *, served: bool) -> SimulationServices | None:
         """The services where their package is installed; none with DDS Security, whose permissions lack them."""
-        return None if srv is None or is_secured(os.environ) else cls(node, plan)
+        return None if srv is None or is_secured(os.environ) else cls(node, plan, served=served)
 
     def show(self, table: AgentTable) -> None:
         """Note the newest step."""
@@ -115,12 +121,12 @@ class SimulationServices:
         if self._steps:
             self._steps -= 1
             return True
-        self._respond(_result(msg.Result.RESULT_OK))
+        self._respond(result_of(msg.Result.RESULT_OK))
         return False
 
     def close(self) -> None:
         """Tell those who wait for steps that there are no more."""
-        self._respond(_result(msg.Result.RESULT_OPERATION_FAILED, "the run is over"))
+        self._respond(result_of(msg.Result.RESULT_OPERATION_FAILED, "the run is over"))
 
     def _send_or_keep(self, response: Any, request_header: Any) -> None:
         """Send the response of a request to step, or keep its header until the steps are made."""
@@ -135,13 +141,14 @@ class SimulationServices:
         self._headers.clear()
 
     def _features(self, _: Any, response: Any) -> Any:
-        response.features.features = [getattr(msg.SimulatorFeatures, name) for name in FEATURES]
+        names = (*FEATURES, *(FEATURES_OF_SERVER if self._served else ()))
+        response.features.features = [getattr(msg.SimulatorFeatures, name) for name in names]
         response.features.custom_info = "LitSim-ROS, docs/ego-interface.md"
         return response
 
     def _state(self, _: Any, response: Any) -> Any:
         response.state.state = self._current_state
-        response.result = _result(msg.Result.RESULT_OK)
+        response.result = result_of(msg.Result.RESULT_OK)
         return response
 
     @property
@@ -152,23 +159,23 @@ class SimulationServices:
     def _set_state(self, request: Any, response: Any) -> Any:
         wanted, states = request.state.state, msg.SimulationState
         if wanted == self._current_state:
-            response.result = _result(response.ALREADY_IN_TARGET_STATE, "it is in this state already")
+            response.result = result_of(response.ALREADY_IN_TARGET_STATE, "it is in this state already")
         elif wanted in (states.STATE_PLAYING, states.STATE_PAUSED):
             self.paused, self._steps = wanted == states.STATE_PAUSED, 0
-            self._respond(_result(msg.Result.RESULT_OPERATION_FAILED, "the run was told to go on instead"))
-            response.result = _result(msg.Result.RESULT_OK)
+            self._respond(result_of(msg.Result.RESULT_OPERATION_FAILED, "the run was told to go on instead"))
+            response.result = result_of(msg.Result.RESULT_OK)
         else:
             reason = f"state {wanted}: a run plays or is paused; end the launcher to end it"
-            response.result = _result(msg.Result.RESULT_FEATURE_UNSUPPORTED, reason)
+            response.result = result_of(msg.Result.RESULT_FEATURE_UNSUPPORTED, reason)
         return response
 
     def _step(self, request: Any, response: Any) -> Any:
         if not self.paused:
             reason = "the run is not paused: set STATE_PAUSED before"
-            response.result = _result(msg.Result.RESULT_OPERATION_FAILED, reason)
+            response.result = result_of(msg.Result.RESULT_OPERATION_FAILED, reason)
         elif self._table is None or not request.steps:
             reason = "step 0 is not there yet" if self._table is None else "steps is 0, expected at least 1"
-            response.result = _result(msg.Result.RESULT_OPERATION_FAILED, reason)
+            response.result = result_of(msg.Result.RESULT_OPERATION_FAILED, reason)
         else:
             self._steps += request.steps
             return LATER
@@ -210,16 +217,16 @@ class SimulationServices:
         return response
 
     def _worlds(self, request: Any, response: Any) -> Any:
-        response.result = _result(msg.Result.RESULT_OK)
+        response.result = result_of(msg.Result.RESULT_OK)
         if request.additional_sources and not request.continue_on_error:
             reason = "additional_sources: worlds are the packaged scenarios, or files"
-            response.result = _result(msg.Result.RESULT_FEATURE_UNSUPPORTED, reason)
+            response.result = result_of(msg.Result.RESULT_FEATURE_UNSUPPORTED, reason)
         elif not request.filter.tags:  # scenarios have none
-            response.worlds = [_world(name) for name in packaged_scenarios()]
+            response.worlds = [world_of(name) for name in packaged_scenarios()]
         return response
 
     def _world(self, _: Any, response: Any) -> Any:
-        response.result, response.world = _result(msg.Result.RESULT_OK), _world(self._plan.scenario.name)
+        response.result, response.world = result_of(msg.Result.RESULT_OK), world_of(self._plan.scenario.name)
         return response
 
     @property
@@ -236,8 +243,8 @@ class SimulationServices:
         rows = [] if self._table is None else range(len(self._table))
         row = next((row for row in rows if self._name(row) == entity), None)
         if row is None:
-            return None, _result(msg.Result.RESULT_NOT_FOUND, f"{entity}: no such agent is on the road")
-        return row, _result(msg.Result.RESULT_OK)
+            return None, result_of(msg.Result.RESULT_NOT_FOUND, f"{entity}: no such agent is on the road")
+        return row, result_of(msg.Result.RESULT_OK)
 
     def _category(self, row: int) -> int:
         kind = Kind(int(self._agents.kind[row]))
@@ -268,11 +275,11 @@ class SimulationServices:
     def _filtered(self, filters: Any) -> tuple[list[int], Any]:
         """The rows of the agents that pass `filters`, none if these cannot be used, and the result."""
         if self._table is None:
-            return [], _result(msg.Result.RESULT_INCORRECT_STATE, "step 0 is not there yet")
+            return [], result_of(msg.Result.RESULT_INCORRECT_STATE, "step 0 is not there yet")
         try:
             name, area = re.compile(filters.filter), _area(filters.bounds)
         except (re.error, ValueError) as error:
-            return [], _result(msg.Result.RESULT_OPERATION_FAILED, f"filters: {error}")
+            return [], result_of(msg.Result.RESULT_OPERATION_FAILED, f"filters: {error}")
         categories, tags = {each.category for each in filters.categories}, set(filters.tags.tags)
         every = filters.tags.filter_mode == filters.tags.FILTER_MODE_ALL
         table = self._table
@@ -285,7 +292,7 @@ class SimulationServices:
             and (not tags or (tags <= set(self._tags(row)) if every else tags & set(self._tags(row))))
             and (area is None or area.intersects(shapely.Polygon(corners[row])))
         ]
-        return rows, _result(msg.Result.RESULT_OK)
+        return rows, result_of(msg.Result.RESULT_OK)
 
 
 def _area(bounds: Any) -> Any:
@@ -310,20 +317,22 @@ def _refuser(reason: str) -> Callable[[Any, Any], Any]:
     """A service that refuses every request."""
 
     def refuse(_: Any, response: Any) -> Any:
-        response.result = _result(msg.Result.RESULT_FEATURE_UNSUPPORTED, reason)
+        response.result = result_of(msg.Result.RESULT_FEATURE_UNSUPPORTED, reason)
         return response
 
     return refuse
 
 
-def _result(code: int, text: str = "") -> Any:
+def result_of(code: int, text: str = "") -> Any:
+    """Returns a result with a code of ``Result`` or of a response, and the text of an error."""
     return msg.Result(result=code, error_message=text)
 
 
-def _world(name: str) -> Any:
+def world_of(name: str) -> Any:
+    """Returns the description of a scenario as a world."""
     return msg.WorldResource(name=name, world_resource=msg.Resource(uri=name))
 
 
-def _topic(service: str) -> str:
-    """Name of a service by its type, such as ``/litsim/get_entities``."""
+def service_name(service: str) -> str:
+    """Returns the name of a service by its type, such as ``/litsim/get_entities``."""
     return f"{NAMESPACE}/{'_'.join(re.findall('[A-Z][a-z]*', service)).lower()}"
