@@ -19,9 +19,9 @@ from litsim_data.sources.source import Scene, Source
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S
-from litsim_sim.io.files import check_regular
+from litsim_sim.io.input_files import read_head, read_xml
 
-SIZE_MAX = 2**30  # [B] of a file
+CONTENT = "OpenSCENARIO file"
 KINDS = {
     "car": "car",
     "van": "car",
@@ -50,13 +50,12 @@ class OpenScenario(Source):
 
     def recognizes(self, path: Path) -> bool:
         """See :class:`.source.Source`."""
-        with path.open("rb") as file:
-            head = file.read(4000)
+        head = read_head(path)
         return b"<OpenSCENARIO" in head and b"<Catalog " not in head
 
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
         """See :class:`.source.Source`."""
-        root = _parsed(path)
+        root = read_xml(path, CONTENT)
         _fill_in(root, {})
         rows, left_out = _rows(root, path)
         tracks = LoadedTable.of(path, rows)
@@ -75,14 +74,6 @@ def _road(path: Path, road: Path | None) -> Path:
         what = "names no LogicFile" if road is None else f"names {road}, which is no file"
         raise InputError(f"{path}: element RoadNetwork {what}: name the OpenDRIVE map by --map")
     return road
-
-
-def _parsed(path: Path) -> ET.Element:
-    check_regular(path, size_max=SIZE_MAX)
-    try:
-        return ET.parse(path).getroot()  # noqa: S314  a file that the user names, read by a parser without network access
-    except (OSError, ET.ParseError) as error:
-        raise InputError(f"{path}: not a readable OpenSCENARIO file: {error}") from error
 
 
 def _rows(root: ET.Element, path: Path) -> tuple[dict[str, list[Any]], Counter[str]]:
@@ -205,7 +196,7 @@ def _catalogs(root: ET.Element, path: Path) -> Mapping[tuple[str, str], ET.Eleme
     entries: dict[tuple[str, str], ET.Element] = {}
     for directory in root.findall("CatalogLocations/*/Directory"):
         for file in sorted((path.parent / directory.get("path", "")).glob("*.xosc")):
-            for catalog in _parsed(file).findall("Catalog"):
+            for catalog in read_xml(file, CONTENT).findall("Catalog"):
                 entries |= {(catalog.get("name", ""), entry.get("name", "")): entry for entry in catalog}
     return entries
 

@@ -22,7 +22,7 @@ from litsim_data.sources.source import Scene, Source
 from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray
-from litsim_sim.io.files import check_regular
+from litsim_sim.io.input_files import open_input, read_head, require_file
 
 SIZE_MAX = 2**33  # [B] of a trace
 MESSAGE_MAX = 2**28  # [B]
@@ -55,18 +55,17 @@ class OpenSimulationInterface(Source):
     def recognizes(self, path: Path) -> bool:
         """See :class:`.source.Source`."""
         if path.suffix.lower() == ".mcap":
+            require_file(path)
             with path.open("rb") as file, suppress(McapError, struct.error):
                 summary = make_reader(file).get_summary()
                 return summary is not None and any(schema.name in VIEWS for schema in summary.schemas.values())
         if path.suffix.lower() != ".osi":
             return False
-        with path.open("rb") as file:
-            head = file.read(5)
+        head = read_head(path, 5)
         return len(head) == 5 and 0 < struct.unpack("<L", head[:4])[0] <= min(MESSAGE_MAX, path.stat().st_size)
 
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
         """See :class:`.source.Source`."""
-        check_regular(path, size_max=SIZE_MAX)
         rows: dict[str, list[Any]] = defaultdict(list)
         known: dict[int, Any] = {}
         borders: dict[int, Any] = {}
@@ -118,7 +117,7 @@ def _truths(path: Path) -> Iterator[Any]:
 
 def _messages(path: Path) -> Iterator[tuple[str, bytes]]:
     """Yields the messages of a trace with the names of their types, which an .osi file does not tell: then empty."""
-    with path.open("rb") as file:
+    with open_input(path, "OSI trace", size_max=SIZE_MAX) as file:
         if path.suffix.lower() == ".mcap":
             try:
                 for schema, _, message in make_reader(file).iter_messages():
