@@ -96,7 +96,7 @@ def test_lights_keep_their_ids_in_the_file_of_signals(tmp_path: Path) -> None:
     """Groups are named as the relations, by which Autoware's adapter publishes them; what users add is kept."""
     path = packaged("nets/urban_like.net.xml")
     links = read_links(path)
-    Lanelet2Export().write(Content("net", path, net=path), tmp_path / MAP_FILE)
+    Lanelet2Export().write(Content("urban_like", path, net=path), tmp_path / MAP_FILE)
     net, signals = tmp_path / "again.net.xml", tmp_path / "again_signals.yaml"
     notes = Lanelet2().write_net(tmp_path / MAP_FILE, None, net)
     assert f"signals: {len(links)} traffic lights of the map -> {signals}; name there what they show" in notes

@@ -6,12 +6,12 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
-import sumolib
 
 from litsim_data.exports.export import Content, Export, beside, write_xml
 from litsim_data.sources.sumo import SIZES
 from litsim_sim.core.scene import Kind
 from litsim_sim.io.files import replacing
+from litsim_sim.io.input_files import open_input
 
 CLASSES = {kind: next(name for name, size in SIZES.items() if size[0] == kind.name.lower()) for kind in Kind}
 """SUMO's vehicle class for each of our kinds."""
@@ -59,6 +59,6 @@ class SumoTrajectories(Export):
         write_xml(additional, of_types)
         if content.net is not None:
             files.append(beside(out, ".net.xml"))
-            with replacing(files[-1]) as new, sumolib.openz(str(content.net), "rb") as net:
+            with replacing(files[-1]) as new, open_input(content.net, "net") as net:
                 new.write_bytes(net.read())
         return [content.counts, f"beside it: {', '.join(file.name for file in files)}"]

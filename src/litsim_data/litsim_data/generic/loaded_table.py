@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from litsim_data.generic.mapping import Columns
+from litsim_data.generic.mapping import Mapping as Meaning
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.table_input import TableFiles
 
@@ -37,6 +39,20 @@ class LoadedTable(TableFiles):
         if table.empty:
             raise InputError(f"{path}: holds no tracks")
         return cls((), tuple(map(str, table.columns)), path, table)
+
+    def meaning(self, kinds: Mapping[str, str], **fields: Any) -> Meaning:
+        """Returns the mapping of columns that have our names, and ``vx`` and ``vy`` for components of speed.
+
+        Args:
+            kinds: our kind by what column `kind` says; rows of others are left out.
+            fields: other fields of the mapping; positions are box centres if `reference` is not among them.
+        """
+        columns: dict[str, Any] = {name: name for name in self.columns if name in Columns.model_fields}
+        if {"vx", "vy"} <= {*self.columns}:
+            columns["speed"] = ["vx", "vy"]
+        named = {kind: kinds.get(kind, "drop") for kind in self.table["kind"].unique()}
+        values = {"name": "scene", "columns": columns, "reference": "box_centre", "kinds": named}
+        return Meaning.model_validate(values | fields)
 
     def __str__(self) -> str:
         return str(self.path)

@@ -16,12 +16,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-import sumolib
-
 from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.files import replacing
-from litsim_sim.io.input_files import read_xml
+from litsim_sim.io.input_files import read_head, read_xml
 
 DECIMALS = 3  # of written coordinates: millimetres
 LEFT_HAND = "LHT"
@@ -144,8 +142,7 @@ def export_opendrive(net: Path, path: Path) -> list[str]:
 
 def is_left_hand(net: Path) -> bool:
     """Returns whether traffic on the SUMO net keeps to the left."""
-    with sumolib.openz(str(net), "rb") as file:
-        return b'lefthand="true"' in file.read(5000)
+    return b'lefthand="true"' in read_head(net, 5000)
 
 
 def _swap_sides(root: ET.Element) -> None:

@@ -11,7 +11,6 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from litsim_data.generic.loaded_table import LoadedTable
-from litsim_data.generic.mapping import Mapping
 from litsim_data.maps.commonroad import read_graph, read_root
 from litsim_data.maps.lane_graph import LaneGraph
 from litsim_data.sources.source import Scene, SignalChange, Source
@@ -55,29 +54,16 @@ class CommonRoad(Source):
         except ValueError as error:
             raise InputError(f"{path}: attribute timeStepSize: {error}") from error
         rows, left_out = _rows(root, path)
-        mapping = Mapping.model_validate(
-            {
-                "name": "scene",
-                "columns": {
-                    "vehicle_id": "id",
-                    "frame": "step",
-                    "kind": "kind",
-                    **{name: name for name in ("x", "y", "yaw", "speed", "length", "width") if name in rows},
-                },
-                "reference": "box_centre",
-                "rate_hz": 1.0 / step,
-                "kinds": {kind: KINDS[kind] for kind in {*rows["kind"]}},
-                "accept": ["speed", "heading", "side", "size"],  # a file is small, its units are fixed
-            }
-        )
+        tracks = LoadedTable.of(path, rows)
+        # A file is small, its units are fixed.
+        mapping = tracks.meaning(KINDS, rate_hz=1.0 / step, accept=["speed", "heading", "side", "size"])
         problems = len(root.findall("planningProblem"))
         notes = [f"{count} obstacles are left out: {why}" for why, count in sorted(left_out.items())]
         notes += [f"{problems} planning problems are not used: an ego is one of the vehicles"] if problems else []
         name = root.get("benchmarkID") or path.stem
-        tracks = LoadedTable.of(path, rows)
         source = root.get("source", "")
         notes += [f"source of the scenario: {source}"] if source else []
-        last = max(rows["step"])
+        last = max(rows["frame"])
         yield Scene(
             name,
             tracks,
@@ -119,9 +105,9 @@ def _rows(root: ET.Element, path: Path) -> tuple[dict[str, list[Any]], Counter[s
         if fixed:
             found = [(step, *found[0][1:]) for step in range(last + 1)]
         for state in found:
-            for name, value in zip(("step", "x", "y", "yaw", "speed"), state, strict=True):
+            for name, value in zip(("frame", "x", "y", "yaw", "speed"), state, strict=True):
                 rows[name].append(value)
-            for name, fixed_value in (("id", number), ("kind", kind), ("length", size[0]), ("width", size[1])):
+            for name, fixed_value in (("vehicle_id", number), ("kind", kind), ("length", size[0]), ("width", size[1])):
                 rows[name].append(fixed_value)
     if not rows:
         why = f"; left out: {dict(left_out)}" if left_out else ""

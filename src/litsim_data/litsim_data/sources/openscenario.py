@@ -15,13 +15,13 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from litsim_data.generic.loaded_table import LoadedTable
-from litsim_data.generic.mapping import Mapping as ColumnMapping
 from litsim_data.sources.source import Scene, Source
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.io.input_files import read_head, read_xml
 
+CONTENT = "OpenSCENARIO file"
 KINDS = {
     "car": "car",
     "van": "car",
@@ -55,31 +55,17 @@ class OpenScenario(Source):
 
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
         """See :class:`.source.Source`."""
-        root = read_xml(path, "OpenSCENARIO file")
+        root = read_xml(path, CONTENT)
         _fill_in(root, {})
         rows, left_out = _rows(root, path)
-        mapping = ColumnMapping.model_validate(
-            {
-                "name": "scene",
-                "columns": {
-                    "vehicle_id": "id",
-                    "time": "time",
-                    "yaw": "h",
-                    **{name: name for name in ("x", "y", "kind", "length", "width")},
-                },
-                "reference": "box_centre",
-                "kinds": {kind: KINDS[kind] for kind in {*rows["kind"]}},
-                "accept": ["heading", "side", "size"],
-            }
-        )
-        ego = next((name for name in dict.fromkeys(rows["id"]) if name.lower() == "ego"), None)
+        tracks = LoadedTable.of(path, rows)
+        mapping = tracks.meaning(KINDS, accept=["heading", "side", "size"])
+        ego = next((name for name in dict.fromkeys(rows["vehicle_id"]) if name.lower() == "ego"), None)
         notes = tuple(f"{count} {what} are left out" for what, count in sorted(left_out.items()))
         named = root.find("RoadNetwork/LogicFile")
         road = lanes or (None if named is None else path.parent / named.get("filepath", ""))
         name = path.name.split(".")[0]
-        yield Scene(
-            name, LoadedTable.of(path, rows), mapping, partial(_road, path, road), f"{name}_net", ego=ego, notes=notes
-        )
+        yield Scene(name, tracks, mapping, partial(_road, path, road), f"{name}_net", ego=ego, notes=notes)
 
 
 def _road(path: Path, road: Path | None) -> Path:
@@ -114,11 +100,11 @@ def _rows(root: ET.Element, path: Path) -> tuple[dict[str, list[Any]], Counter[s
             cos, sin = math.cos(h), math.sin(h)
             rows["x"].append(x + shift_x * cos - shift_y * sin)
             rows["y"].append(y + shift_x * sin + shift_y * cos)
-            fixed = {"id": name, "time": time, "h": h, "kind": kind, "length": length, "width": width}
+            fixed = {"vehicle_id": name, "time": time, "yaw": h, "kind": kind, "length": length, "width": width}
             for column, value in fixed.items():
                 rows[column].append(value)
-    left_out["entities without a trajectory in time"] += len(entities.keys() - {*rows["id"]})
-    if not rows["id"]:
+    left_out["entities without a trajectory in time"] += len(entities.keys() - {*rows["vehicle_id"]})
+    if not rows["vehicle_id"]:
         raise InputError(f"{path}: no {NEEDED}; left out are {dict(+left_out)}")
     return rows, +left_out
 
@@ -210,7 +196,7 @@ def _catalogs(root: ET.Element, path: Path) -> Mapping[tuple[str, str], ET.Eleme
     entries: dict[tuple[str, str], ET.Element] = {}
     for directory in root.findall("CatalogLocations/*/Directory"):
         for file in sorted((path.parent / directory.get("path", "")).glob("*.xosc")):
-            for catalog in read_xml(file, "OpenSCENARIO file").findall("Catalog"):
+            for catalog in read_xml(file, CONTENT).findall("Catalog"):
                 entries |= {(catalog.get("name", ""), entry.get("name", "")): entry for entry in catalog}
     return entries
 

@@ -16,7 +16,6 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
 from litsim_data.generic.loaded_table import LoadedTable
-from litsim_data.generic.mapping import Mapping
 from litsim_data.maps.lane_graph import LANE_WIDTH, LaneGraph, Lanelet, around, polyline
 from litsim_data.sources.lane_links import linked
 from litsim_data.sources.source import Scene, Source
@@ -56,7 +55,8 @@ class OpenSimulationInterface(Source):
     def recognizes(self, path: Path) -> bool:
         """See :class:`.source.Source`."""
         if path.suffix.lower() == ".mcap":
-            with open_input(path) as file, suppress(McapError, struct.error):
+            require_file(path)
+            with path.open("rb") as file, suppress(McapError, struct.error):
                 summary = make_reader(file).get_summary()
                 return summary is not None and any(schema.name in VIEWS for schema in summary.schemas.values())
         if path.suffix.lower() != ".osi":
@@ -66,7 +66,6 @@ class OpenSimulationInterface(Source):
 
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
         """See :class:`.source.Source`."""
-        require_file(path, size_max=SIZE_MAX)
         rows: dict[str, list[Any]] = defaultdict(list)
         known: dict[int, Any] = {}
         borders: dict[int, Any] = {}
@@ -81,27 +80,16 @@ class OpenSimulationInterface(Source):
             references |= {truth.map_reference} - {""}
             lights = max(lights, len(truth.traffic_light))
             host = str(truth.host_vehicle_id.value) if truth.HasField("host_vehicle_id") else host
-        moving = np.isfinite(rows["vx"]).all()
-        mapping = Mapping.model_validate(
-            {
-                "name": "scene",
-                "columns": {
-                    "vehicle_id": "id",
-                    "time": "time",
-                    **({"speed": ["vx", "vy"]} if moving else {}),
-                    **{name: name for name in ("x", "y", "yaw", "length", "width", "kind")},
-                },
-                "reference": "box_centre",
-                "kinds": {kind: KINDS.get(kind, "drop") for kind in {*rows["kind"]}},
-                "accept": ["heading", "side", "size"],
-            }
-        )
+        if not np.isfinite(rows["vx"]).all():
+            del rows["vx"], rows["vy"]
+        tracks = LoadedTable.of(path, rows)
+        mapping = tracks.meaning(KINDS, accept=["heading", "side", "size"])
         name = path.name.split(".")[0]
         road = next((file for one in sorted(references) if (file := path.parent / Path(one).name).is_file()), None)
         notes = (f"{lights} bulbs of traffic lights are not used",) if lights else ()
-        ego = host if host in rows["id"] else None
+        ego = host if host in rows["vehicle_id"] else None
         map_of = partial(_map, path, lanes or road, known, borders)
-        yield Scene(name, LoadedTable.of(path, rows), mapping, map_of, f"{name}_net", ego=ego, notes=notes)
+        yield Scene(name, tracks, mapping, map_of, f"{name}_net", ego=ego, notes=notes)
 
 
 def _truths(path: Path) -> Iterator[Any]:
@@ -129,7 +117,7 @@ def _truths(path: Path) -> Iterator[Any]:
 
 def _messages(path: Path) -> Iterator[tuple[str, bytes]]:
     """Yields the messages of a trace with the names of their types, which an .osi file does not tell: then empty."""
-    with open_input(path) as file:
+    with open_input(path, "OSI trace", size_max=SIZE_MAX) as file:
         if path.suffix.lower() == ".mcap":
             try:
                 for schema, _, message in make_reader(file).iter_messages():
@@ -160,7 +148,7 @@ def _add(rows: dict[str, list[Any]], one: Any, time: float) -> None:
         kind = one.VehicleClassification.Type.Name(one.vehicle_classification.type).removeprefix("TYPE_").lower()
     base = one.base
     velocity = (base.velocity.x, base.velocity.y) if base.HasField("velocity") else (np.nan, np.nan)
-    values = {"id": str(one.id.value), "time": time, "x": base.position.x, "y": base.position.y}
+    values = {"vehicle_id": str(one.id.value), "time": time, "x": base.position.x, "y": base.position.y}
     values |= {"yaw": base.orientation.yaw, "vx": velocity[0], "vy": velocity[1], "kind": kind}
     values |= {"length": base.dimension.length, "width": base.dimension.width}
     for name, value in values.items():

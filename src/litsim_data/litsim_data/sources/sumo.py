@@ -11,7 +11,6 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from litsim_data.generic.loaded_table import LoadedTable
-from litsim_data.generic.mapping import Mapping
 from litsim_data.sources.beside import the_map
 from litsim_data.sources.source import Scene, Source
 from litsim_sim.core.errors import InputError
@@ -56,24 +55,15 @@ class SumoTrajectories(Source):
         kinds, lengths, widths = zip(*(types.get(kind, SIZES["passenger"]) for kind in columns["type"]), strict=True)
         unknown = sorted({kind for kind in columns["type"] if kind not in types})
         rows = columns | {"kind": kinds, "length": lengths, "width": widths}
-        mapping = Mapping.model_validate(
-            {
-                "name": "scene",
-                "columns": {
-                    "vehicle_id": "id",
-                    "time": "time",
-                    "yaw": "angle",
-                    **{column: column for column in ("x", "y", "speed", "kind", "length", "width")},
-                },
-                "reference": "front_centre",
-                "units": {"angle": "deg"},
-                "angles": {"zero": "y", "positive": "clockwise"},
-                "kinds": {kind: kind for kind in kinds},
-                "accept": ["heading", "side"],
-            }
+        tracks = LoadedTable.of(path, rows)
+        mapping = tracks.meaning(
+            {kind: kind for kind in kinds},
+            reference="front_centre",
+            units={"angle": "deg"},
+            angles={"zero": "y", "positive": "clockwise"},
+            accept=["heading", "side"],
         )
         notes = [f"no vType {', '.join(unknown)} in the files beside: cars of 5 by 1.8 m"] if unknown else []
-        tracks = LoadedTable.of(path, rows)
         yield Scene(name, tracks, mapping, partial(_net, path, lanes), f"{name}_net", notes=tuple(notes))
 
 
@@ -100,7 +90,7 @@ def vehicle_types(folder: Path) -> dict[str, tuple[str, float, float]]:
 
 
 def _from_xml(path: Path) -> dict[str, list[Any]]:
-    """Returns the columns id, type, time and NUMBERS of an XML file."""
+    """Returns the columns vehicle_id, type, time, x, y, yaw [deg] and speed of an XML file."""
     columns: dict[str, list[Any]] = defaultdict(list)
     time = 0.0
     try:
@@ -133,5 +123,7 @@ def _from_csv(path: Path) -> dict[str, list[Any]]:
 
 def _add(columns: dict[str, list[Any]], name: str, kind: str, time: float, values: list[float]) -> None:
     if max(map(abs, values[:2])) < ELSEWHERE:
-        for column, value in zip(("id", "type", "time", *NUMBERS), (name, kind, time, *values), strict=True):
+        for column, value in zip(
+            ("vehicle_id", "type", "time", "x", "y", "yaw", "speed"), (name, kind, time, *values), strict=True
+        ):
             columns[column].append(value)

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from litsim_data.generic.loaded_table import LoadedTable
-from litsim_data.generic.mapping import Mapping as Meaning
 from litsim_data.maps.lane_graph import LANE_WIDTH, SPEED_LIMIT, LaneGraph, Lanelet, around, at_shares, polyline
 from litsim_data.sources.lane_links import linked
 from litsim_data.sources.protobuf import Fields, fields_of, records, varints
@@ -100,7 +99,7 @@ class WaymoRecord(Source):
 
 def _scene(content: Mapping[str, Any], name: str, path: Path) -> Scene:
     columns: dict[str, list[Any]] = {
-        column: [] for column in ("id", "step", "x", "y", "z", "yaw", "vx", "vy", "length", "width", "kind")
+        column: [] for column in ("vehicle_id", "frame", "x", "y", "z", "yaw", "vx", "vy", "length", "width", "kind")
     }
     for one in content["objects"]:
         for step, valid in enumerate(one["valid"]):
@@ -111,23 +110,10 @@ def _scene(content: Mapping[str, Any], name: str, path: Path) -> Scene:
             fixed = (one["length"], one["width"], one["type"])
             for column, value in zip(columns, (str(one["id"]), step, *row, *fixed), strict=True):
                 columns[column].append(value)
-    mapping = Meaning.model_validate(
-        {
-            "name": "scene",
-            "columns": {
-                "vehicle_id": "id",
-                "frame": "step",
-                "speed": ["vx", "vy"],
-                **{column: column for column in ("x", "y", "yaw", "length", "width", "kind")},
-            },
-            "reference": "box_centre",
-            "rate_hz": RATE_HZ,
-            "kinds": {kind: KINDS.get(kind, "drop") for kind in {*columns["kind"]}},
-        }
-    )
+    tracks, scene = LoadedTable.of(path, columns), f"womd_{name}"
+    mapping = tracks.meaning(KINDS, rate_hz=RATE_HZ)
     recorder = (content.get("metadata") or {}).get("sdc_track_index", -1)
     ego = str(content["objects"][recorder]["id"]) if 0 <= recorder < len(content["objects"]) else None
-    tracks, scene = LoadedTable.of(path, columns), f"womd_{name}"
     signals = _signals(content.get("tl_states") or {})
     return Scene(scene, tracks, mapping, partial(_lanes, content, path), scene, signals, ego)
 
