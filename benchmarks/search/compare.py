@@ -22,7 +22,7 @@ import pyarrow.parquet as pq
 from planted_egos import install
 
 PLANTED = (
-    ("motorway_00/3", "ramp", ()),
+    ("motorway_02/170", "ramp", ()),
     ("motorway_00/7", "delay", ()),
     ("motorway_02/112", "side", ()),
     ("street_14/56", "red", ("start", "signals")),

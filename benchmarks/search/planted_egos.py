@@ -35,7 +35,7 @@ class PlantedConfig:
 
     Attributes:
         weakness: `none`; `side`, blind to the side: what comes from there is known 1.5 s later; `delay`, 0.4 s late;
-            `ramp`, blind to vehicles that were not there from the start; `red`, red is green for signal groups whose
+            `ramp`, blind to vehicles that it has first seen to its right; `red`, red is green for signal groups whose
             names end in 1.
     """
 
@@ -51,7 +51,7 @@ class PlantedEgo(Ego):
         self._weakness, self._scenario = (config or PlantedConfig()).weakness, scenario
         self._delayed: deque[EgoCommand] = deque()
         self._ahead: dict[int, int] = {}  # for how many steps each agent has been ahead in the ego's lane
-        self._first: frozenset[int] = frozenset()
+        self._first: dict[int, float] = {}  # where each agent was first seen, to the left of the ego [m]
         own = scenario
         if self._weakness == "red" and scenario.signals is not None:
             own, signals = copy.copy(scenario), scenario.signals
@@ -63,8 +63,6 @@ class PlantedEgo(Ego):
 
     def plan(self, table: AgentTable) -> EgoCommand:
         """See :class:`litsim_policy.ego.ego.Ego`."""
-        if table.step == 0:
-            self._first = frozenset(table.id.tolist())
         command = self._idm.plan(self._known(table))
         command = replace(command, acceleration=max(command.acceleration, -BRAKING_MAX))
         if self._weakness != "delay":
@@ -78,10 +76,12 @@ class PlantedEgo(Ego):
         row = table.row(self._scenario.ego_id)
         if row < 0 or self._weakness not in ("side", "ramp"):
             return table
+        _, left = to_body(table.x - table.x[row], table.y - table.y[row], table.yaw[row])
         if self._weakness == "ramp":
-            known = np.isin(table.id, list(self._first))
+            for agent, beside in zip(table.id.tolist(), left.tolist(), strict=True):
+                self._first.setdefault(agent, beside)
+            known = np.array([self._first[agent] > -OWN_LANE_M for agent in table.id.tolist()])
         else:
-            _, left = to_body(table.x - table.x[row], table.y - table.y[row], table.yaw[row])
             inside = table.id[np.abs(left) < OWN_LANE_M].tolist()
             self._ahead = {agent: self._ahead.get(agent, BLIND_STEPS if table.step == 0 else 0) + 1 for agent in inside}
             known = np.array([self._ahead.get(agent, 0) > BLIND_STEPS for agent in table.id.tolist()])

@@ -41,6 +41,7 @@ EXAMPLES = """examples:
 
 """
 DEFAULT_OUT = "bags/search"
+WIDTH = 120  # characters per line of what is not printed to a terminal
 
 
 def parser() -> argparse.ArgumentParser:
@@ -148,7 +149,7 @@ def _print(margins: Margins, out: Path) -> None:
         margin = "-" if each.margin is None else f"{each.margin:.2f}"
         rate = "-" if each.rate is None else f"{100.0 * each.rate[0]:.1f} to {100.0 * each.rate[1]:.1f} %"
         table.add_row(each.name, margin, str(each.runs), str(each.failed), str(each.forced), str(each.errors), rate)
-    console = Console()
+    console = Console(width=None if sys.stdout.isatty() else WIDTH)
     console.print(table)
     for each in margins.scenarios:
         for line in told(each.failures[0]) if each.failures else []:
@@ -169,7 +170,7 @@ def _print_parameters(people: People) -> None:
         at = [f"{habit.value(distance):.2f}" for distance in (1.0, 2.0, 3.0)]
         moments = str(habit.moments) if habit.moments else "declared"
         table.add_row(each.name, each.unit, f"{low:g} to {each.high:g}", *at, moments, each.about)
-    Console().print(table)
+    Console(width=None if sys.stdout.isatty() else WIDTH).print(table)
 
 
 @program

@@ -9,7 +9,7 @@ from typing import Any
 from litsim_eval.report.pages import render_page
 from litsim_sim.io.files import replacing
 
-WIDTH, HEIGHT, MARGIN = 860.0, 200.0, 30.0
+WIDTH, HEIGHT, MARGIN = 860.0, 200.0, 42.0
 """Size of a map, and the room for names above and below it, in pixels."""
 ORDER = ("passed", "error", "forced", "failed")
 """Outcomes in the order in which they are drawn, failures last so that they are on top."""

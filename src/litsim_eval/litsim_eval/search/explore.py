@@ -9,13 +9,14 @@ from __future__ import annotations
 import logging
 import warnings
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from litsim_eval.search.judging import Outcome
 from litsim_eval.search.space import DISTANCE_MAX, NOTHING, Proposal, Space
+from litsim_sim.core.scene import STEP_S
 
 if TYPE_CHECKING:
     from optuna.samplers import BaseSampler
@@ -28,6 +29,7 @@ SHARE_SHRINKING, SHARE_DRAWN = 0.3, 0.2
 """Shares of the budget: for shrinking, and for plain draws from the declared distribution, which give the rate."""
 SHRUNK_BY = (0.5, 0.75, 0.9)
 """Factors that are tried of all distances together; of single ones, the first."""
+LATER_S = 0.5  # [s] by which shrinking moves when an agent acts
 LESS = 0.02  # least gain in distance for which shrinking goes on
 PASSED_VALUE = 2.0 * DISTANCE_MAX
 """What the optimiser is told of a run that has not failed, more if it is far from a contact; else the distance."""
@@ -120,35 +122,50 @@ def explore(
     budget = runs if plain else round((1.0 - SHARE_SHRINKING) * runs)
     for _ in range(drawn):
         study.enqueue_trial(space.drawn(random))
+    shrunk: set[int] = set()
     while len(tried) < (budget if exploration.failures else runs) and not expired():
+        if not (plain or exploration.failures):  # nothing to be near to yet: half of the proposals are anywhere
+            for _ in range(BATCH // 2):
+                study.enqueue_trial(space.drawn(random, anywhere=True))
         trials = [study.ask() for _ in range(min(BATCH, runs - len(tried)))]
         asked = [("drawn" if trial.number < drawn else "proposed", space.suggested(trial)) for trial in trials]
         outcomes = yield asked
         tried += outcomes
         for trial, outcome in zip(trials, outcomes, strict=True):
             study.tell(trial, _value(outcome))
-    shrunk: set[tuple[str, str]] = set()
+        if exploration.failures and not plain and exploration.failures[0].number not in shrunk:
+            yield from _shrink(exploration, exploration.failures[0], runs, expired, shrunk)
     while len(tried) < runs and not expired():
-        waiting = [each for each in exploration.failures if each.key not in shrunk]
+        waiting = [each for each in exploration.failures if each.number not in shrunk]
         if not waiting:
             return
-        shrunk.add(waiting[0].key)
-        best = waiting[0]
-        while len(tried) < runs and not expired():
-            candidates = _smaller(space, best.proposal)[: runs - len(tried)]
-            if not candidates:
-                break
-            outcomes = yield [("shrunk", each) for each in candidates]
-            tried += outcomes
-            failed = [
-                each
-                for each in outcomes
-                if each.outcome == Outcome.FAILED and _is_smaller(space, each.proposal, best.proposal)
-            ]
-            if not failed:
-                break
-            best = min(failed, key=lambda each: (each.distance, each.number))
-            shrunk.add(best.key)
+        yield from _shrink(exploration, waiting[0], runs, expired, shrunk)
+
+
+def _shrink(
+    exploration: Exploration, failure: Tried, runs: int, expired: Callable[[], bool], shrunk: set[int]
+) -> Generator[Asked, Sequence[Tried], None]:
+    """Yields proposals that change less than a failure, then less than the nearest of these that fails, and so on.
+
+    The numbers of the failures that need no more shrinking are added to `shrunk`.
+    """
+    space, tried, best = exploration.space, exploration.tried, failure
+    shrunk.add(best.number)
+    while len(tried) < runs and not expired():
+        candidates = _smaller(space, best.proposal)[: runs - len(tried)]
+        if not candidates:
+            return
+        outcomes = yield [("shrunk", each) for each in candidates]
+        tried += outcomes
+        failed = [
+            each
+            for each in outcomes
+            if each.outcome == Outcome.FAILED and _is_smaller(space, each.proposal, best.proposal)
+        ]
+        if not failed:
+            return
+        best = min(failed, key=lambda each: (each.distance, each.number))
+        shrunk.add(best.number)
 
 
 def _smaller(space: Space, proposal: Proposal) -> list[Proposal]:
@@ -159,7 +176,12 @@ def _smaller(space: Space, proposal: Proposal) -> list[Proposal]:
         fewer.append(Proposal(z=proposal.z))
     less = [proposal.scaled(factor) for factor in SHRUNK_BY]
     less += [proposal.scaled(SHRUNK_BY[0], name) for name in changed] if len(changed) > 1 else []
-    unique = {repr(sorted(each.z.items())) + each.act: each for each in (*fewer, *less)}
+    if proposal.begin_s:  # less may do at another time
+        first, last = (step * STEP_S for step in space.steps)
+        for later in (-LATER_S, LATER_S):
+            begin = round(min(max(proposal.begin_s + later, first), last), 1)
+            less.append(replace(proposal.scaled(SHRUNK_BY[1]), begin_s=begin))
+    unique = {repr((each.act, each.begin_s, sorted(each.z.items()))): each for each in (*fewer, *less)}
     return [each for each in unique.values() if _is_smaller(space, each, proposal)]
 
 
@@ -182,5 +204,5 @@ def _sampler(name: str, runs: int, seed: int) -> BaseSampler:
 
     if name == "random":
         return samplers.RandomSampler(seed=seed)
-    start = round((SHARE_DRAWN + 0.1) * runs)  # the draws, and half as many uniform within the bounds
+    start = round(SHARE_DRAWN * runs)  # the draws
     return samplers.TPESampler(seed=seed, n_startup_trials=start, multivariate=True, group=True, constant_liar=True)

@@ -7,8 +7,9 @@ import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from importlib.util import find_spec
+from itertools import islice
 from math import copysign
 from pathlib import Path
 from typing import Any
@@ -35,7 +36,7 @@ from litsim_eval.search.margins import (
     write_tried,
 )
 from litsim_eval.search.people import People
-from litsim_eval.search.space import DISTANCE_MAX, Space
+from litsim_eval.search.space import DISTANCE_MAX, Proposal, Space
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import make_folder, replacing
 from litsim_sim.scenario.scenario import Scenario
@@ -73,13 +74,14 @@ class Settings:
 
 @dataclass
 class _One:
-    """The search in one case of the suite: what it has explored, and its results by number."""
+    """The search in one case of the suite; of its runs, by number, the case, the entry of a suite and the result."""
 
     case: Case
     exploration: Exploration
-    results: dict[int, RunResult] = field(default_factory=dict)
     cases: dict[int, Case] = field(default_factory=dict)
     entries: dict[int, CaseEntry] = field(default_factory=dict)
+    results: dict[int, RunResult] = field(default_factory=dict)
+    refused: dict[int, str] = field(default_factory=dict)
 
     @property
     def stem(self) -> str:
@@ -173,70 +175,72 @@ class Search:
 
     def _evaluate(self, asked: Mapping[int, Asked], progress: Callable[[int], object]) -> dict[int, list[Tried]]:
         """Returns what became of proposals, by number of the case; those that were run before are not run again."""
-        refused: dict[tuple[int, int], str] = {}
-        for k, proposals in asked.items():
-            one, first = self.all[k], len(self.all[k].exploration.tried)
-            for number, (_, proposal) in enumerate(proposals, first):
-                name = f"{one.stem}_{number:04d}"
-                path = self._out / SCENARIOS / f"{name}.yaml"
-                make_folder(path.parent)
-                with replacing(path) as new:
-                    new.write_text(one.exploration.space.scenario_file(proposal, name), encoding="utf-8")
-                events = [change.model_dump(mode="json") for change in one.exploration.space.changes(proposal)]
-                entry = CaseEntry(
-                    scenario=str(path.resolve()),
-                    ego_id=one.case.ego_id,
-                    seed=one.case.seed,
-                    tags=list(dict.fromkeys(event["kind"] for event in events)),
-                    events=events,
-                )
-                suite = self._suite.model_copy(update={"cases": [entry], "seeds": []})
-                try:
-                    cases = cases_of(suite, graph=self._settings.graph, with_versions=self._versions)
-                    case = next(each for each in cases if each.variant == one.case.variant)
-                except InputError as error:  # such as an agent that would enter before the recording begins
-                    refused[k, number] = str(error)
-                    continue
-                one.cases[number], one.entries[number] = case, entry
-        wanted = {case.id: case for k in asked for case in self.all[k].cases.values()}
-        known = {result.case.id: result for one in self.all for result in one.results.values()}
-        missing = [case for case in wanted.values() if case.id not in known]
-        done = {result.case.id: result for result in read_results(self._folder.path, missing, self._suite.criteria)}
-        progress(len(done) + len(refused))
-        runs = LocalRuns(self._folder, self._suite.criteria, self._settings.processes, self._settings.time_limit_s)
-        with closing(runs.run([case for case in missing if case.id not in done])) as running:
+        batch = [
+            (self.all[k], number, how, proposal)
+            for k in asked
+            for number, (how, proposal) in enumerate(asked[k], len(self.all[k].exploration.tried))
+        ]
+        for one, number, _, proposal in batch:
+            self._make_case(one, number, proposal)
+        cases = [one.cases[number] for one, number, *_ in batch if number in one.cases]
+        done = {result.case.id: result for result in read_results(self._folder.path, cases, self._suite.criteria)}
+        progress(len(batch) - len(cases) + len(done))
+        with closing(self._runs(self._folder).run([case for case in cases if case.id not in done])) as running:
             for result in running:
                 done[result.case.id] = result
                 progress(1)
-        return {k: self._tried(self.all[k], proposals, done | known, refused, k) for k, proposals in asked.items()}
+        for one, number, *_ in batch:
+            if number in one.cases:
+                one.results[number] = done[one.cases[number].id]
+        tried = iter([self._tried(*each) for each in batch])
+        return {k: list(islice(tried, len(asked[k]))) for k in asked}
+
+    def _runs(self, folder: CampaignFolder) -> LocalRuns:
+        return LocalRuns(folder, self._suite.criteria, self._settings.processes, self._settings.time_limit_s)
+
+    def _make_case(self, one: _One, number: int, proposal: Proposal) -> None:
+        """Writes the scenario of a proposal, and notes the case of its run, or why it cannot be run."""
+        space, name = one.exploration.space, f"{one.stem}_{number:04d}"
+        path = self._out / SCENARIOS / f"{name}.yaml"
+        make_folder(path.parent)
+        with replacing(path) as new:
+            new.write_text(space.scenario_file(proposal, name), encoding="utf-8")
+        events = [change.model_dump(mode="json") for change in space.changes(proposal)]
+        entry = one.entries[number] = CaseEntry(
+            scenario=str(path.resolve()),
+            ego_id=one.case.ego_id,
+            seed=one.case.seed,
+            tags=list(dict.fromkeys(event["kind"] for event in events)),
+            events=events,
+        )
+        suite = self._suite.model_copy(update={"cases": [entry], "seeds": []})
+        try:
+            cases = cases_of(suite, graph=self._settings.graph, with_versions=self._versions)
+        except InputError as error:  # such as an agent that would enter before the recording begins
+            one.refused[number] = str(error)
+        else:
+            one.cases[number] = next(case for case in cases if case.variant == one.case.variant)
 
     @staticmethod
-    def _tried(
-        one: _One,
-        proposals: Asked,
-        results: Mapping[str, RunResult],
-        refused: Mapping[tuple[int, int], str],
-        k: int,
-    ) -> list[Tried]:
-        """Returns what became of the proposals of one case, by the results of their cases."""
-        tried = []
-        for number, (how, proposal) in enumerate(proposals, len(one.exploration.tried)):
-            distance = one.exploration.space.distance(proposal)
-            base = Tried(number, how, proposal, round(distance, 4), Outcome.ERROR, "", refused.get((k, number), ""))
-            if number in one.cases:
-                result = one.results[number] = results[one.cases[number].id]
-                outcome = outcome_of(result, proposal)
-                base = replace(
-                    base,
-                    outcome=outcome,
-                    case=result.case.id,
-                    reason=result.reason,
-                    group=missed_by(result) if outcome == Outcome.FAILED else "",
-                    near=closeness(result.metrics),
-                    digest=(result.metrics or {}).get("digest") or "",
-                )
-            tried.append(base)
-        return tried
+    def _tried(one: _One, number: int, how: str, proposal: Proposal) -> Tried:
+        """Returns what became of a proposal."""
+        distance = round(one.exploration.space.distance(proposal), 4)
+        if number in one.refused:
+            return Tried(number, how, proposal, distance, Outcome.ERROR, "", one.refused[number])
+        result = one.results[number]
+        outcome = outcome_of(result, proposal)
+        return Tried(
+            number,
+            how,
+            proposal,
+            distance,
+            outcome,
+            case=result.case.id,
+            reason=result.reason,
+            group=missed_by(result) if outcome == Outcome.FAILED else "",
+            near=closeness(result.metrics),
+            digest=(result.metrics or {}).get("digest") or "",
+        )
 
     def _conclude(self) -> Margins:
         """Repeats the failures, and writes what the search leaves."""
@@ -284,8 +288,7 @@ class Search:
         """Runs the failures that are shown once more; returns the results by id of the case."""
         folder = CampaignFolder(self._out / REPEATED)
         cases = [one.cases[each.number] for one in self.all for each in one.exploration.failures]
-        runs = LocalRuns(folder, self._suite.criteria, self._settings.processes, self._settings.time_limit_s)
-        with closing(runs.run(cases)) as running:
+        with closing(self._runs(folder).run(cases)) as running:
             results = {result.case.id: result for result in running}
         shutil.rmtree(folder.path, ignore_errors=True)
         return results

@@ -117,10 +117,10 @@ class Space:
             z[name] = trial.suggest_float(name, low, high)
         return Proposal(act, agent, round(begin, 1), z)
 
-    def drawn(self, random: np.random.Generator) -> dict[str, Any]:
+    def drawn(self, random: np.random.Generator, *, anywhere: bool = False) -> dict[str, Any]:
         """Returns parameters for an optimiser that are drawn from the declared distribution.
 
-        Acts, agents and moments are equally probable, distances normal within their bounds.
+        Acts, agents and moments are equally probable, distances normal within their bounds; or uniform, `anywhere`.
         """
         act = str(random.choice([NOTHING, *self.agents]))
         values: dict[str, Any] = {"act": act}
@@ -130,7 +130,7 @@ class Space:
                 values[f"{act}.begin"] = int(random.integers(*self.steps, endpoint=True))
         for name in self.varied(act):
             low, high = self._bounds(name)
-            drawn = random.normal()
+            drawn = random.uniform(low, high) if anywhere else random.normal()
             values[name] = float(np.clip(abs(drawn) if low == 0.0 else drawn, low, high))
         return values
 

@@ -1,0 +1,59 @@
+"""The space of a search: every proposal is a scenario that can be loaded, and says what it changes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from litsim_eval.search.people import People
+from litsim_eval.search.space import NOTHING, Proposal, Space
+from litsim_sim.scenario.scenario import Scenario
+
+EGO, LEADER, BESIDE, LATE = 1, 2, 3, 4
+
+
+@pytest.fixture(scope="module")
+def space(make_scenario, track, lane_centres) -> Space:
+    tracks = (
+        track(EGO, x=100.0, last=100),
+        track(LEADER, x=140.0, last=100),
+        track(BESIDE, x=108.0, y=lane_centres[2], last=100),
+        track(LATE, x=60.0, first=12, last=100),
+    )
+    return Space.of(make_scenario(*tracks), People.load())
+
+
+def test_every_proposal_can_be_loaded(space: Space) -> None:
+    random, acts = np.random.default_rng(0), set()
+    for number in range(60):
+        drawn = space.drawn(random)
+        act = drawn["act"]
+        acts.add(act)
+        z = {name: 3.0 * drawn[name] for name in space.varied(act)}  # farther than is usual
+        begin = 0.1 * drawn.get(f"{act}.begin", 0)
+        proposal = Proposal(act, drawn.get(f"{act}.agent", -1), round(begin, 1), z)
+        text = space.scenario_file(proposal, f"made_{number}")
+        scenario = Scenario.from_yaml(text, "text")
+        assert scenario.file.changes == space.changes(proposal)
+        assert all(change.text in scenario.file.description for change in scenario.file.changes)
+        assert scenario.ego_id == EGO and space.distance(proposal) > 0.0
+    assert acts == {NOTHING, "brake", "cut_in", "pace", "enter"}
+
+
+def test_a_cut_in_is_as_far_as_the_headway_that_it_leaves(space: Space) -> None:
+    close = space.distances(Proposal("cut_in", BESIDE, 1.0, {"cut_in.duration_s": 1.0}))
+    assert close["cut_in.headway_s"] > 2.0  # 3.5 m at 10 m/s
+    assert close["cut_in.duration_s"] == 1.0
+
+
+def test_no_agent_enters_in_the_history(space: Space) -> None:
+    (change,) = space.changes(Proposal("enter", LATE, 0.0, {"enter.later_s": -6.0}))
+    assert change.model_dump() == {"kind": "enter", "agent": LATE, "later_s": -0.8}  # to step 4, the first after it
+
+
+def test_agents_that_a_scenario_has_changed_already_stay_as_they_are(space: Space) -> None:
+    brake = Proposal("brake", LEADER, 2.0, {"brake.deceleration": 2.0, "brake.duration_s": 1.0})
+    again = Space.of(Scenario.from_yaml(space.scenario_file(brake, "changed"), "text"), space.people)
+    assert "brake" not in again.agents and LEADER not in again.agents["pace"]
+    more = Scenario.from_yaml(again.scenario_file(Proposal(z={"start.left": 1.0}), "more"), "text")
+    assert [change.kind for change in more.file.changes] == ["brake", "start"]
