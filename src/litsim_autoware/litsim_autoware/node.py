@@ -388,7 +388,8 @@ class AutowareNode(Node):
             "steering": partial(vehicle.steering_report, self._steering),
             "acceleration": motion.accel,
             "odometry": motion.odometry,
-        } | {name: partial(vehicle.report, value) for name, value in self._reports.items()}
+        }
+        write |= {name: partial(vehicle.report, value) for name, value in self._reports.items()}
         for name, output in self._status.items():
             if output.listeners:
                 output.publish(write[name](stamp_ns))
