@@ -23,7 +23,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/config", [str(path) for path in sorted(Path("config").iterdir())]),
-        (f"share/{NAME}/launch", [str(path) for path in sorted(Path("launch").iterdir())]),
+        (f"share/{NAME}/launch", [str(path) for path in sorted(Path("launch").glob("*.py"))]),
     ],
     extras_require={"test": ["pytest"]},  # by which `colcon test` knows what runs test/
     entry_points={

@@ -24,7 +24,7 @@ from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import packaged_scenarios
 
 try:
-    from simulation_interfaces import msg as msg, srv as srv
+    from simulation_interfaces import msg, srv
 except ImportError:
     msg = srv = None
 
