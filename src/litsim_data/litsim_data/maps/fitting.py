@@ -19,6 +19,7 @@ from scipy.sparse import coo_array, hstack
 from litsim_data.maps.highway import LANE_WIDTH, MARGIN, VERTEX_SPACING, HighwayPlan, Ramp
 from litsim_data.maps.lane_graph import shift_left
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import arc_lengths
 from litsim_sim.core.scene import FloatArray, IntArray
 
 GRID = 5.0  # [m] spacing of the fitted line's support points
@@ -90,7 +91,7 @@ def fit_plan(table: pd.DataFrame, layout: Layout) -> HighwayPlan:
         left_edge = _extend(np.column_stack([grid, edge]))
     else:
         left_edge = shift_left(_extend(np.column_stack([grid, centre])), 0.5 * widths[0])
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(left_edge, axis=0).T))])
+    s = arc_lengths(left_edge)
 
     def along(x: float) -> float:
         return float(np.interp(x, left_edge[:, 0], s))

@@ -21,6 +21,7 @@ import pandas as pd
 from litsim_data.maps.fitting import fit_lanes, lane_widths
 from litsim_data.maps.lane_graph import LaneGraph, Lanelet, around, at_shares, turn
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import arc_lengths
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 
 COLUMNS = ("vehicle_id", "frame", "x", "y", "lane", "intersection", "section", "direction", "movement")
@@ -166,7 +167,7 @@ def _quadrants(vehicle: IntArray, x: FloatArray, y: FloatArray) -> IntArray:
     result = np.zeros(len(x), np.int64)
     for rows in _tracks(vehicle):
         track = np.column_stack([x[rows], y[rows]])
-        s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(track, axis=0).T))])
+        s = arc_lengths(track)
         low, high = np.maximum(s - 2.0, 0.0), np.minimum(s + 2.0, s[-1])
         dx, dy = (np.interp(high, s, track[:, axis]) - np.interp(low, s, track[:, axis]) for axis in (0, 1))
         result[rows] = np.round(np.arctan2(dy, dx) / (0.5 * np.pi)).astype(np.int64) % 4

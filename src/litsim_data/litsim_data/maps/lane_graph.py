@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.geometry import to_body, wrap_angle
+from litsim_sim.core.geometry import arc_lengths, to_body, wrap_angle
 from litsim_sim.core.scene import FloatArray
 
 SPEED_LIMIT = 13.89  # [m/s] 50 km/h, where the map gives none
@@ -243,7 +243,7 @@ def _interpolated(line: FloatArray, at: FloatArray, wanted: FloatArray) -> Float
 
 def _distances(line: FloatArray) -> FloatArray:
     """Returns distances (k,) [m] along a line from its beginning to its points."""
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line[:, :2], axis=0).T))])
+    return arc_lengths(line[:, :2])
 
 
 def _length(line: FloatArray) -> float:

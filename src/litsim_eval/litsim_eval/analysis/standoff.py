@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from litsim_sim.core.geometry import box_corners, wrap_angle
+from litsim_sim.core.geometry import arc_lengths, box_corners, wrap_angle
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.core.signals import STOP_STATES, SignalState
 from litsim_sim.lane_map.signal_links import SignalLink
@@ -131,7 +131,7 @@ def _way(track: _Track, at: int) -> shapely.Geometry | None:
     ahead = track.log[nearest:]
     if away[nearest] > OFF_WAY_M or len(ahead) < 2:
         return None
-    along = np.append(0.0, np.cumsum(np.hypot(*np.diff(ahead, axis=0).T)))
+    along = arc_lengths(ahead)
     ahead = ahead[along <= AHEAD_M]
     if along[-1] < 0.5 * track.length or len(ahead) < 2:
         return None

@@ -179,10 +179,10 @@ class Space:
         who = {"kind": proposal.act, "agent": proposal.agent}
         when = {"begin_s": proposal.begin_s}
         if proposal.act == "brake":
-            how = {"duration_s": self._or(value, "brake.duration_s", 1.0)}
-            fields.append(who | when | how | {"deceleration": self._or(value, "brake.deceleration", 1.0)})
+            how = {"duration_s": value.get("brake.duration_s", 1.0)}
+            fields.append(who | when | how | {"deceleration": value.get("brake.deceleration", 1.0)})
         elif proposal.act == "cut_in":
-            fields.append(who | when | {"duration_s": self._or(value, "cut_in.duration_s", 4.0)})
+            fields.append(who | when | {"duration_s": value.get("cut_in.duration_s", 4.0)})
         elif proposal.act == "pace":
             fields.append(who | when | {"duration_s": PACE_S, "factor": round(1.0 + value["pace.factor"], 3)})
         elif proposal.act == "enter":
@@ -211,11 +211,6 @@ class Space:
             "changes": before + [change.model_dump(mode="json") for change in changes],
         }
         return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=120)
-
-    @staticmethod
-    def _or(values: Mapping[str, float], name: str, usual: float) -> float:
-        """Returns a value, or what is usual where the parameter does not vary."""
-        return values.get(name, usual)
 
     def _bounds(self, name: str) -> tuple[float, float]:
         bound = self.range_of(self.parameters[name])

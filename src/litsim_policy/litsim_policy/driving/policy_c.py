@@ -153,8 +153,8 @@ class PolicyC(Policy):
         self, scenario: Setting, config: PolicyCConfig | None = None, network: PolicyNetwork | None = None
     ) -> None:
         config = config or PolicyCConfig()
-        self._yielding, self._lane_map, self._network = YieldPolicy(scenario), scenario.lane_map, network
-        self._observer = Observer(scenario.lane_map, network.observation) if network else None
+        self._yielding, self._lane_map = YieldPolicy(scenario), scenario.lane_map
+        self._driving = (network, Observer(self._lane_map, network.observation)) if network else None
         self._safety, self._logs = SafetyLayer(config.safety), OwnLogs(scenario, rules=config.rules)
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
@@ -163,17 +163,20 @@ class PolicyC(Policy):
         passing = [t for t in held if t.path_source == PathSource.LANE]
         keeping = [t for t in held if t.path_source != PathSource.LANE]
         returning = [t for t in takeovers.takeovers if t.state != TakeoverState.HELD]
-        return merged(self._keep(table, keeping), self._by_rules(table, returning), self._pass(table, passing))
+        return ControlTable.merged(
+            self._keep(table, keeping), self._by_rules(table, returning), self._pass(table, passing)
+        )
 
     def _keep(self, table: AgentTable, keeping: Sequence[Takeover]) -> ControlTable:
         """Returns controls of agents that keep to their paths."""
         scene = DrivingScene.of_takeovers(self._lane_map, table, keeping, self._logs)
         if not len(scene):
             return ControlTable.empty(table.step)
-        if self._network is None or self._observer is None:
+        if self._driving is None:
             return guarded(scene, scene.onwards, scene.agents.path_yaw_rate, self._safety)
-        action = self._network.mean(self._observer.features(scene))
-        acceleration, yaw_rate = executed(scene, action, residual=self._network.observation.residual)
+        network, observer = self._driving
+        action = network.mean(observer.features(scene))
+        acceleration, yaw_rate = executed(scene, action, residual=network.observation.residual)
         return guarded(scene, self._logs.waiting(scene.agents, acceleration), yaw_rate, self._safety)
 
     def _by_rules(self, table: AgentTable, takeovers: Sequence[Takeover]) -> ControlTable:
@@ -191,20 +194,6 @@ class PolicyC(Policy):
         scene = DrivingScene.of_takeovers(self._lane_map, table, passing)
         braking = np.maximum(asked.acceleration, -COMFORTABLE.deceleration)
         return guarded(scene, braking, asked.yaw_rate, self._safety)
-
-
-def merged(*tables: ControlTable) -> ControlTable:
-    """Returns controls of several tables of a step, ids ascending; no agent is in two of them."""
-    listed = [table for table in tables if len(table.id)]
-    if len(listed) <= 1:
-        return listed[0] if listed else tables[0]
-    order = np.concatenate([table.id for table in listed]).argsort(kind="stable")
-
-    def column(field: str) -> np.ndarray:
-        return np.asarray(np.concatenate([getattr(table, field) for table in listed])[order])
-
-    fields = ("id", "acceleration", "lateral_acceleration", "yaw_rate", "source")
-    return ControlTable(tables[0].step, **{field: column(field) for field in fields})
 
 
 def _observation(metadata: dict[str, str], path: Path) -> ObservationConfig:

@@ -10,6 +10,7 @@ import numpy as np
 from litsim_policy.motion import bezier
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.path_kernels import thinned
+from litsim_sim.core.geometry import arc_lengths
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.net_lanes import Lane
@@ -48,7 +49,7 @@ class ReferencePath:
     @classmethod
     def of(cls, points: FloatArray) -> ReferencePath:
         """Returns path through exactly `points` (m, 2); no two neighbours may be equal."""
-        return cls(points, np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))]))
+        return cls(points, arc_lengths(points))
 
     def project(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the arc length s (n,) and offset d (n,), positive to the left, of the nearest point of the path [m].
@@ -92,7 +93,7 @@ def _logged_path(log: Log, lane_map: LaneMap, agent: int) -> ReferencePath:
     row = int(np.searchsorted(log.ids, agent))
     valid = log.valid[row]
     points = np.column_stack([log.x[row][valid], log.y[row][valid]])
-    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    travelled = arc_lengths(points)
     marks = np.arange(0.0, travelled[-1], SPACING)
     steps = np.interp(marks, travelled, np.arange(len(points)))
     smooth = np.column_stack([np.interp(steps, np.arange(len(points)), points[:, i]) for i in (0, 1)])

@@ -17,7 +17,7 @@ from litsim_policy.conflict.takeover import TakeoverManager
 from litsim_policy.driving.action import consistent, normalised
 from litsim_policy.driving.features.observation import ObservationConfig, Observer
 from litsim_policy.driving.handback import OwnLogs
-from litsim_policy.driving.policy_c import executed, guarded, merged
+from litsim_policy.driving.policy_c import executed, guarded
 from litsim_policy.driving.registry import make_policy
 from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.layer import SafetyLayer
@@ -202,7 +202,7 @@ class Episodes:
             acceleration = self._logs.waiting(scene.agents, acceleration)
         command = acceleration, yaw_rate
         needed = self._guard.guard(scene, *command).guarded
-        controls = merged(guarded(scene, *command, self.safety), self._others_controls())
+        controls = ControlTable.merged(guarded(scene, *command, self.safety), self._others_controls())
         commands = self._egos.plan(before, self.running.nonzero()[0].tolist())
         self._see(self._world.step_batch(controls, commands))
         self._choose()

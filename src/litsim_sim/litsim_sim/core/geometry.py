@@ -107,6 +107,16 @@ def _overlapping(
     return pairs[:count].copy()
 
 
+def arc_lengths(points: FloatArray) -> FloatArray:
+    """Returns the distances (m,) [m] along a polyline (m, 2) from its first point to each."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+
+
+def smooth_step(u: FloatArray | float) -> FloatArray:
+    """Returns the quintic from 0 to 1 over `u` in [0, 1] whose first two derivatives vanish at both ends."""
+    return np.asarray(u**3 * (10 - 15 * u + 6 * u**2))
+
+
 def to_body(dx: FloatArray, dy: FloatArray, yaw: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Displacements in frame map expressed ahead of and to the left of a body with heading `yaw`."""
     cos, sin = np.cos(yaw), np.sin(yaw)

@@ -231,6 +231,20 @@ class ControlTable:
         return cls(step, np.empty(0, np.int64), none, none, none, np.empty(0, np.uint8))
 
     @classmethod
+    def merged(cls, *tables: ControlTable) -> ControlTable:
+        """Returns the controls of several tables of a step, ids ascending; no agent is in two of them."""
+        listed = [table for table in tables if len(table.id)]
+        if len(listed) <= 1:
+            return listed[0] if listed else tables[0]
+        order = np.concatenate([table.id for table in listed]).argsort(kind="stable")
+        columns = {f: np.concatenate([getattr(table, f) for table in listed])[order] for f in CONTROL_COLUMNS}
+        return cls(tables[0].step, **columns)
+
+    def take(self, rows: BoolArray) -> ControlTable:
+        """Returns the controls of the agents in the mask `rows` (m,)."""
+        return ControlTable(self.step, **{f: getattr(self, f)[rows] for f in CONTROL_COLUMNS})
+
+    @classmethod
     def without_slip(
         cls, table: AgentTable, rows: IntArray, acceleration: FloatArray, yaw_rate: FloatArray, source: ByteArray
     ) -> ControlTable:
@@ -247,6 +261,10 @@ class ControlTable:
         """Controls as by :meth:`without_slip`, all with the policy as their source."""
         source = np.full(len(rows), ControlSource.POLICY, np.uint8)
         return cls.without_slip(table, rows, acceleration, yaw_rate, source)
+
+
+CONTROL_COLUMNS: tuple[str, ...] = tuple(f.name for f in fields(ControlTable) if f.name != "step")
+"""The columns of the controls."""
 
 
 class ControlSource(IntEnum):

@@ -13,6 +13,7 @@ import numpy as np
 import sumolib
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import arc_lengths
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.input_files import TREE_MAX, open_input
 
@@ -167,7 +168,7 @@ def _lane(lane: Any, left_hand: bool, path: Path) -> Lane:
     closed = np.array([centerline[0], centerline[0] + [2 * TOLERANCE, 0.0]])  # by rounding, in a very short junction
     heights = heights[keep] if keep.sum() > 1 else heights[:2]
     centerline = centerline[keep] if keep.sum() > 1 else closed
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(centerline, axis=0).T))])
+    s = arc_lengths(centerline)
     edge = lane.getEdge()
     from_right = edge.getLanes()[::-1] if left_hand else edge.getLanes()
     index = from_right.index(lane)

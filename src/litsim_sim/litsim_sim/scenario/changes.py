@@ -13,7 +13,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
-from litsim_sim.core.scene import STEP_S, FloatArray, IntArray
+from litsim_sim.core.geometry import smooth_step
+from litsim_sim.core.scene import STEP_S, IntArray
 from litsim_sim.scenario.recording import BOUNDS, Recording
 
 ENTRY_S = 5.0
@@ -213,11 +214,11 @@ def _started(
 ) -> dict[str, np.ndarray]:
     """Returns the columns of the pose and motion of the ego, whose rows (k,) are of the steps `step` (k,).
 
-    Both changes grow over the history as 10 u^3 - 15 u^4 + 6 u^5, whose first two derivatives vanish at both ends. The
-    ego is ahead of its log by the integral of the change of its speed, which stays from the end of the history on.
+    Both changes grow over the history as :func:`.geometry.smooth_step`. The ego is ahead of its log by the integral of
+    the change of its speed, which stays from the end of the history on.
     """
     u = np.clip(step / history_steps, 0.0, 1.0)
-    grown, ahead = u**3 * (10 - 15 * u + 6 * u**2), u**4 * (2.5 - 3 * u + u**2)  # the latter is the integral
+    grown, ahead = smooth_step(u), u**4 * (2.5 - 3 * u + u**2)  # the latter is the integral
     slope = 30 * u**2 * (1 - u) ** 2 / (history_steps * STEP_S)
     forth, left = change.faster * ahead * history_steps * STEP_S, change.left * grown
     yaw, speed = columns["yaw"][rows], columns["speed"][rows]
@@ -239,14 +240,3 @@ def _started(
 def acts(changes: Sequence[Change]) -> tuple[Act, ...]:
     """Returns those of `changes` by which agents are actors."""
     return tuple(change for change in changes if isinstance(change, Act))
-
-
-def polyline_at(points: FloatArray, s: float) -> FloatArray:
-    """Returns the point (2,) at arc length `s` [m] of a polyline (m, 2), prolonged straight beyond its end."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    if s <= along[-1]:
-        return np.array([np.interp(s, along, points[:, 0]), np.interp(s, along, points[:, 1])])
-    moving = (along < along[-1] - 1.0).nonzero()[0]
-    direction = points[-1] - points[moving[-1] if len(moving) else 0]
-    length = np.hypot(*direction)
-    return points[-1] + (s - along[-1]) * (direction / length if length > 0.0 else direction)

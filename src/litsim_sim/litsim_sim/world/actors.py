@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from litsim_sim.core.geometry import to_body
+from litsim_sim.core.geometry import arc_lengths, smooth_step, to_body
 from litsim_sim.core.scene import STEP_S, AgentTable, ControlTable, FloatArray
-from litsim_sim.scenario.changes import ENTRY_S, Act, Brake, CutIn, Enter, Pace, polyline_at
+from litsim_sim.scenario.changes import ENTRY_S, Act, Brake, CutIn, Enter, Pace
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.setting import Setting
 
@@ -41,11 +41,7 @@ class Actors:
         rows = np.array(sorted(commands))
         acceleration, yaw_rate = np.array([commands[row] for row in rows.tolist()]).T
         acting = ControlTable.of_policy(table, rows, acceleration, yaw_rate)
-        stays = ~np.isin(controls.id, acting.id)
-        names = ("id", "acceleration", "lateral_acceleration", "yaw_rate", "source")
-        columns = [np.concatenate([getattr(controls, name)[stays], getattr(acting, name)]) for name in names]
-        order = columns[0].argsort(kind="stable")
-        return ControlTable(table.step, *(values[order] for values in columns))
+        return ControlTable.merged(controls.take(~np.isin(controls.id, acting.id)), acting)
 
 
 class _Actor:
@@ -77,7 +73,7 @@ class _Actor:
         if self._path is None:
             return None
         nearest = int(np.hypot(self._path[:, 0] - x, self._path[:, 1] - y).argmin())
-        target = polyline_at(self._path[nearest:], max(REACH_MIN, REACH_S * speed))
+        target = _polyline_at(self._path[nearest:], max(REACH_MIN, REACH_S * speed))
         away = math.hypot(target[0] - x, target[1] - y)
         yaw_rate = 2.0 * speed * math.sin(math.atan2(target[1] - y, target[0] - x) - yaw) / max(away, 1.0)
         if isinstance(self._act, Brake):
@@ -106,11 +102,22 @@ class _Actor:
         beside = lane_map.lanes[lane_map.row(name)]
         offset = 0.5 * (here.width + beside.width) * (1.0 if left[0] > 0.0 else -1.0)
         centre = lane_map.path_from(lane_map.row(name), float(at.s[0]) * beside.length / here.length, CHANGE_LENGTH)
-        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(centre, axis=0).T))])
+        along = arc_lengths(centre)
         marks = np.arange(0.0, along[-1], 1.0)
         points = np.column_stack([np.interp(marks, along, centre[:, axis]) for axis in (0, 1)])
         direction = np.gradient(points, axis=0)
         normal = np.column_stack([-direction[:, 1], direction[:, 0]]) / np.hypot(*direction.T)[:, None]
         u = np.clip(marks / (self._act.duration_s * max(float(table.speed[row]), 3.0)), 0.0, 1.0)
-        still = (float(at.d[0]) - offset) * (1.0 - u**3 * (10 - 15 * u + 6 * u**2))  # [m] left of the new lane's centre
+        still = (float(at.d[0]) - offset) * (1.0 - smooth_step(u))  # [m] left of the new lane's centre
         return np.asarray(points + still[:, None] * normal, np.float64)
+
+
+def _polyline_at(points: FloatArray, s: float) -> FloatArray:
+    """Returns the point (2,) at arc length `s` [m] of a polyline (m, 2), prolonged straight beyond its end."""
+    along = arc_lengths(points)
+    if s <= along[-1]:
+        return np.array([np.interp(s, along, points[:, 0]), np.interp(s, along, points[:, 1])])
+    moving = (along < along[-1] - 1.0).nonzero()[0]
+    direction = points[-1] - points[moving[-1] if len(moving) else 0]
+    length = np.hypot(*direction)
+    return points[-1] + (s - along[-1]) * (direction / length if length > 0.0 else direction)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.geometry import smooth_step, wrap_angle
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray
 from litsim_sim.scenario.log import Log
 
@@ -75,7 +75,7 @@ class Residual:
         """
         s = min(1.0, (step - self.step) / self.steps)
         duration = self.steps * STEP_S
-        value, slope = 1 - s**3 * (10 - 15 * s + 6 * s**2), -30 * s**2 * (1 - s) ** 2
+        value, slope = 1 - float(smooth_step(s)), -30 * s**2 * (1 - s) ** 2
         drift, drift_slope = s * (1 - s**2 * (6 - 8 * s + 3 * s**2)), 1 - s**2 * (18 - 32 * s + 15 * s**2)
         bend, drift_bend = -60 * s * (1 - s) * (1 - 2 * s), -12 * s * (1 - s) * (3 - 5 * s)
         return Offsets(
