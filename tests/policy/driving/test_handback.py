@@ -37,6 +37,11 @@ def test_on_the_log_the_log_is_copied() -> None:
     assert catch_up(0.0, 10.0, 10.0, -1.3) == pytest.approx(-1.3)
 
 
+def test_who_stands_short_of_where_its_log_stops_closes_up() -> None:
+    assert catch_up(0.0, 0.0, 1.4, -2.0) == pytest.approx(1.4 * SPEED_GAIN)
+    assert catch_up(0.0, 9.0, 10.0, -2.0) == pytest.approx(-2.0 * 0.9**2 + SPEED_GAIN)
+
+
 def test_behind_the_log_it_accelerates_and_ahead_of_it_it_brakes() -> None:
     assert catch_up(1.0, 10.0, 10.0, 0.0) == pytest.approx(POSITION_GAIN)
     assert catch_up(-1.0, 10.0, 10.0, 0.0) == pytest.approx(-POSITION_GAIN)

@@ -52,7 +52,7 @@ def test_it_brakes_constantly_by_what_the_approach_takes(wanted: float) -> None:
     assert kept(wanted, 12.0, STANDS + 9.0, 5.0) == pytest.approx(
         -(7.0**2) / (2 * 9.0) if wanted > -COURTESY else -COURTESY
     )
-    gap = STANDS / 2 + 5.0
+    gap = STANDS / 4 + 5.0
     assert kept(wanted, 12.0, gap, 5.0) == pytest.approx(-(7.0**2) / (2 * 5.0))
     stops = 5.0**2 / (2 * 4.0)  # a leader who brakes is taken to stop
     assert kept(wanted, 12.0, gap + 7.0, 5.0, braking=4.0) == pytest.approx(-(12.0**2) / (2 * (12.0 + stops)))

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from litsim_policy.driving.yielding_rules import keep_distance, wait_for_crossing
+from litsim_policy.driving.yielding_rules import keep_distance, make_room, wait_for_crossing
 from litsim_policy.motion.car_following import IdmConfig
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.stop_lines import StopLines, idm_at_signals
@@ -24,6 +24,7 @@ COMFORTABLE = IdmConfig(headway=0.8, standstill_gap=1.5, acceleration=2.0, decel
 
 
 ACCELERATION_MAX, DECELERATION_MAX = 2.0, 3.0  # [m/s2] bounds of catching up; nuPlan's of comfort are 2.40 and 4.05
+STANDING = 0.1  # [m/s] speed below which a log counts as standing
 SPEED_EXCESS = 4.0  # [m/s] most by which an agent drives faster than its log
 POSITION_GAIN = 0.36  # [1/s2] on the distance to the log
 SPEED_GAIN = 1.2  # [1/s] on the difference in speed; twice the root of the other, for critical damping
@@ -37,6 +38,8 @@ def catch_up(
 ) -> FloatArray:
     """Returns accelerations (...) [m/s2] with which agents catch up with their logs.
 
+    Slower than their logs, they brake less than these: as much as changes their speed as fast along the way.
+
     Args:
         behind: distance along the path to the log's position [m].
         speed: of the agents [m/s].
@@ -44,7 +47,9 @@ def catch_up(
     """
     approach = POSITION_GAIN * behind / SPEED_GAIN
     approach = np.minimum(np.maximum(approach, -SPEED_EXCESS), SPEED_EXCESS)
-    wanted = log_acceleration + SPEED_GAIN * (log_speed + approach - speed)
+    share = np.minimum(speed / np.maximum(log_speed, STANDING), 1.0)
+    with_log = np.where(np.less(log_acceleration, 0.0), log_acceleration * share**2, log_acceleration)
+    wanted = with_log + SPEED_GAIN * (log_speed + approach - speed)
     return np.asarray(np.minimum(np.maximum(wanted, -DECELERATION_MAX), ACCELERATION_MAX))
 
 
@@ -62,8 +67,8 @@ def along_log(log: Log, agents: PathFollowers, lag: IntArray) -> FloatArray:
 class OwnLogs:
     """Logs as something that drives: on as the own log does, with a lag.
 
-    Agents keep their distance to those ahead and wait for crossing ones (:mod:`.yielding_rules`), unless `rules` is
-    off, and stop at red lights.
+    Unless `rules` is off, agents keep their distance to those ahead, make room for merging ones and wait for crossing
+    ones (:mod:`.yielding_rules`). They stop at red lights.
 
     Attributes:
         log: of all agents.
@@ -77,6 +82,7 @@ class OwnLogs:
         wanted, table, rows = along_log(self.log, agents, lag), agents.table, agents.rows
         if self._rules:
             wanted = keep_distance(wanted, agents.speed, table.length[rows], agents.leaders, COMFORTABLE.values)
+            wanted = make_room(wanted, agents.paths.arrays, agents.s, table.arrays, rows)
         return self.waiting(agents, wanted)
 
     def waiting(self, agents: PathFollowers, wanted: FloatArray) -> FloatArray:

@@ -95,8 +95,8 @@ class PolicyCConfig:
         weights: `none` for no network: agents drive on as their logs do, with the present lag. `residual` is a packaged
             network that adds to that, `critic` one that drives alone, trained with a critic after the paper. Else a
             file that ``litsim_research train policy`` has written.
-        rules: whether agents wait for crossing ones, and driving on as the log does keeps its distance; see
-            :class:`.handback.OwnLogs`.
+        rules: whether agents wait for crossing ones, and driving on as the log does keeps its distance and makes room;
+            see :class:`.handback.OwnLogs`.
         safety: the guard.
     """
 

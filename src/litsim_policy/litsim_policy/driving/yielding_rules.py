@@ -21,7 +21,7 @@ from litsim_policy.motion.car_following import (
     idm,
     safe_speed,
 )
-from litsim_policy.motion.path_kernels import PATHS, UNIT_X, UNIT_Y, PathArrays, S, X, Y, segment_at
+from litsim_policy.motion.path_kernels import PATHS, UNIT_X, UNIT_Y, PathArrays, S, X, Y, nearest, segment_at
 from litsim_sim.core.pair_geometry import overlap, within_scenes
 from litsim_sim.core.scene import AGENTS, STEP_S, AgentArrays, BoolArray, Controller, FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
@@ -45,6 +45,7 @@ SIDE_DRIFT = 0.05  # [m] lateral distance that does not count as a move
 LEADER_BRAKING, OWN_BRAKING = 8.0, 7.5  # [m/s2] hardest braking of leaders at any time, and in reply to it
 RELAX = 1.0  # [s] time constant of slowing down to the speed that is safe behind a leader
 CROSSING_HORIZON = 3.0  # [s] for which crossing agents are expected to continue
+FALLING_BACK = 4.0  # [s] in which an agent falls back behind one alongside, if their paths have met by then
 CROSSING_MARGIN = 0.5  # [m] distance kept to crossing agents
 FOLLOWING_TIME = 0.5  # [s] time constant of matching a leader's speed, nearer than the standstill gap
 PEDALS = 3  # number of braking strengths, up to the hardest, that are tried to let an agent cross
@@ -67,8 +68,8 @@ def keep_distance(
     slow down to that speed by at most comfortable braking.
 
     Once keeping the standstill gap takes more than comfortable braking, they brake constantly as that requires: harder
-    than by the courtesy deceleration only for half of that gap. Nearer than the standstill gap they slow down to the
-    leader's speed.
+    than by the courtesy deceleration only for a quarter of that gap. Nearer than the standstill gap they slow down to
+    the leader's speed.
 
     Args:
         wanted: (m,) accelerations [m/s2].
@@ -90,7 +91,7 @@ def keep_distance(
             if not gap[i, j] > 0.0:
                 continue
             kept[i] = max(kept[i], -COURTESY_DECELERATION)
-            brakes, least = leaders.acceleration[first[i] + j], gap[i, j] - 0.5 * standstill_gap
+            brakes, least = leaders.acceleration[first[i] + j], gap[i, j] - 0.25 * standstill_gap
             soft = max(soft, braking_behind(speed[i], lead, brakes, room, LEADER_BRAKES))
             pressing = max(pressing, braking_behind(speed[i], lead, brakes, least, LEADER_BRAKES))
         if soft > comfortable:
@@ -130,6 +131,58 @@ def side_is_taken(agents: AgentArrays, rows: IntArray, lane_heading: FloatArray,
                 taken[i] = True
                 break
     return taken
+
+
+@kernel(boolean(AGENTS, int64, int64))
+def _goes_first(agents: AgentArrays, j: int, own: int) -> bool:
+    """Whether the agent in row `j` has priority over that in row `own` when both are alongside; never mutual.
+
+    Where paths cross, each agent can be ahead on the other's; along the mean direction of both headings only one is.
+    """
+    along = (agents.x[j] - agents.x[own]) * (math.cos(agents.yaw[j]) + math.cos(agents.yaw[own]))
+    along += (agents.y[j] - agents.y[own]) * (math.sin(agents.yaw[j]) + math.sin(agents.yaw[own]))
+    return along > 0.0 or (along == 0.0 and agents.id[j] < agents.id[own])
+
+
+@kernel(OUT_FLOATS(FLOATS, PATHS, FLOATS, AGENTS, INTS))
+def make_room(
+    wanted: FloatArray, paths: PathArrays, own_s: FloatArray, agents: AgentArrays, rows: IntArray
+) -> FloatArray:
+    """Accelerations (m,) [m/s2] with which agents let others in that are alongside, if less than they want.
+
+    Of two of these agents that are alongside and whose paths meet ahead, the one that is behind falls back, by no more
+    than the courtesy deceleration.
+
+    Args:
+        wanted: (m,) accelerations [m/s2].
+        paths, own_s: (m,) paths of the agents, and arc lengths of the agents on them [m].
+        agents: all agents.
+        rows: (m,) of the agents.
+    """
+    eased = wanted.copy()
+    for i in range(len(rows)):
+        own = rows[i]
+        cos, sin = math.cos(agents.yaw[own]), math.sin(agents.yaw[own])
+        for k in range(len(rows)):
+            j = rows[k]
+            dx, dy = agents.x[j] - agents.x[own], agents.y[j] - agents.y[own]
+            ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+            reach = 0.5 * (agents.length[j] + agents.length[own]) + SIDE_GAP
+            apart = 0.5 * (agents.width[j] + agents.width[own])
+            if not (abs(ahead) < reach and abs(left) > apart and agents.scene[j] == agents.scene[own]):
+                continue
+            if not (math.cos(agents.yaw[j] - agents.yaw[own]) > SAME_WAY and _goes_first(agents, j, own)):
+                continue
+            s = own_s[k] + agents.speed[j] * FALLING_BACK
+            at = segment_at(paths.segments, paths.counts[k], k, s)
+            along = s - paths.segments[k, at, S]
+            x = paths.segments[k, at, X] + along * paths.segments[k, at, UNIT_X]
+            y = paths.segments[k, at, Y] + along * paths.segments[k, at, UNIT_Y]
+            if abs(nearest(paths.segments[i], paths.circles[i], paths.counts[i], x, y)[2]) < apart:
+                slower = agents.speed[j] - agents.speed[own]
+                needed = 2.0 * (reach - ahead - slower * FALLING_BACK) / FALLING_BACK**2
+                eased[i] = min(eased[i], -min(needed, COURTESY_DECELERATION))
+    return eased
 
 
 @kernel(boolean(float64, PATHS, int64, float64, AGENTS, int64, int64))
@@ -190,17 +243,6 @@ def wait_for_crossing(
                     break
             eased[i] = pedal
     return eased
-
-
-@kernel(boolean(AGENTS, int64, int64))
-def _goes_first(agents: AgentArrays, j: int, own: int) -> bool:
-    """Whether the agent in row `j` has priority over that in row `own` when both are alongside; never mutual.
-
-    Where paths cross, each agent can be ahead on the other's; along the mean direction of both headings only one is.
-    """
-    along = (agents.x[j] - agents.x[own]) * (math.cos(agents.yaw[j]) + math.cos(agents.yaw[own]))
-    along += (agents.y[j] - agents.y[own]) * (math.sin(agents.yaw[j]) + math.sin(agents.yaw[own]))
-    return along > 0.0 or (along == 0.0 and agents.id[j] < agents.id[own])
 
 
 @kernel(OUT_FLOATS(VIEW, AGENTS, INTS, FLOATS, INTS, IDM))
