@@ -10,10 +10,11 @@ from operator import attrgetter
 import numpy as np
 from numba import types
 
+from litsim_policy.conflict.broad_phase import Boxes, may_overlap
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.futures import Futures
-from litsim_policy.conflict.overlap import closing_overlaps, mixture_overlap_probability, quantile, within_bounds
-from litsim_policy.conflict.predicted_motion import PredictedMotion, widest
+from litsim_policy.conflict.overlap import closing_overlaps, mixture_overlap_probability, quantile
+from litsim_policy.conflict.predicted_motion import PredictedMotion
 from litsim_sim.core.pair_geometry import behind_scene
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
@@ -130,17 +131,18 @@ class ConflictDetector:
         in_conflict = np.zeros(len(futures.table), np.bool_)
         if not len(pairs):
             return in_conflict
-        first = self._overlap_probability(futures, pairs, least, first=True)
-        closing = self._closing(futures, pairs)
-        hit: BoolArray = np.asarray(first.any(axis=1) | closing.any(axis=1))
-        in_log = hit.nonzero()[0]
-        in_log = in_log[self._overlap_in_log(futures.covered, pairs[in_log])]
-        if len(in_log):  # the first step may be exempt, and a later one not
-            probability = self._overlap_probability(futures, pairs[in_log], least)
-            np.maximum(probability, closing[in_log], out=probability)
-            self._exempt(probability, futures, pairs[in_log], futures.expected)
-            hit[in_log] = probability.any(axis=1)
-        in_conflict[futures.rows[pairs[hit, 0]]] = True
+        closing = pairs[self._closing(futures, pairs, first=True).any(axis=1)]
+        others = pairs[~np.isin(pairs[:, 0], closing[:, 0])]
+        probable = others[self._overlap_probability(futures, others, least, first=True).any(axis=1)]
+        one_of_each = np.concatenate([closing, probable])
+        in_log = self._overlap_in_log(futures.covered, one_of_each)
+        in_conflict[futures.rows[one_of_each[~in_log, 0]]] = True
+        again = pairs[np.isin(pairs[:, 0], one_of_each[in_log, 0])]  # that pair may be exempt, and another one not
+        if len(again):
+            probability = self._overlap_probability(futures, again, least)
+            np.maximum(probability, self._closing(futures, again), out=probability)
+            self._exempt(probability, futures, again, futures.expected)
+            in_conflict[futures.rows[again[probability.any(axis=1), 0]]] = True
         return in_conflict
 
     def pair_probabilities(
@@ -175,29 +177,30 @@ class ConflictDetector:
         """Returns the `pairs` that can overlap, with a probability of at least `least` or closing fast."""
         if not len(pairs):
             return pairs
-        table, others = futures.covered, futures.expected.alternatives
-        now = table.x, table.y, table.speed, table.acceleration
-        anywhere = widest(futures.expected.bounds, others.row, others.bounds, *now, self._closing_time(table))
-        tail = max(0.0, -quantile(least))
-        return pairs[within_bounds(pairs, futures.by_log.bounds, anywhere, *self._sizes(table), tail)]
+        table = futures.covered
+        now = table.x, table.y, table.yaw, table.speed, table.acceleration
+        boxes = Boxes(*now, *self._sizes(table), self._closing_time(table))
+        return pairs[may_overlap(pairs, futures.by_log, futures.expected, boxes, max(0.0, -quantile(least)))]
 
     def _overlap_probability(
         self, futures: Futures, pairs: IntArray, least: float, *, first: bool = False
     ) -> FloatArray:
         """Returns the probability (m, T) that the first of each pair, by its log, overlaps the expected second.
 
-        Probabilities that do not reach `least` are 0; with `first`, those after the first that does may be, too.
+        Probabilities that do not reach `least` are 0; `first` as in :func:`.overlap.mixture_overlap_probability`.
         """
         sizes = self._sizes(futures.covered)
         return mixture_overlap_probability(pairs, futures.by_log, futures.expected, sizes, least, first=first)
 
-    def _closing(self, futures: Futures, pairs: IntArray) -> FloatArray:
-        """Returns an array (m, T): 1 where the first of each pair, by its log, hits the second, which continues."""
+    def _closing(self, futures: Futures, pairs: IntArray, *, first: bool = False) -> FloatArray:
+        """Returns an array (m, T): 1 where the first of each pair, by its log, hits the second, which continues.
+
+        `first` as in :func:`.overlap.mixture_overlap_probability`.
+        """
         table, by_log = futures.covered, futures.by_log
         now = table.x, table.y, table.yaw, table.speed, table.acceleration
-        return closing_overlaps(
-            pairs, (by_log.states, by_log.valid), now, self._sizes(table), self._closing_time(table)
-        )
+        motions, sizes = (by_log.states, by_log.valid), self._sizes(table)
+        return closing_overlaps(pairs, motions, now, sizes, self._closing_time(table), first)
 
     def _closing_time(self, table: AgentTable) -> FloatArray:
         """Returns times (n,) [s] for which agents are assumed to continue as now; see `ConflictConfig.closing_time`."""

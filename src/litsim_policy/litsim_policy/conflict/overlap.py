@@ -41,7 +41,6 @@ from litsim_sim.kernels.compiled import (
     FLOATS3,
     INTS,
     INTS2,
-    OUT_BOOLS,
     OUT_FLOATS,
     OUT_FLOATS2,
     OUT_INTS,
@@ -239,26 +238,6 @@ def may_meet(bounds_a: FloatArray, bounds_b: FloatArray, i: int, j: int, reach: 
     )
 
 
-@kernel(OUT_BOOLS(INTS2, FLOATS2, FLOATS2, FLOATS, FLOATS, float64))
-def within_bounds(
-    pairs: IntArray, bounds_a: FloatArray, bounds_b: FloatArray, length: FloatArray, width: FloatArray, tail: float
-) -> BoolArray:
-    """Return for each of `pairs` (m, 2) whether its boxes can overlap at all, by the bounds of futures a and b.
-
-    Args:
-        pairs: positions of an agent in futures a and of one in futures b.
-        bounds_a, bounds_b: (n, 5) as in :class:`PredictedMotion`.
-        length, width: (n,) of the boxes [m].
-        tail: number of spreads by which the centres may deviate from their means.
-    """
-    within = np.empty(len(pairs), np.bool_)
-    for k in range(len(pairs)):
-        i, j = pairs[k, 0], pairs[k, 1]
-        reach = touching(length[i], width[i], length[j], width[j])
-        within[k] = may_meet(bounds_a, bounds_b, i, j, reach, tail)
-    return within
-
-
 @kernel(boolean(FLOATS2, BOOLS, FLOATS2, BOOLS, _FOUR, float64, float64, boolean, OUT_FLOATS))
 def write_overlaps(  # noqa: PLR0917 - a kernel takes arrays and numbers
     a: FloatArray,
@@ -304,13 +283,14 @@ def write_overlaps(  # noqa: PLR0917 - a kernel takes arrays and numbers
     return matters
 
 
-@kernel(OUT_FLOATS2(INTS2, types.Tuple((FLOATS3, BOOLS2)), types.UniTuple(FLOATS, 5), _SIZES, FLOATS))
+@kernel(OUT_FLOATS2(INTS2, types.Tuple((FLOATS3, BOOLS2)), types.UniTuple(FLOATS, 5), _SIZES, FLOATS, boolean))
 def closing_overlaps(
     pairs: IntArray,
     motions: tuple[FloatArray, BoolArray],
     now: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray],
     sizes: tuple[FloatArray, FloatArray],
     time: FloatArray,
+    first: bool,
 ) -> FloatArray:
     """Return an array (m, T): 1 where boxes overlap if the second continues straight on for its `time`; else 0.
 
@@ -320,13 +300,16 @@ def closing_overlaps(
         now: (n,) x, y [m], yaw [rad], speed [m/s] and acceleration [m/s2] of all agents.
         sizes: length and width (n,) of their boxes [m].
         time: (n,) for which agents continue [s].
+        first: as in :func:`mixture_overlap_probability`.
     """
     states, valid = motions
     x, y, yaw, speed, acceleration = now
     length, width = sizes
-    overlaps = np.zeros((len(pairs), states.shape[1]))
+    overlaps, done = np.zeros((len(pairs), states.shape[1])), NONE
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
+        if first and i == done:
+            continue
         reach = touching(length[i], width[i], length[j], width[j])
         cos, sin = math.cos(yaw[j]), math.sin(yaw[j])
         for t in range(min(round(time[j] / STEP_S), states.shape[1])):
@@ -337,7 +320,10 @@ def closing_overlaps(
             if dx**2 + dy**2 >= reach**2:
                 continue
             boxes = strips(states[i, t, YAW], yaw[j], length[i], width[i], length[j], width[j])
-            overlaps[k, t] = contain(boxes[0], boxes[1], boxes[3], dx, dy)
+            if contain(boxes[0], boxes[1], boxes[3], dx, dy):
+                overlaps[k, t], done = 1.0, i
+                if first:
+                    break
     return overlaps
 
 
@@ -367,8 +353,9 @@ def mixture_overlap_probability(
         a, b: motions of the same n agents.
         sizes: length and width (n,) of their boxes [m].
         least: least probability that is computed.
-        first: whether to stop, for each pair, at the first step that reaches `least`; not for agents with several
-            motions.
+        first: whether one pair of each agent in `a` is enough that reaches `least` at one step. All later pairs of
+            that agent are then 0, and so are later steps, except of pairs with several motions. The pairs of an agent
+            stand together.
     """
     further = b.alternatives
     return _mixture_overlaps(
@@ -384,7 +371,7 @@ def mixture_overlap_probability(
 
 
 @kernel(types.Tuple((OUT_INTS, OUT_INTS, OUT_FLOATS))(INTS, FLOATS, int64))
-def _listed(row: IntArray, weight: FloatArray, count: int) -> tuple[IntArray, IntArray, FloatArray]:
+def listed(row: IntArray, weight: FloatArray, count: int) -> tuple[IntArray, IntArray, FloatArray]:
     """Return the alternative motions of n = `count` agents as linked lists.
 
     Args:
@@ -429,15 +416,17 @@ def _mixture_overlaps(
     length, width = sizes
     least, least_quantile, negligible_quantile = limits
     steps, least_tail = states_a.shape[1], max(0.0, -least_quantile)
-    begin, following, taken = _listed(mixture[0], mixture[1], len(states_b))
-    probability, of_motion = np.zeros((len(pairs), steps)), np.empty(steps)
+    begin, following, taken = listed(mixture[0], mixture[1], len(states_b))
+    probability, of_motion, done = np.zeros((len(pairs), steps)), np.empty(steps), NONE
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
+        if first and i == done:
+            continue
         boxes = length[i], width[i], length[j], width[j]
         reach = touching(boxes[0], boxes[1], boxes[2], boxes[3])
         if begin[j] == NONE:
             if may_meet(bounds_a, bounds_b, i, j, reach, least_tail):
-                write_overlaps(
+                reached = write_overlaps(
                     states_a[i],
                     valid_a[i],
                     states_b[j],
@@ -448,6 +437,7 @@ def _mixture_overlaps(
                     first,
                     probability[k],
                 )
+                done = i if reached else done
             continue
         matters = False
         for weighing in (False, True):  # until one motion matters; if one does, all
@@ -481,4 +471,6 @@ def _mixture_overlaps(
         for t in range(steps):
             if probability[k, t] < least:
                 probability[k, t] = 0.0
+            else:
+                done = i
     return probability

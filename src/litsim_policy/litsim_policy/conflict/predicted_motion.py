@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS2, FLOATS3, INTS, OUT_FLOATS2, kernel
+from litsim_sim.kernels.compiled import BOOLS2, FLOATS3, OUT_FLOATS2, kernel
 
 X, Y, YAW, XX, YY, XY = range(6)  # columns of `PredictedMotion.states`
 LOW_X, LOW_Y, HIGH_X, HIGH_Y, SPREAD = range(5)  # columns of `PredictedMotion.bounds`
@@ -110,39 +110,3 @@ def bounds(states: FloatArray, valid: BoolArray) -> FloatArray:
                 extent[k, HIGH_X], extent[k, HIGH_Y] = max(extent[k, HIGH_X], x), max(extent[k, HIGH_Y], y)
         extent[k, SPREAD] = math.sqrt(variance)
     return extent
-
-
-@kernel(OUT_FLOATS2(FLOATS2, INTS, FLOATS2, *[FLOATS] * 5))
-def widest(
-    bounds: FloatArray,
-    row: IntArray,
-    further: FloatArray,
-    x: FloatArray,
-    y: FloatArray,
-    speed: FloatArray,
-    acceleration: FloatArray,
-    time: FloatArray,
-) -> FloatArray:
-    """Return bounds (n, 5) of all possible motions: first, alternative, and straight on for some time.
-
-    Args:
-        bounds: (n, 5) of their first motions.
-        row, further: (q,), (q, 5) of their alternative motions: rows of the agents, and bounds.
-        x, y, speed, acceleration: (n,) of the agents now [m], [m/s], [m/s2].
-        time: (n,) for which they may continue straight on [s].
-    """
-    hull = bounds.copy()
-    for k in range(len(x)):
-        reach = abs(speed[k]) * time[k] + 0.5 * abs(acceleration[k]) * time[k] ** 2
-        hull[k, LOW_X], hull[k, LOW_Y] = min(hull[k, LOW_X], x[k] - reach), min(hull[k, LOW_Y], y[k] - reach)
-        hull[k, HIGH_X], hull[k, HIGH_Y] = (
-            max(hull[k, HIGH_X], x[k] + reach),
-            max(hull[k, HIGH_Y], y[k] + reach),
-        )
-    for q in range(len(row)):
-        k = row[q]
-        for low in (LOW_X, LOW_Y):
-            hull[k, low] = min(hull[k, low], further[q, low])
-        for high in (HIGH_X, HIGH_Y, SPREAD):
-            hull[k, high] = max(hull[k, high], further[q, high])
-    return hull

@@ -1,0 +1,174 @@
+"""Which pairs of agents can overlap at all: a cheap test that leaves few pairs to the exact ones of :mod:`.overlap`.
+
+It compares all steps of two futures at once, by the strips of their boxes, each widened by the spread of the motions.
+Whatever the exact tests find, this finds.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from litsim_policy.conflict.futures import gone_straight_on
+from litsim_policy.conflict.overlap import NONE, listed, touching
+from litsim_policy.conflict.predicted_motion import XX, XY, YAW, YY, PredictedMotion, X, Y
+from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import (
+    BOOLS,
+    FLOATS2,
+    INTS2,
+    OUT_BOOLS,
+    OUT_FLOATS2,
+    Bools2,
+    Floats,
+    Floats3,
+    Ints,
+    boolean,
+    float64,
+    int64,
+    kernel,
+    tuple_type,
+    void,
+)
+
+SLACK = 1e-6  # [m] by which boxes are widened, for rounding
+PLACE_X, PLACE_Y, COS, SIN, ALLOWED = range(5)  # rows of the steps (5, T) of a motion
+
+
+class Motions(NamedTuple):
+    """States (m, T, 6) and validity (m, T) of motions, as in :class:`PredictedMotion`."""
+
+    states: Floats3
+    valid: Bools2
+
+
+class Alternatives(NamedTuple):
+    """States and validity of alternative motions, the agent of each (q,), and its weight (q,)."""
+
+    states: Floats3
+    valid: Bools2
+    row: Ints
+    weight: Floats
+
+
+class Boxes(NamedTuple):
+    """n agents now; arrays (n,).
+
+    Attributes:
+        x, y, yaw, speed, acceleration: [m], [rad], [m/s], [m/s2].
+        length, width: of the boxes that are compared [m].
+        time: for which they may continue straight on [s].
+    """
+
+    x: Floats
+    y: Floats
+    yaw: Floats
+    speed: Floats
+    acceleration: Floats
+    length: Floats
+    width: Floats
+    time: Floats
+
+
+def may_overlap(pairs: IntArray, a: PredictedMotion, b: PredictedMotion, boxes: Boxes, tail: float) -> BoolArray:
+    """Returns the mask (m,) of `pairs` (m, 2) that can overlap: an agent by `a`, and one by `b` or straight on.
+
+    Args:
+        pairs: rows of the n agents.
+        a, b: motions of the agents; those of `a` have no alternatives.
+        boxes: of the agents.
+        tail: number of spreads by which the centres may deviate from their means.
+    """
+    further = b.alternatives
+    alternatives = Alternatives(further.states, further.valid, further.row, further.weight)
+    return _may_overlap(pairs, Motions(a.states, a.valid), Motions(b.states, b.valid), alternatives, boxes, tail)
+
+
+@kernel(void(FLOATS2, BOOLS, float64, OUT_FLOATS2))
+def _lay_out(states: FloatArray, valid: BoolArray, tail: float, steps: FloatArray) -> None:
+    """Write the `steps` (5, T) of a motion with `states` (T, 6); where it is not `valid` (T,), it is infinitely far."""
+    for t in range(len(states)):
+        steps[PLACE_X, t] = states[t, X] if valid[t] else np.inf
+        steps[PLACE_Y, t] = states[t, Y]
+        steps[COS, t], steps[SIN, t] = math.cos(states[t, YAW]), math.sin(states[t, YAW])
+        # at least the variance in any direction, whatever the covariance
+        steps[ALLOWED, t] = tail * math.sqrt(states[t, XX] + states[t, YY] + abs(states[t, XY]))
+
+
+@kernel(void(tuple_type(Boxes), int64, OUT_FLOATS2))
+def _lay_out_straight(boxes: Boxes, j: int, steps: FloatArray) -> None:
+    """Write the `steps` (5, T) of agent `j` straight on."""
+    cos, sin, last = math.cos(boxes.yaw[j]), math.sin(boxes.yaw[j]), round(boxes.time[j] / STEP_S)
+    for t in range(steps.shape[1]):
+        gone = gone_straight_on(boxes.speed[j], boxes.acceleration[j], (t + 1) * STEP_S)
+        steps[PLACE_X, t] = boxes.x[j] + gone * cos if t < last else np.inf
+        steps[PLACE_Y, t] = boxes.y[j] + gone * sin
+        steps[COS, t], steps[SIN, t], steps[ALLOWED, t] = cos, sin, 0.0
+
+
+@kernel(boolean(FLOATS2, FLOATS2, float64))
+def _come_near(a: FloatArray, b: FloatArray, reach: float) -> bool:
+    """Whether two motions are nearer than `reach` [m] and what is allowed to both, at any of their steps (5, T)."""
+    near = 0
+    for t in range(a.shape[1]):
+        dx, dy = b[PLACE_X, t] - a[PLACE_X, t], b[PLACE_Y, t] - a[PLACE_Y, t]
+        apart = reach + a[ALLOWED, t] + b[ALLOWED, t]
+        near += dx * dx + dy * dy < apart * apart
+    return near > 0
+
+
+@kernel(boolean(FLOATS2, FLOATS2, float64, float64, float64, float64))
+def _meet(a: FloatArray, b: FloatArray, la: float, wa: float, lb: float, wb: float) -> bool:
+    """Whether no strip separates two boxes at all of their steps (5, T); half lengths and widths [m]."""
+    meet = 0
+    for t in range(a.shape[1]):
+        dx, dy = b[PLACE_X, t] - a[PLACE_X, t], b[PLACE_Y, t] - a[PLACE_Y, t]
+        cos_a, sin_a, cos_b, sin_b = a[COS, t], a[SIN, t], b[COS, t], b[SIN, t]
+        cos, sin = abs(cos_a * cos_b + sin_a * sin_b), abs(sin_a * cos_b - cos_a * sin_b)
+        allowed = a[ALLOWED, t] + b[ALLOWED, t] + SLACK
+        along_a = abs(cos_a * dx + sin_a * dy) - (la + lb * cos + wb * sin) < allowed
+        left_a = abs(cos_a * dy - sin_a * dx) - (wa + lb * sin + wb * cos) < allowed
+        along_b = abs(cos_b * dx + sin_b * dy) - (lb + la * cos + wa * sin) < allowed
+        left_b = abs(cos_b * dy - sin_b * dx) - (wb + la * sin + wa * cos) < allowed
+        meet += along_a & left_a & along_b & left_b
+    return meet > 0
+
+
+@kernel(
+    OUT_BOOLS(INTS2, tuple_type(Motions), tuple_type(Motions), tuple_type(Alternatives), tuple_type(Boxes), float64)
+)
+def _may_overlap(
+    pairs: IntArray, a: Motions, b: Motions, further: Alternatives, boxes: Boxes, tail: float
+) -> BoolArray:
+    """See :func:`may_overlap`."""
+    count, others, horizon = len(boxes.x), len(further.row), a.states.shape[1]
+    begin, following, _ = listed(further.row, further.weight, count)
+    # of a motion on its log, and of others: first ones, alternatives, and those straight on, made where they are needed
+    own, motions = np.empty((5, horizon)), np.empty((2 * count + others, 5, horizon))
+    known, before, may = np.zeros(count, np.bool_), -1, np.zeros(len(pairs), np.bool_)
+    for k in range(len(pairs)):
+        i, j = pairs[k, 0], pairs[k, 1]
+        if i != before:
+            before = i
+            _lay_out(a.states[i], a.valid[i], tail, own)
+        if not known[j]:
+            known[j] = True
+            _lay_out(b.states[j], b.valid[j], tail, motions[j])
+            _lay_out_straight(boxes, j, motions[count + others + j])
+            q = begin[j]
+            while q != NONE:
+                _lay_out(further.states[q], further.valid[q], tail, motions[count + q])
+                q = following[q]
+        reach = touching(boxes.length[i], boxes.width[i], boxes.length[j], boxes.width[j]) + SLACK
+        la, wa, lb, wb = 0.5 * boxes.length[i], 0.5 * boxes.width[i], 0.5 * boxes.length[j], 0.5 * boxes.width[j]
+        at = j
+        while at != NONE and not may[k]:
+            may[k] = _come_near(own, motions[at], reach) and _meet(own, motions[at], la, wa, lb, wb)
+            if at == j:
+                at = count + others + j
+            else:
+                q = begin[j] if at >= count + others else following[at - count]
+                at = NONE if q == NONE else count + q
+    return may
