@@ -87,16 +87,15 @@ def _meeting(table: AgentArrays, cos: FloatArray, sin: FloatArray, agents: IntAr
     `cos` and `sin` (n,) are those of the headings.
     """
     scene, x, y, speed, length, width = table.scene, table.x, table.y, table.speed, table.length, table.width
-    meets = np.zeros(len(x), np.bool_)
+    meets, vx, vy = np.zeros(len(x), np.bool_), speed * cos, speed * sin
+    # how far an agent may be from another, together with what is as far of the other
+    half = 0.5 * (MEETING_AHEAD + MEETING_ASIDE + length + width) + MEETING_S * (np.abs(speed) + STILL)
     for i in agents:
         for j in others:
-            if scene[j] != scene[i]:
-                continue
             dx, dy = x[j] - x[i], y[j] - y[i]
-            faster_x, faster_y = (
-                speed[j] * cos[j] - speed[i] * cos[i],
-                speed[j] * sin[j] - speed[i] * sin[i],
-            )
+            if scene[j] != scene[i] or dx * dx + dy * dy > (half[i] + half[j]) ** 2:
+                continue
+            faster_x, faster_y = vx[j] - vx[i], vy[j] - vy[i]
             # Along and across the heading of the agent, each is within reach for one span of time; do both, and the
             # time that is looked at, have one in common?
             place = (cos[i] * dx + sin[i] * dy, cos[i] * dy - sin[i] * dx)

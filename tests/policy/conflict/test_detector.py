@@ -332,6 +332,17 @@ def test_whoever_is_off_its_log_stays_in_conflict_down_to_the_lower_threshold(lo
     assert scene.still().tolist() == [2]
 
 
+@pytest.mark.parametrize("first", [2, 4])
+def test_whoever_overlaps_one_in_the_log_as_well_stays_in_conflict_for_another(look, first: int) -> None:
+    """Agent 3 drives into agent 2 or 4 in the log itself, and into the ego only now; whoever has the lowest id."""
+    follower, leader = {"id": 3, "x": 82.0, "speed": 12.0}, {"id": first, "x": 92.0, "speed": 5.0}
+    stands, gone = (look(follower, leader, ego={"x": x, "speed": 0.0}) for x in (100.0, 300.0))
+    for scene, expected in ((stands, [3]), (gone, [])):
+        off = np.isin(scene.table.id, [1, first])
+        found = scene.detector.still_in_conflict(scene.uncovered, scene.table.id == 3, off)
+        assert scene.table.id[found].tolist() == expected
+
+
 @pytest.mark.parametrize(
     ("config", "problem"),
     [

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from litsim_policy.motion.along_path import MERGE, SIGHT, AlongPath, along_path
+from litsim_policy.motion.along_path import MERGE, SIGHT, AlongPath, ahead_in_path, along_path, along_paths
+from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
 
 STRAIGHT = ReferencePath.of(np.column_stack([np.arange(-50.0, 400.0), np.zeros(450)]))
@@ -100,3 +101,27 @@ def test_what_is_seen_is_what_each_agents_place_on_the_path_gives(agent_table, s
         assert view.aside[j] == pytest.approx(aside)
         assert view.in_path[j] == (aside < 0.3)
     assert 5 < seen < 30 and view.in_path[view.ahead].any()
+
+
+@pytest.mark.parametrize("bends", [0.0, 0.05, 0.4, 1.2])
+def test_who_leads_is_whom_the_whole_view_shows_ahead_and_in_the_path(agent_table, bends: float) -> None:
+    """On straight paths, winding ones, and such with sharp corners; some vehicles are beside theirs."""
+    random = np.random.default_rng(3)
+    places = random.uniform(-60.0, 60.0, (120, 2))
+    agents = [
+        {"id": k, "x": x, "y": y, "yaw": random.uniform(-3.0, 3.0), "speed": 10.0 * random.random()}
+        for k, (x, y) in enumerate(places.tolist())
+    ]
+    table, rows, paths = agent_table(0, *agents), np.arange(60), []
+    for row in rows:
+        turns = table.yaw[row] + np.cumsum(random.normal(0.0, bends, 60))
+        steps = np.cumsum(2.0 * np.column_stack([np.cos(turns), np.sin(turns)]), axis=0)
+        paths.append(places[row] + steps + random.normal(0.0, 1.0, 2))
+    batch, poses = PathBatch(paths), (table.x[rows], table.y[rows], table.yaw[rows])
+    view, ahead = along_paths(batch, table, rows), ahead_in_path(batch, table, rows, poses)
+    np.testing.assert_array_equal(ahead.leads, view.ahead & view.in_path)
+    for name in ("gap", "speed"):
+        np.testing.assert_array_equal(getattr(ahead, name)[ahead.leads], getattr(view, name)[ahead.leads])
+    for name in ("first", "own_s", "own_d"):
+        np.testing.assert_array_equal(getattr(ahead, name), getattr(view, name))
+    assert 100 < ahead.leads.sum() < 0.5 * ahead.leads.size

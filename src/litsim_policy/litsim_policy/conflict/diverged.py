@@ -261,4 +261,4 @@ class DivergedNow:
             "path_source": [SOURCES[source] for source in agents.source.tolist()],
             "time_shift": [steps * STEP_S for steps in self.lag.tolist()],
         }
-        return tuple(Takeover(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True))
+        return tuple(map(Takeover, *(columns[field.name] for field in fields(Takeover))))

@@ -390,6 +390,18 @@ def listed(row: IntArray, weight: FloatArray, count: int) -> tuple[IntArray, Int
     return begin, following, taken
 
 
+@kernel(boolean(OUT_FLOATS, float64))
+def _drop_below(probability: FloatArray, least: float) -> bool:
+    """Replace those of `probability` (T,) that do not reach `least` by 0; return whether any does."""
+    reached = False
+    for t in range(len(probability)):
+        if probability[t] < least:
+            probability[t] = 0.0
+        else:
+            reached = True
+    return reached
+
+
 @kernel(OUT_FLOATS2(INTS2, _MOTIONS, _MOTIONS, _MOTIONS, types.Tuple((INTS, FLOATS)), _SIZES, _THREE, boolean))
 def _mixture_overlaps(
     pairs: IntArray,
@@ -425,19 +437,18 @@ def _mixture_overlaps(
         boxes = length[i], width[i], length[j], width[j]
         reach = touching(boxes[0], boxes[1], boxes[2], boxes[3])
         if begin[j] == NONE:
-            if may_meet(bounds_a, bounds_b, i, j, reach, least_tail):
-                reached = write_overlaps(
-                    states_a[i],
-                    valid_a[i],
-                    states_b[j],
-                    valid_b[j],
-                    boxes,
-                    least,
-                    least_quantile,
-                    first,
-                    probability[k],
-                )
-                done = i if reached else done
+            if may_meet(bounds_a, bounds_b, i, j, reach, least_tail) and write_overlaps(
+                states_a[i],
+                valid_a[i],
+                states_b[j],
+                valid_b[j],
+                boxes,
+                least,
+                least_quantile,
+                first,
+                probability[k],
+            ):
+                done = i
             continue
         matters = False
         for weighing in (False, True):  # until one motion matters; if one does, all
@@ -468,9 +479,6 @@ def _mixture_overlaps(
                 if weighing:
                     for t in range(steps):
                         probability[k, t] += share * of_motion[t]
-        for t in range(steps):
-            if probability[k, t] < least:
-                probability[k, t] = 0.0
-            else:
-                done = i
+        if _drop_below(probability[k], least):
+            done = i
     return probability

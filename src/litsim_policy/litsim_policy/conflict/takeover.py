@@ -118,13 +118,14 @@ class TakeoverManager:
             conflicts = self._source.conflicts(futures, ~known & ~barred, fresh)
             if done == 1 and lagged.any():
                 conflicts = soonest(conflicts, *self._detector.conflicts_of_lagged(futures, before, lagged, barred))
+            opened = []
             for conflict in conflicts:
                 count = suspected[conflict.agent] = self._suspected.get(conflict.agent, 0) + 1
                 soon = conflict.urgent or conflict.time_to_conflict <= self._config.urgent_time
                 if soon or count >= self._config.confirm_steps:
-                    opened = by_conflict(self._scenario, self._router, table, conflict)
-                    self._diverged = self._diverged.joined(opened)
+                    opened.append(by_conflict(self._scenario, self._router, table, conflict))
                     diverged[table.row(conflict.agent)] = True
+            self._diverged = self._diverged.joined(*opened) if opened else self._diverged
             fresh = diverged & ~known
         self._suspected = suspected
         self.converged = np.ones(len(self.converged), np.bool_)

@@ -123,11 +123,14 @@ def look_ahead(
             interval = 0  # number of the knot behind the vehicle, which counts for this knot and for the next
             while ahead >= KNOTS[interval + 1]:
                 interval += 1
-            for k in range(max(interval - 1, 0), min(interval + 1, places)):
-                before, knot, after = KNOTS[k], KNOTS[k + 1], KNOTS[k + 2]
-                near = min((ahead - before) / (knot - before), (after - ahead) / (after - knot))
-                for w in range(len(WIDTHS)):
-                    share, place = along * max(one - left / WIDTHS[w], none) * near, places * w + k
+            before, after = KNOTS[interval], KNOTS[interval + 1]
+            for w in range(len(WIDTHS)):
+                if left >= WIDTHS[w]:
+                    continue
+                aside = along * (one - left / WIDTHS[w])
+                for k in range(max(interval - 1, 0), min(interval + 1, places)):
+                    near = (after - ahead) / (after - before) if k < interval else (ahead - before) / (after - before)
+                    share, place = aside * near, places * w + k
                     features[3 * place] += share * (speed[j] - own[i])
                     if seen[j]:
                         features[3 * place + 1] += share * (speed[j] - earlier[j])
