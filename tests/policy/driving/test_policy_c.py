@@ -15,7 +15,8 @@ from litsim_policy.driving.action import HIGH, LOW, consistent, executed_yaw_rat
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.features.scales import ACCELERATION
 from litsim_policy.driving.features.way import AHEAD
-from litsim_policy.driving.policy_c import FORMAT, PACKAGED, PolicyC, PolicyNetwork, shipped_weights
+from litsim_policy.driving.policy_c import PolicyC
+from litsim_policy.driving.policy_network import FORMAT, PACKAGED, PolicyNetwork, shipped_weights
 from litsim_policy.driving.registry import make_policy
 from litsim_research.policies.network import GaussianPolicy, driving_network, pedal_bounds, restore, save
 from litsim_sim.core.errors import InputError

@@ -14,7 +14,7 @@ import torch
 import yaml
 from safetensors import safe_open
 
-from litsim_policy.driving.policy_c import PolicyNetwork, shipped_weights
+from litsim_policy.driving.policy_network import PolicyNetwork, shipped_weights
 from litsim_research.policies import checkpoint, train
 from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.data import REPORTED, DataConfig, Generated, RealWindow, prepare

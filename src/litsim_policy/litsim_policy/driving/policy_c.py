@@ -1,90 +1,28 @@
-"""Policy C, called `litsim`: agents that are held drive on as their logs do, or as a network says.
-
-Either is within the limits and the guard of a safety layer. The network is a small MLP, so the weights are read from a
-safetensors file and applied with numpy: the policy node needs no torch. :mod:`litsim_research.policies.network` is the
-same network for training in torch.
-"""
+"""Policy C, called `litsim`: held agents drive on as their logs do, or as a network says, behind one guard."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from litsim_policy.driving.action import ACTIONS, executed_yaw_rate, physical
-from litsim_policy.driving.features.observation import ObservationConfig, Observer
+from litsim_policy.driving.action import executed_yaw_rate, physical
+from litsim_policy.driving.features.observation import Observer
 from litsim_policy.driving.handback import COMFORTABLE, OwnLogs
-from litsim_policy.driving.network_file import layer_arrays, perceptron, read_network
 from litsim_policy.driving.policy import Policy
+from litsim_policy.driving.policy_network import PACKAGED, PolicyNetwork, shipped_weights
 from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.layer import SafetyLayer
 from litsim_policy.driving.task import DrivingScene
 from litsim_policy.driving.yield_policy import YieldPolicy
-from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.quantities import Flag, configuration
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, FloatArray
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverState, TakeoverTable
 from litsim_sim.scenario.setting import Setting
 
-HIDDEN = 128
-LAYERS = ("hidden0", "hidden1", "mean")
-FORMAT = "litsim policy C, 1"
-PARSED: dict[str, Callable[[str], Any]] = {
-    "arrange": str,
-    "slots": int,
-    "sight": float,
-    **dict.fromkeys(("ahead", "residual"), {"True": True, "False": False}.__getitem__),
-}
-"""How each field of the observation is read from a file's metadata."""
 POLICY, GUARDED = int(ControlSource.POLICY), int(ControlSource.GUARDED)  # numpy takes plain numbers much faster
-
-
-@dataclass(frozen=True)
-class PolicyNetwork:
-    """The mean action as a function of the observation: two hidden layers, tanh throughout.
-
-    Attributes:
-        weights: (inputs, outputs) of each layer.
-        biases: (outputs,) of each layer.
-        observation: with which the network was trained.
-    """
-
-    weights: tuple[FloatArray, ...]
-    biases: tuple[FloatArray, ...]
-    observation: ObservationConfig
-
-    @classmethod
-    def load(cls, path: Path) -> PolicyNetwork:
-        """Read what :func:`litsim_research.policies.network.save` has written.
-
-        Raises:
-            InputError: the file is missing, damaged, or holds another network than this version drives with.
-        """
-        metadata, tensors = read_network(path, "policy C", FORMAT)
-        observation = _observation(metadata, path)
-        sizes = (observation.size, HIDDEN, HIDDEN, len(ACTIONS))
-        return cls(*layer_arrays(path, tensors, LAYERS, sizes), observation)
-
-    def mean(self, observation: FloatArray) -> FloatArray:
-        """Returns mean actions (m, 3) in [-1, 1] for observations (m, size)."""
-        return np.tanh(self.before_tanh(observation))
-
-    def before_tanh(self, observation: FloatArray) -> FloatArray:
-        """Returns the same (m, 3) before the last tanh; a row's values do not depend on the others."""
-        return perceptron(observation, self.weights, self.biases)
-
-
-PACKAGED = ("residual", "critic")
-
-
-def shipped_weights(name: str) -> Path:
-    """Returns one of the :data:`PACKAGED` weights files of policy C."""
-    return Path(str(resources.files("litsim_policy").joinpath(f"weights/policy_c_{name}.safetensors")))
 
 
 @configuration
@@ -194,17 +132,3 @@ class PolicyC(Policy):
         scene = DrivingScene.of_takeovers(self._lane_map, table, passing)
         braking = np.maximum(asked.acceleration, -COMFORTABLE.deceleration)
         return guarded(scene, braking, asked.yaw_rate, self._safety)
-
-
-def _observation(metadata: dict[str, str], path: Path) -> ObservationConfig:
-    """Returns the observation in a file's metadata; older files lack fields."""
-    usual = {"observation.ahead": "False", "observation.residual": "False"}
-    values = {field: (usual | metadata).get(f"observation.{field}", "") for field in vars(ObservationConfig())}
-    try:
-        return ObservationConfig(**{field: parse(values[field]) for field, parse in PARSED.items()})
-    except (ValueError, KeyError) as error:
-        given = ", ".join(f"{field} {value!r}" for field, value in values.items())
-        raise InputError(
-            f"{path}: metadata observation is {given}, expected arrange sector or distance, slots a number, sight in "
-            "metres, and the others True or False"
-        ) from error

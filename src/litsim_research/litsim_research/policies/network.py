@@ -16,7 +16,7 @@ from litsim_policy.driving.action import ACTIONS, HIGH, LOW
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.features.scales import ACCELERATION
 from litsim_policy.driving.features.way import AHEAD
-from litsim_policy.driving.policy_c import FORMAT, HIDDEN, PolicyNetwork
+from litsim_policy.driving.policy_network import FORMAT, HIDDEN, PolicyNetwork
 from litsim_policy.driving.safety.comfort import ACCELERATION_MAX, BRAKING_JERK_MAX, DECELERATION_MAX, JERK_MAX
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, FloatArray

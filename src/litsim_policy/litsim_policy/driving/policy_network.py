@@ -1,0 +1,86 @@
+"""The network of policy C: a small MLP, read from a safetensors file and applied with numpy.
+
+The policy node needs no torch: :mod:`litsim_research.policies.network` is the same network for training in torch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from litsim_policy.driving.action import ACTIONS
+from litsim_policy.driving.features.observation import ObservationConfig
+from litsim_policy.driving.network_file import layer_arrays, perceptron, read_network
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import FloatArray
+
+HIDDEN = 128
+LAYERS = ("hidden0", "hidden1", "mean")
+FORMAT = "litsim policy C, 1"
+PACKAGED = ("residual", "critic")
+PARSED: dict[str, Callable[[str], Any]] = {
+    "arrange": str,
+    "slots": int,
+    "sight": float,
+    **dict.fromkeys(("ahead", "residual"), {"True": True, "False": False}.__getitem__),
+}
+"""How each field of the observation is read from a file's metadata."""
+
+
+@dataclass(frozen=True)
+class PolicyNetwork:
+    """The mean action as a function of the observation: two hidden layers, tanh throughout.
+
+    Attributes:
+        weights: (inputs, outputs) of each layer.
+        biases: (outputs,) of each layer.
+        observation: with which the network was trained.
+    """
+
+    weights: tuple[FloatArray, ...]
+    biases: tuple[FloatArray, ...]
+    observation: ObservationConfig
+
+    @classmethod
+    def load(cls, path: Path) -> PolicyNetwork:
+        """Read what :func:`litsim_research.policies.network.save` has written.
+
+        Raises:
+            InputError: the file is missing, damaged, or holds another network than this version drives with.
+        """
+        metadata, tensors = read_network(path, "policy C", FORMAT)
+        observation = _observation(metadata, path)
+        sizes = (observation.size, HIDDEN, HIDDEN, len(ACTIONS))
+        return cls(*layer_arrays(path, tensors, LAYERS, sizes), observation)
+
+    def mean(self, observation: FloatArray) -> FloatArray:
+        """Returns mean actions (m, 3) in [-1, 1] for observations (m, size)."""
+        return np.tanh(self.before_tanh(observation))
+
+    def before_tanh(self, observation: FloatArray) -> FloatArray:
+        """Returns the same (m, 3) before the last tanh; a row's values do not depend on the others."""
+        return perceptron(observation, self.weights, self.biases)
+
+
+def shipped_weights(name: str) -> Path:
+    """Returns one of the :data:`PACKAGED` weights files of policy C."""
+    return Path(str(resources.files("litsim_policy").joinpath(f"weights/policy_c_{name}.safetensors")))
+
+
+def _observation(metadata: dict[str, str], path: Path) -> ObservationConfig:
+    """Returns the observation in a file's metadata; older files lack fields."""
+    usual = {"observation.ahead": "False", "observation.residual": "False"}
+    values = {field: (usual | metadata).get(f"observation.{field}", "") for field in vars(ObservationConfig())}
+    try:
+        return ObservationConfig(**{field: parse(values[field]) for field, parse in PARSED.items()})
+    except (ValueError, KeyError) as error:
+        given = ", ".join(f"{field} {value!r}" for field, value in values.items())
+        raise InputError(
+            f"{path}: metadata observation is {given}, expected arrange sector or distance, slots a number, sight in "
+            "metres, and the others True or False"
+        ) from error
