@@ -12,8 +12,8 @@ from litsim_research.baselines import BASELINES
 from litsim_research.baselines.simnet.output import FORMAT, OUTPUTS
 from litsim_research.baselines.simnet.raster import CHANNELS, PAPER
 from litsim_research.cli.paper import CAPTIONS, FIGURES, SHOWN, main
-from litsim_research.paper import running
-from litsim_research.paper.case_studies import AFTER_S, BEFORE_S, EVENTS, LEFT_TURN, Study, chosen, drawn
+from litsim_research.paper import case_studies, running
+from litsim_research.paper.case_studies import AFTER_S, BEFORE_S, EVENTS, LEFT_TURN, chosen, drawn
 from litsim_research.paper.experiments import CHANGES
 from litsim_research.paper.page import END, begin
 from litsim_research.paper.tables import GoalRow, Row, goals_table, read_csv, summary
@@ -122,17 +122,22 @@ def test_the_backbones_of_simnet(out: Path, tmp_path: Path, capsys: pytest.Captu
 
 
 def test_the_case_study_of_the_street(out: Path) -> None:
-    """It has a picture where there is such a case, and none of other runs where there is not; any case can be drawn."""
+    """A quick trial has such a case; its picture is drawn, and shown on the page."""
+    main(["cases", *options(out)])
+    study = chosen(read_campaign(out / "out/cases_left_turn"), EVENTS[LEFT_TURN])
+    assert study is not None
+    assert (out / "out/figures/case_left_turn.png").is_file()
+    assert "](out/figures/case_left_turn.png)" in (out / "results.md").read_text()
+    assert len(drawn(LEFT_TURN, study).axes) == 2 * len([*BEFORE_S, AFTER_S])
+
+
+def test_without_a_case_the_picture_of_other_runs_goes(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     picture = out / "out/figures/case_left_turn.png"
     picture.parent.mkdir(parents=True, exist_ok=True)
     picture.touch()
+    monkeypatch.setattr(case_studies, "chosen", lambda *_: None)
     main(["cases", *options(out)])
-    campaign = read_campaign(out / "out/cases_left_turn")
-    study = chosen(campaign, EVENTS[LEFT_TURN])
-    assert picture.is_file() == (study is not None)
-    replayed, ours = (next(r for r in campaign.results if r.case.policy == policy) for policy in ("replay", "litsim"))
-    drawing = drawn(LEFT_TURN, study or Study(replayed.case, ours.case, contact=60))
-    assert len(drawing.axes) == 2 * len([*BEFORE_S, AFTER_S])
+    assert not picture.exists()
 
 
 def test_without_recorded_data_the_real_window_is_left_out(

@@ -89,7 +89,7 @@ def test_candidates_of_the_street_pass_before_the_other_turns(tmp_path: Path) ->
     """Of the turns in suite small those whose other goes second, and with any ego the nearest first."""
     suite = candidates(LEFT_TURN, tmp_path, quick=True)
     assert [(Path(case.scenario).stem, case.ego_id) for case in suite.cases] == [TURN_37, TURN_50]
-    assert [ego.name for ego in suite.egos] == ["braker", "idm"]
+    assert [ego.name for ego in suite.egos] == ["braker", "idm", "hard_braker"]
     backwards = left_turns([case.scenario for case in reversed(suite.cases)])
     assert backwards == suite.cases
     for case in backwards:

@@ -71,12 +71,15 @@ def candidates(name: str, folder: Path, *, quick: bool) -> Suite:
     if name == LANE_CHANGE:
         changer = EgoSetup(name="lane_changer", kind="perturbed", parameters={"ego.kind": "lane_change"})
         return _suite(name, roads((REAL,), folder, quick=quick)[REAL], [changer])
-    braker = EgoSetup(name="braker", kind="perturbed", parameters={"ego.kind": "brake", "ego.deceleration": 3.0})
+    brakers = [
+        EgoSetup(name=name, kind="perturbed", parameters={"ego.kind": "brake", "ego.deceleration": deceleration})
+        for name, deceleration in (("braker", 3.0), ("hard_braker", 4.0))
+    ]
     if quick:
         files = dict.fromkeys(entry.scenario for entry in Suite.load(QUICK_TURNS).cases if name in entry.tags)
     else:
         files = dict.fromkeys(generated(URBAN, SEGMENTS, LEFT_TURNS, folder / name))
-    return _suite(name, left_turns(files), [braker, EgoSetup(name="idm", kind="idm")])
+    return _suite(name, left_turns(files), [brakers[0], EgoSetup(name="idm", kind="idm"), brakers[1]])
 
 
 def _suite(name: str, cases: list[CaseEntry], egos: list[EgoSetup]) -> Suite:
