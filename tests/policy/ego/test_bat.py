@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Literal
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_policy.ego.bat import BatConfig, BatEgo, fitted_acceleration, lanes_ahead, onward, travelled, within_edges
+from litsim_policy.ego.bat import (
+    BatConfig,
+    BatEgo,
+    SampledManeuvers,
+    fitted_acceleration,
+    lanes_ahead,
+    onward,
+    travelled,
+    within_edges,
+)
 from litsim_predictor.forecast import Forecast
+from litsim_predictor.inference.predictor import LearnedPredictor
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.parameters import ParameterOverrides
@@ -258,3 +270,71 @@ def test_a_run_with_the_kinematic_predictor_is_smooth_and_the_same_twice(
         assert np.array_equal(one.series(1, field), two.series(1, field))
     assert beyond_limits(one.results, (Controller.EGO,)) == []
     assert np.abs(one.series(1, "yaw_rate")).max() < 0.1
+
+
+# Sampled manoeuvres
+
+SHARES = np.array([0.5, 0.3, 0.2], np.float32)
+
+
+class Chancy(LearnedPredictor):
+    """Knows three manoeuvres, and notes which it is asked for."""
+
+    decodes_maneuvers = True
+
+    def __init__(self, ego_id: int) -> None:
+        self.ego_id, self.asked = ego_id, []
+
+    def forecast(self, table: AgentTable, maneuver: int | None = None) -> Forecast:
+        self.asked.append(maneuver)
+        ahead = straight(table, table.row(self.ego_id))[None]
+        return replace(
+            forecast_of(table.step, np.array([self.ego_id]), ahead, valid=True), maneuver_probability=SHARES[None]
+        )
+
+
+def maneuvers_asked_for(scenario: Scenario, steps: int) -> list[int | None]:
+    chancy = Chancy(scenario.ego_id)
+    sampled = SampledManeuvers(chancy, scenario, "chancy")
+    for step in range(steps):
+        sampled.forecast(scenario.log.table(step))
+    return chancy.asked
+
+
+def test_a_sampled_manoeuvre_is_kept_for_five_seconds(make_scenario, track) -> None:
+    asked = maneuvers_asked_for(make_scenario(track(1, x=0.0, last=120), history_steps=10, seed=3), 120)
+    assert asked[:10] == [None] * 10 and None not in asked[10:]
+    assert all(len(set(asked[begin : begin + 50])) == 1 for begin in (10, 60))
+
+
+def test_manoeuvres_are_sampled_by_their_probabilities_and_the_seed(make_scenario, track) -> None:
+    log = make_scenario(track(1, x=0.0, last=9)).log
+
+    def first(seed: int) -> int:
+        scenario = SimpleNamespace(log=log, ego_id=1, history_steps=2, seed=seed)
+        return maneuvers_asked_for(scenario, 3)[-1]
+
+    drawn = [first(seed) for seed in range(400)]
+    assert drawn[7] == first(7)
+    assert np.abs(np.bincount(drawn, minlength=3) / 400 - SHARES).max() < 0.08  # three standard deviations
+
+
+def test_sampled_manoeuvres_lead_the_ego_elsewhere() -> None:
+    """With the packaged model: by the seed, as the most probable manoeuvre leads, or not."""
+
+    def accelerations(seed: int, maneuver: Literal["most_probable", "sampled"]) -> list[float]:
+        scenario = Scenario.load("demo", seed=seed)
+        ego = BatEgo(scenario, BatConfig(maneuver=maneuver))
+        return [ego.plan(scenario.log.table(step)).acceleration for step in range(scenario.history_steps + 2)]
+
+    usual = accelerations(0, "most_probable")
+    assert accelerations(1, "most_probable") == usual
+    sampled = {seed: accelerations(seed, "sampled") for seed in range(12)}
+    assert accelerations(5, "sampled") == sampled[5]
+    assert usual in sampled.values() and any(drawn != usual for drawn in sampled.values())
+
+
+def test_sampling_needs_a_model_that_can_be_asked_for_manoeuvres() -> None:
+    for predictor in ("default", "kinematic"):
+        with pytest.raises(InputError, match=f"maneuver is sampled, which predictor {predictor} does not support"):
+            BatEgo(Scenario.load("demo"), BatConfig(predictor=predictor, maneuver="sampled"))

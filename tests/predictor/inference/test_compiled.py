@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from litsim_predictor.inference import SHIPPED
-from litsim_predictor.inference.contract import HORIZON, MANEUVERS, AgentFutures, Network
+from litsim_predictor.inference import GRAPHS, SHIPPED
+from litsim_predictor.inference.contract import HORIZON, MANEUVERS, AgentFutures, Network, NetworkOfManeuvers
 from litsim_predictor.inference.networks import compiled
 from litsim_predictor.inference.weights import packaged, weights_path
 from litsim_predictor.models import make_predictor
@@ -99,6 +99,17 @@ def test_maps_that_were_seen_before_change_no_bit(name: str) -> None:
     assert_same_bits(used(now, EVERYBODY), out)
     other = fresh(replace(now, raster=earlier.raster), EVERYBODY)
     assert not any(np.array_equal(other.mean[row], out.mean[row]) for row in EVERYBODY if row not in range(8, 13))
+
+
+@pytest.mark.parametrize("name", GRAPHS)
+def test_graphs_answer_with_the_manoeuvre_that_is_asked_for(name: str) -> None:
+    graph, one = network(name), np.array([3])
+    assert isinstance(graph, NetworkOfManeuvers)
+    usual = graph(scene(20), one)
+    best = int(usual.maneuver.argmax())
+    assert_same_bits(graph.of_maneuver(scene(20), one, best), usual)
+    means = [graph.of_maneuver(scene(20), one, maneuver).mean for maneuver in range(len(MANEUVERS))]
+    assert len({mean.tobytes() for mean in means}) == len(MANEUVERS)
 
 
 def test_a_process_that_only_predicts_imports_no_torch() -> None:

@@ -17,11 +17,12 @@ from onnx import TensorProto, helper, numpy_helper
 
 from litsim_predictor.inference import GRAPHS, SHIPPED
 from litsim_predictor.inference.compiled import FORMAT, CompiledNetwork
-from litsim_predictor.inference.contract import AgentInputs, Network
+from litsim_predictor.inference.contract import MANEUVERS, AgentInputs, Network
 from litsim_predictor.inference.features import agent_inputs
 from litsim_predictor.inference.joint.network import JointNetwork
 from litsim_predictor.inference.networks import compiled
 from litsim_predictor.inference.weights import packaged, read_weights
+from litsim_research.predictors.data.scenes import inputs_batch
 from litsim_research.predictors.data.tracks import Tracks
 from litsim_research.predictors.eager import EagerNetwork
 from litsim_research.predictors.export import write_graph
@@ -165,3 +166,22 @@ def test_what_is_wrong_with_a_graph_of_ones_own_is_named(wrong: dict[str, Any], 
     with pytest.raises(InputError) as raised:
         CompiledNetwork(file)(inputs, np.arange(1))
     assert str(raised.value).startswith(f"{file}: {expected}") and "\n" not in str(raised.value)
+
+
+def test_a_graph_without_a_choice_of_manoeuvres_is_named(tmp_path: Path) -> None:
+    file = own_graph(tmp_path / "own.onnx")
+    with pytest.raises(InputError, match="decodes the most probable manoeuvre alone") as raised:
+        CompiledNetwork(file).of_maneuver(next(scenes(Scenario.load("demo"))), np.arange(1), 3)
+    assert str(raised.value).startswith(f"{file}: ")
+
+
+@pytest.mark.parametrize("name", GRAPHS)
+def test_graphs_decode_manoeuvres_as_torch_does(name: str) -> None:
+    network, model = compiled_network(name), load_model(name)[0].eval()
+    assert isinstance(network, CompiledNetwork)
+    inputs = next(scenes(Scenario.load("demo")))
+    with torch.inference_mode():
+        everything = model(inputs_batch([inputs]), "all")
+    for maneuver in range(len(MANEUVERS)):
+        answer = network.of_maneuver(inputs, np.arange(1), maneuver)
+        assert np.abs(answer.mean[0] - everything.mean[0, 0, maneuver].numpy()).max() < WITHIN_M

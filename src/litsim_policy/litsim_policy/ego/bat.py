@@ -3,9 +3,14 @@
 At every step the predictor (BAT by default) forecasts the ego, which tracks the forecast within the limits of its
 vehicle and the edges of the road, and stops at red lights. There is neither car following nor emergency braking, so
 that its errors are the predictor's, to which other agents must react.
+
+By default the most probable manoeuvre is forecast, which hardly ever leaves the log. With sampled manoeuvres, the ego
+does what the predictor thinks possible, and so departs from its log as often as people differ.
 """
 
 from __future__ import annotations
+
+from typing import Literal
 
 import numpy as np
 
@@ -14,9 +19,12 @@ from litsim_policy.motion.car_following import IdmConfig
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.reference_path import ReferencePath, onto_lane, pursuit_yaw_rate
 from litsim_policy.motion.stop_lines import StopLines, idm_at_signals
-from litsim_predictor.forecast import Forecast
+from litsim_predictor.forecast import Forecast, Predictor
+from litsim_predictor.inference.contract import DT, HORIZON
+from litsim_predictor.inference.predictor import LearnedPredictor
 from litsim_predictor.models import ModelName, make_predictor
 from litsim_predictor.selection import Wanted
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import Length, Positive, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand, FloatArray
 from litsim_sim.lane_map.lane_map import LaneMap
@@ -24,6 +32,7 @@ from litsim_sim.scenario.scenario import Scenario
 
 PREVIEW = 2.0  # [s] first part of the forecast, which the acceleration reproduces
 EDGE_MARGIN = 0.2  # [m] distance kept between the ego's sides and the edges of the road
+HELD_STEPS = round(HORIZON * DT / STEP_S)  # for which a sampled manoeuvre is kept: those that it is a label of
 BACK = -0.5  # cosine of the angle to the present heading (120 degrees) beyond which a step counts as backwards
 
 
@@ -34,10 +43,14 @@ class BatConfig:
     Attributes:
         predictor: model that forecasts the ego, or a file of weights or of a graph.
         roi_m: distance from the ego within which the predictor sees others; by default as in BAT's training.
+        maneuver: which of the ego's manoeuvres is forecast: the `most_probable` one; or one that is `sampled` by its
+            probability, every 5 s anew, with the scenario's seed. Models that kernels run, such as `default`, forecast
+            the most probable one only.
     """
 
     predictor: ModelName = "bat"
     roi_m: Positive[Length] = 62.0
+    maneuver: Literal["most_probable", "sampled"] = "most_probable"
 
 
 class BatEgo(Ego):
@@ -48,6 +61,8 @@ class BatEgo(Ego):
     def __init__(self, scenario: Scenario, config: BatConfig | None = None) -> None:
         self._scenario, self._config = scenario, config or BatConfig()
         self._predictor = make_predictor(self._config.predictor, scenario, wanted=Wanted.EGO, roi_m=self._config.roi_m)
+        if self._config.maneuver == "sampled":
+            self._predictor = SampledManeuvers(self._predictor, scenario, self._config.predictor)
         self._reachable: dict[frozenset[int], LaneMap] = {}
         self._stop_lines = StopLines(scenario.signals)
 
@@ -91,6 +106,44 @@ class BatEgo(Ego):
         headings = forecast.yaw[row].astype(np.float64)
         headings = np.where(np.cos(headings - yaw) > BACK, headings, yaw)
         return points, np.concatenate([[yaw], headings])
+
+
+class SampledManeuvers:
+    """Forecasts of an ego, as if a manoeuvre that is drawn by its probability were the most probable one.
+
+    It is drawn in the step before the ego begins to drive, and every :data:`HELD_STEPS` steps anew.
+
+    Args:
+        predictor: that forecasts the ego.
+        scenario: whose seed, with the id of the ego, draws.
+        name: of the predictor, for errors.
+
+    Raises:
+        InputError: the predictor does not forecast manoeuvres that are asked for.
+    """
+
+    def __init__(self, predictor: Predictor, scenario: Scenario, name: str) -> None:
+        if not (isinstance(predictor, LearnedPredictor) and predictor.decodes_maneuvers):
+            raise InputError(
+                f"ego: parameter maneuver is sampled, which predictor {name} does not support; expected one that is "
+                "run as a graph: bat, cs_lstm, paper, or a file *.onnx"
+            )
+        self._predictor, self._scenario = predictor, scenario
+        self._random = np.random.default_rng([scenario.seed, scenario.ego_id])
+        self._maneuver: int | None = None
+
+    def observe(self, table: AgentTable) -> None:
+        """See :class:`litsim_predictor.forecast.Predictor`."""
+        self._predictor.observe(table)
+
+    def forecast(self, table: AgentTable) -> Forecast:
+        """See :class:`litsim_predictor.forecast.Predictor`."""
+        forecast = self._predictor.forecast(table, self._maneuver)
+        row = int(forecast.rows(np.array([self._scenario.ego_id]))[0])
+        if (table.step + 1 - self._scenario.history_steps) % HELD_STEPS == 0 and row >= 0:
+            share = forecast.maneuver_probability[row].astype(np.float64)
+            self._maneuver = int(self._random.choice(len(share), p=share / share.sum()))
+        return forecast
 
 
 def onward(points: FloatArray, yaw: float) -> FloatArray:

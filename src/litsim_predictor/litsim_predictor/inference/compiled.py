@@ -27,9 +27,15 @@ from litsim_sim.core.scene import IntArray
 from litsim_sim.io.input_files import require_file
 
 FORMAT = "litsim_predictor/graph/2"
-INPUTS = ("position", "heading", "history", "observed", "state", "traffic", "asked", "raster", "known", "code_of")
+MOST_PROBABLE = -1
+"""Input `decode` of a graph where the most probable manoeuvre is to be decoded."""
+INPUTS = (
+    *("position", "heading", "history", "observed", "state", "traffic"),
+    *("asked", "decode"),
+    *("raster", "known", "code_of"),
+)
 """Inputs that a graph may have: fields of :class:`.contract.AgentInputs`, places relative to the first agent's; the
-rows to answer for; and the map, see :class:`.map_memory.MapCodes`."""
+rows to answer for, and the manoeuvre of each; and the map, see :class:`.map_memory.MapCodes`."""
 OUTPUTS = ("maneuver", "mean", "scale", "correlation")
 """Outputs of a graph: the fields of :class:`.contract.AgentFutures`."""
 SHAPES = ((len(MANEUVERS),), (HORIZON, 2), (HORIZON, 2), (HORIZON,))
@@ -104,6 +110,19 @@ class CompiledNetwork:
         Raises:
             InputError: the graph does not take these inputs, or its outputs are not of the contract's shapes and type.
         """
+        return self.of_maneuver(inputs, asked, MOST_PROBABLE)
+
+    def of_maneuver(self, inputs: AgentInputs, asked: IntArray, maneuver: int) -> AgentFutures:
+        """See :class:`.contract.NetworkOfManeuvers`.
+
+        Raises:
+            InputError: see :meth:`__call__`; or the graph decodes the most probable manoeuvre alone.
+        """
+        if maneuver != MOST_PROBABLE and "decode" not in self._asks:
+            raise InputError(
+                f"{self.source}: the graph decodes the most probable manoeuvre alone, expected one with the input "
+                "decode; export it anew"
+            )
         place = inputs.frame[:, :2] - inputs.frame[:1, :2]
         arrays = {
             "position": place.astype(np.float32),
@@ -113,6 +132,7 @@ class CompiledNetwork:
             "state": inputs.state,
             "traffic": inputs.traffic,
             "asked": asked,
+            "decode": np.full(len(asked), maneuver, np.int64),
         }
         if self._maps is not None:
             maps = self._maps.look_up(inputs.raster)

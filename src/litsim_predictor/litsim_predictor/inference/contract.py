@@ -131,6 +131,14 @@ class Network(Protocol):
 
 
 @runtime_checkable
+class NetworkOfManeuvers(Network, Protocol):
+    """A network that also answers with a manoeuvre that is asked for, in place of the most probable one."""
+
+    def of_maneuver(self, inputs: AgentInputs, asked: IntArray, maneuver: int) -> AgentFutures:
+        """As :class:`Network`, with the Gaussians of `maneuver`, a number in MANEUVERS."""
+
+
+@runtime_checkable
 class NetworkOfScenes(Network, Protocol):
     """A network that answers for several scenes at once, with the same bits as for each of them on its own."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import cast
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from litsim_predictor.inference.contract import (
     AgentInputs,
     FurtherFutures,
     Network,
+    NetworkOfManeuvers,
     NetworkOfScenes,
 )
 from litsim_predictor.inference.features import agent_inputs, on_lanes
@@ -69,8 +71,16 @@ class LearnedPredictor:
         """See :class:`litsim_predictor.forecast.Predictor`."""
         self._history.push(table)
 
-    def forecast(self, table: AgentTable) -> Forecast:
+    @property
+    def decodes_maneuvers(self) -> bool:
+        """Whether :meth:`forecast` can be asked for a manoeuvre."""
+        return isinstance(self._network, NetworkOfManeuvers)
+
+    def forecast(self, table: AgentTable, maneuver: int | None = None) -> Forecast:
         """Forecast those that are wanted of `table`; see :class:`litsim_predictor.forecast.Forecast`.
+
+        With `maneuver`, a number in MANEUVERS, they are forecast as if it were the most probable one; all of them must
+        be of one scene.
 
         Raises:
             InputError: no forecast is finite, so that nobody could go by any of them.
@@ -81,7 +91,7 @@ class LearnedPredictor:
             return Forecast.empty(table.step, DT, len(MANEUVERS))
         heading, lane_frames = self._frames(agents, asked)
         inputs = self._inputs(agents, heading, Traffic.of_table(table, self._history))
-        futures = from_lane_frames(self._answer(inputs, asked, agents.scene), lane_frames)
+        futures = from_lane_frames(self._answer(inputs, asked, agents.scene, maneuver), lane_frames)
         forecast = forecast_in_map(futures, inputs.frame[asked], agents.take(asked))
         if not forecast.valid.any():
             raise InputError(
@@ -100,8 +110,10 @@ class LearnedPredictor:
             return heading, NO_LANE_FRAMES
         return heading, self._lanes.ahead(at.take(asked), along[asked], agents.speed[asked])
 
-    def _answer(self, inputs: AgentInputs, asked: IntArray, scene: IntArray) -> AgentFutures:
+    def _answer(self, inputs: AgentInputs, asked: IntArray, scene: IntArray, maneuver: int | None) -> AgentFutures:
         """Returns the network's output for the rows `asked` (m,); agents (n,) of one `scene` (n,) see each other."""
+        if maneuver is not None:
+            return cast(NetworkOfManeuvers, self._network).of_maneuver(inputs, asked, maneuver)
         if scene[0] == scene[-1]:
             return self._network(inputs, asked, self._modes)
         if isinstance(self._network, NetworkOfScenes):

@@ -15,7 +15,7 @@ import torch
 from onnx import ModelProto, TensorProto, helper
 from torch import Tensor, nn
 
-from litsim_predictor.inference.compiled import CODES, FORMAT, INPUTS, OUTPUTS, PARAMETER
+from litsim_predictor.inference.compiled import CODES, FORMAT, INPUTS, MOST_PROBABLE, OUTPUTS, PARAMETER
 from litsim_predictor.inference.contract import HISTORY, HISTORY_CHANNELS, HORIZON, STATE_CHANNELS
 from litsim_predictor.inference.joint.units import TRAFFIC_CHANNELS
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
@@ -39,7 +39,7 @@ class OneScene(nn.Module):
 
     def forward(self, *inputs: Tensor) -> tuple[Tensor, ...]:
         """Return :data:`litsim_predictor.inference.compiled.OUTPUTS`, and CODES if the network reads the map."""
-        position, heading, history, observed, state, traffic, asked, raster, known, code_of = inputs
+        position, heading, history, observed, state, traffic, asked, decode, raster, known, code_of = inputs
         present = observed[:, -1]
         batch = SceneBatch(
             position=position,
@@ -60,9 +60,9 @@ class OneScene(nn.Module):
         if isinstance(self.network, JointPredictor):
             codes = [self.network.map(raster)]
             maps = torch.cat([known, *codes]).index_select(0, code_of)
-            prediction = self.network(batch, "best", asked, maps)
+            prediction = self.network(batch, decode, asked, maps)
         else:
-            prediction = self.network(batch.in_batch(), "best", asked)
+            prediction = self.network(batch.in_batch(), decode[None], asked)
             prediction = Prediction(*(tensor.squeeze(0) for tensor in vars(prediction).values()))
         mean, scale, correlation = (v[:, 0] for v in (prediction.mean, prediction.scale, prediction.correlation))
         return prediction.maneuver.softmax(dim=-1), mean, scale, correlation, *codes
@@ -102,11 +102,12 @@ def traced(model: SceneModel) -> ModelProto:
         torch.rand(AGENTS, STATE_CHANNELS),
         torch.rand(AGENTS, TRAFFIC_CHANNELS),
         torch.arange(ASKED),
+        torch.full((ASKED,), MOST_PROBABLE),
         torch.zeros(NEW, CHANNELS, ROWS, COLUMNS, dtype=torch.uint8),
         torch.zeros(KNOWN, model.map.width if isinstance(model, JointPredictor) else 1),
         torch.arange(AGENTS),
     )
-    counts = dict.fromkeys(("asked", *OUTPUTS), "asked") | {"raster": "new", "known": "known", CODES: "new"}
+    counts = dict.fromkeys(("asked", "decode", *OUTPUTS), "asked") | {"raster": "new", "known": "known", CODES: "new"}
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         # The exporter warns of values that a trace takes for constants, such as numbers of channels. Tests verify that
         # the number of agents is not among them.
