@@ -12,6 +12,8 @@ from litsim_policy.conflict.region import RegionManager
 from litsim_policy.conflict.registry import conflict_stage
 from litsim_policy.conflict.takeover import TakeoverManager
 from litsim_predictor.forecast import Forecast
+from litsim_predictor.kinematic import KinematicPredictor
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.scene import Controller, Kind
 from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverState, TakeoverTable
@@ -89,3 +91,22 @@ def test_the_policy_says_who_is_taken_over(scenario: Scenario) -> None:
 def test_a_region_of_its_own_is_in_place_of_the_scenario_s(scenario: Scenario, placed: Any) -> None:
     build = conflict_stage(ParameterOverrides("conflict", {"roi_m": 25.0}))
     assert agents(see(build("idm", scenario), scenario, FIRST, placed)) == []
+
+
+def test_everybody_is_driven_from_the_first_step_on(scenario: Scenario, placed: Any) -> None:
+    manager = conflict_stage(ParameterOverrides("conflict", {"baselines": "all"}))("idm", scenario)
+    assert agents(see(manager, scenario, FIRST - 1, placed)) == []
+    assert agents(see(manager, scenario, FIRST, placed)) == [2, 3]
+
+
+def test_whom_others_would_take_over_is_told_by_forecasts(scenario: Scenario, placed: Any) -> None:
+    """As for policies that know conflicts; without a forecast of the ego, nobody could be told."""
+    build = conflict_stage(ParameterOverrides("conflict", {"baselines": "conflict"}))
+    manager = build("idm", scenario)
+    assert isinstance(manager, TakeoverManager)
+    assert agents(see(manager, scenario, FIRST - 1, placed)) == []
+    with pytest.raises(InputError, match="parameter baselines is conflict, which needs forecasts of the ego"):
+        see(manager, scenario, FIRST, placed)
+    table = placed(scenario.log.table(FIRST), 1, x=178.0, speed=0.0)
+    (taken,) = build("idm", scenario).update(table, KinematicPredictor(1, 30.0).forecast(table)).takeovers
+    assert (taken.agent, taken.reason) == (2, TakeoverReason.CONFLICT)

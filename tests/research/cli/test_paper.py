@@ -14,7 +14,7 @@ from litsim_research.baselines.simnet.raster import CHANNELS, PAPER
 from litsim_research.cli.paper import CAPTIONS, FIGURES, SHOWN, main
 from litsim_research.paper import case_studies, running
 from litsim_research.paper.case_studies import AFTER_S, BEFORE_S, EVENTS, LEFT_TURN, chosen, drawn
-from litsim_research.paper.experiments import CHANGES
+from litsim_research.paper.experiments import CHANGES, IN_REGION
 from litsim_research.paper.page import END, begin
 from litsim_research.paper.tables import GoalRow, Row, goals_table, read_csv, summary
 
@@ -84,6 +84,8 @@ def test_figures_are_of_what_has_been_run(out: Path, monkeypatch: pytest.MonkeyP
         ("oracles", ["--ego", "idm"], ("litsim", "true future", "conflicts by hindsight", "ideal hand-back")),
         ("sanity", [], ("replay", *BASELINES)),
         ("changes", [], ("litsim", *CHANGES, "paper")),
+        ("regions", [], ("replay", *(name.format(b) for b in BASELINES for name in IN_REGION), "litsim")),
+        ("deviating", [], ("replay", "idm", "litsim", "paper")),
     ],
 )
 def test_the_other_experiments(out: Path, what: str, egos: list[str], rows: tuple[str, ...]) -> None:

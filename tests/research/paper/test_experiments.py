@@ -9,12 +9,22 @@ import pytest
 from litsim_eval.campaign.policy_setup import PolicySetup, packaged_setups, setup_of
 from litsim_eval.campaign.suite import CaseEntry
 from litsim_eval.runs.runner import configured
-from litsim_research.paper.experiments import ABLATION, ABLATIONS, CHANGED, SANITY, TABLE, oracles
+from litsim_research.paper.experiments import (
+    ABLATION,
+    ABLATIONS,
+    CHANGED,
+    DEVIATING,
+    DEVIATING_EGO,
+    REGIONS,
+    SANITY,
+    TABLE,
+    oracles,
+)
 from litsim_research.paper.roads import roads, shortened
 from litsim_sim.core.parameters import by_stage
 from litsim_sim.scenario.scenario import Scenario
 
-EXPERIMENTS = (TABLE, ABLATIONS, CHANGED, SANITY)
+EXPERIMENTS = (TABLE, ABLATIONS, CHANGED, SANITY, REGIONS, DEVIATING)
 EVERY = (*packaged_setups(), *(row for each in EXPERIMENTS for row in each.policies), *oracles(Path("happened")))
 
 
@@ -23,6 +33,11 @@ def test_every_row_has_parameters_that_its_stages_know(policy: str | PolicySetup
     setup = setup_of(policy)
     parameters = by_stage((*name.split(".", 1), value) for name, value in setup.parameters.items())
     assert configured("bat", setup.kind, parameters)["ego"] is not None
+
+
+def test_the_deviating_ego_samples_its_manoeuvres(tmp_path: Path) -> None:
+    (ego,) = DEVIATING.suite(("highway",), DEVIATING.egos, tmp_path, quick=True).egos
+    assert (ego, ego.kind, ego.parameters) == (DEVIATING_EGO, "bat", {"ego.maneuver": "sampled"})
 
 
 def test_the_changes_together_are_the_papers_configuration() -> None:

@@ -47,6 +47,10 @@ class ConflictConfig:
             compared as well; 0 for the radius alone. Stopping behind a standing agent can take more than 30 m.
         region: off_log: around every agent off its log; ego: the same, but agents are taken over only within `roi_m`
             of the ego.
+        baselines: whom policies drive that know no conflicts, as the baselines of the paper: ego: all agents that come
+            within `roi_m` of the ego, until they leave the net; all: all agents from the first step on, likewise;
+            conflict: those that other policies would be given, taken over and released in the same way. The last needs
+            `forecast_all` of the predictor.
         closing_time: a conflict within this time is certain and urgent, regardless of the forecast, if it results from
             an agent off its log keeping its acceleration and heading; twice that in an emergency; 0 for the forecast
             alone.
@@ -75,6 +79,7 @@ class ConflictConfig:
     roi_m: NonNegative[Length] = 0.0
     approach_time: NonNegative[Duration] = 3.0
     region: Literal["off_log", "ego"] = "off_log"
+    baselines: Literal["ego", "conflict", "all"] = "ego"
     closing_time: NonNegative[Duration] = 1.0
     planned_motion: Flag = True
     outcomes: str = ""

@@ -25,7 +25,7 @@ class RegionManager:
     """
 
     def __init__(self, scenario: Setting, roi_m: float = 0.0) -> None:
-        """Begin without takeovers; `roi_m` [m] replaces the scenario's unless it is 0."""
+        """Begin without takeovers; `roi_m` [m] replaces the scenario's unless it is 0; infinite, all are taken over."""
         self._scenario, self._roi_m = scenario, roi_m or scenario.roi_m
         self._diverged = DivergedAgents.empty()
         self.iterations: IntArray = np.zeros(len(scenario.ego_ids), np.int64)
@@ -37,7 +37,8 @@ class RegionManager:
             return TakeoverTable(table.step)
         agents = self._diverged.kept(table.rows(self._diverged.agent) >= 0)
         ego, late = table.mask(self._scenario.ego_ids), table.of_policy
-        close = around(table, ego, self._roi_m) & ~table.obstacle
+        near = np.ones(len(table), np.bool_) if np.isinf(self._roi_m) else around(table, ego, self._roi_m)
+        close = near & ~table.obstacle
         for row in np.flatnonzero((close | late) & ~ego & ~table.mask(agents.agent)).tolist():
             reason = TakeoverReason.BLOCKED_ENTRY if late[row] else TakeoverReason.REGION
             agents = agents.joined(by_region(self._scenario, table, row, reason))

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
+import numpy as np
+
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.region import RegionManager
 from litsim_policy.conflict.takeover import TakeoverManager
 from litsim_predictor.forecast import Forecast
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.scene import AgentTable, BoolArray, IntArray
 from litsim_sim.core.takeover import TakeoverTable
@@ -30,13 +33,33 @@ class TakeoverStage(Protocol):
         """Returns the agents off their logs at this step, and why; called once per step, in order."""
 
 
+class ForecastTakeovers(TakeoverManager):
+    """Takeovers by conflicts for a policy that is given no forecasts unless they are asked for."""
+
+    def update(self, table: AgentTable, forecast: Forecast) -> TakeoverTable:
+        """See :meth:`.takeover.TakeoverManager.update`.
+
+        Raises:
+            InputError: there are no forecasts.
+        """
+        is_driven = table.step >= self._scenario.history_steps and table.mask(self._scenario.ego_ids).any()
+        if is_driven and not len(forecast.id):
+            raise InputError(
+                "conflict: parameter baselines is conflict, which needs forecasts of the ego; expected the parameter "
+                "forecast_all of the predictor to be true"
+            )
+        return super().update(table, forecast)
+
+
 def conflict_stage(read: ParameterReader) -> Callable[[str, Setting], TakeoverStage]:
     """Read the parameters of the conflict stage; the result makes its core for a policy and a scenario."""
     config = read(ConflictConfig())
 
     def build(policy: str, scenario: Setting) -> TakeoverStage:
-        if drives_by_region(policy):
-            return RegionManager(scenario, config.roi_m)
-        return TakeoverManager(scenario, config)
+        if not drives_by_region(policy):
+            return TakeoverManager(scenario, config)
+        if config.baselines == "conflict":
+            return ForecastTakeovers(scenario, config)
+        return RegionManager(scenario, np.inf if config.baselines == "all" else config.roi_m)
 
     return build

@@ -16,12 +16,14 @@ from litsim_research.paper import claims, tables
 from litsim_research.paper.experiments import (
     ABLATIONS,
     BACKBONES,
+    DEVIATING,
     EGOS,
     EXPERIMENTS,
     ORACLES,
     OURS,
     PAPER_EGO,
     PAPER_SETUP,
+    REGIONS,
     TABLE,
     Experiment,
     of_backbones,
@@ -43,7 +45,7 @@ FIGURES = "figures"
 ALL = "all"
 GOALS = "goals"
 CLAIMS = "claims"
-SHOWN = (GOALS, TABLE.name, ABLATIONS.name, CLAIMS)
+SHOWN = (GOALS, TABLE.name, REGIONS.name, DEVIATING.name, ABLATIONS.name, CLAIMS)
 """Tables that a page shows in short; all of them are CSV files beside it."""
 CAPTIONS = {
     "contacts_by_fault": "Contacts that are not in the log, by fault; by ego, all sets together.",

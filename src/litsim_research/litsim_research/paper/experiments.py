@@ -19,6 +19,8 @@ OURS = "litsim"
 PAPER_SETUP = "paper"
 PAPER_EGO = "bat"
 EGOS = (PAPER_EGO, "idm", "perturbed")
+DEVIATING_EGO = EgoSetup(name="bat_sampled", kind=PAPER_EGO, parameters={"ego.maneuver": "sampled"})
+"""The paper's ego where it does what it thinks possible, and not only what is most probable."""
 SANITY_S = 10.0
 FEW = 5
 """Number of cases of each set in an experiment with expensive steps."""
@@ -39,6 +41,23 @@ ABLATION: tuple[Policy, ...] = (
     OURS,
 )
 """The paper's ablation: kinematic instead of joint prediction, policy yield instead of policy C; M* is LitSim."""
+
+
+IN_REGION: dict[str, dict[str, Any]] = {
+    "{}": {},
+    "{}, conflict": {"conflict__baselines": "conflict", "predictor__forecast_all": True},
+    "{}, all": {"conflict__baselines": "all"},
+}
+"""Parameters by the row of a baseline: everybody near the ego, the agents that LitSim would take over, everybody."""
+
+
+def in_regions() -> tuple[Policy, ...]:
+    """Returns each baseline with each choice of the agents that it drives."""
+    return tuple(
+        _row(name.format(baseline), baseline, **parameters)
+        for baseline in BASELINES
+        for name, parameters in IN_REGION.items()
+    )
 
 
 def oracles(outcomes: Path) -> tuple[Policy, ...]:
@@ -125,7 +144,7 @@ class Experiment:
             name=self.name,
             description=self.description,
             cases=[entry for entries in cases.values() for entry in entries],
-            egos=[EgoSetup(name=ego, kind=ego) for ego in egos],
+            egos=[DEVIATING_EGO if ego == DEVIATING_EGO.name else EgoSetup(name=ego, kind=ego) for ego in egos],
             policies=list(self.policies),
             criteria=JUDGED,
         )
@@ -171,7 +190,21 @@ SANITY = Experiment(
     prepare=_ten_seconds,
     own_egos=True,
 )
-EXPERIMENTS = {each.name: each for each in (TABLE, ABLATIONS, CHANGED, SANITY)}
+REGIONS = Experiment(
+    name="regions",
+    description="Each baseline, driving everybody near the ego, whom LitSim would take over, or everybody.",
+    policies=(REPLAY, *in_regions(), OURS),
+    egos=("idm",),
+    own_egos=True,
+)
+DEVIATING = Experiment(
+    name="deviating",
+    description="The paper's ego with sampled manoeuvres, which lead it away from its log.",
+    policies=(REPLAY, "idm", OURS, PAPER_SETUP),
+    egos=(DEVIATING_EGO.name,),
+    own_egos=True,
+)
+EXPERIMENTS = {each.name: each for each in (TABLE, ABLATIONS, CHANGED, SANITY, REGIONS, DEVIATING)}
 
 ORACLES = "oracles"
 
