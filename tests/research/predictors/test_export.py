@@ -102,9 +102,9 @@ MINE = [
     DIRECT | {"hidden": 32, "layers": 1, "neighbours": 4},
     DIRECT | {"hidden": 32, "traffic": True},
     DIRECT | {"layers": 3, "neighbours": 20, "reach": 30.0, "heads": 4, "map_channels": 8, "history_width": 32},
-    DIRECT | {"relative": False},
+    DIRECT | {"attention": "states"},
     DIRECT | {"decoder": "recurrent"},
-    {"relative": False, "pairs": True, "reach": 60.0, "neighbours": 64, "decoder": "causal"},
+    {"attention": "states", "reach": 60.0, "neighbours": 64, "decoder": "recurrent"},
     {"hidden": 32, "history_channels": 2},
 ]
 """Configurations of joint predictors of one's own; the last four have no kernels."""

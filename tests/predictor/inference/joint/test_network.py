@@ -115,7 +115,7 @@ def test_shapes_are_those_of_the_weights_and_odd_models_are_not_run() -> None:
     parameters = weights.parameters(JointParameters)
     assert shapes(parameters) == {name: array.shape for name, array in weights.arrays.items()}
     assert runs(weights)
-    for other in ({"relative": False}, {"decoder": "recurrent"}):
+    for other in ({"attention": "states"}, {"decoder": "recurrent"}):
         assert not runs(replace(weights, provenance=replace(weights.provenance, parameters=other)))
     assert not runs(read_weights("paper")) and not runs(read_weights("bat"))
 

@@ -1,4 +1,4 @@
-"""The paper's predictor, read anew: teacher forcing that hides the answer, and states relative to each agent."""
+"""The paper's predictor: teacher forcing that hides the answer, and states relative to each agent."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import torch
 from litsim_predictor.inference.contract import HORIZON, MANEUVERS
 from litsim_research.predictors.data.batch import SceneBatch
 from litsim_research.predictors.models.joint_attention import PairAttention
-from litsim_research.predictors.models.joint_decoders import CausalDecoder
+from litsim_research.predictors.models.joint_decoders import RecurrentDecoder
 
 WIDTH, HIDDEN, REACH = 12, 16, 40.0
 
@@ -22,7 +22,7 @@ def _seeded() -> None:
 
 @torch.no_grad()
 def test_forced_outputs_depend_on_earlier_true_positions_alone() -> None:
-    decoder, maneuver = CausalDecoder(WIDTH, HIDDEN), torch.tensor([0, 4])
+    decoder, maneuver = RecurrentDecoder(WIDTH, HIDDEN), torch.tensor([0, 4])
     code, base, truth = torch.randn(2, WIDTH), torch.randn(2, HORIZON, 2), 20.0 * torch.randn(2, HORIZON, 2)
     mean, raw = decoder(code, maneuver, base, truth)
     changed = truth.clone()
@@ -34,7 +34,7 @@ def test_forced_outputs_depend_on_earlier_true_positions_alone() -> None:
 
 @torch.no_grad()
 def test_a_truth_that_is_its_own_forecast_forces_nothing() -> None:
-    decoder, maneuver = CausalDecoder(WIDTH, HIDDEN), torch.arange(len(MANEUVERS))
+    decoder, maneuver = RecurrentDecoder(WIDTH, HIDDEN), torch.arange(len(MANEUVERS))
     code, base = torch.randn(len(MANEUVERS), WIDTH), torch.randn(len(MANEUVERS), HORIZON, 2)
     mean, raw = decoder(code, maneuver, base, None)
     for free, forced in zip((mean, raw), decoder(code, maneuver, base, mean), strict=True):

@@ -16,8 +16,7 @@ from litsim_sim.core.errors import InputError
 MODELS = {
     "default": ("joint", {"traffic": True}),
     "near": ("joint", {}),
-    "paper": ("joint", {"relative": False, "decoder": "recurrent", "history_channels": 2}),
-    "pairs": ("joint", {"relative": False, "pairs": True, "decoder": "causal", "history_channels": 2}),
+    "paper": ("joint", {"attention": "states", "decoder": "recurrent", "history_channels": 2}),
     "cs_lstm": ("cs_lstm", {}),
     "bat": ("bat", {}),
 }

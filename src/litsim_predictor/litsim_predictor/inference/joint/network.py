@@ -67,7 +67,7 @@ def runs(weights: Weights) -> bool:
     if weights.provenance.model != "joint":
         return False
     parameters = weights.parameters(JointParameters)
-    return parameters.relative and parameters.history == "direct" and parameters.decoder == "direct"
+    return (parameters.attention, parameters.history, parameters.decoder) == ("codes", "direct", "direct")
 
 
 class Linear:

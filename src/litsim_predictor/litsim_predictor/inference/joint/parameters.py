@@ -23,18 +23,15 @@ class JointParameters:
         history: how histories are read; "recurrent" is the paper's choice.
         history_channels: channels that a recurrent encoder reads: 2 for coordinates (paper), 4 with yaw and speed.
         state_width: width of the encoder of current states.
-        traffic: whether states include the speed of the traffic ahead; see :mod:`.traffic`. Needs `relative`.
+        traffic: whether states include the speed of the traffic ahead; see :mod:`.traffic`. Needs attention to codes.
         heads: number of heads of the attention.
-        relative: whether attention is over relations between agents, `layers` times; else it is the paper's attention
-            over states alone.
-        pairs: whether these states are relative to each agent, and of its neighbours only; else they are in the frame
-            of the scene. Needs `relative` to be False.
-        layers: number of layers of relative attention.
-        neighbours: greatest number of nearest agents to which attention to relations or pairs attends, so that its cost
-            grows with the number of agents only.
+        attention: what an agent attends to: "codes" of the others and how they lie and move relative to it, `layers`
+            times; or, as in the paper, their "states" alone, relative to it.
+        layers: number of layers of attention to codes.
+        neighbours: greatest number of nearest agents that an agent attends to, so that the cost of attention grows with
+            the number of agents only.
         reach: distance within which these must be.
-        decoder: how futures are decoded; "recurrent" and "causal" are readings of the paper's choice. With teacher
-            forcing, the backward direction of the former sees the answer.
+        decoder: how futures are decoded; "recurrent" is the paper's choice.
         hidden: width of the decoder.
         dropout: probability with which a value is hidden from the decoder in training.
     """
@@ -47,27 +44,24 @@ class JointParameters:
     state_width: LayerWidth = 32
     traffic: Flag = False
     heads: LayerWidth = 8
-    relative: Flag = True
-    pairs: Flag = False
+    attention: Literal["codes", "states"] = "codes"
     layers: Annotated[Whole, Field(gt=0, le=8)] = 2
     neighbours: Annotated[Whole, Field(ge=0, le=10**12)] = 12
     reach: Annotated[Length, Field(gt=0, le=10_000)] = 80.0
-    decoder: Literal["direct", "recurrent", "causal"] = "direct"
+    decoder: Kind = "direct"
     hidden: LayerWidth = 128
     dropout: Share = 0.1
 
     @model_validator(mode="after")
     def _fit(self) -> Self:
-        attended = self.width if self.relative else self.state_width
+        attended = self.width if self.attention == "codes" else self.state_width
         if attended % self.heads:
             raise ValueError(f"heads is {self.heads}, expected a divisor of {attended}, the width of the attention")
         for name, kind in (("history_width", self.history), ("hidden", self.decoder)):
             if kind != "direct" and getattr(self, name) % 2:
                 raise ValueError(f"{name} is {getattr(self, name)}, expected an even number: two directions share it")
-        if self.pairs and self.relative:
-            raise ValueError("pairs is True, expected False where relative is True")
-        if self.traffic and not self.relative:
-            raise ValueError("traffic is True, expected False where relative is False")
+        if self.traffic and self.attention == "states":
+            raise ValueError("traffic is True, expected False where attention is states")
         return self
 
     @property

@@ -4,8 +4,8 @@ A small CNN encodes the map raster, a bidirectional GRU the history, and an MLP 
 agents the current states (the paper's dynamic encoder). Manoeuvres are predicted from these codes, and a decoder
 conditioned on them outputs Gaussians, for all agents of a scene in one pass.
 
-Three parts are chosen by configuration (:class:`.JointParameters`): how histories are read (`history`), how agents
-attend to each other (`relative`, `pairs`) and how futures are decoded (`decoder`).
+Three parts are chosen by configuration (:class:`.JointParameters`): how histories are read (`history`), what agents
+attend to (`attention`) and how futures are decoded (`decoder`).
 """
 
 from __future__ import annotations
@@ -19,13 +19,8 @@ from litsim_predictor.inference.contract import HORIZON, MANEUVERS, STATE_CHANNE
 from litsim_predictor.inference.joint.parameters import JointParameters
 from litsim_predictor.inference.joint.units import STATE_UNITS, TRAFFIC_CHANNELS, TRAFFIC_PLACES, TRAFFIC_UNITS
 from litsim_research.predictors.data.batch import Prediction, SceneBatch
-from litsim_research.predictors.models.joint_attention import (
-    Neighbours,
-    PairAttention,
-    RelativeAttention,
-    SceneAttention,
-)
-from litsim_research.predictors.models.joint_decoders import CausalDecoder, DirectDecoder, RecurrentDecoder
+from litsim_research.predictors.models.joint_attention import Neighbours, PairAttention, RelativeAttention
+from litsim_research.predictors.models.joint_decoders import DirectDecoder, RecurrentDecoder
 from litsim_research.predictors.models.joint_encoders import DirectHistory, MapEncoder, RecurrentHistory
 from litsim_research.predictors.models.model import (
     Decode,
@@ -39,7 +34,7 @@ from litsim_research.predictors.models.model import (
     rows_of,
 )
 
-DECODERS = {"direct": DirectDecoder, "recurrent": RecurrentDecoder, "causal": CausalDecoder}
+DECODERS = {"direct": DirectDecoder, "recurrent": RecurrentDecoder}
 
 
 class JointPredictor(SceneModel):
@@ -55,15 +50,13 @@ class JointPredictor(SceneModel):
             else RecurrentHistory(parameters.history_width, parameters.history_channels)
         )
         self.scene: nn.Module | None = None
-        if parameters.pairs:
+        if parameters.attention == "states":
             self.scene = PairAttention(parameters.state_width, heads, parameters.neighbours, parameters.reach)
-        elif not parameters.relative:
-            self.scene = SceneAttention(parameters.state_width, heads)
         else:
             read = STATE_CHANNELS + TRAFFIC_CHANNELS * parameters.traffic
             self.state = nn.Sequential(nn.Linear(read, parameters.state_width), nn.ReLU())
         self.traffic, self.neighbours, self.reach = parameters.traffic, parameters.neighbours, parameters.reach
-        layers = parameters.layers if parameters.relative else 0
+        layers = parameters.layers if parameters.attention == "codes" else 0
         self.relative = nn.ModuleList([RelativeAttention(width, heads) for _ in range(layers)])
         self.dropout = nn.Dropout(parameters.dropout)
         self.maneuver = nn.Sequential(nn.Linear(width, hidden), nn.ReLU(), nn.Linear(hidden, len(MANEUVERS)))

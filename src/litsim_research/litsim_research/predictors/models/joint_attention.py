@@ -1,4 +1,4 @@
-"""Attention between the agents of a scene in the joint predictor: to the nearest agents, or to all as in the paper."""
+"""Attention of the agents of a scene to those near them in the joint predictor."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from torch import Tensor, nn
 from litsim_predictor.inference.contract import STATE_CHANNELS
 from litsim_predictor.inference.joint.units import (
     LANE,
-    LENGTH,
     NEAR,
     RELATION_CHANNELS,
     RELATION_UNITS,
@@ -120,39 +119,10 @@ class RelativeAttention(nn.Module):
         return cast(Tensor, self.norm(asking + self.out(attended)))
 
 
-class SceneAttention(nn.Module):
-    """The paper's dynamic encoder: attention over current states in a frame common to the scene."""
-
-    def __init__(self, width: int, heads: int) -> None:
-        super().__init__()
-        self.embed = nn.Sequential(nn.Linear(STATE_CHANNELS + 4, width), nn.ReLU())
-        self.attention = nn.MultiheadAttention(width, heads, batch_first=True)
-
-    def forward(self, batch: SceneBatch) -> Tensor:
-        """Returns codes (..., N, width) of all agents of `batch`, each by attention over all agents of its scene."""
-        is_agent = batch.agent[..., None].to(batch.position.dtype)
-        middle = (batch.position * is_agent).sum(dim=-2, keepdim=True) / is_agent.sum(dim=-2, keepdim=True)
-        yaw = batch.heading + batch.state[..., 3]
-        place = torch.cat([(batch.position - middle) / LENGTH, torch.stack([yaw.cos(), yaw.sin()], dim=-1)], dim=-1)
-        read = torch.cat([batch.state, place], dim=-1)
-        units = read.new_tensor([*STATE_UNITS, 1.0, 1.0, 1.0, 1.0])
-        states = self.embed[1](linear_of(read, units, cast(nn.Linear, self.embed[0])))
-        # Computed as by nn.MultiheadAttention, a trace of which would be valid for its number of agents only.
-        attention = self.attention
-        lead, size = states.shape[:-2], attention.embed_dim // attention.num_heads
-        mixed = nn.functional.linear(states, attention.in_proj_weight, attention.in_proj_bias)
-        query, key, value = (
-            part.view(*lead, -1, attention.num_heads, size).transpose(-2, -3)
-            for part in mixed.split(attention.embed_dim, dim=-1)
-        )
-        logits = query @ key.transpose(-1, -2) * size**-0.5
-        weights = logits.masked_fill(~batch.agent[..., None, None, :], float("-inf")).softmax(dim=-1)
-        attended = (weights @ value).transpose(-2, -3).reshape(*lead, -1, attention.embed_dim)
-        return cast(Tensor, attention.out_proj(attended))
-
-
 class PairAttention(nn.Module):
-    """The paper's dynamic encoder with states relative to each agent: its own state attends to pairs with others.
+    """The paper's dynamic encoder: the state of each agent attends to those of others, relative to it.
+
+    The paper has them in a frame common to the scene, in which they are hundreds of metres apart.
 
     Args:
         width: of the codes.

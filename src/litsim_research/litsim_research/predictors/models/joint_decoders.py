@@ -39,42 +39,11 @@ class DirectDecoder(nn.Module):
 
 
 class RecurrentDecoder(nn.Module):
-    """A bidirectional GRU over the steps of the future, which reads the position before each step.
-
-    With teacher forcing in training, these are the true positions. Otherwise there are two passes, since a
-    bidirectional network cannot be unrolled step by step: the first reads positions at constant velocity, the second
-    the means of the first. Read backward in time, true positions reveal the answer, so that teacher forcing has to fade
-    in the course of training.
-    """
-
-    def __init__(self, width: int, hidden: int) -> None:
-        super().__init__()
-        self.maneuver = nn.Embedding(len(MANEUVERS), width)
-        self.context = nn.Linear(width, hidden)
-        self.gru = nn.GRU(2 + hidden, hidden // 2, batch_first=True, bidirectional=True)
-        self.out = nn.Linear(hidden, GAUSSIAN_CHANNELS)
-
-    def forward(self, context: Tensor, maneuver: Tensor, base: Tensor, truth: Tensor | None) -> tuple[Tensor, Tensor]:
-        """See :meth:`DirectDecoder.forward`; `truth` (n, HORIZON, 2) [m] is for teacher forcing, None for none."""
-        context = self.context(context + self.maneuver(maneuver)).relu()
-        if truth is not None:
-            return self._read(context, truth, base)
-        first, _ = self._read(context, base, base)
-        return self._read(context, first, base)
-
-    def _read(self, context: Tensor, positions: Tensor, base: Tensor) -> tuple[Tensor, Tensor]:
-        before = torch.cat([torch.zeros_like(positions[:, :1]), positions[:, :-1]], dim=1)
-        steps = context[:, None].expand(-1, HORIZON, -1)
-        raw = self.out(self.gru(torch.cat([(before - base) / LENGTH, steps], dim=-1))[0])
-        return base + LENGTH * raw[..., :2], raw[..., 2:]
-
-
-class CausalDecoder(nn.Module):
     """A bidirectional GRU over the steps of the future, whose forward direction alone reads positions.
 
     Before each step it reads the deviation from constant velocity: that of the true position with teacher forcing, or
     else that of the mean that it has decoded itself, one step after the other. The backward direction reads the code of
-    the agent alone. An output thus never depends on the true position of its own step or of a later one.
+    the agent alone. Read backward in time, true positions would reveal the answer.
     """
 
     def __init__(self, width: int, hidden: int) -> None:

@@ -162,11 +162,8 @@ class Training:
         return {"epoch": epoch + 1, "agents": count} | figures | self._validate()
 
     def _learning_rate(self, epoch: int) -> float:
-        """Returns the learning rate of `epoch`, counted from 0; see :class:`TrainingConfig`."""
-        config = self._config
-        if config.decay_every:
-            return config.learning_rate * config.decay ** (epoch // config.decay_every)
-        return config.learning_rate * 0.5 * (1.0 + float(np.cos(np.pi * epoch / config.epochs)))
+        """Returns the learning rate of `epoch`, counted from 0: a cosine over all epochs."""
+        return self._config.learning_rate * 0.5 * (1.0 + float(np.cos(np.pi * epoch / self._config.epochs)))
 
     def _losses(self, batch: SceneBatch) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Returns negative log-likelihood, squared error [m2], cross-entropy of manoeuvres, and distillation loss [m2].
