@@ -12,10 +12,9 @@ from torch import Tensor
 from litsim_policy.driving.action import executed_yaw_rate, physical
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.features.scales import SPEED
-from litsim_research.policies.critic import Critic, CriticConfig, update_critic
-from litsim_research.policies.critic_pairs import driven_pairs, expert_and_policy_pairs
+from litsim_research.policies.critic import Critic, CriticConfig, driven_pairs, expert_and_policy_pairs, update_critic
 from litsim_research.policies.episodes import Course, EnvironmentConfig, Episodes
-from litsim_research.policies.expert import ExpertConfig, ExpertPairs, expert_pairs
+from litsim_research.policies.expert import ExpertConfig, ExpertPairs, expert_pairs, share_weights
 from litsim_research.policies.network import GaussianPolicy
 from litsim_research.policies.ppo import Demonstrations, Track, tensor
 from litsim_research.policies.task import TaskConfig
@@ -107,8 +106,10 @@ def test_people_count_as_much_as_they_are_said_to() -> None:
         both = shown.draw(4000, torch.Generator().manual_seed(0))
         assert float((both >= 100).float().mean()) == pytest.approx(0.5, abs=0.04), "corrections as often as drivers"
     assert Demonstrations(recorded.observation, recorded.action).draw(50, torch.Generator()).max() < 100
-    only = ExpertPairs(size, size[:, :3], size, size[:, :3], np.zeros(100, np.bool_))
-    assert only.weights(0.9) == pytest.approx(np.full(100, 0.01)), "where there are no people, the others are all"
+    none = np.zeros(100, np.bool_)
+    assert share_weights(none, 0.9) == pytest.approx(np.full(100, 0.01)), (
+        "where there are no people, the others are all"
+    )
 
 
 def test_the_critic_sees_what_was_drawn_as_the_one_turn_that_a_vehicle_makes_of_it() -> None:

@@ -8,7 +8,6 @@ import torch
 
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_research.policies.critic import Critic, CriticConfig, gradient_norm, update_critic
-from litsim_research.policies.critic_pairs import driven_pairs
 from litsim_research.policies.network import GaussianPolicy, multilayer, pedal_bounds
 from litsim_research.policies.ppo import (
     Batch,
@@ -61,7 +60,9 @@ def tracks(policy: GaussianPolicy, seed: int = 0, count: int = 8, steps: int = 3
     made = []
     for _ in range(count):
         observation = random.uniform(-1.0, 1.0, (steps + 1, SEEN.size))
-        raw, density = policy.sample(torch.as_tensor(observation[:-1], dtype=torch.float32), generator)
+        seen = torch.as_tensor(observation[:-1], dtype=torch.float32)
+        raw = policy.draw(seen, generator)
+        density = policy.log_probability(seen, raw).detach()
         executed = torch.tanh(raw).double().numpy()
         executed[:, 0] = np.clip(executed[:, 0], *reach(observation[:-1]))
         made.append(Track(observation, raw.numpy(), density.numpy(), executed, np.zeros(steps), terminated=False))
@@ -126,7 +127,7 @@ def test_a_batch_is_normalised() -> None:
     policy, value = GaussianPolicy(SEEN), multilayer(SEEN.size, 1)
     driven = tracks(policy)
     batch = make_batch(driven, [7.0 + track.executed[:, 0] for track in driven], value, CONFIG)
-    assert isinstance(batch, Batch) and len(batch.raw) == 8 * 32 == len(driven_pairs(driven))
+    assert isinstance(batch, Batch) and len(batch.raw) == 8 * 32
     assert float(batch.advantage.mean()) == pytest.approx(0.0, abs=1e-5)
     assert float(batch.advantage.std()) == pytest.approx(1.0, abs=0.01)
 

@@ -19,7 +19,7 @@ from litsim_research.policies import checkpoint, train
 from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.data import REPORTED, DataConfig, Generated, RealWindow, prepare
 from litsim_research.policies.expert import expert_pairs
-from litsim_research.policies.network import GaussianPolicy, restore, save
+from litsim_research.policies.network import GaussianPolicy
 from litsim_research.policies.ppo import tensor
 from litsim_research.policies.warm_start import WarmStart
 from litsim_sim.core.errors import InputError
@@ -224,32 +224,16 @@ def test_what_is_reported_on_is_never_learned_from(frames: tuple[int, int], *, f
             RealWindow(frames=frames, local_y_m=(0.0, 100.0))
 
 
-def test_packaged_configurations_differ_in_what_the_paper_says_only() -> None:
-    usual, paper = (read_yaml(CONFIG / name, TrainConfig) for name in ("policy_c_critic.yaml", "policy_c_paper.yaml"))
-    assert (paper.ppo.learning_rate, paper.ppo.batch) == (0.03, 32)
-    same = {"ppo": usual.ppo, "iterations": usual.iterations}
-    assert paper.model_copy(update=same) == usual
-
-
 def test_the_packaged_weights_say_how_they_were_made() -> None:
-    """By the packaged configuration, iterations apart: a training may be ended where its validation is best."""
+    """By the packaged configuration, iterations apart: a training may be ended where its validation is best.
+
+    Trainings had more settings when these weights were made.
+    """
     config = read_yaml(CONFIG / "policy_c.yaml", TrainConfig)
     with safe_open(shipped_weights("residual"), "np") as file:
         about = file.metadata()
-    made = TrainConfig.model_validate_json(about["config"])
-    assert made == config and about["seed"] == str(config.seed) and re.fullmatch("[0-9a-f]{64}", about["data"])
+    made = json.loads(about["config"])
+    for part, setting in config.model_dump(mode="json").items():
+        assert setting == ({name: made[part][name] for name in setting} if isinstance(setting, dict) else made[part])
+    assert about["seed"] == str(config.seed) and re.fullmatch("[0-9a-f]{64}", about["data"])
     assert 0 < int(about["iterations"]) <= config.iterations
-
-
-def test_a_training_begins_with_the_weights_that_it_is_given(file: Path, tmp_path: Path) -> None:
-    config = with_iterations(file, 1)
-    torch.manual_seed(3)
-    given = GaussianPolicy(config.observation)
-    save(given, tmp_path / "given.safetensors")
-    begun = config.model_copy(update={"start": str(tmp_path / "given.safetensors")})  # PPO leaves the policy at first
-    found = train.run(begun, tmp_path / "out", progress=False).policy
-    assert all(torch.equal(a, b) for a, b in zip(found.parameters(), given.parameters(), strict=True))
-    seen = config.observation.__class__(slots=3)
-    save(GaussianPolicy(seen), tmp_path / "other.safetensors")
-    with pytest.raises(InputError, match=r"other\.safetensors: was trained to see .*slots=3.*, expected .*slots=8"):
-        restore(given, tmp_path / "other.safetensors")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import logging
 import resource
 import shutil
 from argparse import Namespace
@@ -159,20 +157,6 @@ def test_scenarios_that_have_moved_or_are_described_otherwise_are_the_same(train
     shutil.move(tmp_path / "data", tmp_path / "moved")
     trained.folder = tmp_path / "moved"
     trained.resume()
-
-
-def test_a_checkpoint_of_an_earlier_version_is_resumed_with_a_warning(
-    trained: Trained, caplog: pytest.LogCaptureFixture
-) -> None:
-    path = trained.folder / CHECKPOINT
-    trained.resume()
-    assert not caplog.records
-    torch.save({"config": json.dumps({})}, path)
-    with caplog.at_level(logging.WARNING):
-        trained.resume()
-    assert caplog.messages == [
-        f"{path}: of a version that did not note the scenarios: cannot tell whether they have changed since"
-    ]
 
 
 ENTRIES = [{"validation_score": 0.5}] * 50

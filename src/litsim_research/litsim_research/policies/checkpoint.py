@@ -171,7 +171,7 @@ def read_state(
         changed = [key for key in now if key != length and then.get(key) != now[key]]
         if changed:
             raise InputError(f"{path}: fields {', '.join(changed)} of the configuration differ from the checkpoint's")
-        data.refuse_other(state.get("data"), path)
+        data.refuse_other(state["data"], path)
         for name, part in parts.items():
             part.load_state_dict(state[name])
         return {name: state[name] for name in more}

@@ -22,7 +22,6 @@ class TrainConfig(BaseModel):
         seed: of everything random.
         iterations: updates of the policy.
         transitions: least number of agent-steps in an iteration.
-        start: file of weights of policy C to begin with, instead of the warm start; empty for none.
         critic_reward: weight of the critic's reward, which is shifted to mean 0 and scaled down to standard deviation 1
             where it is larger.
         validate_every: iterations between validations.
@@ -34,7 +33,6 @@ class TrainConfig(BaseModel):
     seed: int = Field(0, ge=0, lt=2**32)
     iterations: int = Field(200, gt=0)
     transitions: int = Field(3072, gt=0)
-    start: str = ""
     critic_reward: float = Field(0.3, ge=0)
     validate_every: int = Field(20, gt=0)
     validation_episodes: int = Field(20, gt=0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,8 +16,6 @@ from litsim_sim.scenario.scenario import Scenario
 
 FILES = ("recording", "net")
 SHOWN = 60  # most characters of a field's value in an error
-
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -46,10 +43,8 @@ class DataState:
         """The description, for a checkpoint."""
         return json.dumps(self.described)
 
-    def refuse_other(self, then: str | None, where: Path) -> None:
+    def refuse_other(self, then: str, where: Path) -> None:
         """Check that a training, begun with the state `then` of :meth:`to_json`, would go on with the same scenarios.
-
-        If `then` is None, as in checkpoints of earlier versions, a warning says that this is not known.
 
         Args:
             then: the state in the checkpoint.
@@ -58,11 +53,6 @@ class DataState:
         Raises:
             InputError: a file or field of a scenario has changed, or there are other scenarios.
         """
-        if then is None:
-            _log.warning(
-                "%s: of a version that did not note the scenarios: cannot tell whether they have changed since", where
-            )
-            return
         before, now = json.loads(then), json.loads(self.to_json())
         if (expected := _names(before)) != (found := _names(now)):
             added, missing = (_names_beyond(*pair) for pair in ((found, expected), (expected, found)))

@@ -23,7 +23,7 @@ from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.layer import SafetyLayer
 from litsim_policy.driving.task import NOBODY, DrivingScene, due_step, opponent_of
 from litsim_policy.ego.batched import BatchedEgos
-from litsim_predictor.models import ModelName, make_predictor
+from litsim_predictor.models import make_predictor
 from litsim_research.policies.draw import Start, drawn_ego, with_ego
 from litsim_research.policies.reward import Penalties, PenaltyConfig, displacement, passed_on, penalties
 from litsim_research.policies.sampled_agents import SampledAgents
@@ -47,7 +47,6 @@ class EnvironmentConfig:
         sampled: agents near the ego that are put under the policy at the start, with or without a conflict.
         sample_radius: distance from the ego within which they are drawn.
         sample_steps: steps after the history for which they stay under the policy.
-        model: predictor.
         handback_ends: whether no penalties are expected of agents that have been handed back, have left the scene, or
             have come to where their logs end, where sampled ones are no longer driven.
         off_road_ends: whether an episode is over once a driven agent has left the road.
@@ -58,7 +57,6 @@ class EnvironmentConfig:
     sampled: NonNegative[Whole] = 5
     sample_radius: NonNegative[Length] = 50.0
     sample_steps: NonNegative[Steps] = 100
-    model: ModelName = "kinematic"
     handback_ends: Flag = False
     off_road_ends: Flag = True
 
@@ -165,7 +163,7 @@ class Episodes:
         self._guard = SafetyLayer()  # for the penalty only
         self._logs = OwnLogs(self.batch)
         self._observer = Observer(self.batch.lane_map, course.observation)
-        self._predictor = make_predictor(self._config.model, self.batch)
+        self._predictor = make_predictor("kinematic", self.batch)
         self._manager = TakeoverManager(self.batch, ConflictConfig())
         self._rule = make_policy("yield", self.batch)
         history = self.batch.history_steps

@@ -76,10 +76,6 @@ class ExpertPairs:
     correction: FloatArray
     real: BoolArray
 
-    def weights(self, real_share: float) -> FloatArray:
-        """Weights (n,) with sum 1; people's pairs have the sum `real_share` where there are both kinds."""
-        return share_weights(self.real, real_share)
-
 
 def expert_pairs(
     scenarios: Sequence[Scenario],

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors.torch import load_file
 from safetensors.torch import save as to_bytes
 from scipy.special import log_ndtr
 from torch import Tensor, nn
@@ -15,10 +14,8 @@ from torch import Tensor, nn
 from litsim_policy.driving.action import ACTIONS, HIGH, LOW
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.features.scales import ACCELERATION
-from litsim_policy.driving.features.way import AHEAD
 from litsim_policy.driving.policy_network import FORMAT, HIDDEN, PolicyNetwork
 from litsim_policy.driving.safety.comfort import ACCELERATION_MAX, BRAKING_JERK_MAX, DECELERATION_MAX, JERK_MAX
-from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, FloatArray
 from litsim_sim.io.files import replacing
 
@@ -55,16 +52,11 @@ class GaussianPolicy(nn.Module):
         """Deterministic actions (m, 3) in [-1, 1], for observations (m, size)."""
         return torch.tanh(self(observation))
 
-    def sample(self, observation: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """Draw actions for observations (m, size).
-
-        Returns:
-            the actions before tanh (m, 3), and the logarithms of the densities after tanh (m,).
-        """
+    def draw(self, observation: Tensor, generator: torch.Generator) -> Tensor:
+        """Draw actions (m, 3), before tanh, for observations (m, size)."""
         with torch.no_grad():
             mean = self(observation)
-            raw = mean + self.std() * torch.randn(mean.shape, generator=generator)
-            return raw, self._log_density(observation, mean, raw)
+            return mean + self.std() * torch.randn(mean.shape, generator=generator)
 
     def log_probability(self, observation: Tensor, raw: Tensor) -> Tensor:
         """Logarithm of the density (m,) of the actions `raw` (m, 3), before tanh, as they are executed.
@@ -72,18 +64,7 @@ class GaussianPolicy(nn.Module):
         Accelerations beyond the bounds on jerk are clipped, so that such a draw has the probability of all draws
         beyond the bound (Fujita 2018). Most draws are clipped, and would otherwise add noise to the gradient.
         """
-        return self._log_density(observation, self(observation), raw)
-
-    def entropy(self) -> Tensor:
-        """Entropy of the Gaussian before tanh, a scalar in nats; that of the squashed one has no closed form."""
-        return (torch.log(self.std()) + 0.5 * np.log(2.0 * np.pi * np.e)).sum()
-
-    def std(self) -> Tensor:
-        """Standard deviations (3,) of the actions before tanh."""
-        return torch.exp(torch.clamp(self.log_std, LOG_STD_MIN, LOG_STD_MAX))
-
-    def _log_density(self, observation: Tensor, mean: Tensor, raw: Tensor) -> Tensor:
-        std = self.std()
+        mean, std = self(observation), self.std()
         # validation of the arguments would take longer than the density
         gaussian = torch.distributions.Normal(mean, std, validate_args=False).log_prob(raw)
         density = gaussian - torch.log(1.0 - torch.tanh(raw) ** 2 + SQUASH_FLOOR)
@@ -94,6 +75,14 @@ class GaussianPolicy(nn.Module):
         above = torch.special.log_ndtr((mean[:, 0] - high) / std[0])
         pedal = torch.where(raw[:, 0] <= low, below, torch.where(raw[:, 0] >= high, above, density[:, 0]))
         return pedal + density[:, 1] + density[:, 2]
+
+    def entropy(self) -> Tensor:
+        """Entropy of the Gaussian before tanh, a scalar in nats; that of the squashed one has no closed form."""
+        return (torch.log(self.std()) + 0.5 * np.log(2.0 * np.pi * np.e)).sum()
+
+    def std(self) -> Tensor:
+        """Standard deviations (3,) of the actions before tanh."""
+        return torch.exp(torch.clamp(self.log_std, LOG_STD_MIN, LOG_STD_MAX))
 
 
 def pedal_bounds(observation: FloatArray, config: ObservationConfig) -> tuple[FloatArray, FloatArray]:
@@ -135,7 +124,7 @@ class Sampler:
         """Actions for observations (m, size), by standard normal `noise` (m, 3); None for the means.
 
         Returns:
-            the results of :meth:`GaussianPolicy.sample`.
+            the actions before tanh (m, 3), and the logarithms of their densities after tanh (m,).
         """
         mean = self.network.before_tanh(observation)
         raw = mean if noise is None else mean + self.std * noise
@@ -174,23 +163,3 @@ def save(policy: GaussianPolicy, path: Path, about: dict[str, str] | None = None
     observation = {f"observation.{field}": str(value) for field, value in vars(policy.observation).items()}
     with replacing(path) as new:
         new.write_bytes(to_bytes(tensors, {"format": FORMAT, **observation, **(about or {})}))
-
-
-def restore(policy: GaussianPolicy, path: Path) -> None:
-    """Load the weights that :func:`save` has written to `path` into `policy`.
-
-    If `policy` observes the vehicles ahead (`observation.ahead`) and the file's network does not, these inputs get
-    weights of zero.
-
-    Raises:
-        InputError: the file is missing, damaged, or of a network with other observations.
-    """
-    saved, sees = PolicyNetwork.load(path).observation, policy.observation
-    state = load_file(str(path))
-    if sees.ahead and saved == replace(sees, ahead=False):
-        weight = state["hidden0.weight"]
-        before, after = weight.split([sees.ahead_at, weight.shape[1] - sees.ahead_at], dim=1)
-        state["hidden0.weight"] = torch.cat([before, weight.new_zeros(len(weight), AHEAD), after], dim=1)
-    elif saved != sees:
-        raise InputError(f"{path}: was trained to see {saved}, expected {sees}")
-    policy.load_state_dict(state)

@@ -25,12 +25,11 @@ from tqdm import tqdm
 
 from litsim_research.policies.checkpoint import BEST, CHECKPOINT, CURVES, Training
 from litsim_research.policies.config import TrainConfig
-from litsim_research.policies.critic import update_critic
-from litsim_research.policies.critic_pairs import driven_pairs, expert_and_policy_pairs
+from litsim_research.policies.critic import driven_pairs, expert_and_policy_pairs, update_critic
 from litsim_research.policies.data import TrainingData, prepare
 from litsim_research.policies.divergence import refuse_divergence
-from litsim_research.policies.expert import ExpertPairs, expert_pairs
-from litsim_research.policies.network import GaussianPolicy, driving_network, restore, save
+from litsim_research.policies.expert import ExpertPairs, expert_pairs, share_weights
+from litsim_research.policies.network import GaussianPolicy, driving_network, save
 from litsim_research.policies.ppo import Demonstrations, make_batch, tensor, update_policy
 from litsim_research.policies.rollout import Driving, Episode, begin, begin_validation, collect, validate
 from litsim_research.policies.rollout_pool import rollouts
@@ -59,7 +58,7 @@ def run(config: TrainConfig, out: Path, *, resume: bool = False, progress: bool 
 def _train(
     training: Training, data: TrainingData, driving: Driving, validation: Driving, out: Path, *, progress: bool
 ) -> None:
-    """Make the warm start or read the start weights, unless `training` is resumed; then the remaining iterations."""
+    """Make the warm start, unless `training` is resumed; then the remaining iterations."""
     config = training.config
     recorded = shown = None
     if config.imitates:
@@ -67,9 +66,7 @@ def _train(
         each_once = list({scenario.name: scenario for scenario in data.train}.values())
         experts = expert_pairs(each_once, config.observation, config.expert, config.task, random, data.real)
         recorded, shown = demonstrations(experts, config.expert.real_share)
-    if not training.history and config.start:
-        restore(training.policy, Path(config.start))
-    elif not training.history and shown is not None:
+    if not training.history and shown is not None:
         _warm_start(training.policy, shown, config)
     with tqdm(total=config.iterations, initial=len(training.history), unit="iteration", disable=not progress) as bar:
         for iteration in range(len(training.history), config.iterations):
@@ -184,7 +181,7 @@ def demonstrations(experts: ExpertPairs, real_share: float) -> tuple[Demonstrati
 
     People's pairs have the share `real_share` in both.
     """
-    weight = torch.as_tensor(experts.weights(real_share))
+    weight = torch.as_tensor(share_weights(experts.real, real_share))
     recorded = Demonstrations(tensor(experts.observation), tensor(experts.action), weight)
     both = tensor(np.concatenate([experts.observation, experts.displaced]))
     return recorded, Demonstrations(
