@@ -86,8 +86,6 @@ def recording_with(value: float) -> str:
 
 TRIED: dict[str, Callable[[Tried], str]] = {
     "`simulation_s: .inf`": lambda on: on.scenario(simulation_s=float("inf")),
-    "`history_s: .inf`": lambda on: on.scenario(history_s=float("inf")),
-    "`roi_m: .inf`": lambda on: on.scenario(roi_m=float("inf")),
     "`seed:` 10^40": lambda on: on.scenario(seed=10**40),
     "a NUL in a path": lambda on: on.scenario(recording="a\0b"),
     "`name: ../../x`": lambda on: on.scenario(name="../../x"),

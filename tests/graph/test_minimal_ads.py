@@ -17,7 +17,6 @@ from litsim_sim.scenario.scenario import Scenario
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
-SHOWN = EXAMPLES / "minimal_ads.py"
 
 
 def bare_environment() -> dict[str, str]:
@@ -32,12 +31,6 @@ def bare_environment() -> dict[str, str]:
         ]
         kept[name] = ":".join(outside)
     return kept
-
-
-def test_the_documentation_shows_the_example() -> None:
-    text = (ROOT / "docs/ego-interface.md").read_text()
-    assert f"```python\n{SHOWN.read_text()}```\n" in text
-    assert sum(bool(line) for line in SHOWN.read_text().splitlines()) <= 55
 
 
 def test_its_environment_does_not_know_us(tmp_path: Path) -> None:
