@@ -10,7 +10,8 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from litsim_eval.analysis.displacement import HORIZONS_S
-from litsim_eval.runs.summary_table import OF_EGO, OF_SIMULATION, print_summary
+from litsim_eval.campaign.variant_measures import OF_EGO, OF_SIMULATION
+from litsim_eval.runs.summary_table import print_summary
 
 WIDTH = 100
 
@@ -18,7 +19,7 @@ WIDTH = 100
 def variant(**values: Any) -> dict[str, Any]:
     """Measures of a variant, as wide as they get."""
     ade = dict.fromkeys(map(str, HORIZONS_S), 0.000868)
-    usual: dict[str, Any] = dict.fromkeys((OF_EGO | OF_SIMULATION).values(), 0.000868) | {
+    usual: dict[str, Any] = dict.fromkeys((measure.path for measure in (*OF_EGO, *OF_SIMULATION)), 0.000868) | {
         "runs": 20,
         "agents": 1920,
         "failed": 0,
@@ -58,7 +59,7 @@ def test_where_nobody_can_be_taken_over_nothing_is_said_of_it(count: int) -> Non
     whole, short = printed(variants(count)), printed(variants(count), replayed=True)
     for name in (
         "takeovers",
-        "guarded %, of policy C's steps",
+        "guarded steps of policy C %",
         "largest jump m",
         f"ADE@{HORIZONS_S[0]} s m, controlled",
     ):

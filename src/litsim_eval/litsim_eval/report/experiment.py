@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
-from litsim_eval.analysis.displacement import HORIZONS_S
-from litsim_eval.analysis.metric import ADDED, Better, added_metrics
 from litsim_eval.analysis.metrics_tree import leaves
 from litsim_eval.campaign.criteria import CriterionResult, Verdict
 from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RUNS_FOLDER, Campaign, RunResult
+from litsim_eval.campaign.variant_measures import OF_EGO, OF_SIMULATION, Measure, added, displacements
 from litsim_eval.campaign.variant_summary import variant_summary
 from litsim_eval.report.campaign_content import criteria_of, pack_campaign
 from litsim_eval.report.pages import render_page
@@ -28,59 +26,6 @@ from litsim_sim.record.run import read_run
 TAGS_MAX = 30  # most tags in the table by tag, the worst ones
 NOT_PASSED = "not passed"  # a choice of the filter by verdict, as in assets/campaign_runs.js
 NAMES_MAX = 4  # most scenarios, egos or policies that a heading names; of more it gives the number
-
-
-@dataclass(frozen=True)
-class Column:
-    """One measure: its name, its path in the summary of a variant, its text, and which of several values is better.
-
-    `of_all`: runs without measures count in it.
-    """
-
-    name: str
-    path: str
-    text: Callable[[Any], str] = number
-    better: Callable[[Iterable[float]], float] | None = None
-    of_all: bool = False
-
-
-OF_EGO = (
-    Column("runs", "runs", of_all=True),
-    Column("passed", "passed_share", percent, max, of_all=True),
-    Column("not judged", "errors", better=min, of_all=True),
-    Column("contacts of the ego", "ego_contacts", better=min),
-    Column("at the ego's fault", "ego_at_fault", lambda v: number(v, 0), better=min),
-    Column("red lights passed", "red_ego", lambda v: number(v, 0), better=min),
-    Column("standoffs", "standoffs", lambda v: number(v, 0), better=min),
-    Column("shortest time to collision [s]", "min_ttc_s", better=max),
-    Column("shortest headway [s]", "min_headway_s", better=max),
-    Column("steps in comfort", "ego_comfort", percent, max),
-    Column("progress, of its log's", "ego_progress", percent),
-)
-"""Measures of the ego."""
-
-OF_SIMULATION = (
-    Column("without measures", "failed", better=min, of_all=True),
-    Column("not valid", "invalid", better=min, of_all=True),
-    Column("agents", "agents"),
-    Column("agents that collide", "colliding_agents", better=min),
-    Column("runs with collisions", "colliding_runs", better=min),
-    Column("pairs not in the log", "excess_pairs", better=min),
-    Column("at a background agent's fault", "background_faults", better=min),
-    Column("at the ego's fault, the other could avoid it", "ego_faults_avoidable", better=min),
-    Column("at the ego's fault, the other could not", "ego_faults_unavoidable"),
-    Column("collision rate, all", "rate_all", percent, min),
-    Column("collision rate, controlled", "rate_controlled", percent, min),
-    Column("runs without new contacts", "reactive", percent, max, of_all=True),
-    Column("takeovers", "takeovers"),
-    Column("false alarms", "false_alarms", better=min),
-    Column("agents taken over near the ego", "relevant_ratio", percent),
-    Column("progress of all agents [m]", "progress_m", lambda v: number(v, 1)),
-    Column("largest jump [m]", "max_position_jump_m", lambda v: number(v, 3), min),
-    Column("largest distance at the return [m]", "max_residual_m", lambda v: number(v, 3), min),
-    Column("× real time", "realtime_factor", lambda v: number(v, 1), max),
-)
-"""Measures of the simulation; those that are 0 in all variants are left out."""
 
 
 def write_experiment_report(campaign: Campaign, out: Path | None = None, quiet: bool = True) -> Path:
@@ -143,9 +88,9 @@ def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Pat
         names=list(by_variant),
         criteria=_criteria(campaign, by_variant),
         tags=_tags(by_variant),
-        summary=_side_by_side(summary, (*OF_EGO, *_added())),
+        summary=_side_by_side(summary, (*OF_EGO, *added())),
         simulation=_side_by_side(summary, OF_SIMULATION, with_zeros=False),
-        displacement=_side_by_side(summary, _displacement()),
+        displacement=_side_by_side(summary, displacements()),
         unmeasured=any(variant["failed"] for variant in summary.values()),
         about=[("begun", campaign.begun_at), *((name, str(version)) for name, version in campaign.versions.items())],
         pictured=bool(pictures),
@@ -263,49 +208,29 @@ def _cell(count: int, total: int, **fields: str) -> dict[str, Any]:
     return {"count": count, "total": total, "filter": _filter(**fields)}
 
 
-def _added() -> Iterator[Column]:
-    """Yields means of the measures that other packages add."""
-    better: dict[Better, Callable[[Iterable[float]], float]] = {Better.LOWER: min, Better.HIGHER: max}
-    for name, metric in added_metrics().items():
-        title = f"{name} [{metric.unit}]" if metric.unit else name
-        yield Column(title, f"{ADDED}.{name}", better=better.get(metric.better))
-
-
-def _displacement() -> Iterator[Column]:
-    """Yields the average displacement from the log by horizon, of controlled agents and of all."""
-    for name, field in (("controlled", "ade_controlled_m"), ("all", "ade_all_m")):
-        for horizon in HORIZONS_S:
-            yield Column(f"{name}, {horizon} s [m]", f"{field}.{horizon}")
-
-
-def _reached(row: dict[str, Any], path: str) -> str:
-    """Returns how many runs lasted up to the horizon of a displacement, as a suffix of it; empty if all of them did."""
-    runs = row.get(f"ade_runs.{path.rpartition('.')[2]}", row["measured"])
-    return f" ({runs} of {row['measured']})" if runs < row["measured"] else ""
-
-
 def _side_by_side(
-    summary: dict[str, dict[str, Any]], columns: Iterable[Column], *, with_zeros: bool = True
+    summary: dict[str, dict[str, Any]], measures: Iterable[Measure], *, with_zeros: bool = True
 ) -> list[dict[str, Any]]:
     """Returns a row for each measure that any variant has, with a cell for each variant; the best of several is marked.
 
-    Values that leave out runs without measures have an asterisk. They are never marked as the best, as those runs might
-    have changed them.
+    Values that leave out runs without measures have a mark. They are never marked as the best, as those runs might have
+    changed them.
     """
     lines = []
     rows = [leaves(variant) for variant in summary.values()]
-    for column in columns:
-        values = [row[column.path] for row in rows]
-        marks = ["*" if row["failed"] and not column.of_all else "" for row in rows]
+    for measure in measures:
+        values = [row[measure.path] for row in rows]
+        marks = [measure.mark(row) for row in rows]
         whole = [value for value, mark in zip(values, marks, strict=True) if value is not None and not mark]
-        best = column.better(whole) if column.better and whole and min(whole) < max(whole) else None
+        best = measure.better(whole) if measure.better and whole and min(whole) < max(whole) else None
+        text = percent if measure.share else number
         cells = [
             {
-                "text": column.text(value) + ("" if value is None else _reached(row, column.path) + mark),
+                "text": text(value) + ("" if value is None else measure.reached(row) + mark),
                 "best": best is not None and value == best and not mark,
             }
             for row, value, mark in zip(rows, values, marks, strict=True)
         ]
         if any(value is not None and (value or with_zeros) for value in values):
-            lines.append({"name": column.name, "cells": cells})
+            lines.append({"name": measure.name, "cells": cells})
     return lines
