@@ -34,7 +34,7 @@ class ExternalEgo(Node):
         if agents.step in options.late and agents.step != self.answered:
             time.sleep(options.late_by)
         self.answered = agents.step
-        answer = EgoControl(header=agents.header, run_id=agents.run_id, step=agents.step, mode=options.control_mode)
+        answer = EgoControl(header=agents.header, run_id=agents.run_id, step=agents.step)
         answer.acceleration = float("nan") if agents.step == options.nan_at else -1.0
         self.publisher.publish(answer)
 
@@ -53,7 +53,6 @@ def main() -> None:
     parser.add_argument("--late-by", type=float, default=0.15, metavar="S")
     parser.add_argument("--hold-at", type=int, default=-1, help="answer this step once the file --until is there")
     parser.add_argument("--until", type=Path, default=Path("go"), metavar="FILE")
-    parser.add_argument("--control-mode", type=int, default=EgoControl.CONTROL)
     rclpy.init()
     rclpy.spin(ExternalEgo(parser.parse_args()))
 

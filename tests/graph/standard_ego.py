@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import math
 import os
-import sys
 import time
 
 import rclpy
@@ -20,17 +18,7 @@ STEP_NS = 100_000_000
 LEAVING_S = 3.0
 """[s] for which it is still there: the name of its node reaches a busy machine's bridge after what it publishes."""
 RELIABILITY = {"reliable": ReliabilityPolicy.RELIABLE, "best_effort": ReliabilityPolicy.BEST_EFFORT}
-FAULTS = (
-    "none",
-    "nan",
-    "teleport",
-    "flood",
-    "silence",
-    "leaving",
-    "death",
-    "slow",
-    "steady",
-)
+FAULTS = ("none", "teleport", "flood", "silence", "death", "slow", "steady")
 SLOW_S, SLOW_STEPS = 1.3, 2  # [s] for an answer, and the number of steps, from 0 on, for which it takes so long
 STEADY_S = 0.1  # [s] for every step, but not for its repetitions
 
@@ -62,19 +50,16 @@ class StandardEgo(Node):
         if self.options.fault == "steady" and step > self.seen:
             time.sleep(STEADY_S)
         self.seen = step
-        if fault in {"death", "leaving"}:
-            time.sleep(LEAVING_S)
         if fault == "death":
+            time.sleep(LEAVING_S)
             os._exit(3)
-        if fault == "leaving":
-            sys.exit()
         if fault == "silence":
             return
         self.last = self.answer(state, step, once)
         self.publisher.publish(self.last)
 
     def answer(self, state: Odometry, step: int, fault: str) -> Path | TwistStamped:
-        speed = math.nan if fault == "nan" else state.twist.twist.linear.x
+        speed = state.twist.twist.linear.x
         if not self.path:
             twist = TwistStamped()
             twist.header.stamp = Time(nanoseconds=step * STEP_NS).to_msg()

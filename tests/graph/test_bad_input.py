@@ -18,7 +18,6 @@ HANDSHAKE_S = 15.0  # for the others, which have been started, to get ready, how
             ("-p", "rio:=3.0"),
             "conflict: unknown parameter rio (near: region, horizon); expected approach_time, ",
         ),
-        (("litsim_sim", "live"), ("-p", "rate:=3.0"), "live: unknown parameter rate; expected none"),
         (("litsim_policy", "ego"), ("--fast",), "ego: unknown argument"),
     ],
 )

@@ -86,7 +86,7 @@ def assert_whole_steps(bag: Path) -> int:
     return len(steps) - 1
 
 
-@pytest.mark.parametrize("name", ["bridge", "stages", "ego"])
+@pytest.mark.parametrize("name", ["bridge", "stages"])
 def test_a_node_that_is_killed_is_named(graph: Any, name: str) -> None:
     """Of a stage with a process of its own and the recorder, see test_launcher.py and test_recording.py."""
     bag = graph.folder / "run"
@@ -158,8 +158,8 @@ def test_a_node_without_memory_ends_the_run(graph: Any) -> None:
     assert not graph.running()
 
 
-@pytest.mark.parametrize("by_s", [-3600, 3600])
-def test_a_wall_clock_that_is_set_amid_a_run_does_not_matter(graph: Any, tmp_path: Path, by_s: int) -> None:
+def test_a_wall_clock_that_is_set_back_amid_a_run_does_not_matter(graph: Any, tmp_path: Path) -> None:
+    by_s = -3600
     library, go, bag = tmp_path / "clock.so", graph.folder / "go", graph.folder / "run"
     subprocess.run(["cc", "-shared", "-fPIC", "-O2", "-Wall", "-Werror", "-o", library, CLOCK], check=True)
     clock = {"LD_PRELOAD": str(library), "CLOCK_JUMPS": str(go), "CLOCK_JUMP": str(by_s)}
@@ -183,14 +183,13 @@ def wall_clock(environment: dict[str, str]) -> float:
     return float(subprocess.run(words, env=os.environ | environment, capture_output=True, check=True).stdout)
 
 
-@pytest.mark.parametrize(("agents", "seconds"), [(1000, 3.5), (20, 60.0)])
-def test_a_thousand_agents_and_a_minute_are_nothing_special(graph: Any, agents: int, seconds: float) -> None:
+def test_a_thousand_agents_are_nothing_special(graph: Any) -> None:
     """For ten minutes, and the memory that they take, see docs/performance.md."""
-    scenario, bag = write_scenario(graph.folder, agents, seconds), graph.folder / "run"
+    scenario, bag = write_scenario(graph.folder, 1000, 3.5), graph.folder / "run"
     done = graph.launch("--scenario", scenario, "--ego", "idm", "--policy", "litsim", "--out", bag, "--no-analyze")
     assert done.returncode == 0, done.stderr
     run, plan = read_run(bag), RunPlan(Scenario.load(scenario), "idm", "litsim")
     assert run.complete and not any(run.gaps.values())
     assert assert_whole_steps(bag) == plan.scenario.total_steps
-    assert max(len(table.id) for table in run.tables) == agents
+    assert max(len(table.id) for table in run.tables) == 1000
     assert digest(run) == digest(record(Runner(plan)))

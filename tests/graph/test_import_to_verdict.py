@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -22,13 +21,12 @@ EVALUATE = (
 
 
 @pytest.mark.graph
-@pytest.mark.parametrize("write", [made_sources.argoverse, made_sources.commonroad], ids=["argoverse", "commonroad"])
-def test_two_commands_from_a_download_to_a_verdict(write: Callable[[Path], Path], tmp_path: Path) -> None:
+def test_two_commands_from_a_download_to_a_verdict(tmp_path: Path) -> None:
     try:
         find_netconvert()
     except InputError as error:
         pytest.skip(str(error))
-    write(tmp_path / "download")
+    made_sources.argoverse(tmp_path / "download")
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     for command in ("data import download mine", EVALUATE):
         done = subprocess.run(

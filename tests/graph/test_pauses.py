@@ -46,10 +46,6 @@ def test_who_is_stopped_and_goes_on_in_time_does_not_end_the_run(graph: Any, exe
     ("executable", "error"),
     [
         ("bridge", "node bridge: no sign of life for "),
-        (
-            "conflict",
-            "no answer to step 21 on /litsim/controls within 7 s; silent: conflict; stopped, by a signal or ",
-        ),
         ("recorder", "recorder: has confirmed only step "),
     ],
 )

@@ -70,19 +70,3 @@ def test_the_graph_ends_where_the_runner_does(graph: Any) -> None:
         again = resimulate(found)
         assert (again.steps, again.recorded, again.computed) == (last + 1, metrics["digest"], metrics["digest"])
         assert not [note for note in found.notes if "the record ends" in note]
-
-
-def test_a_contact_ends_the_graph_where_it_ends_the_runner(graph: Any) -> None:
-    """The ego brakes, and the log has the one behind it drive on."""
-    scenario, bag = leaving(graph), graph.folder / "run"
-    words = ("--ego", "perturbed", "--policy", "replay", "--end-after-contact", 0.3)
-    done = graph.launch("--scenario", scenario, *words, "--set", "ego.kind=brake", "ego.time=[0.0, 0.0]", "--out", bag)
-    assert done.returncode == 0, done.stderr
-    metrics, run = json.loads((bag / "metrics.json").read_text()), read_run(bag)
-    assert metrics["valid"], metrics["why"]
-    (contact,) = metrics["collision"]["contacts"]
-    assert metrics["ended"]["reason"] == "contact" and metrics["steps"] == contact["step"] + 3 < TOTAL
-    brakes = [("ego", "kind", "brake"), ("ego", "time", [0.0, 0.0])]
-    plan = RunPlan.load(scenario, "perturbed", "replay", end_after_contact_s=0.3, settings=brakes)
-    assert run.info.run_id.split("@")[0] == plan.identity
-    assert compute_metrics(record(Runner(plan)))["digest"] == metrics["digest"]
