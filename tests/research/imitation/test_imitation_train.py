@@ -56,7 +56,7 @@ def weights(training: train.Imitation) -> list[torch.Tensor]:
     return [value for part in (training.policy, training.critic, training.value) for value in part.parameters()]
 
 
-@pytest.mark.parametrize("part", ["warm_start", "critic", "ppo"])
+@pytest.mark.parametrize("part", ["warm_start", "critic"])
 def test_a_training_that_diverges_ends(file: Path, tmp_path: Path, part: str) -> None:
     values = yaml.safe_load(file.read_text())
     values[part]["learning_rate"] = 1e30
@@ -87,8 +87,6 @@ def test_a_run_that_is_resumed_ends_where_a_whole_one_does(file: Path, tmp_path:
     assert (tmp_path / "parts" / checkpoint.CURVES).read_bytes().startswith(b"\x89PNG")
     for name in (checkpoint.LAST, checkpoint.BEST):
         ImitationNetwork.load(tmp_path / "parts" / name)
-    with pytest.raises(InputError, match="fields seed of the configuration differ"):
-        train.run(changed(file, seed=5), tmp_path / "parts", resume=True, progress=False)
 
 
 def test_more_agents_are_driven_from_stage_to_stage(file: Path, tmp_path: Path) -> None:

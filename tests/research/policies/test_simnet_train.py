@@ -13,7 +13,7 @@ import yaml
 
 from litsim_research.baselines.simnet.network import load_network
 from litsim_research.policies import simnet_train
-from litsim_research.policies.checkpoint import CHECKPOINT, CURVES, HISTORY
+from litsim_research.policies.checkpoint import CURVES, HISTORY
 from litsim_research.policies.simnet_network import near_part
 from litsim_research.policies.simnet_train import SimnetConfig
 from litsim_sim.core.errors import InputError
@@ -99,18 +99,6 @@ def test_a_training_that_diverges_ends(file: Path, tmp_path: Path) -> None:
     config = read_yaml(file, SimnetConfig).model_copy(update={"learning_rate": 1e30})
     with pytest.raises(InputError, match=r"field learning_rate is 1e\+30, .*expected a smaller one"):
         simnet_train.run(config, tmp_path, progress=False)
-
-
-def test_what_a_checkpoint_must_be(file: Path, tmp_path: Path) -> None:
-    config = read_yaml(file, SimnetConfig).model_copy(update={"batches": 1})
-    with pytest.raises(InputError, match="no checkpoint"):
-        simnet_train.run(config, tmp_path, resume=True, progress=False)
-    simnet_train.run(config, tmp_path, progress=False)
-    with pytest.raises(InputError, match="fields seed of the configuration differ"):
-        simnet_train.run(config.model_copy(update={"seed": 5}), tmp_path, resume=True, progress=False)
-    (tmp_path / CHECKPOINT).write_bytes(b"nothing")
-    with pytest.raises(InputError, match="not a readable checkpoint"):
-        simnet_train.run(config, tmp_path, resume=True, progress=False)
 
 
 def test_the_program(

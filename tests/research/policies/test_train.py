@@ -52,23 +52,6 @@ def with_iterations(file: Path, count: int) -> TrainConfig:
     return read_yaml(file, TrainConfig).model_copy(update={"iterations": count})
 
 
-def weights(training: checkpoint.Training) -> list[torch.Tensor]:
-    return [value for part in (training.policy, training.critic, training.value) for value in part.parameters()]
-
-
-def test_a_run_that_is_resumed_ends_where_a_whole_one_does(file: Path, tmp_path: Path) -> None:
-    whole = train.run(with_iterations(file, 3), tmp_path / "whole", progress=False)
-    train.run(with_iterations(file, 1), tmp_path / "parts", progress=False)
-    resumed = train.run(with_iterations(file, 3), tmp_path / "parts", resume=True, progress=False)
-    assert all(torch.equal(a, b) for a, b in zip(weights(whole), weights(resumed), strict=True))
-    drop = lambda entries: [{k: v for k, v in e.items() if k != "seconds"} for e in entries]  # noqa: E731
-    history = json.loads((tmp_path / "parts" / checkpoint.HISTORY).read_text())
-    assert drop(history) == drop(whole.history) and len(history) == 3
-    assert (tmp_path / "parts" / checkpoint.CURVES).read_bytes().startswith(b"\x89PNG")
-    for name in (checkpoint.LAST, checkpoint.BEST):
-        PolicyNetwork.load(tmp_path / "parts" / name)
-
-
 def test_a_residual_policy_is_trained_without_drivers(file: Path, tmp_path: Path) -> None:
     given = yaml.safe_load(file.read_text()) | {"observation": {"residual": True}}
     with pytest.raises(ValueError, match=r"observation.residual is true, expected critic_reward"):
@@ -78,30 +61,6 @@ def test_a_residual_policy_is_trained_without_drivers(file: Path, tmp_path: Path
     training = train.run(config, tmp_path, progress=False)
     assert PolicyNetwork.load(tmp_path / checkpoint.LAST).observation.residual
     assert len(training.history) == 2 and "critic_accuracy" not in training.history[0]
-
-
-def test_what_a_checkpoint_must_be(file: Path, tmp_path: Path) -> None:
-    config = with_iterations(file, 1)
-    with pytest.raises(InputError, match="no checkpoint"):
-        train.run(config, tmp_path, resume=True, progress=False)
-    train.run(config, tmp_path, progress=False)
-    with pytest.raises(InputError, match="fields seed of the configuration differ"):
-        train.run(config.model_copy(update={"seed": 5}), tmp_path, resume=True, progress=False)
-    (tmp_path / checkpoint.CHECKPOINT).write_bytes(b"nothing")
-    with pytest.raises(InputError, match="not a readable checkpoint"):
-        train.run(config, tmp_path, resume=True, progress=False)
-
-
-def test_a_training_is_not_resumed_on_other_data(file: Path, tmp_path: Path) -> None:
-    config = with_iterations(file, 1)
-    scenario = yaml.safe_load(Path(config.data.scenarios[0]).read_text())
-    (tmp_path / "scenario.yaml").write_text(yaml.safe_dump(scenario))
-    data = config.data.model_copy(update={"scenarios": (str(tmp_path / "scenario.yaml"),)})
-    config = config.model_copy(update={"data": data})
-    train.run(config, tmp_path, progress=False)
-    (tmp_path / "scenario.yaml").write_text(yaml.safe_dump(scenario | {"seed": 3}))
-    with pytest.raises(InputError, match="trained on another scenario made: its field seed is 3, expected 0"):
-        train.run(config, tmp_path, resume=True, progress=False)
 
 
 def test_drivers_are_imitated(file: Path) -> None:
@@ -124,9 +83,9 @@ def test_drivers_are_imitated(file: Path) -> None:
     assert error() < 0.5 * before
 
 
-@pytest.mark.parametrize("part", ["warm_start", "ppo"])
-def test_a_training_that_diverges_ends(file: Path, tmp_path: Path, part: str) -> None:
+def test_a_training_that_diverges_ends(file: Path, tmp_path: Path) -> None:
     """It used to go on, and to leave weights that are not finite."""
+    part = "ppo"
     values = yaml.safe_load(file.read_text())
     values[part]["learning_rate"] = 1e30
     (tmp_path / "fast.yaml").write_text(yaml.safe_dump(values))

@@ -27,7 +27,10 @@ from litsim_sim.scenario.recording import Recording
 
 
 class Config(BaseModel):
-    """What a training is set to; nothing here."""
+    """What a training is set to."""
+
+    seed: int = 0
+    iterations: int = 1
 
 
 def arguments(out: Path, *, resume: bool = False) -> Namespace:
@@ -69,7 +72,7 @@ def test_an_interrupted_training_names_resume_only_where_there_is_something_to_r
     assert said == ("\ninterrupted; to continue: the same command with --resume\n" if kept else "")
 
 
-@pytest.mark.parametrize("content", [{"model": {}}, {"config": "{}", "part": {}, "done": 1}, 7])
+@pytest.mark.parametrize("content", [{"model": {}}, {"config": '{"seed": 0}', "part": {}, "done": 1}, 7])
 def test_a_checkpoint_of_another_program_or_version_is_refused(tmp_path: Path, content: object) -> None:
     torch.save(content, tmp_path / CHECKPOINT)
     with pytest.raises(InputError, match=r"checkpoint\.pt: a checkpoint of another program or version: \w+Error: "):
@@ -78,6 +81,19 @@ def test_a_checkpoint_of_another_program_or_version_is_refused(tmp_path: Path, c
     keep_state(tmp_path / CHECKPOINT, Config(), DataState(), {"part": part}, {})
     with pytest.raises(InputError, match="another program or version: KeyError: 'done'"):
         read_state(tmp_path / CHECKPOINT, Config(), DataState(), {"part": part}, ["done"])
+
+
+def test_what_a_checkpoint_must_be(tmp_path: Path) -> None:
+    path = tmp_path / CHECKPOINT
+    with pytest.raises(InputError, match="no checkpoint"):
+        read_state(path, Config(), DataState(), {}, [])
+    path.write_bytes(b"nothing")
+    with pytest.raises(InputError, match="not a readable checkpoint"):
+        read_state(path, Config(), DataState(), {}, [])
+    keep_state(path, Config(), DataState(), {}, {})
+    assert read_state(path, Config(iterations=9), DataState(), {}, []) == {}
+    with pytest.raises(InputError, match="fields seed of the configuration differ"):
+        read_state(path, Config(seed=5), DataState(), {}, [])
 
 
 # Scenarios that have changed since the training began
