@@ -52,6 +52,13 @@ def test_what_is_empty_is_refused(
     assert f"error: {what}: nothing in it, expected a value (is a variable not set?)" in refused(parser, words, capsys)
 
 
+def test_a_list_in_two_parts_is_refused(parser: Parser, capsys: pytest.CaptureFixture[str]) -> None:
+    """Only the second part would count."""
+    said = refused(parser, ["--set", "a=1", "--number", "1", "--set=b=2"], capsys)
+    assert "error: argument --set: comes twice, expected once, with all its values" in said
+    assert parser.parse_args(["--set", "a=1", "--", "my_stack", "--set"]).set == ["a=1"]
+
+
 def test_words_of_a_stack_may_be_empty_and_so_may_values_of_ours(parser: Parser) -> None:
     found = parser.parse_args(["--set", "ego.kind=", "--", "my_stack", "--name=", ""])
     assert (found.set, found.command) == (["ego.kind="], ["my_stack", "--name=", ""])

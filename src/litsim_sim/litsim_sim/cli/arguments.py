@@ -16,10 +16,10 @@ COMMAND = "--"
 
 
 class Parser(argparse.ArgumentParser):
-    """An argparse parser with errors in one line that refuses empty values.
+    """An argparse parser with errors in one line that refuses empty values, and lists in two parts.
 
     An empty value usually comes from an unset variable in a script; a default or the current folder would not be what
-    was meant.
+    was meant. Of an option that takes a list and comes twice, argparse would drop the first list.
     """
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
@@ -34,9 +34,15 @@ class Parser(argparse.ArgumentParser):
         sys.exit(EXIT_INPUT)
 
     def _check_values(self, argv: Iterable[str]) -> None:
-        option = ""
+        option, lists = "", set()
         for argument in argv:
-            option = argument.partition("=")[0] if argument.startswith("--") else option
+            if argument.startswith("--"):
+                option = argument.partition("=")[0]
+                action = self._option_string_actions.get(option)
+                if option in lists:
+                    self.error(f"argument {option}: comes twice, expected once, with all its values")
+                if action and action.nargs in {argparse.ONE_OR_MORE, argparse.ZERO_OR_MORE}:
+                    lists.add(option)
             if not argument or (argument == f"{option}=" and option):
                 what = f"argument {option}" if option else "an argument"
                 self.error(f"{what}: nothing in it, expected a value (is a variable not set?)")
