@@ -112,3 +112,18 @@ def test_commands_do_not_change_each_other(crowd) -> None:
 
 def test_looking_ahead_takes_a_step_at_least() -> None:
     assert [steps_of(seconds) for seconds in (0.0, 0.1, 0.8, 1.5)] == [1, 1, 8, 15]
+
+
+def test_many_at_once_touch_whom_each_touches_alone(agent_table) -> None:
+    """So many that not all of them are compared with each other."""
+    random = np.random.default_rng(5)
+    x, y, yaw = random.uniform(0.0, 400.0, 120), random.uniform(-9.0, 9.0, 120), random.normal(0.0, 0.3, 120)
+    speed = random.uniform(0.0, 20.0, 120)
+    agents = ({"id": k, "x": x[k], "y": y[k], "yaw": yaw[k], "speed": speed[k]} for k in range(120))
+    table, rows = agent_table(0, *agents), np.arange(100)
+    poses = rolled_out(table, rows, np.zeros((100, 1, 2)), INSTANTS)
+    together = first_touch(table, rows, poses, INSTANTS, MARGIN)[:, 0]
+    each = (np.ascontiguousarray(poses[:, i : i + 1]) for i in range(100))
+    alone = [first_touch(table, rows[i : i + 1], own, INSTANTS, MARGIN)[0, 0] for i, own in enumerate(each)]
+    np.testing.assert_array_equal(together, alone)
+    assert 5 < np.isfinite(together).sum() < 95

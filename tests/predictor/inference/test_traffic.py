@@ -109,3 +109,18 @@ def test_vehicles_of_a_running_scene_are_read_with_their_speeds_of_a_second_ago(
     assert found.speed == pytest.approx([8.7, 4.0]) and found.seen.tolist() == [True, False]
     assert found.earlier[0] == pytest.approx(12.0 - 0.3 * 1)
     assert found.scene.tolist() == [0, 0]
+
+
+def test_of_many_vehicles_those_far_away_change_nothing() -> None:
+    """Vehicles in any order, some hundred metres around: none is passed over that counts."""
+    random = np.random.default_rng(6)
+    place, heading = random.uniform(-300.0, 300.0, (150, 2)) * [1.0, 0.2], random.normal(0.0, 1.0, 150)
+    agents = np.column_stack([place, heading, random.uniform(0.0, 20.0, (150, 2))])
+    everybody = traffic(*agents.tolist())
+    for i, (x, y, turn, *_) in enumerate(agents.tolist()):
+        dx, dy = agents[:, 0] - x, agents[:, 1] - y
+        ahead, left = np.cos(turn) * dx + np.sin(turn) * dy, np.cos(turn) * dy - np.sin(turn) * dx
+        near = (ahead > -1.0) & (ahead < 241.0) & (np.abs(left) < 31.0)
+        some = traffic(*agents[near].tolist())
+        np.testing.assert_array_equal(everybody[i], some[near[:i].sum()])
+    assert everybody[..., MANY].any()

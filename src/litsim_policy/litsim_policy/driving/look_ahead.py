@@ -11,7 +11,8 @@ from functools import cache
 
 import numpy as np
 
-from litsim_sim.core.pair_geometry import overlap, within_scenes
+from litsim_sim.core.nearby import SORTED, Sorted, sorted_by_place, within_reach
+from litsim_sim.core.pair_geometry import overlap
 from litsim_sim.core.scene import AGENTS, STEP_S, AgentArrays, AgentTable, FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
     FLOATS,
@@ -71,7 +72,7 @@ def first_touch(table: AgentTable, rows: IntArray, poses: FloatArray, instants: 
     Returns:
         (m, c) times [s], infinite where none is touched.
     """
-    return _first_touch(table.arrays, rows, poses, instants, margin)
+    return _first_touch(sorted_by_place(table, rows), table.arrays, rows, poses, instants, margin)
 
 
 @kernel(written_array(float64, 4)(AGENTS, INTS, FLOATS3, FLOATS))
@@ -94,18 +95,24 @@ def _rolled_out(agents: AgentArrays, rows: IntArray, commands: FloatArray, turne
     return poses
 
 
-@kernel(OUT_FLOATS2(AGENTS, INTS, POSES, int64, float64))
-def _first_touch(agents: AgentArrays, rows: IntArray, poses: FloatArray, instants: int, margin: float) -> FloatArray:
-    """See :func:`first_touch`."""
+@kernel(OUT_FLOATS2(SORTED, AGENTS, INTS, POSES, int64, float64))
+def _first_touch(
+    by_place: Sorted, agents: AgentArrays, rows: IntArray, poses: FloatArray, instants: int, margin: float
+) -> FloatArray:
+    """See :func:`first_touch`; `by_place` are the agents sorted for those in `rows`."""
     x, y, yaw, speed = agents.x, agents.y, agents.yaw, agents.speed
     length, width = agents.length, agents.width
     commands = poses.shape[2]
-    touch, (begin, end) = np.full((len(rows), commands), np.inf), within_scenes(agents.scene, rows)
-    horizon = STEP_S * instants
+    touch, horizon = np.full((len(rows), commands), np.inf), STEP_S * instants
+    farthest = 0.0  # that others come
+    for j in range(len(x)):
+        farthest = max(farthest, length[j] + speed[j] * horizon)
     for i in range(len(rows)):
         own = rows[i]
         cos, sin = math.cos(yaw[own]), math.sin(yaw[own])
-        for j in range(begin[i], end[i]):
+        begin, end = within_reach(by_place, i, own, length[own] + speed[own] * horizon + farthest + ROUNDING)
+        for place in range(begin, end):
+            j = by_place.order[place]
             dx, dy = x[j] - x[own], y[j] - y[own]
             reach = length[j] + length[own] + (speed[j] + speed[own]) * horizon
             if j == own or not dx * dx + dy * dy < reach * reach:

@@ -6,6 +6,7 @@ hundred metres ahead cost little, and tell at what speed an agent will drive the
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -22,20 +23,28 @@ from litsim_predictor.inference.joint.units import (
 from litsim_sim.core.history import History
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
+    FLOATS,
     FLOATS2,
     INTS,
+    OUT_FLOATS2,
     OUT_SINGLES2,
     SINGLES,
     Bools,
     Floats2,
     Ints,
     Singles,
+    boolean,
     float32,
+    float64,
+    int64,
     kernel,
     tuple_type,
     void,
 )
 
+BLOCK = 16
+"""Vehicles that are passed over together where none of them matters; those with ids close to each other often are."""
+SLACK = 1.0  # [m] by which circles around them are widened, since the rest is computed in single precision
 KNOTS, WIDTHS = np.array(TRAFFIC_KNOTS, np.float32), np.array(TRAFFIC_WIDTHS, np.float32)
 
 
@@ -86,6 +95,36 @@ class Traffic(NamedTuple):
         return ahead
 
 
+@kernel(OUT_FLOATS2(FLOATS2))
+def _enclosed(pose: FloatArray) -> FloatArray:
+    """Return circles (b, 3), x, y and radius [m], around blocks of the vehicles at `pose` (m, 3), in their order."""
+    circles = np.zeros(((len(pose) + BLOCK - 1) // BLOCK, 3))
+    for b in range(len(circles)):
+        begin, end = b * BLOCK, min((b + 1) * BLOCK, len(pose))
+        circles[b, 0], circles[b, 1] = pose[(begin + end) // 2, 0], pose[(begin + end) // 2, 1]
+        for j in range(begin, end):
+            away = math.hypot(pose[j, 0] - circles[b, 0], pose[j, 1] - circles[b, 1])
+            circles[b, 2] = max(circles[b, 2], away + SLACK)
+    return circles
+
+
+@kernel(int64(float32))
+def _interval(ahead: float) -> int:
+    """Return the number of the knot behind a vehicle, which is so far ahead [m], before the last knot."""
+    interval = 0
+    while ahead >= KNOTS[interval + 1]:
+        interval += 1
+    return interval
+
+
+@kernel(boolean(FLOATS, FLOATS, float64, float64))
+def _reaches_ahead(circle: FloatArray, frame: FloatArray, cos: float, sin: float) -> bool:
+    """Whether a `circle` (3,) reaches where vehicles count for an agent in its `frame` (3,) with this heading."""
+    x, y, radius = circle[0] - frame[0], circle[1] - frame[1], circle[2]
+    ahead, left = cos * x + sin * y, abs(cos * y - sin * x)
+    return KNOTS[0] - radius < ahead < KNOTS[-1] + radius and left < WIDTHS[-1] + radius
+
+
 @kernel(void(FLOATS2, SINGLES, INTS, INTS, tuple_type(Traffic), OUT_SINGLES2))
 def look_ahead(
     frame: FloatArray, own: Float32Array, first: IntArray, end: IntArray, traffic: Traffic, out: Float32Array
@@ -107,6 +146,7 @@ def look_ahead(
     pose, speed, earlier, seen, _ = traffic
     places, one, none, some = len(KNOTS) - 2, float32(1.0), float32(0.0), float32(TRAFFIC_SOME)
     known = np.empty(places * len(WIDTHS), np.float32)  # of the vehicles at a place whose earlier speed is known
+    blocks = _enclosed(pose)
     direction = np.empty((len(pose), 2), np.float32)
     for j in range(len(pose)):
         direction[j, 0], direction[j, 1] = np.cos(pose[j, 2]), np.sin(pose[j, 2])
@@ -114,28 +154,31 @@ def look_ahead(
         features = out[i]
         features[:], known[:] = none, none
         cos, sin = float32(np.cos(frame[i, 2])), float32(np.sin(frame[i, 2]))
-        for j in range(first[i], end[i]):
-            dx, dy = float32(pose[j, 0] - frame[i, 0]), float32(pose[j, 1] - frame[i, 1])
-            ahead, left = cos * dx + sin * dy, abs(cos * dy - sin * dx)
-            along = cos * direction[j, 0] + sin * direction[j, 1]
-            if ahead <= KNOTS[0] or ahead >= KNOTS[-1] or along <= none:
+        for b in range(first[i] // BLOCK, (end[i] + BLOCK - 1) // BLOCK):
+            if not _reaches_ahead(blocks[b], frame[i], cos, sin):
                 continue
-            interval = 0  # number of the knot behind the vehicle, which counts for this knot and for the next
-            while ahead >= KNOTS[interval + 1]:
-                interval += 1
-            before, after = KNOTS[interval], KNOTS[interval + 1]
-            for w in range(len(WIDTHS)):
-                if left >= WIDTHS[w]:
+            for j in range(max(first[i], b * BLOCK), min(end[i], (b + 1) * BLOCK)):
+                dx, dy = float32(pose[j, 0] - frame[i, 0]), float32(pose[j, 1] - frame[i, 1])
+                ahead, left = cos * dx + sin * dy, abs(cos * dy - sin * dx)
+                along = cos * direction[j, 0] + sin * direction[j, 1]
+                if ahead <= KNOTS[0] or ahead >= KNOTS[-1] or along <= none:
                     continue
-                aside = along * (one - left / WIDTHS[w])
-                for k in range(max(interval - 1, 0), min(interval + 1, places)):
-                    near = (after - ahead) / (after - before) if k < interval else (ahead - before) / (after - before)
-                    share, place = aside * near, places * w + k
-                    features[3 * place] += share * (speed[j] - own[i])
-                    if seen[j]:
-                        features[3 * place + 1] += share * (speed[j] - earlier[j])
-                        known[place] += share
-                    features[3 * place + 2] += share
+                interval = _interval(ahead)  # the vehicle counts for the knot behind it and for the next
+                before, after = KNOTS[interval], KNOTS[interval + 1]
+                for w in range(len(WIDTHS)):
+                    if left >= WIDTHS[w]:
+                        continue
+                    aside = along * (one - left / WIDTHS[w])
+                    for k in range(max(interval - 1, 0), min(interval + 1, places)):
+                        near = (
+                            (after - ahead) / (after - before) if k < interval else (ahead - before) / (after - before)
+                        )
+                        share, place = aside * near, places * w + k
+                        features[3 * place] += share * (speed[j] - own[i])
+                        if seen[j]:
+                            features[3 * place + 1] += share * (speed[j] - earlier[j])
+                            known[place] += share
+                        features[3 * place + 2] += share
         for place in range(len(known)):
             features[3 * place] /= features[3 * place + 2] + some
             features[3 * place + 1] /= known[place] + some
