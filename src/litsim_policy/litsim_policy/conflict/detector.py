@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from operator import attrgetter
 
@@ -131,13 +132,16 @@ class ConflictDetector:
         in_conflict = np.zeros(len(futures.table), np.bool_)
         if not len(pairs):
             return in_conflict
-        closing = pairs[self._closing(futures, pairs, first=True).any(axis=1)]
-        others = pairs[~np.isin(pairs[:, 0], closing[:, 0])]
-        probable = others[self._overlap_probability(futures, others, least, first=True).any(axis=1)]
-        one_of_each = np.concatenate([closing, probable])
-        in_log = self._overlap_in_log(futures.covered, one_of_each)
-        in_conflict[futures.rows[one_of_each[~in_log, 0]]] = True
-        again = pairs[np.isin(pairs[:, 0], one_of_each[in_log, 0])]  # that pair may be exempt, and another one not
+        hit = np.zeros(
+            (2, len(futures.covered)), np.bool_
+        )  # by a pair that is in no overlap in the log, by one that is
+        for probability_of in (self._closing, partial(self._overlap_probability, least=least)):
+            others = pairs[~hit.any(axis=0)[pairs[:, 0]]]
+            if len(others):
+                one_of_each = others[probability_of(futures, others, first=True).any(axis=1)]
+                hit[self._overlap_in_log(futures.covered, one_of_each).astype(np.int64), one_of_each[:, 0]] = True
+        in_conflict[futures.rows[hit[0]]] = True
+        again = pairs[hit[1][pairs[:, 0]]]  # that pair may be exempt, and another one not
         if len(again):
             probability = self._overlap_probability(futures, again, least)
             np.maximum(probability, self._closing(futures, again), out=probability)

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from litsim_predictor.forecast import Float32Array
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import BOOLS2, FLOATS3, OUT_FLOATS2, kernel
 
@@ -42,6 +43,11 @@ class AlternativeMotions:
     def bounds(self) -> FloatArray:
         """Bounds (q, 5) of the motions, as in :class:`PredictedMotion`."""
         return bounds(self.states, self.valid)
+
+    @cached_property
+    def directions(self) -> tuple[Float32Array, Float32Array]:
+        """Cosines and sines (q, T) of the headings, as in :class:`PredictedMotion`."""
+        return _directions(self.states)
 
 
 @dataclass
@@ -86,13 +92,24 @@ class PredictedMotion:
         """
         return bounds(self.states, self.valid)
 
+    @cached_property
+    def directions(self) -> tuple[Float32Array, Float32Array]:
+        """Cosines and sines (n, T) of the headings, in single precision: numpy computes these twenty times as fast."""
+        return _directions(self.states)
+
     def put(self, rows: BoolArray, other: PredictedMotion) -> None:
         """Copy the motions of agents in the mask `rows` (n,), which have none yet, from `other`, in place.
 
-        Call it before bounds are read.
+        Call it before bounds or directions are read.
         """
         at = rows.nonzero()[0]
         self.states[at], self.valid[at] = other.states[at], other.valid[at]
+
+
+def _directions(states: FloatArray) -> tuple[Float32Array, Float32Array]:
+    """Returns cosines and sines (n, T) of the headings in `states` (n, T, 6)."""
+    yaw = states[..., YAW].astype(np.float32)
+    return np.cos(yaw), np.sin(yaw)
 
 
 @kernel(OUT_FLOATS2(FLOATS3, BOOLS2))
