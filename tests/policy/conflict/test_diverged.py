@@ -43,6 +43,14 @@ def test_who_stays_keeps_the_layout_of_its_paths() -> None:
     assert kept.logged_paths.count.tolist() == [len(STRAIGHT.points)]
 
 
+def test_the_paths_of_some_are_those_of_all_whether_these_are_laid_out_or_not() -> None:
+    both, here = opened(1).joined(opened(2, STRAIGHT)), (np.array([100.0]), np.array([0.0]))
+    for _ in range(2):
+        (s,), (d,) = (getattr(both.paths_of(np.array([1])).project(np.array([0]), *here), name) for name in ("s", "d"))
+        assert (s, d) == (100.0, 0.0)
+        assert len(both.paths) == len(both.paths_of(np.arange(2))) == 2
+
+
 def test_who_returns_follows_the_logged_path_to_the_same_goal() -> None:
     off = opened(1).joined(opened(2))
     before = off.paths.count[1]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,7 +14,7 @@ from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.futures import Futures, PlannedPaths, follow_logs, hold_back, interpolate, planned_motion
 from litsim_policy.conflict.predicted_motion import XX, XY, YAW, PredictedMotion, X, Y
 from litsim_policy.motion.path_batch import PathBatch
-from litsim_predictor.forecast import Forecast
+from litsim_predictor.forecast import Forecast, Modes
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller
 from litsim_sim.scenario.log import Log
@@ -234,7 +236,37 @@ def test_whose_policy_has_done_nothing_yet_gets_as_far_as_it_is_forecast(agent_t
 
 
 def test_planned_paths_follow_their_agents_into_a_part_of_the_table() -> None:
-    planned = PlannedPaths(np.array([2, 5, 8]), PathBatch([STRAIGHT, CORNER, STRAIGHT]), np.array([False, True, False]))
-    some = planned.among(np.isin(np.arange(10), [1, 5, 8, 9])).moved_to(np.array([1, 5, 8, 9]))
+    planned = PlannedPaths(np.array([5, 8]), PathBatch([CORNER, STRAIGHT]), np.array([True, False]))
+    some = planned.moved_to(np.array([1, 5, 8, 9]))
     assert some.rows.tolist() == [1, 2] and some.fresh.tolist() == [True, False]
     np.testing.assert_array_equal(some.paths.point(np.array([30.0, 30.0])), [[20.0, 10.0], [30.0, 0.0]])
+
+
+def test_what_is_expected_of_some_first_and_of_others_later_is_what_is_of_all_at_once(make_scenario, track) -> None:
+    """Of agents under control, one with another manoeuvre, and one on a lagged log."""
+    log = make_scenario(*(track(agent, x=30.0 * agent) for agent in range(1, 7))).log
+    table, forecast = log.table(5), straight_on(log.table(5))
+    row, chance = np.array([1, 4]), np.array([0.3, 0.4], np.float32)
+    modes = Modes(row, chance, forecast.mean[row] + 1.0, forecast.yaw[row], forecast.covariance[row])
+    forecast = replace(forecast, modes=modes, maneuver_probability=np.full((6, 2), 0.5, np.float32))
+    keep = table.id == 6
+
+    def planned(among: np.ndarray) -> PlannedPaths:
+        rows = np.array([2, 3])[among[[2, 3]]]
+        return PlannedPaths(rows, PathBatch([STRAIGHT if r == 2 else CORNER for r in rows]), rows == 3)
+
+    lag = np.where(keep, 2, 0)
+    now, later = (Futures(log, ConflictConfig(), table, forecast, lag, keep, planned) for _ in range(2))
+    every = np.ones(6, np.bool_)
+    now.cover(every, every)
+    for asked in ([1, 3], [2, 5], [3, 4, 6]):
+        later.cover(every, np.isin(table.id, asked))
+        known = np.isin(table.id, asked)
+        np.testing.assert_array_equal(later.expected.states[known], now.expected.states[known])
+    np.testing.assert_array_equal(later.expected.states, now.expected.states)
+    np.testing.assert_array_equal(later.expected.valid, now.expected.valid)
+    mine, whole = later.expected.alternatives, now.expected.alternatives
+    order = np.argsort(mine.row)
+    for name in ("row", "weight", "states", "valid"):
+        np.testing.assert_array_equal(getattr(mine, name)[order], getattr(whole, name))
+    assert whole.row.tolist() == [1, 4]

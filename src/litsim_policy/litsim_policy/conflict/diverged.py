@@ -135,6 +135,14 @@ class DivergedAgents:
         """The paths that the agents follow."""
         return PathBatch([path.points for path in self.path])
 
+    def paths_of(self, at: IntArray) -> PathBatch:
+        """Returns the paths of the agents at positions `at` (k,), ascending, without laying out those of all others."""
+        if len(at) == len(self):
+            return self.paths
+        if "paths" in self.__dict__:
+            return self.paths.take(at)
+        return PathBatch([path.points for path in self.path[at]])
+
     @cached_property
     def logged_paths(self) -> PathBatch:
         """The paths of the agents in the recording."""

@@ -69,14 +69,6 @@ class PlannedPaths:
     paths: PathBatch
     fresh: BoolArray
 
-    def among(self, agents: BoolArray) -> PlannedPaths:
-        """Returns the planned paths of the agents in the mask `agents` (n,)."""
-        mine = agents[self.rows]
-        if mine.all():
-            return self
-        at = mine.nonzero()[0]
-        return PlannedPaths(self.rows[at], self.paths.take(at), self.fresh[at])
-
     def moved_to(self, rows: IntArray) -> PlannedPaths:
         """Returns the same for a table made of the `rows` (k,), ascending, which include all of these agents."""
         return PlannedPaths(rows.searchsorted(self.rows), self.paths, self.fresh)
@@ -113,7 +105,7 @@ class Futures:
         forecast: Forecast,
         lag: IntArray | None = None,
         keep_to_log: BoolArray | None = None,
-        planned: Callable[[], PlannedPaths] | None = None,
+        planned: Callable[[BoolArray], PlannedPaths] | None = None,
     ) -> None:
         """Begin a step, with no agent covered.
 
@@ -125,7 +117,7 @@ class Futures:
             lag: (n,) steps by which the replay of each log lags; None for no lag.
             keep_to_log: mask (n,) of agents that are expected to follow their logs, lag included: those on lagged logs,
                 and pedestrians and cyclists; None for none.
-            planned: returns the agents under control by now, and their paths; None for none.
+            planned: returns those in a mask (n,) of the agents under control by now, and their paths; None for none.
         """
         self._log, self._config, self.table, self._forecast = log, config, table, forecast
         self._lag = np.zeros(len(table), np.int64) if lag is None else lag
@@ -147,10 +139,11 @@ class Futures:
             self.rows = self._is_covered.nonzero()[0]
             self.covered, self.lag = self.table.take(self.rows), self._lag[self.rows]
             self.by_log = self._by_log()
-        elif not (expected & ~self._asked).any():
-            return
-        self._asked |= expected
-        self.expected = self._expected(self._asked & self._is_covered)
+            self._asked |= expected
+            self.expected = self._expected(self._asked & self._is_covered)
+        elif (asked := expected & ~self._asked).any():
+            self._asked |= asked
+            self.expected = self.expected.replaced(asked[self.rows], self._expected(asked & self._is_covered))
 
     def _by_log(self) -> PredictedMotion:
         """Returns the motion of the covered agents by their logs."""
@@ -170,7 +163,7 @@ class Futures:
             self._hold_back(states[row], int(row))
         planned = None
         if self._planned is not None and self._config.planned_motion:
-            planned = self._planned().among(asked & ~self._keep_to_log).moved_to(self.rows)
+            planned = self._planned(asked & ~self._keep_to_log).moved_to(self.rows)
             forecast_rows[planned.rows] = -1  # they have no other manoeuvres
         alternatives = self._alternatives(forecast_rows, hard)
         if planned is not None and len(planned.rows):

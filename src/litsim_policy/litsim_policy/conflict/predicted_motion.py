@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
@@ -38,6 +38,13 @@ class AlternativeMotions:
 
     def __len__(self) -> int:
         return len(self.row)
+
+    def joined(self, other: AlternativeMotions) -> AlternativeMotions:
+        """Returns these motions and those of `other`, which are of other agents."""
+        if not len(other):
+            return self
+        columns = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+        return AlternativeMotions(*map(np.concatenate, columns))
 
     @cached_property
     def bounds(self) -> FloatArray:
@@ -96,6 +103,12 @@ class PredictedMotion:
     def directions(self) -> tuple[Float32Array, Float32Array]:
         """Cosines and sines (n, T) of the headings, in single precision: numpy computes these twenty times as fast."""
         return _directions(self.states)
+
+    def replaced(self, rows: BoolArray, other: PredictedMotion) -> PredictedMotion:
+        """Returns these motions, with those of `other` for agents in the mask `rows` (n,), which have none yet."""
+        motions = PredictedMotion(self.states.copy(), self.valid.copy(), self.alternatives.joined(other.alternatives))
+        motions.put(rows, other)
+        return motions
 
     def put(self, rows: BoolArray, other: PredictedMotion) -> None:
         """Copy the motions of agents in the mask `rows` (n,), which have none yet, from `other`, in place.

@@ -86,10 +86,12 @@ class TakeoverManager:
             self._lag[log_rows] = log.lags(log_rows, table.step, table.x[rows], table.y[rows])
         return self._lag[log.ids.searchsorted(table.id)]
 
-    def _planned_paths(self, table: AgentTable) -> PlannedPaths:
-        """Returns the agents under control so far at this step, and their paths."""
+    def _planned_paths(self, table: AgentTable, among: BoolArray) -> PlannedPaths:
+        """Returns those in the mask `among` (n,) of the agents under control so far at this step, and their paths."""
         diverged = self._diverged
-        return PlannedPaths(table.rows(diverged.agent), diverged.paths, diverged.detected_step == table.step)
+        rows = table.rows(diverged.agent)
+        at = among[rows].nonzero()[0]
+        return PlannedPaths(rows[at], diverged.paths_of(at), diverged.detected_step[at] == table.step)
 
     def _take_over(self, futures: Futures, before: BoolArray, lagged: BoolArray) -> BoolArray:
         """Take over agents with confirmed conflicts; record the number of iterations and whether they converged.
