@@ -136,7 +136,7 @@ class ConflictDetector:
             (2, len(futures.covered)), np.bool_
         )  # by a pair that is in no overlap in the log, by one that is
         for probability_of in (self._closing, partial(self._overlap_probability, least=least)):
-            others = pairs[~hit.any(axis=0)[pairs[:, 0]]]
+            others = pairs[~(hit[0] | hit[1])[pairs[:, 0]]]
             if len(others):
                 one_of_each = others[probability_of(futures, others, first=True).any(axis=1)]
                 hit[self._overlap_in_log(futures.covered, one_of_each).astype(np.int64), one_of_each[:, 0]] = True
