@@ -1,86 +1,177 @@
-"""Planted weaknesses: how soon and how near `search` finds them, against plain random search with the same budget.
+"""Planted weaknesses: how soon and how near a search finds them, against random search with the same budget.
 
-    ./litsim exec python benchmarks/search/compare.py [--runs 60] [--seeds 3] [--out bags/planted]
+    ./litsim exec python benchmarks/search/compare.py [--runs 200] [--seeds 5] [--out bags/planted]
 
-Prints a table in Markdown. `first` is the number of runs until the first failure that counts, `near` that until one
-within 1.25 times the least distance that any search has found with that weakness, both as medians over the seeds, with
-the budget where there was none. `none` is the ego without a weakness.
+Prints a table in Markdown. A weakness is found by a failure that the ego without it does not have with the same
+changes. `first` is the number of runs until then, `near` that until a failure within 1.25 times the least distance of
+all searches of the weakness, `margin` the least distance itself: medians over the seeds, with the budget where there
+was none. Runs are made in this process, with policy `replay`; what became of them is kept, and not run again. As what
+random search tries does not depend on what became of it, only those of its runs are made that the table needs.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
-import subprocess
+import hashlib
+import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
 from math import inf
 from pathlib import Path
 from statistics import median
+from typing import Any
 
-import pyarrow.parquet as pq
-from planted_egos import install
+from planted_egos import PlantedConfig, PlantedEgo
 
+from litsim_eval.analysis.metrics import compute_metrics
+from litsim_eval.campaign.case import cases_of
+from litsim_eval.campaign.criteria import SAFETY, Criteria
+from litsim_eval.campaign.results import RunResult
+from litsim_eval.campaign.suite import Suite
+from litsim_eval.runs.case_run import plan_of
+from litsim_eval.runs.runner import Runner, record
+from litsim_eval.search.explore import Exploration, Tried, explore
+from litsim_eval.search.judging import Outcome, closeness, missed_by, outcome_of
+from litsim_eval.search.people import People
+from litsim_eval.search.space import Proposal, Space
+from litsim_sim.core.errors import InputError
+from litsim_sim.scenario.load import load_recording
+from litsim_sim.scenario.scenario import Scenario, Sources
+
+TRAFFIC = ("brake", "cut_in", "pace", "enter", "start")
 PLANTED = (
-    ("motorway_02/170", "ramp", ()),
-    ("motorway_00/7", "delay", ()),
-    ("motorway_02/112", "side", ()),
-    ("street_14/56", "red", ("start", "signals")),
+    ("motorway_02/112", "side", TRAFFIC),
+    ("motorway_00/10", "delay", TRAFFIC),
+    ("motorway_00/3", "ramp", TRAFFIC),
+    ("street_14/67", "red", ("start", "signals")),
 )
-"""Cases of the suite `small`, the weakness that is looked for in each, and what may change, where that is not all."""
-TPE, RANDOM = "tpe", "random"
+"""Cases of the suite `small`, the weakness that is looked for in each, and what may change."""
+SAMPLERS = ("tpe", "random")
+HEALTHY = "none"
 NEAR = 1.25
-LITSIM = Path(__file__).parents[2] / "litsim"
-
-Failures = list[tuple[int, float]]
-"""Number and distance of each failure, in the order of the runs."""
 
 
-def failures(
-    case: str, weakness: str, changes: Sequence[str], sampler: str, seed: int, runs: int, out: Path
-) -> Failures:
-    """Returns the failures that one search finds."""
-    folder = out / f"{case.replace('/', '_')}_{weakness}_{sampler}_{seed}"
-    words = ["search", "--suite", "small", "--case", case, "--ego", "planted", "--policy", "replay"]
-    words += ["--set", f"ego.weakness={weakness}", "--runs", str(runs), "--sampler", sampler]
-    words += ["--search-seed", str(seed), "--out", str(folder), *(["--change", *changes] if changes else [])]
-    done = subprocess.run(
-        [LITSIM, *words], check=False, env=os.environ | install(out / "plugins"), capture_output=True, text=True
-    )
-    if done.returncode not in (0, 1):
-        sys.exit(done.stderr)
-    tried = pq.read_table(folder / "tried.parquet").to_pandas()
-    failed = tried[tried["outcome"] == "failed"]
-    return list(zip(failed["number"].tolist(), failed["distance"].tolist(), strict=True))
+class Road:
+    """A case with its space, and what became of the runs in it, by weakness and content of the scenario."""
+
+    def __init__(self, case: str, changes: Sequence[str], out: Path) -> None:
+        name, ego = case.split("/")
+        entry = {"scenario": f"small/{name}.yaml", "ego_id": int(ego)}
+        suite = Suite.load("small")
+        one = Suite.model_validate({"name": "one", "cases": [entry], "egos": ["idm"], "policies": ["replay"]})
+        place = next(each.scenario for each in suite.cases if str(each.scenario).endswith(f"{name}.yaml"))
+        (self._case,) = cases_of(
+            one.model_copy(update={"cases": [one.cases[0].model_copy(update={"scenario": place})]})
+        )
+        self._plan = plan_of(self._case)
+        self.space = Space.of(self._plan.scenario, People.load(), changes)
+        file = self._plan.scenario.file
+        self._sources = Sources(load_recording(Path(file.recording), file.crop), self._plan.scenario.lane_map)
+        self._changed = out / "changed.yaml"
+        self._store = out / f"{case.replace('/', '_')}.jsonl"
+        lines = self._store.read_text().splitlines() if self._store.is_file() else []
+        self._outcomes: dict[str, list[Any]] = dict(map(json.loads, lines))
+        self._criteria = Criteria.load(SAFETY)
+
+    def outcome(self, proposal: Proposal, weakness: str) -> tuple[Outcome, str, float]:
+        """Returns what became of a run, what happened in it first, and how near to a contact it came."""
+        text = self.space.scenario_file(proposal, "changed")
+        key = f"{weakness} {hashlib.sha256(text.encode()).hexdigest()}"
+        if key not in self._outcomes:
+            self._outcomes[key] = [*self._run(text, proposal, weakness)]
+            with self._store.open("a") as store:
+                store.write(json.dumps([key, self._outcomes[key]]) + "\n")
+        outcome, group, near = self._outcomes[key]
+        return Outcome(outcome), group, near
+
+    def _run(self, text: str, proposal: Proposal, weakness: str) -> tuple[Outcome, str, float]:
+        self._changed.write_text(text)
+        try:
+            scenario = Scenario.load(self._changed, sources=self._sources)
+        except InputError:
+            return Outcome.ERROR, "", 0.0
+        ego = PlantedEgo(scenario, PlantedConfig(weakness=weakness))
+        run = record(Runner(replace(self._plan, scenario=scenario), ego=ego))
+        result = RunResult.judged(self._case, compute_metrics(run), self._criteria)
+        outcome = outcome_of(result, proposal)
+        return outcome, missed_by(result) if outcome == Outcome.FAILED else "", closeness(result.metrics)
 
 
-def until(found: Failures, distance: float, budget: int) -> int:
-    """Returns the number of runs until a failure within `distance`; the budget if there is none."""
-    return next((number for number, each in found if each <= distance), budget)
+@dataclass
+class Searched:
+    """What a search has tried; `fails` says of a number whether that fails for the weakness alone."""
+
+    tried: Sequence[Tried]
+    fails: Callable[[Proposal], bool]
+
+    def until(self, distance: float, budget: int) -> int:
+        """Returns the number of runs until a failure within `distance`; the budget if there is none."""
+        near = (each for each in self.tried if each.distance <= distance)
+        return next((each.number for each in near if self.fails(each.proposal)), budget)
+
+    @property
+    def margin(self) -> float:
+        """Least distance of a failure; infinite for none."""
+        ordered = sorted(self.tried, key=lambda each: (each.distance, each.number))
+        return next((each.distance for each in ordered if self.fails(each.proposal)), inf)
+
+
+def searched(road: Road, weakness: str, sampler: str, seed: int, runs: int) -> Searched:
+    """Returns a search, with its runs made if its proposals depend on them."""
+    exploration = Exploration(road.space)
+    searching = explore(exploration, runs, sampler, seed)
+    asked = next(searching)
+    while True:
+        tried = []
+        for number, (how, proposal) in enumerate(asked, len(exploration.tried)):
+            lazy = sampler == "random"
+            outcome, group, near = (Outcome.PASSED, "", 0.0) if lazy else road.outcome(proposal, weakness)
+            distance = road.space.distance(proposal)
+            tried.append(Tried(number, how, proposal, distance, outcome, "", group=group, near=near))
+        try:
+            asked = searching.send(tried)
+        except StopIteration:
+            break
+
+    def fails(proposal: Proposal) -> bool:
+        return (
+            road.outcome(proposal, weakness)[0] == Outcome.FAILED
+            and road.outcome(proposal, HEALTHY)[0] != Outcome.FAILED
+        )
+
+    return Searched(exploration.tried, fails)
 
 
 def main() -> None:
-    """Runs every search and prints the table."""
+    """Makes every search and prints the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--runs", type=int, default=60)
-    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--runs", type=int, default=200)
+    parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--out", type=Path, default=Path("bags/planted"))
     arguments = parser.parse_args()
-    budget, out = arguments.runs, arguments.out.absolute()
-    print("| case | ego | search | first | near | margin |\n|---|---|---|---:|---:|---:|", flush=True)
-    for case, weakness, changes in PLANTED:
-        kinds = (("none", TPE), (weakness, TPE), (weakness, RANDOM))
-        found = {
-            kind: [failures(case, kind[0], changes, kind[1], seed, budget, out) for seed in range(arguments.seeds)]
-            for kind in kinds
-        }
-        of_weakness = [each for kind in kinds[1:] for each in found[kind]]
-        least = min((distance for each in of_weakness for _, distance in each), default=inf)
-        for (ego, sampler), searches in found.items():
-            first, near = (median(until(each, d, budget) for each in searches) for d in (inf, NEAR * least))
-            margin = median(min((distance for _, distance in each), default=inf) for each in searches)
+    budget = arguments.runs
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    roads = {case: Road(case, changes, arguments.out) for case, _, changes in PLANTED}
+    everything: dict[tuple[str, str], list[Searched]] = {}
+    for seed in range(arguments.seeds):
+        for (case, weakness, _), sampler in product(PLANTED, SAMPLERS):
+            search = searched(roads[case], weakness, sampler, seed, budget)
+            everything.setdefault((case, sampler), []).append(search)
+            text = f"seed {seed}, {case}, {sampler}: {search.until(inf, budget)} runs, margin {search.margin:.2f}"
+            print(text, file=sys.stderr, flush=True)
+    print("| case | weakness | search | found | first | near | margin |\n|---|---|---|---:|---:|---:|---:|", flush=True)
+    for case, weakness, _ in PLANTED:
+        of = {sampler: everything[case, sampler] for sampler in SAMPLERS}
+        least = min(each.margin for some in of.values() for each in some)
+        for sampler, some in of.items():
+            count = sum(each.margin < inf for each in some)
+            first, near = (median(each.until(d, budget) for each in some) for d in (inf, NEAR * least))
+            margin = median(each.margin for each in some)
             text = "none" if margin == inf else f"{margin:.2f}"
-            print(f"| {case} | `{ego}` | {sampler} | {first:g} | {near:g} | {text} |", flush=True)
+            cells = (case, f"`{weakness}`", sampler, f"{count} of {len(some)}", f"{first:g}", f"{near:g}", text)
+            print(f"| {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":

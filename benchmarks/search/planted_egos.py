@@ -1,32 +1,27 @@
-"""The ego `planted`: `idm` with a weakness planted in it, to see whether a search finds it."""
+"""The ego of `examples/minimal_ads.py` in process, with a weakness planted in it, to see whether a search finds it."""
 
 from __future__ import annotations
 
-import copy
 from collections import deque
 from dataclasses import replace
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from litsim_policy.ego.ego import Ego
-from litsim_policy.ego.idm import IdmEgo
-from litsim_policy.motion.car_following import IdmConfig
-from litsim_sim.core.geometry import to_body
+from litsim_sim.core.geometry import arc_lengths, to_body, wrap_angle
 from litsim_sim.core.quantities import configuration
-from litsim_sim.core.scene import AgentTable, EgoCommand
-from litsim_sim.core.signals import STOP_STATES, SignalState
+from litsim_sim.core.scene import AgentTable, BoolArray, EgoCommand
+from litsim_sim.core.signals import SignalState
+from litsim_sim.ego_port.port import ego_state
+from litsim_sim.ego_port.tracking import TwistTarget, follow_twist
 from litsim_sim.scenario.scenario import Scenario
 
-BRISK = IdmConfig(desired_speed=15.0, headway=1.2, standstill_gap=2.0, acceleration=1.5, deceleration=3.0)
-"""Keeps up with traffic, so that what happens ahead matters."""
-BRAKING_MAX = 4.0  # [m/s2] as minimal_ads brakes
-OWN_LANE_M, BLIND_STEPS = (
-    1.5,
-    15,
-)  # the blind side: [m] to the side, and [steps] until what has come from there is known
-DELAY_STEPS = 4  # [steps]
+RED = (SignalState.RED, SignalState.RED_AMBER, SignalState.AMBER)
+LANE_M = 1.8  # [m] to the side up to which agents are in the way
+BLIND_STEPS = 25  # steps for which one that comes from the side remains unknown
+DELAY_STEPS = 4
+GROUP_ENDS_IN = "2"
 
 
 @configuration
@@ -34,65 +29,84 @@ class PlantedConfig:
     """Which weakness.
 
     Attributes:
-        weakness: `none`; `side`, blind to the side: what comes from there is known 1.5 s later; `delay`, 0.4 s late;
-            `ramp`, blind to vehicles that it has first seen to its right; `red`, red is green for signal groups whose
-            names end in 1.
+        weakness: `none`; `side`, blind to the lanes beside: what comes from there is known 2.5 s later; `delay`, 0.4 s
+            late; `ramp`, blind to vehicles that enter from a ramp; `red`, red is green for signal groups whose names
+            end in 2.
     """
 
     weakness: Literal["none", "side", "delay", "ramp", "red"] = "none"
 
 
 class PlantedEgo(Ego):
-    """Drives as `idm`, by what it knows."""
+    """Drives as `minimal_ads`, by what it knows."""
 
     defaults = PlantedConfig()
 
     def __init__(self, scenario: Scenario, config: PlantedConfig | None = None) -> None:
         self._weakness, self._scenario = (config or PlantedConfig()).weakness, scenario
         self._delayed: deque[EgoCommand] = deque()
-        self._ahead: dict[int, int] = {}  # for how many steps each agent has been ahead in the ego's lane
-        self._first: dict[int, float] = {}  # where each agent was first seen, to the left of the ego [m]
-        own = scenario
-        if self._weakness == "red" and scenario.signals is not None:
-            own, signals = copy.copy(scenario), scenario.signals
-            states = signals.states.copy()
-            rows = [row for row, name in enumerate(signals.groups) if name.endswith("1")]
-            states[rows] = np.where(np.isin(states[rows], STOP_STATES), int(SignalState.GREEN), states[rows])
-            own.signals = replace(signals, states=states)
-        self._idm = IdmEgo(own, BRISK)
+        self._inside: dict[int, int] = {}  # for how many steps each agent has been in the ego's lane
+        log, lane_map = scenario.log, scenario.lane_map
+        row = np.array([log.row(scenario.ego_id)])
+        start = lane_map.nearest(log.x[row, 0], log.y[row, 0], log.yaw[row, 0])
+        points = lane_map.path_from(int(start.lane[0]), float(start.s[0]), 1000.0) @ (1, 1j)
+        along = arc_lengths(np.column_stack([points.real, points.imag]))
+        self._line = np.interp(np.arange(1000.0), along, points)  # metre by metre
+        rows, first = np.arange(len(log.ids)), log.first_step
+        entry = lane_map.nearest(log.x[rows, first], log.y[rows, first], log.yaw[rows, first])
+        signals = scenario.signals
+        links = [] if signals is None else [(complex(*link.stop), complex(*link.exit)) for link in signals.links]
+        near = [[int(np.argmin(np.abs(self._line - end))) for end in ends] for ends in links]
+        self._stops = {  # by number of the link, where the route crosses its stop line [m]
+            number: stop
+            for number, ((stop, leave), ends) in enumerate(zip(near, links, strict=True))
+            if max(abs(self._line[stop] - ends[0]), abs(self._line[leave] - ends[1])) < 1.5
+        }
+        self._from_ramp = log.ids[["ramp" in lane_map.lanes[lane].edge_id for lane in entry.lane.tolist()]]
 
     def plan(self, table: AgentTable) -> EgoCommand:
         """See :class:`litsim_policy.ego.ego.Ego`."""
-        command = self._idm.plan(self._known(table))
-        command = replace(command, acceleration=max(command.acceleration, -BRAKING_MAX))
+        ego = ego_state(table, self._scenario.ego_id)
+        if ego is None:
+            return EgoCommand(table.step)
+        at = complex(ego.x, ego.y)
+        ahead, left = to_body(table.x - ego.x, table.y - ego.y, np.array(ego.yaw))
+        apart = ahead - 0.5 * (table.length + ego.length)  # [m] bumper to bumper
+        in_way = self._known(table, left) & (ahead > 0.0) & (np.abs(left) < LANE_M)
+        gap = float(np.min(apart[in_way], initial=100.0)) - 2.5
+        here = int(np.argmin(np.abs(self._line[:-10] - at)))
+        gap = min(gap, self._to_red(table.step, here, ego.length, ego.speed))
+        wanted = ego.speed + float(np.clip(min(12.0, max(0.0, gap / 1.5)) - ego.speed, -0.4, 0.1))
+        yaw = float(wrap_angle(np.angle(self._line[here + 10] - at) - ego.yaw))
+        target = TwistTarget(wanted, 0.2 * ego.speed * float(np.sin(yaw)))
+        command = EgoCommand(table.step, *follow_twist(target, ego, self._scenario.vehicle))
         if self._weakness != "delay":
             return command
         self._delayed.append(command)
         late = self._delayed.popleft() if len(self._delayed) > DELAY_STEPS else command
         return replace(late, step=table.step)
 
-    def _known(self, table: AgentTable) -> AgentTable:
-        """Returns the agents that the ego knows of, itself included."""
-        row = table.row(self._scenario.ego_id)
-        if row < 0 or self._weakness not in ("side", "ramp"):
-            return table
-        _, left = to_body(table.x - table.x[row], table.y - table.y[row], table.yaw[row])
+    def _known(self, table: AgentTable, left: np.ndarray) -> BoolArray:
+        """Returns which agents the ego knows of, (n,)."""
+        known = table.id != self._scenario.ego_id
         if self._weakness == "ramp":
-            for agent, beside in zip(table.id.tolist(), left.tolist(), strict=True):
-                self._first.setdefault(agent, beside)
-            known = np.array([self._first[agent] > -OWN_LANE_M for agent in table.id.tolist()])
-        else:
-            inside = table.id[np.abs(left) < OWN_LANE_M].tolist()
-            self._ahead = {agent: self._ahead.get(agent, BLIND_STEPS if table.step == 0 else 0) + 1 for agent in inside}
-            known = np.array([self._ahead.get(agent, 0) > BLIND_STEPS for agent in table.id.tolist()])
-        known[row] = True
-        return table.take(known)
+            known &= ~np.isin(table.id, self._from_ramp)
+        if self._weakness == "side":
+            inside = table.id[np.abs(left) < LANE_M].tolist()
+            self._inside = {each: self._inside.get(each, BLIND_STEPS * (table.step == 0)) + 1 for each in inside}
+            known &= np.array([self._inside.get(each, 0) > BLIND_STEPS for each in table.id.tolist()])
+        return known
 
-
-def install(folder: Path) -> dict[str, str]:
-    """Writes the entry point of the ego to `folder`; returns the variable by which programs find it."""
-    info = folder / "planted_egos-1.dist-info"
-    info.mkdir(parents=True, exist_ok=True)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: planted-egos\nVersion: 1\n")
-    (info / "entry_points.txt").write_text("[litsim.egos]\nplanted = planted_egos:PlantedEgo\n")
-    return {"PYTHONPATH": f"{folder}:{Path(__file__).parent}"}
+    def _to_red(self, step: int, here: int, length: float, speed: float) -> float:
+        """Returns the least distance to a stop line at red or amber on the ego's way, less 1 m; infinite without."""
+        signals, gap = self._scenario.signals, np.inf
+        if signals is None:
+            return gap
+        states = signals.of_links(step)[0]
+        for link, stop in self._stops.items():
+            ignored = self._weakness == "red" and signals.groups[signals.link_group[link]].endswith(GROUP_ENDS_IN)
+            room = stop - here - 0.5 * length
+            enough = -1.0 if states[link] != SignalState.AMBER else speed**2 / 7.0  # at amber, if it can
+            if states[link] in RED and not ignored and room > enough:
+                gap = min(gap, room - 1.0)
+        return gap

@@ -68,6 +68,7 @@ from litsim_sim.ros.topics import (
     TF,
     TF_STATIC,
 )
+from litsim_sim.scenario.perception import Perception
 from litsim_sim.scenario.scenario import Scenario
 
 NODE = "litsim_autoware"
@@ -246,6 +247,7 @@ class AutowareNode(Node):
         self._info = info
         scenario = Scenario.from_yaml(info.scenario_yaml, f"{RUN_INFO.name} of run {info.run_id}")
         self._ego_id, self._realtime = int(info.ego_id), info.mode == "realtime"
+        self._perception = Perception(scenario)
         self._geometry = VehicleGeometry.of(scenario.log.table(0), self._ego_id, scenario.vehicle)
         self._light_ids, self._light_groups = objects.lights_of(scenario.signals)
         self._with_signals = SIGNALS.name in info.topics
@@ -348,7 +350,8 @@ class AutowareNode(Node):
         self._step_began, self._states, self._shown = time.perf_counter(), 0, table.step
         self._clock.step(table.step, self._step_began)
         self._motion = RearAxle.of(table, self._ego_id, self._geometry.rear_axle_to_centre)
-        self._show_others(table.take(table.id != self._ego_id), stamp_ns)
+        told = self._perception.of(table)
+        self._show_others(told.take(told.id != self._ego_id), stamp_ns)
         if self._motion is None:  # it has left, and this is the last step
             self._respond(table.step, EgoCommand(table.step))
             return

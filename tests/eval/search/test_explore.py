@@ -7,7 +7,7 @@ from statistics import median
 
 import pytest
 
-from litsim_eval.search.explore import BATCH, Exploration, Tried, explore
+from litsim_eval.search.explore import BATCH, Exploration, Tried, explore, promising
 from litsim_eval.search.judging import Outcome
 from litsim_eval.search.people import People
 from litsim_eval.search.space import NOTHING, Proposal, Space
@@ -56,6 +56,7 @@ def test_agents_that_may_act_are_those_in_the_right_place(space: Space) -> None:
     assert {act: set(agents) for act, agents in space.agents.items()} == {
         "brake": {LEADER},
         "cut_in": {BESIDE},
+        "cut_out": {LEADER},
         "pace": {LEADER, BESIDE},
     }
     assert not any(each.declared for each in space.parameters.values())
@@ -109,6 +110,19 @@ def test_what_is_forced_or_not_judged_is_no_failure(space: Space) -> None:
 def test_a_scenario_that_fails_as_recorded_is_run_once(space: Space) -> None:
     exploration = searched(space, lambda _: Outcome.FAILED)
     assert len(exploration.tried) == 1 and exploration.failures[0].distance == 0.0
+
+
+def test_what_a_screen_found_is_tried_first(space: Space) -> None:
+    screen = searched(space, brakes_hard, runs=60)
+    best = promising(screen, 5)
+    assert best[0] == screen.failures[0].proposal
+    exploration = Exploration(space)
+    searching = explore(exploration, 20, "tpe", 1, best)
+    next(searching)
+    asked = searching.send([Tried(0, "recorded", Proposal(), 0.0, Outcome.PASSED, "")])
+    assert [how for how, _ in asked[:6]] == ["screened"] * 5 + ["drawn"]
+    for proposal, (_, again) in zip(best, asked, strict=False):
+        assert space.changes(again) == space.changes(proposal)
 
 
 def test_the_same_seed_asks_for_the_same(space: Space) -> None:

@@ -67,6 +67,6 @@ def test_groups_and_errors() -> None:
     assert outcome_of(RunResult.error(cases()[0], "it crashed"), BRAKE) == Outcome.ERROR
 
 
-def test_closeness_is_by_the_shortest_time_to_collision() -> None:
-    assert closeness(result(fault=False, avoided=False).metrics) == pytest.approx(2 / 3)
+def test_closeness_is_by_the_time_to_a_collision_of_its_own() -> None:
+    assert closeness(result(fault=False, avoided=False).metrics) == pytest.approx(0.5)
     assert closeness(None) == 0.0

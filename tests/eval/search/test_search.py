@@ -93,6 +93,7 @@ def test_files(found: Path) -> None:
     changed = yaml.safe_load((found / f"scenarios/{margin.failures[0].name}.yaml").read_text())
     assert changed["changes"] and margin.failures[0].changes[0] in changed["description"]
     assert (found / "tried/experiment.html").is_file()
+    assert f'entityRef="agent_{LEADER}"' in (found / f"scenarios/{margin.failures[0].name}.xosc").read_text()
 
 
 def test_the_same_command_runs_nothing_again(suite: Path, found: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from litsim_eval.search.people import People
+from litsim_eval.search.people import DECLARED, PARAMETERS, People
 from litsim_eval.search.space import NOTHING, Proposal, Space
 from litsim_sim.scenario.scenario import Scenario
 
@@ -37,7 +37,21 @@ def test_every_proposal_can_be_loaded(space: Space) -> None:
         assert scenario.file.changes == space.changes(proposal)
         assert all(change.text in scenario.file.description for change in scenario.file.changes)
         assert scenario.ego_id == EGO and space.distance(proposal) > 0.0
-    assert acts == {NOTHING, "brake", "cut_in", "pace", "enter"}
+    assert acts == {NOTHING, "brake", "cut_in", "cut_out", "pace", "enter"}
+
+
+@pytest.mark.parametrize("name", [each.name for each in PARAMETERS if each.declared and each.name != "signals.later_s"])
+def test_what_is_declared_is_named_in_the_scenario(space: Space, name: str) -> None:
+    kind, _, field = name.partition(".")
+    named = Space.of(space.scenario, space.people, [kind])
+    act = kind if kind in named.agents else NOTHING
+    proposal = Proposal(act, LEADER if act == kind else -1, 1.0, {name: 2.0})
+    assert named.varied(act) == [name] and named.distance(proposal) == pytest.approx(2.0)
+    scenario = Scenario.from_yaml(named.scenario_file(proposal, "declared"), "text")
+    (change,) = scenario.file.changes
+    habit = DECLARED[next(each.habit for each in PARAMETERS if each.name == name)]
+    assert change.kind == kind and getattr(change, field) == pytest.approx(habit.value(2.0))
+    assert change.text in scenario.file.description
 
 
 def test_a_cut_in_is_as_far_as_the_headway_that_it_leaves(space: Space) -> None:

@@ -70,6 +70,11 @@ def test_signals_change_later() -> None:
     assert (after.states != before.states).any()
 
 
+def test_vehicles_need_not_heed_signals_that_are_changed() -> None:
+    path = packaged("suites/small/street_37.yaml", "litsim_eval")
+    assert Scenario.load(path, changes=[{"kind": "signals", "later_s": 8.0}]).signals is not None
+
+
 def test_a_change_is_in_the_identity_and_in_the_text(make_scenario, tracks) -> None:
     plain = make_scenario(*tracks, history_steps=HISTORY)
     brake = {"kind": "brake", "agent": LEADER, "begin_s": 4.0, "duration_s": 1.0, "deceleration": 2.0}
@@ -100,6 +105,9 @@ def test_delay_is_of_the_ego_alone(make_scenario, tracks) -> None:
             "2 is there in the history, expected one that enters later",
         ),
         ({"kind": "brake", "agent": LEADER, "begin_s": 1.0}, "begin_s: 1 s, expected at least the history of 3 s"),
+        ({"kind": "hide", "agent": EGO, "begin_s": 4.0, "duration_s": 1.0}, "expected another agent than the ego"),
+        ({"kind": "inattentive", "agent": LEADER, "later_s": 0.25}, "multiple of 0.1"),
+        ({"kind": "noise", "sigma_m": -1.0}, "sigma_m"),
         ({"kind": "swerve", "agent": LEADER}, "swerve"),
         ({"kind": "pace", "agent": LEADER, "begin_s": 4.0, "duration_s": 1.0, "factor": -1.0}, "factor"),
     ],

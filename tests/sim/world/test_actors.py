@@ -61,6 +61,31 @@ def test_cuts_in_on_the_side_of_the_ego(scenario, lane_centres) -> None:
     assert y[BEGIN + 35] == pytest.approx(lane_centres[1], abs=0.2)
 
 
+def test_cuts_out_to_the_left(scenario, lane_centres) -> None:
+    cut_out = CUT_IN | {"kind": "cut_out", "agent": LEADER}
+    y = column(run(World(scenario(cut_out), guard_entries=False)), LEADER, "y")
+    assert y[BEGIN] == pytest.approx(lane_centres[1])
+    assert y[BEGIN + 35] == pytest.approx(lane_centres[0], abs=0.2)
+
+
+def test_an_inattentive_driver_brakes_later(scenario) -> None:
+    def braking(table: AgentTable) -> ControlTable:
+        if table.step < BEGIN:
+            return ControlTable.empty(table.step)
+        brake = -2.0 if table.step < BEGIN + 20 else 0.0
+        one = np.ones(1)
+        source = np.full(1, ControlSource.POLICY, np.uint8)
+        return ControlTable(table.step, np.array([LEADER]), brake * one, 0 * one, 0 * one, source)
+
+    late = {"kind": "inattentive", "agent": LEADER, "later_s": 0.5}
+    usual, delayed = (
+        column(run(World(each), braking), LEADER, "acceleration") for each in (scenario(), scenario(late))
+    )
+    assert usual[BEGIN + 1] == pytest.approx(-2.0)
+    np.testing.assert_allclose(delayed[BEGIN + 6 : BEGIN + 30], usual[BEGIN + 1 : BEGIN + 25], atol=1e-9)
+    np.testing.assert_allclose(delayed[BEGIN + 1 : BEGIN + 6], 0.0, atol=1e-9)
+
+
 def test_drives_at_another_pace(scenario) -> None:
     tables = run(World(scenario(PACE), guard_entries=False))
     assert column(tables, LEADER, "speed")[BEGIN + 40] == pytest.approx(6.0, abs=0.2)

@@ -21,7 +21,7 @@ from litsim_eval.runs.case_run import TIME_LIMIT_S, CaseRefused, check_cases
 from litsim_eval.search.explore import SAMPLERS
 from litsim_eval.search.margins import FAILURES_FILE, JUNIT_FILE, PAGE_FILE, Margins, is_short, told, write_junit
 from litsim_eval.search.people import DECLARED, PARAMETERS, People
-from litsim_eval.search.search import RUNS, SCENARIOS, SEARCH_FILE, Search, Settings
+from litsim_eval.search.search import RUNS, SCENARIOS, SCREEN, SEARCH_FILE, Search, Settings
 from litsim_sim.cli.arguments import Parser, number, positive
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
@@ -121,10 +121,10 @@ def search(arguments: argparse.Namespace) -> int:
     )
     making = Search(suite, cases, versions, people, settings, arguments.out)
     if arguments.overwrite and (arguments.out / SEARCH_FILE).is_file():
-        for name in (RUNS, SCENARIOS):
+        for name in (RUNS, SCENARIOS, SCREEN):
             shutil.rmtree(arguments.out / name, ignore_errors=True)
         (arguments.out / SEARCH_FILE).unlink()
-    with tqdm(total=settings.runs * len(cases), unit="run", dynamic_ncols=True) as bar:
+    with tqdm(total=making.runs, unit="run", dynamic_ncols=True) as bar:
         try:
             margins = making.run(bar.update)
         except KeyboardInterrupt:

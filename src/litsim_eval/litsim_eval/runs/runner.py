@@ -21,6 +21,7 @@ from litsim_sim.kernels.compiled import load_kernels
 from litsim_sim.kernels.garbage import spared_from_collection
 from litsim_sim.record.run import Detection, RunInfo, Status
 from litsim_sim.record.run import Run as RecordedRun
+from litsim_sim.scenario.perception import Perception
 from litsim_sim.scenario.run_info import REPLAY, RunPlan
 from litsim_sim.world.world import Mirror, World
 
@@ -76,6 +77,7 @@ class Runner:
         stages = configured(None if ego else plan.ego, plan.policy, plan.parameters)
         self.world = World(scenario, mirror, guard_entries=reacts)
         self._ego = ego or stages[EGO](scenario)
+        self._perception = Perception(scenario)
         self._pipeline = Pipeline(stages, plan.policy, scenario) if reacts else None
         load_kernels()
 
@@ -96,7 +98,7 @@ class Runner:
                 if self._pipeline is not None:
                     takeovers, controls = self._pipeline.to(table, marks)
                 begin = time.perf_counter()
-                ego = self._ego.plan(table)
+                ego = self._ego.plan(self._perception.of(table))
                 marks["ego"] = time.perf_counter() - begin
                 yield StepResult(table, takeovers, controls, ego, marks)
                 begin = time.perf_counter()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Collection, Generator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -27,6 +27,8 @@ GROUPS_MAX = 10
 """Most groups of failures that are shrunk and shown."""
 SHARE_SHRINKING, SHARE_DRAWN = 0.3, 0.2
 """Shares of the budget: for shrinking, and for plain draws from the declared distribution, which give the rate."""
+SHARE_AT_ONCE = 0.4
+"""Share of the runs up to which the nearest failures of groups are shrunk as soon as they are found."""
 SHRUNK_BY = (0.5, 0.75, 0.9)
 """Factors that are tried of all distances together; of single ones, the first."""
 LATER_S = 0.5  # [s] by which shrinking moves when an agent acts
@@ -42,7 +44,7 @@ class Tried:
 
     Attributes:
         number: counted from 0, in order; 0 is the scenario as recorded.
-        how: `recorded`, `drawn`, `proposed` or `shrunk`.
+        how: `recorded`, `screened`, `drawn`, `proposed` or `shrunk`.
         proposal: the changes.
         distance: of these from reality.
         outcome: what became of it.
@@ -96,6 +98,7 @@ def explore(
     runs: int,
     sampler: str,
     seed: int,
+    screened: Sequence[Proposal] = (),
     expired: Callable[[], bool] = lambda: False,
 ) -> Generator[Asked, Sequence[Tried], None]:
     """Yields batches of proposals, and is sent what became of each; all are kept in `exploration`.
@@ -105,6 +108,7 @@ def explore(
         runs: budget, all runs together.
         sampler: one of :data:`SAMPLERS`; `random` draws all proposals uniformly within the bounds, and shrinks nothing.
         seed: of the sampler and of the draws.
+        screened: what is tried first.
         expired: whether the time is over, asked before each batch.
     """
     import optuna  # takes a second to load
@@ -115,31 +119,48 @@ def explore(
     tried += yield [("recorded", Proposal())]
     if tried[0].outcome != Outcome.PASSED or not space.parameters:
         return
-    study = optuna.create_study(sampler=_sampler(sampler, runs, seed))
+    study = optuna.create_study(sampler=_sampler(sampler, seed))
     random = np.random.default_rng([seed, space.scenario.ego_id])
     plain = sampler == "random"
-    drawn = 0 if plain else round(SHARE_DRAWN * runs)
+    drawn, draws = 0 if plain else round(SHARE_DRAWN * runs), 0  # how many are to be drawn, and how many are
     budget = runs if plain else round((1.0 - SHARE_SHRINKING) * runs)
-    for _ in range(drawn):
-        study.enqueue_trial(space.drawn(random))
     shrunk: set[int] = set()
     while len(tried) < (budget if exploration.failures else runs) and not expired():
-        if not (plain or exploration.failures):  # nothing to be near to yet: half of the proposals are anywhere
-            for _ in range(BATCH // 2):
+        size = min(BATCH, runs - len(tried))
+        first, screened = screened[:size], screened[size:]
+        for proposal in first:
+            study.enqueue_trial(space.values_of(proposal))
+        rest = size - len(first)
+        due = min(rest, round(drawn * min(1.0, (len(tried) + size) / budget)) - draws)
+        for _ in range(due):
+            study.enqueue_trial(space.drawn(random))
+        if not plain:
+            for _ in range((rest - due + 1) // 2):
                 study.enqueue_trial(space.drawn(random, anywhere=True))
-        trials = [study.ask() for _ in range(min(BATCH, runs - len(tried)))]
-        asked = [("drawn" if trial.number < drawn else "proposed", space.suggested(trial)) for trial in trials]
-        outcomes = yield asked
+        draws += due
+        trials = [study.ask() for _ in range(size)]
+        how = ["screened"] * len(first) + ["drawn"] * due + ["proposed"] * (rest - due)
+        outcomes = yield [(word, space.suggested(trial)) for word, trial in zip(how, trials, strict=True)]
         tried += outcomes
+        nearest = {each.number for each in exploration.failures}
         for trial, outcome in zip(trials, outcomes, strict=True):
-            study.tell(trial, _value(outcome))
-        if exploration.failures and not plain and exploration.failures[0].number not in shrunk:
-            yield from _shrink(exploration, exploration.failures[0], runs, expired, shrunk)
+            study.tell(trial, _value(outcome, nearest))
+        for failure in exploration.failures if not plain else ():
+            shrinking = sum(each.how == "shrunk" for each in tried)
+            if failure.number not in shrunk and shrinking <= SHARE_AT_ONCE * len(tried):
+                yield from _shrink(exploration, failure, runs, expired, shrunk)
     while len(tried) < runs and not expired():
         waiting = [each for each in exploration.failures if each.number not in shrunk]
         if not waiting:
             return
         yield from _shrink(exploration, waiting[0], runs, expired, shrunk)
+
+
+def promising(exploration: Exploration, count: int) -> list[Proposal]:
+    """Returns up to `count` different proposals that failed, or came near to it, best first."""
+    nearest = {each.number for each in exploration.failures}
+    ordered = sorted(exploration.tried[1:], key=lambda each: (_value(each, nearest), each.number))
+    return [each.proposal for each in ordered[:count]]
 
 
 def _shrink(
@@ -191,18 +212,20 @@ def _is_smaller(space: Space, one: Proposal, other: Proposal) -> bool:
     return nearer > LESS or (fewer and nearer >= 0.0)
 
 
-def _value(tried: Tried) -> float:
-    """Returns what the optimiser minimises."""
-    if tried.outcome == Outcome.FAILED:
+def _value(tried: Tried, nearest: Collection[int]) -> float:
+    """Returns what the optimiser minimises; `nearest` are the numbers of the nearest failures of all groups.
+
+    Another failure of a group is worth nothing: shrinking brings that nearer, and the optimiser is to find more.
+    """
+    if tried.outcome == Outcome.FAILED and tried.number in nearest:
         return tried.distance
     near = tried.near if tried.outcome == Outcome.PASSED else 0.0
     return PASSED_VALUE * (2.0 - near) + 0.1 * tried.distance
 
 
-def _sampler(name: str, runs: int, seed: int) -> BaseSampler:
+def _sampler(name: str, seed: int) -> BaseSampler:
     from optuna import samplers
 
     if name == "random":
         return samplers.RandomSampler(seed=seed)
-    start = round(SHARE_DRAWN * runs)  # the draws
-    return samplers.TPESampler(seed=seed, n_startup_trials=start, multivariate=True, group=True, constant_liar=True)
+    return samplers.TPESampler(seed=seed, n_startup_trials=2 * BATCH, multivariate=True, group=True, constant_liar=True)

@@ -55,11 +55,10 @@ def missed_by(result: RunResult) -> str:
 
 
 def closeness(metrics: Mapping[str, Any] | None) -> float:
-    """Returns how near a run is to a contact, from 0 to 1: by its times to collision and its headway."""
+    """Returns how near the ego came to a contact of its own, from 0 to 1: by time to collision and headway."""
     if metrics is None:
         return 0.0
-    safety = metrics["safety"]
-    own, any_ttc, headway = (safety.get(name) for name in ("min_own_ttc_s", "min_ttc_s", "min_headway_s"))
-    by_ttc = max(1.0 - min(ttc, TTC_S) / TTC_S if ttc is not None else 0.0 for ttc in (own, any_ttc))
+    ttc, headway = metrics["safety"]["min_own_ttc_s"], metrics["safety"]["min_headway_s"]
+    by_ttc = 0.0 if ttc is None else 1.0 - min(ttc, TTC_S) / TTC_S
     by_headway = 0.0 if headway is None else 0.3 * (1.0 - min(headway, HEADWAY_S) / HEADWAY_S)
     return max(by_ttc, by_headway)

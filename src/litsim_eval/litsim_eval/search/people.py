@@ -220,8 +220,11 @@ class Parameter:
 DECLARED = {
     "signals_s": Habit(unit="s", moments=0, values=[float(z) for z in 2.0 * DISTANCES]),
     "delay_s": Habit(unit="s", moments=0, values=[float(z) for z in 0.1 * DISTANCES]),
+    "reaction_s": Habit(unit="s", moments=0, values=[float(z) for z in 0.4 * DISTANCES]),
+    "hidden_s": Habit(unit="s", moments=0, values=[float(z) for z in 0.5 * DISTANCES]),
+    "noise_m": Habit(unit="m", moments=0, values=[float(z) for z in 0.2 * DISTANCES]),
 }
-"""Habits that no recording shows: 2 s a standard deviation for signals, 0.1 s for latency."""
+"""Habits that no recording shows, by what a standard deviation is."""
 PARAMETERS = (
     Parameter("brake.deceleration", "m/s²", 0.1, 6.0, "deceleration", signed=False, about="how hard an agent brakes"),
     Parameter("brake.duration_s", "s", 0.3, 6.0, "braking_s", signed=False, about="how long"),
@@ -229,6 +232,9 @@ PARAMETERS = (
         "cut_in.duration_s", "s", 1.0, 8.0, "lane_change_s", signed=False, about="how long an agent takes to cut in"
     ),
     Parameter("cut_in.headway_s", "s", 0.0, 5.0, "headway_left_s", signed=False, about="headway left; by who and when"),
+    Parameter(
+        "cut_out.duration_s", "s", 1.0, 8.0, "lane_change_s", signed=False, about="how long an agent takes to cut out"
+    ),
     Parameter("pace.factor", "", 0.0, 0.7, "pace", signed=True, about="how much faster or slower an agent drives"),
     Parameter("enter.later_s", "s", 0.0, 4.0, "entry_s", signed=True, about="how much later an agent enters", step=0.1),
     Parameter("start.faster", "m/s", 0.0, 6.0, "speed", signed=True, about="how much faster the ego starts"),
@@ -252,6 +258,37 @@ PARAMETERS = (
         signed=False,
         about="latency added to the ego",
         step=0.1,
+        declared=True,
+    ),
+    Parameter(
+        "inattentive.later_s",
+        "s",
+        0.0,
+        2.0,
+        "reaction_s",
+        signed=False,
+        about="how much later an agent reacts",
+        step=0.1,
+        declared=True,
+    ),
+    Parameter(
+        "hide.duration_s",
+        "s",
+        0.1,
+        3.0,
+        "hidden_s",
+        signed=False,
+        about="how long the ego is not told of an agent",
+        declared=True,
+    ),
+    Parameter(
+        "noise.sigma_m",
+        "m",
+        0.0,
+        1.0,
+        "noise_m",
+        signed=False,
+        about="error of the positions that the ego is told",
         declared=True,
     ),
 )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import shutil
+import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from importlib.util import find_spec
 from itertools import islice
 from math import copysign
@@ -16,15 +17,19 @@ from typing import Any
 
 from scipy.stats import binomtest
 
+from litsim_data.exports.openscenario import OpenScenario
+from litsim_data.exports.reading import run_content
 from litsim_eval.campaign.case import Case, cases_of
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.part import write_suite
 from litsim_eval.campaign.reasons import at_fault, avoidable
 from litsim_eval.campaign.results import RunResult, read_results, rerun_command
-from litsim_eval.campaign.suite import CaseEntry, Suite
+from litsim_eval.campaign.suite import CaseEntry, EgoSetup, Suite
 from litsim_eval.report.margins import write_margins_page
 from litsim_eval.runs.campaign import LocalRuns, conclude
-from litsim_eval.search.explore import Asked, Exploration, Tried, explore
+from litsim_eval.runs.case_run import RECORDING, plan_of
+from litsim_eval.runs.runner import Runner, record
+from litsim_eval.search.explore import Asked, Exploration, Tried, explore, promising
 from litsim_eval.search.judging import Outcome, closeness, missed_by, outcome_of
 from litsim_eval.search.margins import (
     FAILURES_FILE,
@@ -39,9 +44,13 @@ from litsim_eval.search.people import People
 from litsim_eval.search.space import DISTANCE_MAX, Proposal, Space
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import make_folder, replacing
+from litsim_sim.record.run import read_run
+from litsim_sim.scenario.run_info import EXTERNAL
 from litsim_sim.scenario.scenario import Scenario
 
 SEARCH_FILE, SCENARIOS, RUNS, REPEATED = "search.json", "scenarios", "tried", "repeated"
+SCREEN, STAND_IN, SCREEN_RUNS = "screen", "idm", 100  # folder, ego and most runs of a search before an external stack's
+SCREENED = 0.25  # share of the budget for what that search found, and of the time for the search itself
 
 
 @dataclass(frozen=True)
@@ -121,6 +130,12 @@ class Search:
         self._folder = CampaignFolder(out / RUNS)
         self._begin = time.monotonic()
         self.all = [_One(case, Exploration(self._space(case))) for case in cases]
+        self._screen = self._stand_in() if cases[0].ego.kind == EXTERNAL else None
+
+    @property
+    def runs(self) -> int:
+        """Budget of all scenarios together."""
+        return self._settings.runs * len(self.all) + (0 if self._screen is None else self._screen.runs)
 
     def run(self, progress: Callable[[int], object] = lambda _: None) -> Margins:
         """Makes all runs, or those that are missing, writes everything, and returns the margins.
@@ -134,8 +149,19 @@ class Search:
         make_folder(self._out)
         with self._folder.alone():
             self._check_folder()
+            if self._screen is not None:
+                self._screen.run(progress)
             self._explore(progress)
             return self._conclude()
+
+    def _stand_in(self) -> Search:
+        """Returns a search in process, with an ego that costs little in place of the stack."""
+        suite = self._suite.model_copy(update={"egos": [EgoSetup(name=STAND_IN, kind=STAND_IN)]})
+        settings = replace(self._settings, runs=min(SCREEN_RUNS, self._settings.runs), graph=False)
+        if settings.minutes is not None:
+            settings = replace(settings, minutes=SCREENED * settings.minutes)
+        cases = cases_of(suite, with_versions=self._versions)
+        return Search(suite, cases, self._versions, self._people, settings, self._out / SCREEN)
 
     def _space(self, case: Case) -> Space:
         scenario = Scenario.load(case.scenario).around(case.ego_id, case.seed, case.end_after_contact_s)
@@ -159,6 +185,7 @@ class Search:
                 settings.runs,
                 settings.sampler,
                 settings.seed,
+                [] if self._screen is None else self._screened(k),
                 lambda: deadline is not None and time.monotonic() > deadline,
             )
             for k, one in enumerate(self.all)
@@ -172,6 +199,11 @@ class Search:
                     asked[k] = running[k].send(tried)
                 except StopIteration:
                     del running[k]
+
+    def _screened(self, k: int) -> list[Proposal]:
+        """Returns with what the stand-in failed, or nearly, in a case."""
+        assert self._screen is not None
+        return promising(self._screen.all[k].exploration, round(SCREENED * self._settings.runs))
 
     def _evaluate(self, asked: Mapping[int, Asked], progress: Callable[[int], object]) -> dict[int, list[Tried]]:
         """Returns what became of proposals, by number of the case; those that were run before are not run again."""
@@ -265,6 +297,9 @@ class Search:
         write_tried(
             [self._row(one, each) for one in self.all for each in one.exploration.tried], self._out / TABLE_FILE
         )
+        for one in self.all:
+            if one.exploration.failures:
+                self._export(one, one.exploration.failures[0])
         shown = [(one, each) for one in self.all for each in one.exploration.failures if each.number]
         if shown:
             failed = [
@@ -283,6 +318,14 @@ class Search:
         )
         margins.write(self._out)
         return margins
+
+    def _export(self, one: _One, failure: Tried) -> None:
+        """Writes what happens in a failure as OpenSCENARIO, beside its scenario."""
+        case, name = one.cases[failure.number], f"{one.stem}_{failure.number:04d}"
+        recording = self._folder.run_folder(case) / RECORDING
+        run = read_run(recording) if recording.is_dir() else record(Runner(plan_of(case)))
+        with tempfile.TemporaryDirectory() as folder:
+            OpenScenario().write(run_content(run, Path(folder)), self._out / SCENARIOS / f"{name}.xosc")
 
     def _repeat(self) -> dict[str, RunResult]:
         """Runs the failures that are shown once more; returns the results by id of the case."""

@@ -29,10 +29,20 @@ LOOK_S = 12.0  # [s] after the history within which an agent begins to act
 LAST_S = 2.0  # [s] before the end after which none begins
 PACE_S = 6.0  # [s] for which an agent keeps another pace
 SMALLEST = 0.05  # distance below which a parameter is left as recorded
+AS_RECORDED = 0.5  # share of values that stay so where proposals are drawn anywhere
 NOTHING = "nothing"
 """Kind of act of proposals in which no agent acts."""
-OF_ALL = ("start.faster", "start.left", "signals.later_s", "delay.later_s")
+OF_ALL = ("start.faster", "start.left", "signals.later_s", "delay.later_s", "noise.sigma_m")
 """Parameters that all proposals have."""
+USUAL = {
+    "brake": {"duration_s": 1.0, "deceleration": 1.0},
+    "cut_in": {"duration_s": 4.0},
+    "cut_out": {"duration_s": 4.0},
+    "pace": {"duration_s": PACE_S},
+}
+"""What agents do where a parameter of the act does not vary."""
+UNTIMED = (NOTHING, "enter", "inattentive")
+"""Acts without a time of their own."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +98,7 @@ class Space:
         usable = {
             each.name: each
             for each in PARAMETERS
-            if _kind(each.name) in (*agents, "start", "delay", *(["signals"] if scenario.signals else []))
+            if _kind(each.name) in (*agents, "start", "delay", "noise", *(["signals"] if scenario.signals else []))
             and (each.name in only or _kind(each.name) in only or not (only or each.declared))
         }
         acts = {_kind(name) for name in usable}
@@ -110,7 +120,7 @@ class Space:
         z, agent, begin = {}, -1, 0.0
         if act != NOTHING:
             agent = trial.suggest_categorical(f"{act}.agent", list(self.agents[act]))
-            if act != "enter":
+            if act not in UNTIMED:
                 begin = trial.suggest_int(f"{act}.begin", *self.steps) * STEP_S
         for name in self.varied(act):
             low, high = self._bounds(name)
@@ -120,19 +130,31 @@ class Space:
     def drawn(self, random: np.random.Generator, *, anywhere: bool = False) -> dict[str, Any]:
         """Returns parameters for an optimiser that are drawn from the declared distribution.
 
-        Acts, agents and moments are equally probable, distances normal within their bounds; or uniform, `anywhere`.
+        Acts, agents and moments are equally probable, distances normal within their bounds. Or uniform, `anywhere`,
+        with half of the parameters that all proposals have as recorded, so that few things change at once.
         """
         act = str(random.choice([NOTHING, *self.agents]))
         values: dict[str, Any] = {"act": act}
         if act != NOTHING:
             values[f"{act}.agent"] = int(random.choice(self.agents[act]))
-            if act != "enter":
+            if act not in UNTIMED:
                 values[f"{act}.begin"] = int(random.integers(*self.steps, endpoint=True))
         for name in self.varied(act):
             low, high = self._bounds(name)
             drawn = random.uniform(low, high) if anywhere else random.normal()
+            if anywhere and act != NOTHING and name in OF_ALL and random.random() < AS_RECORDED:
+                drawn = 0.0
             values[name] = float(np.clip(abs(drawn) if low == 0.0 else drawn, low, high))
         return values
+
+    def values_of(self, proposal: Proposal) -> dict[str, Any]:
+        """Returns parameters for an optimiser with which :meth:`suggested` returns `proposal`."""
+        act, values = proposal.act, dict[str, Any](act=proposal.act)
+        if act != NOTHING:
+            values[f"{act}.agent"] = proposal.agent
+        if act not in UNTIMED:
+            values[f"{act}.begin"] = round(proposal.begin_s / STEP_S)
+        return values | {name: proposal.z.get(name, 0.0) for name in self.varied(act)}
 
     def varied(self, act: str) -> list[str]:
         """Returns the names of the parameters that proposals with this act have."""
@@ -175,27 +197,24 @@ class Space:
         """Returns the changes of the scenario that a proposal stands for."""
         small = {name for name, z in proposal.z.items() if abs(z) < SMALLEST}
         value = {name: 0.0 if name in small and name in OF_ALL else v for name, v in self.values(proposal).items()}
-        fields: list[dict[str, Any]] = []
-        who = {"kind": proposal.act, "agent": proposal.agent}
-        when = {"begin_s": proposal.begin_s}
-        if proposal.act == "brake":
-            how = {"duration_s": value.get("brake.duration_s", 1.0)}
-            fields.append(who | when | how | {"deceleration": value.get("brake.deceleration", 1.0)})
-        elif proposal.act == "cut_in":
-            fields.append(who | when | {"duration_s": value.get("cut_in.duration_s", 4.0)})
-        elif proposal.act == "pace":
-            fields.append(who | when | {"duration_s": PACE_S, "factor": round(1.0 + value["pace.factor"], 3)})
-        elif proposal.act == "enter":
-            log = self.scenario.log
-            earliest = (self.scenario.history_steps + 1 - int(log.first_step[log.row(proposal.agent)])) * STEP_S
-            fields.append(who | {"later_s": round(max(value["enter.later_s"], earliest), 1)})
+        act, fields = proposal.act, list[dict[str, Any]]()
+        if act != NOTHING:
+            own = {name.partition(".")[2]: value[name] for name in value if _kind(name) == act}
+            when = {} if act in UNTIMED else {"begin_s": proposal.begin_s}
+            fields.append({"kind": act, "agent": proposal.agent} | when | USUAL.get(act, {}) | own)
+            if act == "pace":
+                fields[0]["factor"] = round(1.0 + own["factor"], 3)
+            if act == "enter":
+                log = self.scenario.log
+                earliest = (self.scenario.history_steps + 1 - int(log.first_step[log.row(proposal.agent)])) * STEP_S
+                fields[0]["later_s"] = round(max(own["later_s"], earliest), 1)
         start = {name: value.get(f"start.{name}", 0.0) for name in ("faster", "left")}
         if any(start.values()):
             fields.append({"kind": "start", "agent": self.scenario.ego_id, **start})
-        if later := value.get("signals.later_s"):
-            fields.append({"kind": "signals", "later_s": later})
-        if later := value.get("delay.later_s"):
-            fields.append({"kind": "delay", "later_s": later})
+        for name in ("signals.later_s", "delay.later_s", "noise.sigma_m"):
+            if value.get(name):
+                kind, _, field = name.partition(".")
+                fields.append({"kind": kind, field: value[name]})
         return changes_of(fields)
 
     def scenario_file(self, proposal: Proposal, name: str) -> str:
@@ -249,11 +268,15 @@ def _agents(scenario: Scenario) -> dict[str, tuple[int, ...]]:
     beside = in_front & (np.abs(left) > BESIDE[0]) & (np.abs(left) < BESIDE[1])
     around = valid & (np.abs(ahead) < AHEAD_M)
     entering = valid & (log.first_step > scenario.history_steps)[:, None] & (np.hypot(dx, dy) < ENTER_M)
+    leading = in_front & (np.abs(left) < SAME_LANE)
     return {
-        "brake": _nearest(log.ids, in_front & (np.abs(left) < SAME_LANE), away),
+        "brake": _nearest(log.ids, leading, away),
         "cut_in": _nearest(log.ids, beside, away),
+        "cut_out": _nearest(log.ids, leading, away),
         "pace": _nearest(log.ids, around, away),
         "enter": _nearest(log.ids, entering, away),
+        "inattentive": _nearest(log.ids, around, away),
+        "hide": _nearest(log.ids, around & (ahead > 0.0), away),
     }
 
 

@@ -17,6 +17,7 @@ from litsim_sim.ros.messages import ego_to_message, received_agents
 from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.stage import StageNode, run_stages
 from litsim_sim.ros.topics import AGENTS, EGO_CONTROL
+from litsim_sim.scenario.perception import Perception
 from litsim_sim.scenario.scenario import Scenario
 
 
@@ -35,6 +36,7 @@ class EgoNode(StageNode):
             self.undeclare_parameter(DRIVER)  # not one of the driver's own, which a rerun reads from the record
         self._make = read_parameters(self, stage_reader(EGO, self.driver))
         self._ego: Ego
+        self._perception: Perception
 
     def configure(self, info: RunInfo, scenario: Scenario) -> None:
         """See :meth:`StageNode.configure`."""
@@ -42,11 +44,11 @@ class EgoNode(StageNode):
             raise InputError(
                 f"the run's ego is {info.ego}, but this node drives as {self.driver}: set driver:={info.ego}"
             )
-        self._ego = self._make(scenario)
+        self._ego, self._perception = self._make(scenario), Perception(scenario)
 
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""
-        return [self._ego.plan(inputs[AGENTS.name])]
+        return [self._ego.plan(self._perception.of(inputs[AGENTS.name]))]
 
 
 def main() -> None:

@@ -42,6 +42,7 @@ from litsim_sim.ros.topics import (
     TAKEOVERS,
     Topic,
 )
+from litsim_sim.scenario.perception import Perception
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan, versions
 from litsim_sim.scenario.scenario import Scenario
 
@@ -73,6 +74,7 @@ class Broadcast:
         self._clock = StepClock(self._show_time, self._are_ticks_heard, factor) if clock else None
         self._frames = FrameBroadcaster(node, self._geometry) if clock else None
         self._with_ticks = clock and plan.ego == EXTERNAL
+        self._perception = Perception(scenario)
         self._scene: list[tuple[Topic, Any]] = []
         self._table: AgentTable | None = None  # the last step shown
         self._unheard: set[Topic] = set()  # of IF_HEARD, those on which it has not been published
@@ -141,11 +143,11 @@ class Broadcast:
 
     def _show_heard(self, table: AgentTable) -> None:
         """Publish what of IF_HEARD has not been published of the last step, and is heard; of step 0 everything."""
-        scenario = self._plan.scenario
+        scenario, told = self._plan.scenario, self._perception.of(table)
         for topic in IF_HEARD:
             if topic in self._unheard and (table.step == 0 or self._publishers[topic].get_subscription_count()):
                 self._unheard.remove(topic)
-                self._scene.append(self._publish(topic, _standard(topic, table, scenario)))
+                self._scene.append(self._publish(topic, _standard(topic, told, scenario)))
 
     def _publish(self, topic: Topic, message: Any) -> tuple[Topic, Any]:
         self._publishers[topic].publish(message)

@@ -18,7 +18,7 @@ from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable, ControlTable, IntArr
 from litsim_sim.core.takeover import Takeover
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.scenario.changes import Act
+from litsim_sim.scenario.changes import Act, Hide, Noise
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
 from litsim_sim.scenario.scenario import Scenario
@@ -161,10 +161,14 @@ class BatchedScenario:
 
 
 def kind(scenario: Scenario) -> Hashable:
-    """Returns a key of all that stages query once for a batch; scenarios with equal keys can be batched."""
+    """Returns a key of all that stages query once for a batch; scenarios with equal keys can be batched.
+
+    One in which the ego is not told the truth cannot: batched egos share one table.
+    """
     vehicle = tuple(vars(scenario.vehicle).items())
     controlled = None if scenario.signals is None else scenario.signals.link_names
-    return scenario.net_path, scenario.history_steps, scenario.roi_m, controlled, vehicle
+    apart = id(scenario) if any(isinstance(change, Hide | Noise) for change in scenario.file.changes) else None
+    return scenario.net_path, scenario.history_steps, scenario.roi_m, controlled, vehicle, apart
 
 
 def _stacked(parts: Sequence[np.ndarray], steps: int) -> np.ndarray:

@@ -1,8 +1,9 @@
 """Changes of a scenario: what one wants to know of that was not recorded, such as an agent that brakes.
 
-An agent that brakes, cuts in, drives at another pace or enters at another time is an *actor*: the world drives it off
-its log for a time (:mod:`litsim_sim.world.actors`), while all others react as they always do. After that it is the
-policy's, which brings it back to its log; in pure replay it returns by itself.
+An agent that brakes, cuts in or out, drives at another pace or enters at another time is an *actor*: the world drives
+it off its log for a time (:mod:`litsim_sim.world.actors`), while all others react as they always do. After that it is
+the policy's, which brings it back to its log; in pure replay it returns by itself. What the ego is told of others may
+differ, too (:mod:`litsim_sim.scenario.perception`).
 """
 
 from __future__ import annotations
@@ -30,19 +31,28 @@ class _Change(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
-class Brake(_Change):
-    """An agent brakes on its logged path.
+class _Act(_Change):
+    """What an agent does for a time.
 
     Attributes:
         agent: its id.
         begin_s, duration_s: when, from step 0 on, and for how long [s].
+    """
+
+    kind: str
+    agent: int
+    begin_s: _Time
+    duration_s: _Duration
+
+
+class Brake(_Act):
+    """An agent brakes on its logged path.
+
+    Attributes:
         deceleration: how hard [m/s2].
     """
 
     kind: Literal["brake"]
-    agent: int
-    begin_s: _Time
-    duration_s: _Duration
     deceleration: Annotated[_Finite, Field(gt=0.0, le=8.0)]
 
     @property
@@ -52,19 +62,13 @@ class Brake(_Change):
         return f"{self.agent} brakes at {how} from {self.begin_s:.1f} s on"
 
 
-class CutIn(_Change):
+class CutIn(_Act):
     """An agent changes to the lane beside it on the ego's side, at the speed of its log.
 
-    Attributes:
-        agent: its id.
-        begin_s: when it begins, from step 0 on [s].
-        duration_s: of the lane change; the agent stays in the lane for as long again [s].
+    It stays in the lane for as long again as the lane change takes.
     """
 
     kind: Literal["cut_in"]
-    agent: int
-    begin_s: _Time
-    duration_s: _Duration
 
     @property
     def text(self) -> str:
@@ -72,19 +76,28 @@ class CutIn(_Change):
         return f"{self.agent} cuts in within {self.duration_s:.1f} s from {self.begin_s:.1f} s on"
 
 
-class Pace(_Change):
+class CutOut(_Act):
+    """An agent changes to the lane to its left, or where there is none to its right, at the speed of its log.
+
+    It stays in the lane for as long again as the lane change takes.
+    """
+
+    kind: Literal["cut_out"]
+
+    @property
+    def text(self) -> str:
+        """The change as a sentence."""
+        return f"{self.agent} cuts out within {self.duration_s:.1f} s from {self.begin_s:.1f} s on"
+
+
+class Pace(_Act):
     """An agent drives on its logged path at a multiple of the speed that it had there.
 
     Attributes:
-        agent: its id.
-        begin_s, duration_s: when, from step 0 on, and for how long [s].
         factor: of the logged speed.
     """
 
     kind: Literal["pace"]
-    agent: int
-    begin_s: _Time
-    duration_s: _Duration
     factor: Annotated[_Finite, Field(ge=0.0, le=3.0)]
 
     @property
@@ -92,6 +105,35 @@ class Pace(_Change):
         """The change as a sentence."""
         how = f"{self.factor:.2f} times its recorded speed"
         return f"{self.agent} drives at {how} for {self.duration_s:.1f} s from {self.begin_s:.1f} s on"
+
+
+class Hide(_Act):
+    """The ego is not told of an agent for a time: a drop-out, or an agent that is seen late."""
+
+    kind: Literal["hide"]
+
+    @property
+    def text(self) -> str:
+        """The change as a sentence."""
+        return f"the ego is not told of {self.agent} for {self.duration_s:.1f} s from {self.begin_s:.1f} s on"
+
+
+class Inattentive(_Change):
+    """The driver of an agent reacts later: while the policy drives it, its accelerations take effect later.
+
+    Attributes:
+        agent: its id.
+        later_s: how much, whole steps [s].
+    """
+
+    kind: Literal["inattentive"]
+    agent: int
+    later_s: Annotated[_Finite, Field(ge=0.0, le=5.0, multiple_of=STEP_S)]
+
+    @property
+    def text(self) -> str:
+        """The change as a sentence."""
+        return f"{self.agent} reacts {self.later_s:.1f} s later"
 
 
 class Enter(_Change):
@@ -166,9 +208,27 @@ class Delay(_Change):
         return f"the ego's commands take effect {self.later_s:.1f} s later"
 
 
-Change = Annotated[Brake | CutIn | Pace | Enter | Start | SignalsLater | Delay, Field(discriminator="kind")]
-Act = Brake | CutIn | Pace | Enter
+class Noise(_Change):
+    """The ego is told of other agents with errors of position, of which a new one is drawn in each step.
+
+    Attributes:
+        sigma_m: their standard deviation, along and across the map's axes [m].
+    """
+
+    kind: Literal["noise"]
+    sigma_m: Annotated[_Finite, Field(ge=0.0, le=20.0)]
+
+    @property
+    def text(self) -> str:
+        """The change as a sentence."""
+        return f"the ego is told positions with errors of {self.sigma_m:.2f} m"
+
+
+Act = Brake | CutIn | CutOut | Pace | Enter | Inattentive
 """Changes by which an agent is an actor."""
+OfAgent = Act | Hide | Start
+OfAll = SignalsLater | Delay | Noise
+Change = Annotated[OfAgent | OfAll, Field(discriminator="kind")]
 
 
 def changes_of(values: Sequence[Mapping[str, Any]]) -> list[Change]:

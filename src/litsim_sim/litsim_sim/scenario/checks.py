@@ -10,7 +10,7 @@ import numpy as np
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, BoolArray, Kind
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.scenario.changes import Delay, Enter, SignalsLater, Start
+from litsim_sim.scenario.changes import Enter, Inattentive, OfAll, Start
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario_file import ScenarioFile
 
@@ -75,7 +75,7 @@ def check_changes(file: ScenarioFile, log: Log, history_steps: int, where: str) 
         UnmetDemandError: one is not in the recording, is the ego or not as it has to be, or would begin in the history.
     """
     for number, change in enumerate(file.changes):
-        if isinstance(change, SignalsLater | Delay):
+        if isinstance(change, OfAll):
             continue
         row, fault = log.row(change.agent), ""
         if row < 0:
@@ -88,7 +88,7 @@ def check_changes(file: ScenarioFile, log: Log, history_steps: int, where: str) 
         elif isinstance(change, Enter):
             if log.first_step[row] <= history_steps:
                 fault = f"agent: {change.agent} is there in the history, expected one that enters later"
-        elif not isinstance(change, Start) and round(change.begin_s / STEP_S) < history_steps:
+        elif not isinstance(change, Start | Inattentive) and round(change.begin_s / STEP_S) < history_steps:
             fault = f"begin_s: {change.begin_s:g} s, expected at least the history of {file.history_s:g} s"
         if fault:
             raise UnmetDemandError(Demand.EGO, f"{where}: field changes.{number}.{fault}")

@@ -111,7 +111,7 @@ class Scenario:
         if isinstance(signals, SignalsFile):
             later = sum(change.later_s for change in file.changes if isinstance(change, SignalsLater))
             signals = on_clock(signals, -later) if later else signals
-            self.signals = build(signals, self.net_path, self.log, self.start_frame, where)
+            self.signals = build(signals, self.net_path, self.log, self.start_frame, where, as_recorded=not later)
             for sentence in green_conflicts(signals, self.signals, self.start_frame):
                 _warn(f"{where}: signals: {sentence}")
             if self.file.signals:  # signals of a recording may be known for a part of it only

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections import deque
+from dataclasses import replace
 
 import numpy as np
 
 from litsim_sim.core.geometry import arc_lengths, smooth_step, to_body
 from litsim_sim.core.scene import STEP_S, AgentTable, ControlTable, FloatArray
-from litsim_sim.scenario.changes import ENTRY_S, Act, Brake, CutIn, Enter, Pace
+from litsim_sim.scenario.changes import ENTRY_S, Brake, CutIn, CutOut, Enter, Inattentive, Pace
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.setting import Setting
 
@@ -23,12 +25,17 @@ class Actors:
 
     def __init__(self, scenario: Setting) -> None:
         self._scenario = scenario
-        self._actors = [_Actor(scenario, agent, act) for agent, act in scenario.actors]
+        self._actors = [
+            _Actor(scenario, agent, act) for agent, act in scenario.actors if not isinstance(act, Inattentive)
+        ]
+        self._late = [_Late(agent, act) for agent, act in scenario.actors if isinstance(act, Inattentive)]
 
     def overrule(self, table: AgentTable, controls: ControlTable) -> ControlTable:
         """Returns `controls` with those of the agents that act at the step of `table` replaced, or added."""
-        if not self._actors or table.step < self._scenario.history_steps:
+        if table.step < self._scenario.history_steps:
             return controls
+        for late in self._late:
+            controls = late.delayed(table, controls)
         commands: dict[int, tuple[float, float]] = {}
         for actor in self._actors:
             row = table.row(actor.agent) if actor.acts_at(table.step) else -1
@@ -44,22 +51,43 @@ class Actors:
         return ControlTable.merged(controls.take(~np.isin(controls.id, acting.id)), acting)
 
 
+class _Late:
+    """An agent whose driver reacts late."""
+
+    def __init__(self, agent: int, act: Inattentive) -> None:
+        self._agent, self._steps = agent, round(act.later_s / STEP_S)
+        self._coming: deque[float] = deque()  # accelerations that have not taken effect yet [m/s2]
+
+    def delayed(self, table: AgentTable, controls: ControlTable) -> ControlTable:
+        """Returns `controls` with the acceleration of the agent from some steps ago; at first, what it has anyway."""
+        (at,) = (controls.id == self._agent).nonzero()
+        if not len(at):
+            self._coming.clear()  # it is on its log
+            return controls
+        if not self._coming:
+            self._coming.extend([float(table.acceleration[table.row(self._agent)])] * self._steps)
+        acceleration = controls.acceleration.copy()
+        self._coming.append(float(acceleration[at[0]]))
+        acceleration[at[0]] = self._coming.popleft()
+        return replace(controls, acceleration=acceleration)
+
+
 class _Actor:
     """One agent and what it does."""
 
-    def __init__(self, scenario: Setting, agent: int, act: Act) -> None:
+    def __init__(self, scenario: Setting, agent: int, act: Brake | CutIn | CutOut | Pace | Enter) -> None:
         log: Log = scenario.log
         self.agent, self._act, self._scenario = agent, act, scenario
         self._row = row = log.row(agent)
         begin, duration = int(log.first_step[row]) + 1, ENTRY_S
         if not isinstance(act, Enter):
             begin = round(act.begin_s / STEP_S)
-            duration = act.duration_s * (2.0 if isinstance(act, CutIn) else 1.0)
+            duration = act.duration_s * (2.0 if isinstance(act, CutIn | CutOut) else 1.0)
         self._begin, self._end = begin, begin + round(duration / STEP_S)
         valid = log.valid[row]
         self._logged = np.column_stack([log.x[row, valid], log.y[row, valid]])
         self._logged_speed = log.speed[row, valid]
-        self._path: FloatArray | None = None if isinstance(act, CutIn) else self._logged
+        self._path: FloatArray | None = None if isinstance(act, CutIn | CutOut) else self._logged
 
     def acts_at(self, step: int) -> bool:
         """Returns whether it acts at `step`."""
@@ -78,7 +106,7 @@ class _Actor:
         yaw_rate = 2.0 * speed * math.sin(math.atan2(target[1] - y, target[0] - x) - yaw) / max(away, 1.0)
         if isinstance(self._act, Brake):
             return -self._act.deceleration, yaw_rate
-        if isinstance(self._act, CutIn):  # by the time: it keeps up with the lane that it comes from
+        if isinstance(self._act, CutIn | CutOut):  # by the time: it keeps up with the lane that it comes from
             at = min(max(table.step - int(self._scenario.log.first_step[self._row]), 0), len(self._logged_speed) - 1)
             wanted = float(self._logged_speed[at])
         else:
@@ -86,21 +114,24 @@ class _Actor:
         return min(max(SPEED_GAIN * (wanted - speed), -DECELERATION_MAX), ACCELERATION_MAX), yaw_rate
 
     def _lane_change(self, table: AgentTable, row: int) -> FloatArray | None:
-        """Returns the path (m, 2) onto the lane beside that of the agent in `row`, on the ego's side; None without."""
-        assert isinstance(self._act, CutIn)
+        """Returns the path (m, 2) of the agent in `row` onto the lane beside its own; None without one."""
+        assert isinstance(self._act, CutIn | CutOut)
         lane_map = self._scenario.lane_map
         pose = table.x[row], table.y[row], table.yaw[row]
-        egos = (table.of_ego & (table.scene == table.scene[row])).nonzero()[0]
-        if not len(egos):
-            return None
         at = lane_map.nearest(*(np.array([value]) for value in pose))
         here, heading = lane_map.lanes[int(at.lane[0])], float(at.heading[0])
-        _, left = to_body(table.x[egos] - pose[0], table.y[egos] - pose[1], np.array(heading))
-        name = here.left if left[0] > 0.0 else here.right
+        to_left = here.left is not None
+        if isinstance(self._act, CutIn):
+            egos = (table.of_ego & (table.scene == table.scene[row])).nonzero()[0]
+            if not len(egos):
+                return None
+            _, left = to_body(table.x[egos] - pose[0], table.y[egos] - pose[1], np.array(heading))
+            to_left = bool(left[0] > 0.0)
+        name = here.left if to_left else here.right
         if name is None:
             return None
         beside = lane_map.lanes[lane_map.row(name)]
-        offset = 0.5 * (here.width + beside.width) * (1.0 if left[0] > 0.0 else -1.0)
+        offset = 0.5 * (here.width + beside.width) * (1.0 if to_left else -1.0)
         centre = lane_map.path_from(lane_map.row(name), float(at.s[0]) * beside.length / here.length, CHANGE_LENGTH)
         along = arc_lengths(centre)
         marks = np.arange(0.0, along[-1], 1.0)
