@@ -26,7 +26,7 @@ from typing import Any
 from planted_egos import PlantedConfig, PlantedEgo
 
 from litsim_eval.analysis.metrics import compute_metrics
-from litsim_eval.campaign.case import cases_of
+from litsim_eval.campaign.case import Case, cases_of
 from litsim_eval.campaign.criteria import SAFETY, Criteria
 from litsim_eval.campaign.results import RunResult
 from litsim_eval.campaign.suite import Suite
@@ -56,21 +56,13 @@ NEAR = 1.25
 class Road:
     """A case with its space, and what became of the runs in it, by weakness and content of the scenario."""
 
-    def __init__(self, case: str, changes: Sequence[str], out: Path) -> None:
-        name, ego = case.split("/")
-        entry = {"scenario": f"small/{name}.yaml", "ego_id": int(ego)}
-        suite = Suite.load("small")
-        one = Suite.model_validate({"name": "one", "cases": [entry], "egos": ["idm"], "policies": ["replay"]})
-        place = next(each.scenario for each in suite.cases if str(each.scenario).endswith(f"{name}.yaml"))
-        (self._case,) = cases_of(
-            one.model_copy(update={"cases": [one.cases[0].model_copy(update={"scenario": place})]})
-        )
-        self._plan = plan_of(self._case)
+    def __init__(self, case: Case, changes: Sequence[str], out: Path) -> None:
+        self._case, self._plan = case, plan_of(case)
         self.space = Space.of(self._plan.scenario, People.load(), changes)
         file = self._plan.scenario.file
         self._sources = Sources(load_recording(Path(file.recording), file.crop), self._plan.scenario.lane_map)
         self._changed = out / "changed.yaml"
-        self._store = out / f"{case.replace('/', '_')}.jsonl"
+        self._store = out / f"{'_'.join(case.name.split('/')[:2])}.jsonl"
         lines = self._store.read_text().splitlines() if self._store.is_file() else []
         self._outcomes: dict[str, list[Any]] = dict(map(json.loads, lines))
         self._criteria = Criteria.load(SAFETY)
@@ -153,7 +145,9 @@ def main() -> None:
     arguments = parser.parse_args()
     budget = arguments.runs
     arguments.out.mkdir(parents=True, exist_ok=True)
-    roads = {case: Road(case, changes, arguments.out) for case, _, changes in PLANTED}
+    suite = Suite.load("small").model_copy(update={"policies": ["replay"]})
+    cases = {"/".join(case.name.split("/")[:2]): case for case in cases_of(suite)}
+    roads = {case: Road(cases[case], changes, arguments.out) for case, _, changes in PLANTED}
     everything: dict[tuple[str, str], list[Searched]] = {}
     for seed in range(arguments.seeds):
         for (case, weakness, _), sampler in product(PLANTED, SAMPLERS):

@@ -12,8 +12,12 @@ import pytest
 import yaml
 from junitparser import JUnitXml
 
+from litsim_eval.campaign.case import cases_of, code_versions
+from litsim_eval.campaign.suite import Suite
 from litsim_eval.cli import compare, evaluate, search
 from litsim_eval.search.margins import Margins, compare_margins
+from litsim_eval.search.people import People
+from litsim_eval.search.search import Search, Settings
 from litsim_sim.core.errors import InputError
 
 pytest.importorskip("optuna", reason="Optuna is not installed (requirements/search.txt)")
@@ -139,6 +143,20 @@ def test_without_optuna(suite: Path, tmp_path: Path, monkeypatch, capsys) -> Non
     monkeypatch.setattr("litsim_eval.search.search.find_spec", lambda _: None)
     assert called(search, "--suite", suite, "--out", tmp_path / "out") == 2
     assert "Optuna is not installed: .venv/bin/pip install -r requirements/search.txt" in capsys.readouterr().err
+
+
+def test_an_external_stack_is_screened_by_idm(suite: Path, tmp_path: Path) -> None:
+    ego = {"name": "mine", "kind": "external", "command": ["true"]}
+    path = tmp_path / "external.yaml"
+    path.write_text(yaml.safe_dump(yaml.safe_load(suite.read_text()) | {"egos": [ego]}))
+    external, versions = Suite.load(path), code_versions()
+    settings = Settings(12, "tpe", 0, (), None, processes=2, time_limit_s=60.0, graph=False)
+    cases = cases_of(external, with_versions=versions)
+    making = Search(external, cases, versions, People.load(), settings, tmp_path / "out")
+    assert making.screen is not None and making.screen.screen is None and making.runs == 24
+    making.screen.run()
+    assert [case.ego.kind for case in making.screen.all[0].cases.values()] == ["idm"] * 12
+    assert len(making.screened(0)) == 3
 
 
 def test_only_named_changes_vary(suite: Path, tmp_path: Path) -> None:

@@ -26,9 +26,10 @@ BATCH = 8
 GROUPS_MAX = 10
 """Most groups of failures that are shrunk and shown."""
 SHARE_SHRINKING, SHARE_DRAWN = 0.3, 0.2
-"""Shares of the budget: for shrinking, and for plain draws from the declared distribution, which give the rate."""
+"""Shares of the budget: the last, in which shrinking comes first, and that of plain draws from the declared
+distribution, which give the rate."""
 SHARE_AT_ONCE = 0.4
-"""Share of the runs up to which the nearest failures of groups are shrunk as soon as they are found."""
+"""Share of the runs so far up to which failures are shrunk as soon as they are found."""
 SHRUNK_BY = (0.5, 0.75, 0.9)
 """Factors that are tried of all distances together; of single ones, the first."""
 LATER_S = 0.5  # [s] by which shrinking moves when an agent acts
@@ -125,7 +126,14 @@ def explore(
     drawn, draws = 0 if plain else round(SHARE_DRAWN * runs), 0  # how many are to be drawn, and how many are
     budget = runs if plain else round((1.0 - SHARE_SHRINKING) * runs)
     shrunk: set[int] = set()
-    while len(tried) < (budget if exploration.failures else runs) and not expired():
+    while len(tried) < runs and not expired():
+        waiting = [] if plain else [each for each in exploration.failures if each.number not in shrunk]
+        shrinking = sum(each.how == "shrunk" for each in tried)
+        late = len(tried) >= budget
+        limit = runs if late else budget - (drawn - draws)  # with room for what is to be drawn
+        if waiting and len(tried) < limit and (late or shrinking <= SHARE_AT_ONCE * len(tried)):
+            yield from _shrink(exploration, waiting[0], limit, expired, shrunk)
+            continue
         size = min(BATCH, runs - len(tried))
         first, screened = screened[:size], screened[size:]
         for proposal in first:
@@ -145,15 +153,6 @@ def explore(
         nearest = {each.number for each in exploration.failures}
         for trial, outcome in zip(trials, outcomes, strict=True):
             study.tell(trial, _value(outcome, nearest))
-        for failure in exploration.failures if not plain else ():
-            shrinking = sum(each.how == "shrunk" for each in tried)
-            if failure.number not in shrunk and shrinking <= SHARE_AT_ONCE * len(tried):
-                yield from _shrink(exploration, failure, runs, expired, shrunk)
-    while len(tried) < runs and not expired():
-        waiting = [each for each in exploration.failures if each.number not in shrunk]
-        if not waiting:
-            return
-        yield from _shrink(exploration, waiting[0], runs, expired, shrunk)
 
 
 def promising(exploration: Exploration, count: int) -> list[Proposal]:

@@ -43,7 +43,9 @@ from litsim_eval.search.margins import (
 from litsim_eval.search.people import People
 from litsim_eval.search.space import DISTANCE_MAX, Proposal, Space
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.stages import POLICY_STAGES
 from litsim_sim.io.files import make_folder, replacing
+from litsim_sim.kernels.compiled import load_kernels
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import EXTERNAL
 from litsim_sim.scenario.scenario import Scenario
@@ -100,7 +102,12 @@ class _One:
 
 
 class Search:
-    """A search in the scenarios of a suite with one ego and one policy."""
+    """A search in the scenarios of a suite with one ego and one policy.
+
+    Attributes:
+        all: the search in each case.
+        screen: the search with a stand-in that is made before that of an external stack; None for LitSim's own egos.
+    """
 
     def __init__(
         self,
@@ -130,12 +137,12 @@ class Search:
         self._folder = CampaignFolder(out / RUNS)
         self._begin = time.monotonic()
         self.all = [_One(case, Exploration(self._space(case))) for case in cases]
-        self._screen = self._stand_in() if cases[0].ego.kind == EXTERNAL else None
+        self.screen = self._stand_in() if cases[0].ego.kind == EXTERNAL else None
 
     @property
     def runs(self) -> int:
         """Budget of all scenarios together."""
-        return self._settings.runs * len(self.all) + (0 if self._screen is None else self._screen.runs)
+        return self._settings.runs * len(self.all) + (0 if self.screen is None else self.screen.runs)
 
     def run(self, progress: Callable[[int], object] = lambda _: None) -> Margins:
         """Makes all runs, or those that are missing, writes everything, and returns the margins.
@@ -149,14 +156,16 @@ class Search:
         make_folder(self._out)
         with self._folder.alone():
             self._check_folder()
-            if self._screen is not None:
-                self._screen.run(progress)
+            if self.screen is not None:
+                self.screen.run(progress)
             self._explore(progress)
             return self._conclude()
 
     def _stand_in(self) -> Search:
         """Returns a search in process, with an ego that costs little in place of the stack."""
-        suite = self._suite.model_copy(update={"egos": [EgoSetup(name=STAND_IN, kind=STAND_IN)]})
+        of_policy = {name: v for name, v in self._suite.parameters.items() if name.split(".")[0] in POLICY_STAGES}
+        ego = EgoSetup(name=STAND_IN, kind=STAND_IN)
+        suite = self._suite.model_copy(update={"egos": [ego], "parameters": of_policy})
         settings = replace(self._settings, runs=min(SCREEN_RUNS, self._settings.runs), graph=False)
         if settings.minutes is not None:
             settings = replace(settings, minutes=SCREENED * settings.minutes)
@@ -178,6 +187,7 @@ class Search:
 
     def _explore(self, progress: Callable[[int], object]) -> None:
         settings = self._settings
+        load_kernels()  # once, and not in the processes of each batch, which are forks of this one
         deadline = None if settings.minutes is None else self._begin + 60.0 * settings.minutes
         running = {
             k: explore(
@@ -185,7 +195,7 @@ class Search:
                 settings.runs,
                 settings.sampler,
                 settings.seed,
-                [] if self._screen is None else self._screened(k),
+                [] if self.screen is None else self.screened(k),
                 lambda: deadline is not None and time.monotonic() > deadline,
             )
             for k, one in enumerate(self.all)
@@ -200,10 +210,10 @@ class Search:
                 except StopIteration:
                     del running[k]
 
-    def _screened(self, k: int) -> list[Proposal]:
+    def screened(self, k: int) -> list[Proposal]:
         """Returns with what the stand-in failed, or nearly, in a case."""
-        assert self._screen is not None
-        return promising(self._screen.all[k].exploration, round(SCREENED * self._settings.runs))
+        assert self.screen is not None
+        return promising(self.screen.all[k].exploration, round(SCREENED * self._settings.runs))
 
     def _evaluate(self, asked: Mapping[int, Asked], progress: Callable[[int], object]) -> dict[int, list[Tried]]:
         """Returns what became of proposals, by number of the case; those that were run before are not run again."""
