@@ -30,7 +30,7 @@ def write_margins_page(margins: Mapping[str, Any], tried: Sequence[Sequence[Mapp
     bound = float(margins["bound"])
     scenarios = [
         each
-        | {"text": _margin(each["margin"], bound), "share": _share(each["margin"], bound), "rate_text": _rate(each)}
+        | {"text": _margin(each, bound), "share": _share(each["margin"], bound), "rate_text": _rate(each)}
         | {"map": _map(rows, bound)}
         for each, rows in zip(margins["scenarios"], tried, strict=True)
     ]
@@ -48,11 +48,12 @@ def write_margins_page(margins: Mapping[str, Any], tried: Sequence[Sequence[Mapp
         new.write_text(page, encoding="utf-8")
 
 
-def _margin(margin: float | None, bound: float) -> str:
-    """Returns a margin as text."""
+def _margin(scenario: Mapping[str, Any], bound: float) -> str:
+    """Returns the margin of a scenario as text."""
+    margin = scenario["margin"]
     if margin is None:
         return f"none found up to {bound:g}"
-    return "fails as recorded" if margin == 0.0 else f"{margin:.2f}"
+    return "fails as recorded" if scenario["recorded"] else f"{margin:.2f}"
 
 
 def _share(margin: float | None, bound: float) -> float:

@@ -186,7 +186,7 @@ def write_junit(margins: Margins, at_least: float, path: Path) -> None:
 
 def is_short(margin: Margin, at_least: float) -> bool:
     """Returns whether a scenario fails as recorded, or has a margin below `at_least`."""
-    return margin.margin is not None and (margin.margin == 0.0 or margin.margin < at_least)
+    return margin.margin is not None and (bool(margin.recorded) or margin.margin < at_least)
 
 
 def told(failure: CriticalChange) -> list[str]:
