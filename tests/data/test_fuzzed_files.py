@@ -97,7 +97,7 @@ def loaded(path: Path) -> Recording | None:
 
 
 @pytest.mark.parametrize("which", [0, 1], ids=["text", "portal"])
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(data=st.data())
 def test_spoilt_ngsim_files_are_refused_or_sound(
     texts: list[str], tmp_path_factory: pytest.TempPathFactory, which: int, data: Any
@@ -155,7 +155,7 @@ def recording_of(rows: int) -> Recording:
     return Recording.from_table(RecordingHeader("made"), pd.concat(cars, ignore_index=True)[list(COLUMNS)], "made")
 
 
-@settings(max_examples=200)
+@settings(max_examples=80)
 @given(data=st.data())
 def test_spoilt_parquet_is_refused_or_sound(tmp_path_factory: pytest.TempPathFactory, data: Any) -> None:
     path = tmp_path_factory.getbasetemp() / "spoilt.parquet"

@@ -275,23 +275,20 @@ def test_plot_shows_the_signals_that_are_named_instead_of_the_recordings_own(
     assert "signals need a net: name it with --net" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("lanes", "name", "said"), [(12, "many.png", []), (14, "many.html", ["the 12 busiest of 14 lanes"])]
-)
-def test_plot_says_which_lanes_it_leaves_out(
-    tmp_path: Path, track: type, monkeypatch: pytest.MonkeyPatch, lanes: int, name: str, said: list[str]
-) -> None:
+def test_plot_says_which_lanes_it_leaves_out(tmp_path: Path, track: type, monkeypatch: pytest.MonkeyPatch) -> None:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from litsim_data.pictures.recording_plots import draw
     from litsim_sim.scenario.recording import RecordingHeader
 
     titles: list[str] = []
     monkeypatch.setattr(Axes, "set_title", lambda _, title, **__: titles.append(title))
-    rows = pd.concat([track(id=k, x=0.0, last=10 + k).rows().assign(lane=k) for k in range(1, lanes + 1)])
+    rows = pd.concat([track(id=k, x=0.0, last=10 + k).rows().assign(lane=k) for k in range(1, 15)])
     recording = Recording.from_table(RecordingHeader("many"), rows, "many")
-    draw(recording, tmp_path / name, "")
-    assert [title for title in titles if "busiest" in title] == said
+    monkeypatch.setattr(Figure, "savefig", lambda *_, **__: None)  # drawing takes longer than all else
+    draw(recording, tmp_path / "many.html", "")
+    assert [title for title in titles if "busiest" in title] == ["the 12 busiest of 14 lanes"]
     assert sum(title.startswith("lane ") for title in titles) == 12
 
 
