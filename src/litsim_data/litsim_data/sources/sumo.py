@@ -11,7 +11,6 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from litsim_data.generic.loaded_table import LoadedTable
-from litsim_data.sources.beside import the_map
 from litsim_data.sources.source import Scene, Source
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.input_files import open_input, read_head
@@ -69,7 +68,13 @@ class SumoTrajectories(Source):
 
 def _net(path: Path, lanes: Path | None) -> Path:
     """Returns the net that is named, or the only one beside the trajectories."""
-    return lanes or the_map(path, ("*.net.xml", "*.net.xml.gz"), "the SUMO net")
+    if lanes:
+        return lanes
+    files = sorted({file for pattern in ("*.net.xml", "*.net.xml.gz") for file in path.parent.glob(pattern)})
+    if len(files) != 1:
+        held = f"holds {', '.join(file.name for file in files[:5])}" if files else "holds none"
+        raise InputError(f"{path}: the SUMO net: {path.parent} {held}: name it by --map")
+    return files[0]
 
 
 def vehicle_types(folder: Path) -> dict[str, tuple[str, float, float]]:
