@@ -44,7 +44,7 @@ def assert_sound(table: Any) -> None:
     assert all(np.isfinite(each).all() for each in columns)
 
 
-@settings(max_examples=500)
+@settings(max_examples=150)
 @given(damaged(agents()))
 def test_agents_are_sound_or_refused(message: AgentStates) -> None:
     table = taken(messages.received_agents, message, InputError, "/litsim/agents: ")
@@ -52,7 +52,7 @@ def test_agents_are_sound_or_refused(message: AgentStates) -> None:
         assert_sound(table)
 
 
-@settings(max_examples=500)
+@settings(max_examples=150)
 @given(damaged(controls()))
 def test_controls_are_sound_or_refused(message: Controls) -> None:
     table = taken(checked_controls, message, ValueError)
@@ -89,7 +89,7 @@ def test_odd_messages_are_drawn() -> None:
     """Else the properties above would be of little."""
     found = {"refused": 0, "sound": 0}
 
-    @settings(max_examples=300, database=None)
+    @settings(max_examples=200, database=None)
     @given(damaged(agents()), st.none())
     def count(message: AgentStates, _: None) -> None:
         sound = taken(messages.received_agents, message, InputError) is not None
