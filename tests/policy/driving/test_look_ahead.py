@@ -83,8 +83,8 @@ def test_agents_go_where_their_commands_lead(crowd) -> None:
 
 def test_the_first_touch_is_that_of_each_pair_and_instant(crowd) -> None:
     table, rows, commands = crowd
-    poses = rolled_out(table, rows, commands, INSTANTS + 3)
-    found = first_touch(table, rows, poses, INSTANTS, MARGIN)
+    poses = rolled_out(table, rows, commands, INSTANTS)
+    found = first_touch(table, rows, poses, MARGIN)
     expected = [[touch(table, row, poses[:, i, c]) for c in range(4)] for i, row in enumerate(rows.tolist())]
     assert found == pytest.approx(np.array(expected))
     assert np.isfinite(found).any()
@@ -96,18 +96,18 @@ def test_who_is_nearer_than_the_margin_still_counts(agent_table, gap: float, exp
     table = agent_table(0, {"id": 1, "x": 0.0, "speed": 0.2}, {"id": 2, "x": 4.5 + gap, "speed": 0.0})
     rows = np.array([0])
     poses = rolled_out(table, rows, np.zeros((1, 1, 2)), 15)
-    assert first_touch(table, rows, poses, 15, 0.15)[0, 0] == pytest.approx(expected)
+    assert first_touch(table, rows, poses, 0.15)[0, 0] == pytest.approx(expected)
 
 
 def test_commands_do_not_change_each_other(crowd) -> None:
     table, rows, commands = crowd
     poses = rolled_out(table, rows, commands, INSTANTS)
-    together = first_touch(table, rows, poses, INSTANTS, MARGIN)
+    together = first_touch(table, rows, poses, MARGIN)
     for i in range(len(rows)):
         for c in range(commands.shape[1]):
             alone = rolled_out(table, rows[i : i + 1], commands[i : i + 1, c : c + 1], INSTANTS)
             assert (alone[:, 0, 0] == poses[:, i, c]).all()
-            assert first_touch(table, rows[i : i + 1], alone, INSTANTS, MARGIN)[0, 0] == together[i, c]
+            assert first_touch(table, rows[i : i + 1], alone, MARGIN)[0, 0] == together[i, c]
 
 
 def test_looking_ahead_takes_a_step_at_least() -> None:

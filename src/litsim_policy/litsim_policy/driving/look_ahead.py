@@ -20,7 +20,6 @@ from litsim_sim.kernels.compiled import (
     INTS,
     OUT_FLOATS2,
     float64,
-    int64,
     kernel,
     read_array,
     written_array,
@@ -57,7 +56,7 @@ def _turned(instants: int) -> FloatArray:
     return np.asarray(1.0 - np.exp(-STEP_S * np.arange(1, instants + 1, dtype=np.float64) / SETTLE))
 
 
-def first_touch(table: AgentTable, rows: IntArray, poses: FloatArray, instants: int, margin: float) -> FloatArray:
+def first_touch(table: AgentTable, rows: IntArray, poses: FloatArray, margin: float) -> FloatArray:
     """Times at which agents' boxes first touch another's; existing contacts and followers do not count.
 
     The margin is left out for boxes that are already nearer than that.
@@ -66,13 +65,12 @@ def first_touch(table: AgentTable, rows: IntArray, poses: FloatArray, instants: 
         table: all agents; those not in `rows` drive straight on, and keep braking if they brake.
         rows: (m,) of the agents.
         poses: (3, m, c, T) x, y [m] and yaw [rad] of the agents at T instants of 0.1 s, under c commands each.
-        instants: number of the first ones that count.
         margin: kept around other boxes [m].
 
     Returns:
         (m, c) times [s], infinite where none is touched.
     """
-    return _first_touch(sorted_by_place(table, rows), table.arrays, rows, poses, instants, margin)
+    return _first_touch(sorted_by_place(table, rows), table.arrays, rows, poses, margin)
 
 
 @kernel(written_array(float64, 4)(AGENTS, INTS, FLOATS3, FLOATS))
@@ -95,14 +93,12 @@ def _rolled_out(agents: AgentArrays, rows: IntArray, commands: FloatArray, turne
     return poses
 
 
-@kernel(OUT_FLOATS2(SORTED, AGENTS, INTS, POSES, int64, float64))
-def _first_touch(
-    by_place: Sorted, agents: AgentArrays, rows: IntArray, poses: FloatArray, instants: int, margin: float
-) -> FloatArray:
+@kernel(OUT_FLOATS2(SORTED, AGENTS, INTS, POSES, float64))
+def _first_touch(by_place: Sorted, agents: AgentArrays, rows: IntArray, poses: FloatArray, margin: float) -> FloatArray:
     """See :func:`first_touch`; `by_place` are the agents sorted for those in `rows`."""
     x, y, yaw, speed = agents.x, agents.y, agents.yaw, agents.speed
     length, width = agents.length, agents.width
-    commands = poses.shape[2]
+    commands, instants = poses.shape[2], poses.shape[3]
     touch, horizon = np.full((len(rows), commands), np.inf), STEP_S * instants
     farthest = 0.0  # that others come
     for j in range(len(x)):

@@ -16,14 +16,9 @@ from rclpy.node import Node
 
 from litsim_sim.core.errors import InputError, not_installed, reason
 from litsim_sim.launch.nodes import find_executable
-from litsim_sim.nodes.simulation_services import result_of, service_name, world_of
+from litsim_sim.nodes.simulation_services import msg, result_of, service_name, srv, world_of
 from litsim_sim.ros.process import executor_of, process, serve
 from litsim_sim.scenario.scenario import Scenario
-
-try:
-    from simulation_interfaces import msg, srv
-except ImportError:
-    msg = srv = None
 
 NAME = "litsim_server"
 LOOK_S = 0.05  # [s] between two looks at what a launch does

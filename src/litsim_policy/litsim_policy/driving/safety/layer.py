@@ -91,4 +91,4 @@ class SafetyLayer:
     def _first_touch(self, table: AgentTable, rows: IntArray, commands: FloatArray) -> FloatArray:
         """Returns times (m, c) [s] of the first touch under commands (m, c, 2) of the agents in `rows` (m,)."""
         instants = steps_of(self.config.horizon)
-        return first_touch(table, rows, rolled_out(table, rows, commands, instants), instants, self.config.margin)
+        return first_touch(table, rows, rolled_out(table, rows, commands, instants), self.config.margin)
