@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from litsim_data.surrogates.safety import following, times_to_collision
+from litsim_sim.core import steps as module
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import overlapping_pairs
 from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable
-from litsim_sim.core.steps import BLOCK, Steps, StepsBuilder
+from litsim_sim.core.steps import Steps, StepsBuilder, StoredSteps
 
 Crowd = Callable[[int], list[AgentTable]]
 
@@ -128,30 +130,85 @@ def test_a_stack_can_be_taken_from_but_has_no_row_for_an_agent(crowd: Crowd) -> 
         stacked.rows(np.array([3]))
 
 
-def test_collected_tables_are_the_same_steps(crowd: Crowd) -> None:
-    tables = crowd(BLOCK + 9)
-    for order in (tables, tables[::-1], [*tables[3:], *tables[:3]]):
-        builder = StepsBuilder()
-        for table in [*order, *crowd(4)[:2]]:  # of two for one step, the first counts
-            builder.add(table)
-        steps, expected = builder.steps(), Steps(tables)
-        assert np.array_equal(steps.step, expected.step) and np.array_equal(steps.begin, expected.begin)
-        for field in (*ARRAY_FIELDS, "scene"):
-            assert np.array_equal(getattr(steps.stacked, field), getattr(expected.stacked, field))
+def equal(steps: Steps, expected: Steps) -> bool:
+    """Returns whether both have the same steps and rows."""
+    fields = (*ARRAY_FIELDS, "scene")
+    same = np.array_equal(steps.step, expected.step) and np.array_equal(steps.begin, expected.begin)
+    return same and all(np.array_equal(getattr(steps.stacked, f), getattr(expected.stacked, f)) for f in fields)
 
 
-def test_collecting_tables_takes_little_more_memory_than_their_rows() -> None:
-    """Held one by one and stacked at the end, they take more than twice as much."""
-    columns = [np.zeros(100, DTYPES[field]) for field in ARRAY_FIELDS]
-    steps, bytes_of_step = 10 * BLOCK, sum(column.nbytes for column in columns) + 8 * 100  # with the scene
-    tracemalloc.start()
+@pytest.fixture(params=[10, 100_000], ids=["stored", "in memory"])
+def rows_max(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
+    monkeypatch.setattr(module, "BLOCK_ROWS", request.param)
+    return int(request.param)
+
+
+def collected(tables: list[AgentTable]) -> Steps:
     builder = StepsBuilder()
-    for step in range(steps):
+    for table in tables:
+        builder.add(table)
+    return builder.steps()
+
+
+def test_collected_tables_are_the_same_steps(crowd: Crowd, rows_max: int) -> None:
+    tables = crowd(9)
+    for order in (tables, tables[::-1], [*tables[3:], *tables[:3]]):
+        steps = collected([*order, *crowd(4)[:2]])  # of two for one step, the first counts
+        assert isinstance(steps, StoredSteps) == (rows_max == 10) and equal(steps, Steps(tables))
+        assert [table.id.tolist() for table in steps] == [table.id.tolist() for table in tables]
+        assert steps[-1].x.tolist() == tables[-1].x.tolist() and len(steps[2:5]) == 3
+        later = steps.after(8)
+        assert equal(later, Steps(tables[4:])) and equal(later.after(9), Steps(tables[5:]))
+        assert later.ids.tolist() == Steps(tables[4:]).ids.tolist()
+
+
+def test_blocks_are_parts_of_the_steps(crowd: Crowd, rows_max: int) -> None:
+    tables = crowd(9)
+    for steps in (collected(tables), Steps(tables)):
+        blocks = [*steps.blocks()]
+        assert [k for begin, end in blocks for k in range(begin, end)] == [*range(9)]
+        for begin, end in blocks:
+            assert equal(steps.part(begin, end), Steps(tables[begin:end]))
+            assert len(steps.part(begin, end).stacked) <= rows_max or end - begin == 1
+        assert equal(steps.part(7, 12), Steps(tables[7:])) and not len(steps.part(20, 30))
+    assert (len(blocks) > 1) == (rows_max == 10)
+    assert steps.part(0, 9) is steps, "with what is kept of it"
+
+
+def test_a_few_agents_are_taken_out_of_all_steps(crowd: Crowd, rows_max: int) -> None:
+    tables = crowd(9)
+    asked = [33, 3, 4]
+    expected = Steps([table.take(np.isin(table.id, asked)) for table in tables])
+    for steps in (collected(tables), Steps(tables)):
+        assert equal(steps.only(asked), expected)
+        groups = [*steps.groups(asked)]
+        assert [agent for group, _ in groups for agent in group] == sorted(asked)
+        assert all(equal(own, steps.only(group)) for group, own in groups)
+    assert (len(groups) > 1) == (rows_max == 10)
+    assert not [*Steps([]).groups([])] and not len(Steps([]).only([1]))
+
+
+def test_stored_steps_take_the_memory_of_a_block(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "BLOCK_ROWS", 2000)
+    columns = [np.zeros(100, DTYPES[field]) for field in ARRAY_FIELDS]
+    tracemalloc.start()
+    steps = collected([])  # numpy's own, once
+    tracemalloc.reset_peak()
+    builder = StepsBuilder()
+    for step in range(1000):
         builder.add(AgentTable(step, *(column.copy() for column in columns)))
-    builder.steps()
+    steps = builder.steps()
+    assert sum(float(steps.part(begin, end).stacked.x.sum()) for begin, end in steps.blocks()) == 0.0
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert peak < 1.6 * steps * bytes_of_step
+    assert len(steps) == 1000 and peak < 0.2 * 100_000 * module.ROW.itemsize
+
+
+def test_a_full_disk_is_told(monkeypatch: pytest.MonkeyPatch, crowd: Crowd) -> None:
+    builder = StepsBuilder()
+    monkeypatch.setattr(builder, "_file", open("/dev/full", "wb", buffering=0))  # noqa: PTH123, SIM115
+    with pytest.raises(InputError, match="cannot hold the data of a run: No space left on device"):
+        builder.add(crowd(1)[0])
 
 
 def test_tracks_of_later_steps_are_those_of_all(crowd: Crowd) -> None:

@@ -40,19 +40,23 @@ def test_a_step_holds_whom_the_log_has_on_the_road_then(log: Log, step: int, lag
         assert getattr(table, field).tolist() == [getattr(log, field)[k, step - lag[k]] for k in there]
 
 
-@given(st.integers(0, 2**32), st.booleans())
-def test_logged_steps_are_the_tables_of_the_log(seed: int, with_gaps: bool) -> None:
+@given(st.integers(0, 2**32), st.booleans(), st.integers(1, 6))
+def test_logged_steps_are_the_tables_of_the_log(seed: int, with_gaps: bool, parts: int) -> None:
     random = np.random.default_rng(seed)
     first = random.integers(0, 15, 6)
     tracks = [np.arange(begin, begin + random.integers(1, 12)) for begin in first]
     frame, agent = np.concatenate(tracks), np.repeat(np.arange(6), list(map(len, tracks)))
     columns = {name: random.normal(size=len(frame)).astype(dtype) for name, dtype in COLUMNS.items()}
     columns |= {"frame": frame + 100, "vehicle_id": agent * 7 + 1, "yaw": random.uniform(-4.0, 4.0, len(frame))}
+    order = np.lexsort((agent, frame))
+    columns = {name: values[order] for name, values in columns.items()}
     recording = SimpleNamespace(columns=columns)
     recording.take = lambda rows: SimpleNamespace(columns={name: values[rows] for name, values in columns.items()})
     wanted = np.flatnonzero(random.random(20) < (0.7 if with_gaps else 2.0))
     log = Log.from_recording(recording, 102, int(max(wanted, default=0)) + 1)
-    steps = logged_steps(recording, 102, wanted)
+    cuts = np.sort(random.integers(0, len(frame) + 1, parts - 1))
+    pieces = (np.split(values, cuts) for values in columns.values())
+    steps = logged_steps([dict(zip(columns, piece, strict=True)) for piece in zip(*pieces, strict=True)], 102, wanted)
     assert steps.step.tolist() == wanted.tolist()
     for table in steps:
         for name in ARRAY_FIELDS:

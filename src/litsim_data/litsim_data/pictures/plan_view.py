@@ -101,13 +101,16 @@ def draw_stop_lines(axes: Axes, signals: Signals, step: int) -> None:
 
 def paths(steps: Steps, area: Area) -> dict[Controller, list[FloatArray]]:
     """Returns pieces (k, 2) of the paths of all agents in `area`, by controller."""
-    table = steps.stacked
-    points = np.stack([table.x, table.y], axis=-1)
-    order, follows = tracks(steps)
-    inside = area.holds(points[order])
-    follows[1:] &= inside[1:] | inside[:-1]
-    lines = pieces(points[order], follows, table.controller[order].astype(np.int64))
-    return {controller: lines.get(controller.value, []) for controller in Controller}
+    lines: dict[Controller, list[FloatArray]] = {controller: [] for controller in Controller}
+    for _, own in steps.groups(steps.ids.tolist()):
+        table = own.stacked
+        points = np.stack([table.x, table.y], axis=-1)
+        order, follows = tracks(own)
+        inside = area.holds(points[order])
+        follows[1:] &= inside[1:] | inside[:-1]
+        for controller, parts in pieces(points[order], follows, table.controller[order].astype(np.int64)).items():
+            lines[Controller(controller)] += [part.copy() for part in parts]  # without the points outside of the area
+    return lines
 
 
 def tracks(steps: Steps) -> tuple[IntArray, BoolArray]:

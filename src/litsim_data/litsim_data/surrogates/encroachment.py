@@ -43,22 +43,25 @@ def encroachments(tables: Sequence[AgentTable], agent: int) -> list[Encroachment
     the leader.
     """
     steps = Steps.of(tables)
-    table, own_rows = steps.stacked, steps.track(agent)
-    if not len(own_rows):
-        return []
-    own_step, own = steps.step[table.number[own_rows]], _boxes(table, own_rows)
-    in_time = (steps.step >= own_step[0] - PET_HORIZON) & (steps.step <= own_step[-1] + PET_HORIZON)
-    encounters = []
-    for other in np.unique(table.id[in_time[table.number]]).tolist():
-        if other == agent:
+    closest: dict[int, tuple[int, int, int]] = {}  # by other agent: steps between, own step, step of the other
+    for begin, end in steps.blocks():
+        part = steps.part(max(0, begin - PET_HORIZON), end)
+        table, own_rows = part.stacked, part.track(agent)
+        if not len(own_rows):
             continue
-        rows = steps.track(other)
-        other_step = steps.step[table.number[rows]]
-        entry = closest_use(own_step, own, other_step, _boxes(table, rows))
-        if entry is not None:
-            i, j, gap = entry
-            first, step = (agent, other_step[j]) if own_step[i] < other_step[j] else (other, own_step[i])
-            encounters.append(Encroachment(other, gap * STEP_S, first, int(step)))
+        own_step, own = part.step[table.number[own_rows]], _boxes(table, own_rows)
+        in_time = (part.step >= own_step[0] - PET_HORIZON) & (part.step <= own_step[-1] + PET_HORIZON)
+        for other in np.unique(table.id[in_time[table.number]]).tolist():
+            rows = part.track(other)
+            other_step = part.step[table.number[rows]]
+            if other != agent and (uses := closest_use(own_step, own, other_step, _boxes(table, rows))) is not None:
+                i, j, gap = uses
+                use = gap, int(own_step[i]), int(other_step[j])
+                closest[other] = min(use, closest.get(other, use))
+    encounters = [
+        Encroachment(other, gap * STEP_S, agent if own_step < step else other, max(own_step, step))
+        for other, (gap, own_step, step) in closest.items()
+    ]
     return sorted(encounters, key=lambda e: (e.pet, e.agent))
 
 

@@ -81,10 +81,12 @@ class SafetySeries:
 
 def safety_series(tables: Sequence[AgentTable], agent: int) -> SafetySeries:
     """Returns the measures of `agent` over the steps `tables`."""
-    steps = Steps.of(tables)
-    rows, table = steps.track(agent), steps.stacked
-    behind, step = following(table, rows), steps.step[table.number[rows]]
-    return SafetySeries(agent, step, times_to_collision(table, rows), behind.headway, behind.drac)
+    steps, series = Steps.of(tables), [(np.empty(0, np.int64), *np.empty((3, 0)))]
+    for part in steps.parts():
+        rows, table = part.track(agent), part.stacked
+        behind, step = following(table, rows), part.step[table.number[rows]]
+        series.append((step, times_to_collision(table, rows), behind.headway, behind.drac))
+    return SafetySeries(agent, *(np.concatenate(values) for values in zip(*series, strict=True)))
 
 
 def shortest_own_ttc(tables: Sequence[AgentTable], agent: int, touched: Mapping[int, int]) -> float:

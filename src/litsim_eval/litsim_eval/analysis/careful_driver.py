@@ -65,15 +65,18 @@ def careful_driver(
         dt: duration of a step [s].
         lane_map: lanes, for the wandering criterion; without them only the time to collision counts.
     """
-    steps = Steps.of(tables)
-    rows, since = steps.rows_of(np.array([driven, agent])), steps.step - contact_step
-    near = (since * dt >= -LOOK_BACK_S) & (since * dt <= LOOK_ON_S) & (rows >= 0).all(axis=1)
+    whole = Steps.of(tables)
+    since = (whole.step - contact_step) * dt
+    begin, end = (int(np.argmax([*at, True])) for at in (since >= -LOOK_BACK_S, since > LOOK_ON_S))
+    steps = whole.part(begin, end)
+    rows = steps.rows_of(np.array([driven, agent]))
+    near = rows.min(axis=1) >= 0
     own, other = rows[near].T
     step, table = steps.step[near], steps.stacked
     risky = step[_risky(table, own, other, lane_map) & (step <= contact_step)]
     perceived = int(risky[0]) if len(risky) else contact_step
     step, own, other = (values[step >= perceived] for values in (step, own, other))
-    lacking = max(0, contact_step + round(LOOK_ON_S / dt) - int(steps.step[-1])) if near[-1] else 0
+    lacking = max(0, contact_step + round(LOOK_ON_S / dt) - int(whole.step[-1])) if near[-1] else 0
     beyond = np.append(np.zeros(len(step), np.int64), np.arange(1, lacking + 1))  # the last step of the run
     step, own, other = (np.append(values, np.repeat(values[-1:], lacking)) for values in (step, own, other))
     step = step + beyond

@@ -69,7 +69,9 @@ class LogContacts:
         self._lags: dict[int, list[tuple[int, int]]] = {}  # by agent: (step, lag from then on)
         for step in sorted(run.takeovers):
             for each in run.takeovers[step]:
-                self._lags.setdefault(each.agent, []).append((step, round(each.time_shift / run.info.dt)))
+                lags, lag = self._lags.setdefault(each.agent, []), round(each.time_shift / run.info.dt)
+                if not lags or lags[-1][1] != lag:
+                    lags.append((step, lag))
 
     def excuse(self, contact: Contact) -> bool:
         """Returns whether the log has a contact of the pair at about that time, with or without a lag of either log."""
@@ -85,10 +87,13 @@ class LogContacts:
 
 def _overlaps(steps: Steps) -> list[tuple[int, Pair]]:
     """Returns step and ids of each pair of overlapping boxes, except where both are pedestrians or cyclists."""
-    table, pairs = steps.stacked, steps.overlaps
-    pairs = pairs[~table.obstacle[pairs].all(axis=1)]
-    at = steps.step[table.number[pairs[:, 0]]].tolist()
-    return [(step, (i, j)) for step, (i, j) in zip(at, table.id[pairs].tolist(), strict=True)]
+    overlaps = []
+    for part in steps.parts():
+        table, pairs = part.stacked, part.overlaps
+        pairs = pairs[~table.obstacle[pairs].all(axis=1)]
+        at = part.step[table.number[pairs[:, 0]]].tolist()
+        overlaps += [(step, (i, j)) for step, (i, j) in zip(at, table.id[pairs].tolist(), strict=True)]
+    return overlaps
 
 
 def _contacts_in(steps: Steps, dt: float) -> tuple[Contact, ...]:
@@ -190,7 +195,7 @@ def collisions(run: Run) -> Collisions:
         in_log=in_log,
         log=logged.first,
         agents=frozenset(tables.ids.tolist()) | frozenset(run.simulated_log.ids.tolist()),
-        controlled=frozenset(tables.stacked.id[tables.stacked.of_policy].tolist()),
+        controlled=frozenset(i for part in tables.parts() for i in part.stacked.id[part.stacked.of_policy].tolist()),
         ego=tuple(
             judge(tables[int(tables.step.searchsorted(step))], ego, agent, lane_map, axle) for step, agent in of_ego
         ),

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.core.steps import Steps
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.record.run import Run
 
 HORIZONS_S = (5, 10, 15, 20, 25)  # simulated time after the history, as in table II of the LitSim paper
@@ -25,11 +24,14 @@ class Displacements:
     """Distances between box centres in the run and in the log, one entry per agent and step of the log.
 
     Attributes:
-        step: (m,) steps after the history.
+        step: (m,) steps after the history, up to the longest horizon.
         id: (m,) agents.
         distance: (m,) [m].
         controlled: (m,) whether the agent is under POLICY control at this step.
-        present: (m,) whether the run has the agent on the road at this step.
+        ids: (n,) agents of the log, ascending.
+        largest: (n,) their largest distances at steps at which the run has them on the road, -1 without any [m].
+        off: (n,) whether they are ever under control or away from their logs.
+        first_controlled: (n,) first step at which they are under control, later than `last_step` without any.
         history_steps: last step of the history.
         last_step: last recorded step of the run.
         dt: duration of a step [s].
@@ -40,7 +42,10 @@ class Displacements:
     id: IntArray
     distance: FloatArray
     controlled: BoolArray
-    present: BoolArray
+    ids: IntArray
+    largest: FloatArray
+    off: BoolArray
+    first_controlled: IntArray
     history_steps: int
     last_step: int
     dt: float
@@ -73,30 +78,25 @@ class Displacements:
         `controlled_s` is the time after the history of its first step under control [s], None if there is none;
         `steps` the number of steps of its log, and `ade_m` the mean distance over them [m], both by horizon.
         """
-        off = (self.controlled | (self.distance > 0.0)) & (self.id != self.ego_id)
         order = np.argsort(self.id, kind="stable")
-        ids, begin = np.unique(self.id[order], return_index=True)
-        rows = dict(zip(ids.tolist(), np.split(order, begin[1:]), strict=False))  # one empty part of nobody
-        return [self._of(agent, rows[agent]) for agent in np.unique(self.id[off]).tolist()]
+        begin = self.id[order].searchsorted(self.ids)
+        rows = np.split(order, begin[1:])
+        return [self._of(n, rows[n]) for n in np.flatnonzero(self.off & (self.ids != self.ego_id)).tolist()]
 
-    def _of(self, agent: int, rows: IntArray) -> dict[str, Any]:
-        step, distance, controlled = self.step[rows], self.distance[rows], self.controlled[rows]
+    def _of(self, n: int, rows: IntArray) -> dict[str, Any]:
+        step, distance, first = self.step[rows], self.distance[rows], int(self.first_controlled[n])
         within = {str(horizon): distance[step <= self._last(horizon)] for horizon in self.horizons}
-        first = int(step[controlled][0]) if controlled.any() else None
         return {
-            "agent": agent,
-            "controlled_s": None if first is None else round((first - self.history_steps) * self.dt, 6),
+            "agent": int(self.ids[n]),
+            "controlled_s": None if first > self.last_step else round((first - self.history_steps) * self.dt, 6),
             "steps": {horizon: len(far) for horizon, far in within.items()},
             "ade_m": {horizon: float(far.mean()) if len(far) else None for horizon, far in within.items()},
         }
 
     def replay_error(self) -> dict[int, float]:
         """Returns the largest distance [m] of each agent that was never under control, the ego excluded."""
-        apart = np.isin(self.id, self.id[self.controlled]) | (self.id == self.ego_id) | ~self.present
-        ids, inverse = np.unique(self.id[~apart], return_inverse=True)
-        largest = np.zeros(len(ids))
-        np.maximum.at(largest, inverse, self.distance[~apart])
-        return dict(zip(ids.tolist(), largest.tolist(), strict=True))
+        replayed = ~(self.largest < 0.0) & (self.first_controlled > self.last_step) & (self.ids != self.ego_id)
+        return dict(zip(self.ids[replayed].tolist(), self.largest[replayed].tolist(), strict=True))
 
     def _last(self, horizon: int) -> int:
         return self.history_steps + round(horizon / self.dt)
@@ -116,32 +116,48 @@ def displacements(run: Run) -> Displacements:
         ValueError: the run and its log differ in length.
     """
     info, steps, logged = run.info, run.steps, run.logged
-    if not len(logged):
-        logged = Steps(AgentTable.empty(table.step) for table in run.tables)
-    if len(steps) != len(logged):
+    if len(logged) and len(steps) != len(logged):
         raise ValueError(f"a run of {len(steps)} steps has a log of {len(logged)}")
-    table, log = steps.stacked, logged.stacked
-    # current or last pose of each agent in the run; the first pose of its log before it has entered
-    at = steps.rows_until(log.number, log.id)
-    was = at >= 0
-    here = was & (table.number[at] == log.number if len(table) else was)
-    counts = (here | (log.id != info.ego_id)) & (steps.step > info.history_steps)[log.number]
-    now = np.flatnonzero(counts)
-    at, was, here = at[now], was[now], here[now]
-    start = np.unique(log.id, return_index=True)[1][logged.agent[now]]
-    x, y = log.x[start], log.y[start]
-    x[was], y[was] = table.x[at[was]], table.y[at[was]]
-    controlled = here.copy()
-    controlled[here] = table.of_policy[at[here]]
-    distance = np.hypot(x - log.x[now], y - log.y[now])
+    ids = logged.ids
+    x, y = np.full((2, len(ids)), np.nan)  # latest pose in the run, before it has entered the first of its log
+    last_step, largest, off = int(steps.step[-1]), np.full(len(ids), -1.0), np.zeros(len(ids), np.bool_)
+    first_controlled = np.full(len(ids), last_step + 1)
+    longest = info.history_steps + round(max(HORIZONS_S) / info.dt)
+    near: list[tuple[Any, ...]] = [(*np.empty((2, 0), np.int64), np.empty(0), np.empty(0, np.bool_))]
+    for begin, end in steps.blocks() if len(ids) else ():
+        part, then = steps.part(begin, end), logged.part(begin, end)
+        table, log, agent = part.stacked, then.stacked, ids.searchsorted(then.stacked.id)
+        new = np.flatnonzero(np.isnan(x[agent]))[::-1]  # the first one of each agent is assigned last, so it stays
+        x[agent[new]], y[agent[new]] = log.x[new], log.y[new]
+        at = part.rows_until(log.number, log.id)  # of the run's current or last pose in this block
+        was = at >= 0
+        here = was & (table.number[at] == log.number if len(table) else was)
+        now_x, now_y = x[agent], y[agent]
+        now_x[was], now_y[was] = table.x[at[was]], table.y[at[was]]
+        controlled = here.copy()
+        controlled[here] = table.of_policy[at[here]]
+        distance, step = np.hypot(now_x - log.x, now_y - log.y), part.step[log.number]
+        counts = (here | (log.id != info.ego_id)) & (step > info.history_steps)
+        np.maximum.at(largest, agent[here & counts], distance[here & counts])
+        off[agent[counts & (controlled | (distance > 0.0))]] = True
+        np.minimum.at(first_controlled, agent[counts & controlled], step[counts & controlled])
+        counts &= step <= longest
+        near.append((step[counts], log.id[counts], distance[counts], controlled[counts]))
+        logs = np.isin(table.id, ids)
+        agent = ids.searchsorted(table.id[logs])
+        x[agent], y[agent] = table.x[logs], table.y[logs]  # the last one of each agent stays
+    step, id_, distance, controlled = (np.concatenate(parts) for parts in zip(*near, strict=True))
     return Displacements(
-        step=steps.step[log.number[now]],
-        id=log.id[now],
+        step=step,
+        id=id_,
         distance=distance,
         controlled=controlled,
-        present=here,
+        ids=ids,
+        largest=largest,
+        off=off,
+        first_controlled=first_controlled,
         history_steps=info.history_steps,
-        last_step=run.tables[-1].step,
+        last_step=last_step,
         dt=info.dt,
         ego_id=info.ego_id,
     )

@@ -29,9 +29,11 @@ def ego_motion(run: Run) -> EgoMetrics:
       that of the log.
     """
     ego, lane_map = run.info.ego_id, lane_map_of(run)
-    way, log_way = (steps.after(run.info.history_steps - 1) for steps in (run.steps, run.logged))  # from where it ends
-    driven = _motion(run.simulated, way, ego, lane_map, run.info.dt)
-    log = _motion(run.simulated_log, log_way, ego, lane_map, run.info.dt)
+    driven_steps, log_steps = (steps.once(Steps.only, (ego,)) for steps in (run.steps, run.logged))
+    history = run.info.history_steps
+    way, log_way = (steps.after(history - 1) for steps in (driven_steps, log_steps))  # from where it ends
+    driven = _motion(driven_steps.after(history), way, ego, lane_map, run.info.dt)
+    log = _motion(log_steps.after(history), log_way, ego, lane_map, run.info.dt)
     return {**driven, "progress_ratio": _progress_ratio(way, log_way, ego), "log": log}
 
 

@@ -64,5 +64,5 @@ def _driver(run: Run, driver: int, agent: int, step: int) -> CarefulDriver:
 
 
 def _walks(run: Run, contact: EgoContact) -> bool:
-    table = next(each for each in run.simulated if each.step == contact.step)
+    table = run.steps[int(run.steps.step.searchsorted(contact.step))]
     return bool(table.obstacle[table.row(contact.agent)])

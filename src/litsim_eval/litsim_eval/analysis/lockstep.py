@@ -58,10 +58,12 @@ def _unusable(run: Run) -> list[str]:
     texts = [] if run.log else ["the bag holds no recording to compare with"]
     if lost := run.metadata.get(LOST_ATTACHMENTS):
         texts.append(f"the recording was damaged and repaired, without {lost}")
-    table = run.steps.stacked
-    finite = np.logical_and.reduce([np.isfinite(getattr(table, field)) for field in ARRAY_FIELDS])
-    if not finite.all():
-        bad = run.steps.step[np.unique(table.number[~finite])].tolist()
+    bad: list[int] = []
+    for part in run.steps.parts():
+        table = part.stacked
+        finite = np.logical_and.reduce([np.isfinite(getattr(table, field)) for field in ARRAY_FIELDS])
+        bad += part.step[np.unique(table.number[~finite])].tolist()
+    if bad:
         texts.append(f"agent states are not finite at {len(bad)} steps (first {bad[0]})")
     return texts
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Set
 from dataclasses import asdict
 from pathlib import Path
@@ -53,7 +54,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
     Measures cover the steps after the history. Rates are shares between 0 and 1; a measure with nothing to measure is
     None. Agents exclude the ego, except in `collision` and in progress.
     """
-    hits, apart, entries = collisions(run), displacements(run), ledger(run)
+    hits, apart, entries = run.once(collisions), displacements(run), run.once(ledger)
     driven, logged = (steps.after(run.info.history_steps - 1) for steps in (run.steps, run.logged))
     verdicts = contact_verdicts(run, hits)
     background = hits.agents - {run.info.ego_id}
@@ -180,9 +181,11 @@ def _by_horizon(far: Displacements, measure: Callable[[int], float | None]) -> d
 
 
 def _collision(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> CollisionMetrics:
-    table, kinds = run.simulated.stacked, {}
-    for agent in hits.colliding:
-        kinds[agent] = int(table.kind[run.simulated.track(agent)[-1]])
+    kinds = {
+        agent: int(own.stacked.kind[own.track(agent)[-1]])
+        for group, own in run.simulated.groups(hits.colliding)
+        for agent in group
+    }
     new = [each.contact for each in verdicts if not each.in_log]
     touching = [{kinds[agent] for agent in pair} for pair in hits.first]
     return {
@@ -266,16 +269,18 @@ def _comfort(run: Run, hits: Collisions) -> ComfortMetrics:
 
     Of the agents' hard brakes only those begun under control count; the others are the recording's.
     """
-    tables, dt = run.simulated, run.info.dt
-    ego = comfort(tables, run.info.ego_id, dt)
-    controlled = sorted(hits.controlled)
-    others = [felt for agent in controlled if (felt := comfort(tables, agent, dt)) is not None]
+    ego = comfort(run.simulated.only([run.info.ego_id]), run.info.ego_id, run.info.dt)
+    others, brakes_in_log = [], 0
+    for group, own in run.simulated.groups(hits.controlled):
+        log = run.simulated_log.only(group)
+        others += [felt for agent in group if (felt := comfort(own, agent, run.info.dt)) is not None]
+        brakes_in_log += sum(hard_brakes_in_log(own, log, agent) for agent in group)
     return {
         "ego": {"within": ego.within, "hard_brakes": ego.hard_brakes} if ego else None,
         "controlled": {
             "comfortable": _share(sum(each.comfortable for each in others), len(others)),
             "hard_brakes": sum(each.hard_brakes_driven for each in others),
-            "hard_brakes_log": sum(hard_brakes_in_log(tables, run.simulated_log, agent) for agent in controlled),
+            "hard_brakes_log": brakes_in_log,
             "guarded": _guard(run),
         },
     }
@@ -287,22 +292,29 @@ def _guard(run: Run) -> Guard:
     Applied are the answers to all steps after the history but the last. Hand-backs and baselines have no guard.
     """
     last = run.tables[-1].step
-    answers = [c.source for step, c in run.controls.items() if run.info.history_steps <= step < last]
-    source = np.concatenate(answers) if answers else np.empty(0, np.uint8)
-    changed, unchanged = (int(np.sum(source == kind)) for kind in (ControlSource.GUARDED, ControlSource.POLICY))
+    counts = Counter[int]()
+    for step in run.controls:
+        if run.info.history_steps <= step < last:
+            counts.update(run.controls[step].source.tolist())
+    changed, unchanged = counts[ControlSource.GUARDED], counts[ControlSource.POLICY]
     return {"count": changed, "commands": changed + unchanged, "share": _share(changed, changed + unchanged)}
 
 
 def _off_road_controlled(run: Run) -> float | None:
     """Returns the share of agent-steps under control with the box centre on no lane; None without any, or a net."""
-    lane_map, table = lane_map_of(run), run.simulated.stacked
-    x, y = table.x[table.of_policy], table.y[table.of_policy]
-    return None if lane_map is None else _mean(~lane_map.inside_road(x, y))
+    lane_map, off_road = lane_map_of(run), np.empty(0, np.bool_)
+    if lane_map is None:
+        return None
+    for part in run.simulated.parts():
+        table = part.stacked
+        x, y = table.x[table.of_policy], table.y[table.of_policy]
+        off_road = np.append(off_road, ~lane_map.inside_road(x, y))
+    return _mean(off_road)
 
 
 def _naturalness(run: Run, agents: Set[int]) -> Naturalness:
     """Returns the judge of `agents` under the histograms of the log."""
-    lines = run_passages(run) or (), log_passages(run)
+    lines = run.once(run_passages) or (), run.once(log_passages)
     return Naturalness(run.simulated, run.simulated_log, agents, lane_map_of(run), run.info.dt, *lines)
 
 
@@ -322,17 +334,18 @@ def _realism(natural: Naturalness, controlled: Set[int], *, signals: bool) -> Re
 
 def _near_ego_in_log(run: Run) -> set[int]:
     """Returns agents whose logs enter the region of interest around the ego's log; the same for every policy."""
-    logged = run.simulated_log
-    table = logged.stacked
-    ego = logged.rows_of(np.array([run.info.ego_id]))[table.number, 0]
-    apart = np.hypot(table.x - table.x[ego], table.y - table.y[ego])
-    near = table.id[(ego >= 0) & (apart <= roi_of(run))]
-    return set(near.tolist()) - {run.info.ego_id}
+    near: set[int] = set()
+    for logged in run.simulated_log.parts():
+        table = logged.stacked
+        ego = logged.rows_of(np.array([run.info.ego_id]))[table.number, 0]
+        apart = np.hypot(table.x - table.x[ego], table.y - table.y[ego])
+        near |= set(table.id[(ego >= 0) & (apart <= roi_of(run))].tolist())
+    return near - {run.info.ego_id}
 
 
 def _signals(run: Run) -> SignalMetrics | None:
     """Stops lines passed by all agents, and passed at red by the ego, by agents under control, and in the recording."""
-    passed = run_passages(run)
+    passed = run.once(run_passages)
     if passed is None:
         return None
     red = [each for each in passed if each.at_red]
@@ -340,7 +353,7 @@ def _signals(run: Run) -> SignalMetrics | None:
         "passed": len(passed),
         "red_ego": sum(each.agent == run.info.ego_id for each in red),
         "red_controlled": sum(each.controller == Controller.POLICY for each in red),
-        "red_log": sum(each.at_red for each in log_passages(run)),
+        "red_log": sum(each.at_red for each in run.once(log_passages)),
         "reds": [
             {
                 "agent": p.agent,

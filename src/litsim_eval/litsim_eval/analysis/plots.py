@@ -50,6 +50,7 @@ LATER = 5  # steps after a contact at which it is shown
 GROUPS_MAX = 12  # signal groups that are shown, unless the ego passes more
 DRAWN_MAX = 3000  # most steps of a space-time diagram, which has fewer pixels
 ROUTE_MAX = 3000.0  # [m]
+POINTS_MAX = 10_000  # points that are geometries together
 LOG_BESIDE = -1  # kind of line next to those of the controllers: log replay in an adjacent lane
 
 NAMES = {
@@ -75,7 +76,7 @@ def overview(run: Run, path: Path) -> None:
     """
     figure = Figure(figsize=(SIZE_PX[0] / DPI, SIZE_PX[1] / DPI), dpi=DPI, layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
-    entries, lane_map = ledger(run), lane_map_of(run)
+    entries, lane_map = run.once(ledger), lane_map_of(run)
     moment = notable_moment(run, entries)
     figure.suptitle(_title(run, entries), x=0.012, ha="left", fontsize=15, color=INK)
     crossings = crossed(lane_map, _ego_track(run, run.steps)[:, 1:3])
@@ -98,7 +99,7 @@ def _intersection(
     """Draws the intersection and its signals; returns axes for the ego's speed and for the agents off their logs."""
     area = Area.around(np.concatenate([_ego_track(run, run.steps)[:, 1:3], crossings]))
     signals = run.signals
-    passed = [each for each in run_passages(run) or [] if each.agent == run.info.ego_id]
+    passed = [each for each in run.once(run_passages) or [] if each.agent == run.info.ego_id]
     names = [each.group for each in passed]
     known = [] if signals is None else groups_in(signals, area, names)
     groups = known[: max(GROUPS_MAX, len(set(names)))]
@@ -167,21 +168,21 @@ def notable_moment(run: Run, entries: list[LedgerEntry]) -> Moment:
         entry = entries[0]
         middle = entry.detected_step + round(0.5 * entry.held_s / dt)
         return Moment(min(middle, run.tables[-1].step), f"agent {entry.agent} is off its log")
-    hits = collisions(run)
+    hits = run.once(collisions)
     for (a, b), step in hits.excess.items():
         return Moment(step, f"agents {a} and {b} touch")
     return Moment(run.tables[len(run.tables) // 2].step, "the middle of the run")
 
 
 def _title(run: Run, entries: list[LedgerEntry]) -> str:
-    info, hits = run.info, collisions(run)
+    info, hits = run.info, run.once(collisions)
     what = f"{info.scenario}   ego {info.ego_id} by {info.ego}, background by {info.policy}, seed {info.seed}"
     return f"{what}   takeovers: {len(entries)}, collisions that are not in the log: {len(hits.excess)}"
 
 
 def _at(run: Run, step: int) -> tuple[AgentTable, AgentTable | None]:
     """Returns the agents at the recorded step nearest to `step`, and those of the log."""
-    index = int(np.argmin([abs(table.step - step) for table in run.tables]))
+    index = int(np.argmin(np.abs(run.steps.step - step)))
     return run.tables[index], run.log[index] if run.log else None
 
 
@@ -264,8 +265,7 @@ def _boxes(table: AgentTable) -> FloatArray:
 
 def _space_time(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -> None:
     """Draws the paths of the agents in the ego's lane and beside it over time, coloured by controller."""
-    every = -(-len(run.steps) // DRAWN_MAX)
-    steps, route = run.steps if every == 1 else Steps(run.steps[::every]), _route(run, lane_map)
+    steps, route = Steps(run.tables[:: -(-len(run.steps) // DRAWN_MAX)]), _route(run, lane_map)
     table = steps.stacked
     s, d = _along(route, table.x, table.y)
     ego = steps.rows_of(np.array([run.info.ego_id]))[:, 0]
@@ -311,6 +311,11 @@ def _route(run: Run, lane_map: LaneMap | None) -> shapely.LineString:
 
 def _along(route: shapely.LineString, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Returns positions of points along `route`, and their distances to its left [m]."""
+    if len(x) > POINTS_MAX:
+        cuts = range(POINTS_MAX, len(x), POINTS_MAX)
+        parts = [_along(route, *part) for part in zip(np.split(x, cuts), np.split(y, cuts), strict=True)]
+        s, left = np.concatenate(parts, axis=1)
+        return s, left
     points = shapely.points(x, y)
     s = shapely.line_locate_point(route, points)
     foot, ahead = shapely.line_interpolate_point(route, s), shapely.line_interpolate_point(route, s + 1.0)
@@ -321,7 +326,8 @@ def _along(route: shapely.LineString, x: FloatArray, y: FloatArray) -> tuple[Flo
 
 def _ego_track(run: Run, steps: Steps) -> FloatArray:
     """Returns (k, 4) time [s], x, y [m] and speed [m/s] of the ego in the run or in its log."""
-    rows, table = steps.track(run.info.ego_id), steps.stacked
+    own = steps.once(Steps.only, (run.info.ego_id,))
+    rows, table = own.track(run.info.ego_id), own.stacked
     time = steps.step[table.number[rows]] * run.info.dt
     return np.column_stack([time, table.x[rows], table.y[rows], table.speed[rows]])
 
@@ -338,10 +344,10 @@ def _speed(axes: Axes, run: Run, step: int) -> None:
 
 
 def _off_log(axes: Axes, run: Run, step: int) -> None:
-    times = np.array([table.step for table in run.tables]) * run.info.dt
+    times = run.steps.step * run.info.dt
     counts = np.array([int(table.of_policy.sum()) for table in run.tables])
     axes.stackplot(times, counts, colors=[COLOURS[Controller.POLICY]], alpha=0.85, step="post")
-    excess = [at * run.info.dt for at in collisions(run).excess.values()]
+    excess = [at * run.info.dt for at in run.once(collisions).excess.values()]
     if excess:
         axes.plot(excess, np.zeros(len(excess)), "v", color=COLOURS[Controller.EGO], ms=8, clip_on=False)
         handle = Line2D([], [], color=COLOURS[Controller.EGO], marker="v", ls="", label="collision not in the log")

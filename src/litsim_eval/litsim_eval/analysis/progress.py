@@ -45,10 +45,13 @@ def mean_progress(
 
 def _lengths(steps: Steps, log: Steps) -> FloatArray:
     """Returns the distance (n,) [m] travelled by each agent of `log`; see :func:`mean_progress`."""
-    table, number = steps.stacked, log.stacked.number
-    rows, before = (steps.rows_at(number - back, log.stacked.id) for back in (0, 1))
-    counts = (rows >= 0) & (before >= 0) & (log.rows_at(number - 1, log.stacked.id) >= 0)
-    at, before = rows[counts], before[counts]
-    parts = np.hypot(table.x[at] - table.x[before], table.y[at] - table.y[before])
-    # adds in order of the steps, too
-    return np.asarray(np.bincount(log.agent[counts], parts, len(log.ids)), np.float64)
+    total = np.zeros(len(log.ids))
+    for begin, end in log.blocks():
+        part, then = (each.part(max(0, begin - 1), end) for each in (steps, log))
+        table, number, ids = part.stacked, then.stacked.number, then.stacked.id
+        rows, before = (part.rows_at(number - back, ids) for back in (0, 1))
+        counts = (rows >= 0) & (before >= 0) & (then.rows_at(number - 1, ids) >= 0)
+        at, before = rows[counts], before[counts]
+        parts = np.hypot(table.x[at] - table.x[before], table.y[at] - table.y[before])
+        np.add.at(total, log.ids.searchsorted(ids[counts]), parts)  # in order of the steps, too
+    return total

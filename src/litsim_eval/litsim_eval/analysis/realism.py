@@ -18,7 +18,7 @@ from litsim_data.surrogates.safety import TTC_HORIZON_S, times_to_collision
 from litsim_eval.analysis.signals import Passage
 from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.nearby import SORTED, Sorted, sorted_by_place, within_reach
-from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
+from litsim_sim.core.scene import AgentTable, ByteArray, FloatArray, IntArray
 from litsim_sim.core.steps import Steps
 from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_FLOATS, OUT_INTS, kernel
 from litsim_sim.lane_map.lane_map import LaneMap
@@ -94,7 +94,7 @@ class Naturalness:
             dt: duration of a step [s].
             passed, passed_in_log: passages of stop lines by all agents, in the run and in the log.
         """
-        self._ids, self._judged = _values(Steps.of(tables), frozenset(agents), lane_map, dt)
+        self._ids, self._judged = _sampled(Steps.of(tables), frozenset(agents), lane_map, dt)
         self._logged = dict(Steps.of(log).once(_histograms, lane_map, dt))
         self._logged["traffic_light_violation"] = _Histogram.of("traffic_light_violation", _at_red(passed_in_log))
         self._passed = passed
@@ -102,7 +102,7 @@ class Naturalness:
     def of(self, agents: Set[int]) -> Realism | None:
         """Returns the realism of `agents`, a subset of the agents prepared; None if nothing can be judged."""
         whose = np.isin(self._ids, sorted(agents))
-        judged = {name: values[whose] if len(values) else values for name, values in self._judged.items()}
+        judged = {name: bins[whose] if len(bins) else bins for name, bins in self._judged.items()}
         judged["traffic_light_violation"] = _at_red(each for each in self._passed if each.agent in agents)
         logged, count = self._logged, len(judged["linear_speed"])
         if not count or not logged["linear_speed"].count:
@@ -113,9 +113,16 @@ class Naturalness:
         return Realism(sum(FEATURES[n].weight * likelihoods[n] for n in names) / total, likelihoods, count)
 
 
-def _at_red(passed: Iterable[Passage]) -> FloatArray:
-    """Returns (m,) 1 for each passage at red, 0 for each other."""
-    return np.array([each.at_red for each in passed], np.float64)
+def _at_red(passed: Iterable[Passage]) -> ByteArray:
+    """Returns the bins (m,) of passages: 1 for each at red, 0 for each other."""
+    return np.array([each.at_red for each in passed], np.uint8)
+
+
+def _bins(name: str, values: FloatArray) -> ByteArray:
+    """Returns the bins (m,) of `values` (m,) of the feature `name`."""
+    feature = FEATURES[name]
+    edges = np.linspace(feature.low, feature.high, feature.bins + 1)[1:-1]
+    return np.digitize(values, edges).astype(np.uint8)
 
 
 @dataclass(frozen=True)
@@ -123,45 +130,52 @@ class _Histogram:
     """Distribution of a feature in the log.
 
     Attributes:
-        edges: (bins - 1,) inner edges of the bins.
         log_likelihood: (bins,) log-likelihood of a value in each bin.
         mean: mean log-likelihood of the logged values.
         count: number of logged values.
     """
 
-    edges: FloatArray
     log_likelihood: FloatArray
     mean: float
     count: int
 
     @classmethod
-    def of(cls, name: str, logged: FloatArray) -> _Histogram:
-        """Returns the histogram of the values `logged` (m,) of the feature `name`."""
-        feature = FEATURES[name]
-        edges = np.linspace(feature.low, feature.high, feature.bins + 1)[1:-1]
-        own = np.digitize(logged, edges)
-        counts = np.bincount(own, minlength=feature.bins) + SMOOTHING
+    def of(cls, name: str, logged: ByteArray) -> _Histogram:
+        """Returns the histogram of the bins `logged` (m,) of values of the feature `name`."""
+        counts = np.bincount(logged, minlength=FEATURES[name].bins) + SMOOTHING
         log_likelihood = np.log(counts / counts.sum())
-        return cls(edges, log_likelihood, log_likelihood[own].mean() if len(own) else 0.0, len(own))
+        return cls(log_likelihood, log_likelihood[logged].mean() if len(logged) else 0.0, len(logged))
 
-    def relative_likelihood(self, judged: FloatArray) -> float:
-        """Returns the geometric mean likelihood of `judged` (m,) over that of the logged values, at most 1."""
-        excess = self.log_likelihood[np.digitize(judged, self.edges)].mean() - self.mean
+    def relative_likelihood(self, judged: ByteArray) -> float:
+        """Returns the geometric mean likelihood of values in the bins `judged` (m,) over the logged, at most 1."""
+        excess = self.log_likelihood[judged].mean() - self.mean
         return float(min(1.0, np.exp(excess)))
 
 
 def _histograms(log: Steps, lane_map: LaneMap | None, dt: float) -> dict[str, _Histogram]:
     """Returns the histogram of every feature over all agents of the log."""
-    _, logged = _values(log, None, lane_map, dt)
-    return {name: _Histogram.of(name, values) for name, values in logged.items()}
+    _, logged = _sampled(log, None, lane_map, dt)
+    return {name: _Histogram.of(name, bins) for name, bins in logged.items()}
+
+
+def _sampled(
+    steps: Steps, agents: frozenset[int] | None, lane_map: LaneMap | None, dt: float
+) -> tuple[IntArray, dict[str, ByteArray]]:
+    """Returns ids (m,), and bins (m,) of the features by name, of `agents` (None: all) at every fifth of `steps`."""
+    ids, bins = np.empty(0, np.int64), dict.fromkeys(FEATURES, np.empty(0, np.uint8))
+    for begin, end in steps.blocks():
+        lead = max(0, begin - 2)  # of the steps before, which rates are of
+        new, features = _values(steps.part(lead, end), lead, begin, agents, lane_map, dt)
+        ids, bins = np.append(ids, new), {n: np.append(bins[n], _bins(n, values)) for n, values in features.items()}
+    return ids, bins
 
 
 def _values(
-    steps: Steps, agents: frozenset[int] | None, lane_map: LaneMap | None, dt: float
+    steps: Steps, lead: int, begin: int, agents: frozenset[int] | None, lane_map: LaneMap | None, dt: float
 ) -> tuple[IntArray, dict[str, FloatArray]]:
-    """Returns the ids (m,) and features (m,) by name of `agents` (None: all) at every fifth of `steps`."""
+    """Returns the ids (m,) and features (m,) by name of :func:`_sampled` from index `begin` on; `steps` from `lead`."""
     table, number = steps.stacked, steps.stacked.number
-    looked_at = (number % SAMPLE == 0) & steps.follows[number]
+    looked_at = (number >= begin - lead) & ((lead + number) % SAMPLE == 0) & steps.follows[number]
     if agents is not None:
         looked_at &= np.isin(steps.ids, sorted(agents))[steps.agent]
     rows = np.flatnonzero(looked_at)

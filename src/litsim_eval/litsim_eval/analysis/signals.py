@@ -14,9 +14,6 @@ from litsim_sim.lane_map.signal_links import crossings
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.signals import Signals
 
-CELLS = 1_000_000
-"""Most pairs of an agent and a step that are looked at together, which bounds the memory."""
-
 
 @dataclass(frozen=True)
 class Passage:
@@ -44,22 +41,29 @@ class Passage:
         return self.state in STOP_STATES
 
 
+CELLS = 1_000_000
+"""Most pairs of an agent and a step that are looked at together, which bounds the memory."""
+
+
 def passages(signals: Signals, tables: Sequence[AgentTable]) -> list[Passage]:
     """Returns passages of stop lines by vehicles in `tables`, which are consecutive steps; sorted by agent and step.
 
     Pedestrians and cyclists are left out: they do not keep to lanes.
     """
-    steps = Steps(table.take(~table.obstacle) if table.obstacle.any() else table for table in tables)
-    if not len(steps.ids):
-        return []
-    some = max(1, CELLS // len(steps))
-    parts = (steps.ids[k : k + some] for k in range(0, len(steps.ids), some))
-    return [passage for agents in parts for passage in _passages_of(signals, steps, agents)]
+    steps = Steps.of(tables)
+    cells = max(1, CELLS // max(1, len(steps)))  # agents whose dense arrays are bounded
+    return [
+        passage
+        for group, own in steps.groups(steps.ids.tolist())
+        for k in range(0, len(group), cells)
+        for passage in _passages_of(signals, own, np.array(group[k : k + cells]))
+    ]
 
 
 def _passages_of(signals: Signals, steps: Steps, agents: IntArray) -> list[Passage]:
     """Returns passages by `agents` (n,), of which there are few enough for dense arrays."""
     rows, table = steps.rows_of(agents).T, steps.stacked  # (agents, steps)
+    rows = np.where(table.obstacle[rows], -1, rows)
     x, y, yaw, length, controller = (
         np.where(rows >= 0, getattr(table, name)[rows], 0) for name in ("x", "y", "yaw", "length", "controller")
     )
@@ -82,15 +86,10 @@ def _passages_of(signals: Signals, steps: Steps, agents: IntArray) -> list[Passa
 
 
 def run_passages(run: Run) -> list[Passage] | None:
-    """Returns passages after the history of a run; None if the scenario has no signals."""
-    return None if run.signals is None else passages(run.signals, _driven(run, run.tables))
+    """Returns passages after the history of a run, which is over at its last step; None without signals."""
+    return None if run.signals is None else passages(run.signals, run.steps.after(run.info.history_steps - 1))
 
 
 def log_passages(run: Run) -> list[Passage]:
     """Returns passages in the recording at the same steps; empty if the scenario has no signals."""
-    return [] if run.signals is None else passages(run.signals, _driven(run, run.log))
-
-
-def _driven(run: Run, tables: Sequence[AgentTable]) -> list[AgentTable]:
-    """Returns the tables from the last step of the history on: a passage needs the step before it."""
-    return [table for table in tables if table.step >= run.info.history_steps]
+    return [] if run.signals is None else passages(run.signals, run.logged.after(run.info.history_steps - 1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ import shapely
 from litsim_sim.core.geometry import arc_lengths, box_corners, wrap_angle
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.core.signals import STOP_STATES, SignalState
+from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.signal_links import SignalLink
 from litsim_sim.record.run import Run
 
@@ -59,28 +61,31 @@ def standoffs(run: Run) -> list[Standoff]:
     The way of a vehicle is that of its log, from where it stands on. Vehicles that head into nearly one direction stand
     in a queue, which is none.
     """
-    ego = _track(run, run.info.ego_id)
+    steps = run.steps.after(run.info.history_steps - 1)
+    ego_id = run.info.ego_id
+    ego = _track(steps.only([ego_id]), run.logged.only([ego_id]), ego_id)
     if ego is None or not _long_enough(ego.speed < STANDS_MPS, run.info.dt):
         return []
-    steps = run.steps.after(run.info.history_steps - 1)
-    stacked = steps.stacked
-    standing = stacked.id[(stacked.speed < STANDS_MPS) & (stacked.id != run.info.ego_id)]
-    ids, counts = np.unique(standing, return_counts=True)
-    found = []
-    for agent in ids[counts * run.info.dt >= LASTS_S].tolist():
-        other = _track(run, agent)
-        if other is not None:
-            found += _between(run, ego, other, agent)
-    return sorted(found, key=lambda each: (each.step, each.agent))
+    counts = Counter[int]()
+    for part in steps.parts():
+        table = part.stacked
+        counts.update(table.id[(table.speed < STANDS_MPS) & (table.id != ego_id)].tolist())
+    standing = [agent for agent, count in counts.items() if count * run.info.dt >= LASTS_S]
+    between = []
+    for group, own in steps.groups(standing):
+        logged = run.logged.only(group)
+        for agent in group:
+            if (other := _track(own, logged, agent)) is not None:
+                between += _between(run, ego, other, agent)
+    return sorted(between, key=lambda each: (each.step, each.agent))
 
 
-def _track(run: Run, agent: int) -> _Track | None:
-    """Returns the motion of an agent after the history; None if it is not there, or its log is not known."""
-    steps = run.steps.after(run.info.history_steps - 1)
-    rows, logged = steps.track(agent), run.logged.track(agent)
-    if not len(rows) or not len(logged):
+def _track(steps: Steps, logged: Steps, agent: int) -> _Track | None:
+    """Returns the motion of an agent at `steps`; None if it is not there, or its log is not known."""
+    rows, ways = steps.track(agent), logged.track(agent)
+    if not len(rows) or not len(ways):
         return None
-    table, log = steps.stacked, run.logged.stacked
+    table, log = steps.stacked, logged.stacked
     return _Track(
         step=steps.step[table.number[rows]],
         x=table.x[rows],
@@ -89,7 +94,7 @@ def _track(run: Run, agent: int) -> _Track | None:
         speed=table.speed[rows],
         length=float(table.length[rows[0]]),
         width=float(table.width[rows[0]]),
-        log=np.stack([log.x[logged], log.y[logged]], axis=1),
+        log=np.stack([log.x[ways], log.y[ways]], axis=1),
     )
 
 

@@ -22,7 +22,7 @@ from litsim_sim.record.run import Run
 
 SERIES_FILE = "series.parquet"
 TAKEOVERS_FILE = "takeovers.parquet"
-ROWS_MAX = 100_000  # rows that are in memory together
+ROWS_MAX = 100_000  # of a group of rows in the file
 WORDS = ["controller", "takeover", "reason", "outcome"]  # dictionary-encoded columns
 RUN_KEYS = ("run_id", "scenario", "ego", "policy", "seed")
 
@@ -99,24 +99,19 @@ def series_tables(run: Run, rows_max: int = ROWS_MAX) -> Iterator[pa.Table]:
     Missing values are null, never NaN or infinite. Each table has whole steps, and up to `rows_max` rows if these have
     no more; there is one table at least.
     """
-    steps, begin = run.simulated, 0
-    while True:
-        end = max(begin + 1, int(steps.begin.searchsorted(steps.begin[begin] + rows_max, "right")) - 1)
-        yield _series_table(run, begin, min(end, len(steps)))
-        begin = end
-        if begin >= len(steps):
-            return
+    for begin, end in [*run.simulated.blocks(rows_max)] or [(0, 0)]:
+        yield _series_table(run, begin, end)
 
 
 def _series_table(run: Run, begin: int, end: int) -> pa.Table:
     """Returns the rows of :func:`series_tables` of the simulated steps `begin` to `end`, exclusive."""
     lead = max(0, begin - PET_HORIZON)  # steps before, on which those of the table depend
-    steps = Steps(run.simulated[lead:end])
+    steps, log = (each.part(lead, end) for each in (run.simulated, run.simulated_log))
     table = steps.stacked
     columns = {name: getattr(table, field) for name, field in _STATES.items()}
     columns["step"] = steps.step[table.number]
     columns["time_s"] = columns["step"] * run.info.dt
-    columns |= _surroundings(steps) | _deviations(table, run.simulated_log, lead)
+    columns |= _surroundings(steps) | _deviations(table, log)
     columns |= _motion(columns, run.info.dt)
     own = slice(int(steps.begin[begin - lead]), None)
     columns = {name: values[own] for name, values in columns.items()}
@@ -131,7 +126,7 @@ def _series_table(run: Run, begin: int, end: int) -> pa.Table:
 
 def takeovers_table(run: Run) -> pa.Table:
     """Returns one row per takeover, in order of detection; columns as TAKEOVERS."""
-    return _about(run, pa.Table.from_pylist([asdict(entry) for entry in ledger(run)], schema=TAKEOVERS))
+    return _about(run, pa.Table.from_pylist([asdict(entry) for entry in run.once(ledger)], schema=TAKEOVERS))
 
 
 def write_tables(run: Run, folder: Path) -> None:
@@ -182,12 +177,9 @@ def _surroundings(tables: Steps) -> dict[str, np.ndarray]:
     }
 
 
-def _deviations(table: StackedTable, log: Steps, lead: int) -> dict[str, np.ndarray]:
-    """Returns the distance from the logged pose, and speed minus the logged one; NaN where the log lacks the agent.
-
-    The first step of `table` is that of index `lead` in `log`.
-    """
-    rows = log.rows_at(table.number + lead, table.id)
+def _deviations(table: StackedTable, log: Steps) -> dict[str, np.ndarray]:
+    """Returns the distance from the logged pose, and speed minus the logged one; NaN where the log lacks the agent."""
+    rows = log.rows_at(table.number, table.id)
     both = rows >= 0
     now, then = table.take(both), log.stacked.take(rows[both])
     far, faster = np.full((2, len(table)), np.nan)

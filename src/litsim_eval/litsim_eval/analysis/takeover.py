@@ -12,6 +12,7 @@ import numpy as np
 from litsim_sim.core.dynamics import SPEED_MIN, VehicleLimits
 from litsim_sim.core.geometry import overlapping_pairs, wrap_angle
 from litsim_sim.core.scene import AgentTable, BoolArray, Controller, FloatArray
+from litsim_sim.core.steps import Steps
 from litsim_sim.core.takeover import Takeover, TakeoverState
 from litsim_sim.record.run import Run
 
@@ -20,7 +21,7 @@ SETTLING_MAX = 100  # longest return that is examined [steps]
 
 
 Episode = list[tuple[int, Takeover]]
-"""The records of a takeover, each with its step."""
+"""The first record of a takeover, those at which its state changes, and the last, each with its step."""
 
 
 class Outcome(StrEnum):
@@ -144,31 +145,33 @@ def _replay_contacts(run: Run, episodes: Sequence[Episode]) -> list[tuple[int, i
     for (_, first), (_, last) in ((episode[0], episode[-1]) for episode in episodes):
         replays.append((first.agent, first.detected_step, lags.get(first.agent, 0)))
         lags[first.agent] = round(last.time_shift / run.info.dt)
-    steps, logged = run.simulated, run.logged
-    rows = [logged.track(agent) for agent, _, _ in replays]
-    which = np.repeat(np.arange(len(replays)), list(map(len, rows)))
+    logged = run.logged.only({agent for agent, _, _ in replays})
+    tracks = [logged.track(agent) for agent, _, _ in replays]
+    whose = np.repeat(np.arange(len(replays)), list(map(len, tracks)))
     _, after, lag = np.array(replays, np.int64).T
-    row = np.concatenate(rows)
-    shown = logged.step[logged.stacked.number[row]] + lag[which]  # step of the run
-    number = np.minimum(steps.step.searchsorted(shown), len(steps) - 1)
-    replayed = (steps.step[number] == shown) & (shown > after[which])
-    row, which, number = row[replayed], which[replayed], number[replayed]
-    ghosts, movers = logged.stacked.take(row), steps.stacked.take(_away_from_log(run))
-    x, y, yaw, length, width = (
-        np.concatenate([getattr(ghosts, name), getattr(movers, name)]) for name in ("x", "y", "yaw", "length", "width")
-    )
-    pairs = overlapping_pairs(x, y, yaw, length, width, np.concatenate([number, movers.number]))
-    for i, k in pairs[(pairs[:, 0] < len(ghosts)) & (pairs[:, 1] >= len(ghosts))].tolist():
-        other = int(movers.id[k - len(ghosts)])
-        if contacts[which[i]] is None and ghosts.id[i] != other:
-            contacts[which[i]] = int(steps.step[number[i]]), other
+    track = np.concatenate(tracks)
+    shown = logged.step[logged.stacked.number[track]] + lag[whose]  # step of the run
+    for begin, end in run.simulated.blocks():
+        steps, log = run.simulated.part(begin, end), run.simulated_log.part(begin, end)
+        number = np.minimum(steps.step.searchsorted(shown), len(steps) - 1)
+        replayed = (steps.step[number] == shown) & (shown > after[whose])
+        row, which, number = track[replayed], whose[replayed], number[replayed]
+        ghosts, movers = logged.stacked.take(row), steps.stacked.take(_away_from_log(steps, log))
+        x, y, yaw, length, width = (
+            np.concatenate([getattr(ghosts, n), getattr(movers, n)]) for n in ("x", "y", "yaw", "length", "width")
+        )
+        pairs = overlapping_pairs(x, y, yaw, length, width, np.concatenate([number, movers.number]))
+        for i, k in pairs[(pairs[:, 0] < len(ghosts)) & (pairs[:, 1] >= len(ghosts))].tolist():
+            other = int(movers.id[k - len(ghosts)])
+            if contacts[which[i]] is None and ghosts.id[i] != other:
+                contacts[which[i]] = int(steps.step[number[i]]), other
     return contacts
 
 
-def _away_from_log(run: Run) -> BoolArray:
-    """Returns (m,) whether each row after the history is of an agent off its log, or on it with a visible lag."""
-    table, log = run.simulated.stacked, run.simulated_log.stacked
-    then = run.simulated_log.rows_at(table.number, table.id)
+def _away_from_log(steps: Steps, logged: Steps) -> BoolArray:
+    """Returns (m,) whether each row of `steps` is of an agent off its log, or on it with a visible lag."""
+    table, log = steps.stacked, logged.stacked
+    then = logged.rows_at(table.number, table.id)
     there = then >= 0
     apart = np.full(len(table), np.inf)
     apart[there] = np.hypot(table.x[there] - log.x[then[there]], table.y[there] - log.y[then[there]])
@@ -177,15 +180,17 @@ def _away_from_log(run: Run) -> BoolArray:
 
 def handbacks(run: Run) -> list[Handback]:
     """Returns to the log, by step: an agent is under POLICY at one step and under LOG at the next."""
-    steps, table = run.steps, run.steps.stacked
-    held = np.flatnonzero(table.of_policy & (table.number < len(steps) - 1))
-    held = held[steps.follows[table.number[held] + 1]]
-    after = steps.rows_at(table.number[held] + 1, table.id[held])
-    back = held[(after >= 0) & (table.controller[after] == Controller.LOG)]
-    return [
-        _handback(run, index, agent)
-        for index, agent in zip(table.number[back].tolist(), table.id[back].tolist(), strict=True)
-    ]
+    returns = []
+    for begin, end in run.steps.blocks():
+        steps = run.steps.part(begin, end + 1)  # an agent is back at the step after
+        table = steps.stacked
+        held = np.flatnonzero(table.of_policy & (table.number < min(end - begin, len(steps) - 1)))
+        held = held[steps.follows[table.number[held] + 1]]
+        after = steps.rows_at(table.number[held] + 1, table.id[held])
+        back = held[(after >= 0) & (table.controller[after] == Controller.LOG)]
+        at = zip((begin + table.number[back]).tolist(), table.id[back].tolist(), strict=True)
+        returns += [_handback(run, index, agent) for index, agent in at]
+    return returns
 
 
 def jump(before: AgentTable, after: AgentTable, agent: int, dt: float) -> Jump:
@@ -221,7 +226,10 @@ def _episodes(run: Run) -> Iterator[Episode]:
         for agent in [a for a, e in open_episodes.items() if detected.get(a) != e[-1][1].detected_step]:
             yield open_episodes.pop(agent)
         for agent, record in records.items():
-            open_episodes.setdefault(agent, []).append((step, record))
+            episode = open_episodes.setdefault(agent, [])
+            if len(episode) > 1 and episode[-1][1].state == episode[-2][1].state == record.state:
+                episode.pop()
+            episode.append((step, record))
             if record.state == TakeoverState.RELEASED:
                 yield open_episodes.pop(agent)
     yield from open_episodes.values()

@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import Any, TypeVar, overload
+from tempfile import SpooledTemporaryFile, gettempdir
+from typing import IO, Any, TypeVar, overload
 
 import numpy as np
 
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import overlapping_pairs
 from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, BoolArray, IntArray
 
 T = TypeVar("T")
-BLOCK, GROWTH = 500, 1.125  # tables that are held one by one while steps are collected; of their arrays
+BLOCK_ROWS = 50_000  # rows that are in memory together, of steps that are in a file
+ROW = np.dtype([(name, DTYPES[name]) for name in ARRAY_FIELDS])  # of such a file
+
+
+def write_temporary(file: IO[bytes], data: bytes) -> None:
+    """Writes `data` to a temporary file.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    try:
+        file.write(data)
+    except OSError as error:
+        raise InputError(f"{gettempdir()}: cannot hold the data of a run: {error.strerror or error}") from error
 
 
 class StackedTable(AgentTable):
@@ -171,7 +186,51 @@ class Steps(Sequence[AgentTable]):
 
     def after(self, step: int) -> Steps:
         """Returns the steps after `step`; the same object for every call."""
-        return self.once(Steps._after, step)
+        return self.once(type(self)._after, step)  # noqa: SLF001 - of this class
+
+    def part(self, begin: int, end: int) -> Steps:
+        """Returns the steps of indices `begin` to `end`, exclusive, in memory; these steps, if they are all of them."""
+        begin, end = min(begin, len(self)), min(end, len(self))
+        if end - begin == len(self):
+            return self
+        rows = slice(self.begin[begin], self.begin[end])
+        columns = {name: getattr(self.stacked, name)[rows] for name in ARRAY_FIELDS}
+        return self._split(begin, end, columns)
+
+    def blocks(self, rows_max: int | None = None) -> Iterator[tuple[int, int]]:
+        """Yields begin and end (exclusive) of indices of consecutive steps, which :meth:`part` takes.
+
+        Each block has up to `rows_max` rows (default: BLOCK_ROWS), or is one step.
+        """
+        begin, rows_max = 0, rows_max or BLOCK_ROWS
+        while begin < len(self):
+            end = int(self.begin.searchsorted(self.begin[begin] + rows_max, "right")) - 1
+            end = min(max(begin + 1, end), len(self))
+            yield begin, end
+            begin = end
+
+    def parts(self) -> Iterator[Steps]:
+        """Yields the steps of each of :meth:`blocks`."""
+        return (self.part(begin, end) for begin, end in self.blocks())
+
+    def only(self, agents: Iterable[int]) -> Steps:
+        """Returns the steps with no other agents than `agents`, in memory."""
+        wanted, numbers, parts = np.array([*agents], np.int64), [np.empty(0, np.int64)], [Steps(()).stacked]
+        for begin, end in self.blocks():
+            table = self.part(begin, end).stacked
+            parts.append(table.take(np.isin(table.id, wanted)))
+            numbers.append(begin + parts[-1].number)
+        columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAY_FIELDS}
+        number = np.concatenate(numbers)
+        stacked = StackedTable(int(self.step[0]) if len(self) else 0, **columns, scene=number)
+        return Steps.split(self.step, number.searchsorted(np.arange(len(self) + 1)), stacked)
+
+    def groups(self, agents: Collection[int]) -> Iterator[tuple[list[int], Steps]]:
+        """Yields `agents`, ascending, in groups whose rows fit into about one block, each with the steps of only it."""
+        ordered, rows = sorted(agents), max(1, int(self.begin[-1]))
+        some = max(1, BLOCK_ROWS * len(self.ids) // rows)
+        for k in range(0, len(ordered), some):
+            yield ordered[k : k + some], self.only(ordered[k : k + some])
 
     def once(self, function: Callable[..., T], *arguments: Hashable) -> T:
         """Returns the result of `function` for these steps and `arguments`, computed once and kept with the steps.
@@ -195,56 +254,88 @@ class Steps(Sequence[AgentTable]):
         first = int(np.searchsorted(self.step, step, "right"))
         if not first:
             return self
-        rows = slice(self.begin[first], None)
-        columns = {name: getattr(self.stacked, name)[rows] for name in ARRAY_FIELDS}
-        number = self.stacked.number[rows] - first
-        stacked = StackedTable(int(self.step[first]) if first < len(self) else 0, **columns, scene=number)
-        later = Steps.split(self.step[first:], self.begin[first:] - self.begin[first], stacked)
+        later = self.part(first, len(self))
         later._whole = self, first  # noqa: SLF001 - their tracks are parts of these
         return later
 
+    def _split(self, begin: int, end: int, columns: Mapping[str, Any]) -> Steps:
+        """Returns the steps of indices `begin` to `end` with rows of the arrays `columns`."""
+        number = np.repeat(np.arange(end - begin), np.diff(self.begin[begin : end + 1]))
+        stacked = StackedTable(int(self.step[begin]) if begin < end else 0, **columns, scene=number)
+        return Steps.split(self.step[begin:end], self.begin[begin : end + 1] - self.begin[begin], stacked)
+
+
+class StoredSteps(Steps):
+    """Steps in a temporary file, for runs that are too long for the memory; all at once only as :attr:`stacked`."""
+
+    def __init__(self, file: IO[bytes], step: IntArray, begin: IntArray, first: int = 0) -> None:
+        """Makes the steps `step` (S,), whose tables begin at rows `begin` (S + 1,) behind the `first` row of `file`."""
+        super().__init__(())
+        vars(self).update(step=step, begin=begin, _tables=None)
+        self._file, self._first = file, first
+
+    def __iter__(self) -> Iterator[AgentTable]:
+        for part in self.parts():
+            yield from part
+
+    @cached_property
+    def stacked(self) -> StackedTable:
+        """See :attr:`Steps.stacked`."""
+        return self.part(0, len(self)).stacked
+
+    @cached_property
+    def ids(self) -> IntArray:
+        """See :attr:`Steps.ids`."""
+        ids = (np.unique(part.stacked.id) for part in self.parts())
+        return np.unique(np.concatenate([np.empty(0, np.int64), *ids]))
+
+    def part(self, begin: int, end: int) -> Steps:
+        """See :meth:`Steps.part`."""
+        begin, end = min(begin, len(self)), min(end, len(self))
+        self._file.seek((self._first + int(self.begin[begin])) * ROW.itemsize)
+        rows = np.frombuffer(self._file.read(int(self.begin[end] - self.begin[begin]) * ROW.itemsize), ROW)
+        return self._split(begin, end, {name: np.ascontiguousarray(rows[name]) for name in ARRAY_FIELDS})
+
+    def _part(self, at: int) -> AgentTable:
+        return self.part(at, at + 1)[0]
+
+    def _after(self, step: int) -> Steps:
+        first = int(np.searchsorted(self.step, step, "right"))
+        begin = self.begin[first:] - self.begin[first]
+        return StoredSteps(self._file, self.step[first:], begin, self._first + int(self.begin[first]))
+
 
 class StepsBuilder:
-    """Collects tables in any order; they are held as arrays, as single tables take half as much memory again."""
+    """Collects tables in any order; those of long runs are in a temporary file."""
 
     def __init__(self) -> None:
         self._sizes: dict[int, int] = {}  # of the tables, by step
-        self._new: list[AgentTable] = []
-        self._columns = {name: np.empty(0, DTYPES[name]) for name in ARRAY_FIELDS}
-        self._rows = 0  # of the columns, that are in use
+        self._file = SpooledTemporaryFile(BLOCK_ROWS * ROW.itemsize)  # noqa: SIM115 - closed with the steps
 
     def __len__(self) -> int:
         return len(self._sizes)
 
     def add(self, table: AgentTable) -> None:
-        """Adds the table of a step; of several for one step, the first counts."""
-        if table.step not in self._sizes:
-            self._sizes[table.step] = len(table)
-            self._new.append(table)
-            if len(self._new) == BLOCK:
-                self._stack()
+        """Adds the table of a step; of several for one step, the first counts.
+
+        Raises:
+            InputError: the temporary file cannot be written.
+        """
+        if table.step in self._sizes:
+            return
+        self._sizes[table.step] = len(table)
+        rows = np.empty(len(table), ROW)
+        for name in ARRAY_FIELDS:
+            rows[name] = getattr(table, name)
+        write_temporary(self._file, rows.tobytes())
 
     def steps(self) -> Steps:
-        """Returns the steps, ascending; the builder is of no use then."""
-        self._stack()
-        columns = self._columns
-        for column in columns.values():
-            column.resize(self._rows, refcheck=False)
+        """Returns the steps, ascending; in memory, if they are one block. The builder is of no use then."""
         step, size = (np.array([*values], np.int64) for values in (self._sizes, self._sizes.values()))
+        steps = StoredSteps(self._file, step, np.cumsum([0, *size]))
         if (np.diff(step) < 0).any():
-            order, begin = np.argsort(step), np.cumsum([0, *size])
-            rows = np.concatenate([np.arange(begin[k], begin[k + 1]) for k in order.tolist()])
-            columns = {name: values[rows] for name, values in columns.items()}
-            step, size = step[order], size[order]
-        number = np.repeat(np.arange(len(step)), size)
-        return Steps.split(step, np.cumsum([0, *size]), StackedTable(int(step[0]), **columns, scene=number))
-
-    def _stack(self) -> None:
-        """Moves the new tables into the columns, which grow in place."""
-        begin, self._rows = self._rows, self._rows + sum(map(len, self._new))
-        for name, column in self._columns.items():
-            if self._rows > len(column):
-                column.resize(int(GROWTH * self._rows), refcheck=False)
-            if self._new:
-                np.concatenate([getattr(t, name) for t in self._new], out=column[begin : self._rows])
-        self._new = []
+            ordered = StepsBuilder()
+            for at in np.argsort(step).tolist():
+                ordered.add(steps[at])
+            return ordered.steps()
+        return steps if len([*steps.blocks()]) > 1 else steps.part(0, len(steps))

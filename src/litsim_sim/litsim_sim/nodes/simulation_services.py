@@ -24,7 +24,8 @@ from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import packaged_scenarios
 
 try:
-    from simulation_interfaces import msg, srv
+    from simulation_interfaces import msg as msg  # noqa: PLC0414 - simulation_server has both from here
+    from simulation_interfaces import srv as srv  # noqa: PLC0414
 except ImportError:
     msg = srv = None
 

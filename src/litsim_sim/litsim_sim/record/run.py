@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import struct
+from array import array
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from functools import cache, cached_property, lru_cache
+from operator import attrgetter
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from tempfile import SpooledTemporaryFile
+from typing import IO, Any, TypeVar, cast
 
 import numpy as np
-import pyarrow as pa
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
@@ -31,7 +33,7 @@ from litsim_sim.core.scene import (
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.step_marks import marks_of
-from litsim_sim.core.steps import Steps, StepsBuilder
+from litsim_sim.core.steps import Steps, StepsBuilder, write_temporary
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState
 from litsim_sim.core.topic_names import (
     AGENTS,
@@ -45,7 +47,6 @@ from litsim_sim.core.topic_names import (
     TAKEOVERS,
     TIMING,
 )
-from litsim_sim.io.parquet_input import parse_arrow
 from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.lane_map.signal_links import ARROW, SignalLink
 from litsim_sim.record.bag import BagReader, BagTopic
@@ -63,6 +64,7 @@ OF_POLICY = (TAKEOVERS, CONTROLS)
 MINIMUM_RISK_TYPE = "autoware_adapi_v1_msgs/msg/MrmState"
 """Type of the topic on which a stack tells the state of its minimum-risk manoeuvre, whatever its name."""
 
+T = TypeVar("T")
 UNDECODABLE = (
     SerdeError,
     TypesysError,
@@ -79,8 +81,7 @@ UNDECODABLE = (
 RECORDING_FILE = "recording.parquet"
 SCENARIO_FILE = "scenario.yaml"
 NET_FILE = "net.xml"
-BY_STEP = ("controls", "ego_commands", "takeovers", "detections", "timing", "marks", "minimum_risk")
-"""Attributes of a :class:`Run` with what was published at each step."""
+SPOOLED_BYTES, SIZE_BYTES = 2**23, 8  # of messages by step that are in memory, else in a file; of the size of each
 LOST_ATTACHMENTS = "lost_attachments"  # key in the metadata of a repaired recording: names of lost files
 START_FIELD = "start_frame"  # field of the scenario: frame of the recording at step 0
 
@@ -184,12 +185,12 @@ class Run:
     info: RunInfo
     tables: Sequence[AgentTable]
     log: Sequence[AgentTable] = field(default_factory=list)
-    controls: dict[int, ControlTable] = field(default_factory=dict)
-    ego_commands: dict[int, EgoCommand] = field(default_factory=dict)
-    takeovers: dict[int, list[Takeover]] = field(default_factory=dict)
-    detections: dict[int, Detection] = field(default_factory=dict)
-    timing: dict[str, dict[int, float]] = field(default_factory=dict)
-    marks: dict[str, dict[int, dict[str, float]]] = field(default_factory=dict)
+    controls: Mapping[int, ControlTable] = field(default_factory=dict)
+    ego_commands: Mapping[int, EgoCommand] = field(default_factory=dict)
+    takeovers: Mapping[int, list[Takeover]] = field(default_factory=dict)
+    detections: Mapping[int, Detection] = field(default_factory=dict)
+    timing: Mapping[str, Mapping[int, float]] = field(default_factory=dict)
+    marks: Mapping[str, Mapping[int, Mapping[str, float]]] = field(default_factory=dict)
     minimum_risk: dict[int, int] = field(default_factory=dict)
     statuses: list[Status] = field(default_factory=list)
     scenario_yaml: str = ""
@@ -210,6 +211,17 @@ class Run:
     def logged(self) -> Steps:
         """Logged agents of the same steps; the same object for runs that have their log in common."""
         return Steps.of(self.log)
+
+    def once(self, function: Callable[[Run], T]) -> T:
+        """Returns the result of `function` for this run, computed once and kept with the run."""
+        if function not in self._results:
+            self._results[function] = function(self)
+        result: T = self._results[function]
+        return result
+
+    @cached_property
+    def _results(self) -> dict[Callable[[Run], Any], Any]:
+        return {}
 
     @property
     def scenario(self) -> Mapping[str, Any]:
@@ -247,6 +259,29 @@ class Run:
         return {}
 
 
+class StoredMessages(Mapping[int, T]):
+    """What a topic told of each step; the messages are in a temporary file and read when they are asked for."""
+
+    def __init__(self, file: IO[bytes], places: Mapping[int, int], read: Callable[[bytes], T]) -> None:
+        """Makes the view of messages in `file`, each behind its size, at `places` by step; `read` decodes one."""
+        self._file, self._places, self._read = file, places, read
+        self._last: tuple[int, T] | None = None
+
+    def __getitem__(self, step: int) -> T:
+        place = self._places[step]
+        if self._last is None or self._last[0] != step:
+            self._file.seek(place)
+            size = int.from_bytes(self._file.read(SIZE_BYTES), "little")
+            self._last = step, self._read(self._file.read(size))
+        return self._last[1]
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+
 def read_run(path: Path) -> Run:
     """Read a run from the folder of its bag or from the MCAP file; a truncated one is read as far as possible.
 
@@ -255,11 +290,11 @@ def read_run(path: Path) -> Run:
     """
     reader = BagReader(path)
     decode = _decoder(reader.topics)
-    content = _Content()
+    content = _Content(decode)
     for message in reader.messages():
         try:
             if message.topic in DECODED:
-                content.take(message.topic, decode(message.topic, message.data))
+                content.take(message.topic, message.data)
             elif reader.topics[message.topic].type_name == MINIMUM_RISK_TYPE:
                 content.take_minimum_risk(message.log_time_ns, decode(message.topic, message.data).state)
             else:
@@ -281,7 +316,7 @@ def read_run(path: Path) -> Run:
         info=info,
         tables=steps,
         log=_log(reader, scenario_yaml, steps.step),
-        **content.by_step,
+        **content.by_step(),
         statuses=content.statuses,
         scenario_yaml=scenario_yaml,
         net_xml=reader.attachments.get(NET_FILE, b""),
@@ -297,15 +332,19 @@ def read_run(path: Path) -> Run:
 class _Content:
     """Collects the messages of one run; of two for one step, the first counts."""
 
-    def __init__(self) -> None:
+    def __init__(self, decode: Callable[[str, bytes], Any]) -> None:
         self.info: RunInfo | None = None
         self.tables = StepsBuilder()
-        self.by_step: dict[str, dict[Any, Any]] = {name: {} for name in BY_STEP}
+        self.minimum_risk: dict[int, int] = {}
         self.statuses: list[Status] = []
+        self._decode = decode
+        self._file = SpooledTemporaryFile(SPOOLED_BYTES)  # noqa: SIM115 - closed with the views of it
+        self._places: dict[str, dict[int, int]] = {}  # in the file, by topic and by step
+        self._stages: dict[str, dict[int, int]] = {}  # the same of timing, by stage
         self._signal_map: Any = None
         self._shown: dict[int, ByteArray] = {}
-        self._steps: dict[str, list[int]] = {}
-        self._times: dict[str, list[int]] = {}
+        self._steps: dict[str, array[int]] = {}
+        self._times: dict[str, array[int]] = {}
 
     @property
     def last_step(self) -> int:
@@ -316,15 +355,15 @@ class _Content:
 
     def note(self, topic: str, log_time_ns: int) -> None:
         """A message that is not decoded."""
-        self._times.setdefault(topic, []).append(log_time_ns)
+        self._times.setdefault(topic, array("q")).append(log_time_ns)
 
     def take_minimum_risk(self, log_time_ns: int, state: int) -> None:
         """A state of the stack's minimum-risk manoeuvre."""
-        self.by_step["minimum_risk"][self._step_at(log_time_ns)] = int(state)
+        self.minimum_risk[self._step_at(log_time_ns)] = int(state)
 
     def steps(self, topic: str) -> list[int]:
         """Returns the steps of a topic's messages, in the order of the file."""
-        return self._steps.get(topic, []) + [self._step_at(time_ns) for time_ns in self._times.get(topic, [])]
+        return [*self._steps.get(topic, ()), *map(self._step_at, self._times.get(topic, ()))]
 
     def _step_at(self, log_time_ns: int) -> int:
         return round(log_time_ns / (self.info.dt * 1e9 if self.info else 1.0))
@@ -340,8 +379,36 @@ class _Content:
             states[:, step] = state
         return Signals(groups, tuple(map(_signal_link, links)), np.array([link.group for link in links]), states)
 
-    def take(self, topic: str, message: Any) -> None:
-        """A decoded message; those of another run, or of a stage that takes no part in this one, are dropped."""
+    def by_step(self) -> dict[str, Any]:
+        """Returns the attributes of a :class:`Run` with what was published at each step."""
+        of_topics = {
+            "controls": (CONTROLS, _controls),
+            "ego_commands": (self._ego_topic, _ego_command),
+            "takeovers": (TAKEOVERS, _takeovers),
+            "detections": (TAKEOVERS, _detection),
+        }
+        views: dict[str, Any] = {
+            name: self._view(topic, self._places.get(topic, {}), read) for name, (topic, read) in of_topics.items()
+        }
+        for name, read in (("timing", attrgetter("compute_time")), ("marks", _marks)):
+            views[name] = {stage: self._view(TIMING, places, read) for stage, places in self._stages.items()}
+        return views | {"minimum_risk": self.minimum_risk}
+
+    @property
+    def _ego_topic(self) -> str:
+        return EGO_APPLIED if self.info is not None and EGO_APPLIED in self.info.topics else EGO_CONTROL
+
+    def _view(self, topic: str, places: Mapping[int, int], read: Callable[[Any], T]) -> StoredMessages[T]:
+        return StoredMessages(self._file, places, lambda data: read(self._decode(topic, data)))
+
+    def _store(self, places: dict[int, int], step: int, data: bytes) -> None:
+        if step not in places:
+            places[step] = self._file.tell()
+            write_temporary(self._file, len(data).to_bytes(SIZE_BYTES, "little") + data)
+
+    def take(self, topic: str, data: bytes) -> None:
+        """A serialised message; those of another run, or of a stage that takes no part in this one, are dropped."""
+        message = self._decode(topic, data)
         if topic == RUN_INFO:
             self.info = self.info or _copy(RunInfo, message)
             return
@@ -353,24 +420,17 @@ class _Content:
             self._signal_map = message
             return
         step = int(message.step)
-        self._steps.setdefault(topic, []).append(step)
+        self._steps.setdefault(topic, array("q")).append(step)
         if topic == AGENTS:
             columns = [np.asarray(getattr(message, name), DTYPES[name]) for name in ARRAY_FIELDS]
             self.tables.add(AgentTable(step, *columns))
-        elif topic == CONTROLS:
-            columns = [np.asarray(getattr(message, name), dtype) for name, dtype in CONTROL_FIELDS.items()]
-            self.by_step["controls"].setdefault(step, ControlTable(step, *columns))
-        elif topic == (EGO_APPLIED if self.info is not None and EGO_APPLIED in self.info.topics else EGO_CONTROL):
-            command = EgoCommand(step, message.acceleration, message.yaw_rate, EgoMode(message.mode))
-            self.by_step["ego_commands"].setdefault(step, command)
+        elif topic in {CONTROLS, TAKEOVERS, self._ego_topic}:
+            CHECKS[topic](message)
+            self._store(self._places.setdefault(topic, {}), step, data)
+        elif topic == TIMING:
+            self._store(self._stages.setdefault(message.stage, {}), step, data)
         elif topic == SIGNALS:
             self._shown.setdefault(step, np.asarray(message.state, np.uint8))
-        elif topic == TAKEOVERS:
-            self.by_step["takeovers"].setdefault(step, list(map(_takeover, message.takeovers)))
-            self.by_step["detections"].setdefault(step, Detection(int(message.iterations), bool(message.converged)))
-        elif topic == TIMING:
-            self.by_step["timing"].setdefault(message.stage, {}).setdefault(step, message.compute_time)
-            self.by_step["marks"].setdefault(message.stage, {}).setdefault(step, marks_of(message.text))
         elif topic == STATUS:
             self.statuses.append(_copy(Status, message, state=StageState(message.state)))
 
@@ -387,10 +447,7 @@ def _decoder(topics: Mapping[str, BagTopic]) -> Callable[[str, bytes], Any]:
     return lambda topic, data: store_of(topic).deserialize_cdr(data, topics[topic].type_name)
 
 
-_T = TypeVar("_T")
-
-
-def _copy(kind: type[_T], message: Any, **ready: Any) -> _T:
+def _copy(kind: type[T], message: Any, **ready: Any) -> T:
     """Returns a dataclass from the fields of a message that have its names; those in `ready` are given."""
     wanted = [field for field in fields(cast("Any", kind)) if field.name not in ready]
     names = [field.name for field in wanted if field.default is MISSING or hasattr(message, field.name)]
@@ -426,14 +483,42 @@ def _takeover(message: Any) -> Takeover:
     )
 
 
+def _controls(message: Any) -> ControlTable:
+    return ControlTable(message.step, *(np.asarray(getattr(message, n), d) for n, d in CONTROL_FIELDS.items()))
+
+
+def _ego_command(message: Any) -> EgoCommand:
+    return EgoCommand(message.step, message.acceleration, message.yaw_rate, EgoMode(message.mode))
+
+
+def _takeovers(message: Any) -> list[Takeover]:
+    return [_takeover(each) for each in message.takeovers]
+
+
+def _detection(message: Any) -> Detection:
+    return Detection(int(message.iterations), bool(message.converged))
+
+
+def _marks(message: Any) -> dict[str, float]:
+    return marks_of(message.text)
+
+
+CHECKS: dict[str, Callable[[Any], object]] = {
+    CONTROLS: _controls,
+    EGO_CONTROL: _ego_command,
+    EGO_APPLIED: _ego_command,
+    TAKEOVERS: lambda message: (_takeovers(message), _detection(message)),
+}
+"""What is made of the messages of a topic when they are asked for; made once before, to find what cannot be."""
+
+
 def _log(reader: BagReader, scenario_yaml: str, steps: IntArray) -> Sequence[AgentTable]:
     """Logged agents of `steps` from the attached recording; empty without one."""
     data = reader.attachments.get(RECORDING_FILE)
     if data is None:
         return []
     start, where = start_frame(scenario_yaml, reader.path), f"{reader.path}: attachment {RECORDING_FILE}"
-    # nothing here holds the recording, which is as large as its steps
-    return logged_steps(Recording.from_arrow(parse_arrow(pa.BufferReader(data), where), where), start, steps)
+    return logged_steps(Recording.parts(data, where), start, steps)
 
 
 def _scenario_yaml(reader: BagReader) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -23,7 +23,7 @@ from litsim_sim.core.scene import (
     IntArray,
     is_obstacle,
 )
-from litsim_sim.core.steps import StackedTable, Steps
+from litsim_sim.core.steps import Steps, StepsBuilder
 from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_INTS, int64, kernel
 from litsim_sim.scenario.recording import Recording
 
@@ -179,32 +179,47 @@ class Log:
         return _lags(self.x, self.y, self.valid, rows, step, x, y)
 
 
-def logged_steps(recording: Recording, start_frame: int, wanted: IntArray) -> Steps:
-    """Returns the tables of :meth:`Log.table` for the steps `wanted` (S,), ascending, in memory of their rows alone.
+def logged_steps(parts: Iterable[Mapping[str, np.ndarray]], start_frame: int, wanted: IntArray) -> Steps:
+    """Returns the tables of :meth:`Log.table` for the steps `wanted` (S,), ascending; long ones are in a file.
 
-    A column of the recording is let go of once it is used, if the caller does not hold it.
+    Args:
+        parts: columns of a recording, one part after the other; sorted by frame and vehicle.
+        start_frame: frame of step 0.
+        wanted: steps.
     """
-    table = dict(recording.columns)
-    del recording
-    step = table.pop("frame") - start_frame
-    if not (inside := (step >= 0) & (step <= max(wanted.tolist(), default=-1))).all():
-        table, step = {name: values[inside] for name, values in table.items()}, step[inside]
-    id_ = table.pop("vehicle_id")
-    _, first, agent = np.unique(id_, return_index=True, return_inverse=True)
-    number = np.searchsorted(wanted, step)
-    rows = np.flatnonzero(wanted[np.minimum(number, len(wanted) - 1)] == step) if len(wanted) else np.empty(0, np.int64)
-    rows = rows[np.lexsort((id_[rows], number[rows]))]
-    number = number[rows]
-    own = {"id": id_[rows], "yaw_rate": _yaw_rates(agent, step, table["yaw"])[rows]}
-    del id_, step
-    own |= {name: table.pop(name)[first][agent[rows]] for name in ("kind", "length", "width")}
-    del agent
-    own["yaw"] = wrap_angle(table.pop("yaw")[rows])
-    own |= {name: table.pop(name)[rows] for name in ("x", "y", "speed", "acceleration")}
-    own["controller"] = np.full(len(rows), LOG)
-    own = {name: np.asarray(own.pop(name), DTYPES[name]) for name in ARRAY_FIELDS}
-    begin = number.searchsorted(np.arange(len(wanted) + 1))
-    return Steps.split(wanted, begin, StackedTable(int(wanted[0]) if len(wanted) else 0, **own, scene=number))
+    builder, last = StepsBuilder(), int(wanted[-1]) if len(wanted) else -1
+    first: dict[int, tuple[Any, ...]] = {}  # kind, length and width in the first row of each agent
+    rows: dict[str, np.ndarray] = {}
+    done = -1  # step up to which the tables are built
+
+    def build(until: int) -> None:
+        """Builds the tables up to step `until`, for which the rows up to the next step are known."""
+        nonlocal done
+        agents, agent = np.unique(rows["vehicle_id"], return_inverse=True)
+        sizes = np.array([first[each] for each in agents.tolist()]).reshape(-1, 3)[agent]
+        columns = {name: rows[name] for name in ("x", "y", "speed", "acceleration")}
+        columns |= dict(zip(("kind", "length", "width"), sizes.T, strict=True))
+        columns |= {"id": rows["vehicle_id"], "controller": np.full(len(agent), LOG)}
+        columns |= {"yaw": wrap_angle(rows["yaw"]), "yaw_rate": _yaw_rates(agent, rows["step"], rows["yaw"])}
+        for step in wanted[(wanted > done) & (wanted <= until)].tolist():
+            own = slice(*rows["step"].searchsorted([step, step + 1]))
+            builder.add(AgentTable(step, *(np.asarray(columns[name][own], DTYPES[name]) for name in ARRAY_FIELDS)))
+        done = until
+
+    for part in parts:
+        step = part["frame"] - start_frame
+        inside = (step >= 0) & (step <= last)
+        new = {name: values[inside] for name, values in (dict(part) | {"step": step}).items()}
+        agents, at = np.unique(new["vehicle_id"], return_index=True)
+        sizes = zip(*(new[name][at].tolist() for name in ("kind", "length", "width")), strict=True)
+        first = dict(zip(agents.tolist(), sizes, strict=True)) | first
+        known = rows["step"] >= done if rows else None  # a step before those to build tells yaw rates
+        rows = {name: np.concatenate([rows[name][known], new[name]]) if rows else new[name] for name in new}
+        if len(rows["step"]):
+            build(max(done, int(rows["step"][-1]) - 2))  # the last step may go on in the next part
+    if rows:
+        build(last)
+    return builder.steps()
 
 
 def _yaw_rates(agent: IntArray, step: IntArray, yaw: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -24,7 +24,7 @@ from pydantic import TypeAdapter, ValidationError
 from litsim_sim.core.errors import InputError, shown
 from litsim_sim.core.scene import RATE_HZ, FloatArray, IntArray
 from litsim_sim.io.files import replacing
-from litsim_sim.io.parquet_input import plain_columns, read_arrow
+from litsim_sim.io.parquet_input import UNREADABLE, check_unpacked, parse_arrow, plain_columns, read_arrow
 
 if TYPE_CHECKING:
     import pandas as pd  # imported lazily: it is slow to import, and the nodes of a run do not need it
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 HEADER_KEY = b"litsim"
 CHECK_KEY = b"litsim_crc32"  # key of the checksum in the Parquet metadata; absent in files of older versions
 
+PART_ROWS = 50_000  # rows that are in memory together, of a recording that is read in parts
 COLUMNS: dict[str, str] = {
     "vehicle_id": "int64",
     "frame": "int64",
@@ -209,9 +210,23 @@ class Recording:
             recording = cls.from_table(header, arrow.to_pandas(), where)
         del arrow  # as large as the recording, for which its memory is used from here on
         pa.default_memory_pool().release_unused()
-        if metadata.get(CHECK_KEY, (crc := _checksum(raw, recording.columns))) != crc:
+        if metadata.get(CHECK_KEY, (crc := _checksum(raw, lambda name: [recording.columns[name]]))) != crc:
             raise InputError(f"{where}: damaged: its content does not match its checksum")
         return recording
+
+    @classmethod
+    def parts(cls, data: bytes, where: str) -> Iterator[Mapping[str, np.ndarray]]:
+        """Yields the columns of the recording in the content `data` of a file, part by part if it is long.
+
+        Raises:
+            InputError: as :meth:`from_arrow`.
+        """
+        if _is_long_and_sound(data, where):
+            with pq.ParquetFile(pa.BufferReader(data)) as file:
+                for batch in file.iter_batches(PART_ROWS):
+                    yield plain_columns(pa.Table.from_batches([batch]))
+        else:
+            yield cls.from_arrow(parse_arrow(pa.BufferReader(data), where), where).columns
 
     def write(self, path: Path) -> None:
         """Write as Parquet, with the header in the metadata.
@@ -232,10 +247,44 @@ class Recording:
         if not self.header.signals:  # as in files of older versions, so that their bytes stay the same
             del header["signals"]
         raw = json.dumps(header, sort_keys=True).encode()
-        metadata = {HEADER_KEY: raw, CHECK_KEY: _checksum(raw, self.columns)}
+        metadata = {HEADER_KEY: raw, CHECK_KEY: _checksum(raw, lambda name: [self.columns[name]])}
         sink = pa.BufferOutputStream()
         pq.write_table(arrow.replace_schema_metadata(metadata), sink, compression="zstd", write_page_checksum=True)
         return bytes(sink.getvalue().to_pybytes())
+
+
+def _is_long_and_sound(data: bytes, where: str) -> bool:
+    """Returns whether the content of a file is a recording of more than one part, sorted and without an error."""
+    try:
+        with pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True) as file:
+            metadata = file.schema_arrow.metadata or {}
+            if file.metadata.num_rows <= PART_ROWS or HEADER_KEY not in metadata:
+                return False
+            check_unpacked(file.metadata, len(data), where)
+            header = _header(metadata[HEADER_KEY], where)
+            rows = {name: np.empty(0, np.int64) for name in ("frame", "vehicle_id")}  # the last of each vehicle
+            for batch in file.iter_batches(PART_ROWS):
+                columns = _neutral(pa.Table.from_batches([batch]))
+                if columns is None:
+                    return False
+                before = int(np.argmax(rows["frame"])) if len(rows["frame"]) else 0
+                last = {name: values[before : before + 1] for name, values in rows.items()}
+                if not _in_order(*(np.append(last[name], columns[name]) for name in rows)):
+                    return False
+                Recording.from_columns(header, columns, where)
+                rows = {name: np.append(values, columns[name]) for name, values in rows.items()}
+                _check_tracks(rows, where)
+                at = len(rows["frame"]) - 1 - np.unique(rows["vehicle_id"][::-1], return_index=True)[1]
+                rows = {name: values[at] for name, values in rows.items()}
+
+            def column(name: str) -> Iterator[np.ndarray]:
+                for batch in file.iter_batches(PART_ROWS, columns=[name]):
+                    yield plain_columns(pa.Table.from_batches([batch]))[name]
+
+            crc = _checksum(metadata[HEADER_KEY], column)
+            return bool(metadata.get(CHECK_KEY, crc) == crc)
+    except (InputError, *UNREADABLE):
+        return False  # read at once, it tells of all that is wrong
 
 
 def _header(raw: bytes, where: str) -> RecordingHeader:
@@ -283,11 +332,12 @@ def _numbers(column: pd.Series, what: str) -> FloatArray:
     raise InputError(f"{what} is of type {column.dtype}, expected numbers")
 
 
-def _checksum(header: bytes, columns: Mapping[str, np.ndarray]) -> bytes:
-    """CRC-32 over the header and the columns of the neutral schema, in hexadecimal digits."""
+def _checksum(header: bytes, column: Callable[[str], Iterable[np.ndarray]]) -> bytes:
+    """CRC-32 over the header and the columns of the neutral schema, each in parts, in hexadecimal digits."""
     crc = zlib.crc32(header)
     for name, dtype in COLUMNS.items():
-        crc = zlib.crc32(np.ascontiguousarray(columns[name], np.dtype(dtype).newbyteorder("<")).data, crc)
+        for values in column(name):
+            crc = zlib.crc32(np.ascontiguousarray(values, np.dtype(dtype).newbyteorder("<")).data, crc)
     return b"%08x" % crc
 
 
