@@ -233,9 +233,7 @@ def on_clock(file: SignalsFile, zero_s: float, slower: float = 1.0) -> SignalsFi
     return file.model_copy(update={"changes": changes})
 
 
-def build(
-    file: SignalsFile, net: Path, log: Log, start_frame: int, where: str, *, as_recorded: bool = True
-) -> Signals:
+def build(file: SignalsFile, net: Path, log: Log, start_frame: int, where: str, *, as_recorded: bool = True) -> Signals:
     """Returns the signals of a scenario.
 
     Args:
