@@ -122,8 +122,8 @@ def test_many_at_once_touch_whom_each_touches_alone(agent_table) -> None:
     agents = ({"id": k, "x": x[k], "y": y[k], "yaw": yaw[k], "speed": speed[k]} for k in range(120))
     table, rows = agent_table(0, *agents), np.arange(100)
     poses = rolled_out(table, rows, np.zeros((100, 1, 2)), INSTANTS)
-    together = first_touch(table, rows, poses, INSTANTS, MARGIN)[:, 0]
+    together = first_touch(table, rows, poses, MARGIN)[:, 0]
     each = (np.ascontiguousarray(poses[:, i : i + 1]) for i in range(100))
-    alone = [first_touch(table, rows[i : i + 1], own, INSTANTS, MARGIN)[0, 0] for i, own in enumerate(each)]
+    alone = [first_touch(table, rows[i : i + 1], own, MARGIN)[0, 0] for i, own in enumerate(each)]
     np.testing.assert_array_equal(together, alone)
     assert 5 < np.isfinite(together).sum() < 95

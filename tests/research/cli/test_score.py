@@ -59,7 +59,8 @@ def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def measure(*words: str | Path) -> dict[str, dict[str, Any]]:
-    return evaluate(parser().parse_args([str(word) for word in ("--models", *NAMES, *words)]))
+    models = () if "--models" in words else ("--models", *NAMES)
+    return evaluate(parser().parse_args([str(word) for word in (*models, *words)]))
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *words: str | Path) -> None:
@@ -231,7 +232,7 @@ def test_wrong_words_end_the_program(
     words: list[str], expected: str, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
     with pytest.raises(SystemExit) as stop:
-        run(monkeypatch, "--models", "kinematic", *words)
+        run(monkeypatch, *words, *(() if "--models" in words else ("--models", "kinematic")))
     assert stop.value.code == 2
     assert expected in capsys.readouterr().err
 

@@ -64,7 +64,7 @@ def behind_scene(scene: IntArray, row: int) -> int:
     return int(np.searchsorted(scene, scene[row], "right"))
 
 
-@kernel(UniTuple(OUT_INTS, 2)(INTS, INTS))
+@kernel(UniTuple(OUT_INTS, 2)(INTS, INTS), outer=True)
 def within_scenes(scene: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
     """Returns the first rows (m,) and end rows (m,), exclusive, of the scenes of the agents in `rows` (m,).
 
