@@ -21,7 +21,7 @@ from litsim_policy.motion.car_following import (
     idm,
     safe_speed,
 )
-from litsim_policy.motion.path_kernels import PATHS, UNIT_X, UNIT_Y, PathArrays, S, X, Y, nearest, segment_at
+from litsim_policy.motion.path_kernels import PATHS, PathArrays, nearest, place_at
 from litsim_sim.core.pair_geometry import overlap, within_scenes
 from litsim_sim.core.scene import AGENTS, STEP_S, AgentArrays, BoolArray, Controller, FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
@@ -173,11 +173,7 @@ def make_room(
                 continue
             if not (math.cos(agents.yaw[j] - agents.yaw[own]) > SAME_WAY and _goes_first(agents, j, own)):
                 continue
-            s = own_s[k] + agents.speed[j] * FALLING_BACK
-            at = segment_at(paths.segments, paths.counts[k], k, s)
-            along = s - paths.segments[k, at, S]
-            x = paths.segments[k, at, X] + along * paths.segments[k, at, UNIT_X]
-            y = paths.segments[k, at, Y] + along * paths.segments[k, at, UNIT_Y]
+            x, y, _, _ = place_at(paths, k, own_s[k] + agents.speed[j] * FALLING_BACK)
             if abs(nearest(paths.segments[i], paths.circles[i], paths.counts[i], x, y)[2]) < apart:
                 slower = agents.speed[j] - agents.speed[own]
                 needed = 2.0 * (reach - ahead - slower * FALLING_BACK) / FALLING_BACK**2
@@ -196,11 +192,8 @@ def _runs_into(pedal: float, paths: PathArrays, p: int, own_s: float, agents: Ag
         other_yaw += bend * gone
         other_x += gone * math.cos(other_yaw)
         other_y += gone * math.sin(other_yaw)
-        at = segment_at(paths.segments, paths.counts[p], p, s)
-        unit_x, unit_y = paths.segments[p, at, UNIT_X], paths.segments[p, at, UNIT_Y]
-        along = s - paths.segments[p, at, S]
-        dx = other_x - (paths.segments[p, at, X] + along * unit_x)
-        dy = other_y - (paths.segments[p, at, Y] + along * unit_y)
+        x, y, unit_x, unit_y = place_at(paths, p, s)
+        dx, dy = other_x - x, other_y - y
         heading = math.atan2(unit_y, unit_x)
         long, wide = agents.length[j] + 2.0 * CROSSING_MARGIN, agents.width[j] + 2.0 * CROSSING_MARGIN
         if overlap(dx, dy, heading, other_yaw, agents.length[own], agents.width[own], long, wide):

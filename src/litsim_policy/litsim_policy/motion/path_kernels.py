@@ -187,6 +187,15 @@ def segment_at(segments: FloatArray, n: int, p: int, s: float) -> int:
     return low
 
 
+@kernel(types.UniTuple(float64, 4)(PATHS, int64, float64))
+def place_at(paths: PathArrays, p: int, s: float) -> tuple[float, float, float, float]:
+    """Return the place on path `p` at arc length `s` [m]: x, y [m], and the unit vector of the path there."""
+    at = segment_at(paths.segments, paths.counts[p], p, s)
+    unit_x, unit_y = paths.segments[p, at, UNIT_X], paths.segments[p, at, UNIT_Y]
+    along = s - paths.segments[p, at, S]
+    return paths.segments[p, at, X] + along * unit_x, paths.segments[p, at, Y] + along * unit_y, unit_x, unit_y
+
+
 @kernel(OUT_INTS2(FLOATS3, INTS, INTS, FLOATS2))
 def segments_at(segments: FloatArray, count: IntArray, path: IntArray, s: FloatArray) -> IntArray:
     """Return the segments (m, k) of the paths `path` (m,) at arc lengths `s` (m, k) [m]."""
