@@ -62,32 +62,26 @@ class Brake(_Act):
         return f"{self.agent} brakes at {how} from {self.begin_s:.1f} s on"
 
 
-class CutIn(_Act):
-    """An agent changes to the lane beside it on the ego's side, at the speed of its log.
+class LaneChange(_Act):
+    """An agent changes to a lane beside it, at the speed of its log, and stays there for as long again."""
 
-    It stays in the lane for as long again as the lane change takes.
-    """
+    @property
+    def text(self) -> str:
+        """The change as a sentence."""
+        verb = self.kind.replace("cut_", "cuts ")
+        return f"{self.agent} {verb} within {self.duration_s:.1f} s from {self.begin_s:.1f} s on"
+
+
+class CutIn(LaneChange):
+    """A change to the lane on the ego's side."""
 
     kind: Literal["cut_in"]
 
-    @property
-    def text(self) -> str:
-        """The change as a sentence."""
-        return f"{self.agent} cuts in within {self.duration_s:.1f} s from {self.begin_s:.1f} s on"
 
-
-class CutOut(_Act):
-    """An agent changes to the lane to its left, or where there is none to its right, at the speed of its log.
-
-    It stays in the lane for as long again as the lane change takes.
-    """
+class CutOut(LaneChange):
+    """A change to the lane to the left, or where there is none to the right."""
 
     kind: Literal["cut_out"]
-
-    @property
-    def text(self) -> str:
-        """The change as a sentence."""
-        return f"{self.agent} cuts out within {self.duration_s:.1f} s from {self.begin_s:.1f} s on"
 
 
 class Pace(_Act):

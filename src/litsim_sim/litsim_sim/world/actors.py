@@ -10,7 +10,7 @@ import numpy as np
 
 from litsim_sim.core.geometry import arc_lengths, smooth_step, to_body
 from litsim_sim.core.scene import STEP_S, AgentTable, ControlTable, FloatArray
-from litsim_sim.scenario.changes import ENTRY_S, Brake, CutIn, CutOut, Enter, Inattentive, Pace
+from litsim_sim.scenario.changes import ENTRY_S, Brake, CutIn, Enter, Inattentive, LaneChange, Pace
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.setting import Setting
 
@@ -75,19 +75,19 @@ class _Late:
 class _Actor:
     """One agent and what it does."""
 
-    def __init__(self, scenario: Setting, agent: int, act: Brake | CutIn | CutOut | Pace | Enter) -> None:
+    def __init__(self, scenario: Setting, agent: int, act: Brake | LaneChange | Pace | Enter) -> None:
         log: Log = scenario.log
         self.agent, self._act, self._scenario = agent, act, scenario
         self._row = row = log.row(agent)
         begin, duration = int(log.first_step[row]) + 1, ENTRY_S
         if not isinstance(act, Enter):
             begin = round(act.begin_s / STEP_S)
-            duration = act.duration_s * (2.0 if isinstance(act, CutIn | CutOut) else 1.0)
+            duration = act.duration_s * (2.0 if isinstance(act, LaneChange) else 1.0)
         self._begin, self._end = begin, begin + round(duration / STEP_S)
         valid = log.valid[row]
         self._logged = np.column_stack([log.x[row, valid], log.y[row, valid]])
         self._logged_speed = log.speed[row, valid]
-        self._path: FloatArray | None = None if isinstance(act, CutIn | CutOut) else self._logged
+        self._path: FloatArray | None = None if isinstance(act, LaneChange) else self._logged
 
     def acts_at(self, step: int) -> bool:
         """Returns whether it acts at `step`."""
@@ -106,7 +106,7 @@ class _Actor:
         yaw_rate = 2.0 * speed * math.sin(math.atan2(target[1] - y, target[0] - x) - yaw) / max(away, 1.0)
         if isinstance(self._act, Brake):
             return -self._act.deceleration, yaw_rate
-        if isinstance(self._act, CutIn | CutOut):  # by the time: it keeps up with the lane that it comes from
+        if isinstance(self._act, LaneChange):  # by the time: it keeps up with the lane that it comes from
             at = min(max(table.step - int(self._scenario.log.first_step[self._row]), 0), len(self._logged_speed) - 1)
             wanted = float(self._logged_speed[at])
         else:
@@ -115,7 +115,7 @@ class _Actor:
 
     def _lane_change(self, table: AgentTable, row: int) -> FloatArray | None:
         """Returns the path (m, 2) of the agent in `row` onto the lane beside its own; None without one."""
-        assert isinstance(self._act, CutIn | CutOut)
+        assert isinstance(self._act, LaneChange)
         lane_map = self._scenario.lane_map
         pose = table.x[row], table.y[row], table.yaw[row]
         at = lane_map.nearest(*(np.array([value]) for value in pose))
