@@ -1,7 +1,7 @@
 // Plots over time in SVG; all share the time axis and a cursor.
 
 const TICK_PIXELS = 45;
-const MARGIN = { left: 34, right: 8, top: 6, bottom: 16 };
+const MARGIN = { left: 34, right: 14, top: 6, bottom: 16 };
 
 // lines: [{values, style, label, id}]; values are one a frame, null where there is nothing. Stacked lines are areas.
 class Chart {
