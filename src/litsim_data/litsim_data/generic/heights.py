@@ -9,10 +9,10 @@ import pandas as pd
 from scipy.spatial import KDTree
 
 from litsim_sim.io.table_input import TableFiles
+from litsim_sim.lane_map.net_lanes import LEVEL
 
 NAMES = r"((vehicle|local|pos(ition)?|utm|map|cent(er|re))_?)?z(_?(m|center|centre|pos|position))?|elevation|altitude"
 """Pattern of names of a column of heights, in lower case."""
-LEVEL = 3.0  # [m] of height from which on vehicles are on different levels
 NEAR = 30.0  # [m] within which vehicles on two levels are looked for: a hill does not rise as much
 INSTANTS = 400  # about as many instants are compared
 

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from litsim_data.maps.lane_graph import LEVEL
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.lane_map.lane_crossings import crossing_pairs, crossing_points
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.lane_map.net_lanes import Lane
+from litsim_sim.lane_map.net_lanes import LEVEL, Lane
 
 ABUTTING = 3.0  # [m] from the end of a lane within which another one that begins looks like its continuation
 ABUTTING_ANGLE = np.deg2rad(45.0)  # and by which it may turn

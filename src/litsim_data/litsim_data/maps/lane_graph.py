@@ -25,7 +25,6 @@ SAMPLE = 2.0  # [m] between them
 NEAREST = 0.15  # [m] from those of its bounds, at least: netconvert drops points within 0.1 m
 OPPOSED = 0.5  # [m] along the bounds within which their points lie opposite each other
 LONGEST = 100_000.0  # [m] of a lanelet
-LEVEL = 3.0  # [m] of height between lanes that cross, from which on one passes over the other
 OPPOSITE = np.deg2rad(150.0)  # from which on two lanes lead opposite ways
 BESIDE = 8.0  # [m] at most, between the middles of two lanes that lead opposite ways on one road
 

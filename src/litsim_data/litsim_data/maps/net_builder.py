@@ -15,11 +15,12 @@ import numpy as np
 import shapely
 from scipy.cluster.hierarchy import DisjointSet
 
-from litsim_data.maps.lane_graph import LEVEL, TURNS, LaneGraph, Lanelet, at_shares, turn, without_repeats
+from litsim_data.maps.lane_graph import TURNS, LaneGraph, Lanelet, at_shares, turn, without_repeats
 from litsim_data.maps.netconvert import DECIMALS, build_net, shape_text
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.lane_map.lane_crossings import crossing_pairs, crossing_points
+from litsim_sim.lane_map.net_lanes import LEVEL
 from litsim_sim.lane_map.signal_links import ARROW
 
 INNER_LENGTH_MAX = 60.0  # [m] longer lanelets that split or join are ramps, not turns

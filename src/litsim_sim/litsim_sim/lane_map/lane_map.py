@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from litsim_sim.lane_map.lane_graph import directly_linked, straightest_successo
 from litsim_sim.lane_map.net_ends import NetEnds
 from litsim_sim.lane_map.net_lanes import TOLERANCE, Lane, read_lanes
 from litsim_sim.lane_map.segment_grid import SegmentGrid
+
+if TYPE_CHECKING:
+    from litsim_sim.lane_map.levels import Levels
 
 DIRECTION_PENALTY = 4.0  # [m] times 1 - cos of the angle between a pose and a lane: opposite lanes are 8 m further
 INTERNAL_PENALTY = 1.0  # [m] by which a lane inside a junction must be nearer to win
@@ -78,6 +81,15 @@ class LaneMap:
     def ends(self) -> NetEnds:
         """Where roads lead out of the net."""
         return NetEnds(self.lanes)
+
+    @cached_property
+    def levels(self) -> Levels | None:
+        """Roads that pass over others; None for a flat net."""
+        if all(lane.heights is None for lane in self.lanes):
+            return None
+        from litsim_sim.lane_map.levels import Levels  # imported here: it needs scipy, and most nets are flat
+
+        return Levels(self.lanes)
 
     @classmethod
     def from_net(cls, path: Path) -> LaneMap:

@@ -22,6 +22,7 @@ UNREADABLE = (SAXException, OSError, KeyError, ValueError, AttributeError, TypeE
 
 MOST_KM2 = 2000  # of the rectangle around a net, whose lookup grid then takes about 1 GB
 TOLERANCE = 1e-3  # [m] coordinates of a net are rounded to this
+LEVEL = 3.0  # [m] of height between lanes that cross, from which on one passes over the other
 
 
 @dataclass(frozen=True)

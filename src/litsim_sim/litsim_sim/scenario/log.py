@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -127,6 +127,10 @@ class Log:
         """Returns the row of `agent`; -1 if the log lacks it."""
         at = int(np.searchsorted(self.ids, agent))
         return at if at < len(self.ids) and self.ids[at] == agent else -1
+
+    def take(self, rows: BoolArray) -> Log:
+        """Returns the log of the agents in the mask `rows` (n,)."""
+        return Log(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
     def table(self, step: int, lag: IntArray | None = None) -> AgentTable:
         """Returns all agents on the road at `step`, controller LOG, as arrays of their own; empty outside of the steps.

@@ -51,6 +51,8 @@ class Scenario:
 
     Steps of 0.1 s run from 0 to `total_steps`; those below `history_steps` are the recorded past.
 
+    Agents on roads that pass over or under that of the ego, with no way between them, are left out.
+
     Attributes:
         file: the resolved fields, with absolute paths.
         recording: the recording, without its changes, cut to the frames of the scenario.
@@ -117,6 +119,8 @@ class Scenario:
             if self.file.signals:  # signals of a recording may be known for a part of it only
                 shown = (self.start_frame, self.start_frame + self.total_steps)
                 check_known(signals, self.signals.known, shown, where)
+        self._on_all_levels = self.recording, self.log
+        self._leave_out_other_levels()
 
     @classmethod
     def load(cls, name_or_path: str | Path, *, sources: Sources | None = None, **overrides: Any) -> Scenario:
@@ -157,10 +161,30 @@ class Scenario:
         changes = {"ego": ego, "seed": seed, "end_after_contact_s": end_after_contact_s}
         changes = {name: value for name, value in changes.items() if value is not None}
         file = validate_yaml(self.file.model_dump() | changes, ScenarioFile, self.name, "")
-        check_agents(file, self.log, self.history_steps, self.name)
+        check_agents(file, self._on_all_levels[1], self.history_steps, self.name)
         other = copy.copy(self)
         other.file = file
+        other._leave_out_other_levels()  # noqa: SLF001 - of the same class
         return other
+
+    def _leave_out_other_levels(self) -> None:
+        """Leaves out, in place, agents that are mostly on roads that pass over or under the one of the ego."""
+        levels = self.lane_map.levels
+        if levels is None or not levels.over.any():
+            return
+        recording, log = self._on_all_levels
+        agent, step = log.valid.nonzero()
+        at = self.lane_map.nearest(log.x[agent, step], log.y[agent, step], log.yaw[agent, step])
+        count = np.zeros((len(log.ids), len(levels.over)), np.int64)
+        np.add.at(count, (agent, levels.part[at.lane]), 1)
+        part = count.argmax(axis=1)
+        stays = ~levels.apart_from(int(part[log.row(self.ego_id)]))[part]
+        self.log = log.take(stays)
+        self.recording = recording.take(~np.isin(recording.columns["vehicle_id"], log.ids[~stays]))
+        for derived in ("log_overlaps", "last_logged"):
+            vars(self).pop(derived, None)
+        if not stays.all():
+            _warn(f"{self.name}: agents on roads above or below that of ego {self.ego_id} are left out: {sum(~stays)}")
 
     def to_yaml(self) -> str:
         """Returns the resolved scenario, with absolute paths; :meth:`from_yaml` builds the same from it."""
