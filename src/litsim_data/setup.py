@@ -57,6 +57,7 @@ setup(
             "waymo_tfrecord = litsim_data.sources.waymo:WaymoRecord",
             "openscenario = litsim_data.sources.openscenario:OpenScenario",
             "osi = litsim_data.sources.osi:OpenSimulationInterface",
+            "py123d = litsim_data.sources.py123d:Py123d",
             "sumo = litsim_data.sources.sumo:SumoTrajectories",
         ],
     },

@@ -15,6 +15,8 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from litsim_data.maps.lane_graph import LaneGraph, Lanelet, around
 from litsim_data.maps.net_builder import write_graph
@@ -319,6 +321,54 @@ def _osi_lanes(truth: Any) -> None:
     for before, after in (("e0", "e2"), ("n0", "n2")):
         pair = middle.classification.lane_pairing.add()
         pair.antecessor_lane_id.value, pair.successor_lane_id.value = numbers[before], numbers[after]
+
+
+def crossing() -> dict[str, Any]:
+    """The crossing as plain data, with a lane of bicycles: `py123d_log.py` makes a log and a map of py123d of it."""
+
+    def lane(number: int, sides: Sequence[np.ndarray], at: int, *, bicycles: bool = False) -> dict[str, Any]:
+        left, right = (np.column_stack([side, np.full(len(side), 20.0)]).tolist() for side in sides)
+        before, after = [number - 1] if at > 0 else [], [number + 1] if at < 2 else []
+        shape = {"left": left, "right": right, "inside": at == 1, "bicycles": bicycles}
+        return {"id": number, "before": [] if bicycles else before, "after": [] if bicycles else after} | shape
+
+    made = [lane(number, (one.left, one.right), number % 3) for number, one in enumerate(lanes())]
+    made.append(lane(len(made), around(np.array([[-150.0, 6.0], [-10.0, 6.0]]), 1.0), 0, bicycles=True))
+    lit = [one.id for one in lanes()].index(LIGHT)
+    return {"tracks": tracks().to_dict("list"), "lanes": made, "lit": lit, "recorder": 2}
+
+
+def py123d(path: Path) -> Path:
+    """What examples/py123d/export.py makes of such a log."""
+    rows, made, begin = tracks(), crossing(), 1_600_000_000_000_000
+    columns = {
+        "vehicle_id": rows["id"].astype(str).replace("2", "ego_vehicle"),
+        "time_us": begin + 100_000 * rows["step"],
+        **{name: rows[name] for name in ("x", "y")},
+        "z": np.zeros(len(rows)),
+        **{name: rows[name] for name in ("yaw", "length", "width")},
+        "label": rows["kind"].replace("car", "vehicle").mask(rows["id"] == 2, "ego"),
+        "general": rows["kind"].replace({"car": "vehicle", "pedestrian": "person"}).mask(rows["id"] == 2, "ego"),
+    }
+    lanelets = [
+        {
+            "id": str(lane["id"]),
+            "left": lane["left"],
+            "right": lane["right"],
+            "predecessors": [str(one) for one in lane["before"]],
+            "successors": [str(one) for one in lane["after"]],
+            "left_id": None,
+            "right_id": None,
+            "speed_limit": None,
+            "junction": lane["inside"],
+            "bicycles": lane["bicycles"],
+        }
+        for lane in made["lanes"]
+    ]
+    lights = [(begin, str(made["lit"]), "green")]
+    content = {"dataset": "nuplan", "log": "made", "ego": "ego_vehicle", "lanes": lanelets, "lights": lights}
+    pq.write_table(pa.table(columns).replace_schema_metadata({"py123d": json.dumps(content)}), path)
+    return path
 
 
 def waymo_content() -> dict[str, Any]:

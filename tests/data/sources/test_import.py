@@ -6,14 +6,19 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import yaml
 
 import made_sources
 from litsim_data.cli import main
+from litsim_data.maps.lane_graph import LaneGraph
+from litsim_data.maps.net_builder import write_graph
 from litsim_data.sources.importing import files_of
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Kind
@@ -39,6 +44,7 @@ CROSSINGS: dict[str, tuple[Written, int, bool]] = {
     "commonroad": (lambda folder: made_sources.commonroad(folder / "made.xml"), 110, True),
     "osi": (lambda folder: made_sources.osi(folder / "made_gt.osi"), 110, False),
     "osi_mcap": (lambda folder: made_sources.osi(folder / "made_sv.mcap", "SensorView"), 110, False),
+    "py123d": (lambda folder: made_sources.py123d(folder / "nuplan_made.parquet"), 110, True),
     "sumo": (lambda folder: made_sources.sumo(folder / "sumo"), 110, False),
     "waymo_json": (lambda folder: made_sources.waymo_json(folder / "made.json"), 90, True),
     "waymo_tfrecord": (lambda folder: made_sources.waymo_record(folder / "made.tfrecord-00000-of-00001"), 90, True),
@@ -79,6 +85,7 @@ def test_a_crossing_in_every_format(name: str, tmp_path: Path, capsys: pytest.Ca
         "argoverse",
         "osi",
         "osi_mcap",
+        "py123d",
         "waymo_json",
         "waymo_tfrecord",
     ):  # which know the vehicle that recorded the others
@@ -212,6 +219,49 @@ def test_traces_of_osi_that_cannot_be_used(tmp_path: Path, capsys: pytest.Captur
     path.write_bytes(len(whole).to_bytes(4, "little")[:4] + b"\xff" * len(whole))
     with pytest.raises(InputError, match="message 1: neither ground truth of OSI nor a sensor's view of it"):
         load_recording(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"lanes": []}, r"nuplan_made\.parquet: holds no lanes, .*: name a net or OpenDRIVE by --map"),
+        ({"lanes": [{"bicycles": False, "id": "7"}]}, r"lane 0 of its metadata: KeyError 'left'"),
+        ({"lights": None}, r"metadata py123d: KeyError 'lights', expected what examples/py123d/export\.py writes"),
+    ],
+)
+def test_logs_of_py123d_that_cannot_be_used(
+    change: dict[str, Any], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = made_sources.py123d(tmp_path / "nuplan_made.parquet")
+    table = pq.read_table(path)
+    content = {**json.loads(table.schema.metadata[b"py123d"]), **change}
+    content = {field: value for field, value in content.items() if value is not None}
+    pq.write_table(table.replace_schema_metadata({"py123d": json.dumps(content)}), path)
+    with pytest.raises(SystemExit, match="2"):
+        main(["import", str(path), str(tmp_path / "out")])
+    assert re.search(message, capsys.readouterr().err)
+
+
+def test_data_sets_of_py123d_have_their_own_licences_and_labels(tmp_path: Path) -> None:
+    """PandaSet has no lanes: here those of a net that is named."""
+    table = pq.read_table(made_sources.py123d(tmp_path / "nuplan.parquet"))
+    content = json.loads(table.schema.metadata[b"py123d"]) | {"dataset": "pandaset", "lanes": [], "lights": []}
+    labels = {"1": "pickup_truck", "3": "bus", "4": "motorcycle", "5": "bicycle", "ego_vehicle": "ego"}
+    general = {"4": "two_wheeler", "5": "two_wheeler", "ego_vehicle": "ego"}
+    rows = table.to_pandas()
+    rows["label"], rows["general"] = rows["vehicle_id"].map(labels), rows["vehicle_id"].map(general).fillna("vehicle")
+    rows = pd.concat([rows, rows[rows["vehicle_id"] == "5"].assign(vehicle_id="6", label="rider", general="person")])
+    (tmp_path / "in").mkdir()
+    changed = pa.Table.from_pandas(rows, preserve_index=False)
+    pq.write_table(changed.replace_schema_metadata({"py123d": json.dumps(content)}), tmp_path / "in/pandaset_1.parquet")
+    net = tmp_path / "made.net.xml"
+    write_graph(LaneGraph(tuple(made_sources.lanes())), net)
+    recording, *_ = imported(tmp_path / "in", tmp_path / "out", "--map", str(net))
+    assert recording.header.licence == "CC BY 4.0" and "PandaSet" in recording.header.source
+    kinds = recording.table.drop_duplicates("vehicle_id").set_index("vehicle_id")["kind"]
+    ego = recording.header.notes["ego"]
+    expected = {1: Kind.CAR, 3: Kind.TRUCK, 4: Kind.MOTORCYCLE, 5: Kind.BICYCLE, ego: Kind.CAR}
+    assert kinds.to_dict() == expected
 
 
 def test_what_is_no_data_set(tmp_path: Path) -> None:

@@ -191,7 +191,8 @@ def converted(scene: Scene, source: Source, graph: LaneGraph | None = None) -> t
         InputError: the tracks cannot be used.
     """
     accept = [*scene.mapping.accept, *(["side"] if graph is not None and graph.keeps_left else [])]
-    header = {"name": scene.name, "source": source.citation, "licence": source.licence}
+    licence, citation = scene.about or (source.licence, source.citation)
+    header = {"name": scene.name, "source": citation, "licence": licence}
     mapping = scene.mapping.model_copy(update=header | {"accept": accept})
     try:
         return convert(scene.tracks, mapping)

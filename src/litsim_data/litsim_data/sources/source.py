@@ -31,6 +31,7 @@ class Scene:
         signals: what traffic lights of the map showed, ascending in time.
         ego: id of the vehicle that recorded the others, if it is known, which becomes the ego.
         notes: sentences on what of the scene is not used.
+        about: licence and citation of its data, if they are not those of its :class:`Source`.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Scene:
     signals: Sequence[SignalChange] = ()
     ego: str | None = None
     notes: tuple[str, ...] = ()
+    about: tuple[str, str] | None = None
 
 
 class Source(ABC):
