@@ -465,3 +465,13 @@ def test_borders_that_are_chains_of_ways_are_joined(second: str, tmp_path: Path)
     assert graph.notes == ("joined: 1 borders that are chains of ways",)
     assert graph.by_id["31"].length == pytest.approx(100.0, abs=0.3)
     assert graph.by_id["31"].width == pytest.approx(3.5, abs=0.05) and graph.by_id["31"].successors == ("33",)
+
+
+def test_points_that_are_opposite_but_for_rounding_are_one_of_the_middle() -> None:
+    """At 0.3 of both bounds: two points there would give the line no direction, as in a map of Argoverse 2."""
+    opposite = float(np.nextafter(3.0, 4.0))
+    sides = ([0.0, opposite, 10.0], 2.0), ([0.0, 2.1, 5.0, 7.0], 0.0)
+    left, right = (np.column_stack([x, np.full(len(x), y)]) for x, y in sides)
+    line = Lanelet("a", left, right).centerline
+    assert np.diff(line[:, 0]).min() > 0.1 and line[[0, -1]].tolist() == [[0.0, 1.0], [8.5, 1.0]]
+    assert np.isclose(line[:, 0], 0.3 * 8.5).sum() == 1

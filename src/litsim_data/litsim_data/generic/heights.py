@@ -44,6 +44,6 @@ def levels(table: pd.DataFrame, source: TableFiles) -> str:
     low, high = float(np.nanmin(heights)), float(np.nanmax(heights))
     return (
         f"column {name!r} spans {high - low:.1f} m and is not used, though {len(pairs)} pairs of vehicles are near "
-        f"each other on different levels, where they touch on a flat net: keep one level by field rows of the mapping, such as "
-        f"rows: {{{name}: {{max: {low + LEVEL:.1f}}}}}"
+        f"each other on different levels, where they touch on a flat net: keep one level by field rows of the mapping, "
+        f"such as rows: {{{name}: {{max: {low + LEVEL:.1f}}}}}"
     )

@@ -24,6 +24,7 @@ SAMPLES_MIN = 8  # points of a centre line, at least
 SAMPLE = 2.0  # [m] between them
 NEAREST = 0.15  # [m] from those of its bounds, at least: netconvert drops points within 0.1 m
 OPPOSED = 0.5  # [m] along the bounds within which their points lie opposite each other
+REPEATED = 1e-3  # [m] between points of a line up to which one repeats the other
 LONGEST = 100_000.0  # [m] of a lanelet
 OPPOSITE = np.deg2rad(150.0)  # from which on two lanes lead opposite ways
 BESIDE = 8.0  # [m] at most, between the middles of two lanes that lead opposite ways on one road
@@ -70,6 +71,8 @@ class Lanelet:
             left = right = 0.5 * (left + right)
         even = np.linspace(0.0, 1.0, max(SAMPLES_MIN, int(np.ceil(length / SAMPLE)) + 1))
         own = np.unique(np.concatenate([left, right]))
+        own = own[np.diff(own, prepend=-1.0) * length > REPEATED]  # points opposite each other, but for rounding
+        own[-1] = 1.0
         apart = np.abs(even[:, None] - own).min(axis=1) * length
         share = np.union1d(own, even[apart > NEAREST])
         return _interpolated(self.left, left, share), _interpolated(self.right, right, share)
@@ -218,7 +221,7 @@ def polyline(points: Sequence[Sequence[float]], what: str) -> FloatArray:
 
 def without_repeats(line: FloatArray) -> FloatArray:
     """Returns a line (k, 2) or (k, 3) without the points that repeat the one before."""
-    return line[np.concatenate([[True], np.hypot(*np.diff(line[:, :2], axis=0).T) > 1e-3])]
+    return line[np.concatenate([[True], np.hypot(*np.diff(line[:, :2], axis=0).T) > REPEATED])]
 
 
 def turn(angle: float, least: float) -> str:
