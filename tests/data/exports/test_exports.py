@@ -107,10 +107,44 @@ def test_trajectories_of_openscenario_come_back_to_a_millimetre(crossing: Path, 
     assert LaneMap.from_net(tmp_path / "back.net.xml").inside_road(np.array([-100.0, 0.0]), np.array([1.7, 90.0])).all()
 
 
-def test_openscenario_satisfies_the_checker_of_asam(crossing: Path, tmp_path: Path) -> None:
+def lit(net: Path) -> Content:
+    """On a net with lights, of which all are red for a second, green for one and a half, then amber, then red."""
+    links = read_links(net)
+    groups = tuple(sorted({link.name for link in links}))
+    states = np.full((len(groups), 40), int(SignalState.RED), np.uint8)
+    states[:, 10:25], states[:, 25:30] = int(SignalState.GREEN), int(SignalState.AMBER)
+    states[::2] = states[::2, ::-1]
+    known = Signals(groups, links, np.array([groups.index(link.name) for link in links]), states)
+    return replace(content(net), signals=known)
+
+
+def test_lights_of_openscenario_are_those_of_its_opendrive(tmp_path: Path) -> None:
+    written = lit(packaged("nets/urban_like.net.xml"))
+    known = written.signals
+    assert known is not None
+    OpenScenario().write(written, tmp_path / "made.xosc")
+    road, root = (ET.parse(tmp_path / f"made.{ending}").getroot() for ending in ("xodr", "xosc"))
+    controllers = {one.get("id"): {c.get("signalId") for c in one.iter("control")} for one in road.iter("controller")}
+    lamps = {SignalState.RED: "on;off;off", SignalState.GREEN: "off;off;on", SignalState.AMBER: "off;on;off"}
+    light_of = {f"{link.light}_{link.index}": group for link, group in zip(known.links, known.link_group, strict=True)}
+    told = root.findall("RoadNetwork/TrafficSignals/TrafficSignalController")
+    assert {one.get("name") for one in told} == {*controllers}
+    for controller in told:
+        shown: dict[str, list[str]] = {}
+        for phase in controller:
+            for state in phase:
+                steps = round(10.0 * float(phase.get("duration", "")))
+                shown.setdefault(state.get("trafficSignalId", ""), []).extend([state.get("state", "")] * steps)
+        assert {*shown} == controllers[controller.get("name")]
+        for name, states in shown.items():
+            assert states == [lamps[SignalState(state)] for state in known.states[light_of[name]]], name
+
+
+@pytest.mark.parametrize("net", ["crossing", "urban_like"])
+def test_openscenario_satisfies_the_checker_of_asam(net: str, crossing: Path, tmp_path: Path) -> None:
     pytest.importorskip("qc_openscenario")
     out = tmp_path / "made.xosc"
-    OpenScenario().write(content(crossing), out)
+    OpenScenario().write(content(crossing) if net == "crossing" else lit(packaged(f"nets/{net}.net.xml")), out)
     result = checked(out, tmp_path)
     assert Counter(one.get("status") for one in result.iter("Checker")) == {"completed": 17}
     assert not list(result.iter("Issue"))
@@ -150,13 +184,8 @@ def everything(written: Content, out: Path) -> Path:
 
 def test_lanes_and_lights_of_commonroad_come_back(tmp_path: Path) -> None:
     net = packaged("nets/urban_like.net.xml")
+    written = lit(net)
     links = read_links(net)
-    groups = tuple(sorted({link.name for link in links}))
-    states = np.full((len(groups), 40), int(SignalState.RED), np.uint8)
-    states[:, 10:25], states[:, 25:30] = int(SignalState.GREEN), int(SignalState.AMBER)
-    states[::2] = states[::2, ::-1]
-    known = Signals(groups, links, np.array([groups.index(link.name) for link in links]), states)
-    written = replace(content(net), signals=known)
     CommonRoad().write(written, tmp_path / "made.xml")
     source = source_of(tmp_path / "made.xml")
     assert source is not None

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -11,17 +13,31 @@ import pandas as pd
 
 from litsim_data.exports.export import Content, Export, add, beside, write_xml
 from litsim_data.exports.opendrive import OpenDrive
-from litsim_sim.core.scene import Kind
+from litsim_sim.core.scene import STEP_S, Kind
+from litsim_sim.core.signals import SignalState
+from litsim_sim.lane_map.signal_links import read_links
+from litsim_sim.scenario.signals import Signals
 
 CATEGORIES = {Kind.TRUCK: "truck", Kind.MOTORCYCLE: "motorbike", Kind.BICYCLE: "bicycle"}
 """Vehicle category of kinds that are neither cars nor pedestrians."""
 HEIGHT, MASS = 1.6, 75.0  # [m] of bounding boxes, [kg] of pedestrians: neither is recorded
 WHEELBASE = 0.6  # of the length; the reference point of a vehicle is the middle of its rear axle
+LAMPS = {
+    SignalState.FLASHING_RED: "flashing;off;off",
+    SignalState.RED: "on;off;off",
+    SignalState.RED_AMBER: "on;on;off",
+    SignalState.GREEN_PERMISSIVE: "off;off;on",
+    SignalState.GREEN: "off;off;on",
+    SignalState.AMBER_PERMISSIVE: "off;on;off",
+    SignalState.AMBER: "off;on;off",
+    SignalState.FLASHING_AMBER: "off;flashing;off",
+}
+"""What the red, yellow and green lamp of a signal show; others are dark."""
 PERFORMANCE = {"maxSpeed": 70, "maxAcceleration": 10, "maxDeceleration": 10}
 
 
 class OpenScenario(Export):
-    """Agents are there from their first frame to their last; lights are left out."""
+    """Agents are there from their first frame to their last; lights show what they did."""
 
     endings, content = (".xosc",), "OpenSCENARIO XML 1.2, with OpenDRIVE beside"
 
@@ -34,7 +50,10 @@ class OpenScenario(Export):
         header = {"revMajor": 1, "revMinor": 2, "date": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S}", "author": "LitSim"}
         add(root, "FileHeader", description=f"{content.name}{f': {known}' if known else ''}", **header)
         add(root, "CatalogLocations")
-        add(root, "RoadNetwork/LogicFile", filepath=road.name)
+        network = add(root, "RoadNetwork")
+        add(network, "LogicFile", filepath=road.name)
+        if content.signals is not None:
+            _add_signals(add(network, "TrafficSignals"), content.signals, content.net_file())
         entities, board = add(root, "Entities"), add(root, "Storyboard")
         start = add(board, "Init/Actions")
         act = add(board, "Story", name="motion")
@@ -92,6 +111,28 @@ class OpenScenario(Export):
             entity = add(add(event, "Action", name=f"{name}_disappears"), "GlobalAction/EntityAction", entityRef=name)
             add(entity, "DeleteEntityAction")
             _at(event, "StartTrigger", times[-1])
+
+
+def _add_signals(parent: ET.Element, signals: Signals, net: Path) -> None:
+    """Adds what each controller of the OpenDRIVE map shows, as one cycle, which begins anew only after the last step.
+
+    netconvert names controllers after the lights of the `net`, and signals after the positions of their links.
+    """
+    own = {link.name: link for link in read_links(net)}
+    members: dict[str, dict[str, int]] = defaultdict(dict)
+    for link, group in zip(signals.links, signals.link_group.tolist(), strict=True):
+        light = own[link.name].light
+        members[light][f"{light}_{own[link.name].index}"] = group
+    for light, groups in sorted(members.items()):
+        states = signals.states[list(groups.values())]
+        changes = (np.flatnonzero((states[:, 1:] != states[:, :-1]).any(axis=0)) + 1).tolist()
+        controller = add(parent, "TrafficSignalController", name=light)
+        for begin, end in pairwise([0, *changes, states.shape[1]]):
+            duration = f"{STEP_S * (end - begin):g}"
+            phase = add(controller, "Phase", name=f"from {STEP_S * begin:g} s", duration=duration)
+            for name, state in zip(groups, states[:, begin].tolist(), strict=True):
+                lamps = LAMPS.get(SignalState(state), "off;off;off")
+                add(phase, "TrafficSignalState", trafficSignalId=name, state=lamps)
 
 
 def _entity(entities: ET.Element, name: str, row: pd.Series) -> float:
