@@ -124,20 +124,21 @@ def test_lights_of_openscenario_are_those_of_its_opendrive(tmp_path: Path) -> No
     assert known is not None
     OpenScenario().write(written, tmp_path / "made.xosc")
     road, root = (ET.parse(tmp_path / f"made.{ending}").getroot() for ending in ("xodr", "xosc"))
-    controllers = {one.get("id"): {c.get("signalId") for c in one.iter("control")} for one in road.iter("controller")}
     lamps = {SignalState.RED: "on;off;off", SignalState.GREEN: "off;off;on", SignalState.AMBER: "off;on;off"}
-    light_of = {f"{link.light}_{link.index}": group for link, group in zip(known.links, known.link_group, strict=True)}
-    told = root.findall("RoadNetwork/TrafficSignals/TrafficSignalController")
-    assert {one.get("name") for one in told} == {*controllers}
-    for controller in told:
-        shown: dict[str, list[str]] = {}
-        for phase in controller:
-            for state in phase:
-                steps = round(10.0 * float(phase.get("duration", "")))
-                shown.setdefault(state.get("trafficSignalId", ""), []).extend([state.get("state", "")] * steps)
-        assert {*shown} == controllers[controller.get("name")]
-        for name, states in shown.items():
-            assert states == [lamps[SignalState(state)] for state in known.states[light_of[name]]], name
+    group_of = {f"{link.light}_{link.index}": group for link, group in zip(known.links, known.link_group, strict=True)}
+    assert {signal.get("id") for signal in road.iter("signal")} == {*group_of}
+    shown: dict[str, list[str]] = {
+        action.get("name", ""): [action.get("state", "")] * known.states.shape[1]
+        for action in root.findall("Storyboard/Init/Actions//TrafficSignalStateAction")
+    }
+    for event in root.findall("Storyboard/Story//Event"):
+        begin = round(10.0 * float(event.find("StartTrigger//SimulationTimeCondition").get("value")))  # type: ignore[union-attr]
+        for action in event.iter("TrafficSignalStateAction"):
+            states = shown[action.get("name", "")]
+            states[begin:] = [action.get("state", "")] * (len(states) - begin)
+    assert shown == {
+        name: [lamps[SignalState(state)] for state in known.states[group]] for name, group in group_of.items()
+    }
 
 
 @pytest.mark.parametrize("net", ["crossing", "urban_like"])

@@ -142,6 +142,19 @@ def test_several_scenes_and_one_that_cannot_be_used(tmp_path: Path, capsys: pyte
     assert "exists already, expected a new folder" in capsys.readouterr().err
 
 
+def test_scenes_of_one_name_have_files_of_their_own(tmp_path: Path) -> None:
+    for folder, step in (("a", 0.1), ("b", 0.2)):
+        (tmp_path / "in" / folder).mkdir(parents=True)
+        made_sources.commonroad(tmp_path / "in" / folder / "made.xml", step)
+    main(["import", str(tmp_path / "in"), str(tmp_path / "out")])
+    files = sorted(path.name for path in (tmp_path / "out").glob("*.*"))
+    names = ["ZAM_Made-1_1_T-1", "ZAM_Made-1_1_T-1_2"]
+    assert files == sorted(f"{name}.{ending}" for name in names for ending in ("net.xml", "parquet", "png"))
+    assert {Scenario.load(path).net_path.name for path in (tmp_path / "out/scenarios").glob("*_train_*.yaml")} == {
+        f"{name}.net.xml" for name in names
+    }
+
+
 def test_tracks_alone_are_converted_without_a_map(tmp_path: Path) -> None:
     folder = made_sources.sumo(tmp_path / "sumo", "csv")
     (folder / "made.net.xml").unlink()

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from datetime import UTC, datetime
-from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -50,14 +48,13 @@ class OpenScenario(Export):
         header = {"revMajor": 1, "revMinor": 2, "date": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S}", "author": "LitSim"}
         add(root, "FileHeader", description=f"{content.name}{f': {known}' if known else ''}", **header)
         add(root, "CatalogLocations")
-        network = add(root, "RoadNetwork")
-        add(network, "LogicFile", filepath=road.name)
-        if content.signals is not None:
-            _add_signals(add(network, "TrafficSignals"), content.signals, content.net_file())
+        add(root, "RoadNetwork/LogicFile", filepath=road.name)
         entities, board = add(root, "Entities"), add(root, "Storyboard")
         start = add(board, "Init/Actions")
         act = add(board, "Story", name="motion")
         act = add(act, "Act", name="motion")
+        if content.signals is not None and len(content.signals.links):
+            _add_signals(start, act, content.signals, content.net_file())
         end = float(table["t"].max())
         for vehicle, track in table.groupby("vehicle_id"):
             name = "Ego" if vehicle == content.ego else f"agent_{vehicle}"
@@ -113,26 +110,33 @@ class OpenScenario(Export):
             _at(event, "StartTrigger", times[-1])
 
 
-def _add_signals(parent: ET.Element, signals: Signals, net: Path) -> None:
-    """Adds what each controller of the OpenDRIVE map shows, as one cycle, which begins anew only after the last step.
+def _add_signals(start: ET.Element, act: ET.Element, signals: Signals, net: Path) -> None:
+    """Adds what the signals of the OpenDRIVE map show at first, and as events all their changes.
 
-    netconvert names controllers after the lights of the `net`, and signals after the positions of their links.
+    netconvert names signals after the lights of the `net` and the positions of their links.
     """
     own = {link.name: link for link in read_links(net)}
-    members: dict[str, dict[str, int]] = defaultdict(dict)
-    for link, group in zip(signals.links, signals.link_group.tolist(), strict=True):
-        light = own[link.name].light
-        members[light][f"{light}_{own[link.name].index}"] = group
-    for light, groups in sorted(members.items()):
-        states = signals.states[list(groups.values())]
-        changes = (np.flatnonzero((states[:, 1:] != states[:, :-1]).any(axis=0)) + 1).tolist()
-        controller = add(parent, "TrafficSignalController", name=light)
-        for begin, end in pairwise([0, *changes, states.shape[1]]):
-            duration = f"{STEP_S * (end - begin):g}"
-            phase = add(controller, "Phase", name=f"from {STEP_S * begin:g} s", duration=duration)
-            for name, state in zip(groups, states[:, begin].tolist(), strict=True):
-                lamps = LAMPS.get(SignalState(state), "off;off;off")
-                add(phase, "TrafficSignalState", trafficSignalId=name, state=lamps)
+    names = [f"{own[link.name].light}_{own[link.name].index}" for link in signals.links]
+    states = signals.states[signals.link_group]
+    for name, state in zip(names, states[:, 0].tolist(), strict=True):
+        _show(start, name, state)
+    changes = states[:, 1:] != states[:, :-1]
+    group = add(act, "ManeuverGroup", name="signals", maximumExecutionCount=1)
+    add(group, "Actors", selectTriggeringEntities="false")
+    maneuver = add(group, "Maneuver", name="signals")
+    for step in changes.any(axis=0).nonzero()[0].tolist():
+        time = STEP_S * (step + 1)
+        event = _event(maneuver, f"signals at {time:g} s")
+        for row in changes[:, step].nonzero()[0].tolist():
+            action = add(event, "Action", name=f"signal {names[row]} at {time:g} s")
+            _show(action, names[row], int(states[row, step + 1]))
+        _at(event, "StartTrigger", time)
+
+
+def _show(parent: ET.Element, name: str, state: int) -> None:
+    """Adds an action by which a signal shows a :class:`SignalState`."""
+    action = add(parent, "GlobalAction/InfrastructureAction/TrafficSignalAction")
+    add(action, "TrafficSignalStateAction", name=name, state=LAMPS.get(SignalState(state), "off;off;off"))
 
 
 def _entity(entities: ET.Element, name: str, row: pd.Series) -> float:

@@ -129,6 +129,7 @@ def import_all(path: Path, out: Path, lanes: Path | None, most: int | None) -> I
         InputError: as :func:`files_of`, or `out` cannot be written.
     """
     nets: dict[str, Net] = {}
+    names: set[str] = set()
     files = files_of(path)
     make_folder(out)
     count = 0
@@ -139,9 +140,19 @@ def import_all(path: Path, out: Path, lanes: Path | None, most: int | None) -> I
                     if most is not None and count >= most:
                         return
                     count += 1
-                    yield _import_scene(scene, source, out, nets)
+                    yield _import_scene(_named_apart(scene, names), source, out, nets)
             except InputError as error:
                 yield reason(error)
+
+
+def _named_apart(scene: Scene, names: set[str]) -> Scene:
+    """Returns a scene under a name that is not among `names`, and adds it there."""
+    name, number = scene.name, 1
+    while name in names:
+        number += 1
+        name = f"{scene.name}_{number}"
+    names.add(name)
+    return replace(scene, name=name, map_name=name if scene.map_name == scene.name else scene.map_name)
 
 
 def _import_scene(scene: Scene, source: Source, out: Path, nets: dict[str, Net]) -> Imported:
