@@ -18,7 +18,7 @@ from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import Floats, Ints, tuple_type
 from litsim_sim.lane_map.lane_graph import directly_linked, straightest_successors
 from litsim_sim.lane_map.net_ends import NetEnds
-from litsim_sim.lane_map.net_lanes import TOLERANCE, Lane, read_lanes
+from litsim_sim.lane_map.net_lanes import LEVEL, TOLERANCE, Lane, read_lanes
 from litsim_sim.lane_map.segment_grid import SegmentGrid
 
 if TYPE_CHECKING:
@@ -84,8 +84,9 @@ class LaneMap:
 
     @cached_property
     def levels(self) -> Levels | None:
-        """Roads that pass over others; None for a flat net."""
-        if all(lane.heights is None for lane in self.lanes):
+        """Roads that pass over others; None for a net that is too flat for them."""
+        heights = [lane.heights if lane.heights is not None else np.zeros(1) for lane in self.lanes]
+        if np.ptp(np.concatenate(heights)) < LEVEL:
             return None
         from litsim_sim.lane_map.levels import Levels  # imported here: it needs scipy, and most nets are flat
 

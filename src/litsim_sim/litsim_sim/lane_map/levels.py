@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.lane_map.net_lanes import LEVEL, Lane
 
-NEAR = 10.0  # [m] between centre lines up to which vehicles on two lanes could touch, if they were at one height
+NEAR = 5.0  # [m] between centre lines up to which vehicles on two lanes could touch, if they were at one height
 SPACING = 2.0  # [m] between the points of lanes that are compared
 
 
