@@ -30,12 +30,11 @@ class Levels:
         links = [(row[lane.id], row[name]) for lane in lanes for name in lane.successors]
         links += [(row[lane.id], edges[lane.edge_id]) for lane in lanes]
         self.part = _parts(np.array(links), len(lanes))
-        self.over: BoolArray = np.zeros((1, 1), np.bool_)
         lane, height, pairs = _near_points(lanes, self.part)
         level = np.abs(height[pairs[:, 0]] - height[pairs[:, 1]]) < LEVEL
         self.part = _parts(np.concatenate([links, lane[pairs[level]]]), len(lanes))
         a, b = self.part[lane[pairs[~level]]].T
-        self.over = np.zeros((self.part.max() + 1,) * 2, np.bool_)
+        self.over: BoolArray = np.zeros((self.part.max() + 1,) * 2, np.bool_)
         self.over[a, b] = self.over[b, a] = a != b
 
     def apart_from(self, own: int) -> BoolArray:
