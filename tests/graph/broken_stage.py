@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
-from litsim_msgs.msg import RunInfo, Takeovers
+from litsim_msgs.msg import AgentStates, JointForecast, RunInfo, Takeovers
 
 from litsim_sim.ros.messages import header
 from litsim_sim.ros.stage import StageNode, run_stages
@@ -25,14 +24,14 @@ def as_it_is(message: Any, run_id: str) -> Any:
 class BrokenStage(StageNode):
     stage = "conflict"
     inputs = ((AGENTS, itself), (FORECASTS, itself))
-    outputs = ((TAKEOVERS, as_it_is),)
+    output = (TAKEOVERS, as_it_is)
 
-    def configure(self, info: RunInfo, scenario: Scenario) -> None:
-        self.run_id = info.run_id
+    def configure(self, info: RunInfo, scenario: Scenario) -> str:
+        return info.run_id
 
-    def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
-        step = inputs[AGENTS.name].step
-        return [Takeovers(header=header(step), run_id=self.run_id, step=step * (5 - step) // (5 - step))]
+    def answer(self, core: str, agents: AgentStates, forecast: JointForecast) -> Takeovers:
+        step = agents.step
+        return Takeovers(header=header(step), run_id=core, step=step * (5 - step) // (5 - step))
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from agent_arrays import agent_arrays
 from constant_motion import straight_on
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.detector import (
@@ -458,9 +459,9 @@ def test_pairs_are_those_in_the_region_of_each_other(seed: int, radius: float, t
     random = np.random.default_rng(seed)
     x, y = random.normal(0.0, 30.0, (2, agents))
     yaw, speed = random.uniform(-4.0, 4.0, agents), random.uniform(0.0, 15.0, agents)
-    motion = x, y, yaw, speed
     of, others = random.random((2, agents)) < 0.5
     scene = np.sort(random.integers(0, 3, agents))
+    everyone = agent_arrays(agents, x=x, y=y, yaw=yaw, speed=speed, scene=scene)
     now, soon = np.array([x, y]), np.array([x, y]) + 1e-4 * speed * np.array([np.cos(yaw), np.sin(yaw)])
     apart, then = (np.hypot(*(p[:, :, None] - p[:, None])) for p in (now, soon))
     within = (apart <= radius) | (apart - time * np.maximum((apart - then) / 1e-4, 0.0) <= radius + 1e-3)
@@ -469,11 +470,11 @@ def test_pairs_are_those_in_the_region_of_each_other(seed: int, radius: float, t
     np.fill_diagonal(mine, val=False)
     asked = sure & of[:, None] & others
     found = np.zeros_like(mine)
-    found[tuple(pairs_in_region(scene, motion, of, others, radius, time).T)] = True
+    found[tuple(pairs_in_region(everyone, of, others, radius, time).T)] = True
     assert (found == mine)[asked].all() and not found[~(of[:, None] & others)].any()
-    any_of = in_region_of_any(scene, motion, of, radius, time)
+    any_of = in_region_of_any(everyone, of, radius, time)
     everybody = np.ones(agents, np.bool_)
-    reached = pairs_in_region(scene, motion, everybody, of, radius, time)[:, 0]
+    reached = pairs_in_region(everyone, everybody, of, radius, time)[:, 0]
     assert any_of.nonzero()[0].tolist() == sorted({*of.nonzero()[0].tolist(), *reached.tolist()})
 
 
@@ -491,7 +492,8 @@ def test_a_follower_has_the_other_ahead_in_its_strip_and_heads_the_same_way(seed
     expected = ahead > FOLLOWED * 0.5 * (length[leader] + length[follower])
     expected &= np.abs(left) < 0.5 * (width[leader] + width[follower])
     expected &= np.cos(yaw[leader] - yaw[follower]) > 0.0
-    assert followed(both.T.copy(), x, y, yaw, length, width).tolist() == expected.tolist()
+    everyone = agent_arrays(len(x), x=x, y=y, yaw=yaw, length=length, width=width)
+    assert followed(both.T.copy(), everyone).tolist() == expected.tolist()
 
 
 @pytest.fixture

@@ -170,16 +170,6 @@ def test_who_has_braked_to_a_stand_is_held_there_though_it_is_expected_to_stand_
     assert (states[:, X] == 5.0).all() and (states[:, Y] == 0.0).all()
 
 
-@given(seeds)
-def test_bounds_hold_the_centres_while_they_are_valid_and_the_largest_spread(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    motion = PredictedMotion(random.normal(0.0, 9.0, (7, 5, 6)) ** 2, random.random((7, 5)) < 0.6)
-    low = [np.where(motion.valid, v, np.inf).min(axis=1) for v in (motion.x, motion.y)]
-    high = [np.where(motion.valid, v, -np.inf).max(axis=1) for v in (motion.x, motion.y)]
-    spread = np.sqrt(motion.covariance[..., 0] + motion.covariance[..., 1]).max(axis=1)
-    assert (motion.bounds == np.column_stack([*low, *high, spread])).all()
-
-
 def test_some_agents_futures_are_replaced_by_others() -> None:
     one = PredictedMotion(np.zeros((3, 2, XY + 1)), np.zeros((3, 2), np.bool_))
     other = PredictedMotion(np.ones((3, 2, XY + 1)), np.ones((3, 2), np.bool_))

@@ -49,7 +49,8 @@ def here(agent_table):
         rows, many = table.rows(off.agent), np.ones(len(off))
         log: Any = SimpleNamespace(ids=table.id)
         place = (x + ahead) * many, off.pose[:, 1], 0.0 * many, 10.0 * many
-        return DivergedNow(off, table, rows, log, rows, 0 * rows, many > 0, *place)
+        own = table.x[rows], table.y[rows], table.yaw[rows], table.speed[rows]
+        return DivergedNow(off, table, rows, log, rows, 0 * rows, many > 0, *place, *own)
 
     return make
 

@@ -13,7 +13,7 @@ import numpy as np
 from numba.types import Tuple
 
 from litsim_policy.conflict.futures import gone_straight_on
-from litsim_policy.conflict.overlap import NONE, listed, touching
+from litsim_policy.conflict.overlap import BOXES, NONE, Boxes, listed, touching
 from litsim_policy.conflict.predicted_motion import XX, XY, YY, AlternativeMotions, PredictedMotion, X, Y
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
@@ -24,7 +24,6 @@ from litsim_sim.kernels.compiled import (
     OUT_BOOLS,
     OUT_FLOATS2,
     Bools2,
-    Floats,
     Floats3,
     Singles2,
     boolean,
@@ -58,25 +57,6 @@ class Motions(NamedTuple):
         return cls(motions.states, motions.valid, *motions.directions)
 
 
-class Boxes(NamedTuple):
-    """n agents now; arrays (n,).
-
-    Attributes:
-        x, y, yaw, speed, acceleration: [m], [rad], [m/s], [m/s2].
-        length, width: of the boxes that are compared [m].
-        time: for which they may continue straight on [s].
-    """
-
-    x: Floats
-    y: Floats
-    yaw: Floats
-    speed: Floats
-    acceleration: Floats
-    length: Floats
-    width: Floats
-    time: Floats
-
-
 def may_overlap(pairs: IntArray, a: PredictedMotion, b: PredictedMotion, boxes: Boxes, tail: float) -> BoolArray:
     """Returns the mask (m,) of `pairs` (m, 2) that can overlap: an agent by `a`, and one by `b` or straight on.
 
@@ -102,7 +82,7 @@ def _lay_out(motions: Motions, k: int, tail: float, steps: FloatArray) -> None:
         steps[ALLOWED, t] = tail * math.sqrt(states[t, XX] + states[t, YY] + abs(states[t, XY]))
 
 
-@kernel(void(tuple_type(Boxes), int64, OUT_FLOATS2))
+@kernel(void(BOXES, int64, OUT_FLOATS2))
 def _lay_out_straight(boxes: Boxes, j: int, steps: FloatArray) -> None:
     """Write the `steps` (5, T) of agent `j` straight on."""
     cos, sin, last = math.cos(boxes.yaw[j]), math.sin(boxes.yaw[j]), round(boxes.time[j] / STEP_S)
@@ -141,7 +121,7 @@ def _meet(a: FloatArray, b: FloatArray, la: float, wa: float, lb: float, wb: flo
     return meet > 0
 
 
-@kernel(OUT_BOOLS(INTS2, *[tuple_type(Motions)] * 3, Tuple((INTS, FLOATS)), tuple_type(Boxes), float64))
+@kernel(OUT_BOOLS(INTS2, *[tuple_type(Motions)] * 3, Tuple((INTS, FLOATS)), BOXES, float64))
 def _may_overlap(
     pairs: IntArray,
     a: Motions,

@@ -9,32 +9,19 @@ from itertools import chain
 from operator import attrgetter
 
 import numpy as np
-from numba import types
 
-from litsim_policy.conflict.broad_phase import Boxes, may_overlap
+from litsim_policy.conflict.broad_phase import may_overlap
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.futures import Futures
-from litsim_policy.conflict.overlap import closing_overlaps, mixture_overlap_probability, quantile
+from litsim_policy.conflict.overlap import Boxes, closing_overlaps, mixture_overlap_probability, quantile
 from litsim_policy.conflict.predicted_motion import PredictedMotion
 from litsim_sim.core.pair_geometry import behind_scene
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import (
-    BOOLS,
-    FLOATS,
-    INTS,
-    INTS2,
-    OUT_BOOLS,
-    OUT_INTS2,
-    boolean,
-    float64,
-    kernel,
-)
+from litsim_sim.core.scene import AGENTS, STEP_S, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import BOOLS, INTS2, OUT_BOOLS, OUT_INTS2, boolean, float64, kernel
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
 
 FOLLOWED = 0.8  # of the distance at which boxes in line touch: closer pairs do not follow each other
-Motion = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
-_MOTION = types.UniTuple(FLOATS, 4)  # x, y [m], yaw [rad] and speed [m/s] of all agents
 
 
 @dataclass(frozen=True)
@@ -90,7 +77,7 @@ class ConflictDetector:
         """
         threshold = self.config.probability_threshold
         pairs = self._within_reach(futures, self._pairs(futures, on_log, diverged, diverged), threshold)
-        pairs = pairs[~_follows(futures.covered, pairs)]
+        pairs = pairs[~followed(pairs, futures.covered.arrays)]
         if not len(pairs):
             return []
         probability = self._overlap_probability(futures, pairs, threshold)
@@ -117,7 +104,7 @@ class ConflictDetector:
         Both are expected where their logs lead, lags included.
         """
         pairs = self._pairs(futures, lagged, ahead, lagged, expected=False)
-        pairs = pairs[_follows(futures.covered, pairs[:, ::-1].copy())]
+        pairs = pairs[followed(pairs[:, ::-1].copy(), futures.covered.arrays)]
         if not len(pairs):
             return []
         least, sizes = self.config.probability_threshold, self._sizes(futures.covered)
@@ -132,9 +119,7 @@ class ConflictDetector:
         in_conflict = np.zeros(len(futures.table), np.bool_)
         if not len(pairs):
             return in_conflict
-        hit = np.zeros(
-            (2, len(futures.covered)), np.bool_
-        )  # by a pair that is in no overlap in the log, by one that is
+        hit = np.zeros((2, len(futures.covered)), np.bool_)  # by a pair in no overlap in the log, by one that is
         for probability_of in (self._closing, partial(self._overlap_probability, least=least)):
             others = pairs[~(hit[0] | hit[1])[pairs[:, 0]]]
             if len(others):
@@ -169,21 +154,17 @@ class ConflictDetector:
         One of the two is in the mask `centres`, of agents of which all futures nearby are made; those of `others` where
         they are expected only if `expected`.
         """
-        table, roi_m, time = futures.table, self._roi_m, self.config.approach_time
-        motion = table.x, table.y, table.yaw, table.speed
-        near_centres = in_region_of_any(table.scene, motion, centres, roi_m, time)
+        roi_m, time = self._roi_m, self.config.approach_time
+        near_centres = in_region_of_any(futures.table.arrays, centres, roi_m, time)
         futures.cover(near_centres, others if expected else np.zeros_like(others))
-        table, rows = futures.covered, futures.rows
-        motion = table.x, table.y, table.yaw, table.speed
-        return pairs_in_region(table.scene, motion, of[rows], others[rows], roi_m, time)
+        rows = futures.rows
+        return pairs_in_region(futures.covered.arrays, of[rows], others[rows], roi_m, time)
 
     def _within_reach(self, futures: Futures, pairs: IntArray, least: float) -> IntArray:
         """Returns the `pairs` that can overlap, with a probability of at least `least` or closing fast."""
         if not len(pairs):
             return pairs
-        table = futures.covered
-        now = table.x, table.y, table.yaw, table.speed, table.acceleration
-        boxes = Boxes(*now, *self._sizes(table), self._closing_time(table))
+        boxes = self._boxes(futures.covered)
         return pairs[may_overlap(pairs, futures.by_log, futures.expected, boxes, max(0.0, -quantile(least)))]
 
     def _overlap_probability(
@@ -201,15 +182,14 @@ class ConflictDetector:
 
         `first` as in :func:`.overlap.mixture_overlap_probability`.
         """
-        table, by_log = futures.covered, futures.by_log
-        now = table.x, table.y, table.yaw, table.speed, table.acceleration
-        motions, sizes = (by_log.states, by_log.valid), self._sizes(table)
-        return closing_overlaps(pairs, motions, now, sizes, self._closing_time(table), first)
+        motions = futures.by_log.states, futures.by_log.valid
+        return closing_overlaps(pairs, motions, self._boxes(futures.covered), first)
 
-    def _closing_time(self, table: AgentTable) -> FloatArray:
-        """Returns times (n,) [s] for which agents are assumed to continue as now; see `ConflictConfig.closing_time`."""
+    def _boxes(self, table: AgentTable) -> Boxes:
+        """Returns the boxes of agents, which are assumed to continue as now for `ConflictConfig.closing_time`."""
         emergency = -table.acceleration >= self.config.emergency
-        return np.where(emergency, 2.0, 1.0) * self.config.closing_time
+        time = np.where(emergency, 2.0, 1.0) * self.config.closing_time
+        return Boxes(table.x, table.y, table.yaw, table.speed, table.acceleration, *self._sizes(table), time)
 
     def _sizes(self, table: AgentTable) -> tuple[FloatArray, FloatArray]:
         """Returns lengths and widths (n,) of the boxes that are compared [m]."""
@@ -280,27 +260,19 @@ def in_region(dx: float, dy: float, faster_x: float, faster_y: float, radius: fl
     return square - math.sqrt(square) * radius <= nearer
 
 
-@kernel(OUT_INTS2(INTS, _MOTION, BOOLS, BOOLS, float64, float64))
-def pairs_in_region(
-    scene: IntArray, motion: Motion, of: BoolArray, others: BoolArray, radius: float, time: float
-) -> IntArray:
+@kernel(OUT_INTS2(AGENTS, BOOLS, BOOLS, float64, float64))
+def pairs_in_region(agents: AgentArrays, of: BoolArray, others: BoolArray, radius: float, time: float) -> IntArray:
     """Return pairs (m, 2) of positions in one scene, first of the mask `of` (n,), second of `others`.
 
-    They are :func:`in_region` of each other.
-
-    Args:
-        scene: (n,) of all agents.
-        motion: x, y, yaw and speed (n,) of all agents.
-        of, others: masks (n,).
-        radius, time: of the region [m], [s].
+    They are :func:`in_region` of each other; `radius` [m] and `time` [s] are those of the region.
     """
-    x, y, yaw, speed = motion
+    x, y = agents.x, agents.y
     count, pairs = 0, np.empty((of.sum() * others.sum(), 2), np.int64)
     begin, end = 0, 0
-    vx, vy = speed * np.cos(yaw), speed * np.sin(yaw)
+    vx, vy = agents.speed * np.cos(agents.yaw), agents.speed * np.sin(agents.yaw)
     for i in range(len(x)):
         if i == end:
-            begin, end = i, behind_scene(scene, i)
+            begin, end = i, behind_scene(agents.scene, i)
         if of[i]:
             for j in range(begin, end):
                 if not others[j] or i == j:
@@ -311,15 +283,14 @@ def pairs_in_region(
     return pairs[:count].copy()
 
 
-@kernel(OUT_BOOLS(INTS, _MOTION, BOOLS, float64, float64))
-def in_region_of_any(scene: IntArray, motion: Motion, of: BoolArray, radius: float, time: float) -> BoolArray:
+@kernel(OUT_BOOLS(AGENTS, BOOLS, float64, float64))
+def in_region_of_any(agents: AgentArrays, of: BoolArray, radius: float, time: float) -> BoolArray:
     """Return the mask (n,) of agents :func:`in_region` of one in the mask `of` (n,), these included."""
-    x, y, yaw, speed = motion
-    inside, begin, end = of.copy(), 0, 0
-    vx, vy = speed * np.cos(yaw), speed * np.sin(yaw)
+    x, y, inside, begin, end = agents.x, agents.y, of.copy(), 0, 0
+    vx, vy = agents.speed * np.cos(agents.yaw), agents.speed * np.sin(agents.yaw)
     for i in range(len(x)):
         if i == end:
-            begin, end = i, behind_scene(scene, i)
+            begin, end = i, behind_scene(agents.scene, i)
         if of[i]:
             for j in range(begin, end):
                 if not inside[j]:
@@ -327,28 +298,18 @@ def in_region_of_any(scene: IntArray, motion: Motion, of: BoolArray, radius: flo
     return inside
 
 
-def _follows(table: AgentTable, pairs: IntArray) -> BoolArray:
-    """Returns the mask (m,) of `pairs`, rows of `table`, of which the second follows the first."""
-    return followed(pairs, table.x, table.y, table.yaw, table.length, table.width)
-
-
-@kernel(OUT_BOOLS(INTS2, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS))
-def followed(
-    pairs: IntArray, x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, width: FloatArray
-) -> BoolArray:
+@kernel(OUT_BOOLS(INTS2, AGENTS))
+def followed(pairs: IntArray, agents: AgentArrays) -> BoolArray:
     """Return for each of `pairs` (m, 2) whether the second follows the first.
 
     The first is ahead in the strip that the second sweeps straight on, with headings within a quarter turn: an oncoming
     agent is not a leader.
-
-    Args:
-        pairs: positions of agents.
-        x, y, yaw, length, width: (n,) of all agents [m], [rad].
     """
+    yaw, length, width = agents.yaw, agents.length, agents.width
     follows = np.empty(len(pairs), np.bool_)
     for k in range(len(pairs)):
         leader, follower = pairs[k, 0], pairs[k, 1]
-        dx, dy = x[leader] - x[follower], y[leader] - y[follower]
+        dx, dy = agents.x[leader] - agents.x[follower], agents.y[leader] - agents.y[follower]
         cos, sin = math.cos(yaw[follower]), math.sin(yaw[follower])
         ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
         clear = 0.5 * (length[leader] + length[follower])

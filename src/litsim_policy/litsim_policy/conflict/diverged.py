@@ -179,6 +179,7 @@ class DivergedNow:
         recorded: whether the log contains the agent at that time; otherwise it has no place there, and what follows is
             meaningless.
         log_x, log_y, log_yaw, log_speed: pose [m], [rad] and speed [m/s] of the log, lag included.
+        x, y, yaw, speed: of the agents [m], [rad], [m/s].
     """
 
     agents: DivergedAgents
@@ -192,6 +193,10 @@ class DivergedNow:
     log_y: FloatArray
     log_yaw: FloatArray
     log_speed: FloatArray
+    x: FloatArray
+    y: FloatArray
+    yaw: FloatArray
+    speed: FloatArray
 
     @classmethod
     def at(cls, log: Log, agents: DivergedAgents, table: AgentTable, lag: IntArray) -> DivergedNow:
@@ -201,28 +206,9 @@ class DivergedNow:
         within = np.minimum(np.maximum(step, 0), log.steps - 1)
         place = log_rows, within
         recorded = (step == within) & log.valid[place]
-        of_log = (getattr(log, name)[place] for name in ("x", "y", "yaw", "speed"))
-        return cls(agents, table, rows, log, log_rows, lag[rows], recorded, *of_log)
-
-    @cached_property
-    def x(self) -> FloatArray:
-        """Coordinate x of the agents, frame map [m]."""
-        return self.table.x[self.rows]
-
-    @cached_property
-    def y(self) -> FloatArray:
-        """Coordinate y of the agents, frame map [m]."""
-        return self.table.y[self.rows]
-
-    @cached_property
-    def yaw(self) -> FloatArray:
-        """Heading of the agents [rad]."""
-        return self.table.yaw[self.rows]
-
-    @cached_property
-    def speed(self) -> FloatArray:
-        """Speed of the agents [m/s]."""
-        return self.table.speed[self.rows]
+        of_log = (values[place] for values in (log.x, log.y, log.yaw, log.speed))
+        own = (values[rows] for values in (table.x, table.y, table.yaw, table.speed))
+        return cls(agents, table, rows, log, log_rows, lag[rows], recorded, *of_log, *own)
 
     @cached_property
     def residual_position(self) -> FloatArray:

@@ -17,7 +17,7 @@ from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.predicted_motion import XX, XY, YAW, YY, AlternativeMotions, PredictedMotion, X, Y
 from litsim_policy.motion.along_path import Poses
 from litsim_policy.motion.path_batch import PathBatch
-from litsim_policy.motion.path_kernels import PATHS, UNIT_X, UNIT_Y, PathArrays, S, nearest, segment_at
+from litsim_policy.motion.path_kernels import PATHS, PathArrays, nearest, place_at
 from litsim_predictor.forecast import Forecast, Modes
 from litsim_sim.core.pair_geometry import wrapped
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
@@ -408,13 +408,11 @@ def _along_paths(
         fresh: (r,) whether an agent's policy has not acted yet, so that the forecast's progress counts from now on.
         sigma_scale: factor on the standard deviations.
     """
-    segments, circles, count = paths
-    x, y, speed, acceleration = now
-    predicted, valid = forecast
+    (x, y, speed, acceleration), (predicted, valid) = now, forecast
     states = np.zeros(predicted.shape)
-    for k in range(len(count)):
+    for k in range(len(x)):
         hold, fade = (0.0, STEP_S) if fresh[k] else (HOLD, FADE)
-        _, s_now, d_now = nearest(segments[k], circles[k], count[k], x[k], y[k])
+        _, s_now, d_now = nearest(paths.segments[k], paths.circles[k], paths.counts[k], x[k], y[k])
         at_x, at_y, travelled = x[k], y[k], 0.0
         for t in range(predicted.shape[1]):
             travelled += math.hypot(predicted[k, t, X] - at_x, predicted[k, t, Y] - at_y)
@@ -424,12 +422,9 @@ def _along_paths(
             if valid[k, t]:
                 known = min(max(1.0 - (time - hold) / fade, 0.0), 1.0)
                 gone = known * gone + (1.0 - known) * travelled
-            s = s_now + gone
-            at = segment_at(segments, count[k], k, s)
-            ux, uy = segments[k, at, UNIT_X], segments[k, at, UNIT_Y]
-            forward, d = s - segments[k, at, S], d_now * math.exp(-time / SETTLE)
-            states[k, t, X] = segments[k, at, 0] + forward * ux - d * uy
-            states[k, t, Y] = segments[k, at, 1] + forward * uy + d * ux
+            on_x, on_y, ux, uy = place_at(paths, k, s_now + gone)
+            d = d_now * math.exp(-time / SETTLE)
+            states[k, t, X], states[k, t, Y] = on_x - d * uy, on_y + d * ux
             states[k, t, YAW] = math.atan2(uy, ux)
             along = (sigma_scale * (SIGMA_START + ALONG_LINEAR * time + ALONG_QUADRATIC * time**2)) ** 2
             across = (sigma_scale * (SIGMA_START + ACROSS_LINEAR * time)) ** 2

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 from geometry_msgs.msg import Pose2D
 from litsim_msgs.msg import Takeover as TakeoverMessage
@@ -12,26 +14,8 @@ from litsim_sim.core.columns import check_columns
 from litsim_sim.core.takeover import PathSource, Pose, Takeover, TakeoverReason, TakeoverState, TakeoverTable
 from litsim_sim.ros.messages import from_array, header, refused, to_array
 
-_SCALARS = (
-    "agent",
-    "opponent",
-    "detected_step",
-    "time_to_conflict",
-    "overlap_probability",
-    "log_collision_predicted",
-    "residual_position",
-    "residual_speed",
-    "time_shift",
-)
-_FINITE = (
-    "time_to_conflict",
-    "overlap_probability",
-    "residual_position",
-    "residual_speed",
-    "time_shift",
-    "conflict_pose",
-    "goal_pose",
-)
+_SCALARS = tuple(field.name for field in fields(Takeover) if field.type in ("int", "float", "bool"))
+_FINITE = tuple(field.name for field in fields(Takeover) if field.type in ("float", "Pose"))
 """Fields of a takeover that must be finite, besides its path."""
 
 

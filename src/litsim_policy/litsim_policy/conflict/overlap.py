@@ -13,25 +13,13 @@ from __future__ import annotations
 import math
 from functools import cache
 from statistics import NormalDist
+from typing import NamedTuple
 
 import numpy as np
 from numba import types
 
 from litsim_policy.conflict.futures import gone_straight_on
-from litsim_policy.conflict.predicted_motion import (
-    HIGH_X,
-    HIGH_Y,
-    LOW_X,
-    LOW_Y,
-    SPREAD,
-    XX,
-    XY,
-    YAW,
-    YY,
-    PredictedMotion,
-    X,
-    Y,
-)
+from litsim_policy.conflict.predicted_motion import XX, XY, YAW, YY, PredictedMotion, X, Y
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
     BOOLS,
@@ -44,10 +32,12 @@ from litsim_sim.kernels.compiled import (
     OUT_FLOATS,
     OUT_FLOATS2,
     OUT_INTS,
+    Floats,
     boolean,
     float64,
     int64,
     kernel,
+    tuple_type,
 )
 
 NEGLIGIBLE = 1e-3
@@ -65,9 +55,31 @@ _ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
 _THREE, _FOUR = types.UniTuple(float64, 3), types.UniTuple(float64, 4)
 Three = tuple[float, float, float]
 Four = tuple[float, float, float, float]
-Motions = tuple[FloatArray, BoolArray, FloatArray]
-_MOTIONS = types.Tuple((FLOATS3, BOOLS2, FLOATS2))  # states, validity and bounds of a `PredictedMotion`
+Motions = tuple[FloatArray, BoolArray]
+_MOTIONS = types.Tuple((FLOATS3, BOOLS2))  # states and validity of a `PredictedMotion`
 _SIZES = types.UniTuple(FLOATS, 2)  # length and width of all agents
+
+
+class Boxes(NamedTuple):
+    """n agents now; arrays (n,).
+
+    Attributes:
+        x, y, yaw, speed, acceleration: [m], [rad], [m/s], [m/s2].
+        length, width: of the boxes that are compared [m].
+        time: for which they may continue straight on [s].
+    """
+
+    x: Floats
+    y: Floats
+    yaw: Floats
+    speed: Floats
+    acceleration: Floats
+    length: Floats
+    width: Floats
+    time: Floats
+
+
+BOXES = tuple_type(Boxes)
 
 
 @kernel(types.UniTuple(_FOUR, 4)(*[float64] * 6))
@@ -226,18 +238,6 @@ def touching(length_a: float, width_a: float, length_b: float, width_b: float) -
     return 0.5 * (math.hypot(length_a, width_a) + math.hypot(length_b, width_b))
 
 
-@kernel(boolean(FLOATS2, FLOATS2, int64, int64, float64, float64))
-def may_meet(bounds_a: FloatArray, bounds_b: FloatArray, i: int, j: int, reach: float, tail: float) -> bool:
-    """Whether agent `i` of futures a and `j` of futures b are ever nearer than `reach` [m] and `tail` spreads each."""
-    apart = reach + tail * (bounds_a[i, SPREAD] + bounds_b[j, SPREAD])
-    return (
-        bounds_a[i, LOW_X] <= bounds_b[j, HIGH_X] + apart
-        and bounds_b[j, LOW_X] <= bounds_a[i, HIGH_X] + apart
-        and bounds_a[i, LOW_Y] <= bounds_b[j, HIGH_Y] + apart
-        and bounds_b[j, LOW_Y] <= bounds_a[i, HIGH_Y] + apart
-    )
-
-
 @kernel(boolean(FLOATS2, BOOLS, FLOATS2, BOOLS, _FOUR, float64, float64, boolean, OUT_FLOATS))
 def write_overlaps(  # noqa: PLR0917 - a kernel takes arrays and numbers
     a: FloatArray,
@@ -283,44 +283,35 @@ def write_overlaps(  # noqa: PLR0917 - a kernel takes arrays and numbers
     return matters
 
 
-@kernel(OUT_FLOATS2(INTS2, types.Tuple((FLOATS3, BOOLS2)), types.UniTuple(FLOATS, 5), _SIZES, FLOATS, boolean))
-def closing_overlaps(
-    pairs: IntArray,
-    motions: tuple[FloatArray, BoolArray],
-    now: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray],
-    sizes: tuple[FloatArray, FloatArray],
-    time: FloatArray,
-    first: bool,
-) -> FloatArray:
+@kernel(OUT_FLOATS2(INTS2, _MOTIONS, BOXES, boolean))
+def closing_overlaps(pairs: IntArray, motions: Motions, boxes: Boxes, first: bool) -> FloatArray:
     """Return an array (m, T): 1 where boxes overlap if the second continues straight on for its `time`; else 0.
 
     Args:
         pairs: (m, 2) of an agent that moves by `motions`, and of one that keeps its acceleration until it stands.
         motions: states (n, T, 6) without any spread, and validity (n, T).
-        now: (n,) x, y [m], yaw [rad], speed [m/s] and acceleration [m/s2] of all agents.
-        sizes: length and width (n,) of their boxes [m].
-        time: (n,) for which agents continue [s].
+        boxes: of all agents.
         first: as in :func:`mixture_overlap_probability`.
     """
-    states, valid = motions
-    x, y, yaw, speed, acceleration = now
-    length, width = sizes
+    (states, valid), length, width = motions, boxes.length, boxes.width
     overlaps, done = np.zeros((len(pairs), states.shape[1])), NONE
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
         if first and i == done:
             continue
         reach = touching(length[i], width[i], length[j], width[j])
-        cos, sin = math.cos(yaw[j]), math.sin(yaw[j])
-        for t in range(min(round(time[j] / STEP_S), states.shape[1])):
+        cos, sin = math.cos(boxes.yaw[j]), math.sin(boxes.yaw[j])
+        for t in range(min(round(boxes.time[j] / STEP_S), states.shape[1])):
             if not valid[i, t]:
                 continue
-            gone = gone_straight_on(speed[j], acceleration[j], (t + 1) * STEP_S)
-            dx, dy = x[j] + gone * cos - states[i, t, X], y[j] + gone * sin - states[i, t, Y]
+            gone = gone_straight_on(boxes.speed[j], boxes.acceleration[j], (t + 1) * STEP_S)
+            dx, dy = boxes.x[j] + gone * cos - states[i, t, X], boxes.y[j] + gone * sin - states[i, t, Y]
             if dx**2 + dy**2 >= reach**2:
                 continue
-            boxes = strips(states[i, t, YAW], yaw[j], length[i], width[i], length[j], width[j])
-            if contain(boxes[0], boxes[1], boxes[3], dx, dy):
+            normal_x, normal_y, _, half = strips(
+                states[i, t, YAW], boxes.yaw[j], length[i], width[i], length[j], width[j]
+            )
+            if contain(normal_x, normal_y, half, dx, dy):
                 overlaps[k, t], done = 1.0, i
                 if first:
                     break
@@ -360,9 +351,9 @@ def mixture_overlap_probability(
     further = b.alternatives
     return _mixture_overlaps(
         pairs,
-        (a.states, a.valid, a.bounds),
-        (b.states, b.valid, b.bounds),
-        (further.states, further.valid, further.bounds),
+        (a.states, a.valid),
+        (b.states, b.valid),
+        (further.states, further.valid),
         (further.row, further.weight),
         sizes,
         (least, quantile(least), quantile(NEGLIGIBLE)),
@@ -417,68 +408,43 @@ def _mixture_overlaps(
 
     Args:
         pairs, sizes, first: likewise.
-        a, b: states, validity and bounds of :class:`PredictedMotion`.
+        a, b: states and validity of :class:`PredictedMotion`.
         further: those of the alternative motions of b.
         mixture: row of the agent and weight of each alternative motion.
         limits: `least`, and the quantiles of the standard Gaussian for it and for NEGLIGIBLE.
     """
-    states_a, valid_a, bounds_a = a
-    states_b, valid_b, bounds_b = b
-    states, valid, bounds = further
+    (states_a, valid_a), (states_b, valid_b), (states, valid) = a, b, further
     length, width = sizes
     least, least_quantile, negligible_quantile = limits
-    steps, least_tail = states_a.shape[1], max(0.0, -least_quantile)
     begin, following, taken = listed(mixture[0], mixture[1], len(states_b))
-    probability, of_motion, done = np.zeros((len(pairs), steps)), np.empty(steps), NONE
+    probability, of_motion, done = np.zeros((len(pairs), states_a.shape[1])), np.empty(states_a.shape[1]), NONE
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
         if first and i == done:
             continue
-        boxes = length[i], width[i], length[j], width[j]
-        reach = touching(boxes[0], boxes[1], boxes[2], boxes[3])
+        own, is_valid, boxes = states_a[i], valid_a[i], (length[i], width[i], length[j], width[j])
         if begin[j] == NONE:
-            if may_meet(bounds_a, bounds_b, i, j, reach, least_tail) and write_overlaps(
-                states_a[i],
-                valid_a[i],
-                states_b[j],
-                valid_b[j],
-                boxes,
-                least,
-                least_quantile,
-                first,
-                probability[k],
+            if write_overlaps(
+                own, is_valid, states_b[j], valid_b[j], boxes, least, least_quantile, first, probability[k]
             ):
                 done = i
             continue
         matters = False
         for weighing in (False, True):  # until one motion matters; if one does, all
-            bound, its_quantile = (NEGLIGIBLE, negligible_quantile) if weighing else (least, least_quantile)
-            motion, tail = FIRST, max(0.0, -its_quantile)
+            bound, quantile_of_bound = (NEGLIGIBLE, negligible_quantile) if weighing else (least, least_quantile)
+            motion = FIRST
             while motion != NONE and weighing == matters:
-                other, is_valid, share = states_b[j], valid_b[j], 1.0 - taken[j]
-                meet = motion == FIRST and may_meet(bounds_a, bounds_b, i, j, reach, tail)
+                other, other_is_valid, share = states_b[j], valid_b[j], 1.0 - taken[j]
                 if motion != FIRST:
-                    other, is_valid, share = states[motion], valid[motion], mixture[1][motion]
-                    meet = may_meet(bounds_a, bounds, i, motion, reach, tail)
+                    other, other_is_valid, share = states[motion], valid[motion], mixture[1][motion]
                 motion = begin[j] if motion == FIRST else following[motion]
-                if not meet:
-                    continue
                 of_motion[:] = 0.0
                 reached = write_overlaps(
-                    states_a[i],
-                    valid_a[i],
-                    other,
-                    is_valid,
-                    boxes,
-                    bound,
-                    its_quantile,
-                    not weighing,
-                    of_motion,
+                    own, is_valid, other, other_is_valid, boxes, bound, quantile_of_bound, not weighing, of_motion
                 )
                 matters = matters or reached
                 if weighing:
-                    for t in range(steps):
-                        probability[k, t] += share * of_motion[t]
+                    probability[k] += share * of_motion
         if _drop_below(probability[k], least):
             done = i
     return probability

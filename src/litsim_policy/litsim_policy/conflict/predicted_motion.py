@@ -1,8 +1,7 @@
-"""Predicted motions: boxes of agents at the next steps, with their uncertainty and alternatives; and their bounds."""
+"""Predicted motions: boxes of agents at the next steps, with their uncertainty and alternatives."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 
@@ -10,10 +9,8 @@ import numpy as np
 
 from litsim_predictor.forecast import Float32Array
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import BOOLS2, FLOATS3, OUT_FLOATS2, kernel
 
 X, Y, YAW, XX, YY, XY = range(6)  # columns of `PredictedMotion.states`
-LOW_X, LOW_Y, HIGH_X, HIGH_Y, SPREAD = range(5)  # columns of `PredictedMotion.bounds`
 
 
 @dataclass
@@ -45,11 +42,6 @@ class AlternativeMotions:
             return self
         columns = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
         return AlternativeMotions(*map(np.concatenate, columns))
-
-    @cached_property
-    def bounds(self) -> FloatArray:
-        """Bounds (q, 5) of the motions, as in :class:`PredictedMotion`."""
-        return bounds(self.states, self.valid)
 
     @cached_property
     def directions(self) -> tuple[Float32Array, Float32Array]:
@@ -92,14 +84,6 @@ class PredictedMotion:
         return self.states[..., XX:]
 
     @cached_property
-    def bounds(self) -> FloatArray:
-        """Bounds (n, 5): least x, y, greatest x, y of the centre over valid steps [m], and the largest spread [m].
-
-        Without valid steps the former are inf and -inf. The spread is the root of the sum of both variances.
-        """
-        return bounds(self.states, self.valid)
-
-    @cached_property
     def directions(self) -> tuple[Float32Array, Float32Array]:
         """Cosines and sines (n, T) of the headings, in single precision: numpy computes these twenty times as fast."""
         return _directions(self.states)
@@ -113,7 +97,7 @@ class PredictedMotion:
     def put(self, rows: BoolArray, other: PredictedMotion) -> None:
         """Copy the motions of agents in the mask `rows` (n,), which have none yet, from `other`, in place.
 
-        Call it before bounds or directions are read.
+        Call it before directions are read.
         """
         at = rows.nonzero()[0]
         self.states[at], self.valid[at] = other.states[at], other.valid[at]
@@ -123,20 +107,3 @@ def _directions(states: FloatArray) -> tuple[Float32Array, Float32Array]:
     """Returns cosines and sines (n, T) of the headings in `states` (n, T, 6)."""
     yaw = states[..., YAW].astype(np.float32)
     return np.cos(yaw), np.sin(yaw)
-
-
-@kernel(OUT_FLOATS2(FLOATS3, BOOLS2))
-def bounds(states: FloatArray, valid: BoolArray) -> FloatArray:
-    """Return `PredictedMotion.bounds` (n, 5) of `states` (n, T, 6) while `valid` (n, T)."""
-    extent = np.empty((states.shape[0], 5))
-    for k in range(states.shape[0]):
-        extent[k, LOW_X], extent[k, LOW_Y], extent[k, HIGH_X], extent[k, HIGH_Y] = np.inf, np.inf, -np.inf, -np.inf
-        variance = 0.0
-        for t in range(states.shape[1]):
-            variance = max(variance, states[k, t, XX] + states[k, t, YY])
-            if valid[k, t]:
-                x, y = states[k, t, X], states[k, t, Y]
-                extent[k, LOW_X], extent[k, LOW_Y] = min(extent[k, LOW_X], x), min(extent[k, LOW_Y], y)
-                extent[k, HIGH_X], extent[k, HIGH_Y] = max(extent[k, HIGH_X], x), max(extent[k, HIGH_Y], y)
-        extent[k, SPREAD] = math.sqrt(variance)
-    return extent

@@ -40,13 +40,6 @@ class DrivingTask:
     opponent: int = NOBODY
     lag: int = 0
 
-    @classmethod
-    def of(cls, takeover: Takeover) -> DrivingTask:
-        """Returns the task of an agent that was taken over."""
-        path = ReferencePath.of(takeover.reference_path)
-        goal = np.array(takeover.goal_pose[:2])
-        return cls(takeover.agent, path, goal, due_step(takeover), opponent_of(takeover), lag_of(takeover))
-
 
 @dataclass
 class DrivingScene:

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from typing import Any
 
 from litsim_msgs.msg import RunInfo
 
 from litsim_policy.ego.ego import Ego
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.parameters import ParameterReader
+from litsim_sim.core.scene import AgentTable, EgoCommand
 from litsim_sim.core.stage_registry import stage_reader
 from litsim_sim.core.stages import EGO
 from litsim_sim.launch.nodes import DRIVER
-from litsim_sim.ros.in_process import InProcessTransport
 from litsim_sim.ros.messages import ego_to_message, received_agents
-from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.stage import StageNode, run_stages
 from litsim_sim.ros.topics import AGENTS, EGO_CONTROL
 from litsim_sim.scenario.perception import Perception
@@ -26,29 +26,28 @@ class EgoNode(StageNode):
 
     stage = EGO
     inputs = ((AGENTS, received_agents),)
-    outputs = ((EGO_CONTROL, ego_to_message),)
+    output = (EGO_CONTROL, ego_to_message)
 
-    def __init__(self, transport: InProcessTransport | None = None) -> None:
-        super().__init__(transport)
+    def reader(self) -> Callable[[ParameterReader], Callable[..., Any]]:
+        """See :meth:`StageNode.reader`."""
         self.driver = "idm"
         if self.has_parameter(DRIVER):
             self.driver = self.get_parameter(DRIVER).value
             self.undeclare_parameter(DRIVER)  # not one of the driver's own, which a rerun reads from the record
-        self._make = read_parameters(self, stage_reader(EGO, self.driver))
-        self._ego: Ego
-        self._perception: Perception
+        return stage_reader(EGO, self.driver)
 
-    def configure(self, info: RunInfo, scenario: Scenario) -> None:
+    def configure(self, info: RunInfo, scenario: Scenario) -> tuple[Ego, Perception]:
         """See :meth:`StageNode.configure`."""
         if info.ego != self.driver:
             raise InputError(
                 f"the run's ego is {info.ego}, but this node drives as {self.driver}: set driver:={info.ego}"
             )
-        self._ego, self._perception = self._make(scenario), Perception(scenario)
+        return self._make(scenario), Perception(scenario)
 
-    def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
+    def answer(self, core: tuple[Ego, Perception], agents: AgentTable) -> EgoCommand:
         """See :meth:`StageNode.answer`."""
-        return [self._ego.plan(self._perception.of(inputs[AGENTS.name]))]
+        ego, perception = core
+        return ego.plan(perception.of(agents))
 
 
 def main() -> None:

@@ -6,7 +6,7 @@ waits for a message of another one of the process: all publish after the last of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -40,19 +40,18 @@ class InProcessTransport:
             subscribe(node, topic, lambda message: self._deliver(topic, message))
         self._listeners.setdefault(topic, []).append((read, receive))
 
-    def join(self, outputs: Iterable[Topic]) -> None:
-        """Add a stage that answers on `outputs`."""
-        self._answered.update(outputs)
+    def join(self, output: Topic) -> None:
+        """Add a stage that answers on `output`."""
+        self._answered.add(output)
 
-    def has_listener(self, outputs: Iterable[Topic]) -> bool:
-        """Returns whether a stage of this process listens to one of `outputs`."""
-        return any(topic in self._answered and topic in self._listeners for topic in outputs)
+    def has_listener(self, output: Topic) -> bool:
+        """Returns whether a stage of this process, other than that which answers on it, listens to `output`."""
+        return output in self._listeners
 
-    def publish(self, answers: Mapping[Topic, Any], run_id: str, step: int) -> None:
-        """Pass the answers of a stage, by topic, to the stages of this process that listen."""
-        for topic, answer in answers.items():
-            for _, receive in self._listeners.get(topic, ()):
-                receive(run_id, step, partial(_same, answer))
+    def publish(self, output: Topic, answer: Any, run_id: str, step: int) -> None:
+        """Pass the answer of a stage to the stages of this process that listen."""
+        for _, receive in self._listeners[output]:
+            receive(run_id, step, lambda: answer)
 
     def defer(self, do: Callable[[], None]) -> None:
         """Call `do` after the current message has been served, for work that no node waits for."""
@@ -91,7 +90,3 @@ class InProcessTransport:
     def _catch_up(self) -> None:
         while self._deferred:
             self._deferred.pop(0)()
-
-
-def _same(answer: Any) -> Any:
-    return answer

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import time
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from litsim_msgs.msg import Hello, RunInfo, StageStatus
@@ -14,13 +14,15 @@ from rclpy.publisher import Publisher
 
 from litsim_sim.core.errors import InputError, reason
 from litsim_sim.core.lockstep import Joiner
+from litsim_sim.core.parameters import ParameterReader
+from litsim_sim.core.stage_registry import stage_reader
 from litsim_sim.core.stages import BRIDGE
 from litsim_sim.core.step_marks import step_marks
 from litsim_sim.kernels.compiled import load_kernels
 from litsim_sim.ros import messages
 from litsim_sim.ros.endpoints import Endpoints, publisher_on, subscribe
 from litsim_sim.ros.in_process import InProcessTransport, Read
-from litsim_sim.ros.parameters import parameters_yaml
+from litsim_sim.ros.parameters import parameters_yaml, read_parameters
 from litsim_sim.ros.process import executor_of, process, serve, spare_from_collection
 from litsim_sim.ros.topics import HELLO, RUN_INFO, STATUS, TIMING, Topic
 from litsim_sim.scenario.scenario import Scenario
@@ -35,25 +37,25 @@ Write = Callable[[Any, str], Any]
 class StageNode(Node):
     """A node that answers every step of a run once all inputs of the step are in.
 
-    A subclass declares its topics, builds its core in :meth:`configure`, and calls it in :meth:`answer`. It serves
-    successive runs: an error ends its part in a run, not the node.
+    A subclass declares its topics, and calls the core of its stage in :meth:`answer`. It serves successive runs: an
+    error ends its part in a run, not the node.
 
     Attributes:
         stage: name of the stage.
         inputs: topics that it waits for, each with its conversion; the first one requests a step.
-        outputs: topics that it answers on, each with its conversion.
+        output: topic that it answers on, with its conversion.
     """
 
     stage: str
     inputs: Sequence[tuple[Topic, Read]]
-    outputs: Sequence[tuple[Topic, Write]]
+    output: tuple[Topic, Write]
     declared: Endpoints
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Declare the endpoints of a stage: its own, and those of every stage."""
         super().__init_subclass__(**options)
-        hears, publishes = ([topic for topic, _ in topics] for topics in (cls.inputs, cls.outputs))
-        cls.declared = Endpoints(cls.stage, (*publishes, STATUS, TIMING), (*hears, RUN_INFO, HELLO, STATUS))
+        hears = [topic for topic, _ in cls.inputs]
+        cls.declared = Endpoints(cls.stage, (cls.output[0], STATUS, TIMING), (*hears, RUN_INFO, HELLO, STATUS))
 
     def __init__(self, transport: InProcessTransport | None = None) -> None:
         """Make the node; `transport` holds the stages of its process, including all that it waits for."""
@@ -66,24 +68,29 @@ class StageNode(Node):
         self._published: list[tuple[Publisher, Any]] = []
         self._status = publisher_on(self, STATUS)
         self._timing = publisher_on(self, TIMING)
-        self._outputs = {topic: (publisher_on(self, topic), write) for topic, write in self.outputs}
+        self._output = publisher_on(self, self.output[0])
         for topic, read in self.inputs:
             self._transport.listen(self, topic, read, self._input(topic.name))
-        self._transport.join(self._outputs)
+        self._transport.join(self.output[0])
         subscribe(self, RUN_INFO, self._on_run_info)
         subscribe(self, HELLO, self._on_hello)
         subscribe(self, STATUS, self._on_status)
+        self._make: Callable[..., Any] = read_parameters(self, self.reader())
 
-    def configure(self, info: RunInfo, scenario: Scenario) -> None:
-        """Build the core for a run.
+    def reader(self) -> Callable[[ParameterReader], Callable[..., Any]]:
+        """Returns the function that reads the parameters; what it returns makes the core for a run."""
+        return stage_reader(self.stage)
+
+    def configure(self, info: RunInfo, scenario: Scenario) -> Any:
+        """Returns the core for a run.
 
         Raises:
             InputError: the run cannot be served; the message goes to the bridge, which ends the run.
         """
-        raise NotImplementedError
+        return self._make(info.policy, scenario)
 
-    def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
-        """Returns the answers for `outputs`, in order, to the converted inputs of a step, by topic name."""
+    def answer(self, core: Any, *inputs: Any) -> Any:
+        """Returns the answer of the `core` to the converted `inputs` of a step."""
         raise NotImplementedError
 
     def leave(self) -> None:
@@ -97,7 +104,7 @@ class StageNode(Node):
             return
         self._forget()
         try:
-            self.configure(info, self._transport.scenario(info))
+            self._core = self.configure(info, self._transport.scenario(info))
             load_kernels()
         except Exception as error:  # noqa: BLE001 - whatever it is, the bridge has to hear of it
             self._fail(info.run_id, 0, reason(error), error)
@@ -153,31 +160,31 @@ class StageNode(Node):
             inputs = self._joiner.offer(name, run_id, step, value) if self._joiner else None
             if inputs is None:
                 return
-            answers = dict(zip(self._outputs, self.answer(inputs), strict=True))
+            answer = self.answer(self._core, *(inputs[topic.name] for topic, _ in self.inputs))
         except Exception as error:  # noqa: BLE001 - whatever it is, the bridge has to hear of it
             self._fail(run_id, step, f"step {step}: {reason(error)}", error)
             return
         computed = time.perf_counter()
         status = messages.status(run_id, self.stage, StageStatus.RUNNING, step, computed - start)
-        if self._transport.has_listener(answers):  # publishing can wait, then
-            self._transport.defer(lambda: self._publish(answers, status, {"begin": start, "answered": computed}))
-            self._transport.publish(answers, run_id, step)
+        topic, _ = self.output
+        if self._transport.has_listener(topic):  # publishing can wait, then
+            self._transport.defer(lambda: self._publish(answer, status, {"begin": start, "answered": computed}))
+            self._transport.publish(topic, answer, run_id, step)
         else:
-            self._publish(answers, status, {"begin": start})
+            self._publish(answer, status, {"begin": start})
 
-    def _publish(self, answers: Mapping[Topic, Any], status: StageStatus, marks: dict[str, float]) -> None:
-        """Publish answers by topic, and `status` with the marks of their step: `answered` is now, unless given."""
+    def _publish(self, answer: Any, status: StageStatus, marks: dict[str, float]) -> None:
+        """Publish an answer, and `status` with the marks of its step: `answered` is now, unless given."""
+        _, write = self.output
         try:
-            answered = [(self._outputs[topic], answer) for topic, answer in answers.items()]
-            self._published = [(publisher, write(answer, status.run_id)) for (publisher, write), answer in answered]
+            message = write(answer, status.run_id)
         except Exception as error:  # noqa: BLE001 - as above
             self._fail(status.run_id, status.step, f"step {status.step}: {reason(error)}", error)
             return
-        for publisher, message in self._published:
-            publisher.publish(message)
+        self._output.publish(message)
         status.text = step_marks({"answered": time.perf_counter()} | marks)
         self._transport.defer(lambda: self._timing.publish(status))
-        self._published.append((self._timing, status))
+        self._published = [(self._output, message), (self._timing, status)]
 
     def _fail(self, run_id: str, step: int, text: str, error: Exception) -> None:
         """Leave the run; report one line to the bridge, and the traceback to the log of this node."""
