@@ -34,7 +34,7 @@ key=$(
 kernels_key() {
   {
     cat .venv/.litsim-packages
-    { grep -rlZ --include='*.py' '^@kernel(' src || true; } | sort -z | xargs -0r sha256sum
+    { grep -rlZ --include='*.py' '^@kernel$' src || true; } | sort -z | xargs -0r sha256sum
     find src \( -name '*.nbi' -o -name '*.kernel' \) -printf .
   } | sha256sum
 }

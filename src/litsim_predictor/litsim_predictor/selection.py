@@ -8,8 +8,8 @@ from enum import StrEnum
 import numpy as np
 
 from litsim_sim.core.nearby import around
-from litsim_sim.core.scene import AGENTS, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_BOOLS, kernel
+from litsim_sim.core.scene import AgentArrays, AgentTable, BoolArray, IntArray
+from litsim_sim.kernels.compiled import Bools, Floats, Ints, kernel
 
 Egos = int | IntArray
 """Id of the ego, or ids of those of several scenes (scenes,)."""
@@ -80,8 +80,8 @@ def agents_read(table: AgentTable, off_log: BoolArray) -> BoolArray:
     return off_log | _meeting(table.arrays, cos, sin, agents, others)
 
 
-@kernel(OUT_BOOLS(AGENTS, FLOATS, FLOATS, INTS, INTS))
-def _meeting(table: AgentArrays, cos: FloatArray, sin: FloatArray, agents: IntArray, others: IntArray) -> BoolArray:
+@kernel
+def _meeting(table: AgentArrays, cos: Floats, sin: Floats, agents: Ints, others: Ints) -> Bools:
     """Mask (n,) of those in the rows `agents` that come close to one in the rows `others`; see :func:`agents_read`.
 
     `cos` and `sin` (n,) are those of the headings.

@@ -11,45 +11,31 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from numba import TypingError
-from numba.types import UniTuple
 
 from litsim_sim.kernels import compiled
 from litsim_sim.kernels.ahead_of_time import compile_kernels, import_kernels, missing_kernels
-from litsim_sim.kernels.compiled import (
-    FLOATS,
-    KERNELS,
-    OUT_FLOATS,
-    Bools2,
-    Floats,
-    Kernel,
-    cache_directory,
-    float64,
-    int64,
-    kernel,
-    tuple_type,
-    void,
-)
+from litsim_sim.kernels.compiled import KERNELS, Bools2, Floats, Kernel, OutFloats, cache_directory, kernel
 
 SCALE = 3.0
 SHAPE = (2, 2)
 
 
-@kernel(float64(FLOATS))
-def total(values):
+@kernel
+def total(values: Floats) -> float:
     found = 0.0
     for value in values:
         found += SCALE * value
     return found
 
 
-@kernel(void(FLOATS, OUT_FLOATS))
-def running_total(values, sums):
+@kernel
+def running_total(values: Floats, sums: OutFloats) -> None:
     for k in range(len(values)):
         sums[k] = total(values[: k + 1])
 
 
-@kernel(UniTuple(OUT_FLOATS, 2)(FLOATS))
-def doubled_and_halved(values):
+@kernel
+def doubled_and_halved(values: Floats) -> tuple[Floats, Floats]:
     return 2.0 * values, 0.5 * values
 
 
@@ -58,8 +44,8 @@ class Share(NamedTuple):
     offset: float
 
 
-@kernel(float64(float64, tuple_type(Share)))
-def shared(value, share):
+@kernel
+def shared(value: float, share: Share) -> float:
     return share.factor * value + share.offset
 
 
@@ -69,8 +55,8 @@ class Scaled(NamedTuple):
     share: Share
 
 
-@kernel(float64(tuple_type(Scaled)))
-def total_of_used(scaled):
+@kernel
+def total_of_used(scaled: Scaled) -> float:
     doubled = Share(2.0 * scaled.share.factor, scaled.share.offset)
     found = 0.0
     for k in range(len(scaled.values)):
@@ -136,8 +122,8 @@ def test_sums_are_neither_reordered_nor_fused() -> None:
 
 @pytest.mark.parametrize(("dividend", "quotient"), [(1.0, np.inf), (-1.0, -np.inf), (0.0, np.nan)])
 def test_division_by_zero_gives_what_numpy_gives(dividend: float, quotient: float) -> None:
-    @kernel(float64(float64, float64))
-    def divided(a, b):
+    @kernel
+    def divided(a: float, b: float) -> float:
         return a / b
 
     assert np.array_equal(divided(dividend, 0.0), quotient, equal_nan=True)
@@ -146,9 +132,17 @@ def test_division_by_zero_gives_what_numpy_gives(dividend: float, quotient: floa
 def test_a_kernel_of_what_the_disk_cannot_know_is_refused() -> None:
     with pytest.raises(TypeError, match="cannot use SHAPE"):
 
-        @kernel(int64(int64))
-        def of_shape(k):
+        @kernel
+        def of_shape(k: int) -> int:
             return SHAPE[k]
+
+
+def test_a_kernel_of_what_numba_has_no_type_for_is_refused() -> None:
+    with pytest.raises(TypeError, match="str'> is no type of a kernel's arguments, expected a number, Floats"):
+
+        @kernel
+        def of_text(text: str) -> int:
+            return len(text)
 
 
 def test_a_kernel_of_what_is_defined_after_it_is_refused(tmp_path: Path) -> None:
@@ -164,19 +158,19 @@ def test_a_kernel_of_what_is_defined_after_it_is_refused(tmp_path: Path) -> None
 
 FACTOR = "FACTOR = {}\n"
 CALLED = """
-from litsim_sim.kernels.compiled import float64, kernel
+from litsim_sim.kernels.compiled import kernel
 from {package}.factor import FACTOR
 
-@kernel(float64(float64))
-def called(a):
+@kernel
+def called(a: float) -> float:
     return FACTOR * a
 """
 CALLER = """
-from litsim_sim.kernels.compiled import float64, kernel
+from litsim_sim.kernels.compiled import kernel
 from {package}.called import called
 
-@kernel(float64(float64))
-def caller(a):
+@kernel
+def caller(a: float) -> float:
     return 1.0 + called(a)
 """
 RUN = "from {package}.caller import caller; print(caller(1.0), sum(caller.loaded.stats.cache_misses.values()))"
@@ -227,7 +221,7 @@ def test_kernels_are_loaded_before_a_run_but_for_those_that_only_others_call(tmp
     result(start(folder))  # compiled, so that the next one only loads
     run = start(folder, code + "; load_kernels()" + which)
     assert run.communicate()[0].split() == ["False", "False", "True", "False"]
-    outer = CALLED.replace("@kernel(float64(float64))", "@kernel(float64(float64), outer=True)")
+    outer = CALLED.replace("import kernel", "import kernel, outer").replace("@kernel", "@outer\n@kernel")
     (folder / "called.py").write_text(outer.format(package=folder.name))
     result(start(folder))
     run = start(folder, code + "; load_kernels()" + which)
@@ -238,8 +232,8 @@ def test_machine_code_is_made_anew_when_the_fields_of_a_named_tuple_change(tmp_p
     folder = package(tmp_path)
     pair = "from typing import NamedTuple\nclass Pair(NamedTuple):\n    {}: float\n    {}: float\n"
     (folder / "called.py").write_text(
-        "from litsim_sim.kernels.compiled import float64, kernel, tuple_type\nfrom made.factor import Pair\n"
-        "@kernel(float64(tuple_type(Pair)))\ndef called(pair):\n    return pair.first\n"
+        "from litsim_sim.kernels.compiled import kernel\nfrom made.factor import Pair\n"
+        "@kernel\ndef called(pair: Pair) -> float:\n    return pair.first\n"
     )
     code = (
         "from made.called import Pair, called as f; print(f(Pair(1.0, 2.0)), sum(f.loaded.stats.cache_misses.values()))"
@@ -274,8 +268,8 @@ def test_a_package_is_compiled_ahead_of_time(tmp_path: Path, monkeypatch: pytest
 
 
 def test_a_kernel_that_cannot_be_compiled_ahead_of_time_is_an_error() -> None:
-    @kernel(float64(float64))
-    def nameless(a):
+    @kernel
+    def nameless(a: float) -> float:
         return a.name
 
     try:
@@ -299,8 +293,8 @@ def test_what_lies_in_a_folder_that_cannot_be_written_to_is_kept_with_the_user(
 def test_a_kernel_runs_where_nothing_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compiled, "cache_directory", lambda source: None)
 
-    @kernel(float64(float64))
-    def twice(a):
+    @kernel
+    def twice(a: float) -> float:
         return 2.0 * a
 
     assert twice(1.5) == 3.0

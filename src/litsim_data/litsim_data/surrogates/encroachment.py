@@ -7,12 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba.types import Tuple, UniTuple
 
 from litsim_sim.core.pair_geometry import overlap
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, IntArray
 from litsim_sim.core.steps import Steps
-from litsim_sim.kernels.compiled import FLOATS, FLOATS2, INTS, OUT_FLOATS, OUT_INTS, float64, int64, kernel
+from litsim_sim.kernels.compiled import Floats, Floats2, Ints, kernel
 
 PET_HORIZON_S = 5.0  # longest time between leaving and entering that counts as an encounter
 PET_HORIZON = round(PET_HORIZON_S / STEP_S)  # [steps]
@@ -89,10 +88,8 @@ def closest_use(step_a: IntArray, a: FloatArray, step_b: IntArray, b: FloatArray
     return (i, j, apart) if i >= 0 else None
 
 
-@kernel(UniTuple(int64, 3)(INTS, INTS, FLOATS2, FLOATS2, float64))
-def _closest_use(
-    step_a: IntArray, step_b: IntArray, a: FloatArray, b: FloatArray, reach: float
-) -> tuple[int, int, int]:
+@kernel
+def _closest_use(step_a: Ints, step_b: Ints, a: Floats2, b: Floats2, reach: float) -> tuple[int, int, int]:
     """See :func:`closest_use`; the first of equally close uses, -1 for none; `reach` bounds the centre distance [m]."""
     best = -1, -1, PET_HORIZON + 1
     for i in range(len(a)):
@@ -133,10 +130,10 @@ def times_since_others(tables: Sequence[AgentTable]) -> tuple[FloatArray, IntArr
     return since, other
 
 
-@kernel(Tuple((OUT_FLOATS, OUT_INTS))(INTS, INTS, INTS, FLOATS, FLOATS2, float64))
+@kernel
 def _since_others(
-    step: IntArray, begin: IntArray, agent: IntArray, place: FloatArray, boxes: FloatArray, reach: float
-) -> tuple[FloatArray, IntArray]:
+    step: Ints, begin: Ints, agent: Ints, place: Floats, boxes: Floats2, reach: float
+) -> tuple[Floats, Ints]:
     """See :func:`times_since_others`; rows (m,) have finite positions and are sorted by step, then by `place`.
 
     Args:

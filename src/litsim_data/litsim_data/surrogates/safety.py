@@ -7,13 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba.types import Tuple
 
-from litsim_sim.core.nearby import SORTED, Sorted, sorted_by_place, within_reach
+from litsim_sim.core.nearby import Sorted, sorted_by_place, within_reach
 from litsim_sim.core.pair_geometry import overlap
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
 from litsim_sim.core.steps import Steps
-from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_FLOATS, OUT_INTS, float64, kernel
+from litsim_sim.kernels.compiled import Floats, Ints, kernel
 
 TTC_HORIZON_S = 3.0  # nuPlan
 TTC_STEP_S = 0.1
@@ -120,8 +119,8 @@ def times_to_collision(table: AgentTable, rows: IntArray) -> FloatArray:
     return _first_meetings(sorted_by_place(table, rows), rows, *boxes, *velocity)
 
 
-@kernel(float64(FLOATS, FLOATS))
-def _largest(x: FloatArray, y: FloatArray) -> float:
+@kernel
+def _largest(x: Floats, y: Floats) -> float:
     """Returns the length of the longest of the vectors `x`, `y` (n,), but for those that are NaN; 0 without any."""
     largest = 0.0
     for k in range(len(x)):
@@ -131,18 +130,18 @@ def _largest(x: FloatArray, y: FloatArray) -> float:
     return largest
 
 
-@kernel(OUT_FLOATS(SORTED, INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS))
+@kernel
 def _first_meetings(  # noqa: PLR0917 - a kernel takes arrays and numbers
     agents: Sorted,
-    rows: IntArray,
-    x: FloatArray,
-    y: FloatArray,
-    yaw: FloatArray,
-    length: FloatArray,
-    width: FloatArray,
-    speed_x: FloatArray,
-    speed_y: FloatArray,
-) -> FloatArray:
+    rows: Ints,
+    x: Floats,
+    y: Floats,
+    yaw: Floats,
+    length: Floats,
+    width: Floats,
+    speed_x: Floats,
+    speed_y: Floats,
+) -> Floats:
     """See :func:`times_to_collision`; all arrays but `rows` (m,) are of all boxes (n,)."""
     found = np.full(len(rows), math.inf)
     steps = round(TTC_HORIZON_S / TTC_STEP_S)
@@ -183,7 +182,7 @@ def following(table: AgentTable, rows: IntArray) -> Following:
     return Following.measured(leader, gap, np.where(there, speed - along, 0.0), speed)
 
 
-@kernel(float64(*[float64] * 7))
+@kernel
 def _rear(ahead: float, left: float, yaw: float, length: float, width: float, half: float, back: float) -> float:
     """Smallest distance ahead [m] of a box within the strip up to `half` [m] to either side; inf if it is outside.
 
@@ -218,16 +217,10 @@ def _rear(ahead: float, left: float, yaw: float, length: float, width: float, ha
     return rear if front > -back else math.inf
 
 
-@kernel(Tuple((OUT_INTS, OUT_FLOATS))(SORTED, INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS))
+@kernel
 def _leaders(
-    agents: Sorted,
-    rows: IntArray,
-    x: FloatArray,
-    y: FloatArray,
-    yaw: FloatArray,
-    length: FloatArray,
-    width: FloatArray,
-) -> tuple[IntArray, FloatArray]:
+    agents: Sorted, rows: Ints, x: Floats, y: Floats, yaw: Floats, length: Floats, width: Floats
+) -> tuple[Ints, Floats]:
     """Leader (m,) and gap (m,) of :class:`Following`; all arrays but `rows` (m,) are of all boxes (n,)."""
     leader, gap = np.full(len(rows), -1, np.int64), np.full(len(rows), math.inf)
     farthest = SIGHT_M + _largest(length, width) + ROUNDING_M

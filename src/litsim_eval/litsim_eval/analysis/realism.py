@@ -12,15 +12,14 @@ from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
-from numba.types import Tuple
 
 from litsim_data.surrogates.safety import TTC_HORIZON_S, times_to_collision
 from litsim_eval.analysis.signals import Passage
 from litsim_sim.core.geometry import box_corners
-from litsim_sim.core.nearby import SORTED, Sorted, sorted_by_place, within_reach
+from litsim_sim.core.nearby import Sorted, sorted_by_place, within_reach
 from litsim_sim.core.scene import AgentTable, ByteArray, FloatArray, IntArray
 from litsim_sim.core.steps import Steps
-from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_FLOATS, OUT_INTS, kernel
+from litsim_sim.kernels.compiled import Floats, Ints, kernel
 from litsim_sim.lane_map.lane_map import LaneMap
 
 
@@ -214,8 +213,8 @@ def _distance_to_nearest(table: AgentTable, rows: IntArray) -> FloatArray:
     return np.where(nearest < 0, 40.0, distance - 0.5 * (table.length[rows] + table.length[nearest]))
 
 
-@kernel(Tuple((OUT_INTS, OUT_FLOATS))(SORTED, INTS, FLOATS, FLOATS))
-def _nearest(agents: Sorted, rows: IntArray, x: FloatArray, y: FloatArray) -> tuple[IntArray, FloatArray]:
+@kernel
+def _nearest(agents: Sorted, rows: Ints, x: Floats, y: Floats) -> tuple[Ints, Floats]:
     """Returns the rows (m,) of the agents nearest to those in `rows` (m,), -1 for none, and the distances (m,) [m]."""
     nearest, distance = np.full(len(rows), -1, np.int64), np.full(len(rows), math.inf)
     for m in range(len(rows)):

@@ -10,28 +10,22 @@ import math
 from typing import NamedTuple, Self
 
 import numpy as np
-from numba.types import Tuple
 
 from litsim_policy.conflict.futures import gone_straight_on
-from litsim_policy.conflict.overlap import BOXES, NONE, Boxes, listed, touching
+from litsim_policy.conflict.overlap import NONE, Boxes, listed, touching
 from litsim_policy.conflict.predicted_motion import XX, XY, YY, AlternativeMotions, PredictedMotion, X, Y
-from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import STEP_S, BoolArray, IntArray
 from litsim_sim.kernels.compiled import (
-    FLOATS,
-    FLOATS2,
-    INTS,
-    INTS2,
-    OUT_BOOLS,
-    OUT_FLOATS2,
+    Bools,
     Bools2,
+    Floats,
+    Floats2,
     Floats3,
+    Ints,
+    Ints2,
+    OutFloats2,
     Singles2,
-    boolean,
-    float64,
-    int64,
     kernel,
-    tuple_type,
-    void,
 )
 
 SLACK, SLACK_SHARE = 1e-3, 1e-5  # [m] and share of the distance by which boxes are widened, for rounding
@@ -70,8 +64,8 @@ def may_overlap(pairs: IntArray, a: PredictedMotion, b: PredictedMotion, boxes: 
     return _may_overlap(pairs, Motions.of(a), Motions.of(b), Motions.of(b.alternatives), mixture, boxes, tail)
 
 
-@kernel(void(tuple_type(Motions), int64, float64, OUT_FLOATS2))
-def _lay_out(motions: Motions, k: int, tail: float, steps: FloatArray) -> None:
+@kernel
+def _lay_out(motions: Motions, k: int, tail: float, steps: OutFloats2) -> None:
     """Write the `steps` (5, T) of motion `k`; where it is not valid, it is infinitely far away."""
     states, valid = motions.states[k], motions.valid[k]
     for t in range(len(states)):
@@ -82,8 +76,8 @@ def _lay_out(motions: Motions, k: int, tail: float, steps: FloatArray) -> None:
         steps[ALLOWED, t] = tail * math.sqrt(states[t, XX] + states[t, YY] + abs(states[t, XY]))
 
 
-@kernel(void(BOXES, int64, OUT_FLOATS2))
-def _lay_out_straight(boxes: Boxes, j: int, steps: FloatArray) -> None:
+@kernel
+def _lay_out_straight(boxes: Boxes, j: int, steps: OutFloats2) -> None:
     """Write the `steps` (5, T) of agent `j` straight on."""
     cos, sin, last = math.cos(boxes.yaw[j]), math.sin(boxes.yaw[j]), round(boxes.time[j] / STEP_S)
     for t in range(steps.shape[1]):
@@ -93,8 +87,8 @@ def _lay_out_straight(boxes: Boxes, j: int, steps: FloatArray) -> None:
         steps[COS, t], steps[SIN, t], steps[ALLOWED, t] = cos, sin, 0.0
 
 
-@kernel(boolean(FLOATS2, FLOATS2, float64))
-def _come_near(a: FloatArray, b: FloatArray, reach: float) -> bool:
+@kernel
+def _come_near(a: Floats2, b: Floats2, reach: float) -> bool:
     """Whether two motions are nearer than `reach` [m] and what is allowed to both, at any of their steps (5, T)."""
     near = 0
     for t in range(a.shape[1]):
@@ -104,8 +98,8 @@ def _come_near(a: FloatArray, b: FloatArray, reach: float) -> bool:
     return near > 0
 
 
-@kernel(boolean(FLOATS2, FLOATS2, *[float64] * 4))
-def _meet(a: FloatArray, b: FloatArray, la: float, wa: float, lb: float, wb: float) -> bool:
+@kernel
+def _meet(a: Floats2, b: Floats2, la: float, wa: float, lb: float, wb: float) -> bool:
     """Whether no strip separates two boxes at any of their steps (5, T); half lengths and widths [m]."""
     meet = 0
     for t in range(a.shape[1]):
@@ -121,16 +115,10 @@ def _meet(a: FloatArray, b: FloatArray, la: float, wa: float, lb: float, wb: flo
     return meet > 0
 
 
-@kernel(OUT_BOOLS(INTS2, *[tuple_type(Motions)] * 3, Tuple((INTS, FLOATS)), BOXES, float64))
+@kernel
 def _may_overlap(
-    pairs: IntArray,
-    a: Motions,
-    b: Motions,
-    further: Motions,
-    mixture: tuple[IntArray, FloatArray],
-    boxes: Boxes,
-    tail: float,
-) -> BoolArray:
+    pairs: Ints2, a: Motions, b: Motions, further: Motions, mixture: tuple[Ints, Floats], boxes: Boxes, tail: float
+) -> Bools:
     """See :func:`may_overlap`.
 
     Args:

@@ -16,8 +16,8 @@ from litsim_policy.conflict.futures import Futures
 from litsim_policy.conflict.overlap import Boxes, closing_overlaps, mixture_overlap_probability, quantile
 from litsim_policy.conflict.predicted_motion import PredictedMotion
 from litsim_sim.core.pair_geometry import behind_scene
-from litsim_sim.core.scene import AGENTS, STEP_S, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import BOOLS, INTS2, OUT_BOOLS, OUT_INTS2, boolean, float64, kernel
+from litsim_sim.core.scene import STEP_S, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import Bools, Ints2, kernel
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
 
@@ -244,7 +244,7 @@ class ConflictDetector:
         return list(conflicts.values())
 
 
-@kernel(boolean(float64, float64, float64, float64, float64, float64))
+@kernel
 def in_region(dx: float, dy: float, faster_x: float, faster_y: float, radius: float, time: float) -> bool:
     """Whether an agent is within `radius` [m], or will be within `time` [s] at its present rate of approach.
 
@@ -260,8 +260,8 @@ def in_region(dx: float, dy: float, faster_x: float, faster_y: float, radius: fl
     return square - math.sqrt(square) * radius <= nearer
 
 
-@kernel(OUT_INTS2(AGENTS, BOOLS, BOOLS, float64, float64))
-def pairs_in_region(agents: AgentArrays, of: BoolArray, others: BoolArray, radius: float, time: float) -> IntArray:
+@kernel
+def pairs_in_region(agents: AgentArrays, of: Bools, others: Bools, radius: float, time: float) -> Ints2:
     """Return pairs (m, 2) of positions in one scene, first of the mask `of` (n,), second of `others`.
 
     They are :func:`in_region` of each other; `radius` [m] and `time` [s] are those of the region.
@@ -283,8 +283,8 @@ def pairs_in_region(agents: AgentArrays, of: BoolArray, others: BoolArray, radiu
     return pairs[:count].copy()
 
 
-@kernel(OUT_BOOLS(AGENTS, BOOLS, float64, float64))
-def in_region_of_any(agents: AgentArrays, of: BoolArray, radius: float, time: float) -> BoolArray:
+@kernel
+def in_region_of_any(agents: AgentArrays, of: Bools, radius: float, time: float) -> Bools:
     """Return the mask (n,) of agents :func:`in_region` of one in the mask `of` (n,), these included."""
     x, y, inside, begin, end = agents.x, agents.y, of.copy(), 0, 0
     vx, vy = agents.speed * np.cos(agents.yaw), agents.speed * np.sin(agents.yaw)
@@ -298,8 +298,8 @@ def in_region_of_any(agents: AgentArrays, of: BoolArray, radius: float, time: fl
     return inside
 
 
-@kernel(OUT_BOOLS(INTS2, AGENTS))
-def followed(pairs: IntArray, agents: AgentArrays) -> BoolArray:
+@kernel
+def followed(pairs: Ints2, agents: AgentArrays) -> Bools:
     """Return for each of `pairs` (m, 2) whether the second follows the first.
 
     The first is ahead in the strip that the second sweeps straight on, with headings within a quarter turn: an oncoming

@@ -11,32 +11,26 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import types
 
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.predicted_motion import XX, XY, YAW, YY, AlternativeMotions, PredictedMotion, X, Y
 from litsim_policy.motion.along_path import Poses
 from litsim_policy.motion.path_batch import PathBatch
-from litsim_policy.motion.path_kernels import PATHS, PathArrays, nearest, place_at
+from litsim_policy.motion.path_kernels import PathArrays, nearest, place_at
 from litsim_predictor.forecast import Forecast, Modes
 from litsim_sim.core.pair_geometry import wrapped
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
-    BOOLS,
-    BOOLS2,
-    FLOATS,
-    FLOATS2,
-    FLOATS3,
-    INTS,
-    OUT_BOOLS2,
-    OUT_FLOATS2,
-    OUT_FLOATS3,
-    SINGLES2,
-    SINGLES3,
-    float64,
-    int64,
+    Bools,
+    Bools2,
+    Floats,
+    Floats2,
+    Floats3,
+    Ints,
+    OutFloats2,
+    Singles2,
+    Singles3,
     kernel,
-    void,
 )
 from litsim_sim.scenario.log import Log
 
@@ -244,20 +238,16 @@ def planned_motion(
     return PredictedMotion(states, forecast.valid | ~fresh[:, None])
 
 
-@kernel(
-    types.Tuple((OUT_FLOATS3, OUT_BOOLS2))(
-        types.Tuple((FLOATS2, FLOATS2, FLOATS2, BOOLS2)), INTS, INTS, int64, FLOATS, FLOATS, BOOLS
-    )
-)
+@kernel
 def follow_logs(
-    log: tuple[FloatArray, FloatArray, FloatArray, BoolArray],
-    rows: IntArray,
-    now: IntArray,
+    log: tuple[Floats2, Floats2, Floats2, Bools2],
+    rows: Ints,
+    now: Ints,
     count: int,
-    x: FloatArray,
-    y: FloatArray,
-    on_log: BoolArray,
-) -> tuple[FloatArray, BoolArray]:
+    x: Floats,
+    y: Floats,
+    on_log: Bools,
+) -> tuple[Floats3, Bools2]:
     """Return `states` (n, T, 6) and `valid` (n, T) of agents by their logs.
 
     Args:
@@ -285,19 +275,15 @@ def follow_logs(
     return states, valid
 
 
-@kernel(
-    types.Tuple((OUT_FLOATS3, OUT_BOOLS2))(
-        types.Tuple((FLOATS3, SINGLES2, SINGLES3)), float64, INTS, int64, float64, types.UniTuple(FLOATS, 3)
-    )
-)
+@kernel
 def interpolate(
-    motions: tuple[FloatArray, FloatArray, FloatArray],
+    motions: tuple[Floats3, Singles2, Singles3],
     dt: float,
-    rows: IntArray,
+    rows: Ints,
     count: int,
     sigma_scale: float,
-    now: tuple[FloatArray, FloatArray, FloatArray],
-) -> tuple[FloatArray, BoolArray]:
+    now: tuple[Floats, Floats, Floats],
+) -> tuple[Floats3, Bools2]:
     """Return `states` (n, T, 6) and `valid` (n, T) of agents by forecast, linear between its instants.
 
     Args:
@@ -338,8 +324,8 @@ def interpolate(
     return states, valid
 
 
-@kernel(void(OUT_FLOATS2, float64, float64, float64, float64, float64))
-def hold_back(states: FloatArray, x: float, y: float, speed: float, braking: float, braking_time: float) -> None:
+@kernel
+def hold_back(states: OutFloats2, x: float, y: float, speed: float, braking: float, braking_time: float) -> None:
     """Limit a forecast, in place, to the distance that a vehicle covers if it continues to brake.
 
     Args:
@@ -372,7 +358,7 @@ def hold_back(states: FloatArray, x: float, y: float, speed: float, braking: flo
         states[t, Y] = places[at, 1] + share * (places[at + 1, 1] - places[at, 1])
 
 
-@kernel(float64(float64, float64, float64))
+@kernel
 def gone_straight_on(speed: float, acceleration: float, time: float) -> float:
     """Distance [m] of an agent after `time` [s] that keeps its acceleration [m/s2] until it stands."""
     if acceleration < 0.0:
@@ -380,7 +366,7 @@ def gone_straight_on(speed: float, acceleration: float, time: float) -> float:
     return speed * time + 0.5 * acceleration * time**2
 
 
-@kernel(float64(*[float64] * 4))
+@kernel
 def _gone(speed: float, acceleration: float, hold: float, time: float) -> float:
     """Distance [m] of an agent after `time` [s] that keeps its acceleration for `hold` [s], and then its speed."""
     until = min(hold, time)
@@ -391,14 +377,14 @@ def _gone(speed: float, acceleration: float, hold: float, time: float) -> float:
     return speed * until + 0.5 * acceleration * until**2 + later * rest
 
 
-@kernel(OUT_FLOATS3(PATHS, types.UniTuple(FLOATS, 4), types.Tuple((FLOATS3, BOOLS2)), BOOLS, float64))
+@kernel
 def _along_paths(
     paths: PathArrays,
-    now: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-    forecast: tuple[FloatArray, BoolArray],
-    fresh: BoolArray,
+    now: tuple[Floats, Floats, Floats, Floats],
+    forecast: tuple[Floats3, Bools2],
+    fresh: Bools,
     sigma_scale: float,
-) -> FloatArray:
+) -> Floats3:
     """Return `states` (r, T, 6); see :func:`planned_motion`.
 
     Args:

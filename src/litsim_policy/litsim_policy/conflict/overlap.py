@@ -16,29 +16,11 @@ from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
 from litsim_policy.conflict.futures import gone_straight_on
 from litsim_policy.conflict.predicted_motion import XX, XY, YAW, YY, PredictedMotion, X, Y
-from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import (
-    BOOLS,
-    BOOLS2,
-    FLOATS,
-    FLOATS2,
-    FLOATS3,
-    INTS,
-    INTS2,
-    OUT_FLOATS,
-    OUT_FLOATS2,
-    OUT_INTS,
-    Floats,
-    boolean,
-    float64,
-    int64,
-    kernel,
-    tuple_type,
-)
+from litsim_sim.core.scene import STEP_S, FloatArray, IntArray
+from litsim_sim.kernels.compiled import Bools, Bools2, Floats, Floats2, Floats3, Ints, Ints2, OutFloats, kernel
 
 NEGLIGIBLE = 1e-3
 """Probability of an overlap below which a motion adds nothing to a weighted sum."""
@@ -52,12 +34,9 @@ _NODE, _WEIGHT = np.polynomial.legendre.leggauss(NODES)
 _ROOT_HALF = math.sqrt(0.5)
 _ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
 
-_THREE, _FOUR = types.UniTuple(float64, 3), types.UniTuple(float64, 4)
 Three = tuple[float, float, float]
 Four = tuple[float, float, float, float]
-Motions = tuple[FloatArray, BoolArray]
-_MOTIONS = types.Tuple((FLOATS3, BOOLS2))  # states and validity of a `PredictedMotion`
-_SIZES = types.UniTuple(FLOATS, 2)  # length and width of all agents
+Motions = tuple[Floats3, Bools2]  # states and validity of a `PredictedMotion`
 
 
 class Boxes(NamedTuple):
@@ -79,10 +58,7 @@ class Boxes(NamedTuple):
     time: Floats
 
 
-BOXES = tuple_type(Boxes)
-
-
-@kernel(types.UniTuple(_FOUR, 4)(*[float64] * 6))
+@kernel
 def strips(
     yaw_a: float, yaw_b: float, length_a: float, width_a: float, length_b: float, width_b: float
 ) -> tuple[Four, Four, Four, Four]:
@@ -105,7 +81,7 @@ def strips(
     return normal_x, normal_y, (la, wa, lb, wb), (along_a, left_a, along_b, left_b)
 
 
-@kernel(boolean(_FOUR, _FOUR, _FOUR, float64, float64))
+@kernel
 def contain(normal_x: Four, normal_y: Four, half: Four, dx: float, dy: float) -> bool:
     """Whether boxes with these :func:`strips` overlap when their distance is exactly (dx, dy) [m]."""
     inside = True
@@ -114,7 +90,7 @@ def contain(normal_x: Four, normal_y: Four, half: Four, dx: float, dy: float) ->
     return inside
 
 
-@kernel(boolean(_FOUR, _FOUR, _FOUR, float64, float64, _THREE, float64))
+@kernel
 def can_reach(
     normal_x: Four, normal_y: Four, half: Four, dx: float, dy: float, covariance: Three, quantile: float
 ) -> bool:
@@ -135,14 +111,14 @@ def can_reach(
     return True
 
 
-@kernel(float64(float64))
+@kernel
 def normal_below(value: float) -> float:
     """Return the probability that a standard Gaussian is below `value`."""
     return 0.5 * math.erfc(-value * _ROOT_HALF)
 
 
-@kernel(types.UniTuple(float64, 3)(*[float64] * 4))
-def cut(middle: float, half: float, by_u: float, by_v: float) -> tuple[float, float, float]:
+@kernel
+def cut(middle: float, half: float, by_u: float, by_v: float) -> Three:
     """Return the section at u of a strip |middle + by_u u + by_v v| < half, as |offset + slope u + v| < width.
 
     Returns:
@@ -153,7 +129,7 @@ def cut(middle: float, half: float, by_u: float, by_v: float) -> tuple[float, fl
     return signed * middle, signed * by_u, half * steep
 
 
-@kernel(float64(_FOUR, _FOUR, _FOUR, _FOUR, float64, float64, _THREE))
+@kernel
 def probability_within(
     normal_x: Four, normal_y: Four, edge: Four, half: Four, dx: float, dy: float, covariance: Three
 ) -> float:
@@ -202,16 +178,9 @@ def probability_within(
     return 0.5 * (high - low) * total / _ROOT_TWO_PI
 
 
-@kernel(float64(*[float64] * 4, _FOUR, _THREE, float64, float64))
+@kernel
 def overlap_probability(
-    dx: float,
-    dy: float,
-    yaw_a: float,
-    yaw_b: float,
-    sizes: Four,
-    covariance: Three,
-    least: float,
-    quantile: float,
+    dx: float, dy: float, yaw_a: float, yaw_b: float, sizes: Four, covariance: Three, least: float, quantile: float
 ) -> float:
     """Return the probability that two boxes overlap, where it is at least `least`; else 0.
 
@@ -232,23 +201,23 @@ def overlap_probability(
     return probability if probability >= least else 0.0
 
 
-@kernel(float64(*[float64] * 4))
+@kernel
 def touching(length_a: float, width_a: float, length_b: float, width_b: float) -> float:
     """Distance [m] of the centres of two boxes beyond which they cannot overlap, whatever their headings."""
     return 0.5 * (math.hypot(length_a, width_a) + math.hypot(length_b, width_b))
 
 
-@kernel(boolean(FLOATS2, BOOLS, FLOATS2, BOOLS, _FOUR, float64, float64, boolean, OUT_FLOATS))
+@kernel
 def write_overlaps(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    a: FloatArray,
-    valid_a: BoolArray,
-    b: FloatArray,
-    valid_b: BoolArray,
+    a: Floats2,
+    valid_a: Bools,
+    b: Floats2,
+    valid_b: Bools,
     sizes: Four,
     least: float,
     quantile: float,
     first: bool,
-    probability: FloatArray,
+    probability: OutFloats,
 ) -> bool:
     """Write into `probability` (T,) that of an overlap of two boxes, where it is at least `least`.
 
@@ -283,8 +252,8 @@ def write_overlaps(  # noqa: PLR0917 - a kernel takes arrays and numbers
     return matters
 
 
-@kernel(OUT_FLOATS2(INTS2, _MOTIONS, BOXES, boolean))
-def closing_overlaps(pairs: IntArray, motions: Motions, boxes: Boxes, first: bool) -> FloatArray:
+@kernel
+def closing_overlaps(pairs: Ints2, motions: Motions, boxes: Boxes, first: bool) -> Floats2:
     """Return an array (m, T): 1 where boxes overlap if the second continues straight on for its `time`; else 0.
 
     Args:
@@ -361,8 +330,8 @@ def mixture_overlap_probability(
     )
 
 
-@kernel(types.Tuple((OUT_INTS, OUT_INTS, OUT_FLOATS))(INTS, FLOATS, int64))
-def listed(row: IntArray, weight: FloatArray, count: int) -> tuple[IntArray, IntArray, FloatArray]:
+@kernel
+def listed(row: Ints, weight: Floats, count: int) -> tuple[Ints, Ints, Floats]:
     """Return the alternative motions of n = `count` agents as linked lists.
 
     Args:
@@ -381,8 +350,8 @@ def listed(row: IntArray, weight: FloatArray, count: int) -> tuple[IntArray, Int
     return begin, following, taken
 
 
-@kernel(boolean(OUT_FLOATS, float64))
-def _drop_below(probability: FloatArray, least: float) -> bool:
+@kernel
+def _drop_below(probability: OutFloats, least: float) -> bool:
     """Replace those of `probability` (T,) that do not reach `least` by 0; return whether any does."""
     reached = False
     for t in range(len(probability)):
@@ -393,17 +362,17 @@ def _drop_below(probability: FloatArray, least: float) -> bool:
     return reached
 
 
-@kernel(OUT_FLOATS2(INTS2, _MOTIONS, _MOTIONS, _MOTIONS, types.Tuple((INTS, FLOATS)), _SIZES, _THREE, boolean))
+@kernel
 def _mixture_overlaps(
-    pairs: IntArray,
+    pairs: Ints2,
     a: Motions,
     b: Motions,
     further: Motions,
-    mixture: tuple[IntArray, FloatArray],
-    sizes: tuple[FloatArray, FloatArray],
+    mixture: tuple[Ints, Floats],
+    sizes: tuple[Floats, Floats],
     limits: Three,
     first: bool,
-) -> FloatArray:
+) -> Floats2:
     """See :func:`mixture_overlap_probability`.
 
     Args:

@@ -8,24 +8,17 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from typing import Annotated
 
 import numpy as np
+import numpy.typing as npt
 
-from litsim_sim.core.nearby import SORTED, Sorted, sorted_by_place, within_reach
+from litsim_sim.core.nearby import Sorted, sorted_by_place, within_reach
 from litsim_sim.core.pair_geometry import overlap
-from litsim_sim.core.scene import AGENTS, STEP_S, AgentArrays, AgentTable, FloatArray, IntArray
-from litsim_sim.kernels.compiled import (
-    FLOATS,
-    FLOATS3,
-    INTS,
-    OUT_FLOATS2,
-    float64,
-    kernel,
-    read_array,
-    written_array,
-)
+from litsim_sim.core.scene import STEP_S, AgentArrays, AgentTable, FloatArray, IntArray
+from litsim_sim.kernels.compiled import Floats, Floats2, Floats3, Ints, float64, kernel, read_array
 
-POSES = read_array(float64, 4)
+Floats4 = Annotated[npt.NDArray[np.float64], read_array(float64, 4)]
 SETTLE = 0.5  # [s] time constant with which turns are expected to end
 ROUNDING = 1e-9  # [m] by which the circles around two boxes are widened
 
@@ -73,8 +66,8 @@ def first_touch(table: AgentTable, rows: IntArray, poses: FloatArray, margin: fl
     return _first_touch(sorted_by_place(table, rows), table.arrays, rows, poses, margin)
 
 
-@kernel(written_array(float64, 4)(AGENTS, INTS, FLOATS3, FLOATS))
-def _rolled_out(agents: AgentArrays, rows: IntArray, commands: FloatArray, turned: FloatArray) -> FloatArray:
+@kernel
+def _rolled_out(agents: AgentArrays, rows: Ints, commands: Floats3, turned: Floats) -> Floats4:
     """See :func:`rolled_out`; `turned` (T,) is the share of a turn that is completed at each instant."""
     count, instants = commands.shape[1], len(turned)
     poses = np.empty((3, len(rows), count, instants))
@@ -93,8 +86,8 @@ def _rolled_out(agents: AgentArrays, rows: IntArray, commands: FloatArray, turne
     return poses
 
 
-@kernel(OUT_FLOATS2(SORTED, AGENTS, INTS, POSES, float64))
-def _first_touch(by_place: Sorted, agents: AgentArrays, rows: IntArray, poses: FloatArray, margin: float) -> FloatArray:
+@kernel
+def _first_touch(by_place: Sorted, agents: AgentArrays, rows: Ints, poses: Floats4, margin: float) -> Floats2:
     """See :func:`first_touch`; `by_place` are the agents sorted for those in `rows`."""
     x, y, yaw, speed = agents.x, agents.y, agents.yaw, agents.speed
     length, width = agents.length, agents.width

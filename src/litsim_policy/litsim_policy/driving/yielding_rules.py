@@ -10,31 +10,12 @@ import math
 
 import numpy as np
 
-from litsim_policy.motion.along_path import VIEW, AlongPath
-from litsim_policy.motion.car_following import (
-    IDM,
-    LEADER_BRAKES,
-    LEADERS,
-    IdmValues,
-    Leaders,
-    braking_behind,
-    idm,
-    safe_speed,
-)
-from litsim_policy.motion.path_kernels import PATHS, PathArrays, nearest, place_at
+from litsim_policy.motion.along_path import AlongPath
+from litsim_policy.motion.car_following import LEADER_BRAKES, IdmValues, Leaders, braking_behind, idm, safe_speed
+from litsim_policy.motion.path_kernels import PathArrays, nearest, place_at
 from litsim_sim.core.pair_geometry import overlap, within_scenes
-from litsim_sim.core.scene import AGENTS, STEP_S, AgentArrays, BoolArray, Controller, FloatArray, IntArray
-from litsim_sim.kernels.compiled import (
-    FLOATS,
-    FLOATS2,
-    INTS,
-    OUT_BOOLS,
-    OUT_FLOATS,
-    boolean,
-    float64,
-    int64,
-    kernel,
-)
+from litsim_sim.core.scene import STEP_S, AgentArrays, Controller
+from litsim_sim.kernels.compiled import Bools, Floats, Floats2, Ints, kernel
 
 # [m/s2] hardest braking for an opponent that is ahead but not yet on the path, or alongside without being in the way
 COURTESY_DECELERATION = 3.0
@@ -54,14 +35,8 @@ SAME_WAY = math.cos(math.pi / 4)  # cosine of the largest angle between headings
 LOG = int(Controller.LOG)
 
 
-@kernel(OUT_FLOATS(FLOATS, FLOATS, FLOATS, LEADERS, IDM))
-def keep_distance(
-    wanted: FloatArray,
-    speed: FloatArray,
-    length: FloatArray,
-    leaders: Leaders,
-    model: IdmValues,
-) -> FloatArray:
+@kernel
+def keep_distance(wanted: Floats, speed: Floats, length: Floats, leaders: Leaders, model: IdmValues) -> Floats:
     """Accelerations (m,) [m/s2] with which agents keep their distance to leaders, if less than they want.
 
     They drive no faster than is safe behind the leader (:func:`litsim_policy.motion.car_following.safe_speed`), and
@@ -103,8 +78,8 @@ def keep_distance(
     return kept
 
 
-@kernel(OUT_BOOLS(AGENTS, INTS, FLOATS, FLOATS2))
-def side_is_taken(agents: AgentArrays, rows: IntArray, lane_heading: FloatArray, target: FloatArray) -> BoolArray:
+@kernel
+def side_is_taken(agents: AgentArrays, rows: Ints, lane_heading: Floats, target: Floats2) -> Bools:
     """Mask (m,) of agents that move to a side of their lanes where another agent is alongside, or soon will be.
 
     Args:
@@ -133,7 +108,7 @@ def side_is_taken(agents: AgentArrays, rows: IntArray, lane_heading: FloatArray,
     return taken
 
 
-@kernel(boolean(AGENTS, int64, int64))
+@kernel
 def _goes_first(agents: AgentArrays, j: int, own: int) -> bool:
     """Whether the agent in row `j` has priority over that in row `own` when both are alongside; never mutual.
 
@@ -144,10 +119,8 @@ def _goes_first(agents: AgentArrays, j: int, own: int) -> bool:
     return along > 0.0 or (along == 0.0 and agents.id[j] < agents.id[own])
 
 
-@kernel(OUT_FLOATS(FLOATS, PATHS, FLOATS, AGENTS, INTS))
-def make_room(
-    wanted: FloatArray, paths: PathArrays, own_s: FloatArray, agents: AgentArrays, rows: IntArray
-) -> FloatArray:
+@kernel
+def make_room(wanted: Floats, paths: PathArrays, own_s: Floats, agents: AgentArrays, rows: Ints) -> Floats:
     """Accelerations (m,) [m/s2] with which agents let others in that are alongside, if less than they want.
 
     Of two of these agents that are alongside and whose paths meet ahead, the one that is behind falls back, by no more
@@ -181,7 +154,7 @@ def make_room(
     return eased
 
 
-@kernel(boolean(float64, PATHS, int64, float64, AGENTS, int64, int64))
+@kernel
 def _runs_into(pedal: float, paths: PathArrays, p: int, own_s: float, agents: AgentArrays, own: int, j: int) -> bool:
     """Whether agent `own`, at acceleration `pedal` on path `p`, runs into agent `j` with the centre of `j` ahead."""
     s, other_x, other_y, other_yaw = own_s, agents.x[j], agents.y[j], agents.yaw[j]
@@ -201,10 +174,8 @@ def _runs_into(pedal: float, paths: PathArrays, p: int, own_s: float, agents: Ag
     return False
 
 
-@kernel(OUT_FLOATS(FLOATS, PATHS, FLOATS, AGENTS, INTS))
-def wait_for_crossing(
-    wanted: FloatArray, paths: PathArrays, own_s: FloatArray, agents: AgentArrays, rows: IntArray
-) -> FloatArray:
+@kernel
+def wait_for_crossing(wanted: Floats, paths: PathArrays, own_s: Floats, agents: AgentArrays, rows: Ints) -> Floats:
     """Accelerations (m,) [m/s2] with which agents wait for others that cross their paths, if less than they want.
 
     Others are assumed to continue along their arcs with their present acceleration. An agent that would run into the
@@ -238,15 +209,10 @@ def wait_for_crossing(
     return eased
 
 
-@kernel(OUT_FLOATS(VIEW, AGENTS, INTS, FLOATS, INTS, IDM))
+@kernel
 def give_way(
-    view: AlongPath,
-    agents: AgentArrays,
-    rows: IntArray,
-    wanted_speed: FloatArray,
-    opponent: IntArray,
-    model: IdmValues,
-) -> FloatArray:
+    view: AlongPath, agents: AgentArrays, rows: Ints, wanted_speed: Floats, opponent: Ints, model: IdmValues
+) -> Floats:
     """Accelerations (m,) [m/s2] with which agents follow others on their paths, and give way.
 
     They give way to their opponents, and to those alongside that are ahead: by the car following, but no harder than

@@ -7,34 +7,13 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numba.types import Tuple, UniTuple
 
 from litsim_policy.motion.path_batch import PathBatch
-from litsim_policy.motion.path_kernels import PATHS, SLACK, UNIT_X, UNIT_Y, PathArrays, S, X, Y, nearest, nearest_of
+from litsim_policy.motion.path_kernels import SLACK, UNIT_X, UNIT_Y, PathArrays, S, X, Y, nearest, nearest_of
 from litsim_policy.motion.reference_path import ReferencePath
 from litsim_sim.core.pair_geometry import within, within_scenes
-from litsim_sim.core.scene import AGENTS, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import (
-    FLOATS,
-    FLOATS2,
-    INTS,
-    OUT_BOOLS2,
-    OUT_BOOLS3,
-    OUT_FLOATS2,
-    OUT_FLOATS3,
-    OUT_INTS,
-    OUT_INTS2,
-    Bools2,
-    Floats,
-    Floats2,
-    Ints,
-    Ints2,
-    boolean,
-    float64,
-    int64,
-    kernel,
-    tuple_type,
-)
+from litsim_sim.core.scene import AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import Bools2, Bools3, Floats, Floats2, Floats3, Ints, Ints2, kernel
 
 SIGHT = 120.0  # [m] distance beyond which agents are ignored
 MARGIN = 0.2  # [m] default lateral distance kept to others
@@ -124,9 +103,6 @@ class AheadInPath(NamedTuple):
     own_d: FloatArray
 
 
-POSES, VIEW, PAIRS = tuple_type(PoseArrays), tuple_type(AlongPath), tuple_type(ProjectedPairs)
-
-
 def along_path(path: ReferencePath, agents: AgentTable, row: int, margin: float = MARGIN) -> AlongPath:
     """Returns agents relative to the one in `row`, which follows `path`; see :func:`along_paths`. Arrays (w,)."""
     return along_paths(path.batch, agents, np.array([row]), margin).of(0)
@@ -210,8 +186,8 @@ class Corridor(NamedTuple):
     bend: float
 
 
-@kernel(tuple_type(Corridor)(FLOATS2, int64))
-def _corridor(vertices: FloatArray, n: int) -> Corridor:
+@kernel
+def _corridor(vertices: Floats2, n: int) -> Corridor:
     """Return the corridor of a path (L, 5) of `n` vertices."""
     x, y = vertices[0, X], vertices[0, Y]
     dx, dy = vertices[n - 1, X] - x, vertices[n - 1, Y] - y
@@ -228,8 +204,8 @@ def _corridor(vertices: FloatArray, n: int) -> Corridor:
     return Corridor(x, y, cos, sin, right, left, turn, bend)
 
 
-@kernel(boolean(tuple_type(Corridor), FLOATS2, int64, float64, float64, float64))
-def _is_beyond(corridor: Corridor, vertices: FloatArray, n: int, x: float, y: float, distance: float) -> bool:
+@kernel
+def _is_beyond(corridor: Corridor, vertices: Floats2, n: int, x: float, y: float, distance: float) -> bool:
     """Whether a position is certain to be farther than `distance` [m] from a path (L, 5) of `n` vertices."""
     offset = corridor.cos * (y - corridor.y) - corridor.sin * (x - corridor.x)
     if not max(offset - corridor.left, corridor.right - offset) > distance:
@@ -239,16 +215,10 @@ def _is_beyond(corridor: Corridor, vertices: FloatArray, n: int, x: float, y: fl
     return found[1] > distance * distance
 
 
-@kernel(Tuple((OUT_INTS, int64, OUT_INTS2, OUT_FLOATS2))(AGENTS, INTS, POSES, FLOATS, INTS, PATHS, float64))
+@kernel
 def _projected(
-    agents: AgentArrays,
-    rows: IntArray,
-    own: PoseArrays,
-    sight: FloatArray,
-    path: IntArray,
-    paths: PathArrays,
-    margin: float,
-) -> tuple[IntArray, int, IntArray, FloatArray]:
+    agents: AgentArrays, rows: Ints, own: PoseArrays, sight: Floats, path: Ints, paths: PathArrays, margin: float
+) -> tuple[Ints, int, Ints2, Floats2]:
     """Pairs of vehicles and agents within sight of each other, and the agents' positions along the vehicles' paths.
 
     Args:
@@ -318,8 +288,8 @@ def _projected(
     return begin, most, pair[:, :k].copy(), found[:, :k].copy()
 
 
-@kernel(OUT_FLOATS2(PAIRS, INTS))
-def _own(pairs: ProjectedPairs, rows: IntArray) -> FloatArray:
+@kernel
+def _own(pairs: ProjectedPairs, rows: Ints) -> Floats2:
     """Return arc lengths and offsets (2, m) of the vehicles in `rows` (m,) on their own paths."""
     own = np.empty((2, len(rows)))
     own[0], own[1] = -np.inf, np.inf
@@ -330,7 +300,7 @@ def _own(pairs: ProjectedPairs, rows: IntArray) -> FloatArray:
     return own
 
 
-@kernel(UniTuple(float64, 4)(PAIRS, int64, AGENTS, int64, float64, float64))
+@kernel
 def _passed(
     pairs: ProjectedPairs, k: int, agents: AgentArrays, row: int, own_s: float, own_d: float
 ) -> tuple[float, float, float, float]:
@@ -347,10 +317,10 @@ def _passed(
     return gap, agents.speed[j] * cos, abs(pairs.d[k] - offset), half_across
 
 
-@kernel(Tuple((OUT_FLOATS2, OUT_FLOATS2, OUT_BOOLS2, OUT_FLOATS2))(PAIRS, AGENTS, INTS, INTS, int64, float64))
+@kernel
 def _leading(
-    pairs: ProjectedPairs, agents: AgentArrays, rows: IntArray, first: IntArray, most: int, margin: float
-) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
+    pairs: ProjectedPairs, agents: AgentArrays, rows: Ints, first: Ints, most: int, margin: float
+) -> tuple[Floats2, Floats2, Bools2, Floats2]:
     """Return gap, speed, leads (m, w) of :class:`AheadInPath`, and own_s and own_d (2, m); arguments as of `_along`."""
     shape, own = (len(rows), most), _own(pairs, rows)
     gap, speed, leads = np.empty(shape), np.empty(shape), np.zeros(shape, np.bool_)
@@ -363,10 +333,10 @@ def _leading(
     return gap, speed, leads, own
 
 
-@kernel(Tuple((OUT_BOOLS3, OUT_FLOATS3, OUT_FLOATS2))(PAIRS, AGENTS, INTS, INTS, int64, float64))
+@kernel
 def _along(
-    pairs: ProjectedPairs, agents: AgentArrays, rows: IntArray, first: IntArray, most: int, margin: float
-) -> tuple[BoolArray, FloatArray, FloatArray]:
+    pairs: ProjectedPairs, agents: AgentArrays, rows: Ints, first: Ints, most: int, margin: float
+) -> tuple[Bools3, Floats3, Floats2]:
     """Return the fields of :class:`AlongPath`.
 
     These are ahead and in_path (2, m, w); s, d, gap, speed and aside (5, m, w); own_s and own_d (2, m).

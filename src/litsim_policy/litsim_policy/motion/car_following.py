@@ -12,21 +12,7 @@ import numpy as np
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, Speed, configuration
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray
-from litsim_sim.kernels.compiled import (
-    BOOLS,
-    BOOLS2,
-    FLOATS,
-    FLOATS2,
-    OUT_FLOATS,
-    Bools2,
-    Floats,
-    Floats2,
-    Ints,
-    float64,
-    kernel,
-    tuple_of,
-    tuple_type,
-)
+from litsim_sim.kernels.compiled import Bools, Bools2, Floats, Floats2, Ints, kernel, tuple_of
 
 DESIRED_MIN = 0.1  # [m/s] lower bound on desired speeds
 GAP_MIN = 0.1  # [m] lower bound on gaps, since the model has a pole at zero
@@ -59,9 +45,6 @@ class Leaders(NamedTuple):
     leads: Bools2
     first: Ints
     acceleration: Floats
-
-
-IDM, LEADERS = tuple_type(IdmValues), tuple_type(Leaders)
 
 
 @configuration
@@ -121,15 +104,8 @@ def idm_acceleration(
     return accelerations.reshape(shape)
 
 
-@kernel(float64(float64, float64, FLOATS, FLOATS, BOOLS, IDM))
-def idm(
-    speed: float,
-    desired_speed: float,
-    gap: FloatArray,
-    leader_speed: FloatArray,
-    leads: BoolArray,
-    model: IdmValues,
-) -> float:
+@kernel
+def idm(speed: float, desired_speed: float, gap: Floats, leader_speed: Floats, leads: Bools, model: IdmValues) -> float:
     """Acceleration [m/s2] of one vehicle behind the most demanding of its leaders; see :func:`idm_acceleration`.
 
     Args:
@@ -148,7 +124,7 @@ def idm(
     return within(free - interaction, -model.braking_max, model.acceleration)
 
 
-@kernel(float64(*[float64] * 4))
+@kernel
 def safe_speed(room: float, leader_speed: float, own_braking: float, leader_braking: float) -> float:
     """Speed [m/s] from which `own_braking` stops an agent behind its leader, if the leader brakes by `leader_braking`.
 
@@ -164,7 +140,7 @@ def safe_speed(room: float, leader_speed: float, own_braking: float, leader_brak
     return -lag + math.sqrt(lag**2 + stop)
 
 
-@kernel(float64(*[float64] * 5))
+@kernel
 def braking_behind(
     speed: float, leader_speed: float, leader_acceleration: float, room: float, leader_brakes: float
 ) -> float:
@@ -184,15 +160,10 @@ def braking_behind(
     return needed
 
 
-@kernel(OUT_FLOATS(FLOATS, FLOATS, FLOATS2, FLOATS2, BOOLS2, FLOATS2))
+@kernel
 def _idm_accelerations(
-    speed: FloatArray,
-    desired_speed: FloatArray,
-    gap: FloatArray,
-    leader_speed: FloatArray,
-    leads: BoolArray,
-    models: FloatArray,
-) -> FloatArray:
+    speed: Floats, desired_speed: Floats, gap: Floats2, leader_speed: Floats2, leads: Bools2, models: Floats2
+) -> Floats:
     """Accelerations (m,) of m vehicles by :func:`idm`; arrays (m,) and (m, n).
 
     `models` are the parameters :class:`IdmValues` of each vehicle (m, 5) or of all (1, 5).

@@ -8,12 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba.types import Tuple
 
-from litsim_policy.motion.along_path import VIEW, AlongPath
+from litsim_policy.motion.along_path import AlongPath
 from litsim_policy.motion.car_following import IdmValues, idm
-from litsim_sim.core.scene import AGENTS, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import BOOLS, BOOLS2, FLOATS, INTS, OUT_BOOLS, OUT_FLOATS, float64, int64, kernel
+from litsim_sim.core.scene import AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.kernels.compiled import Bools, Bools2, Floats, Ints, kernel
 
 NOBODY = -1
 POLITENESS = 0.2  # weight of the gains and losses of others, relative to the agent's own
@@ -68,7 +67,7 @@ def weigh_changes(
     return LaneChanges(*_weigh(table.arrays, rows, wanted, view, claimed, reach))
 
 
-@kernel(float64(*[float64] * 4))
+@kernel
 def _behind(speed: float, desired_speed: float, gap: float, leader_speed: float) -> float:
     """Acceleration [m/s2] of the car following behind one leader; an infinite gap means a free road."""
     gaps, speeds, leads = np.empty(1), np.empty(1), np.empty(1, np.bool_)
@@ -77,8 +76,8 @@ def _behind(speed: float, desired_speed: float, gap: float, leader_speed: float)
     return idm(speed, desired_speed, gaps, speeds, leads, model)
 
 
-@kernel(Tuple((int64, float64))(FLOATS, BOOLS, BOOLS, int64))
-def _leader(gap: FloatArray, ahead: BoolArray, in_lane: BoolArray, me: int) -> tuple[int, float]:
+@kernel
+def _leader(gap: Floats, ahead: Bools, in_lane: Bools, me: int) -> tuple[int, float]:
     """Column of the first of w agents ahead in a lane, and the gap to it [m]; NOBODY and infinity if there is none."""
     first, least = NOBODY, np.inf
     for j in range(len(gap)):
@@ -87,8 +86,8 @@ def _leader(gap: FloatArray, ahead: BoolArray, in_lane: BoolArray, me: int) -> t
     return first, least
 
 
-@kernel(Tuple((int64, float64))(FLOATS, FLOATS, BOOLS, BOOLS, int64))
-def _follower(s: FloatArray, length: FloatArray, ahead: BoolArray, in_lane: BoolArray, me: int) -> tuple[int, float]:
+@kernel
+def _follower(s: Floats, length: Floats, ahead: Bools, in_lane: Bools, me: int) -> tuple[int, float]:
     """Column of the first agent behind in a lane, likewise; the gap is negative if it is alongside."""
     first, least = NOBODY, np.inf
     for j in range(len(s)):
@@ -100,15 +99,10 @@ def _follower(s: FloatArray, length: FloatArray, ahead: BoolArray, in_lane: Bool
     return first, least
 
 
-@kernel(Tuple((OUT_FLOATS, OUT_BOOLS, OUT_BOOLS))(AGENTS, INTS, FLOATS, VIEW, BOOLS2, FLOATS))
+@kernel
 def _weigh(
-    agents: AgentArrays,
-    rows: IntArray,
-    wanted: FloatArray,
-    view: AlongPath,
-    claimed: BoolArray,
-    reach: FloatArray,
-) -> tuple[FloatArray, BoolArray, BoolArray]:
+    agents: AgentArrays, rows: Ints, wanted: Floats, view: AlongPath, claimed: Bools2, reach: Floats
+) -> tuple[Floats, Bools, Bools]:
     """Return the fields of :class:`LaneChanges`; see :func:`weigh_changes`.
 
     The desired speed of a follower is assumed to be its present speed.

@@ -6,13 +6,12 @@ from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
-from numba.types import Tuple, UniTuple
 
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.path_kernels import nearest
 from litsim_policy.motion.reference_path import BEYOND, ReferencePath
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import FLOATS, FLOATS3, INTS, OUT_BOOLS2, int64, kernel
+from litsim_sim.kernels.compiled import Bools2, Floats, Floats3, Ints, kernel
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.net_lanes import Lane
 
@@ -141,16 +140,16 @@ def _neighbours(lane_map: LaneMap, names: Iterable[str | None]) -> IntArray:
     )
 
 
-@kernel(OUT_BOOLS2(Tuple((FLOATS3, FLOATS3, INTS)), INTS, FLOATS, INTS, UniTuple(FLOATS, 2), INTS, int64))
+@kernel
 def _inside(
-    lines: tuple[FloatArray, FloatArray, IntArray],
-    line: IntArray,
-    half_width: FloatArray,
-    rows: IntArray,
-    places: tuple[FloatArray, FloatArray],
-    first: IntArray,
+    lines: tuple[Floats3, Floats3, Ints],
+    line: Ints,
+    half_width: Floats,
+    rows: Ints,
+    places: tuple[Floats, Floats],
+    first: Ints,
     most: int,
-) -> BoolArray:
+) -> Bools2:
     """See :meth:`LaneLines.inside`.
 
     Args:

@@ -15,26 +15,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from litsim_sim.core.scene import FloatArray, IntArray
-from litsim_sim.kernels.compiled import (
-    FLOATS,
-    FLOATS2,
-    FLOATS3,
-    INTS,
-    OUT_FLOATS,
-    OUT_FLOATS2,
-    OUT_FLOATS3,
-    OUT_INTS,
-    OUT_INTS2,
-    Floats3,
-    Ints,
-    float64,
-    int64,
-    kernel,
-    tuple_type,
-)
+from litsim_sim.kernels.compiled import Floats, Floats2, Floats3, Ints, Ints2, kernel
 
 CHUNK = 8  # segments in a circle
 SLACK = 1e-6  # [m] by which circles are widened, for rounding
@@ -49,11 +31,8 @@ class PathArrays(NamedTuple):
     counts: Ints
 
 
-PATHS = tuple_type(PathArrays)
-
-
-@kernel(types.Tuple((OUT_FLOATS3, OUT_FLOATS3))(FLOATS2, INTS))
-def lay_out(points: FloatArray, count: IntArray) -> tuple[FloatArray, FloatArray]:
+@kernel
+def lay_out(points: Floats2, count: Ints) -> tuple[Floats3, Floats3]:
     """Return `segments` and circles of polylines.
 
     Args:
@@ -91,8 +70,8 @@ def lay_out(points: FloatArray, count: IntArray) -> tuple[FloatArray, FloatArray
     return segments, circles
 
 
-@kernel(OUT_INTS(FLOATS2, float64))
-def thinned(points: FloatArray, spacing: float) -> IntArray:
+@kernel
+def thinned(points: Floats2, spacing: float) -> Ints:
     """Return indices of the `points` (m, 2) to keep: the first, and each at least `spacing` [m] from the last kept."""
     kept, found, last = np.empty(len(points), np.int64), 1, 0
     kept[0] = 0
@@ -103,14 +82,12 @@ def thinned(points: FloatArray, spacing: float) -> IntArray:
     return kept[:found].copy()
 
 
-Found = types.Tuple((int64, float64, float64, float64))
+Found = tuple[int, float, float, float]
 """Segment, squared distance [m2], length along the segment [m], and offset from its line, to the left [m]."""
 
 
-@kernel(Found(FLOATS2, int64, int64, int64, float64, float64, Found))
-def nearest_of(
-    segments: FloatArray, n: int, begin: int, end: int, x: float, y: float, found: tuple[int, float, float, float]
-) -> tuple[int, float, float, float]:
+@kernel
+def nearest_of(segments: Floats2, n: int, begin: int, end: int, x: float, y: float, found: Found) -> Found:
     """Return the segment from `begin` to `end` of a path (L, 5) that is nearest to a position, or `found` if nearer.
 
     Of equally near segments, the first is taken. The path has `n` vertices.
@@ -131,8 +108,8 @@ def nearest_of(
     return nearest_k, best, forward, left
 
 
-@kernel(types.Tuple((int64, float64, float64))(FLOATS2, FLOATS2, int64, float64, float64))
-def nearest(segments: FloatArray, circles: FloatArray, n: int, x: float, y: float) -> tuple[int, float, float]:
+@kernel
+def nearest(segments: Floats2, circles: Floats2, n: int, x: float, y: float) -> tuple[int, float, float]:
     """Return the nearest point of a path (L, 5), which has `n` vertices, to a position in frame map [m].
 
     Of equally near points, the first along the path is taken. The chunk with the nearest centre is searched first, and
@@ -163,10 +140,10 @@ def nearest(segments: FloatArray, circles: FloatArray, n: int, x: float, y: floa
     return found[0], segments[found[0], S] + found[2], found[3]
 
 
-@kernel(types.Tuple((OUT_INTS, OUT_FLOATS, OUT_FLOATS))(FLOATS3, FLOATS3, INTS, INTS, FLOATS, FLOATS))
+@kernel
 def project(
-    segments: FloatArray, circles: FloatArray, count: IntArray, path: IntArray, x: FloatArray, y: FloatArray
-) -> tuple[IntArray, FloatArray, FloatArray]:
+    segments: Floats3, circles: Floats3, count: Ints, path: Ints, x: Floats, y: Floats
+) -> tuple[Ints, Floats, Floats]:
     """Return segments, arc lengths and offsets (k,) of :func:`nearest` for k positions on the paths `path` (k,)."""
     segment, s, d = np.empty(len(path), np.int64), np.empty(len(path)), np.empty(len(path))
     for k in range(len(path)):
@@ -174,8 +151,8 @@ def project(
     return segment, s, d
 
 
-@kernel(int64(FLOATS3, int64, int64, float64))
-def segment_at(segments: FloatArray, n: int, p: int, s: float) -> int:
+@kernel
+def segment_at(segments: Floats3, n: int, p: int, s: float) -> int:
     """Return the segment of path `p`, which has `n` vertices, at arc length `s` [m]."""
     low, high = 0, n - 2  # vertices after `high` are beyond s, or end the last segment, which is prolonged
     while low < high:
@@ -187,7 +164,7 @@ def segment_at(segments: FloatArray, n: int, p: int, s: float) -> int:
     return low
 
 
-@kernel(types.UniTuple(float64, 4)(PATHS, int64, float64))
+@kernel
 def place_at(paths: PathArrays, p: int, s: float) -> tuple[float, float, float, float]:
     """Return the place on path `p` at arc length `s` [m]: x, y [m], and the unit vector of the path there."""
     at = segment_at(paths.segments, paths.counts[p], p, s)
@@ -196,8 +173,8 @@ def place_at(paths: PathArrays, p: int, s: float) -> tuple[float, float, float, 
     return paths.segments[p, at, X] + along * unit_x, paths.segments[p, at, Y] + along * unit_y, unit_x, unit_y
 
 
-@kernel(OUT_INTS2(FLOATS3, INTS, INTS, FLOATS2))
-def segments_at(segments: FloatArray, count: IntArray, path: IntArray, s: FloatArray) -> IntArray:
+@kernel
+def segments_at(segments: Floats3, count: Ints, path: Ints, s: Floats2) -> Ints2:
     """Return the segments (m, k) of the paths `path` (m,) at arc lengths `s` (m, k) [m]."""
     found = np.empty(s.shape, np.int64)
     for i in range(s.shape[0]):
@@ -206,8 +183,8 @@ def segments_at(segments: FloatArray, count: IntArray, path: IntArray, s: FloatA
     return found
 
 
-@kernel(OUT_FLOATS2(FLOATS3, INTS, INTS, FLOATS))
-def points_at(segments: FloatArray, count: IntArray, path: IntArray, s: FloatArray) -> FloatArray:
+@kernel
+def points_at(segments: Floats3, count: Ints, path: Ints, s: Floats) -> Floats2:
     """Return the points (m, 2) of the paths `path` (m,) at arc lengths `s` (m,) [m]."""
     found = np.empty((len(path), 2))
     for i in range(len(path)):
@@ -227,10 +204,8 @@ def points_at(segments: FloatArray, count: IntArray, path: IntArray, s: FloatArr
     return found
 
 
-@kernel(types.Tuple((OUT_INTS, OUT_INTS))(FLOATS3, INTS, FLOATS, float64, float64))
-def windows(
-    segments: FloatArray, count: IntArray, s: FloatArray, behind: float, ahead: float
-) -> tuple[IntArray, IntArray]:
+@kernel
+def windows(segments: Floats3, count: Ints, s: Floats, behind: float, ahead: float) -> tuple[Ints, Ints]:
     """Return the range of vertices, at least two, around arc length `s` (m,) [m] of each path.
 
     It begins within `behind` [m] before `s`, or with the segment at `s` if that begins earlier, and ends with the
@@ -248,10 +223,8 @@ def windows(
     return begin, end
 
 
-@kernel(types.UniTuple(OUT_FLOATS2, 2)(FLOATS3, INTS, FLOATS, FLOATS))
-def directions_ahead(
-    segments: FloatArray, count: IntArray, s: FloatArray, reach: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+@kernel
+def directions_ahead(segments: Floats3, count: Ints, s: Floats, reach: Floats) -> tuple[Floats2, Floats2]:
     """Return directions of m paths where agents are, and half a reach and one and a half ahead.
 
     Args:

@@ -8,11 +8,12 @@ such that entries along the last dimension are independent, so that the processo
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
+import numpy.typing as npt
 from numba import types
 
-from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.product_blocks import (
     BLOCK_ROWS,
     LANES,
@@ -22,9 +23,9 @@ from litsim_predictor.inference.product_blocks import (
     add_row_block,
     multiply_add,
 )
-from litsim_sim.kernels.compiled import OUT_SINGLES2, SINGLES, SINGLES2, float32, kernel, void
+from litsim_sim.kernels.compiled import OutSingles2, Singles, Singles2, float32, kernel, outer
 
-ROW = types.Array(float32, 1, "C", readonly=True)
+Row = Annotated[npt.NDArray[np.float32], types.Array(float32, 1, "C", readonly=True)]
 """Type of an array (n,) that lies in one piece, so that its neighbours are read at once."""
 
 INNER = 4  # terms of a sum that are added at a time
@@ -37,7 +38,7 @@ P0, P1, P2, P3, P4 = 0.999999979, 0.13381025, 0.0034955874, 2.0609071e-05, 1.335
 Q1, Q2, Q3, Q4 = 0.467143406, 0.0258769794, 0.000328563366, 7.77655213e-07
 
 
-@kernel(float32(float32))
+@kernel
 def tanh(x: np.float32) -> np.float32:
     """The hyperbolic tangent, by arithmetic alone, so that many are computed at a time."""
     x = min(max(x, -float32(TANH_END)), float32(TANH_END))
@@ -49,15 +50,15 @@ def tanh(x: np.float32) -> np.float32:
     return x * above / below
 
 
-@kernel(float32(float32))
+@kernel
 def exp(x: np.float32) -> np.float32:
     """The exponential of an `x` of at most 0, within 1e-7, by arithmetic alone, so that many are computed at a time."""
     half = tanh(float32(0.5) * x)
     return (float32(1.0) + half) / (float32(1.0) - half)
 
 
-@kernel(void(SINGLES2, SINGLES2, OUT_SINGLES2))
-def add_blocks(values: Float32Array, weight: Float32Array, out: Float32Array) -> None:
+@kernel
+def add_blocks(values: Singles2, weight: Singles2, out: OutSingles2) -> None:
     """Do as :func:`add_product`, but leave out the last columns of `out` where their number is no multiple of LANES."""
     rows, columns = out.shape
     whole, wide = rows - rows % BLOCK_ROWS, columns - columns % (2 * LANES)
@@ -73,8 +74,8 @@ def add_blocks(values: Float32Array, weight: Float32Array, out: Float32Array) ->
             add_narrow_row_block(values, weight, out, i, j)
 
 
-@kernel(void(SINGLES2, SINGLES2, OUT_SINGLES2))
-def add_product(values: Float32Array, weight: Float32Array, out: Float32Array) -> None:
+@kernel
+def add_product(values: Singles2, weight: Singles2, out: OutSingles2) -> None:
     """Add to `out` (m, n) the product of `values` (m, k) and `weight` (k, n)."""
     add_blocks(values, weight, out)
     rest = out.shape[1] % LANES
@@ -86,16 +87,17 @@ def add_product(values: Float32Array, weight: Float32Array, out: Float32Array) -
         out[:, first:] = sums[:, :rest]
 
 
-@kernel(void(OUT_SINGLES2))
-def rectify(values: Float32Array) -> None:
+@kernel
+def rectify(values: OutSingles2) -> None:
     """Replace negative `values` (m, n) by 0."""
     for i in range(values.shape[0]):
         for j in range(values.shape[1]):
             values[i, j] = max(values[i, j], float32(0.0))
 
 
-@kernel(void(SINGLES2, SINGLES2, ROW, OUT_SINGLES2), outer=True)
-def linear(values: Float32Array, weight: Float32Array, bias: Float32Array, out: Float32Array) -> None:
+@outer
+@kernel
+def linear(values: Singles2, weight: Singles2, bias: Row, out: OutSingles2) -> None:
     """Write to `out` (m, n) the product of `values` (m, k) and `weight` (k, n) plus `bias` (n,)."""
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
@@ -103,15 +105,15 @@ def linear(values: Float32Array, weight: Float32Array, bias: Float32Array, out: 
     add_product(values, weight, out)
 
 
-@kernel(void(SINGLES2, SINGLES2, ROW, OUT_SINGLES2))
-def rectified_linear(values: Float32Array, weight: Float32Array, bias: Float32Array, out: Float32Array) -> None:
+@kernel
+def rectified_linear(values: Singles2, weight: Singles2, bias: Row, out: OutSingles2) -> None:
     """Write to `out` (m, n) what :func:`linear` does, with negative values replaced by 0."""
     linear(values, weight, bias, out)
     rectify(out)
 
 
-@kernel(void(SINGLES2, SINGLES2, SINGLES, OUT_SINGLES2))
-def rectified_product(weight: Float32Array, values: Float32Array, bias: Float32Array, out: Float32Array) -> None:
+@kernel
+def rectified_product(weight: Singles2, values: Singles2, bias: Singles, out: OutSingles2) -> None:
     """Write to `out` (m, n) the product of `weight` (m, k) and `values` (k, n) plus `bias` (m,), negative ones as 0.
 
     A convolution comes to this, with `values` the inputs that each weight is multiplied with.
@@ -122,10 +124,8 @@ def rectified_product(weight: Float32Array, values: Float32Array, bias: Float32A
     rectify(out)
 
 
-@kernel(void(SINGLES2, SINGLES2, ROW, ROW, OUT_SINGLES2))
-def add_and_normalise(
-    values: Float32Array, more: Float32Array, gain: Float32Array, bias: Float32Array, out: Float32Array
-) -> None:
+@kernel
+def add_and_normalise(values: Singles2, more: Singles2, gain: Row, bias: Row, out: OutSingles2) -> None:
     """Write to `out` (m, n) `values` plus `more`, normalised to mean 0 and variance 1 by row, times gain plus bias.
 
     Layer normalisation (Ba et al. 2016).

@@ -6,21 +6,12 @@ import math
 
 import numpy as np
 
-from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.contract import HISTORY_CHANNELS, STATE_CHANNELS, AgentInputs
 from litsim_predictor.inference.raster import MapRaster
 from litsim_predictor.inference.traffic import Traffic
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import (
-    BOOLS2,
-    FLOATS,
-    FLOATS3,
-    OUT_SINGLES2,
-    OUT_SINGLES3,
-    kernel,
-    void,
-)
+from litsim_sim.kernels.compiled import Bools2, Floats, Floats3, OutSingles2, OutSingles3, kernel
 from litsim_sim.lane_map.lane_map import LaneMap, LanePosition
 
 LANE_ANGLE = 0.6  # [rad] largest angle between a vehicle and a lane that it drives along
@@ -80,15 +71,15 @@ def agent_inputs(
     )
 
 
-@kernel(void(FLOATS3, BOOLS2, FLOATS, FLOATS, FLOATS, OUT_SINGLES3, OUT_SINGLES2))
+@kernel
 def into_frames(
-    series: FloatArray,
-    observed: BoolArray,
-    heading: FloatArray,
-    cos: FloatArray,
-    sin: FloatArray,
-    history: Float32Array,
-    state: Float32Array,
+    series: Floats3,
+    observed: Bools2,
+    heading: Floats,
+    cos: Floats,
+    sin: Floats,
+    history: OutSingles3,
+    state: OutSingles2,
 ) -> None:
     """Write histories in agent frames, and present speed and yaw into `state`; see :class:`.contract.AgentInputs`.
 

@@ -11,19 +11,17 @@ from litsim_predictor.forecast import Float32Array, Forecast, Modes
 from litsim_predictor.inference.contract import DT, AgentFutures
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray
 from litsim_sim.kernels.compiled import (
-    FLOATS,
-    FLOATS2,
-    FLOATS3,
-    OUT_BOOLS,
-    OUT_FLOATS2,
-    OUT_FLOATS3,
-    OUT_SINGLES3,
+    Floats,
+    Floats2,
+    Floats3,
+    OutBools,
+    OutFloats2,
+    OutFloats3,
+    OutSingles3,
     Singles2,
     Singles3,
     float64,
     kernel,
-    tuple_type,
-    void,
 )
 
 MOVED = 0.1  # [m] between two steps of the horizon: agents that move less keep their heading
@@ -85,15 +83,15 @@ def turned_gaussians(
     return turned, covariance, valid
 
 
-@kernel(void(tuple_type(Gaussians), FLOATS2, FLOATS, FLOATS, OUT_FLOATS3, OUT_SINGLES3, OUT_BOOLS))
+@kernel
 def turn_gaussians(
     gaussians: Gaussians,
-    frame: FloatArray,
-    cos: FloatArray,
-    sin: FloatArray,
-    turned: FloatArray,
-    covariance: Float32Array,
-    valid: BoolArray,
+    frame: Floats2,
+    cos: Floats,
+    sin: Floats,
+    turned: OutFloats3,
+    covariance: OutSingles3,
+    valid: OutBools,
 ) -> None:
     """Transform Gaussians from agent frames to frame map.
 
@@ -139,8 +137,8 @@ def headings(mean: FloatArray, start: FloatArray, yaw: FloatArray) -> FloatArray
     return along
 
 
-@kernel(void(FLOATS3, FLOATS2, OUT_FLOATS2, OUT_FLOATS2))
-def steps_between(mean: FloatArray, start: FloatArray, dx: FloatArray, dy: FloatArray) -> None:
+@kernel
+def steps_between(mean: Floats3, start: Floats2, dx: OutFloats2, dy: OutFloats2) -> None:
     """Write how far (n, T) positions `mean` (n, T, 2) are from those before them, the first from `start` (n, 2) [m]."""
     for i in range(len(mean)):
         x, y = start[i]
@@ -149,8 +147,8 @@ def steps_between(mean: FloatArray, start: FloatArray, dx: FloatArray, dy: Float
             x, y = mean[i, t]
 
 
-@kernel(void(FLOATS2, FLOATS2, FLOATS, OUT_FLOATS2))
-def keep_headings(dx: FloatArray, dy: FloatArray, yaw: FloatArray, along: FloatArray) -> None:
+@kernel
+def keep_headings(dx: Floats2, dy: Floats2, yaw: Floats, along: OutFloats2) -> None:
     """Where a step (n, T) `dx`, `dy` is shorter than :data:`MOVED`, put the heading before it into `along` (n, T)."""
     for i in range(len(dx)):
         held = yaw[i]

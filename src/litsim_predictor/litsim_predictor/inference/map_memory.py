@@ -6,22 +6,23 @@ On straight roads most maps repeat; in a campaign, those around agents that foll
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
 
 from litsim_predictor.forecast import Float32Array
 from litsim_sim.core.scene import ByteArray, IntArray
-from litsim_sim.kernels.compiled import INTS, INTS2, OUT_INTS, kernel, read_array, uint64, written_array
+from litsim_sim.kernels.compiled import Ints, Ints2, kernel, read_array, uint64
 
 MOST = 32768
 """Maps that are remembered: 16 MB of codes and fingerprints."""
 
-WORDS2, OUT_WORDS2 = read_array(uint64, 2), written_array(uint64, 2)
+Words2 = Annotated[npt.NDArray[np.uint64], read_array(uint64, 2)]
 
 
-@kernel(OUT_INTS(INTS2))
-def first_alike(rows: IntArray) -> IntArray:
+@kernel
+def first_alike(rows: Ints2) -> Ints:
     """Return for each of the `rows` (n, k) the first row that is equal to it (n,)."""
     count, size = rows.shape
     first, mixed = np.empty(count, np.int64), np.empty(count, np.int64)
@@ -41,8 +42,8 @@ def first_alike(rows: IntArray) -> IntArray:
     return first
 
 
-@kernel(OUT_WORDS2(WORDS2, INTS))
-def fingerprints(rows: npt.NDArray[np.uint64], chosen: IntArray) -> npt.NDArray[np.uint64]:
+@kernel
+def fingerprints(rows: Words2, chosen: Ints) -> Words2:
     """Return 128 bits (m, 2) of each of the `chosen` (m,) of `rows` (n, k), which two different rows do not share.
 
     They are two sums of 64 bits, in which each word is mixed as in MurmurHash3: of a million rows, two share all 128

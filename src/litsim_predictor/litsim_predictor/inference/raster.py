@@ -10,25 +10,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
 from numba import types
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import ByteArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import (
-    FLOATS,
-    INTS,
-    float32,
-    int32,
-    int64,
-    kernel,
-    read_array,
-    uint8,
-    void,
-    written_array,
-)
+from litsim_sim.core.scene import ByteArray, FloatArray
+from litsim_sim.kernels.compiled import Floats, Ints, float32, int32, int64, kernel, read_array, uint8, written_array
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.net_lanes import Lane
 
@@ -50,19 +40,12 @@ DIRECTIONS = COSINES.astype(np.int32) | SINES.astype(np.int32) << 8
 """(256,) both in one number, so that they are looked up at once."""
 NO_DIRECTIONS = NO_DIRECTION | NO_DIRECTION << 8
 
-CELLS2, OUT_BYTES4 = read_array(types.uint16, 2), written_array(uint8, 4)
+Shorts2 = Annotated[npt.NDArray[np.uint16], read_array(types.uint16, 2)]
+OutBytes4 = Annotated[npt.NDArray[np.uint8], written_array(uint8, 4)]
 
 
-@kernel(void(FLOATS, FLOATS, FLOATS, FLOATS, INTS, CELLS2, OUT_BYTES4))
-def cut_out(
-    x: FloatArray,
-    y: FloatArray,
-    cos: FloatArray,
-    sin: FloatArray,
-    turn: IntArray,
-    cells: npt.NDArray[np.uint16],
-    out: ByteArray,
-) -> None:
+@kernel
+def cut_out(x: Floats, y: Floats, cos: Floats, sin: Floats, turn: Ints, cells: Shorts2, out: OutBytes4) -> None:
     """Write the rasters around poses to `out` (n, CHANNELS, ROWS, COLUMNS).
 
     Args:

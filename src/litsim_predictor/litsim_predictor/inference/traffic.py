@@ -22,25 +22,7 @@ from litsim_predictor.inference.joint.units import (
 )
 from litsim_sim.core.history import History
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import (
-    FLOATS,
-    FLOATS2,
-    INTS,
-    OUT_FLOATS2,
-    OUT_SINGLES2,
-    SINGLES,
-    Bools,
-    Floats2,
-    Ints,
-    Singles,
-    boolean,
-    float32,
-    float64,
-    int64,
-    kernel,
-    tuple_type,
-    void,
-)
+from litsim_sim.kernels.compiled import Bools, Floats, Floats2, Ints, OutSingles2, Singles, float32, kernel
 
 BLOCK = 16
 """Vehicles that are passed over together where none of them matters; those with ids close to each other often are."""
@@ -95,8 +77,8 @@ class Traffic(NamedTuple):
         return ahead
 
 
-@kernel(OUT_FLOATS2(FLOATS2))
-def _enclosed(pose: FloatArray) -> FloatArray:
+@kernel
+def _enclosed(pose: Floats2) -> Floats2:
     """Return circles (b, 3), x, y and radius [m], around blocks of the vehicles at `pose` (m, 3), in their order."""
     circles = np.zeros(((len(pose) + BLOCK - 1) // BLOCK, 3))
     for b in range(len(circles)):
@@ -108,8 +90,8 @@ def _enclosed(pose: FloatArray) -> FloatArray:
     return circles
 
 
-@kernel(int64(float32))
-def _interval(ahead: float) -> int:
+@kernel
+def _interval(ahead: np.float32) -> int:
     """Return the number of the knot behind a vehicle, which is so far ahead [m], before the last knot."""
     interval = 0
     while ahead >= KNOTS[interval + 1]:
@@ -117,18 +99,16 @@ def _interval(ahead: float) -> int:
     return interval
 
 
-@kernel(boolean(FLOATS, FLOATS, float64, float64))
-def _reaches_ahead(circle: FloatArray, frame: FloatArray, cos: float, sin: float) -> bool:
+@kernel
+def _reaches_ahead(circle: Floats, frame: Floats, cos: float, sin: float) -> bool:
     """Whether a `circle` (3,) reaches where vehicles count for an agent in its `frame` (3,) with this heading."""
     x, y, radius = circle[0] - frame[0], circle[1] - frame[1], circle[2]
     ahead, left = cos * x + sin * y, abs(cos * y - sin * x)
     return KNOTS[0] - radius < ahead < KNOTS[-1] + radius and left < WIDTHS[-1] + radius
 
 
-@kernel(void(FLOATS2, SINGLES, INTS, INTS, tuple_type(Traffic), OUT_SINGLES2))
-def look_ahead(
-    frame: FloatArray, own: Float32Array, first: IntArray, end: IntArray, traffic: Traffic, out: Float32Array
-) -> None:
+@kernel
+def look_ahead(frame: Floats2, own: Singles, first: Ints, end: Ints, traffic: Traffic, out: OutSingles2) -> None:
     """Write the traffic ahead of each of n agents, along its frame and in its direction.
 
     For one's own lane, then for all lanes, and at each inner one of :data:`.TRAFFIC_KNOTS`: how much faster the

@@ -12,9 +12,9 @@ from litsim_policy.motion.car_following import IdmConfig, IdmValues, idm
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.stop_lines import StopLines
 from litsim_sim.core.quantities import Acceleration, Positive, configuration
-from litsim_sim.core.scene import AgentTable, BoolArray, ControlTable, FloatArray, IntArray
+from litsim_sim.core.scene import AgentTable, ControlTable, FloatArray, IntArray
 from litsim_sim.core.takeover import TakeoverTable
-from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS2, OUT_FLOATS, float64, kernel
+from litsim_sim.kernels.compiled import Bools2, Floats, Floats2, kernel
 from litsim_sim.scenario.setting import Setting
 
 PUBLISHED = IdmConfig()
@@ -84,15 +84,10 @@ def _drivers(config: IdmPolicyConfig) -> FloatArray:
     return everybody if config.drivers == "drawn" else np.median(everybody, axis=0)[None]
 
 
-@kernel(OUT_FLOATS(FLOATS, FLOATS2, FLOATS2, FLOATS2, BOOLS2, float64))
+@kernel
 def _accelerations(
-    speed: FloatArray,
-    driver: FloatArray,
-    gap: FloatArray,
-    along: FloatArray,
-    leads: BoolArray,
-    braking_max: float,
-) -> FloatArray:
+    speed: Floats, driver: Floats2, gap: Floats2, along: Floats2, leads: Bools2, braking_max: float
+) -> Floats:
     """Returns accelerations (m,) [m/s2] of vehicles, each with a driver of its own.
 
     Args:

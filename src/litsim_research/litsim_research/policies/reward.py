@@ -10,12 +10,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba.types import Tuple, UniTuple
 
 from litsim_sim.core.pair_geometry import overlap, within, within_scenes
 from litsim_sim.core.quantities import NonNegative, Number, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray, index_of
-from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_BOOLS2, OUT_FLOATS, OUT_FLOATS3, kernel
+from litsim_sim.kernels.compiled import Bools2, Floats, Floats3, Ints, kernel
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.log import Log
 
@@ -167,10 +166,8 @@ def others_near(table: AgentTable, rows: IntArray) -> tuple[BoolArray, FloatArra
     return _contacts(table.scene, table.x, table.y, table.yaw, table.length, table.width, rows)
 
 
-@kernel(UniTuple(OUT_FLOATS3, 2)(FLOATS, FLOATS, FLOATS, FLOATS, INTS))
-def _probes(
-    x: FloatArray, y: FloatArray, yaw: FloatArray, width: FloatArray, rows: IntArray
-) -> tuple[FloatArray, FloatArray]:
+@kernel
+def _probes(x: Floats, y: Floats, yaw: Floats, width: Floats, rows: Ints) -> tuple[Floats3, Floats3]:
     """Points to the left and to the right of m agents at which the road is probed: x and y (m, 2, p) [m]."""
     shape = (len(rows), 2, len(PROBES))
     place_x, place_y = np.empty(shape), np.empty(shape)
@@ -184,16 +181,10 @@ def _probes(
     return place_x, place_y
 
 
-@kernel(Tuple((OUT_BOOLS2, OUT_FLOATS))(INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS))
+@kernel
 def _contacts(
-    scene: IntArray,
-    x: FloatArray,
-    y: FloatArray,
-    yaw: FloatArray,
-    length: FloatArray,
-    width: FloatArray,
-    rows: IntArray,
-) -> tuple[BoolArray, FloatArray]:
+    scene: Ints, x: Floats, y: Floats, yaw: Floats, length: Floats, width: Floats, rows: Ints
+) -> tuple[Bools2, Floats]:
     """See :func:`others_near`; the first six arrays (n,) are columns of the table."""
     touching, near = np.zeros((len(rows), len(x)), np.bool_), np.empty(len(rows))
     begin, end = within_scenes(scene, rows)

@@ -17,8 +17,8 @@ from litsim_policy.driving.task import NOBODY, DrivingTask
 from litsim_policy.motion.reference_path import ReferencePath
 from litsim_sim.core.pair_geometry import within_scenes
 from litsim_sim.core.quantities import Duration, NonNegative, Share, Steps, configuration
-from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, IntArray
-from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_INTS, kernel
+from litsim_sim.core.scene import STEP_S, AgentTable, IntArray
+from litsim_sim.kernels.compiled import Floats, Ints, kernel
 from litsim_sim.scenario.log import Log
 
 
@@ -72,8 +72,8 @@ def all_nearest(table: AgentTable, rows: IntArray) -> IntArray:
     return np.where(least < 0, NOBODY, table.id[least])
 
 
-@kernel(OUT_INTS(INTS, FLOATS, FLOATS, INTS))
-def _nearest(scene: IntArray, x: FloatArray, y: FloatArray, rows: IntArray) -> IntArray:
+@kernel
+def _nearest(scene: Ints, x: Floats, y: Floats, rows: Ints) -> Ints:
     """Rows (m,) of the agents nearest to those in `rows` (m,), -1 for none; `scene`, `x` and `y` (n,) of all agents."""
     found, (begin, end) = np.full(len(rows), -1), within_scenes(scene, rows)
     for i in range(len(rows)):

@@ -7,13 +7,12 @@ from functools import cached_property
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numba.types import UniTuple
 from pydantic import Field
 
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.quantities import Acceleration, Curvature, Number, Positive, Speed, configuration
 from litsim_sim.core.scene import STEP_S, FloatArray
-from litsim_sim.kernels.compiled import FLOATS, OUT_FLOATS, Floats, kernel, tuple_of, tuple_type
+from litsim_sim.kernels.compiled import Floats, kernel, tuple_of
 
 SPEED_MIN = 1e-3  # [m/s] least speed in the bound on lateral acceleration
 
@@ -82,10 +81,10 @@ def bicycle_step(
     return Motion(*_bicycle_step(motion, length, acceleration, yaw_rate, limits.values))
 
 
-@kernel(UniTuple(OUT_FLOATS, 6)(tuple_type(Motion), FLOATS, FLOATS, FLOATS, tuple_type(LimitValues)))
+@kernel
 def _bicycle_step(
-    motion: Motion, length: FloatArray, acceleration: FloatArray, yaw_rate: FloatArray, limits: LimitValues
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    motion: Motion, length: Floats, acceleration: Floats, yaw_rate: Floats, limits: LimitValues
+) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
     """See :func:`bicycle_step`.
 
     Returns:

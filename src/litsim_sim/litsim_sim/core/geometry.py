@@ -12,7 +12,7 @@ import numpy as np
 
 from litsim_sim.core.pair_geometry import overlap
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_INTS2, kernel
+from litsim_sim.kernels.compiled import Floats, Ints, Ints2, kernel
 
 
 def wrap_angle(angle: FloatArray) -> FloatArray:
@@ -71,16 +71,8 @@ def overlapping_pairs(
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))] if len(pairs) > 1 else pairs
 
 
-@kernel(OUT_INTS2(INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS))
-def _overlapping(
-    scene: IntArray,
-    x: FloatArray,
-    y: FloatArray,
-    yaw: FloatArray,
-    length: FloatArray,
-    width: FloatArray,
-    order: IntArray,
-) -> IntArray:
+@kernel
+def _overlapping(scene: Ints, x: Floats, y: Floats, yaw: Floats, length: Floats, width: Floats, order: Ints) -> Ints2:
     """Returns pairs (m, 2) of indices of overlapping boxes (n,), the lower index first.
 
     `order` (n,) sorts the boxes by scene, and by `x` within each.

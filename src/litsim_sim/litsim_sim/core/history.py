@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray, index_of
-from litsim_sim.kernels.compiled import BOOLS2, FLOATS3, INTS, OUT_BOOLS2, OUT_FLOATS3, kernel, void
+from litsim_sim.kernels.compiled import Bools2, Floats3, Ints, OutBools2, OutFloats3, kernel
 
 
 class History:
@@ -83,10 +83,8 @@ class History:
         self._ids, self._values, self._present = ids, values, present
 
 
-@kernel(void(FLOATS3, BOOLS2, INTS, INTS, OUT_FLOATS3, OUT_BOOLS2))
-def copy_window(
-    values: FloatArray, present: BoolArray, rows: IntArray, columns: IntArray, out: FloatArray, valid: BoolArray
-) -> None:
+@kernel
+def copy_window(values: Floats3, present: Bools2, rows: Ints, columns: Ints, out: OutFloats3, valid: OutBools2) -> None:
     """Copy the values of m agents at h steps to `out` (m, h, f), and set `valid` (m, h) where there are any.
 
     Args:

@@ -5,22 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba.types import UniTuple
 
 from litsim_sim.core.pair_geometry import behind_scene, within_scenes
-from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import (
-    BOOLS,
-    FLOATS,
-    INTS,
-    OUT_BOOLS,
-    Floats,
-    Ints,
-    float64,
-    int64,
-    kernel,
-    tuple_type,
-)
+from litsim_sim.core.scene import AgentTable, BoolArray, IntArray
+from litsim_sim.kernels.compiled import Bools, Floats, Ints, kernel
 
 FEW = 16  # agents of a scene, times the share of agents that is asked for, up to which sorting costs more than it saves
 
@@ -42,9 +30,6 @@ class Sorted(NamedTuple):
     end: Ints
 
 
-SORTED = tuple_type(Sorted)
-
-
 def sorted_by_place(table: AgentTable, rows: IntArray) -> Sorted:
     """Returns the agents of `table` sorted by the coordinate in which they are spread most, to ask for those in `rows`.
 
@@ -59,7 +44,7 @@ def sorted_by_place(table: AgentTable, rows: IntArray) -> Sorted:
     return Sorted(order, along[order], along, begin, end)
 
 
-@kernel(UniTuple(int64, 2)(SORTED, int64, int64, float64))
+@kernel
 def within_reach(agents: Sorted, m: int, row: int, reach: float) -> tuple[int, int]:
     """Returns the first and end position in `agents.order` of all agents up to `reach` [m] away, and of others.
 
@@ -76,8 +61,8 @@ def around(table: AgentTable, centres: BoolArray, radius: float) -> BoolArray:
     return _around(table.scene, table.x, table.y, centres, radius)
 
 
-@kernel(OUT_BOOLS(INTS, FLOATS, FLOATS, BOOLS, float64))
-def _around(scene: IntArray, x: FloatArray, y: FloatArray, centres: BoolArray, radius: float) -> BoolArray:
+@kernel
+def _around(scene: Ints, x: Floats, y: Floats, centres: Bools, radius: float) -> Bools:
     """See :func:`around`; `scene`, `x`, `y` (n,) are columns of the table."""
     near, begin, end = centres.copy(), 0, 0
     for i in range(len(x)):

@@ -5,22 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.types import UniTuple
 
-from litsim_sim.core.scene import IntArray
-from litsim_sim.kernels.compiled import INTS, OUT_INTS, boolean, float64, int64, kernel
+from litsim_sim.kernels.compiled import Ints, kernel, outer
 
 
-@kernel(boolean(*[float64] * 8))
+@kernel
 def overlap(
-    dx: float,
-    dy: float,
-    yaw_a: float,
-    yaw_b: float,
-    length_a: float,
-    width_a: float,
-    length_b: float,
-    width_b: float,
+    dx: float, dy: float, yaw_a: float, yaw_b: float, length_a: float, width_a: float, length_b: float, width_b: float
 ) -> bool:
     """Returns whether boxes a and b share interior points, like :func:`litsim_sim.core.geometry.boxes_overlap`.
 
@@ -41,14 +32,14 @@ def overlap(
     )
 
 
-@kernel(float64(float64))
+@kernel
 def wrapped(angle: float) -> float:
     """Returns the same angle [rad] in [-pi, pi), like :func:`litsim_sim.core.geometry.wrap_angle`."""
     wrapped_angle = (angle + math.pi) % (2.0 * math.pi) - math.pi
     return wrapped_angle if wrapped_angle < math.pi else -math.pi
 
 
-@kernel(float64(float64, float64, float64))
+@kernel
 def within(value: float, low: float, high: float) -> float:
     """Returns `value` clipped to [`low`, `high`], like :func:`numpy.clip` with arrays of bounds.
 
@@ -58,14 +49,15 @@ def within(value: float, low: float, high: float) -> float:
     return min(high, max(low, value))  # min and max return the first of equal numbers
 
 
-@kernel(int64(INTS, int64))
-def behind_scene(scene: IntArray, row: int) -> int:
+@kernel
+def behind_scene(scene: Ints, row: int) -> int:
     """Returns the end row (exclusive) of the scene of the agent in `row`; `scene` (n,) as in :func:`within_scenes`."""
     return int(np.searchsorted(scene, scene[row], "right"))
 
 
-@kernel(UniTuple(OUT_INTS, 2)(INTS, INTS), outer=True)
-def within_scenes(scene: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
+@outer
+@kernel
+def within_scenes(scene: Ints, rows: Ints) -> tuple[Ints, Ints]:
     """Returns the first rows (m,) and end rows (m,), exclusive, of the scenes of the agents in `rows` (m,).
 
     `scene` (n,) are the scenes of all agents, ascending like their ids.

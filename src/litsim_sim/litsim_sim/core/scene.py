@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from litsim_sim.kernels.compiled import INTS, OUT_INTS, Bytes, Floats, Ints, kernel, tuple_of, tuple_type
+from litsim_sim.kernels.compiled import Bytes, Floats, Ints, kernel, tuple_of
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -59,8 +59,8 @@ class Controller(IntEnum):
 _LOG, _POLICY, _EGO = (int(controller) for controller in Controller)  # plain numbers, as above
 
 
-@kernel(OUT_INTS(INTS, INTS))
-def index_of(ids: IntArray, agents: IntArray) -> IntArray:
+@kernel
+def index_of(ids: Ints, agents: Ints) -> Ints:
     """Returns the indices (m,) of `agents` (m,) in the ascending `ids` (n,); -1 for those that are not there."""
     index, at = np.full(len(agents), -1, np.int64), 0
     for k in range(len(agents)):
@@ -86,9 +86,6 @@ class AgentArrays(NamedTuple):
     yaw_rate: Floats
     length: Floats
     width: Floats
-
-
-AGENTS = tuple_type(AgentArrays)
 
 
 @dataclass

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from litsim_sim.kernels.compiled import KERNELS, Kernel, announce, run_kernels
 
-MARK = re.compile(r"^@kernel\(", re.MULTILINE)  # occurs in the source of every module with kernels
+MARK = re.compile(r"^@kernel$", re.MULTILINE)  # occurs in the source of every module with kernels
 
 
 def import_kernels(package: str) -> list[str]:

@@ -1,19 +1,19 @@
 """Compiled kernels: the loops of a step as machine code, by numba.
 
-A kernel is a function of numbers and arrays, decorated with its types::
+A kernel is a function of numbers and arrays, with annotations that tell numba their types::
 
-    @kernel(float64(FLOATS, FLOATS))
-    def dot(a, b): ...
+    @kernel
+    def dot(a: Floats, b: Floats) -> float: ...
 
-Arrays and numbers that belong together are passed as a named tuple, the fields of which are annotated with
-types of kernels; :func:`tuple_type` is its type in signatures::
+An array that it writes to is annotated as one of those called ``Out...``; those that it returns are new ones. Arrays
+and numbers that belong together are passed as a named tuple, the fields of which are annotated likewise::
 
     class Boxes(NamedTuple):
         yaw: Floats
         size: Floats2
 
-    @kernel(float64(tuple_type(Boxes), int64))
-    def area(boxes, i): ...
+    @kernel
+    def area(boxes: Boxes, i: int) -> float: ...
 
 A kernel is compiled for these types only. The machine code is cached on disk: only the first process on a machine
 compiles (``ros2 run litsim_sim compile`` does so ahead of time); all others load the code before the first step of a
@@ -36,7 +36,7 @@ from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
 from types import FunctionType
-from typing import Annotated, Any, TypeVar, cast, get_args, get_type_hints
+from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
@@ -75,32 +75,35 @@ def written_array(dtype: types.Type, ndim: int) -> types.Array:
     return types.Array(dtype, ndim, "C")
 
 
-boolean, uint8, uint64, void = types.boolean, types.uint8, types.uint64, types.void
 float32, float64, int32, int64 = types.float32, types.float64, types.int32, types.int64
-FLOATS, FLOATS2, FLOATS3 = (read_array(float64, ndim) for ndim in (1, 2, 3))
-SINGLES, SINGLES2, SINGLES3 = (read_array(float32, ndim) for ndim in (1, 2, 3))
-INTS, INTS2 = (read_array(int64, ndim) for ndim in (1, 2))
-BOOLS, BOOLS2 = (read_array(boolean, ndim) for ndim in (1, 2))
-BYTES, BYTES2 = (read_array(uint8, ndim) for ndim in (1, 2))
-OUT_FLOATS, OUT_FLOATS2, OUT_FLOATS3 = (written_array(float64, ndim) for ndim in (1, 2, 3))
-OUT_SINGLES, OUT_SINGLES2, OUT_SINGLES3 = (written_array(float32, ndim) for ndim in (1, 2, 3))
-OUT_INTS, OUT_INTS2 = (written_array(int64, ndim) for ndim in (1, 2))
-OUT_BYTES = written_array(uint8, 1)
-OUT_BOOLS, OUT_BOOLS2, OUT_BOOLS3 = (written_array(boolean, ndim) for ndim in (1, 2, 3))
+uint8, uint64 = types.uint8, types.uint64
 
-# Arrays as fields of named tuples.
-Floats = Annotated[npt.NDArray[np.float64], FLOATS]
-Floats2 = Annotated[npt.NDArray[np.float64], FLOATS2]
-Floats3 = Annotated[npt.NDArray[np.float64], FLOATS3]
-Singles = Annotated[npt.NDArray[np.float32], SINGLES]
-Singles2 = Annotated[npt.NDArray[np.float32], SINGLES2]
-Singles3 = Annotated[npt.NDArray[np.float32], SINGLES3]
-Ints = Annotated[npt.NDArray[np.int64], INTS]
-Ints2 = Annotated[npt.NDArray[np.int64], INTS2]
-Bools = Annotated[npt.NDArray[np.bool_], BOOLS]
-Bools2 = Annotated[npt.NDArray[np.bool_], BOOLS2]
-Bytes = Annotated[npt.NDArray[np.uint8], BYTES]
-Bytes2 = Annotated[npt.NDArray[np.uint8], BYTES2]
+# Types of arrays, by their elements and dimensions.
+Floats = Annotated[npt.NDArray[np.float64], read_array(float64, 1)]
+Floats2 = Annotated[npt.NDArray[np.float64], read_array(float64, 2)]
+Floats3 = Annotated[npt.NDArray[np.float64], read_array(float64, 3)]
+Singles = Annotated[npt.NDArray[np.float32], read_array(float32, 1)]
+Singles2 = Annotated[npt.NDArray[np.float32], read_array(float32, 2)]
+Singles3 = Annotated[npt.NDArray[np.float32], read_array(float32, 3)]
+Ints = Annotated[npt.NDArray[np.int64], read_array(int64, 1)]
+Ints2 = Annotated[npt.NDArray[np.int64], read_array(int64, 2)]
+Bools = Annotated[npt.NDArray[np.bool_], read_array(types.boolean, 1)]
+Bools2 = Annotated[npt.NDArray[np.bool_], read_array(types.boolean, 2)]
+Bools3 = Annotated[npt.NDArray[np.bool_], read_array(types.boolean, 3)]
+Bytes = Annotated[npt.NDArray[np.uint8], read_array(uint8, 1)]
+Bytes2 = Annotated[npt.NDArray[np.uint8], read_array(uint8, 2)]
+OutFloats = Annotated[npt.NDArray[np.float64], written_array(float64, 1)]
+OutFloats2 = Annotated[npt.NDArray[np.float64], written_array(float64, 2)]
+OutFloats3 = Annotated[npt.NDArray[np.float64], written_array(float64, 3)]
+OutSingles = Annotated[npt.NDArray[np.float32], written_array(float32, 1)]
+OutSingles2 = Annotated[npt.NDArray[np.float32], written_array(float32, 2)]
+OutSingles3 = Annotated[npt.NDArray[np.float32], written_array(float32, 3)]
+OutInts = Annotated[npt.NDArray[np.int64], written_array(int64, 1)]
+OutInts2 = Annotated[npt.NDArray[np.int64], written_array(int64, 2)]
+OutBools = Annotated[npt.NDArray[np.bool_], written_array(types.boolean, 1)]
+OutBools2 = Annotated[npt.NDArray[np.bool_], written_array(types.boolean, 2)]
+
+_PLAIN = {float: float64, int: int64, bool: types.boolean, np.float32: float32, type(None): types.void}
 
 
 @cache
@@ -109,7 +112,7 @@ def tuple_type(named: type[tuple[Any, ...]]) -> types.BaseNamedTuple:
 
     Kernels accept its objects if each field fits its annotation, such as :data:`Floats`, like an argument of that type.
     """
-    fields = {name: _field_type(hint) for name, hint in get_type_hints(named, include_extras=True).items()}
+    fields = {name: numba_type(hint) for name, hint in get_type_hints(named, include_extras=True).items()}
     declared = types.BaseTuple.from_types(tuple(fields.values()), named)
     declared.name = f"{named.__name__}({', '.join(f'{name}: {field}' for name, field in fields.items())})"
 
@@ -127,21 +130,35 @@ def tuple_of(named: type[T], source: object) -> T:
     return cast(T, cast(Any, named)._make(attrgetter(*cast(Any, named)._fields)(source)))
 
 
-def _field_type(hint: Any) -> types.Type:
-    """Numba's type of a field with this annotation."""
+def numba_type(hint: Any, *, returned: bool = False) -> types.Type:
+    """Returns numba's type of what is annotated with `hint`; an array that is `returned` is a new one.
+
+    Raises:
+        TypeError: kernels know no such type.
+    """
+    if hint in _PLAIN:
+        return _PLAIN[hint]
     if isinstance(hint, type) and issubclass(hint, tuple):
         return tuple_type(hint)
-    plain = {float: float64, int: int64, bool: boolean}
-    return plain[hint] if hint in plain else get_args(hint)[1]
+    if get_origin(hint) is tuple:
+        return types.BaseTuple.from_types([numba_type(part, returned=returned) for part in get_args(hint)])
+    if get_origin(hint) is not Annotated:
+        raise TypeError(f"{hint} is no type of a kernel's arguments, expected a number, Floats and such, or a tuple")
+    declared = get_args(hint)[1]
+    return written_array(declared.dtype, declared.ndim) if returned else declared
 
 
 class Kernel:
     """A compiled function; its machine code is loaded by :func:`load_kernels`, or when it is first called."""
 
-    def __init__(self, function: FunctionType, signature: Any, *, outer: bool = False) -> None:
+    outer = False  # whether Python calls it, though other kernels do, too
+
+    def __init__(self, function: FunctionType) -> None:
         update_wrapper(self, function)
-        self._function, self._signature, self.outer = function, signature, outer
-        self.stamp = function.__dict__["stamp"] = _stamp(function, signature)
+        hints = get_type_hints(function, include_extras=True)
+        result = numba_type(hints.pop("return"), returned=True)
+        self._function, self._signature = function, result(*map(numba_type, hints.values()))
+        self.stamp = function.__dict__["stamp"] = _stamp(function, self._signature)
         self.uses = _kernels_of(function)
 
     def __call__(self, *arguments: Any) -> Any:
@@ -207,24 +224,24 @@ def _type_of_called(called: Kernel, _context: object) -> Any:
     return numba.typeof(called.compiled)
 
 
-def kernel(signature: Any, *, outer: bool = False) -> Callable[[F], F]:
-    """Return a decorator that makes a function a kernel for one signature of numba's types.
-
-    A kernel that other kernels call is loaded before a run only if it is `outer`, that is, called from Python as well.
+def kernel(function: F) -> F:
+    """Decorator that makes a function a kernel for the types of its annotations.
 
     Of the globals of its module, the function may use numbers, enumerations, arrays, classes of named tuples, kernels,
-    intrinsics and types of numba's, `math` and numpy. Arguments that do not fit the signature raise a TypeError.
+    intrinsics and types of numba's, `math` and numpy. Arguments that do not fit the annotations raise a TypeError.
     Division by zero gives the same result as in numpy.
 
     Raises:
         TypeError: the function uses something else; the cache would not notice its changes.
     """
+    KERNELS.append(Kernel(cast(FunctionType, function)))
+    return cast(F, KERNELS[-1])
 
-    def decorator(function: F) -> F:
-        KERNELS.append(Kernel(cast(FunctionType, function), signature, outer=outer))
-        return cast(F, KERNELS[-1])
 
-    return decorator
+def outer(called: F) -> F:
+    """Decorator of a kernel that other kernels call: Python calls it as well, so it is loaded before a run."""
+    cast(Kernel, called).outer = True
+    return called
 
 
 def load_kernels() -> None:
@@ -233,8 +250,8 @@ def load_kernels() -> None:
     To be called before the first step of a run: loading takes as long as several steps.
     """
     with without_collection():
-        for outer in run_kernels():
-            outer.loaded  # noqa: B018 - the property is cached
+        for used in run_kernels():
+            used.loaded  # noqa: B018 - the property is cached
 
 
 def run_kernels() -> list[Kernel]:

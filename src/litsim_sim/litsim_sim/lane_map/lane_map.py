@@ -15,7 +15,7 @@ import numpy as np
 
 from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import Floats, Ints, tuple_type
+from litsim_sim.kernels.compiled import Floats, Ints
 from litsim_sim.lane_map.lane_graph import directly_linked, straightest_successors
 from litsim_sim.lane_map.net_ends import NetEnds
 from litsim_sim.lane_map.net_lanes import LEVEL, TOLERANCE, Lane, read_lanes
@@ -50,9 +50,6 @@ class LanePosition(NamedTuple):
     def against(self, yaw: FloatArray) -> BoolArray:
         """Returns whether headings `yaw` (n,) [rad] are opposite to the lanes (n,)."""
         return np.cos(self.heading - yaw) < 0.0
-
-
-LANE_POSITION = tuple_type(LanePosition)
 
 
 class LaneMap:

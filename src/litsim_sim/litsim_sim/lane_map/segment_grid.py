@@ -7,25 +7,10 @@ from collections.abc import Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
-from numba.types import Tuple
 
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import (
-    FLOATS,
-    INTS,
-    OUT_BOOLS,
-    OUT_FLOATS2,
-    OUT_FLOATS3,
-    OUT_INTS,
-    Floats,
-    Ints,
-    Ints2,
-    float64,
-    int64,
-    kernel,
-    tuple_type,
-)
+from litsim_sim.kernels.compiled import Bools, Floats, Floats2, Floats3, Ints, Ints2, kernel
 from litsim_sim.lane_map.net_lanes import Lane
 
 CELL = 16.0  # [m] of the lookup grid
@@ -70,9 +55,6 @@ class GridArrays(NamedTuple):
     y_min: float
     columns: int
     rows: int
-
-
-SEGMENTS, GRID = tuple_type(SegmentArrays), tuple_type(GridArrays)
 
 
 class SegmentGrid:
@@ -176,7 +158,7 @@ class SegmentGrid:
         return GridArrays(cells, x_min, y_min, columns, rows)
 
 
-@kernel(float64(float64, float64, SEGMENTS, int64))
+@kernel
 def _distance(x: float, y: float, segments: SegmentArrays, segment: int) -> float:
     """Returns the distance [m] of a point to a segment."""
     dx, dy = x - segments.start_x[segment], y - segments.start_y[segment]
@@ -185,7 +167,7 @@ def _distance(x: float, y: float, segments: SegmentArrays, segment: int) -> floa
     return math.hypot(max(-along, along - segments.size[segment], 0.0), left)
 
 
-@kernel(int64(float64, float64, GRID))
+@kernel
 def _cell(x: float, y: float, grid: GridArrays) -> int:
     """Returns the cell of a point; the one after the last for all points off the grid."""
     column, row = np.floor((x - grid.x_min + REACH) / CELL), np.floor((y - grid.y_min + REACH) / CELL)
@@ -193,26 +175,26 @@ def _cell(x: float, y: float, grid: GridArrays) -> int:
     return int(row * grid.columns + column) if inside else grid.columns * grid.rows
 
 
-@kernel(float64(*[float64] * 5, SEGMENTS, FLOATS, int64))
+@kernel
 def _cost(
-    x: float, y: float, cos: float, sin: float, turn: float, segments: SegmentArrays, handicap: FloatArray, segment: int
+    x: float, y: float, cos: float, sin: float, turn: float, segments: SegmentArrays, handicap: Floats, segment: int
 ) -> float:
     """Returns what :meth:`SegmentGrid.nearest` minimises, for one pose and one segment [m]."""
     facing = cos * segments.cos[segment] + sin * segments.sin[segment]
     return _distance(x, y, segments, segment) + handicap[segment] + turn * (1.0 - facing)
 
 
-@kernel(Tuple((OUT_INTS, OUT_FLOATS2))(*[FLOATS] * 4, float64, GRID, FLOATS, SEGMENTS))
+@kernel
 def _nearest(
-    x: FloatArray,
-    y: FloatArray,
-    cos: FloatArray,
-    sin: FloatArray,
+    x: Floats,
+    y: Floats,
+    cos: Floats,
+    sin: Floats,
     turn: float,
     grid: GridArrays,
-    handicap: FloatArray,
+    handicap: Floats,
     segments: SegmentArrays,
-) -> tuple[IntArray, FloatArray]:
+) -> tuple[Ints, Floats2]:
     """See :meth:`SegmentGrid.nearest`; `cos`, `sin` (n,) of the headings. Off the grid all segments are looked at.
 
     Returns:
@@ -241,10 +223,8 @@ def _nearest(
     return nearest, place
 
 
-@kernel(OUT_BOOLS(FLOATS, FLOATS, GRID, SEGMENTS, FLOATS))
-def _any_within(
-    x: FloatArray, y: FloatArray, grid: GridArrays, segments: SegmentArrays, reach: FloatArray
-) -> BoolArray:
+@kernel
+def _any_within(x: Floats, y: Floats, grid: GridArrays, segments: SegmentArrays, reach: Floats) -> Bools:
     """See :meth:`SegmentGrid.any_within`."""
     near = np.zeros(len(x), np.bool_)
     for i in range(len(x)):
@@ -257,7 +237,7 @@ def _any_within(
     return near
 
 
-@kernel(int64(int64, float64, SEGMENTS))
+@kernel
 def _segment_at(lane: int, s: float, segments: SegmentArrays) -> int:
     """Returns the segment of a lane at an arc length `s` [m]; beyond its ends a lane is continued straight."""
     begin, end = segments.first[lane], segments.first[lane + 1]
@@ -265,8 +245,8 @@ def _segment_at(lane: int, s: float, segments: SegmentArrays) -> int:
     return int(min(max(at, begin), end - 1))
 
 
-@kernel(OUT_INTS(INTS, FLOATS, SEGMENTS))
-def _segments_at(lane: IntArray, s: FloatArray, segments: SegmentArrays) -> IntArray:
+@kernel
+def _segments_at(lane: Ints, s: Floats, segments: SegmentArrays) -> Ints:
     """Returns the segments (n,) of lanes at arc lengths `lane` and `s` (n,); see :func:`_segment_at`."""
     segment = np.empty(len(s), np.int64)
     for i in range(len(s)):
@@ -274,10 +254,8 @@ def _segments_at(lane: IntArray, s: FloatArray, segments: SegmentArrays) -> IntA
     return segment
 
 
-@kernel(OUT_FLOATS3(INTS, FLOATS, INTS, int64, float64, SEGMENTS))
-def _poses_along(
-    lane: IntArray, s: FloatArray, following: IntArray, steps: int, step: float, segments: SegmentArrays
-) -> FloatArray:
+@kernel
+def _poses_along(lane: Ints, s: Floats, following: Ints, steps: int, step: float, segments: SegmentArrays) -> Floats3:
     """See :meth:`SegmentGrid.poses_along`."""
     poses = np.empty((len(lane), steps, 3))
     for i in range(len(lane)):

@@ -66,6 +66,7 @@ class BridgeNode(Node):
         liveness: states of the other stages.
         port: port of the ego.
         responses: answers to the current step.
+        pulse: lines for the launcher.
     """
 
     declared = Endpoints(
@@ -94,7 +95,7 @@ class BridgeNode(Node):
             stop_on_missing=options.mode == "lockstep" and options.on_missing == "stop",
         )
         self._noted = ("", 0.0)
-        self._pulse = Pulse(options.progress == "lines")
+        self.pulse = Pulse(options.progress == "lines")
         self._ego_nodes: list[str] = []
         self._known_ego_publishers = EgoPublishers()
         self._ego_publishers_changed = True  # whether a publisher of the ego may have come since they were last noted
@@ -126,7 +127,7 @@ class BridgeNode(Node):
             loop.run()
         except BaseException as error:
             text = str(error) if isinstance(error, RunFailed) else reason(error)
-            self._pulse.fail()
+            self.pulse.say("failed", f"at {time.monotonic()} s")  # before the stages learn of it and end
             self.say(StageState.FAILED, self.responses.step, text=text)
             loop.farewell()
             raise
@@ -160,7 +161,7 @@ class BridgeNode(Node):
         info = run_info(self.plan, self.options.mode, {BRIDGE: parameters(self)}, clock=self.options.clock)
         self._broadcast.begin(info)
         if self.plan.ego == EXTERNAL and (text := standard.rounding(self.plan.scenario.log.table(0))):
-            self._pulse.note(text)
+            self.pulse.say("note", text)
             self.port.remarks.append(Remark(0, Level.WARN, text))
 
     def greet(self) -> None:
@@ -210,7 +211,7 @@ class BridgeNode(Node):
     def finish(self, step: int, wall_s: float, summary: dict[str, Any]) -> None:
         """Report the end of the run after `step`, which took `wall_s` since step 0, with its `summary`."""
         if flaws := unanswered(summary):
-            self._pulse.doubt("; ".join(flaws))
+            self.pulse.say("invalid", "; ".join(flaws))
         self.say(StageState.FINISHED, step, wall_s, yaml.safe_dump(summary, sort_keys=False))
 
     def listen_to_timings(self) -> None:
@@ -229,7 +230,7 @@ class BridgeNode(Node):
         last, when = self._noted
         if text != last or time.monotonic() > when + NOTE_PERIOD:
             if text == last:
-                self._pulse.note(text)
+                self.pulse.say("note", text)
             self._noted = (text, time.monotonic())
             self.get_logger().info(text)
 
@@ -247,7 +248,7 @@ class BridgeNode(Node):
         """Report publishers of an external ego that were not there at step 0, which they have answered now."""
         for text in self._known_ego_publishers.note(self.port, self._ego_publishers(), self._ego_nodes):
             self.port.remarks.append(Remark(self.responses.step, Level.WARN, text))
-            self._pulse.note(text)
+            self.pulse.say("note", text)
         self._diagnostics.remarks(self.responses.step)
         self._ego_publishers_changed = not self._known_ego_publishers.any_known
 
@@ -263,7 +264,7 @@ class BridgeNode(Node):
             RunFailed: a stage has failed, or several stacks answer for the ego.
         """
         while not done():
-            self._pulse.beat(self.responses.step)
+            self.pulse.beat(self.responses.step)
             now = time.perf_counter()
             if now >= until:
                 return False
@@ -279,7 +280,7 @@ class BridgeNode(Node):
 
     def serve(self) -> None:
         """Serve a message, or wait for one for a short time."""
-        self._pulse.beat(self.responses.step)
+        self.pulse.beat(self.responses.step)
         serve(self._executor)
 
     def _ego_publishers(self) -> list[EgoPublisher]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import time
 from contextlib import closing
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
@@ -115,7 +115,7 @@ class RunLoop:
         step_s = STEP_S / self._options.real_time_factor  # wall time of a step in real time [s]
         due = start = 0.0  # in real time, the step is due then [s]; lost time is not made up for
         table = self._world.reset()
-        with Progress(self._options.progress, total) as progress:
+        with tqdm(total=total, unit="step", disable=self._options.progress != "bar") as bar:
             for step in range(total + 1):
                 due = max(due + step_s, time.perf_counter() + 0.5 * step_s)
                 self._wait_for_answers(table, due)
@@ -132,7 +132,9 @@ class RunLoop:
                     self._compute = time.perf_counter() - before
                     if (early := self._world.ended) is not None and early.step < total:
                         bridge.say(StageState.ENDING, early.step, text=early.sentence)  # so no node waits for more
-                progress.show(step, step if ended else total)
+                bar.update(step > 0)
+                if ended or step % 10 == 0 or step == total:
+                    bridge.pulse.say("step", f"{step} of {step if ended else total}")
                 if ended:
                     break
         self._report_time(step)
@@ -221,48 +223,18 @@ class RunLoop:
 
 
 class Pulse:
-    """Signs of life for the launcher, on standard output; also printed while a run waits."""
+    """Lines for the launcher on standard output: signs of life, also while a run waits, and what it is to know."""
 
     def __init__(self, wanted: bool) -> None:
         self._wanted, self._last = wanted, -math.inf
 
     def beat(self, step: int) -> None:
-        """Print one unless one was printed recently; `step` is the current one."""
-        if self._wanted and time.monotonic() >= self._last + PULSE_S:
+        """Print a sign of life unless one was printed recently; `step` is the current one."""
+        if time.monotonic() >= self._last + PULSE_S:
             self._last = time.monotonic()
-            print(f"alive at step {max(0, step)}", flush=True)
+            self.say("alive", f"at step {max(0, step)}")
 
-    def note(self, text: str) -> None:
-        """Print what the run has been waiting for, for the user."""
+    def say(self, word: str, text: str) -> None:
+        """Print a line, as :class:`litsim_sim.launch.processes.Progress` reads it by its first `word`."""
         if self._wanted:
-            print(f"note {text}", flush=True)
-
-    def doubt(self, text: str) -> None:
-        """Print why the run, which has ended, is not valid."""
-        if self._wanted:
-            print(f"invalid {text}", flush=True)
-
-    def fail(self) -> None:
-        """Print when the run has failed, before the stages learn of it: the launcher then knows why they end."""
-        if self._wanted:
-            print(f"failed at {time.monotonic()} s", flush=True)
-
-
-class Progress:
-    """Progress of a run: a `bar` on a terminal, `lines` for the launcher, or `none`."""
-
-    def __init__(self, kind: str, total: int) -> None:
-        self._lines = kind == "lines"
-        self._bar = tqdm(total=total, unit="step", disable=kind != "bar")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.close()
-
-    def show(self, step: int, last: int) -> None:
-        """Show that `step` is answered; `last` is the last step as far as known."""
-        self._bar.update(step > 0)
-        if self._lines and (step % 10 == 0 or step == last):
-            print(f"step {step} of {last}", flush=True)
+            print(word, text, flush=True)

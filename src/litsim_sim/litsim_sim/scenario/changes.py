@@ -9,7 +9,7 @@ differ, too (:mod:`litsim_sim.scenario.perception`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
@@ -29,6 +29,12 @@ _Duration = Annotated[float, Field(ge=STEP_S, le=3600.0, allow_inf_nan=False)]
 
 class _Change(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    sentence: ClassVar[str]  # format string of the fields
+
+    @property
+    def text(self) -> str:
+        """The change as a sentence."""
+        return self.sentence.format(**dict(self))
 
 
 class _Act(_Change):
@@ -53,35 +59,26 @@ class Brake(_Act):
     """
 
     kind: Literal["brake"]
+    sentence = "{agent} brakes at {deceleration:.2f} m/s² for {duration_s:.1f} s from {begin_s:.1f} s on"
     deceleration: Annotated[_Finite, Field(gt=0.0, le=8.0)]
-
-    @property
-    def text(self) -> str:
-        """The change as a sentence."""
-        how = f"{self.deceleration:.2f} m/s² for {self.duration_s:.1f} s"
-        return f"{self.agent} brakes at {how} from {self.begin_s:.1f} s on"
 
 
 class LaneChange(_Act):
     """An agent changes to a lane beside it, at the speed of its log, and stays there for as long again."""
-
-    @property
-    def text(self) -> str:
-        """The change as a sentence."""
-        verb = self.kind.replace("cut_", "cuts ")
-        return f"{self.agent} {verb} within {self.duration_s:.1f} s from {self.begin_s:.1f} s on"
 
 
 class CutIn(LaneChange):
     """A change to the lane on the ego's side."""
 
     kind: Literal["cut_in"]
+    sentence = "{agent} cuts in within {duration_s:.1f} s from {begin_s:.1f} s on"
 
 
 class CutOut(LaneChange):
     """A change to the lane to the left, or where there is none to the right."""
 
     kind: Literal["cut_out"]
+    sentence = "{agent} cuts out within {duration_s:.1f} s from {begin_s:.1f} s on"
 
 
 class Pace(_Act):
@@ -92,24 +89,15 @@ class Pace(_Act):
     """
 
     kind: Literal["pace"]
+    sentence = "{agent} drives at {factor:.2f} times its recorded speed for {duration_s:.1f} s from {begin_s:.1f} s on"
     factor: Annotated[_Finite, Field(ge=0.0, le=3.0)]
-
-    @property
-    def text(self) -> str:
-        """The change as a sentence."""
-        how = f"{self.factor:.2f} times its recorded speed"
-        return f"{self.agent} drives at {how} for {self.duration_s:.1f} s from {self.begin_s:.1f} s on"
 
 
 class Hide(_Act):
     """The ego is not told of an agent for a time: a drop-out, or an agent that is seen late."""
 
     kind: Literal["hide"]
-
-    @property
-    def text(self) -> str:
-        """The change as a sentence."""
-        return f"the ego is not told of {self.agent} for {self.duration_s:.1f} s from {self.begin_s:.1f} s on"
+    sentence = "the ego is not told of {agent} for {duration_s:.1f} s from {begin_s:.1f} s on"
 
 
 class Inattentive(_Change):
@@ -121,13 +109,9 @@ class Inattentive(_Change):
     """
 
     kind: Literal["inattentive"]
+    sentence = "{agent} reacts {later_s:.1f} s later"
     agent: int
     later_s: Annotated[_Finite, Field(ge=0.0, le=5.0, multiple_of=STEP_S)]
-
-    @property
-    def text(self) -> str:
-        """The change as a sentence."""
-        return f"{self.agent} reacts {self.later_s:.1f} s later"
 
 
 class Enter(_Change):
@@ -194,12 +178,8 @@ class Delay(_Change):
     """
 
     kind: Literal["delay"]
+    sentence = "the ego's commands take effect {later_s:.1f} s later"
     later_s: Annotated[_Finite, Field(ge=0.0, le=10.0, multiple_of=STEP_S)]
-
-    @property
-    def text(self) -> str:
-        """The change as a sentence."""
-        return f"the ego's commands take effect {self.later_s:.1f} s later"
 
 
 class Noise(_Change):
@@ -210,12 +190,8 @@ class Noise(_Change):
     """
 
     kind: Literal["noise"]
+    sentence = "the ego is told positions with errors of {sigma_m:.2f} m"
     sigma_m: Annotated[_Finite, Field(ge=0.0, le=20.0)]
-
-    @property
-    def text(self) -> str:
-        """The change as a sentence."""
-        return f"the ego is told positions with errors of {self.sigma_m:.2f} m"
 
 
 Act = Brake | CutIn | CutOut | Pace | Enter | Inattentive

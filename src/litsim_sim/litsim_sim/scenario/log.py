@@ -24,7 +24,7 @@ from litsim_sim.core.scene import (
     is_obstacle,
 )
 from litsim_sim.core.steps import Steps, StepsBuilder
-from litsim_sim.kernels.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_INTS, int64, kernel
+from litsim_sim.kernels.compiled import Bools2, Floats, Floats2, Ints, kernel
 from litsim_sim.scenario.recording import Recording
 
 REPLAYS = 4
@@ -244,10 +244,8 @@ def _yaw_rates(agent: IntArray, step: IntArray, yaw: FloatArray) -> FloatArray:
     return yaw_rate
 
 
-@kernel(OUT_INTS(FLOATS2, FLOATS2, BOOLS2, INTS, int64, FLOATS, FLOATS))
-def _lags(
-    log_x: FloatArray, log_y: FloatArray, valid: BoolArray, rows: IntArray, step: int, x: FloatArray, y: FloatArray
-) -> IntArray:
+@kernel
+def _lags(log_x: Floats2, log_y: Floats2, valid: Bools2, rows: Ints, step: int, x: Floats, y: Floats) -> Ints:
     """See :meth:`Log.lags`; `x`, `y` and `valid` of the log are (n, steps)."""
     lags = np.zeros(len(rows), np.int64)
     for k, row in enumerate(rows):
@@ -263,8 +261,8 @@ def _lags(
     return lags
 
 
-@kernel(OUT_INTS(BOOLS2, INTS))
-def _on_road(valid: BoolArray, at: IntArray) -> IntArray:
+@kernel
+def _on_road(valid: Bools2, at: Ints) -> Ints:
     """Returns the rows of the agents that are on the road, by `valid` (n, steps), at their steps `at` (n,)."""
     rows, count = np.empty(len(at), np.int64), 0
     for i in range(len(at)):

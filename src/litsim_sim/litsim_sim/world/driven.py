@@ -20,7 +20,7 @@ from litsim_sim.core.scene import (
     index_of,
 )
 from litsim_sim.core.vehicle import Actuators
-from litsim_sim.kernels.compiled import FLOATS, boolean, kernel
+from litsim_sim.kernels.compiled import Floats, kernel
 from litsim_sim.scenario.setting import Setting
 
 # numpy compares plain numbers much faster than members of an enumeration
@@ -54,8 +54,8 @@ def check_answers(
         raise ValueError(f"controls at step {step} list pedestrians or cyclists, {listed}, which follow their log")
 
 
-@kernel(boolean(FLOATS, FLOATS, FLOATS))
-def _finite(acceleration: FloatArray, lateral_acceleration: FloatArray, yaw_rate: FloatArray) -> bool:
+@kernel
+def _finite(acceleration: Floats, lateral_acceleration: Floats, yaw_rate: Floats) -> bool:
     """Returns whether all numbers of three arrays (n,) are finite."""
     for values in (acceleration, lateral_acceleration, yaw_rate):
         for value in values:

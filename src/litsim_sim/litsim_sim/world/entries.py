@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from litsim_sim.core.pair_geometry import overlap
-from litsim_sim.core.scene import AGENTS, STEP_S, AgentArrays, AgentTable, BoolArray, Controller
-from litsim_sim.kernels.compiled import float64, int64, kernel
+from litsim_sim.core.scene import STEP_S, AgentArrays, AgentTable, BoolArray, Controller
+from litsim_sim.kernels.compiled import kernel
 from litsim_sim.scenario.log import Log
 
 # The road is free for an agent that enters if these hold; they were chosen, not fitted.
@@ -110,7 +110,7 @@ class Entries:
         return None if speed < 0.0 else speed
 
 
-@kernel(float64(AGENTS, int64, int64, AGENTS, int64))
+@kernel
 def _entry_speed(others: AgentArrays, begin: int, end: int, entry: AgentArrays, row: int) -> float:
     """Returns the speed [m/s], at most its own, at which an agent can enter among others; below 0 if it cannot.
 

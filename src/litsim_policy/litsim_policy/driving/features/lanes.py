@@ -13,8 +13,8 @@ from litsim_policy.driving.features.scales import CURVATURE, EDGE, HEADING, LATE
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.pair_geometry import wrapped
 from litsim_sim.core.scene import FloatArray
-from litsim_sim.kernels.compiled import FLOATS, FLOATS2, OUT_FLOATS2, Floats, int64, kernel, tuple_type, void
-from litsim_sim.lane_map.lane_map import LANE_POSITION, LaneMap, LanePosition
+from litsim_sim.kernels.compiled import Floats, Floats2, OutFloats2, kernel
+from litsim_sim.lane_map.lane_map import LaneMap, LanePosition
 
 ROAD = 7  # number of these features
 CURVE_LENGTH = 10.0  # [m] length of lane around the agent over which its curvature is measured
@@ -48,9 +48,9 @@ class LaneFeatures:
         _write(at, around, agents.yaw, self._widths, first, features)
 
 
-@kernel(void(LANE_POSITION, FLOATS2, FLOATS, tuple_type(RoadWidths), int64, OUT_FLOATS2))
+@kernel
 def _write(
-    at: LanePosition, around: FloatArray, yaw: FloatArray, widths: RoadWidths, first: int, features: FloatArray
+    at: LanePosition, around: Floats2, yaw: Floats, widths: RoadWidths, first: int, features: OutFloats2
 ) -> None:
     """Write the ROAD features of m agents.
 

@@ -26,8 +26,8 @@ from litsim_policy.driving.features.way import AHEAD, LOG, WAY, write_ahead, wri
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.along_path import Poses
 from litsim_sim.core.quantities import Flag, Length, Positive, Whole, configuration
-from litsim_sim.core.scene import AGENTS, AgentArrays, AgentTable, FloatArray, IntArray
-from litsim_sim.kernels.compiled import INTS, OUT_FLOATS2, kernel, void
+from litsim_sim.core.scene import AgentArrays, AgentTable, FloatArray
+from litsim_sim.kernels.compiled import Ints, OutFloats2, kernel
 from litsim_sim.lane_map.lane_map import LaneMap
 
 CORE = 4  # number of features of the agent itself
@@ -106,8 +106,8 @@ class Observer:
         return features
 
 
-@kernel(void(AGENTS, INTS, OUT_FLOATS2))
-def _write_core(agents: AgentArrays, rows: IntArray, features: FloatArray) -> None:
+@kernel
+def _write_core(agents: AgentArrays, rows: Ints, features: OutFloats2) -> None:
     """Write the core features of the agents in `rows` (m,) of all `agents` into `features` (m, size)."""
     for i in range(len(rows)):
         own = rows[i]

@@ -10,26 +10,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba.types import Tuple
 
 from litsim_policy.driving.features.scales import DISTANCE, SPEED
-from litsim_policy.motion.along_path import POSES, PoseArrays
+from litsim_policy.motion.along_path import PoseArrays
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.pair_geometry import within_scenes
-from litsim_sim.core.scene import AGENTS, AgentArrays, FloatArray, IntArray
-from litsim_sim.kernels.compiled import (
-    FLOATS,
-    INTS,
-    OUT_FLOATS,
-    OUT_FLOATS2,
-    OUT_INTS,
-    Floats,
-    Ints,
-    float64,
-    kernel,
-    tuple_type,
-    void,
-)
+from litsim_sim.core.scene import AgentArrays, FloatArray
+from litsim_sim.kernels.compiled import Floats, Ints, OutFloats2, kernel
 
 SLOT = 7  # number of features of a slot
 
@@ -78,10 +65,10 @@ def write_surrounding(
     _write(pairs, table, rows, agents.yaw, Slots(by_sector, slots, first), features)
 
 
-@kernel(Tuple((OUT_INTS, OUT_INTS, OUT_FLOATS, OUT_FLOATS))(AGENTS, INTS, POSES, float64))
+@kernel
 def _pairs_in_sight(
-    agents: AgentArrays, rows: IntArray, own: PoseArrays, sight: float
-) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+    agents: AgentArrays, rows: Ints, own: PoseArrays, sight: float
+) -> tuple[Ints, Ints, Floats, Floats]:
     """Pairs of observing agents and agents within their sight.
 
     Args:
@@ -108,9 +95,9 @@ def _pairs_in_sight(
     return observer[:k], agent[:k], ahead[:k], left[:k]
 
 
-@kernel(void(tuple_type(SeenPairs), AGENTS, INTS, FLOATS, tuple_type(Slots), OUT_FLOATS2))
+@kernel
 def _write(
-    pairs: SeenPairs, agents: AgentArrays, rows: IntArray, own_yaw: FloatArray, slots: Slots, features: FloatArray
+    pairs: SeenPairs, agents: AgentArrays, rows: Ints, own_yaw: Floats, slots: Slots, features: OutFloats2
 ) -> None:
     """Write the surrounding agents: the nearest per sector, or the nearest of all; of equally near ones the lower row.
 

@@ -19,15 +19,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.types import Tuple
 
 from litsim_policy.driving.features.lanes import ROAD, LaneFeatures
 from litsim_policy.driving.features.scales import HEADING, LENGTH, LIMIT, SPEED, WIDTH
-from litsim_policy.motion.along_path import POSES, PoseArrays
+from litsim_policy.motion.along_path import PoseArrays
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.pair_geometry import within_scenes
-from litsim_sim.core.scene import AGENTS, AgentArrays, FloatArray, IntArray
-from litsim_sim.kernels.compiled import INTS, OUT_FLOATS2, kernel
+from litsim_sim.core.scene import AgentArrays, FloatArray
+from litsim_sim.kernels.compiled import Floats2, Ints, kernel
 from litsim_sim.lane_map.lane_map import LaneMap
 
 BEAMS = 20
@@ -62,8 +61,8 @@ class TrafficObserver:
         return np.minimum(np.maximum(features, -LIMIT, out=features), LIMIT, out=features)
 
 
-@kernel(Tuple((OUT_FLOATS2, OUT_FLOATS2))(AGENTS, INTS, POSES))
-def _beams(agents: AgentArrays, rows: IntArray, own_poses: PoseArrays) -> tuple[FloatArray, FloatArray]:
+@kernel
+def _beams(agents: AgentArrays, rows: Ints, own_poses: PoseArrays) -> tuple[Floats2, Floats2]:
     """Beams of the agents in `rows` (m,) of all `agents`, from their `own_poses` (m,).
 
     Returns:

@@ -6,32 +6,15 @@ import math
 
 import numpy as np
 
-from litsim_policy.driving.features.scales import (
-    ACCELERATION,
-    DISTANCE,
-    HEADING,
-    LATERAL,
-    SPEED,
-    TIME,
-    YAW_RATE,
-)
+from litsim_policy.driving.features.scales import ACCELERATION, DISTANCE, HEADING, LATERAL, SPEED, TIME, YAW_RATE
 from litsim_policy.driving.safety.following import following_cap
 from litsim_policy.driving.task import DrivingScene
-from litsim_policy.motion.along_path import POSES, PoseArrays
-from litsim_policy.motion.car_following import LEADERS, Leaders
+from litsim_policy.motion.along_path import PoseArrays
+from litsim_policy.motion.car_following import Leaders
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.pair_geometry import wrapped
-from litsim_sim.core.scene import AGENTS, STEP_S, AgentArrays, FloatArray, IntArray
-from litsim_sim.kernels.compiled import (
-    FLOATS,
-    FLOATS2,
-    INTS,
-    OUT_FLOATS2,
-    float64,
-    int64,
-    kernel,
-    void,
-)
+from litsim_sim.core.scene import STEP_S, AgentArrays, FloatArray
+from litsim_sim.kernels.compiled import Floats, Floats2, Ints, OutFloats2, kernel
 
 AHEAD_FEATURES = (
     "acceleration of the leader",
@@ -103,15 +86,9 @@ def write_way(scene: DrivingScene, sight: float, features: FloatArray) -> None:
     _write_opponent(table.arrays, table.rows(scene.opponent), agents.own, agents.speed, features)
 
 
-@kernel(void(FLOATS, FLOATS2, FLOATS, FLOATS, FLOATS, INTS, OUT_FLOATS2))
+@kernel
 def _write_path(
-    d: FloatArray,
-    heading: FloatArray,
-    yaw: FloatArray,
-    yaw_rate: FloatArray,
-    to_goal: FloatArray,
-    steps_left: IntArray,
-    features: FloatArray,
+    d: Floats, heading: Floats2, yaw: Floats, yaw_rate: Floats, to_goal: Floats, steps_left: Ints, features: OutFloats2
 ) -> None:
     """Write the features of m agents on the way to their goals.
 
@@ -134,7 +111,7 @@ def _write_path(
         features[i, first + 9] = steps_left[i] * STEP_S / TIME
 
 
-@kernel(int64(LEADERS, int64, float64, float64))
+@kernel
 def _next_on_path(leaders: Leaders, i: int, beyond: float, sight: float) -> int:
     """Column of the nearest leader of agent `i` with a gap of more than `beyond` and less than `sight` [m], or -1."""
     nearest, least = -1, sight
@@ -144,9 +121,9 @@ def _next_on_path(leaders: Leaders, i: int, beyond: float, sight: float) -> int:
     return nearest
 
 
-@kernel(void(LEADERS, FLOATS, FLOATS, float64, int64, OUT_FLOATS2))
+@kernel
 def _write_ahead(
-    leaders: Leaders, length: FloatArray, speed: FloatArray, sight: float, first: int, features: FloatArray
+    leaders: Leaders, length: Floats, speed: Floats, sight: float, first: int, features: OutFloats2
 ) -> None:
     """Write the acceleration of the leader, and the features of the second leader.
 
@@ -172,8 +149,8 @@ def _write_ahead(
             features[i, first + 5] = leaders.acceleration[leaders.first[i] + second] / ACCELERATION
 
 
-@kernel(void(LEADERS, FLOATS, float64, OUT_FLOATS2))
-def _write_leader(leaders: Leaders, speed: FloatArray, sight: float, features: FloatArray) -> None:
+@kernel
+def _write_leader(leaders: Leaders, speed: Floats, sight: float, features: OutFloats2) -> None:
     """Write the leader within `sight` [m], of agents with `speed` (m,) [m/s]."""
     first = features.shape[1] - WAY + 5
     for i in range(len(speed)):
@@ -183,9 +160,9 @@ def _write_leader(leaders: Leaders, speed: FloatArray, sight: float, features: F
             features[i, first + 2] = (leaders.speed[i, leader] - speed[i]) / SPEED
 
 
-@kernel(void(AGENTS, INTS, POSES, FLOATS, OUT_FLOATS2))
+@kernel
 def _write_opponent(
-    agents: AgentArrays, opponent: IntArray, own: PoseArrays, own_speed: FloatArray, features: FloatArray
+    agents: AgentArrays, opponent: Ints, own: PoseArrays, own_speed: Floats, features: OutFloats2
 ) -> None:
     """Write the features of the opponents.
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba.types import Tuple
 
 from litsim_sim.core.dynamics import SPEED_MIN
 from litsim_sim.core.pair_geometry import within
-from litsim_sim.core.scene import AGENTS, STEP_S, AgentArrays, BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import FLOATS, INTS, OUT_BOOLS, OUT_FLOATS2, kernel
+from litsim_sim.core.scene import STEP_S, AgentArrays
+from litsim_sim.kernels.compiled import Bools, Floats, Floats2, Ints, kernel
 
 # Limits of the network's commands, those of nuPlan's comfort measure unless stated otherwise.
 ACCELERATION_MAX, DECELERATION_MAX = 2.40, 4.05  # [m/s2]
@@ -22,10 +21,8 @@ YAW_ACCELERATION_MAX = 1.93  # [rad/s2]
 SAME = 1e-9  # [m/s2], [rad/s] up to which a command counts as unchanged
 
 
-@kernel(Tuple((OUT_FLOATS2, OUT_BOOLS))(FLOATS, FLOATS, AGENTS, INTS))
-def limited(
-    acceleration: FloatArray, yaw_rate: FloatArray, agents: AgentArrays, rows: IntArray
-) -> tuple[FloatArray, BoolArray]:
+@kernel
+def limited(acceleration: Floats, yaw_rate: Floats, agents: AgentArrays, rows: Ints) -> tuple[Floats2, Bools]:
     """Commands within the comfort bounds, those on the rates of change included.
 
     If the motion in the last step was out of bounds, it returns at the largest rate of change.

@@ -7,21 +7,16 @@ import numpy as np
 from litsim_policy.driving.safety.comfort import ACCELERATION_MAX, LATERAL_ACCELERATION_MAX, YAW_ACCELERATION_MAX
 from litsim_sim.core.dynamics import SPEED_MIN
 from litsim_sim.core.pair_geometry import within
-from litsim_sim.core.scene import STEP_S, FloatArray, IntArray
-from litsim_sim.kernels.compiled import FLOATS, FLOATS2, FLOATS3, OUT_FLOATS3, OUT_INTS, float64, kernel
+from litsim_sim.core.scene import STEP_S
+from litsim_sim.kernels.compiled import Floats, Floats2, Floats3, Ints, kernel
 
 BRAKING = np.array([2.0, 3.0, 4.0, 6.0])  # [m/s2] braking that is tried before the hardest
 
 
-@kernel(OUT_FLOATS3(FLOATS2, FLOATS, FLOATS, FLOATS, FLOATS, float64))
+@kernel
 def evasive_commands(
-    commands: FloatArray,
-    speed: FloatArray,
-    yaw_rate: FloatArray,
-    path_yaw_rate: FloatArray,
-    lane_yaw_rate: FloatArray,
-    braking_max: float,
-) -> FloatArray:
+    commands: Floats2, speed: Floats, yaw_rate: Floats, path_yaw_rate: Floats, lane_yaw_rate: Floats, braking_max: float
+) -> Floats3:
     """Alternatives to the commands, nearest to the commanded acceleration first, and after all of them swerves.
 
     Acceleration is among them, since it may be best for an agent that another cuts in on from behind. Swerves to
@@ -64,8 +59,8 @@ def evasive_commands(
     return choices
 
 
-@kernel(OUT_INTS(FLOATS3, FLOATS2))
-def best_choice(choices: FloatArray, touch: FloatArray) -> IntArray:
+@kernel
+def best_choice(choices: Floats3, touch: Floats2) -> Ints:
     """Positions (k,) of the choices to take.
 
     The first that touches no agent; if there is none, of those that touch latest, the one that brakes hardest.

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from litsim_policy.driving.safety.comfort import ACCELERATION_MAX
-from litsim_policy.motion.car_following import GAP_MIN, LEADER_BRAKES, LEADERS, Leaders, braking_behind, safe_speed
+from litsim_policy.motion.car_following import GAP_MIN, LEADER_BRAKES, Leaders, braking_behind, safe_speed
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.scene import BoolArray, FloatArray
-from litsim_sim.kernels.compiled import FLOATS, OUT_FLOATS, kernel
+from litsim_sim.kernels.compiled import Floats, kernel
 
 LEADER_BRAKING, OWN_BRAKING = 5.0, 4.0  # [m/s2] that a leader may begin at any time, and in reply to it
 STANDSTILL_GAP = 1.0  # [m] kept behind the leader
@@ -37,8 +37,8 @@ def braking_needed(agents: PathFollowers, leads: BoolArray) -> FloatArray:
     return _braking_needed(agents.speed, agents.leaders._replace(leads=leads))
 
 
-@kernel(OUT_FLOATS(FLOATS, LEADERS))
-def _braking_needed(speed: FloatArray, leaders: Leaders) -> FloatArray:
+@kernel
+def _braking_needed(speed: Floats, leaders: Leaders) -> Floats:
     """See :func:`braking_needed`; `speed` (m,) of the agents [m/s]."""
     needed = np.zeros(len(speed))
     for i in range(len(speed)):
@@ -50,8 +50,8 @@ def _braking_needed(speed: FloatArray, leaders: Leaders) -> FloatArray:
     return needed
 
 
-@kernel(OUT_FLOATS(LEADERS, FLOATS, FLOATS))
-def _following_cap(leaders: Leaders, speed: FloatArray, length: FloatArray) -> FloatArray:
+@kernel
+def _following_cap(leaders: Leaders, speed: Floats, length: Floats) -> Floats:
     """See :func:`following_cap`; `speed` and `length` (m,) of the agents [m/s], [m]."""
     caps = np.empty(len(speed))
     for i in range(len(speed)):

@@ -9,34 +9,30 @@ import math
 
 import numpy as np
 
-from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.dense_kernels import INNER, add_product, exp, rectify
 from litsim_predictor.inference.joint.units import LANE, NEAR
 from litsim_predictor.inference.product_blocks import multiply_add
-from litsim_sim.core.scene import FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
-    FLOATS2,
-    INTS,
-    INTS2,
-    OUT_INTS,
-    OUT_INTS2,
-    OUT_SINGLES2,
-    OUT_SINGLES3,
-    SINGLES,
-    SINGLES2,
-    SINGLES3,
+    Floats2,
+    Ints,
+    Ints2,
+    OutInts,
+    OutInts2,
+    OutSingles2,
+    OutSingles3,
+    Singles,
+    Singles2,
+    Singles3,
     float32,
-    float64,
     kernel,
-    void,
 )
 
 SUMS = 8  # of products, kept beside each other, so that the processor adds to all of them at once
 LANES_MULTIPLE = 16  # of which the number of lanes is a multiple; those beyond the last agent are padding
 
 
-@kernel(void(SINGLES2, float64, OUT_INTS2, OUT_INTS))
-def find_neighbours(position: Float32Array, reach: float, index: IntArray, many: IntArray) -> None:
+@kernel
+def find_neighbours(position: Singles2, reach: float, index: OutInts2, many: OutInts) -> None:
     """Find the nearest neighbours of each of n agents: at most K - 1, the lowest rows first where distances are equal.
 
     Args:
@@ -65,14 +61,9 @@ def find_neighbours(position: Float32Array, reach: float, index: IntArray, many:
         many[i] = used
 
 
-@kernel(void(SINGLES2, SINGLES, SINGLES, INTS2, INTS, OUT_SINGLES3))
+@kernel
 def relate(
-    position: Float32Array,
-    heading: Float32Array,
-    speed: Float32Array,
-    index: IntArray,
-    many: IntArray,
-    relation: Float32Array,
+    position: Singles2, heading: Singles, speed: Singles, index: Ints2, many: Ints, relation: OutSingles3
 ) -> None:
     """Write how neighbours lie and move relative to an agent.
 
@@ -97,15 +88,9 @@ def relate(
                 channels[7] = float32(1.0) if ahead > float32(0.0) else float32(-1.0)
 
 
-@kernel(void(FLOATS2, SINGLES, INTS, float64, OUT_INTS2, OUT_INTS, OUT_SINGLES3))
+@kernel
 def relate_neighbours(
-    frame: FloatArray,
-    speed: Float32Array,
-    begins: IntArray,
-    reach: float,
-    index: IntArray,
-    many: IntArray,
-    relation: Float32Array,
+    frame: Floats2, speed: Singles, begins: Ints, reach: float, index: OutInts2, many: OutInts, relation: OutSingles3
 ) -> None:
     """Find the nearest neighbours of each of n agents of several scenes, and write their relations to it.
 
@@ -127,14 +112,9 @@ def relate_neighbours(
     relate(position, heading, speed, index, many, relation)
 
 
-@kernel(void(SINGLES3, INTS, INTS, SINGLES2, SINGLES, OUT_SINGLES3))
+@kernel
 def read_relations(
-    relation: Float32Array,
-    rows: IntArray,
-    many: IntArray,
-    weight: Float32Array,
-    bias: Float32Array,
-    near: Float32Array,
+    relation: Singles3, rows: Ints, many: Ints, weight: Singles2, bias: Singles, near: OutSingles3
 ) -> None:
     """Write to `near` (K, c, lanes) the output of the rectified layer that reads relations; see :func:`attend`."""
     channels = relation.shape[2]
@@ -150,8 +130,8 @@ def read_relations(
         rectify(near[k])
 
 
-@kernel(void(SINGLES2, SINGLES3, SINGLES3, OUT_SINGLES3))
-def weigh_relations(query: Float32Array, of_key: Float32Array, near: Float32Array, logits: Float32Array) -> None:
+@kernel
+def weigh_relations(query: Singles2, of_key: Singles3, near: Singles3, logits: OutSingles3) -> None:
     """Add to `logits` (K, heads, lanes) the products of queries and of what relations add to keys; see :func:`attend`.
 
     `near` (K, c, lanes) are the relations as :func:`read_relations` writes them.
@@ -175,15 +155,8 @@ def weigh_relations(query: Float32Array, of_key: Float32Array, near: Float32Arra
                     logit[i] = multiply_add(a3[i], n3[i], multiply_add(a2[i], n2[i], total))
 
 
-@kernel(void(SINGLES2, INTS, SINGLES2, INTS2, INTS, OUT_SINGLES3))
-def weigh_keys(
-    query: Float32Array,
-    rows: IntArray,
-    key_value: Float32Array,
-    index: IntArray,
-    many: IntArray,
-    logits: Float32Array,
-) -> None:
+@kernel
+def weigh_keys(query: Singles2, rows: Ints, key_value: Singles2, index: Ints2, many: Ints, logits: OutSingles3) -> None:
     """Add to `logits` (K, heads, lanes) the products of queries and the keys of neighbours; see :func:`attend`."""
     heads, size = logits.shape[1], query.shape[1] // logits.shape[1]
     whole, sums = size - size % SUMS, np.empty(SUMS, np.float32)
@@ -204,8 +177,8 @@ def weigh_keys(
                 logits[k, head, i] += total
 
 
-@kernel(void(INTS, INTS, OUT_SINGLES3))
-def softmax(rows: IntArray, many: IntArray, weights: Float32Array) -> None:
+@kernel
+def softmax(rows: Ints, many: Ints, weights: OutSingles3) -> None:
     """Replace logits, `weights` (K, heads, lanes), by their softmax over the neighbours that each agent has."""
     neighbours, heads, lanes = weights.shape
     valid = np.ones(lanes, np.int64)
@@ -230,15 +203,8 @@ def softmax(rows: IntArray, many: IntArray, weights: Float32Array) -> None:
                 logit[i] /= total[i]
 
 
-@kernel(void(SINGLES3, INTS, SINGLES2, INTS2, INTS, OUT_SINGLES2))
-def sum_values(
-    weights: Float32Array,
-    rows: IntArray,
-    key_value: Float32Array,
-    index: IntArray,
-    many: IntArray,
-    out: Float32Array,
-) -> None:
+@kernel
+def sum_values(weights: Singles3, rows: Ints, key_value: Singles2, index: Ints2, many: Ints, out: OutSingles2) -> None:
     """Write to `out` (m, W) the sums of neighbours' values times `weights` (K, heads, lanes); see :func:`attend`."""
     heads, channels = weights.shape[1], out.shape[1]
     size = channels // heads
@@ -254,8 +220,8 @@ def sum_values(
                     sums[d] = multiply_add(weight, value[d], sums[d])
 
 
-@kernel(void(SINGLES3, SINGLES3, SINGLES3, OUT_SINGLES2))
-def sum_relations(weights: Float32Array, near: Float32Array, of_value: Float32Array, out: Float32Array) -> None:
+@kernel
+def sum_relations(weights: Singles3, near: Singles3, of_value: Singles3, out: OutSingles2) -> None:
     """Add to `out` (m, W) the sums of what relations add to values, times `weights` (K, heads, lanes).
 
     `near` (K, c, lanes) are the relations as :func:`read_relations` writes them; for `of_value` see :func:`attend`.
@@ -286,19 +252,19 @@ def sum_relations(weights: Float32Array, near: Float32Array, of_value: Float32Ar
                 out[i, head * size + d] += added[d, i]
 
 
-@kernel(void(SINGLES2, INTS, SINGLES2, INTS2, INTS, SINGLES3, OUT_SINGLES2, SINGLES2, SINGLES, SINGLES3, SINGLES3))
+@kernel
 def attend(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    query: Float32Array,
-    rows: IntArray,
-    key_value: Float32Array,
-    index: IntArray,
-    many: IntArray,
-    relation: Float32Array,
-    out: Float32Array,
-    weight: Float32Array,
-    bias: Float32Array,
-    of_key: Float32Array,
-    of_value: Float32Array,
+    query: Singles2,
+    rows: Ints,
+    key_value: Singles2,
+    index: Ints2,
+    many: Ints,
+    relation: Singles3,
+    out: OutSingles2,
+    weight: Singles2,
+    bias: Singles,
+    of_key: Singles3,
+    of_value: Singles3,
 ) -> None:
     """Attend to neighbours, whose keys and values also hold how they lie and move relative to the agent that attends.
 

@@ -5,32 +5,26 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types
 
-from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.dense_kernels import tanh
 from litsim_predictor.inference.joint.units import CORRELATION_LIMIT, SCALE_FLOOR
-from litsim_sim.core.scene import BoolArray, IntArray
 from litsim_sim.kernels.compiled import (
-    BOOLS2,
-    INTS,
-    OUT_INTS,
-    OUT_SINGLES2,
-    OUT_SINGLES3,
-    SINGLES2,
-    SINGLES3,
+    Bools2,
+    Ints,
+    OutInts,
+    OutSingles2,
+    OutSingles3,
+    Singles2,
+    Singles3,
     float32,
-    float64,
-    int64,
     kernel,
-    void,
 )
 
 SOFT_UNTIL = 20.0  # beyond, log(1 + exp(x)) is x in single precision
 
 
-@kernel(void(SINGLES3, BOOLS2, float64, OUT_SINGLES3))
-def read_histories(history: Float32Array, observed: BoolArray, dt: float, out: Float32Array) -> None:
+@kernel
+def read_histories(history: Singles3, observed: Bools2, dt: float, out: OutSingles3) -> None:
     """Write how histories differ from constant speed straight ahead; zeros where they are not observed.
 
     Args:
@@ -48,8 +42,8 @@ def read_histories(history: Float32Array, observed: BoolArray, dt: float, out: F
             out[i, t, 3], out[i, t, 4] = seen * (history[i, t, 3] - now), seen
 
 
-@kernel(void(SINGLES2, OUT_SINGLES2, OUT_INTS))
-def choose_maneuvers(logits: Float32Array, probability: Float32Array, best: IntArray) -> None:
+@kernel
+def choose_maneuvers(logits: Singles2, probability: OutSingles2, best: OutInts) -> None:
     """Write the probabilities (m, K) of manoeuvres with `logits` (m, K), and which is the most probable (m,)."""
     for i in range(len(logits)):
         best[i] = 0
@@ -64,8 +58,8 @@ def choose_maneuvers(logits: Float32Array, probability: Float32Array, best: IntA
             probability[i, k] /= total
 
 
-@kernel(types.Tuple((OUT_INTS, OUT_INTS))(SINGLES2, INTS, int64, float64))
-def further_maneuvers(probability: Float32Array, best: IntArray, most: int, share: float) -> tuple[IntArray, IntArray]:
+@kernel
+def further_maneuvers(probability: Singles2, best: Ints, most: int, share: float) -> tuple[Ints, Ints]:
     """Return the manoeuvres that matter beside the `best` (m,): rows (q,), ascending, and manoeuvres (q,).
 
     Args:
@@ -93,14 +87,9 @@ def further_maneuvers(probability: Float32Array, best: IntArray, most: int, shar
     return row[:count].copy(), other[:count].copy()
 
 
-@kernel(void(SINGLES3, SINGLES2, float64, OUT_SINGLES3, OUT_SINGLES3, OUT_SINGLES2))
+@kernel
 def write_gaussians(
-    raw: Float32Array,
-    state: Float32Array,
-    dt: float,
-    mean: Float32Array,
-    scale: Float32Array,
-    correlation: Float32Array,
+    raw: Singles3, state: Singles2, dt: float, mean: OutSingles3, scale: OutSingles3, correlation: OutSingles2
 ) -> None:
     """Turn a decoder's output into Gaussians around constant velocity.
 

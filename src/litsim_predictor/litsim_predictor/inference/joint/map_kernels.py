@@ -6,28 +6,29 @@ plane, shifted, and a convolution the product of its weights with all of these.
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Annotated
 
-from litsim_predictor.forecast import Float32Array
-from litsim_predictor.inference.dense_kernels import ROW, rectified_product
+import numpy as np
+import numpy.typing as npt
+
+from litsim_predictor.inference.dense_kernels import Row, rectified_product
 from litsim_predictor.inference.joint.units import MAP_MIDDLE
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
-from litsim_sim.core.scene import ByteArray, IntArray
+from litsim_sim.core.scene import IntArray
 from litsim_sim.kernels.compiled import (
-    INTS,
-    OUT_SINGLES,
-    OUT_SINGLES2,
-    SINGLES,
-    SINGLES2,
+    Ints,
+    OutSingles,
+    OutSingles2,
+    Singles,
+    Singles2,
     float32,
-    int64,
     kernel,
     read_array,
     uint8,
-    void,
 )
 
-BYTES3, BYTES4 = (read_array(uint8, ndim) for ndim in (3, 4))
+Bytes3 = Annotated[npt.NDArray[np.uint8], read_array(uint8, 3)]
+Bytes4 = Annotated[npt.NDArray[np.uint8], read_array(uint8, 4)]
 KERNEL = 3  # cells along each side of a convolution's kernel
 HALF_ROWS, HALF_COLUMNS = ROWS // 2, COLUMNS // 2
 QUARTER_ROWS, QUARTER_COLUMNS = ROWS // 4, COLUMNS // 4
@@ -38,20 +39,15 @@ PIECE = 16
 """Cells that are convolved at a time: rows have whole pieces, and planes as many cells more."""
 
 
-@kernel(int64(int64))
+@kernel
 def in_pieces(cells: int) -> int:
     """Return the number `cells`, rounded up to whole pieces."""
     return (cells + PIECE - 1) // PIECE * PIECE
 
 
-@kernel(void(ROW, INTS, SINGLES2, SINGLES, OUT_SINGLES2, OUT_SINGLES2))
+@kernel
 def convolve(
-    planes: Float32Array,
-    starts: IntArray,
-    weight: Float32Array,
-    bias: Float32Array,
-    shifted: Float32Array,
-    out: Float32Array,
+    planes: Row, starts: Ints, weight: Singles2, bias: Singles, shifted: OutSingles2, out: OutSingles2
 ) -> None:
     """Write to `out` (o, p) `bias` (o,) and the sum over r of `weight` (o, r) times `planes` from `starts` (r,) on.
 
@@ -65,8 +61,8 @@ def convolve(
     rectified_product(weight, shifted, bias, out)
 
 
-@kernel(void(BYTES3, OUT_SINGLES))
-def split_halves(raster: ByteArray, planes: Float32Array) -> None:
+@kernel
+def split_halves(raster: Bytes3, planes: OutSingles) -> None:
     """Write a map (CHANNELS, ROWS, COLUMNS) into planes for a convolution with a stride of 2; see :data:`HALVES`."""
     for c in range(CHANNELS):
         for y in range(ROWS):
@@ -76,8 +72,8 @@ def split_halves(raster: ByteArray, planes: Float32Array) -> None:
                 planes[at] = float32(raster[c, y, x]) - float32(MAP_MIDDLE)
 
 
-@kernel(void(SINGLES2, int64, OUT_SINGLES))
-def with_borders(convolved: Float32Array, stride: int, planes: Float32Array) -> None:
+@kernel
+def with_borders(convolved: Singles2, stride: int, planes: OutSingles) -> None:
     """Write a convolution's output, (channels, ...) with rows `stride` apart, into planes with borders of 1."""
     for c in range(len(convolved)):
         for y in range(HALF_ROWS):
@@ -85,8 +81,8 @@ def with_borders(convolved: Float32Array, stride: int, planes: Float32Array) -> 
                 planes[(c * (HALF_ROWS + 2) + y + 1) * (HALF_COLUMNS + 2) + x + 1] = convolved[c, y * stride + x]
 
 
-@kernel(void(SINGLES2, int64, OUT_SINGLES))
-def pooled(convolved: Float32Array, stride: int, planes: Float32Array) -> None:
+@kernel
+def pooled(convolved: Singles2, stride: int, planes: OutSingles) -> None:
     """Write the largest of each 2 by 2 cells of a convolution's output into planes with borders of 1."""
     for c in range(len(convolved)):
         for y in range(QUARTER_ROWS):
@@ -97,21 +93,19 @@ def pooled(convolved: Float32Array, stride: int, planes: Float32Array) -> None:
                 planes[(c * (QUARTER_ROWS + 2) + y + 1) * (QUARTER_COLUMNS + 2) + x + 1] = max(upper, lower)
 
 
-@kernel(
-    void(BYTES4, OUT_SINGLES2, *(INTS, SINGLES2, SINGLES), *(INTS, SINGLES2, SINGLES), *(INTS, SINGLES2, SINGLES)),
-)
+@kernel
 def encode_maps(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    rasters: ByteArray,
-    out: Float32Array,
-    starts1: IntArray,
-    weight1: Float32Array,
-    bias1: Float32Array,
-    starts2: IntArray,
-    weight2: Float32Array,
-    bias2: Float32Array,
-    starts3: IntArray,
-    weight3: Float32Array,
-    bias3: Float32Array,
+    rasters: Bytes4,
+    out: OutSingles2,
+    starts1: Ints,
+    weight1: Singles2,
+    bias1: Singles,
+    starts2: Ints,
+    weight2: Singles2,
+    bias2: Singles,
+    starts3: Ints,
+    weight3: Singles2,
+    bias3: Singles,
 ) -> None:
     """Convolve, convolve, pool and convolve maps, each time rectified.
 

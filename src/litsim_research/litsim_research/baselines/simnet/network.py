@@ -17,7 +17,7 @@ from litsim_predictor.inference.dense_kernels import linear, rectified_product, 
 from litsim_research.baselines.simnet.output import FORMAT, OUTPUTS, SMALL_HIDDEN, SMALL_WIDTHS
 from litsim_research.baselines.simnet.raster import CHANNELS, PAPER, SMALL, Rasters, RasterShape
 from litsim_sim.core.errors import InputError
-from litsim_sim.kernels.compiled import OUT_SINGLES2, SINGLES, SINGLES2, SINGLES3, float32, kernel, void
+from litsim_sim.kernels.compiled import OutSingles2, Singles, Singles2, Singles3, float32, kernel
 
 KERNEL = 3  # cells along each side of a convolution's kernel; its stride is two
 ENDS = [
@@ -81,10 +81,8 @@ class SmallNetwork:
         return outputs
 
 
-@kernel(void(SINGLES3, SINGLES2, SINGLES, OUT_SINGLES2, OUT_SINGLES2))
-def convolve(
-    values: Float32Array, weight: Float32Array, bias: Float32Array, patches: Float32Array, out: Float32Array
-) -> None:
+@kernel
+def convolve(values: Singles3, weight: Singles2, bias: Singles, patches: OutSingles2, out: OutSingles2) -> None:
     """A rectified convolution that halves rows and columns, beyond which there are zeros.
 
     Args:

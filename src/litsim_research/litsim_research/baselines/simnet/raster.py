@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,23 +17,17 @@ from litsim_policy.motion.stop_lines import IS_AMBER, IS_RED
 from litsim_predictor.inference.raster import TURNS, DrawnNet
 from litsim_sim.core.scene import FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
-    FLOATS,
-    FLOATS2,
-    FLOATS3,
-    INTS,
-    OUT_SINGLES2,
-    OUT_SINGLES3,
     Bools2,
     Bytes2,
+    Floats,
     Floats2,
     Floats3,
     Ints,
+    OutSingles2,
+    OutSingles3,
     float32,
-    float64,
     int64,
     kernel,
-    tuple_type,
-    void,
     written_array,
 )
 from litsim_sim.scenario.signals import LinkSignals
@@ -53,7 +47,7 @@ FROM_BEHIND, FROM_RIGHT = 0.25, 0.5
 """Position of the agent, as shares of the raster's length and width."""
 STOP_DEPTH = 1.0  # [m] extent of a stop line along the lane
 
-OUT_SINGLES4 = written_array(float32, 4)
+OutSingles4 = Annotated[npt.NDArray[np.float32], written_array(float32, 4)]
 COSINES, SINES = np.cos(TURNS).astype(np.float32), np.sin(TURNS).astype(np.float32)
 
 
@@ -97,9 +91,6 @@ class RoadImage(NamedTuple):
 
     closeness: Bytes2
     angle: Bytes2
-
-
-MOTIONS, ROAD = tuple_type(Motions), tuple_type(RoadImage)
 
 
 class Painter:
@@ -155,9 +146,9 @@ class Painter:
         return self._lines[link], scene
 
 
-@kernel(void(OUT_SINGLES2, float64, float64, float64, float64, float64, float64))
+@kernel
 def draw_box(
-    plane: Rasters, ahead: float, left: float, cos: float, sin: float, half_length: float, half_width: float
+    plane: OutSingles2, ahead: float, left: float, cos: float, sin: float, half_length: float, half_width: float
 ) -> None:
     """Draw a box into a channel of a raster (rows, columns), where it covers more than the present value.
 
@@ -182,8 +173,8 @@ def draw_box(
             plane[r, c] = max(plane[r, c], float32(along * across))
 
 
-@kernel(void(OUT_SINGLES3, float64, float64, float64, float64, float64, ROAD))
-def draw_road(raster: Rasters, x: float, y: float, cos: float, sin: float, cell: float, road: RoadImage) -> None:
+@kernel
+def draw_road(raster: OutSingles3, x: float, y: float, cos: float, sin: float, cell: float, road: RoadImage) -> None:
     """Draw the road into a raster (CHANNELS, rows, columns).
 
     Args:
@@ -216,16 +207,16 @@ def draw_road(raster: Rasters, x: float, y: float, cos: float, sin: float, cell:
                 raster[SINE, r, c] = SINES[lane] * turn_cos - COSINES[lane] * turn_sin
 
 
-@kernel(void(FLOATS3, INTS, MOTIONS, FLOATS2, INTS, ROAD, FLOATS, OUT_SINGLES4))
+@kernel
 def draw_rasters(
-    own: FloatArray,
-    rows: IntArray,
+    own: Floats3,
+    rows: Ints,
     motions: Motions,
-    lines: FloatArray,
-    line_scene: IntArray,
+    lines: Floats2,
+    line_scene: Ints,
     road: RoadImage,
-    sizes: FloatArray,
-    rasters: Rasters,
+    sizes: Floats,
+    rasters: OutSingles4,
 ) -> None:
     """Draw into `rasters` (m, CHANNELS, rows, columns), which are empty; see :meth:`Painter.draw`.
 
