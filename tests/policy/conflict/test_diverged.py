@@ -39,8 +39,8 @@ def test_who_stays_keeps_the_layout_of_its_paths() -> None:
     here = np.array([0]), np.array([100.0]), np.array([0.0])
     assert both.paths.project(np.array([1]), *here[1:]).s.tolist() == [100.0]
     kept = both.kept(np.array([False, True]))
-    assert kept.paths.count.tolist() == [len(STRAIGHT.points)] and kept.paths.project(*here).s.tolist() == [100.0]
-    assert kept.logged_paths.count.tolist() == [len(STRAIGHT.points)]
+    assert kept.paths.counts.tolist() == [len(STRAIGHT.points)] and kept.paths.project(*here).s.tolist() == [100.0]
+    assert kept.logged_paths.counts.tolist() == [len(STRAIGHT.points)]
 
 
 def test_the_paths_of_some_are_those_of_all_whether_these_are_laid_out_or_not() -> None:
@@ -48,17 +48,17 @@ def test_the_paths_of_some_are_those_of_all_whether_these_are_laid_out_or_not() 
     for _ in range(2):
         (s,), (d,) = (getattr(both.paths_of(np.array([1])).project(np.array([0]), *here), name) for name in ("s", "d"))
         assert (s, d) == (100.0, 0.0)
-        assert len(both.paths) == len(both.paths_of(np.arange(2))) == 2
+        assert len(both.paths.each) == len(both.paths_of(np.arange(2)).each) == 2
 
 
 def test_who_returns_follows_the_logged_path_to_the_same_goal() -> None:
     off = opened(1).joined(opened(2))
-    before = off.paths.count[1]
+    before = off.paths.counts[1]
     off.return_to_log(np.array([1]))
     assert off.path.tolist() == [ROUTE, STRAIGHT]
     assert off.source.tolist() == [PathSource.ROUTE, PathSource.LOGGED]
     assert off.goal_s.tolist() == pytest.approx([30.0, 50.0])
-    assert off.paths.count[1] > before, "the batch of paths is that of the paths now"
+    assert off.paths.counts[1] > before, "the batch of paths is that of the paths now"
 
 
 def test_a_report_gives_the_path_from_a_little_behind_the_agent_on(agent_table) -> None:

@@ -187,7 +187,7 @@ def go_on(agent_table, path: np.ndarray, *, forecast: float | None = None, fresh
     table = agent_table(3, {"id": 2, "x": 50.0}, {"id": 7, **agent})
     states, valid = np.zeros((1, STEPS, 6)), np.full((1, STEPS), forecast is not None)
     states[0, :, 0], states[0, :, 1] = table.x[1] + (forecast or 0.0) * TIME, table.y[1]
-    planned = PlannedPaths(np.array([1]), PathBatch([path]), np.array([fresh]))
+    planned = PlannedPaths(np.array([1]), PathBatch.of([path]), np.array([fresh]))
     return planned_motion(planned, table, PredictedMotion(states, valid), 1.0)
 
 
@@ -226,7 +226,7 @@ def test_whose_policy_has_done_nothing_yet_gets_as_far_as_it_is_forecast(agent_t
 
 
 def test_planned_paths_follow_their_agents_into_a_part_of_the_table() -> None:
-    planned = PlannedPaths(np.array([5, 8]), PathBatch([CORNER, STRAIGHT]), np.array([True, False]))
+    planned = PlannedPaths(np.array([5, 8]), PathBatch.of([CORNER, STRAIGHT]), np.array([True, False]))
     some = planned.moved_to(np.array([1, 5, 8, 9]))
     assert some.rows.tolist() == [1, 2] and some.fresh.tolist() == [True, False]
     np.testing.assert_array_equal(some.paths.point(np.array([30.0, 30.0])), [[20.0, 10.0], [30.0, 0.0]])
@@ -243,7 +243,7 @@ def test_what_is_expected_of_some_first_and_of_others_later_is_what_is_of_all_at
 
     def planned(among: np.ndarray) -> PlannedPaths:
         rows = np.array([2, 3])[among[[2, 3]]]
-        return PlannedPaths(rows, PathBatch([STRAIGHT if r == 2 else CORNER for r in rows]), rows == 3)
+        return PlannedPaths(rows, PathBatch.of([STRAIGHT if r == 2 else CORNER for r in rows]), rows == 3)
 
     lag = np.where(keep, 2, 0)
     now, later = (Futures(log, ConflictConfig(), table, forecast, lag, keep, planned) for _ in range(2))

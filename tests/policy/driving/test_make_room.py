@@ -22,12 +22,12 @@ def room(
 ) -> list[float]:
     """What two agents do at 15 m/s, the second of which comes over to the lane of the first at x = `meets_at`."""
     merging = [[-50.0, left], [meets_at - 20.0, left], [meets_at, 0.0], [300.0, 0.0]]
-    paths = PathBatch([np.array(STRAIGHT), np.array(merging)])
+    paths = PathBatch.of([np.array(STRAIGHT), np.array(merging)])
     x, y, rows = np.array([0.0, ahead]), np.array([0.0, left]), np.arange(2)
     agents = agent_arrays(
         2, x=x, y=y, speed=[15.0, 15.0 + faster], length=LENGTH, width=WIDTH, scene=np.array([0, scene])
     )
-    return make_room(np.full(2, 0.5), paths.arrays, paths.project(rows, x, y).s, agents, rows).tolist()
+    return make_room(np.full(2, 0.5), paths, paths.project(rows, x, y).s, agents, rows).tolist()
 
 
 @pytest.mark.parametrize("left", [LANE, -LANE])

@@ -38,7 +38,7 @@ def waits(
     path: np.ndarray = PATH,
 ) -> float:
     """What an agent at (0, 0) does, heading along x at speed `own`, with another one at (x, y)."""
-    paths = PathBatch([path])
+    paths = PathBatch.of([path])
     agents = agent_arrays(
         2,
         x=[0.0, x],
@@ -52,7 +52,7 @@ def waits(
         controller=[Controller.POLICY, Controller.POLICY if off_log else Controller.LOG],
     )
     own_s = paths.project(np.zeros(1, np.int64), np.zeros(1), np.zeros(1)).s
-    return float(wait_for_crossing(np.array([wanted]), paths.arrays, own_s, agents, np.zeros(1, np.int64))[0])
+    return float(wait_for_crossing(np.array([wanted]), paths, own_s, agents, np.zeros(1, np.int64))[0])
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

@@ -117,7 +117,7 @@ def test_who_leads_is_whom_the_whole_view_shows_ahead_and_in_the_path(agent_tabl
         turns = table.yaw[row] + np.cumsum(random.normal(0.0, bends, 60))
         steps = np.cumsum(2.0 * np.column_stack([np.cos(turns), np.sin(turns)]), axis=0)
         paths.append(places[row] + steps + random.normal(0.0, 1.0, 2))
-    batch, poses = PathBatch(paths), (table.x[rows], table.y[rows], table.yaw[rows])
+    batch, poses = PathBatch.of(paths), (table.x[rows], table.y[rows], table.yaw[rows])
     view, ahead = along_paths(batch, table, rows), ahead_in_path(batch, table, rows, poses)
     np.testing.assert_array_equal(ahead.leads, view.ahead & view.in_path)
     for name in ("gap", "speed"):

@@ -108,7 +108,7 @@ def test_lines_begin_before_their_lanes_and_know_who_is_beside() -> None:
     lines, (a, b, c) = LaneLines(lane_map), (lane_map.row(name) for name in ("a_0", "b_0", "b_1"))
     assert lines.left[[a, b, c]].tolist() == [-1, c, -1] and lines.right[[a, b, c]].tolist() == [-1, -1, b]
     line = lines.rows(np.array([b, c]))
-    assert lines.rows(np.array([c, b, c])).tolist() == line[[1, 0, 1]].tolist() and len(lines.batch) == 2
+    assert lines.rows(np.array([c, b, c])).tolist() == line[[1, 0, 1]].tolist() and len(lines.batch.counts) == 2
     s = lines.batch.project(line, np.array([50.0, 150.0]), np.zeros(2)).s
     assert s == pytest.approx([50.0, 50.0]), "from where the lane before begins; nothing leads into the other"
 

@@ -30,8 +30,8 @@ def several_paths(draw: st.DrawFn) -> list[ReferencePath]:
 
 
 def test_no_paths_and_no_places() -> None:
-    assert len(PathBatch([])) == 0
-    batch = PathBatch([np.array([[0.0, 0.0], [1.0, 0.0]])])
+    assert len(PathBatch.of([]).each) == 0
+    batch = PathBatch.of([np.array([[0.0, 0.0], [1.0, 0.0]])])
     assert batch.project(np.empty(0, np.int64), np.empty(0), np.empty(0)).s.shape == (0,)
 
 
@@ -52,7 +52,7 @@ def test_in_each_of_several_scenes_vehicles_see_what_they_would_see_without_the_
     ]
     columns = {f: np.concatenate([getattr(scene, f) for scene in scenes]) for f in ARRAY_FIELDS[1:]}
     ids = np.arange(25)
-    batch = PathBatch([path.points for path in paths])
+    batch = PathBatch.of([path.points for path in paths])
     rows, path = random.permutation(len(ids))[:9], random.integers(len(paths), size=9)
     view = along_paths(batch, AgentTable(0, ids, **columns, scene=np.repeat(np.arange(3), (5, 12, 8))), rows, path=path)
     begin = np.array([0, 5, 17])
@@ -81,7 +81,7 @@ def test_pursuits_are_those_of_each_vehicle_alone(lane_map, agent_table, paths, 
         for k, (x, y, yaw, speed) in enumerate(random.normal(0.0, [60.0, 10.0, 1.0, 5.0], (len(paths), 4)).tolist())
     ]
     table = agent_table(0, *agents)
-    batch = PathBatch([path.points for path in paths])
+    batch = PathBatch.of([path.points for path in paths])
     together = PathFollowers(lane_map, table, np.arange(len(paths)), batch)
     for row, path in enumerate(paths):
         pose = (float(values[row]) for values in (table.x, table.y, table.yaw, table.speed))

@@ -59,7 +59,7 @@ def at_speeds(*speeds: float) -> AgentTable:
 def gap(signals: Signals, link: str, to_line: float, speed: float) -> float:
     """Of an agent whose front is `to_line` m before the line, on the way over `link`."""
     lines = StopLines(signals)
-    batch, s = PathBatch([path_over(link)]), np.array([80.0 - to_line - 0.5 * LENGTH])
+    batch, s = PathBatch.of([path_over(link)]), np.array([80.0 - to_line - 0.5 * LENGTH])
     return float(lines.gaps(at_speeds(speed), np.array([0]), batch, s)[0])
 
 
@@ -94,7 +94,7 @@ def test_several_agents_are_answered_as_one_is() -> None:
     ways = ["WA_2 -> AAN_0", "EB_1 -> BA_1", "WA_1 -> AB_1", "WA_0 -> AB_0"]
     to_line, speed = np.array([20.0, 20.0, 35.0, 4.0]), [8.0, 8.0, 12.0, 2.0]
     alone = [gap(signals, way, t, v) for way, t, v in zip(ways, to_line, speed, strict=True)]
-    table, rows, paths = at_speeds(*speed), np.arange(4), PathBatch([path_over(way) for way in ways])
+    table, rows, paths = at_speeds(*speed), np.arange(4), PathBatch.of([path_over(way) for way in ways])
     together = StopLines(signals).gaps(table, rows, paths, 80.0 - to_line - 0.5 * LENGTH)
     assert together == pytest.approx(alone)
     assert StopLines(None).gaps(table, rows, paths, np.ones(4)).tolist() == [np.inf] * 4

@@ -133,7 +133,7 @@ class DivergedAgents:
     @cached_property
     def paths(self) -> PathBatch:
         """The paths that the agents follow."""
-        return PathBatch([path.points for path in self.path])
+        return PathBatch.of([path.points for path in self.path])
 
     def paths_of(self, at: IntArray) -> PathBatch:
         """Returns the paths of the agents at positions `at` (k,), ascending, without laying out those of all others."""
@@ -141,12 +141,12 @@ class DivergedAgents:
             return self.paths
         if "paths" in self.__dict__:
             return self.paths.take(at)
-        return PathBatch([path.points for path in self.path[at]])
+        return PathBatch.of([path.points for path in self.path[at]])
 
     @cached_property
     def logged_paths(self) -> PathBatch:
         """The paths of the agents in the recording."""
-        return PathBatch([path.points for path in self.logged])
+        return PathBatch.of([path.points for path in self.logged])
 
     def return_to_log(self, at: IntArray) -> None:
         """Let the agents at positions `at` (k,) follow their logged paths from now on."""

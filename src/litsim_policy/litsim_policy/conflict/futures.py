@@ -15,8 +15,7 @@ import numpy as np
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.predicted_motion import XX, XY, YAW, YY, AlternativeMotions, PredictedMotion, X, Y
 from litsim_policy.motion.along_path import Poses
-from litsim_policy.motion.path_batch import PathBatch
-from litsim_policy.motion.path_kernels import PathArrays, nearest, place_at
+from litsim_policy.motion.path_batch import PathBatch, nearest, place_at
 from litsim_predictor.forecast import Forecast, Modes
 from litsim_sim.core.pair_geometry import wrapped
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
@@ -234,7 +233,7 @@ def planned_motion(
     """
     rows, fresh = planned.rows, planned.fresh
     now = (table.x[rows], table.y[rows], table.speed[rows], table.acceleration[rows])
-    states = _along_paths(planned.paths.arrays, now, (forecast.states, forecast.valid), fresh, sigma_scale)
+    states = _along_paths(planned.paths, now, (forecast.states, forecast.valid), fresh, sigma_scale)
     return PredictedMotion(states, forecast.valid | ~fresh[:, None])
 
 
@@ -379,7 +378,7 @@ def _gone(speed: float, acceleration: float, hold: float, time: float) -> float:
 
 @kernel
 def _along_paths(
-    paths: PathArrays,
+    paths: PathBatch,
     now: tuple[Floats, Floats, Floats, Floats],
     forecast: tuple[Floats3, Bools2],
     fresh: Bools,
@@ -398,7 +397,7 @@ def _along_paths(
     states = np.zeros(predicted.shape)
     for k in range(len(x)):
         hold, fade = (0.0, STEP_S) if fresh[k] else (HOLD, FADE)
-        _, s_now, d_now = nearest(paths.segments[k], paths.circles[k], paths.counts[k], x[k], y[k])
+        _, s_now, d_now = nearest(paths, k, x[k], y[k])
         at_x, at_y, travelled = x[k], y[k], 0.0
         for t in range(predicted.shape[1]):
             travelled += math.hypot(predicted[k, t, X] - at_x, predicted[k, t, Y] - at_y)

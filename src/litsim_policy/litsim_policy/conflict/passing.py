@@ -125,7 +125,7 @@ class Passing:
         lines = self._lines.batch
         s = lines.project(line, now.x[twice], now.y[twice]).s
         x, y = lines.point(s, line).T
-        heading = lines.heading(line, lines.segment(s[:, None], line)[:, 0])
+        heading = lines.heading(line, lines.segment(s, line))
         view = along_paths(lines, now.table, now.rows[twice], poses=(x, y, heading), path=line)
         claimed = self._claimed(now, np.arange(len(now.agents)) if claim is None else claim.nonzero()[0], there, view)
         return weigh_changes(now.table, now.rows[at], now.log_speed[at], view, claimed, CHANGE_TIME * now.speed[at])

@@ -82,13 +82,13 @@ class OwnLogs:
         wanted, table, rows = along_log(self.log, agents, lag), agents.table, agents.rows
         if self._rules:
             wanted = keep_distance(wanted, agents.speed, table.length[rows], agents.leaders, COMFORTABLE.values)
-            wanted = make_room(wanted, agents.paths.arrays, agents.s, table.arrays, rows)
+            wanted = make_room(wanted, agents.paths, agents.s, table.arrays, rows)
         return self.waiting(agents, wanted)
 
     def waiting(self, agents: PathFollowers, wanted: FloatArray) -> FloatArray:
         """Returns `wanted` (m,) [m/s2], or less where agents wait for crossing ones or at red lights."""
         if self._rules:
-            paths, table = agents.paths.arrays, agents.table.arrays
+            paths, table = agents.paths, agents.table.arrays
             wanted = wait_for_crossing(wanted, paths, agents.s, table, agents.rows)
         free = np.full(len(agents), COMFORTABLE.desired_speed)
         return idm_at_signals(COMFORTABLE, agents.speed, free, wanted, self._stop_lines.of(agents))

@@ -120,7 +120,7 @@ class DrivingScene:
             logs: as in the class.
         """
         ids, due, opponent, lag = np.array(numbers, np.int64).reshape(-1, 4).T
-        agents = PathFollowers(lane_map, table, table.rows(ids), PathBatch(points), poses)
+        agents = PathFollowers(lane_map, table, table.rows(ids), PathBatch.of(points), poses)
         return cls(ids, agents, np.array(goals, np.float64).reshape(-1, 2), due, opponent, lag, logs)
 
 

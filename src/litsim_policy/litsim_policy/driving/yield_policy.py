@@ -15,15 +15,7 @@ from litsim_policy.motion.car_following import idm_acceleration
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.stop_lines import StopLines, idm_at_signals
-from litsim_sim.core.scene import (
-    STEP_S,
-    AgentTable,
-    BoolArray,
-    ControlSource,
-    ControlTable,
-    FloatArray,
-    IntArray,
-)
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ControlSource, ControlTable, FloatArray, IntArray
 from litsim_sim.core.takeover import Takeover, TakeoverState, TakeoverTable
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.setting import Setting
@@ -59,7 +51,7 @@ class YieldPolicy(Policy):
         for which, rule in ((TakeoverState.HELD, self._hold), (TakeoverState.HANDBACK, self._hand_back)):
             at = [k for k, t in enumerate(listed) if t.state == which]
             if at:
-                paths = PathBatch([listed[k].reference_path for k in at])
+                paths = PathBatch.of([listed[k].reference_path for k in at])
                 agents = PathFollowers(self._lane_map, table, rows[at], paths)
                 acceleration[at] = rule(agents, [listed[k] for k in at])
                 yaw_rate[at] = self._steer(agents)

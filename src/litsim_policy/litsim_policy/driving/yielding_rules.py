@@ -12,7 +12,7 @@ import numpy as np
 
 from litsim_policy.motion.along_path import AlongPath
 from litsim_policy.motion.car_following import LEADER_BRAKES, IdmValues, Leaders, braking_behind, idm, safe_speed
-from litsim_policy.motion.path_kernels import PathArrays, nearest, place_at
+from litsim_policy.motion.path_batch import PathBatch, nearest, place_at
 from litsim_sim.core.pair_geometry import overlap, within_scenes
 from litsim_sim.core.scene import STEP_S, AgentArrays, Controller
 from litsim_sim.kernels.compiled import Bools, Floats, Floats2, Ints, kernel
@@ -120,7 +120,7 @@ def _goes_first(agents: AgentArrays, j: int, own: int) -> bool:
 
 
 @kernel
-def make_room(wanted: Floats, paths: PathArrays, own_s: Floats, agents: AgentArrays, rows: Ints) -> Floats:
+def make_room(wanted: Floats, paths: PathBatch, own_s: Floats, agents: AgentArrays, rows: Ints) -> Floats:
     """Accelerations (m,) [m/s2] with which agents let others in that are alongside, if less than they want.
 
     Of two of these agents that are alongside and whose paths meet ahead, the one that is behind falls back, by no more
@@ -147,7 +147,7 @@ def make_room(wanted: Floats, paths: PathArrays, own_s: Floats, agents: AgentArr
             if not (math.cos(agents.yaw[j] - agents.yaw[own]) > SAME_WAY and _goes_first(agents, j, own)):
                 continue
             x, y, _, _ = place_at(paths, k, own_s[k] + agents.speed[j] * FALLING_BACK)
-            if abs(nearest(paths.segments[i], paths.circles[i], paths.counts[i], x, y)[2]) < apart:
+            if abs(nearest(paths, i, x, y)[2]) < apart:
                 slower = agents.speed[j] - agents.speed[own]
                 needed = 2.0 * (reach - ahead - slower * FALLING_BACK) / FALLING_BACK**2
                 eased[i] = min(eased[i], -min(needed, COURTESY_DECELERATION))
@@ -155,7 +155,7 @@ def make_room(wanted: Floats, paths: PathArrays, own_s: Floats, agents: AgentArr
 
 
 @kernel
-def _runs_into(pedal: float, paths: PathArrays, p: int, own_s: float, agents: AgentArrays, own: int, j: int) -> bool:
+def _runs_into(pedal: float, paths: PathBatch, p: int, own_s: float, agents: AgentArrays, own: int, j: int) -> bool:
     """Whether agent `own`, at acceleration `pedal` on path `p`, runs into agent `j` with the centre of `j` ahead."""
     s, other_x, other_y, other_yaw = own_s, agents.x[j], agents.y[j], agents.yaw[j]
     bend = agents.yaw_rate[j] / max(agents.speed[j], TURNING_MIN)
@@ -175,7 +175,7 @@ def _runs_into(pedal: float, paths: PathArrays, p: int, own_s: float, agents: Ag
 
 
 @kernel
-def wait_for_crossing(wanted: Floats, paths: PathArrays, own_s: Floats, agents: AgentArrays, rows: Ints) -> Floats:
+def wait_for_crossing(wanted: Floats, paths: PathBatch, own_s: Floats, agents: AgentArrays, rows: Ints) -> Floats:
     """Accelerations (m,) [m/s2] with which agents wait for others that cross their paths, if less than they want.
 
     Others are assumed to continue along their arcs with their present acceleration. An agent that would run into the

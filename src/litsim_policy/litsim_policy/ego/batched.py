@@ -21,7 +21,7 @@ class BatchedEgos:
         self._batch, self._egos = batch, tuple(egos)
         self._stop_lines = StopLines(batch.signals)
         self._followed: list[ReferencePath] = []
-        self._paths = PathBatch([])
+        self._paths = PathBatch.of([])
 
     def plan(self, table: AgentTable, scenes: Iterable[int]) -> list[EgoCommand]:
         """Returns commands of all egos for the step of `table`; empty ones for scenes that are not in `scenes`."""
@@ -49,5 +49,5 @@ class BatchedEgos:
     def _along(self, followed: list[ReferencePath]) -> PathBatch:
         """Returns the batch of the paths `followed`, rebuilt only when they change."""
         if [*map(id, followed)] != [*map(id, self._followed)]:
-            self._followed, self._paths = followed, PathBatch([path.points for path in followed])
+            self._followed, self._paths = followed, PathBatch.of([path.points for path in followed])
         return self._paths

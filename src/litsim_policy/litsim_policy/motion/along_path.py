@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from litsim_policy.motion.path_batch import PathBatch
-from litsim_policy.motion.path_kernels import SLACK, UNIT_X, UNIT_Y, PathArrays, S, X, Y, nearest, nearest_of
+from litsim_policy.motion.path_batch import SLACK, UNIT_X, UNIT_Y, PathBatch, S, X, Y, nearest, nearest_of
 from litsim_policy.motion.reference_path import ReferencePath
 from litsim_sim.core.pair_geometry import within, within_scenes
 from litsim_sim.core.scene import AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
@@ -160,7 +159,7 @@ def _pairs(
     margin: float,
 ) -> tuple[IntArray, int, ProjectedPairs]:
     """Returns what :func:`_projected` does; the pairs have the headings of agents relative to the paths."""
-    first, most, pair, on_path = _projected(agents.arrays, rows, own, sight, path, paths.arrays, margin)
+    first, most, pair, on_path = _projected(agents.arrays, rows, own, sight, path, paths, margin)
     s, d, turn, unit_x, unit_y = on_path
     return first, most, ProjectedPairs(pair, s, d, turn - np.arctan2(unit_y, unit_x))
 
@@ -217,7 +216,7 @@ def _is_beyond(corridor: Corridor, vertices: Floats2, n: int, x: float, y: float
 
 @kernel
 def _projected(
-    agents: AgentArrays, rows: Ints, own: PoseArrays, sight: Floats, path: Ints, paths: PathArrays, margin: float
+    agents: AgentArrays, rows: Ints, own: PoseArrays, sight: Floats, path: Ints, paths: PathBatch, margin: float
 ) -> tuple[Ints, int, Ints2, Floats2]:
     """Pairs of vehicles and agents within sight of each other, and the agents' positions along the vehicles' paths.
 
@@ -227,7 +226,7 @@ def _projected(
         own: (m,) their poses.
         sight: (m,) their range of sight [m].
         path: (m,) positions of their paths in `paths`.
-        paths: see :mod:`litsim_policy.motion.path_kernels`.
+        paths: the paths.
         margin: lateral distance to boxes [m] beyond which agents are certain not to be in the path, and are left out;
             infinite for none.
 
@@ -248,10 +247,10 @@ def _projected(
     k = 0
     for i in range(len(rows)):
         p = path[i]
-        vertices, chunks, last, on_path = paths.segments[p], paths.circles[p], paths.counts[p] - 2, before[p]
+        vertices, last, on_path = paths.segments[p], paths.counts[p] - 2, before[p]
         beside, corridor = margin, _corridor(vertices, last + 2)
         if beside < np.inf:
-            own_d = nearest(vertices, chunks, last + 2, own.x[i], own.y[i])[2]
+            own_d = nearest(paths, p, own.x[i], own.y[i])[2]
             beside += abs(own_d) + 0.5 * agents.width[rows[i]] + SLACK
         for j in range(begin[i], end[i]):
             dx, dy = agents.x[j] - own.x[i], agents.y[j] - own.y[i]
@@ -278,7 +277,7 @@ def _projected(
                 place_x, place_y, heading = own.x[i], own.y[i], own.yaw[i]
             else:
                 on_path[j - begin[i]] = k
-            segment, s, d = nearest(vertices, chunks, last + 2, place_x, place_y)
+            segment, s, d = nearest(paths, p, place_x, place_y)
             # at a vertex, the direction is that of the segment that begins there
             if segment < last and s >= vertices[segment + 1, S]:
                 segment += 1

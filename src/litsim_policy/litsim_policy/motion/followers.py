@@ -41,7 +41,7 @@ class PathFollowers:
     def of_takeovers(cls, lane_map: LaneMap, table: AgentTable, takeovers: Sequence[Takeover]) -> PathFollowers:
         """Returns the agents of `takeovers`, all of which must be in `table`, on their reference paths."""
         rows = table.rows(np.array([t.agent for t in takeovers], np.int64))
-        return cls(lane_map, table, rows, PathBatch([t.reference_path for t in takeovers]))
+        return cls(lane_map, table, rows, PathBatch.of([t.reference_path for t in takeovers]))
 
     def __len__(self) -> int:
         return len(self.rows)

@@ -7,11 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from litsim_policy.motion.path_batch import PathBatch
-from litsim_policy.motion.path_kernels import nearest
+from litsim_policy.motion.path_batch import PathBatch, nearest
 from litsim_policy.motion.reference_path import BEYOND, ReferencePath
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
-from litsim_sim.kernels.compiled import Bools2, Floats, Floats3, Ints, kernel
+from litsim_sim.kernels.compiled import Bools2, Floats, Ints, kernel
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.net_lanes import Lane
 
@@ -33,7 +32,7 @@ class LaneLines:
         self._lane_map = lane_map
         self._row: IntArray = np.full(len(lane_map.lanes), NO_LANE)  # in `batch`, of lanes used so far
         self._points: list[FloatArray] = []
-        self.batch = PathBatch([])
+        self.batch = PathBatch.of([])
         self.left = _neighbours(lane_map, (lane.left for lane in lane_map.lanes))
         self.right = _neighbours(lane_map, (lane.right for lane in lane_map.lanes))
         self.road = np.unique([lane.edge_id for lane in lane_map.lanes], return_inverse=True)[1]
@@ -45,7 +44,7 @@ class LaneLines:
             for lane in dict.fromkeys(missing.tolist()):
                 self._row[lane] = len(self._points)
                 self._points.append(self._line(lane))
-            self.batch = PathBatch(self._points)
+            self.batch = PathBatch.of(self._points)
         return self._row[lanes]
 
     def beside(self, lanes: IntArray, others: IntArray) -> FloatArray:
@@ -96,9 +95,8 @@ class LaneLines:
             first: (k,) row of the agent of column 0, for each lane.
             most: number w of columns.
         """
-        line, lines = self.rows(lanes), self.batch
-        laid_out = lines.segments, lines.circles, lines.count
-        return _inside(laid_out, line, 0.5 * self.width(lanes), rows, places, first, most)
+        line = self.rows(lanes)  # which may change `batch`
+        return _inside(self.batch, line, 0.5 * self.width(lanes), rows, places, first, most)
 
     @cached_property
     def _widths(self) -> FloatArray:
@@ -142,7 +140,7 @@ def _neighbours(lane_map: LaneMap, names: Iterable[str | None]) -> IntArray:
 
 @kernel
 def _inside(
-    lines: tuple[Floats3, Floats3, Ints],
+    lines: PathBatch,
     line: Ints,
     half_width: Floats,
     rows: Ints,
@@ -153,18 +151,14 @@ def _inside(
     """See :meth:`LaneLines.inside`.
 
     Args:
-        lines: segments, circles and count of points, see :mod:`litsim_policy.motion.path_kernels`.
         line, half_width: (k,) position of the line of each lane, and half the width of the lane [m].
         rows, places: (r,) rows of the agents, ascending, and x and y of their positions [m].
         first: (k,) row of the agent of column 0, for each lane.
         most: number w of columns.
     """
-    segments, circles, count = lines
     x, y = places
     inside = np.zeros((len(line), most), np.bool_)
     for k in range(len(line)):
-        p = line[k]
         for i in range(np.searchsorted(rows, first[k]), np.searchsorted(rows, first[k] + most)):
-            offset = nearest(segments[p], circles[p], count[p], x[i], y[i])[2]
-            inside[k, rows[i] - first[k]] = abs(offset) < half_width[k]
+            inside[k, rows[i] - first[k]] = abs(nearest(lines, line[k], x[i], y[i])[2]) < half_width[k]
     return inside

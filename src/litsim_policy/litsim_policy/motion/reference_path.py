@@ -8,8 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from litsim_policy.motion import bezier
-from litsim_policy.motion.path_batch import PathBatch
-from litsim_policy.motion.path_kernels import thinned
+from litsim_policy.motion.path_batch import PathBatch, thinned
 from litsim_sim.core.geometry import arc_lengths
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.lane_map.lane_map import LaneMap
@@ -65,7 +64,7 @@ class ReferencePath:
 
     def heading(self, s: FloatArray) -> FloatArray:
         """Returns directions (n,) [rad] of the path at arc lengths `s` (n,) [m]."""
-        return self.batch.heading(0, self.batch.segment(s[None])[0])
+        return self.batch.heading(0, self.batch.segment(s, np.zeros(len(s), np.int64)))
 
     def followed_by(self, other: ReferencePath) -> ReferencePath:
         """Returns this path, continued from its end along `other`."""
@@ -75,7 +74,7 @@ class ReferencePath:
     @cached_property
     def batch(self) -> PathBatch:
         """This path alone, as a batch of one."""
-        return PathBatch([self.points])
+        return PathBatch.of([self.points])
 
 
 def logged_path(log: Log, lane_map: LaneMap, agent: int) -> ReferencePath:

@@ -48,8 +48,8 @@ class StopLines:
             paths: m paths, one per agent.
             s: (m,) arc lengths of the agents' centres on these [m].
         """
-        distance = np.full(len(paths), FREE)
-        if self._signals is None or not len(paths):
+        distance = np.full(len(rows), FREE)
+        if self._signals is None or not len(rows):
             return distance
         state, scene = self._signals.of_links(table.step), table.scene[rows]
         red = IS_RED[state]

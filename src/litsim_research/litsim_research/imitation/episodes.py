@@ -14,15 +14,7 @@ from litsim_policy.motion.reference_path import ReferencePath, route_path
 from litsim_research.baselines.imitation_policy import BOUNDS, commanded
 from litsim_research.policies.draw import STAYS
 from litsim_research.policies.reward import EDGE_FROM, EDGE_FULL, edge_clearance, others_near, ramp
-from litsim_sim.core.scene import (
-    AgentTable,
-    BoolArray,
-    ControlTable,
-    EgoCommand,
-    EgoMode,
-    FloatArray,
-    IntArray,
-)
+from litsim_sim.core.scene import AgentTable, BoolArray, ControlTable, EgoCommand, EgoMode, FloatArray, IntArray
 from litsim_sim.scenario.batched import BatchedScenario
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.world import World
@@ -153,6 +145,6 @@ class TrafficEpisodes:
         agents = np.array(sorted(self._paths), np.int64)
         rows = table.rows(agents)
         self.agents = agents[rows >= 0]
-        paths = PathBatch([self._paths[agent].points for agent in self.agents.tolist()])
+        paths = PathBatch.of([self._paths[agent].points for agent in self.agents.tolist()])
         self._followers = PathFollowers(self.batch.lane_map, table, rows[rows >= 0], paths)
         self.seen = self._observer.observe(self._followers)

@@ -77,7 +77,7 @@ def _of_scenario(scenario: Scenario, config: PairsConfig, random: np.random.Gene
                 pose = np.array([table.x[row], table.y[row], table.yaw[row]])
                 routes[agent] = route_path(log, scenario.lane_map, agent, pose)
                 logged[agent] = logged_path(log, scenario.lane_map, agent)
-        batch = PathBatch([routes[agent].points for agent in agents])
+        batch = PathBatch.of([routes[agent].points for agent in agents])
         ways = [
             window(logged[agent], float(table.x[row]), float(table.y[row]))
             for agent, row in zip(agents, chosen.tolist(), strict=True)

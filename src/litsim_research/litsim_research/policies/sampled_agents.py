@@ -77,7 +77,7 @@ class SampledAgents:
                 sampled.append((batch.agent(k, task.agent), one))
         self._agents = [agent for agent, _ in sampled]
         self._sampled = [one for _, one in sampled]
-        self._paths = PathBatch([one.path.points for one in self._sampled])
+        self._paths = PathBatch.of([one.path.points for one in self._sampled])
 
     def of(self, table: AgentTable, *, to_log_end: bool) -> list[SampledTask]:
         """Current tasks of the sampled agents that are on the road in `table`; `to_log_end`: and not past their logs.

@@ -33,6 +33,7 @@ from collections.abc import Callable
 from enum import Enum, EnumMeta
 from functools import cache, cached_property, update_wrapper
 from importlib import import_module
+from inspect import get_annotations
 from operator import attrgetter
 from pathlib import Path
 from types import FunctionType
@@ -103,7 +104,7 @@ OutInts2 = Annotated[npt.NDArray[np.int64], written_array(int64, 2)]
 OutBools = Annotated[npt.NDArray[np.bool_], written_array(types.boolean, 1)]
 OutBools2 = Annotated[npt.NDArray[np.bool_], written_array(types.boolean, 2)]
 
-_PLAIN = {float: float64, int: int64, bool: types.boolean, np.float32: float32, type(None): types.void}
+_PLAIN = {float: float64, int: int64, bool: types.boolean, np.float32: float32, None: types.void}
 
 
 @cache
@@ -155,7 +156,7 @@ class Kernel:
 
     def __init__(self, function: FunctionType) -> None:
         update_wrapper(self, function)
-        hints = get_type_hints(function, include_extras=True)
+        hints = get_annotations(function, eval_str=True)
         result = numba_type(hints.pop("return"), returned=True)
         self._function, self._signature = function, result(*map(numba_type, hints.values()))
         self.stamp = function.__dict__["stamp"] = _stamp(function, self._signature)

@@ -27,7 +27,7 @@ def seen(
     scenario: Scenario, table: AgentTable, rows: IntArray | None = None, path: FloatArray = STRAIGHT
 ) -> FloatArray:
     rows = np.array([0]) if rows is None else rows
-    agents = PathFollowers(scenario.lane_map, table, rows, PathBatch([path] * len(rows)))
+    agents = PathFollowers(scenario.lane_map, table, rows, PathBatch.of([path] * len(rows)))
     found = TrafficObserver(scenario.lane_map).observe(agents)
     assert found.shape == (len(rows), SIZE) and np.isfinite(found).all()
     return found
@@ -110,5 +110,5 @@ def test_the_own_vehicle_its_lane_and_its_route(scenario: Scenario, agent_table:
 def test_nobody_to_look() -> None:
     table = AgentTable.empty(0)
     assert TrafficObserver(Scenario.load("demo").lane_map).observe(
-        PathFollowers(Scenario.load("demo").lane_map, table, np.empty(0, np.int64), PathBatch([]))
+        PathFollowers(Scenario.load("demo").lane_map, table, np.empty(0, np.int64), PathBatch.of([]))
     ).shape == (0, SIZE)

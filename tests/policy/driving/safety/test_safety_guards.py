@@ -130,7 +130,7 @@ def test_the_cap_is_the_least_of_those_behind_each_leader(lane_map, agent_table,
     drivers = random.normal([8.0, -1.0], [4.0, 2.0], (8, 2))
     columns = ({"id": k, "x": x[k], "speed": abs(v), "acceleration": a} for k, (v, a) in enumerate(drivers.tolist()))
     table: AgentTable = agent_table(5, *({"y": lane_centres[1]} | agent for agent in columns))
-    paths = PathBatch([lane_path(lane_map, 90.0, lane_centres[1], 0.0).points] * 6)
+    paths = PathBatch.of([lane_path(lane_map, 90.0, lane_centres[1], 0.0).points] * 6)
     agents = PathFollowers(lane_map, table, np.arange(6), paths)
     found = following_cap(agents)
     for i in range(6):

@@ -24,6 +24,7 @@ from litsim_policy.driving.features.lanes import ROAD, LaneFeatures
 from litsim_policy.driving.features.scales import HEADING, LENGTH, LIMIT, SPEED, WIDTH
 from litsim_policy.motion.along_path import PoseArrays
 from litsim_policy.motion.followers import PathFollowers
+from litsim_policy.motion.path_batch import directions_ahead
 from litsim_sim.core.pair_geometry import within_scenes
 from litsim_sim.core.scene import AgentArrays, FloatArray
 from litsim_sim.kernels.compiled import Floats2, Ints, kernel
@@ -52,7 +53,7 @@ class TrafficObserver:
         features[:, 2] = agents.speed / SPEED
         self._road.write(agents, OWN, features)
         here = agents.paths.project(np.arange(len(agents)), agents.x, agents.y).s
-        unit_x, unit_y = agents.paths.directions_ahead(here, agents.reach)
+        unit_x, unit_y = directions_ahead(agents.paths, here, agents.reach)
         turn = np.arctan2(unit_y, unit_x)[:, 1:] - agents.yaw[:, None]
         features[:, OWN + ROAD : OWN + ROAD + WAY] = np.arctan2(np.sin(turn), np.cos(turn)) / HEADING
         distance, rate = _beams(table.arrays, rows, agents.own)

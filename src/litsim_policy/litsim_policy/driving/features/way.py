@@ -12,6 +12,7 @@ from litsim_policy.driving.task import DrivingScene
 from litsim_policy.motion.along_path import PoseArrays
 from litsim_policy.motion.car_following import Leaders
 from litsim_policy.motion.followers import PathFollowers
+from litsim_policy.motion.path_batch import directions_ahead
 from litsim_sim.core.pair_geometry import wrapped
 from litsim_sim.core.scene import STEP_S, AgentArrays, FloatArray
 from litsim_sim.kernels.compiled import Floats, Floats2, Ints, OutFloats2, kernel
@@ -72,7 +73,7 @@ def write_log(scene: DrivingScene, first: int, features: FloatArray) -> None:
 def write_way(scene: DrivingScene, sight: float, features: FloatArray) -> None:
     """Write :data:`WAY_FEATURES` of the m agents of `scene` as the last of `features` (m, size); `sight` in metres."""
     agents, table = scene.agents, scene.agents.table
-    unit_x, unit_y = agents.paths.directions_ahead(agents.s, agents.reach)
+    unit_x, unit_y = directions_ahead(agents.paths, agents.s, agents.reach)
     _write_path(
         agents.d,
         np.arctan2(unit_y, unit_x),
@@ -94,7 +95,7 @@ def _write_path(
 
     Args:
         d: (m,) offsets from the paths [m].
-        heading: (m, 3) of the paths, at the positions of :func:`.path_kernels.directions_ahead` [rad].
+        heading: (m, 3) of the paths, at the positions of :func:`.directions_ahead` [rad].
         yaw: (m,) of the agents [rad].
         yaw_rate: (m,) of a pure pursuit of the paths [rad/s].
         to_goal: (m,) distance along the paths [m].

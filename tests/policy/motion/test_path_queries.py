@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_policy.motion import path_kernels
-from litsim_policy.motion.path_kernels import CHUNK, UNIT_X, UNIT_Y, S, X
+from litsim_policy.motion.path_batch import CHUNK, UNIT_X, UNIT_Y, PathBatch, S, X, thinned, windows
 from litsim_policy.motion.reference_path import ReferencePath, window
 
 
@@ -23,12 +22,6 @@ def polylines(draw: st.DrawFn) -> list[np.ndarray]:
         steps = random.uniform(0.3, 3.0, (count - 1, 1)) * np.column_stack([np.cos(heading), np.sin(heading)])
         found.append(np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]) + random.normal(0.0, 20.0, 2))
     return found
-
-
-def laid_out(lines: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Segments, circles and number of points."""
-    count = np.array([len(line) for line in lines])
-    return *path_kernels.lay_out(np.concatenate(lines), count), count
 
 
 def along(line: np.ndarray) -> np.ndarray:
@@ -49,9 +42,15 @@ def nearest(line: np.ndarray, x: float, y: float) -> tuple[int, float, float]:
     return best, float(s[best] + t[best]), float(unit[best, 0] * dy[best] - unit[best, 1] * dx[best])
 
 
+def places(paths: PathBatch, path: np.ndarray, x: np.ndarray, y: np.ndarray) -> list[tuple[int, float, float]]:
+    """Segments, arc lengths and offsets of the nearest points."""
+    at = paths.project(path, x, y)
+    return list(zip(at.segment.tolist(), at.s.tolist(), at.d.tolist(), strict=True))
+
+
 @given(polylines())
 def test_the_layout_is_points_arc_lengths_and_directions_and_circles_hold_their_chunks(lines) -> None:
-    segments, circles, count = laid_out(lines)
+    segments, circles, count = PathBatch.of(lines)
     for p, (line, n) in enumerate(zip(lines, count, strict=True)):
         steps, s = np.diff(line, axis=0), along(line)
         assert (segments[p, :n, X : X + 2] == line).all()
@@ -66,42 +65,40 @@ def test_the_layout_is_points_arc_lengths_and_directions_and_circles_hold_their_
 @given(polylines(), st.integers(0, 2**32))
 def test_the_nearest_point_is_the_first_of_the_nearest_of_all_segments(lines, seed: int) -> None:
     random = np.random.default_rng(seed)
-    segments, circles, count = laid_out(lines)
+    paths = PathBatch.of(lines)
     path = random.integers(0, len(lines), 60)
     x, y = random.normal(0.0, 50.0, (2, 60))
     for k in range(20):  # vertices, where two segments are equally near and rounding could decide
-        x[k], y[k] = lines[path[k]][random.integers(0, count[path[k]])]
-    found = zip(*path_kernels.project(segments, circles, count, path, x, y), strict=True)
-    assert list(found) == [nearest(lines[p], *place) for p, *place in zip(path, x, y, strict=True)]
+        x[k], y[k] = lines[path[k]][random.integers(0, len(lines[path[k]]))]
+    assert places(paths, path, x, y) == [nearest(lines[p], *place) for p, *place in zip(path, x, y, strict=True)]
 
 
 def test_far_away_places_are_nearest_to_what_is_prolonged() -> None:
     """A line that comes back: its prolonged ends are nearer than all chunks between them."""
     angle = np.linspace(0.0, np.pi, 40)
     line = 30.0 * np.column_stack([np.cos(angle), np.sin(angle)])
-    segments, circles, count = laid_out([line])
     x, y = np.array([30.5, -30.5, 29.0, -29.0]), np.full(4, -500.0)
-    found = zip(*path_kernels.project(segments, circles, count, np.zeros(4, np.int64), x, y), strict=True)
+    found = places(PathBatch.of([line]), np.zeros(4, np.int64), x, y)
     expected = [nearest(line, *place) for place in zip(x, y, strict=True)]
-    assert list(found) == expected and [segment for segment, *_ in expected] == [0, 38, 0, 38]
+    assert found == expected and [segment for segment, *_ in expected] == [0, 38, 0, 38]
 
 
 @given(polylines(), st.lists(st.floats(-20.0, 200.0), min_size=1, max_size=8))
 def test_segments_and_points_at_arc_lengths(lines, lengths: list[float]) -> None:
-    segments, _, count = laid_out(lines)
+    paths = PathBatch.of(lines)
     lengths = [*lengths, *along(lines[0])[:3].tolist()]
-    found = path_kernels.segments_at(segments, count, np.arange(len(lines)), np.tile(lengths, (len(lines), 1)))
     for p, line in enumerate(lines):
         s = along(line)
-        assert found[p].tolist() == np.clip(np.searchsorted(s, lengths, side="right") - 1, 0, len(s) - 2).tolist()
+        found = paths.segment(np.array(lengths), np.full(len(lengths), p))
+        assert found.tolist() == np.clip(np.searchsorted(s, lengths, side="right") - 1, 0, len(s) - 2).tolist()
     for length in lengths:
-        points = path_kernels.points_at(segments, count, np.arange(len(lines)), np.full(len(lines), length))
+        points = paths.point(np.full(len(lines), length))
         for p, line in enumerate(lines):
-            s, unit = along(line), segments[p, :, UNIT_X : UNIT_Y + 1]
+            s, unit = along(line), paths.segments[p, :, UNIT_X : UNIT_Y + 1]
             if length <= 0.0:
                 expected = line[0] + length * unit[0]
             elif length >= s[-1]:
-                expected = line[-1] + (length - s[-1]) * unit[count[p] - 2]
+                expected = line[-1] + (length - s[-1]) * unit[len(line) - 2]
             else:
                 expected = np.array([np.interp(length, s, line[:, axis]) for axis in (0, 1)])
             assert (points[p] == expected).all()
@@ -109,10 +106,9 @@ def test_segments_and_points_at_arc_lengths(lines, lengths: list[float]) -> None
 
 @given(polylines(), st.floats(-20.0, 100.0), st.floats(0.0, 10.0), st.floats(0.0, 30.0))
 def test_windows_hold_what_is_around_an_arc_length_and_the_segments_there(lines, s, behind, ahead) -> None:
-    segments, _, count = laid_out(lines)
-    begin, end = path_kernels.windows(segments, count, np.full(len(lines), s), behind, ahead)
+    begin, end = windows(PathBatch.of(lines), np.full(len(lines), s), behind, ahead)
     for p, line in enumerate(lines):
-        lengths, last = along(line), count[p] - 2
+        lengths, last = along(line), len(line) - 2
         here, there = (np.clip(np.searchsorted(lengths, at, side="right") - 1, 0, last) for at in (s, s + ahead))
         first = min(int(np.searchsorted(lengths, s - behind)), int(here))
         assert (begin[p], end[p]) == (first, there + 2)
@@ -135,4 +131,4 @@ def test_thinned_lines_keep_the_first_point_and_whatever_is_far_enough_from_the_
     for k, point in enumerate(lines[0]):
         if np.hypot(*(point - lines[0][kept[-1]])) >= spacing:
             kept.append(k)
-    assert path_kernels.thinned(lines[0], spacing).tolist() == kept
+    assert thinned(lines[0], spacing).tolist() == kept
