@@ -19,7 +19,15 @@ from litsim_sim.kernels.compiled import Floats, Ints
 from litsim_sim.lane_map.lane_graph import directly_linked, straightest_successors
 from litsim_sim.lane_map.net_ends import NetEnds
 from litsim_sim.lane_map.net_lanes import LEVEL, TOLERANCE, Lane, read_lanes
-from litsim_sim.lane_map.segment_grid import SegmentGrid
+from litsim_sim.lane_map.segment_grid import (
+    any_within,
+    distance,
+    grid_over,
+    nearest_segments,
+    poses_along,
+    segments_at,
+    segments_of,
+)
 
 if TYPE_CHECKING:
     from litsim_sim.lane_map.levels import Levels
@@ -66,9 +74,11 @@ class LaneMap:
         points = np.concatenate([lane.centerline for lane in self.lanes])
         (x_min, y_min), (x_max, y_max) = points.min(axis=0) + 0.0, points.max(axis=0) + 0.0  # no -0
         self.bounds: tuple[float, float, float, float] = (float(x_min), float(y_min), float(x_max), float(y_max))
-        self._segments = SegmentGrid(self.lanes, self.bounds)
-        self._reach = 0.5 * np.array([lane.width for lane in self.lanes])[self._segments.lane] + TOLERANCE
-        internal = np.array([lane.is_internal for lane in self.lanes])[self._segments.lane]
+        self._segments = segments_of(self.lanes)
+        self._grid = grid_over(self.bounds, self._segments)
+        self._lane = np.repeat(np.arange(len(self.lanes)), np.diff(self._segments.first))  # of each segment
+        self._reach = 0.5 * np.array([lane.width for lane in self.lanes])[self._lane] + TOLERANCE
+        internal = np.array([lane.is_internal for lane in self.lanes])[self._lane]
         self._penalty = np.where(internal, INTERNAL_PENALTY, 0.0)
         self._straightest = straightest_successors(self.lanes)
         self._straightest_rows = np.array([-1 if row is None else row for row in self._straightest], np.int64)
@@ -115,8 +125,9 @@ class LaneMap:
         x, y = _column(x), _column(y)
         # without a heading, all directions are alike
         turn, heading = (0.0, np.zeros(len(x))) if yaw is None else (DIRECTION_PENALTY, _column(yaw))
-        segment, s, d = self._segments.nearest(x, y, heading, self._penalty, turn)
-        return LanePosition(self._segments.lane[segment], s, d, self._segments.segments.heading[segment])
+        cos, sin, of = np.cos(heading), np.sin(heading), self._segments
+        segment, (s, d) = nearest_segments(x, y, cos, sin, turn, self._grid, self._penalty, of)
+        return LanePosition(self._lane[segment], s, d, of.heading[segment])
 
     def pose_at(self, lane: int | IntArray, s: float | FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """x, y [m] and heading [rad] at arc length(s) `s` of the lane(s) at position(s) `lane`; shapes broadcast.
@@ -124,7 +135,13 @@ class LaneMap:
         Beyond its ends a lane is continued straight.
         """
         lane, s = np.asarray(lane, np.int64), np.asarray(s, np.float64)
-        return self._segments.pose_at(lane, s)
+        if lane.shape != s.shape:
+            lane, s = np.broadcast_arrays(lane, s)
+        lanes, lengths, of = np.ascontiguousarray(lane).reshape(-1), np.ascontiguousarray(s).reshape(-1), self._segments
+        segment = segments_at(lanes, lengths, of).reshape(s.shape)
+        along = s - of.start_s[segment]
+        x, y = of.start_x[segment] + along * of.cos[segment], of.start_y[segment] + along * of.sin[segment]
+        return x, y, of.heading[segment]
 
     def headings_around(self, lane: IntArray, s: FloatArray, reach: float) -> FloatArray:
         """Returns headings (n, 2) [rad] `reach` [m] before and beyond arc lengths `s` (n,) [m] of lanes `lane` (n,)."""
@@ -143,7 +160,8 @@ class LaneMap:
         Returns:
             (n, steps, 3) x, y [m] and heading [rad], frame map.
         """
-        return self._segments.poses_along(lane, s, self._straightest_rows, steps, step)
+        lanes, lengths = np.ascontiguousarray(lane), np.ascontiguousarray(s)
+        return poses_along(lanes, lengths, self._straightest_rows, steps, step, self._segments)
 
     def path_from(self, lane_index: int, s: float, length: float, route: Collection[str] = ()) -> FloatArray:
         """Returns the centre line from `s` on the lane at position `lane_index` for `length` metres, as points (m, 2).
@@ -200,7 +218,7 @@ class LaneMap:
 
     def inside_road(self, x: FloatArray, y: FloatArray) -> BoolArray:
         """Returns whether points (n,) lie within half a lane width of some lane's centre line (n,)."""
-        return self._segments.any_within(_column(x), _column(y), self._reach)
+        return any_within(_column(x), _column(y), self._grid, self._segments, self._reach)
 
     def against(self, x: FloatArray, y: FloatArray, yaw: FloatArray) -> BoolArray:
         """Returns whether poses (n,) head the other way than all lanes there (n,)."""
@@ -216,9 +234,9 @@ class LaneMap:
         at = self.nearest(x, y, yaw)
         corners = box_corners(x, y, yaw, length, width)
         corner_x, corner_y = corners[..., 0].ravel(), corners[..., 1].ravel()
-        same = self._near[np.repeat(at.lane, 4)[:, None], self._segments.lane]
-        distance = self._segments.distance(corner_x[:, None], corner_y[:, None], np.arange(len(self._reach)))
-        inside = ((distance <= self._reach) & same).any(axis=1)
+        same = self._near[np.repeat(at.lane, 4)[:, None], self._lane]
+        away = distance(corner_x[:, None], corner_y[:, None], self._segments, np.arange(len(self._reach)))
+        inside = ((away <= self._reach) & same).any(axis=1)
         return cast(BoolArray, inside.reshape(-1, 4).all(axis=1))
 
 

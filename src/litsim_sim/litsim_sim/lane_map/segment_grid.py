@@ -9,7 +9,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from litsim_sim.core.pair_geometry import within
-from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import FloatArray, IntArray
 from litsim_sim.kernels.compiled import Bools, Floats, Floats2, Floats3, Ints, Ints2, kernel
 from litsim_sim.lane_map.net_lanes import Lane
 
@@ -57,105 +57,57 @@ class GridArrays(NamedTuple):
     rows: int
 
 
-class SegmentGrid:
-    """Segments of centre lines, and a grid that finds those near a point.
+def segments_of(lanes: Sequence[Lane]) -> SegmentArrays:
+    """Returns the segments of the centre lines of `lanes`."""
+    starts = np.concatenate([lane.centerline[:-1] for lane in lanes]).astype(np.float64)
+    step = np.concatenate([np.diff(lane.centerline, axis=0) for lane in lanes]).astype(np.float64)
+    size = np.hypot(step[:, 0], step[:, 1])
+    return SegmentArrays(
+        start_x=starts[:, 0],
+        start_y=starts[:, 1],
+        start_s=np.concatenate([lane.s[:-1] for lane in lanes]).astype(np.float64),
+        cos=step[:, 0] / size,
+        sin=step[:, 1] / size,
+        heading=np.arctan2(step[:, 1], step[:, 0]),
+        size=size,
+        first=np.cumsum([0, *(len(lane.s) - 1 for lane in lanes)]),
+        length=np.array([lane.length for lane in lanes], np.float64),
+    )
 
-    Attributes:
-        segments: the k segments.
-        lane: (k,) position of each segment's lane among the lanes given.
-    """
 
-    def __init__(self, lanes: Sequence[Lane], bounds: tuple[float, float, float, float]) -> None:
-        """`bounds` of all centre lines: x min, y min, x max, y max [m]."""
-        counts = [len(lane.s) - 1 for lane in lanes]
-        self.lane = np.repeat(np.arange(len(lanes)), counts)
-        starts = np.concatenate([lane.centerline[:-1] for lane in lanes]).astype(np.float64)
-        step = np.concatenate([np.diff(lane.centerline, axis=0) for lane in lanes]).astype(np.float64)
-        size = np.hypot(step[:, 0], step[:, 1])
-        self.segments = SegmentArrays(
-            start_x=starts[:, 0],
-            start_y=starts[:, 1],
-            start_s=np.concatenate([lane.s[:-1] for lane in lanes]).astype(np.float64),
-            cos=step[:, 0] / size,
-            sin=step[:, 1] / size,
-            heading=np.arctan2(step[:, 1], step[:, 0]),
-            size=size,
-            first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-            length=np.array([lane.length for lane in lanes], np.float64),
-        )
-        self._grid = self._make_grid(*bounds)
+def grid_over(bounds: tuple[float, float, float, float], of: SegmentArrays) -> GridArrays:
+    """Returns the grid over segments, and the `bounds` x min, y min, x max, y max of these [m]."""
+    x_min, y_min, x_max, y_max = bounds
+    columns = int((x_max - x_min + 2 * REACH) // CELL) + 1
+    rows = int((y_max - y_min + 2 * REACH) // CELL) + 1
+    lists: list[list[int]] = [[] for _ in range(columns * rows + 1)]
+    margin = REACH + CELL
+    for segment in range(len(of.size)):
+        # A cell's segments are complete for its own points: centre of the cell, half its diagonal, and REACH.
+        ends_x = of.start_x[segment] + np.array([0.0, of.size[segment] * of.cos[segment]])
+        ends_y = of.start_y[segment] + np.array([0.0, of.size[segment] * of.sin[segment]])
+        from_column = max(int((ends_x.min() - margin - x_min + REACH) // CELL), 0)
+        to_column = min(int((ends_x.max() + margin - x_min + REACH) // CELL), columns - 1)
+        from_row = max(int((ends_y.min() - margin - y_min + REACH) // CELL), 0)
+        to_row = min(int((ends_y.max() + margin - y_min + REACH) // CELL), rows - 1)
+        column, row = np.meshgrid(np.arange(from_column, to_column + 1), np.arange(from_row, to_row + 1))
+        centre_x = x_min - REACH + (column.astype(np.float64) + 0.5) * CELL
+        centre_y = y_min - REACH + (row.astype(np.float64) + 0.5) * CELL
+        near = distance(centre_x, centre_y, of, np.array(segment)) <= REACH + CELL * np.sqrt(0.5)
+        for cell in (row * columns + column)[near]:
+            lists[cell].append(segment)
+    cells = np.full((len(lists), max(map(len, lists))), -1, np.int64)
+    for cell, members in enumerate(lists):
+        cells[cell, : len(members)] = members
+    return GridArrays(cells, x_min, y_min, columns, rows)
 
-    def distance(self, x: FloatArray, y: FloatArray, segment: IntArray) -> FloatArray:
-        """Returns the distance of points to segments [m]; shapes broadcast."""
-        of = self.segments
-        dx, dy = x - of.start_x[segment], y - of.start_y[segment]
-        along = dx * of.cos[segment] + dy * of.sin[segment]
-        over = np.maximum(np.maximum(-along, along - of.size[segment]), 0.0)
-        return cast(FloatArray, np.hypot(over, dy * of.cos[segment] - dx * of.sin[segment]))
 
-    def pose_at(self, lane: IntArray, s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """See :meth:`LaneMap.pose_at`."""
-        if lane.shape != s.shape:
-            lane, s = np.broadcast_arrays(lane, s)
-        lanes, lengths = np.ascontiguousarray(lane).reshape(-1), np.ascontiguousarray(s).reshape(-1)
-        of = self.segments
-        segment = _segments_at(lanes, lengths, of).reshape(s.shape)
-        along = s - of.start_s[segment]
-        x, y = of.start_x[segment] + along * of.cos[segment], of.start_y[segment] + along * of.sin[segment]
-        return x, y, of.heading[segment]
-
-    def poses_along(self, lane: IntArray, s: FloatArray, following: IntArray, steps: int, step: float) -> FloatArray:
-        """See :meth:`LaneMap.poses_along`; `following` is the lane that follows each lane, -1 where none does."""
-        return _poses_along(np.ascontiguousarray(lane), np.ascontiguousarray(s), following, steps, step, self.segments)
-
-    def nearest(
-        self, x: FloatArray, y: FloatArray, yaw: FloatArray, handicap: FloatArray, turn: float
-    ) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Returns the segments of least cost: distance, handicap, and `turn` times 1 - cos of the angle to the heading.
-
-        Of segments that cost the same, the first is taken.
-
-        Args:
-            x, y, yaw: (n,) poses [m], [rad].
-            handicap: (k,) of the segments [m].
-            turn: [m].
-
-        Returns:
-            segments (n,), arc lengths (n,) of their lanes at the poses, no farther than the segments go, and how far
-            (n,) poses are to the left [m].
-        """
-        segment, (s, d) = _nearest(x, y, np.cos(yaw), np.sin(yaw), turn, self._grid, handicap, self.segments)
-        return segment, s, d
-
-    def any_within(self, x: FloatArray, y: FloatArray, reach: FloatArray) -> BoolArray:
-        """Returns whether points `x`, `y` (n,) [m] are within `reach` (k,), at most REACH, of some segment (n,)."""
-        return _any_within(x, y, self._grid, self.segments, reach)
-
-    def _make_grid(self, x_min: float, y_min: float, x_max: float, y_max: float) -> GridArrays:
-        """Returns the grid over the bounds of all centre lines [m]."""
-        of = self.segments
-        columns = int((x_max - x_min + 2 * REACH) // CELL) + 1
-        rows = int((y_max - y_min + 2 * REACH) // CELL) + 1
-        lists: list[list[int]] = [[] for _ in range(columns * rows + 1)]
-        margin = REACH + CELL
-        for segment in range(len(of.size)):
-            # A cell's segments are complete for its own points: centre of the cell, half its diagonal, and REACH.
-            ends_x = of.start_x[segment] + np.array([0.0, of.size[segment] * of.cos[segment]])
-            ends_y = of.start_y[segment] + np.array([0.0, of.size[segment] * of.sin[segment]])
-            from_column = max(int((ends_x.min() - margin - x_min + REACH) // CELL), 0)
-            to_column = min(int((ends_x.max() + margin - x_min + REACH) // CELL), columns - 1)
-            from_row = max(int((ends_y.min() - margin - y_min + REACH) // CELL), 0)
-            to_row = min(int((ends_y.max() + margin - y_min + REACH) // CELL), rows - 1)
-            column, row = np.meshgrid(np.arange(from_column, to_column + 1), np.arange(from_row, to_row + 1))
-            centre_x = x_min - REACH + (column.astype(np.float64) + 0.5) * CELL
-            centre_y = y_min - REACH + (row.astype(np.float64) + 0.5) * CELL
-            near = self.distance(centre_x, centre_y, np.array(segment)) <= REACH + CELL * np.sqrt(0.5)
-            for cell in (row * columns + column)[near]:
-                lists[cell].append(segment)
-        cells = np.full((len(lists), max(map(len, lists))), -1, np.int64)
-        for cell, members in enumerate(lists):
-            cells[cell, : len(members)] = members
-        return GridArrays(cells, x_min, y_min, columns, rows)
+def distance(x: FloatArray, y: FloatArray, of: SegmentArrays, segment: IntArray) -> FloatArray:
+    """Returns the distance of points to segments [m]; shapes broadcast."""
+    dx, dy = x - of.start_x[segment], y - of.start_y[segment]
+    along = dx * of.cos[segment] + dy * of.sin[segment]
+    over = np.maximum(np.maximum(-along, along - of.size[segment]), 0.0)
+    return cast(FloatArray, np.hypot(over, dy * of.cos[segment] - dx * of.sin[segment]))
 
 
 @kernel
@@ -179,13 +131,13 @@ def _cell(x: float, y: float, grid: GridArrays) -> int:
 def _cost(
     x: float, y: float, cos: float, sin: float, turn: float, segments: SegmentArrays, handicap: Floats, segment: int
 ) -> float:
-    """Returns what :meth:`SegmentGrid.nearest` minimises, for one pose and one segment [m]."""
+    """Returns what :func:`nearest_segments` minimises, for one pose and one segment [m]."""
     facing = cos * segments.cos[segment] + sin * segments.sin[segment]
     return _distance(x, y, segments, segment) + handicap[segment] + turn * (1.0 - facing)
 
 
 @kernel
-def _nearest(
+def nearest_segments(
     x: Floats,
     y: Floats,
     cos: Floats,
@@ -195,10 +147,20 @@ def _nearest(
     handicap: Floats,
     segments: SegmentArrays,
 ) -> tuple[Ints, Floats2]:
-    """See :meth:`SegmentGrid.nearest`; `cos`, `sin` (n,) of the headings. Off the grid all segments are looked at.
+    """Returns the segments of least cost: distance, handicap, and `turn` times 1 - cos of the angle to the heading.
+
+    Of segments that cost the same, the first is taken. Off the grid all segments are looked at.
+
+    Args:
+        x, y: (n,) of poses [m].
+        cos, sin: (n,) of their headings.
+        turn: [m].
+        grid, segments: to search.
+        handicap: (k,) of the segments [m].
 
     Returns:
-        segments (n,), and arc lengths and offsets (2, n).
+        segments (n,); (2, n) arc lengths of their lanes at the poses, no farther than the segments go, and how far
+        poses are to the left [m].
     """
     nearest, place = np.zeros(len(x), np.int64), np.empty((2, len(x)))
     for i in range(len(x)):
@@ -224,8 +186,8 @@ def _nearest(
 
 
 @kernel
-def _any_within(x: Floats, y: Floats, grid: GridArrays, segments: SegmentArrays, reach: Floats) -> Bools:
-    """See :meth:`SegmentGrid.any_within`."""
+def any_within(x: Floats, y: Floats, grid: GridArrays, segments: SegmentArrays, reach: Floats) -> Bools:
+    """Returns whether points `x`, `y` (n,) [m] are within `reach` (k,), at most REACH, of some segment (n,)."""
     near = np.zeros(len(x), np.bool_)
     for i in range(len(x)):
         for segment in grid.cells[_cell(x[i], y[i], grid)]:
@@ -246,7 +208,7 @@ def _segment_at(lane: int, s: float, segments: SegmentArrays) -> int:
 
 
 @kernel
-def _segments_at(lane: Ints, s: Floats, segments: SegmentArrays) -> Ints:
+def segments_at(lane: Ints, s: Floats, segments: SegmentArrays) -> Ints:
     """Returns the segments (n,) of lanes at arc lengths `lane` and `s` (n,); see :func:`_segment_at`."""
     segment = np.empty(len(s), np.int64)
     for i in range(len(s)):
@@ -255,8 +217,8 @@ def _segments_at(lane: Ints, s: Floats, segments: SegmentArrays) -> Ints:
 
 
 @kernel
-def _poses_along(lane: Ints, s: Floats, following: Ints, steps: int, step: float, segments: SegmentArrays) -> Floats3:
-    """See :meth:`SegmentGrid.poses_along`."""
+def poses_along(lane: Ints, s: Floats, following: Ints, steps: int, step: float, segments: SegmentArrays) -> Floats3:
+    """See :meth:`.LaneMap.poses_along`; `following` is the lane that follows each lane, -1 where none does."""
     poses = np.empty((len(lane), steps, 3))
     for i in range(len(lane)):
         here, at = lane[i], s[i]
