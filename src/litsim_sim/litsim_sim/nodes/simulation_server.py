@@ -16,7 +16,7 @@ from rclpy.node import Node
 
 from litsim_sim.core.errors import InputError, not_installed, reason
 from litsim_sim.launch.nodes import find_executable
-from litsim_sim.nodes.simulation_services import msg, result_of, service_name, srv, world_of
+from litsim_sim.nodes.simulation_services import Refused, answering, msg, service_name, srv, world_of
 from litsim_sim.ros.process import executor_of, process, serve
 from litsim_sim.scenario.scenario import Scenario
 
@@ -46,7 +46,7 @@ class SimulationServer(Node):
             ("UnloadWorld", self._unload),
             ("ResetSimulation", self._reset),
         ):
-            self.create_service(getattr(srv, name), service_name(name), answer)
+            self.create_service(getattr(srv, name), service_name(name), answering(answer))
 
     def end_run(self) -> None:
         """Ends the run that is on, if any, as Ctrl-C does, so that it is recorded up to there."""
@@ -59,42 +59,33 @@ class SimulationServer(Node):
                 self._run.wait()
         self._run = None
 
-    def _load(self, request: Any, response: Any) -> Any:
+    def _load(self, request: Any, response: Any) -> None:
         wanted = request.world_resource.uri
         if not wanted:
-            response.result = result_of(response.NO_RESOURCE, "uri is empty, expected a scenario: a name or a file")
-            return response
+            raise Refused(response.NO_RESOURCE, "uri is empty, expected a scenario: a name or a file")
         try:
             world = world_of(Scenario.load(wanted).name)
         except InputError as error:
-            response.result = result_of(response.RESOURCE_PARSE_ERROR, reason(error))
-            return response
+            raise Refused(response.RESOURCE_PARSE_ERROR, reason(error)) from error
         self._scenario = wanted
-        response.result = self._begin()
-        if response.result.result == msg.Result.RESULT_OK:
-            response.world = world
-        return response
+        self._begin()
+        response.world = world
 
-    def _unload(self, _: Any, response: Any) -> Any:
+    def _unload(self, _: Any, response: Any) -> None:
         if self._run is None or self._run.poll() is not None:
-            response.result = result_of(response.NO_WORLD_LOADED, "no run is on")
-        else:
-            self.end_run()
-            response.result = result_of(msg.Result.RESULT_OK)
-        return response
+            raise Refused(response.NO_WORLD_LOADED, "no run is on")
+        self.end_run()
 
-    def _reset(self, request: Any, response: Any) -> Any:
-        if request.scope not in (request.SCOPE_DEFAULT, request.SCOPE_ALL):
+    def _reset(self, request: Any, _: Any) -> None:
+        if request.scope not in {request.SCOPE_DEFAULT, request.SCOPE_ALL}:
             text = f"scope {request.scope}: a run can only begin anew as a whole, expected {request.SCOPE_ALL}"
-            response.result = result_of(msg.Result.RESULT_FEATURE_UNSUPPORTED, text)
-        elif not self._scenario:
-            response.result = result_of(msg.Result.RESULT_INCORRECT_STATE, "no scenario has been loaded")
-        else:
-            response.result = self._begin()
-        return response
+            raise Refused(msg.Result.RESULT_FEATURE_UNSUPPORTED, text)
+        if not self._scenario:
+            raise Refused(msg.Result.RESULT_INCORRECT_STATE, "no scenario has been loaded")
+        self._begin()
 
-    def _begin(self) -> Any:
-        """Launches the scenario in place of the run that is on; returns the result once its bridge has services."""
+    def _begin(self) -> None:
+        """Launches the scenario in place of the run that is on, until its bridge has services."""
         self.end_run()
         while self._ready.service_is_ready():  # that of the last bridge, whose end is not known here yet
             time.sleep(LOOK_S)
@@ -107,9 +98,8 @@ class SimulationServer(Node):
         while not self._ready.service_is_ready():
             if self._run.poll() is not None:
                 text = f"the launch has ended with status {self._run.returncode}; its output says why"
-                return result_of(msg.Result.RESULT_OPERATION_FAILED, text)
+                raise Refused(msg.Result.RESULT_OPERATION_FAILED, text)
             time.sleep(LOOK_S)
-        return result_of(msg.Result.RESULT_OK)
 
 
 def serve_simulations(options: Sequence[str], command: Sequence[str], out: Path) -> None:

@@ -65,11 +65,12 @@ FEATURES = (
 """What is supported, by the constants of ``SimulatorFeatures``."""
 
 
-class Later:
-    """What a callback returns for a response that is sent later: rclpy has no other way, but asks nothing of it."""
+LATER = object()
+"""What a callback returns for a response that is sent later: rclpy has no other way, but asks nothing of it."""
 
 
-LATER = Later()
+class Refused(Exception):
+    """A request is refused: with a code of ``Result`` or of the response, and a reason."""
 
 
 class SimulationServices:
@@ -86,7 +87,7 @@ class SimulationServices:
         self._table: AgentTable | None = None  # newest step
         self._steps = 0  # to be made while paused
         self._headers: list[Any] = []  # of requests to step, which wait for their responses
-        answers: dict[str, Callable[[Any, Any], Any]] = {
+        answers: dict[str, Callable[[Any, Any], object]] = {
             "GetSimulatorFeatures": self._features,
             "GetSimulationState": self._state,
             "SetSimulationState": self._set_state,
@@ -100,7 +101,8 @@ class SimulationServices:
             "GetCurrentWorld": self._world,
         } | {name: _refuser(why) for name, why in REFUSED.items() if not (served and name in OF_SERVER)}
         services = {
-            name: node.create_service(getattr(srv, name), service_name(name), call) for name, call in answers.items()
+            name: node.create_service(getattr(srv, name), service_name(name), answering(answer))
+            for name, answer in answers.items()
         }
         self._stepping = services["StepSimulation"]
         self._send = self._stepping.send_response
@@ -141,94 +143,72 @@ class SimulationServices:
             self._send(srv.StepSimulation.Response(result=result), request_header)
         self._headers.clear()
 
-    def _features(self, _: Any, response: Any) -> Any:
+    def _features(self, _: Any, response: Any) -> None:
         names = (*FEATURES, *(FEATURES_OF_SERVER if self._served else ()))
         response.features.features = [getattr(msg.SimulatorFeatures, name) for name in names]
         response.features.custom_info = "LitSim-ROS, docs/ego-interface.md"
-        return response
 
-    def _state(self, _: Any, response: Any) -> Any:
+    def _state(self, _: Any, response: Any) -> None:
         response.state.state = self._current_state
-        response.result = result_of(msg.Result.RESULT_OK)
-        return response
 
     @property
     def _current_state(self) -> int:
         states = msg.SimulationState
         return int(states.STATE_PAUSED if self.paused else states.STATE_PLAYING)
 
-    def _set_state(self, request: Any, response: Any) -> Any:
+    def _set_state(self, request: Any, response: Any) -> None:
         wanted, states = request.state.state, msg.SimulationState
         if wanted == self._current_state:
-            response.result = result_of(response.ALREADY_IN_TARGET_STATE, "it is in this state already")
-        elif wanted in (states.STATE_PLAYING, states.STATE_PAUSED):
-            self.paused, self._steps = wanted == states.STATE_PAUSED, 0
-            self._respond(result_of(msg.Result.RESULT_OPERATION_FAILED, "the run was told to go on instead"))
-            response.result = result_of(msg.Result.RESULT_OK)
-        else:
+            raise Refused(response.ALREADY_IN_TARGET_STATE, "it is in this state already")
+        if wanted not in {states.STATE_PLAYING, states.STATE_PAUSED}:
             reason = f"state {wanted}: a run plays or is paused; end the launcher to end it"
-            response.result = result_of(msg.Result.RESULT_FEATURE_UNSUPPORTED, reason)
-        return response
+            raise Refused(msg.Result.RESULT_FEATURE_UNSUPPORTED, reason)
+        self.paused, self._steps = wanted == states.STATE_PAUSED, 0
+        self._respond(result_of(msg.Result.RESULT_OPERATION_FAILED, "the run was told to go on instead"))
 
-    def _step(self, request: Any, response: Any) -> Any:
+    def _step(self, request: Any, _: Any) -> object:
         if not self.paused:
-            reason = "the run is not paused: set STATE_PAUSED before"
-            response.result = result_of(msg.Result.RESULT_OPERATION_FAILED, reason)
-        elif self._table is None or not request.steps:
-            reason = "step 0 is not there yet" if self._table is None else "steps is 0, expected at least 1"
-            response.result = result_of(msg.Result.RESULT_OPERATION_FAILED, reason)
-        else:
-            self._steps += request.steps
-            return LATER
-        return response
+            raise Refused(msg.Result.RESULT_OPERATION_FAILED, "the run is not paused: set STATE_PAUSED before")
+        if self._table is None:
+            raise Refused(msg.Result.RESULT_OPERATION_FAILED, "step 0 is not there yet")
+        if not request.steps:
+            raise Refused(msg.Result.RESULT_OPERATION_FAILED, "steps is 0, expected at least 1")
+        self._steps += request.steps
+        return LATER
 
-    def _entities(self, request: Any, response: Any) -> Any:
-        rows, response.result = self._filtered(request.filters)
-        response.entities = [self._name(row) for row in rows]
-        return response
+    def _entities(self, request: Any, response: Any) -> None:
+        response.entities = [self._name(row) for row in self._filtered(request.filters)]
 
-    def _states(self, request: Any, response: Any) -> Any:
-        rows, response.result = self._filtered(request.filters)
+    def _states(self, request: Any, response: Any) -> None:
+        rows = self._filtered(request.filters)
         response.entities = [self._name(row) for row in rows]
         response.states = [self._entity_state_of(row) for row in rows]
-        return response
 
-    def _entity_state(self, request: Any, response: Any) -> Any:
-        row, response.result = self._row(request.entity)
-        if row is not None:
-            response.state = self._entity_state_of(row)
-        return response
+    def _entity_state(self, request: Any, response: Any) -> None:
+        response.state = self._entity_state_of(self._row(request.entity))
 
-    def _entity_info(self, request: Any, response: Any) -> Any:
-        row, response.result = self._row(request.entity)
-        if row is not None:
-            response.info.category.category = self._category(row)
-            response.info.tags = self._tags(row)
-            response.info.description = f"agent {self._agents.id[row]} of the recording"
-        return response
+    def _entity_info(self, request: Any, response: Any) -> None:
+        row = self._row(request.entity)
+        response.info.category.category = self._category(row)
+        response.info.tags = self._tags(row)
+        response.info.description = f"agent {self._agents.id[row]} of the recording"
 
-    def _entity_bounds(self, request: Any, response: Any) -> Any:
-        row, response.result = self._row(request.entity)
-        if row is not None:
-            table = self._agents
-            x, y = 0.5 * float(table.length[row]), 0.5 * float(table.width[row])
-            response.bounds.type = msg.Bounds.TYPE_BOX
-            upper = Vector3(x=x, y=y, z=HEIGHTS[Kind(int(table.kind[row]))])
-            response.bounds.points = [upper, Vector3(x=-x, y=-y, z=0.0)]
-        return response
+    def _entity_bounds(self, request: Any, response: Any) -> None:
+        row, table = self._row(request.entity), self._agents
+        x, y = 0.5 * float(table.length[row]), 0.5 * float(table.width[row])
+        response.bounds.type = msg.Bounds.TYPE_BOX
+        upper = Vector3(x=x, y=y, z=HEIGHTS[Kind(int(table.kind[row]))])
+        response.bounds.points = [upper, Vector3(x=-x, y=-y, z=0.0)]
 
-    def _worlds(self, request: Any, response: Any) -> Any:
-        response.result = result_of(msg.Result.RESULT_OK)
+    def _worlds(self, request: Any, response: Any) -> None:
         if request.additional_sources and not request.continue_on_error:
             reason = "additional_sources: worlds are the packaged scenarios, or files"
-            response.result = result_of(msg.Result.RESULT_FEATURE_UNSUPPORTED, reason)
-        elif not request.filter.tags:  # scenarios have none
+            raise Refused(msg.Result.RESULT_FEATURE_UNSUPPORTED, reason)
+        if not request.filter.tags:  # scenarios have none
             response.worlds = [world_of(name) for name in packaged_scenarios()]
-        return response
 
-    def _world(self, _: Any, response: Any) -> Any:
-        response.result, response.world = result_of(msg.Result.RESULT_OK), world_of(self._plan.scenario.name)
-        return response
+    def _world(self, _: Any, response: Any) -> None:
+        response.world = world_of(self._plan.scenario.name)
 
     @property
     def _agents(self) -> AgentTable:
@@ -239,13 +219,12 @@ class SimulationServices:
         agent = int(self._agents.id[row])
         return EGO if agent == self._plan.scenario.ego_id else str(agent)
 
-    def _row(self, entity: str) -> tuple[int | None, Any]:
-        """The row of an entity, None if there is none of that name, and the result."""
-        rows = [] if self._table is None else range(len(self._table))
-        row = next((row for row in rows if self._name(row) == entity), None)
-        if row is None:
-            return None, result_of(msg.Result.RESULT_NOT_FOUND, f"{entity}: no such agent is on the road")
-        return row, result_of(msg.Result.RESULT_OK)
+    def _row(self, entity: str) -> int:
+        """Returns the row of an entity."""
+        for row in range(0 if self._table is None else len(self._table)):
+            if self._name(row) == entity:
+                return row
+        raise Refused(msg.Result.RESULT_NOT_FOUND, f"{entity}: no such agent is on the road")
 
     def _category(self, row: int) -> int:
         kind = Kind(int(self._agents.kind[row]))
@@ -273,19 +252,19 @@ class SimulationServices:
         )
         return state
 
-    def _filtered(self, filters: Any) -> tuple[list[int], Any]:
-        """The rows of the agents that pass `filters`, none if these cannot be used, and the result."""
+    def _filtered(self, filters: Any) -> list[int]:
+        """Returns the rows of the agents that pass `filters`."""
         if self._table is None:
-            return [], result_of(msg.Result.RESULT_INCORRECT_STATE, "step 0 is not there yet")
+            raise Refused(msg.Result.RESULT_INCORRECT_STATE, "step 0 is not there yet")
         try:
             name, area = re.compile(filters.filter), _area(filters.bounds)
         except (re.error, ValueError) as error:
-            return [], result_of(msg.Result.RESULT_OPERATION_FAILED, f"filters: {error}")
+            raise Refused(msg.Result.RESULT_OPERATION_FAILED, f"filters: {error}") from error
         categories, tags = {each.category for each in filters.categories}, set(filters.tags.tags)
         every = filters.tags.filter_mode == filters.tags.FILTER_MODE_ALL
         table = self._table
         corners = box_corners(table.x, table.y, table.yaw, table.length, table.width)
-        rows = [
+        return [
             row
             for row in range(len(table))
             if name.search(self._name(row))
@@ -293,7 +272,6 @@ class SimulationServices:
             and (not tags or (tags <= set(self._tags(row)) if every else tags & set(self._tags(row))))
             and (area is None or area.intersects(shapely.Polygon(corners[row])))
         ]
-        return rows, result_of(msg.Result.RESULT_OK)
 
 
 def _area(bounds: Any) -> Any:
@@ -314,14 +292,30 @@ def _area(bounds: Any) -> Any:
     raise ValueError(f"bounds of type {bounds.type} have {len(points)} points; expected 2, of a hull 3 or more")
 
 
-def _refuser(reason: str) -> Callable[[Any, Any], Any]:
-    """A service that refuses every request."""
+def _refuser(reason: str) -> Callable[[Any, Any], object]:
+    """Returns what refuses every request."""
 
-    def refuse(_: Any, response: Any) -> Any:
-        response.result = result_of(msg.Result.RESULT_FEATURE_UNSUPPORTED, reason)
-        return response
+    def refuse(*_: Any) -> None:
+        raise Refused(msg.Result.RESULT_FEATURE_UNSUPPORTED, reason)
 
     return refuse
+
+
+def answering(answer: Callable[[Any, Any], object]) -> Callable[[Any, Any], Any]:
+    """Returns the callback of a service: `answer` fills the response in, raises :class:`Refused`, or asks for time."""
+
+    def call(request: Any, response: Any) -> Any:
+        result = result_of(msg.Result.RESULT_OK)
+        try:
+            if answer(request, response) is LATER:
+                return LATER
+        except Refused as refused:
+            result = result_of(*refused.args)
+        if hasattr(response, "result"):  # the response with the features has none
+            response.result = result
+        return response
+
+    return call
 
 
 def result_of(code: int, text: str = "") -> Any:
