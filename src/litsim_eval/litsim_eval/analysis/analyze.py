@@ -37,12 +37,8 @@ def measure(run: Run, folder: Path) -> dict[str, Any]:
     metrics = compute_metrics(run)
     write_metrics(metrics, folder / METRICS_FILE)
     write_tables(run, folder)
-    _plot(run, folder / PLOT_FILE)
-    return metrics
-
-
-def _plot(run: Run, path: Path) -> None:
     from litsim_eval.analysis.plots import overview  # matplotlib takes half a second to load
 
-    with replacing(path) as new:
+    with replacing(folder / PLOT_FILE) as new:
         overview(run, new)
+    return metrics

@@ -106,8 +106,8 @@ def _contacts_in(steps: Steps, dt: float) -> tuple[Contact, ...]:
             stretches[-1][1] = step
         else:
             stretches.append([step, step])
-    made_contacts = (Contact(pair, first, last) for pair, stretches in by_pair.items() for first, last in stretches)
-    return tuple(sorted(made_contacts, key=lambda contact: contact.first))
+    merged = (Contact(pair, first, last) for pair, stretches in by_pair.items() for first, last in stretches)
+    return tuple(sorted(merged, key=lambda contact: contact.first))
 
 
 class Verdict(StrEnum):
@@ -129,7 +129,8 @@ class EgoContact:
         step: first step of the contact.
         verdict: kind of contact.
         ego_at_fault: whether nuPlan's metric attributes the contact to the ego.
-        delta_v: change of the ego's velocity in a perfectly inelastic impact of equal masses [m/s].
+        delta_v: change of the ego's velocity in a perfectly inelastic impact of equal masses, half the relative
+            velocity [m/s].
     """
 
     agent: int
@@ -186,7 +187,8 @@ def collisions(run: Run) -> Collisions:
     tables, ego = run.simulated, run.info.ego_id
     touching, logged = tuple(contacts(tables, run.info.dt)), LogContacts(run)
     in_log = tuple(map(logged.excuse, touching))
-    axle = _rear_axle_of(run)
+    vehicle = run.scenario.get("vehicle")
+    axle = float(vehicle.get("rear_axle", REAR_AXLE)) if isinstance(vehicle, dict) else REAR_AXLE
     telling = _first(each for _, each in sorted(zip(in_log, touching, strict=True), key=lambda pair: pair[0]))
     of_ego = sorted((step, sum(pair) - ego) for pair, step in telling.items() if ego in pair)
     lane_map = lane_map_of(run) if of_ego else None
@@ -200,12 +202,6 @@ def collisions(run: Run) -> Collisions:
             judge(tables[int(tables.step.searchsorted(step))], ego, agent, lane_map, axle) for step, agent in of_ego
         ),
     )
-
-
-def _rear_axle_of(run: Run) -> float:
-    """Returns how far the ego's rear axle is behind its box centre by the run's scenario, as a share of its length."""
-    vehicle = run.scenario.get("vehicle")
-    return float(vehicle.get("rear_axle", REAR_AXLE)) if isinstance(vehicle, dict) else REAR_AXLE
 
 
 def _first(made: Iterable[Contact]) -> dict[Pair, int]:
@@ -235,13 +231,11 @@ def judge(
     verdict = _verdict(table, e, a, rear_axle)
     at_fault = verdict in (Verdict.STOPPED_TRACK, Verdict.FRONT)
     if verdict == Verdict.LATERAL:
-        at_fault = lane_map is None or not _in_lane(table.take(np.array([e])), lane_map)
-    return EgoContact(agent, table.step, verdict, at_fault, _delta_v(table, e, a))
-
-
-def _in_lane(one: AgentTable, lane_map: LaneMap) -> bool:
-    """Returns whether the box of the only agent of a table lies wholly inside one lane."""
-    return bool(lane_map.inside_lane(one.x, one.y, one.yaw, one.length, one.width)[0])
+        box = (values[e : e + 1] for values in (table.x, table.y, table.yaw, table.length, table.width))
+        at_fault = lane_map is None or not lane_map.inside_lane(*box)[0]
+    yaw, speed = table.yaw[[e, a]], table.speed[[e, a]]
+    relative = np.diff(np.stack([speed * np.cos(yaw), speed * np.sin(yaw)], axis=1), axis=0)
+    return EgoContact(agent, table.step, verdict, bool(at_fault), 0.5 * float(np.hypot(*relative[0])))
 
 
 def _verdict(table: AgentTable, e: int, a: int, rear_axle: float) -> Verdict:
@@ -257,10 +251,3 @@ def _verdict(table: AgentTable, e: int, a: int, rear_axle: float) -> Verdict:
     corners = box_corners(table.x, table.y, table.yaw, table.length, table.width)
     bumper = shapely.LineString(corners[e][[0, 3]])  # front left, front right
     return Verdict.FRONT if bumper.intersects(shapely.Polygon(corners[a])) else Verdict.LATERAL
-
-
-def _delta_v(table: AgentTable, e: int, a: int) -> float:
-    """Returns half the relative velocity [m/s]: a perfectly inelastic impact of equal masses."""
-    yaw, speed = table.yaw[[e, a]], table.speed[[e, a]]
-    difference = np.diff(np.stack([speed * np.cos(yaw), speed * np.sin(yaw)], axis=1), axis=0)
-    return 0.5 * float(np.hypot(*difference[0]))

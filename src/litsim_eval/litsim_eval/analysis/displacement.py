@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
-from litsim_sim.record.run import Run
+from litsim_sim.record.run import Run, RunInfo
 
 HORIZONS_S = (5, 10, 15, 20, 25)  # simulated time after the history, as in table II of the LitSim paper
 
@@ -32,10 +32,8 @@ class Displacements:
         largest: (n,) their largest distances at steps at which the run has them on the road, -1 without any [m].
         off: (n,) whether they are ever under control or away from their logs.
         first_controlled: (n,) first step at which they are under control, later than `last_step` without any.
-        history_steps: last step of the history.
         last_step: last recorded step of the run.
-        dt: duration of a step [s].
-        ego_id: the ego.
+        info: of the run.
     """
 
     step: IntArray
@@ -46,10 +44,8 @@ class Displacements:
     largest: FloatArray
     off: BoolArray
     first_controlled: IntArray
-    history_steps: int
     last_step: int
-    dt: float
-    ego_id: int
+    info: RunInfo
 
     @property
     def horizons(self) -> tuple[int, ...]:
@@ -58,7 +54,7 @@ class Displacements:
 
     def ade_all(self, horizon: int) -> float | None:
         """Returns ADE [m] up to `horizon` [s] over all agents but the ego; None without agents."""
-        return self._mean(horizon, lambda ids, _: ids != self.ego_id)
+        return self._mean(horizon, lambda ids, _: ids != self.info.ego_id)
 
     def ade_controlled(self, horizon: int) -> float | None:
         """Returns ADE [m] up to `horizon` [s] over the agents under control until then; all their steps count."""
@@ -66,11 +62,11 @@ class Displacements:
 
     def ade_ego(self, horizon: int) -> float | None:
         """Returns ADE [m] of the ego up to `horizon` [s]."""
-        return self._mean(horizon, lambda ids, _: ids == self.ego_id)
+        return self._mean(horizon, lambda ids, _: ids == self.info.ego_id)
 
     def agent_steps(self, horizon: int) -> int:
         """Returns agent-steps up to `horizon` [s] without the ego's: the denominator of :meth:`ade_all`."""
-        return int(np.count_nonzero((self.step <= self._last(horizon)) & (self.id != self.ego_id)))
+        return int(np.count_nonzero((self.step <= self._last(horizon)) & (self.id != self.info.ego_id)))
 
     def by_agent(self) -> list[dict[str, Any]]:
         """Returns each agent that is ever under control or displaced from its log, but the ego, ids ascending.
@@ -81,25 +77,26 @@ class Displacements:
         order = np.argsort(self.id, kind="stable")
         begin = self.id[order].searchsorted(self.ids)
         rows = np.split(order, begin[1:])
-        return [self._of(n, rows[n]) for n in np.flatnonzero(self.off & (self.ids != self.ego_id)).tolist()]
+        return [self._of(n, rows[n]) for n in np.flatnonzero(self.off & (self.ids != self.info.ego_id)).tolist()]
 
     def _of(self, n: int, rows: IntArray) -> dict[str, Any]:
         step, distance, first = self.step[rows], self.distance[rows], int(self.first_controlled[n])
+        since = (first - self.info.history_steps) * self.info.dt
         within = {str(horizon): distance[step <= self._last(horizon)] for horizon in self.horizons}
         return {
             "agent": int(self.ids[n]),
-            "controlled_s": None if first > self.last_step else round((first - self.history_steps) * self.dt, 6),
+            "controlled_s": None if first > self.last_step else round(since, 6),
             "steps": {horizon: len(far) for horizon, far in within.items()},
             "ade_m": {horizon: float(far.mean()) if len(far) else None for horizon, far in within.items()},
         }
 
     def replay_error(self) -> dict[int, float]:
         """Returns the largest distance [m] of each agent that was never under control, the ego excluded."""
-        replayed = ~(self.largest < 0.0) & (self.first_controlled > self.last_step) & (self.ids != self.ego_id)
+        replayed = ~(self.largest < 0.0) & (self.first_controlled > self.last_step) & (self.ids != self.info.ego_id)
         return dict(zip(self.ids[replayed].tolist(), self.largest[replayed].tolist(), strict=True))
 
     def _last(self, horizon: int) -> int:
-        return self.history_steps + round(horizon / self.dt)
+        return self.info.history_steps + round(horizon / self.info.dt)
 
     def _mean(self, horizon: int, which: Callable[[IntArray, BoolArray], BoolArray]) -> float | None:
         within = self.step <= self._last(horizon)
@@ -156,8 +153,6 @@ def displacements(run: Run) -> Displacements:
         largest=largest,
         off=off,
         first_controlled=first_controlled,
-        history_steps=info.history_steps,
         last_step=last_step,
-        dt=info.dt,
-        ego_id=info.ego_id,
+        info=info,
     )

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from litsim_eval.analysis.comfort import comfort
 from litsim_eval.analysis.metrics_tree import DrivenMetrics, EgoMetrics
 from litsim_eval.analysis.progress import distance_of
 from litsim_sim.core.geometry import box_corners
-from litsim_sim.core.scene import AgentTable
 from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.record.lanes import lane_map_of
@@ -34,7 +31,13 @@ def ego_motion(run: Run) -> EgoMetrics:
     way, log_way = (steps.after(history - 1) for steps in (driven_steps, log_steps))  # from where it ends
     driven = _motion(driven_steps.after(history), way, ego, lane_map, run.info.dt)
     log = _motion(log_steps.after(history), log_way, ego, lane_map, run.info.dt)
-    return {**driven, "progress_ratio": _progress_ratio(way, log_way, ego), "log": log}
+    logged, distance = log_way.track(ego), log["progress_m"]
+    last = int(log_way.step[log_way.stacked.number[logged[-1]]]) if len(logged) else -1
+    until = distance_of(way, ego, last)
+    ratio = None
+    if until is not None and distance is not None:
+        ratio = max(until, PROGRESS_LEAST_M) / max(distance, PROGRESS_LEAST_M)
+    return {**driven, "progress_ratio": ratio, "log": log}
 
 
 def minimum_risk_s(run: Run) -> float | None:
@@ -51,24 +54,10 @@ def minimum_risk_s(run: Run) -> float | None:
     return round(float(np.sum((state != UNKNOWN) & (state != NORMAL)) * run.info.dt), 6)
 
 
-def _progress_ratio(tables: Sequence[AgentTable], log: Sequence[AgentTable], agent: int) -> float | None:
-    steps = Steps.of(log)
-    rows = steps.track(agent)
-    last = int(steps.step[steps.stacked.number[rows[-1]]]) if len(rows) else -1
-    driven = distance_of(tables, agent, last)
-    logged = distance_of(log, agent)
-    if driven is None or logged is None:
-        return None
-    return max(driven, PROGRESS_LEAST_M) / max(logged, PROGRESS_LEAST_M)
-
-
-def _motion(
-    tables: Sequence[AgentTable], way: Sequence[AgentTable], agent: int, lane_map: LaneMap | None, dt: float
-) -> DrivenMetrics:
-    steps = Steps.of(tables)
+def _motion(steps: Steps, way: Steps, agent: int, lane_map: LaneMap | None, dt: float) -> DrivenMetrics:
     rows = steps.track(agent)
     x, y, yaw, length, width = (getattr(steps.stacked, f)[rows] for f in ("x", "y", "yaw", "length", "width"))
-    felt = comfort(tables, agent, dt)
+    felt = comfort(steps, agent, dt)
     off_road = over_edge = None
     if lane_map is not None and len(x):
         corners = box_corners(x, y, yaw, length, width)

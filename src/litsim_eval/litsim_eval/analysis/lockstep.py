@@ -19,7 +19,7 @@ def lockstep(run: Run) -> LockstepMetrics:
     `ego_port` holds :data:`litsim_sim.ego_port.port.COUNTS` and the `interface`; it is empty if the ego was not driven
     over topics.
     """
-    missed = _missed(run)
+    missed = {str(topic): int(n) for topic, n in (run.summary.get("missed") or {}).items()}  # answers held, by topic
     return {
         "missed": sum(missed.values()),
         "gaps": sum(len(gap.missing) + len(gap.duplicated) + len(gap.unordered) for gap in run.gaps.values()),
@@ -30,7 +30,8 @@ def lockstep(run: Run) -> LockstepMetrics:
 
 def problems(run: Run) -> list[str]:
     """Returns all that makes a run invalid, in words; empty for a valid run."""
-    return [*_failures(run), *_unanswered(run), *_unusable(run)]
+    gaps = (f"{topic}: {_described(gaps)}" for topic, gaps in sorted(run.gaps.items()) if gaps)
+    return [*_failures(run), *unanswered(run.summary), *gaps, *_unusable(run)]
 
 
 def _failures(run: Run) -> list[str]:
@@ -47,13 +48,6 @@ def _failures(run: Run) -> list[str]:
     return texts
 
 
-def _unanswered(run: Run) -> list[str]:
-    return [
-        *unanswered(run.summary),
-        *(f"{topic}: {_described(gaps)}" for topic, gaps in sorted(run.gaps.items()) if gaps),
-    ]
-
-
 def _unusable(run: Run) -> list[str]:
     texts = [] if run.log else ["the bag holds no recording to compare with"]
     if lost := run.metadata.get(LOST_ATTACHMENTS):
@@ -66,11 +60,6 @@ def _unusable(run: Run) -> list[str]:
     if bad:
         texts.append(f"agent states are not finite at {len(bad)} steps (first {bad[0]})")
     return texts
-
-
-def _missed(run: Run) -> dict[str, int]:
-    """Returns the number of steps at which the bridge held the previous answer, by topic."""
-    return {str(topic): int(n) for topic, n in (run.summary.get("missed") or {}).items()}
 
 
 def _described(gaps: TopicGaps) -> str:

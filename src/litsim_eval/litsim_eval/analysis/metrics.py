@@ -63,7 +63,10 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         entry.agent for entry in entries if entry.ego_distance_m is not None and entry.ego_distance_m <= roi_of(run)
     }
     beside = _near_ego_in_log(run)
-    natural = _naturalness(run, hits.controlled | beside)
+    lines = run.once(run_passages) or (), run.once(log_passages)
+    natural = Naturalness(
+        run.simulated, run.simulated_log, hits.controlled | beside, lane_map_of(run), run.info.dt, *lines
+    )
     wrong = problems(run)
     metrics: Metrics = {
         "run_id": run.info.run_id,
@@ -312,12 +315,6 @@ def _off_road_controlled(run: Run) -> float | None:
     return _mean(off_road)
 
 
-def _naturalness(run: Run, agents: Set[int]) -> Naturalness:
-    """Returns the judge of `agents` under the histograms of the log."""
-    lines = run.once(run_passages) or (), run.once(log_passages)
-    return Naturalness(run.simulated, run.simulated_log, agents, lane_map_of(run), run.info.dt, *lines)
-
-
 def _realism(natural: Naturalness, controlled: Set[int], *, signals: bool) -> RealismMetrics | None:
     """Returns the likelihood of the agents ever under control, under the histograms of the log."""
     likelihood = natural.of(controlled)
@@ -356,13 +353,10 @@ def _signals(run: Run) -> SignalMetrics | None:
         "red_log": sum(each.at_red for each in run.once(log_passages)),
         "reds": [
             {
-                "agent": p.agent,
-                "step": p.step,
-                "connection": p.connection,
-                "group": p.group,
-                "by": p.controller.name.lower(),
+                **{name: getattr(passage, name) for name in ("agent", "step", "connection", "group")},
+                "by": passage.controller.name.lower(),
             }
-            for p in red
+            for passage in red
         ],
     }
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from litsim_data.mining.lane_tracks import true_runs
 from litsim_sim.core.geometry import arc_lengths, box_corners, wrap_angle
-from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.core.signals import STOP_STATES, SignalState
 from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.signal_links import SignalLink
@@ -43,15 +44,10 @@ class Standoff:
 
 @dataclass(frozen=True)
 class _Track:
-    """Motion (n,) of an agent by step: place [m], heading [rad], speed [m/s]; its box [m]; logged way (m, 2) [m]."""
+    """States (n,) of an agent by step, as rows of a table, and its logged way (m, 2) [m]."""
 
     step: IntArray
-    x: FloatArray
-    y: FloatArray
-    yaw: FloatArray
-    speed: FloatArray
-    length: float
-    width: float
+    state: AgentTable
     log: FloatArray
 
 
@@ -64,7 +60,7 @@ def standoffs(run: Run) -> list[Standoff]:
     steps = run.steps.after(run.info.history_steps - 1)
     ego_id = run.info.ego_id
     ego = _track(steps.only([ego_id]), run.logged.only([ego_id]), ego_id)
-    if ego is None or not _long_enough(ego.speed < STANDS_MPS, run.info.dt):
+    if ego is None or not _lasting(ego.state.speed < STANDS_MPS, run.info.dt):
         return []
     counts = Counter[int]()
     for part in steps.parts():
@@ -86,37 +82,24 @@ def _track(steps: Steps, logged: Steps, agent: int) -> _Track | None:
     if not len(rows) or not len(ways):
         return None
     table, log = steps.stacked, logged.stacked
-    return _Track(
-        step=steps.step[table.number[rows]],
-        x=table.x[rows],
-        y=table.y[rows],
-        yaw=table.yaw[rows],
-        speed=table.speed[rows],
-        length=float(table.length[rows[0]]),
-        width=float(table.width[rows[0]]),
-        log=np.stack([log.x[ways], log.y[ways]], axis=1),
-    )
+    return _Track(steps.step[table.number[rows]], table.take(rows), np.stack([log.x[ways], log.y[ways]], axis=1))
 
 
 def _between(run: Run, ego: _Track, other: _Track, agent: int) -> list[Standoff]:
     """Returns the standoffs of the ego with one other agent."""
     steps, mine, theirs = np.intersect1d(ego.step, other.step, return_indices=True)
-    near = np.hypot(ego.x[mine] - other.x[theirs], ego.y[mine] - other.y[theirs]) < NEAR_M
-    both = near & (ego.speed[mine] < STANDS_MPS) & (other.speed[theirs] < STANDS_MPS)
-    both &= np.abs(wrap_angle(ego.yaw[mine] - other.yaw[theirs])) > QUEUE_RAD
-    if not _long_enough(both, run.info.dt):
-        return []
-    if run.signals is not None:
+    own, others = ego.state.take(mine), other.state.take(theirs)
+    both = (np.hypot(own.x - others.x, own.y - others.y) < NEAR_M) & (own.speed < STANDS_MPS)
+    both &= (others.speed < STANDS_MPS) & (np.abs(wrap_angle(own.yaw - others.yaw)) > QUEUE_RAD)
+    if run.signals is not None and _lasting(both, run.info.dt):
         both &= ~(_held(run, ego)[mine] | _held(run, other)[theirs])
-    found = []
-    for begin, end in _periods(both):
-        if (end - begin) * run.info.dt < LASTS_S:
-            continue
+    between = []
+    for begin, end in _lasting(both, run.info.dt):
         first = _could_go_first(ego, int(mine[begin]), other, int(theirs[begin]))
         if first:
             last = int(steps[end - 1])
-            found.append(Standoff(agent, int(steps[begin]), last, first, resolved=last < run.tables[-1].step))
-    return found
+            between.append(Standoff(agent, int(steps[begin]), last, first, resolved=last < run.tables[-1].step))
+    return between
 
 
 def _could_go_first(ego: _Track, at: int, other: _Track, there: int) -> str:
@@ -130,7 +113,7 @@ def _could_go_first(ego: _Track, at: int, other: _Track, there: int) -> str:
 
 def _way(track: _Track, at: int) -> shapely.Geometry | None:
     """Returns the area that a vehicle sweeps along its log ahead; None if its log is elsewhere, or ends there."""
-    place = np.array([track.x[at], track.y[at]])
+    place, width = np.array([track.state.x[at], track.state.y[at]]), float(track.state.width[at])
     away = np.hypot(*(track.log - place).T)
     nearest = len(away) - 1 - int(np.argmin(away[::-1]))  # the last, where the log stands there itself
     ahead = track.log[nearest:]
@@ -138,20 +121,14 @@ def _way(track: _Track, at: int) -> shapely.Geometry | None:
         return None
     along = arc_lengths(ahead)
     ahead = ahead[along <= AHEAD_M]
-    if along[-1] < 0.5 * track.length or len(ahead) < 2:
+    if along[-1] < 0.5 * track.state.length[at] or len(ahead) < 2:
         return None
-    return shapely.LineString(ahead).buffer(0.5 * track.width, cap_style="flat")
+    return shapely.LineString(ahead).buffer(0.5 * width, cap_style="flat")
 
 
 def _box(track: _Track, at: int) -> shapely.Geometry:
-    corners = box_corners(
-        track.x[at : at + 1],
-        track.y[at : at + 1],
-        track.yaw[at : at + 1],
-        np.array([track.length]),
-        np.array([track.width]),
-    )
-    return shapely.Polygon(corners[0])
+    one = track.state.take(np.array([at]))
+    return shapely.Polygon(box_corners(one.x, one.y, one.yaw, one.length, one.width)[0])
 
 
 def _held(run: Run, track: _Track) -> BoolArray:
@@ -167,17 +144,12 @@ def _held(run: Run, track: _Track) -> BoolArray:
 
 def _before(link: SignalLink, track: _Track) -> BoolArray:
     cos, sin = np.cos(link.heading), np.sin(link.heading)
-    dx, dy = link.stop[0] - track.x, link.stop[1] - track.y
+    dx, dy = link.stop[0] - track.state.x, link.stop[1] - track.state.y
     ahead, beside = cos * dx + sin * dy, cos * dy - sin * dx
-    facing = np.abs(wrap_angle(track.yaw - link.heading)) < QUEUE_RAD
+    facing = np.abs(wrap_angle(track.state.yaw - link.heading)) < QUEUE_RAD
     return (ahead > -1.0) & (ahead < AHEAD_M) & (np.abs(beside) < 0.5 * link.width) & facing
 
 
-def _periods(true: BoolArray) -> list[tuple[int, int]]:
-    """Returns begin and end (exclusive) of each run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]])))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
-
-
-def _long_enough(true: BoolArray, dt: float) -> bool:
-    return any((end - begin) * dt >= LASTS_S for begin, end in _periods(true))
+def _lasting(true: BoolArray, dt: float) -> list[tuple[int, int]]:
+    """Returns begin and end (exclusive) of each run of True that lasts for LASTS_S at least."""
+    return [(begin, end) for begin, end in true_runs(true) if (end - begin) * dt >= LASTS_S]

@@ -24,7 +24,7 @@ FEW = 20  # vehicles below which the bootstrap's bounds hold in less than nine o
 def print_campaigns(
     comparison: CampaignComparison, *, everything: bool = False, console: Console | None = None
 ) -> None:
-    """Prints the changed verdicts, with both reports of each run, and the measures that have changed.
+    """Prints in what two campaigns differ: versions, criteria, verdicts with both reports of each run, and measures.
 
     Args:
         comparison: the comparison of two campaigns.
@@ -34,7 +34,11 @@ def print_campaigns(
     """
     console = console or Console(width=None if sys.stdout.isatty() else WIDTH)
     limit = None if everything else CASES_MAX
-    _print_heading(console, comparison)
+    _print(console, f"{comparison.before.folder} -> {comparison.after.folder}")
+    for name, (before, after) in comparison.other_versions.items():
+        _print(console, f"  {name}: {before} -> {after}", "dim")
+    if others := comparison.other_criteria:
+        _print(console, f"  judged by other criteria, so that equal runs may differ: {', '.join(others)}", "yellow")
     for verdict, style in (("newly_failing", "bold red"), ("newly_passing", "bold green")):
         pairs = comparison.those(verdict)
         title = f"{len(pairs)} of {len(comparison.pairs)} {verdict.replace('_', ' ')}"
@@ -52,15 +56,6 @@ def print_campaigns(
             console, f"{len(comparison.renamed)} of one name are not the same case: the scenario is another", "yellow"
         )
     _print_changes(console, comparison, everything=everything)
-
-
-def _print_heading(console: Console, comparison: CampaignComparison) -> None:
-    """Prints the folders, and in what the campaigns differ: versions of dependencies, and criteria of runs."""
-    _print(console, f"{comparison.before.folder} -> {comparison.after.folder}")
-    for name, (before, after) in comparison.other_versions.items():
-        _print(console, f"  {name}: {before} -> {after}", "dim")
-    if others := comparison.other_criteria:
-        _print(console, f"  judged by other criteria, so that equal runs may differ: {', '.join(others)}", "yellow")
 
 
 def _print_cases(

@@ -118,23 +118,22 @@ def fields_of(campaign: Campaign) -> list[dict[str, Any]]:
     judged = dict.fromkeys(each.field for each in campaign.criteria.runs)
     differing = [path for path in dict.fromkeys((*judged, *MAIN)) if len({run.get(path) for run in runs} - {None}) > 1]
     main = differing[:SHOWN]
-    limits = {path: _limits(campaign, path) for path in judged}
     return [
         {
             "path": path,
             "label": NAMED.get(path, (path, None))[0],
             "digits": NAMED.get(path, (path, None))[1],
-            "limits": limits.get(path, []),
+            "limits": [
+                bound
+                for each in campaign.criteria.runs
+                for bound in (each.min, each.max)
+                if each.field == path and bound is not None
+            ],
             "main": path in main,
             "values": [run.get(path) for run in runs],
         }
         for path in dict.fromkeys((*main, *(path for path in NAMED if path in known), *sorted(known)))
     ]
-
-
-def _limits(campaign: Campaign, path: str) -> list[float]:
-    own = [each for each in campaign.criteria.runs if each.field == path]
-    return [bound for each in own for bound in (each.min, each.max) if bound is not None]
 
 
 def _numbers(result: RunResult) -> dict[str, float | bool]:
@@ -170,11 +169,10 @@ def _case(result: RunResult) -> dict[str, Any]:
 def _links(result: RunResult, folder: Path, beside: Path) -> dict[str, str | None]:
     """Returns addresses of report and log of a run relative to `beside`, None if missing; and that of its folder."""
     own = folder / RUNS_FOLDER / result.case.id
-    paths = {
-        name: own / file if file and (own / file).exists() else None
+    links = {
+        name: address(own / file, beside) if file and (own / file).exists() else None
         for name, file in (("report", result.report), ("log", result.log))
     }
-    links = {name: None if path is None else address(path, beside) for name, path in paths.items()}
     return {**links, "folder": f"{RUNS_FOLDER}/{result.case.id}"}
 
 
@@ -187,12 +185,9 @@ def _happenings(metrics: Mapping[str, Any] | None) -> dict[str, Any]:
     """Returns begin and end of each takeover, and the steps with contacts that are not in the log, of all `steps`."""
     if metrics is None:
         return {"steps": 0, "takeovers": [], "contacts": []}
-    contacts = [each["step"] for each in metrics["collision"]["contacts"] if not each["in_log"]]
+    begins = ((each["detected_step"], each["held_s"]) for each in metrics["ledger"])
     return {
         "steps": metrics["steps"],
-        "takeovers": [
-            [each["detected_step"], each["detected_step"] + round(each["held_s"] / STEP_S)]
-            for each in metrics["ledger"]
-        ],
-        "contacts": contacts,
+        "takeovers": [[begin, begin + round(held_s / STEP_S)] for begin, held_s in begins],
+        "contacts": [each["step"] for each in metrics["collision"]["contacts"] if not each["in_log"]],
     }

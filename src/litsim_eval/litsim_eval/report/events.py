@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from litsim_eval.analysis.takeover import Outcome
 from litsim_eval.report.wording import NOTHING, number
 
 
-@dataclass(frozen=True)
-class EventRow:
+class EventRow(NamedTuple):
     """One event: step and agent (id) that its row links to, and a text for each column."""
 
     step: int
@@ -19,8 +17,7 @@ class EventRow:
     cells: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class EventTable:
+class EventTable(NamedTuple):
     """Names of the columns, and the events in the order of `metrics.json`."""
 
     head: tuple[str, ...]
@@ -68,13 +65,16 @@ def _takeover(entry: dict[str, Any], dt: float, ego: int) -> EventRow:
     certainty, in_time = entry.get("overlap_probability"), entry.get("time_to_conflict_s")
     predicted = NOTHING if in_time is None else f"in {in_time:.1f} s"
     predicted += f", p = {certainty:.2f}" if certainty else ""
+    replay = "false alarm: no contact" if entry.get("false_alarm") else "no contact"
+    if entry.get("replay_would_collide"):
+        replay = f"hits {_who(entry['replay_opponent'], ego)} at {entry['replay_step'] * dt:.1f} s"
     cells = (
         _who(entry["agent"], ego),
         _who(entry["opponent"], ego),
         str(entry["reason"]).replace("_", " "),
         f"{detected * dt:.1f} s",
         predicted,
-        _replay(entry, dt, ego),
+        replay,
         number(entry.get("held_s"), 1, "s"),
         _back(entry, dt),
         number(entry.get("residual_m"), 2, "m") if entry.get("released_step") is not None else NOTHING,
@@ -91,13 +91,6 @@ def _back(entry: dict[str, Any], dt: float) -> str:
         return "no log left"
     at = NOTHING if step is None else f"{step * dt:.1f} s"
     return f"{at}, its log was over" if outcome == Outcome.LOG_OVER else at
-
-
-def _replay(entry: dict[str, Any], dt: float, ego: int) -> str:
-    """Returns a text on the contact that the agent would have had on its log, if any."""
-    if not entry.get("replay_would_collide"):
-        return "false alarm: no contact" if entry.get("false_alarm") else "no contact"
-    return f"hits {_who(entry['replay_opponent'], ego)} at {entry['replay_step'] * dt:.1f} s"
 
 
 def _verdict(contact: dict[str, Any], careful: dict[str, Any]) -> str:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
 from litsim_eval.analysis.metrics_tree import leaves
-from litsim_eval.campaign.criteria import CriterionResult, Verdict
+from litsim_eval.campaign.criteria import Verdict
 from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RUNS_FOLDER, Campaign, RunResult
 from litsim_eval.campaign.variant_measures import OF_EGO, OF_SIMULATION, Measure, added, displacements
 from litsim_eval.campaign.variant_summary import variant_summary
@@ -49,28 +50,15 @@ def write_experiment_report(campaign: Campaign, out: Path | None = None, quiet: 
 
 def _pictures(campaign: Campaign, quiet: bool) -> dict[str, dict[str, Any]]:
     """Returns pictures of runs by id, made when they ended or else from their recordings, if available."""
-    pictures = {}
-    lacking = []
-    for result in campaign.results:
-        picture = read_thumbnail(_folder(campaign, result))
-        if picture is not None:
-            pictures[result.case.id] = picture
-        elif result.recording is not None and result.metrics is not None:
-            lacking.append(result)
+    folders = {result.case.id: campaign.folder / RUNS_FOLDER / result.case.id for result in campaign.results}
+    recorded = [each for each in campaign.results if each.recording is not None and each.metrics is not None]
+    lacking = [each for each in recorded if read_thumbnail(folders[each.case.id]) is None]
     for result in tqdm(lacking, unit="picture", disable=quiet or not lacking, dynamic_ncols=True):
-        own = _folder(campaign, result)
-        try:
+        own = folders[result.case.id]
+        with suppress(InputError):  # a recording that was lost or moved since: the page lacks its picture
             write_thumbnail(read_run(own / str(result.recording)), dict(result.metrics or {}), own)
-        except InputError:  # a recording that was lost or moved since: the page lacks its picture
-            continue
-        picture = read_thumbnail(own)
-        if picture is not None:
-            pictures[result.case.id] = picture
-    return pictures
-
-
-def _folder(campaign: Campaign, result: RunResult) -> Path:
-    return campaign.folder / RUNS_FOLDER / result.case.id
+    pictures = {name: read_thumbnail(folder) for name, folder in folders.items()}
+    return {name: picture for name, picture in pictures.items() if picture is not None}
 
 
 def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Path) -> str:
@@ -81,7 +69,16 @@ def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Pat
         title=campaign.name,
         heading=campaign.name,
         subtitle=_subtitle(campaign),
-        judged=[_suite_criterion(each) for each in campaign.judged],
+        judged=[
+            {
+                "name": each.name,
+                "rule": _rule(each.name, each.field, each.limit),
+                "value": leaf(each.value),
+                "passed": each.passed,
+                "reason": each.reason,
+            }
+            for each in campaign.judged
+        ],
         passed=campaign.passes,
         missing=len(campaign.missing),
         variants=[_verdicts(name, results) for name, results in by_variant.items()],
@@ -125,17 +122,6 @@ def _verdicts(name: str, results: list[RunResult]) -> dict[str, Any]:
     return {"name": name, "parts": parts, "share": share, "count": len(results)}
 
 
-def _suite_criterion(found: CriterionResult) -> dict[str, Any]:
-    """Returns one criterion of the whole campaign."""
-    return {
-        "name": found.name,
-        "rule": _rule(found.name, found.field, found.limit),
-        "value": leaf(found.value),
-        "passed": found.passed,
-        "reason": found.reason,
-    }
-
-
 def _rule(name: str, field: str, limit: str) -> str:
     """Returns the limit of a criterion; empty if its name says it already."""
     rule = f"{field} {limit}"
@@ -149,63 +135,45 @@ def _filter(**fields: str) -> str:
 
 def _criteria(campaign: Campaign, by_variant: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
     """Returns the number of runs of each variant that missed each criterion, of those judged by it."""
-    judged: Counter[tuple[Any, ...]] = Counter()
-    missed: Counter[tuple[Any, ...]] = Counter()
-    for result in campaign.results:
-        for each in result.criteria:
-            key = (result.case.variant, each.name, each.field, each.limit)
-            judged[key] += 1
-            missed[key] += not each.passed
-    return [
-        {
-            "name": name,
-            "rule": _rule(name, field, limit),
-            "any": any(missed[variant, name, field, limit] for variant in by_variant),
-            "cells": [
-                _cell(
-                    missed[variant, name, field, limit],
-                    judged[variant, name, field, limit],
-                    variant=variant,
-                    criterion=name,
-                )
-                for variant in by_variant
-            ],
+    rows = []
+    for name, field, limit in criteria_of(campaign):
+        passed = {
+            variant: [
+                each.passed
+                for result in results
+                for each in result.criteria
+                if (each.name, each.field, each.limit) == (name, field, limit)
+            ]
+            for variant, results in by_variant.items()
         }
-        for name, field, limit in criteria_of(campaign)
-    ]
+        rows.append(_row(name, _rule(name, field, limit), passed, criterion=name))
+    return rows
 
 
 def _tags(by_variant: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
     """Returns how many runs of each variant have not passed, of those with a tag, by tag; the worst tags first."""
-    tagged: Counter[tuple[str, str]] = Counter()
-    missed: Counter[tuple[str, str]] = Counter()
+    passed: dict[str, dict[str, list[bool]]] = {}
     for variant, results in by_variant.items():
         for result in results:
             for tag in result.case.tags:
-                tagged[variant, tag] += 1
-                missed[variant, tag] += result.verdict != Verdict.PASSED
-    shares = {}
-    for tag in {tag for _, tag in tagged}:
-        shares[tag] = sum(missed[variant, tag] for variant in by_variant) / sum(
-            tagged[variant, tag] for variant in by_variant
-        )
-    return [
-        {
-            "name": tag,
-            "rule": "",
-            "any": shares[tag] > 0,
-            "cells": [
-                _cell(missed[variant, tag], tagged[variant, tag], variant=variant, tag=tag, verdict=NOT_PASSED)
-                for variant in by_variant
-            ],
-        }
-        for tag in sorted(shares, key=lambda tag: (-shares[tag], tag))[:TAGS_MAX]
+                of_tag = passed.setdefault(tag, {name: [] for name in by_variant})
+                of_tag[variant].append(result.verdict == Verdict.PASSED)
+    rows = {tag: _row(tag, "", of_tag, tag=tag, verdict=NOT_PASSED) for tag, of_tag in passed.items()}
+
+    def missed(tag: str) -> float:
+        cells = rows[tag]["cells"]
+        return float(sum(cell["count"] for cell in cells) / sum(cell["total"] for cell in cells))
+
+    return [rows[tag] for tag in sorted(rows, key=lambda tag: (-missed(tag), tag))[:TAGS_MAX]]
+
+
+def _row(name: str, rule: str, passed: dict[str, list[bool]], **filters: str) -> dict[str, Any]:
+    """Returns how many runs of each variant missed something, whether `passed` by variant, and filters to show them."""
+    cells = [
+        {"count": each.count(False), "total": len(each), "filter": _filter(variant=variant, **filters)}
+        for variant, each in passed.items()
     ]
-
-
-def _cell(count: int, total: int, **fields: str) -> dict[str, Any]:
-    """Returns how many of all, and the filters that show them."""
-    return {"count": count, "total": total, "filter": _filter(**fields)}
+    return {"name": name, "rule": rule, "any": any(cell["count"] for cell in cells), "cells": cells}
 
 
 def _side_by_side(

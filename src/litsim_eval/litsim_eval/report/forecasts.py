@@ -51,28 +51,28 @@ def read_forecasts(run: Run) -> Forecasts:
     Raises:
         InputError: the topic cannot be read as joint forecasts of one length.
     """
-    parts: list[tuple[IntArray, int, FloatArray, FloatArray]] = []
+    parts: list[tuple[IntArray, IntArray, FloatArray, FloatArray]] = []
     time = np.empty(0)
     try:
         for message in _messages(run):
             n, points = len(message.id), 0 if not len(message.id) else len(message.mean) // (2 * len(message.id))
             if not points:
                 continue
-            picked = _picked(points)
+            stride = -(-points // POINTS_MAX)
+            picked = np.arange((points - 1) % stride, points, stride)  # evenly spaced, with the last
             time = (picked + 1.0) * message.dt
             mean = np.asarray(message.mean, np.float64).reshape(n, points, 2)[:, picked]
             spread = np.asarray(message.covariance, np.float64).reshape(n, points, 3)[:, picked]
             usable = (
                 np.asarray(message.valid, np.bool_) & np.isfinite(mean).all((1, 2)) & np.isfinite(spread).all((1, 2))
             )
-            parts.append((np.asarray(message.id, np.int64)[usable], int(message.step), mean[usable], spread[usable]))
+            ids = np.asarray(message.id, np.int64)[usable]
+            parts.append((ids, np.full(len(ids), int(message.step), np.int64), mean[usable], spread[usable]))
         if not parts:
             return Forecasts(
                 np.empty(0, np.int64), np.empty(0, np.int64), time, np.empty((0, 0, 2)), np.empty((0, 0, 3))
             )
-        agent = np.concatenate([ids for ids, *_ in parts])
-        step = np.concatenate([np.full(len(ids), at, np.int64) for ids, at, *_ in parts])
-        mean, spread = np.concatenate([f[2] for f in parts]), np.concatenate([f[3] for f in parts])
+        agent, step, mean, spread = (np.concatenate(column) for column in zip(*parts, strict=True))
     except UNDECODABLE as error:
         raise InputError(f"{run.path}: topic {FORECASTS}: not joint forecasts of this version: {error}") from error
     order = np.lexsort((step, agent))
@@ -92,9 +92,3 @@ def _messages(run: Run) -> Iterator[Any]:
         if message.run_id == run.info.run_id and message.step not in steps:
             steps.add(message.step)
             yield message
-
-
-def _picked(points: int) -> IntArray:
-    """Returns indices of at most POINTS_MAX of the points of a forecast, evenly spaced, including the last."""
-    stride = -(-points // POINTS_MAX)
-    return np.arange(points - 1, -1, -stride)[::-1].copy()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
+from litsim_data.mining.lane_tracks import true_runs
 from litsim_data.surrogates.safety import safety_series
 from litsim_eval.analysis.comfort import BOUNDS, motion_values
 from litsim_eval.campaign.reasons import WITHIN, at_fault, avoidable, red_lights
@@ -41,11 +42,11 @@ def moments(run: Run, metrics: Mapping[str, Any]) -> dict[str, list[Span]]:
     step = steps.step[table.number[rows]]
     lane_map = lane_map_of(run)
     if lane_map is not None:
-        spans["ego_motion.off_road"] = list(_spans(step, ~lane_map.inside_road(table.x[rows], table.y[rows])))
+        spans["ego_motion.off_road"] = _spans(step, ~lane_map.inside_road(table.x[rows], table.y[rows]))
     values = motion_values(table.speed[rows], table.acceleration[rows], table.yaw_rate[rows], run.info.dt)
     for name, (low, high) in BOUNDS.items():
         beyond = (values[name] < low) | (values[name] > high)
-        spans[WITHIN + name] = list(_spans(step[len(step) - len(beyond) :], beyond))
+        spans[WITHIN + name] = _spans(step[len(step) - len(beyond) :], beyond)
     ttc = safety_series(steps, run.info.ego_id)
     if np.isfinite(ttc.ttc).any():
         smallest = int(ttc.step[np.argmin(ttc.ttc)])
@@ -53,10 +54,6 @@ def moments(run: Run, metrics: Mapping[str, Any]) -> dict[str, list[Span]]:
     return {field: found for field, found in spans.items() if found}
 
 
-def _spans(step: IntArray, is_missed: BoolArray) -> Iterator[Span]:
-    """Yields first and last of successive steps at which something is missed."""
-    edges: Iterable[list[int]] = (
-        np.flatnonzero(np.diff(np.concatenate([[False], is_missed, [False]]))).reshape(-1, 2).tolist()
-    )
-    for begin, end in edges:
-        yield int(step[begin]), int(step[end - 1])
+def _spans(step: IntArray, is_missed: BoolArray) -> list[Span]:
+    """Returns first and last of successive steps at which something is missed."""
+    return [(int(step[begin]), int(step[end - 1])) for begin, end in true_runs(is_missed)]

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -46,7 +45,12 @@ def thumbnail_of(run: Run, metrics: dict[str, Any]) -> dict[str, Any]:
     """
     moment, tracks = _moment(run, metrics), tracks_of(run)
     frame = int(np.clip(moment.step - tracks.first, 0, tracks.frames - 1))
-    head = {"format": FORMAT, "step": moment.step, "what": moment.what, "size": _half()}
+    head = {
+        "format": FORMAT,
+        "step": moment.step,
+        "what": moment.what,
+        "size": [round(each / UNIT_M) for each in (AHEAD_M, BESIDE_M)],
+    }
     row = _focus(tracks, run.info.ego_id, moment.agents, frame)
     if row < 0:
         return head | {"road": [], "boxes": [], "path": [], "log": [], "contact": None}
@@ -81,8 +85,7 @@ def read_thumbnail(folder: Path) -> dict[str, Any] | None:
     return picture if isinstance(picture, dict) and picture.get("format") == FORMAT else None
 
 
-@dataclass(frozen=True)
-class _Moment:
+class _Moment(NamedTuple):
     """Moment of a picture: the step, what happens, the agents concerned, and whether they touch."""
 
     step: int
@@ -114,10 +117,6 @@ def _focus(tracks: Tracks, ego: int, agents: tuple[int, ...], frame: int) -> int
         apart = np.hypot(*(values[here[0], frame] - values[here[1], frame] for values in (tracks.x, tracks.y)))
         return here[0] if apart < AHEAD_M else here[1]
     return here[0] if here else -1
-
-
-def _half() -> list[int]:
-    return [round(AHEAD_M / UNIT_M), round(BESIDE_M / UNIT_M)]
 
 
 def _road(run: Run, pose: tuple[float, float, float], window: shapely.Polygon) -> list[list[int]]:
