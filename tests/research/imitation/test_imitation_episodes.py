@@ -90,21 +90,22 @@ def test_tracks_are_the_agents_own(scenario: Scenario) -> None:
 def test_drivers_are_seen_as_they_drove(make_scenario: Any, track: Any) -> None:
     slower, faster = track(1, x=100.0, acceleration=-0.8), track(2, x=60.0, acceleration=1.0)
     scenarios = [make_scenario(slower, name="watched"), make_scenario(faster, name="people")]
-    pairs = traffic_pairs(scenarios, PairsConfig(real_share=0.25), np.random.default_rng(0), {"people"}).recorded
-    assert pairs.observation.shape[1] == SIZE and pairs.weight is not None
-    assert set(np.round(pairs.action[:, 0].double().numpy(), 3).tolist()) == {-0.2, 0.25}
-    assert float(torch.abs(pairs.action[:, 1]).max()) < 1e-6
-    assert float(pairs.weight[pairs.action[:, 0] > 0].sum()) == pytest.approx(0.25)
+    pairs = traffic_pairs(scenarios, PairsConfig(), np.random.default_rng(0), {"people"})
+    recorded, _ = pairs.demonstrations(0.25)
+    assert recorded.observation.shape[1] == SIZE
+    assert set(np.round(recorded.action[:, 0].double().numpy(), 3).tolist()) == {-0.2, 0.25}
+    assert float(torch.abs(recorded.action[:, 1]).max()) < 1e-6
+    assert float(recorded.weight[recorded.action[:, 0] > 0].sum()) == pytest.approx(0.25)
 
 
 def test_displaced_vehicles_are_shown_the_way_back(make_scenario: Any, track: Any) -> None:
     scenario = make_scenario(track(1, x=100.0), track(2, x=60.0))
     pairs = traffic_pairs([scenario], PairsConfig(turn=0.0), np.random.default_rng(0))
-    lane_offset = (pairs.corrected.observation - pairs.recorded.observation)[:, 3 + 4]
-    far = torch.abs(lane_offset) > 0.05
-    assert int(far.sum()) > 10 and bool((lane_offset * pairs.corrected.action[:, 1] < 0)[far].all())
-    assert torch.equal(pairs.corrected.action[:, 0], pairs.recorded.action[:, 0])
-    assert len(pairs.shown.action) == 2 * len(pairs.recorded.action)
+    lane_offset = (pairs.displaced - pairs.observation)[:, 3 + 4]
+    far = np.abs(lane_offset) > 0.05
+    assert far.sum() > 10 and (lane_offset * pairs.correction[:, 1] < 0)[far].all()
+    assert np.array_equal(pairs.correction[:, 0], pairs.action[:, 0])
+    assert len(pairs.demonstrations(0.5)[1].action) == 2 * len(pairs.action)
 
 
 def test_where_nobody_is_driven_training_ends_and_nothing_is_scored(scenario: Scenario) -> None:

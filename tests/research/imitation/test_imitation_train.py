@@ -21,6 +21,7 @@ from litsim_research.imitation.network import perceptron
 from litsim_research.policies import checkpoint
 from litsim_research.policies.data import prepare
 from litsim_research.policies.ppo import Demonstrations
+from litsim_research.policies.warm_start import clone
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import read_yaml
 
@@ -97,32 +98,28 @@ def test_more_agents_are_driven_from_stage_to_stage(file: Path, tmp_path: Path) 
 def test_drivers_are_imitated(file: Path, tmp_path: Path) -> None:
     config = changed(file)
     data = prepare(config.data, tmp_path)
-    recorded = traffic_pairs(data.train, config.drivers, np.random.default_rng(0), data.real).shown
+    shown = traffic_pairs(data.train, config.drivers, np.random.default_rng(0), data.real).demonstrations(0.5)[1]
     policy = train.Imitation(config, data).policy
 
     def likelihood() -> float:
         with torch.no_grad():
-            return float(policy.log_probability(recorded.observation, recorded.action).mean())
+            return float(policy.log_probability(shown.observation, shown.action).mean())
 
     before = likelihood()
-    train._warm_start(
-        policy,
-        recorded,
-        config.model_copy(update={"warm_start": config.warm_start.model_copy(update={"epochs": 60, "batch": 8})}),
-    )
+    clone(policy, shown, config.warm_start.model_copy(update={"epochs": 60, "batch": 8}), 0, shown.surprise)
     assert likelihood() > before + 1.0
 
 
 def test_rail_takes_from_the_reward_what_was_done_wrong(file: Path, tmp_path: Path, monkeypatch: Any) -> None:
     seen: dict[float, list[Any]] = {0.0: [], 5.0: []}
-    make = train.make_batch
+    make = checkpoint.make_batch
     for augmentation, noted in seen.items():
 
         def batch(tracks: Any, rewards: Any, *rest: Any, noted: list[Any] = noted) -> Any:
             noted.append((tracks, np.concatenate(rewards)))
             return make(tracks, rewards, *rest)
 
-        monkeypatch.setattr(train, "make_batch", batch)
+        monkeypatch.setattr(checkpoint, "make_batch", batch)
         train.run(changed(file, iterations=1, augmentation=augmentation), tmp_path / str(augmentation), progress=False)
     ((tracks, plain),), ((_, augmented),) = seen.values()
     fault = -np.concatenate([track.penalty for track in tracks])
@@ -134,7 +131,7 @@ def test_the_critic_moves_the_sides_apart() -> None:
     torch.manual_seed(0)
     generator, critic = torch.Generator().manual_seed(0), perceptron(8, 0.2)
     optimiser = torch.optim.RMSprop(critic.parameters(), 1e-3)
-    recorded = Demonstrations(torch.randn((300, 6), generator=generator) + 1.0, torch.ones(300, 2))
+    recorded = Demonstrations(torch.randn((300, 6), generator=generator) + 1.0, torch.ones(300, 2), torch.ones(300))
     driven = torch.randn((300, 8), generator=generator) - 1.0
     config = WassersteinConfig(updates=30, batch=64)
     distances = [update_wasserstein(critic, optimiser, recorded, driven, config, generator) for _ in range(3)]

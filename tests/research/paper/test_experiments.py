@@ -18,14 +18,15 @@ from litsim_research.paper.experiments import (
     REGIONS,
     SANITY,
     TABLE,
-    oracles,
+    of_oracles,
 )
 from litsim_research.paper.roads import roads, shortened
 from litsim_sim.core.parameters import by_stage
 from litsim_sim.scenario.scenario import Scenario
 
 EXPERIMENTS = (TABLE, ABLATIONS, CHANGED, SANITY, REGIONS, DEVIATING)
-EVERY = (*packaged_setups(), *(row for each in EXPERIMENTS for row in each.policies), *oracles(Path("happened")))
+ALL = (*EXPERIMENTS, of_oracles("idm", Path("happened")))
+EVERY = (*packaged_setups(), *(row for each in ALL for row in each.policies))
 
 
 @pytest.mark.parametrize("policy", EVERY, ids=lambda policy: policy if isinstance(policy, str) else policy.name)

@@ -82,7 +82,7 @@ def test_noise_hides_what_only_jitter_tells_apart() -> None:
         expert, made = torch.full((400, 8), 0.05), torch.full((400, 8), -0.05)
         optimiser = torch.optim.Adam(critic.parameters(), 3e-3)
         config = CriticConfig(updates=200, batch=64, gradient_penalty=0.0, noise=noise)
-        return update_critic(critic, optimiser, expert, made, config, generator).accuracy
+        return update_critic(critic, optimiser, expert, made, config, generator)["critic_accuracy"]
 
     assert accuracy(0.0) > 0.95
     assert accuracy(2.0) < 0.65

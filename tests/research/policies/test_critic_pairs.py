@@ -16,9 +16,8 @@ from litsim_research.policies.critic import Critic, CriticConfig, driven_pairs, 
 from litsim_research.policies.episodes import Course, EnvironmentConfig, Episodes
 from litsim_research.policies.expert import ExpertConfig, ExpertPairs, expert_pairs, share_weights
 from litsim_research.policies.network import GaussianPolicy
-from litsim_research.policies.ppo import Demonstrations, Track, tensor
+from litsim_research.policies.ppo import Track, tensor
 from litsim_research.policies.task import TaskConfig
-from litsim_research.policies.train import demonstrations
 from litsim_sim.scenario.scenario import Scenario
 
 SEEN = ObservationConfig()
@@ -71,7 +70,7 @@ def without_actions(pairs: Tensor) -> Tensor:
 def test_observations_alone_do_not_tell_who_has_driven(experts: ExpertPairs) -> None:
     """With the actions withheld the critic stays near chance; with them, it tells a policy that always accelerates."""
     torch.manual_seed(0)
-    policy, (recorded, _) = GaussianPolicy(SEEN), demonstrations(experts, 0.5)
+    policy, (recorded, _) = GaussianPolicy(SEEN), experts.demonstrations(0.5)
     with torch.no_grad():
         policy.mean.bias[0] = 0.8
     expert, drawn = expert_and_policy_pairs(policy, recorded, 2000, torch.Generator().manual_seed(0))
@@ -100,12 +99,11 @@ def test_people_count_as_much_as_they_are_said_to() -> None:
     size = np.zeros((100, SIZE))
     experts = ExpertPairs(size, np.column_stack([real, real, real]) * 0.5, size, size[:, :3], real)
     for share in (0.0, 0.3, 1.0):
-        recorded, shown = demonstrations(experts, share)
+        recorded, shown = experts.demonstrations(share)
         drawn = recorded.draw(4000, torch.Generator().manual_seed(0))
         assert float((recorded.action[drawn, 0] > 0).float().mean()) == pytest.approx(share, abs=0.03)
         both = shown.draw(4000, torch.Generator().manual_seed(0))
         assert float((both >= 100).float().mean()) == pytest.approx(0.5, abs=0.04), "corrections as often as drivers"
-    assert Demonstrations(recorded.observation, recorded.action).draw(50, torch.Generator()).max() < 100
     none = np.zeros(100, np.bool_)
     assert share_weights(none, 0.9) == pytest.approx(np.full(100, 0.01)), (
         "where there are no people, the others are all"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from litsim_research.policies import episodes, rollout
+from litsim_research.policies import episodes
 from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.episodes import Course, EnvironmentConfig
 from litsim_research.policies.network import GaussianPolicy
@@ -152,4 +152,5 @@ def test_an_iteration_goes_on_until_it_has_its_agent_steps_and_takes_all_that_wa
 
 
 def _seeds(config: TrainConfig, iteration: int, count: int) -> list[int]:
-    return [rollout._episode_seed(config.seed, iteration, episode) for episode in range(count)]
+    sequences = (np.random.SeedSequence([config.seed, iteration, episode]) for episode in range(count))
+    return [int(sequence.generate_state(1)[0]) for sequence in sequences]

@@ -21,7 +21,7 @@ from litsim_research.policies.data import REPORTED, DataConfig, Generated, RealW
 from litsim_research.policies.expert import expert_pairs
 from litsim_research.policies.network import GaussianPolicy
 from litsim_research.policies.ppo import tensor
-from litsim_research.policies.warm_start import WarmStart
+from litsim_research.policies.warm_start import WarmStart, clone
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.recording import Recording
@@ -78,8 +78,8 @@ def test_drivers_are_imitated(file: Path) -> None:
         return float(np.abs(said - experts.correction)[:, 1:].mean())
 
     before = error()
-    longer = config.model_copy(update={"warm_start": WarmStart(epochs=40)})
-    train._warm_start(policy, train.demonstrations(experts, 0.5)[1], longer)
+    shown = experts.demonstrations(0.5)[1]
+    clone(policy, shown, WarmStart(epochs=40), config.seed, shown.error)
     assert error() < 0.5 * before
 
 

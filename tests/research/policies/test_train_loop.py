@@ -101,8 +101,9 @@ def test_a_policy_is_validated_as_it_was_while_the_next_iteration_changes_it(
     said: list[str] = []
 
     def noted(name: str, instead: Any = None) -> None:
-        real = getattr(train, name)
-        monkeypatch.setattr(train, name, lambda *a, **k: said.append(name) or (instead or real)(*a, **k))
+        module = checkpoint if name == "update_policy" else train
+        real = getattr(module, name)
+        monkeypatch.setattr(module, name, lambda *a, **k: said.append(name) or (instead or real)(*a, **k))
 
     scores = iter([-1.0, -2.0])
     for name in ("begin", "begin_validation", "update_policy"):
@@ -140,7 +141,7 @@ def test_it_is_rewarded_for_passing_as_a_driver_and_punished_by_the_penalties(
     """A critic that is sure counts as much as it may, one that hardly tells the sides apart hardly counts."""
     seen: list[tuple[list[Any], list[np.ndarray]]] = []
     calls: list[tuple[bool, bool]] = []
-    make, update = train.make_batch, train.update_policy
+    make, update = checkpoint.make_batch, checkpoint.update_policy
 
     def batch(tracks: list[Any], rewards: list[np.ndarray], *rest: Any) -> Any:
         seen.append((tracks, rewards))
@@ -156,8 +157,8 @@ def test_it_is_rewarded_for_passing_as_a_driver_and_punished_by_the_penalties(
         tracks, rates = collect(*arguments)
         return [replace(t, penalty=t.penalty - 7.0 * (np.arange(len(t)) == 0)) for t in tracks], rates
 
-    monkeypatch.setattr(train, "make_batch", batch)
-    monkeypatch.setattr(train, "update_policy", updated)
+    monkeypatch.setattr(checkpoint, "make_batch", batch)
+    monkeypatch.setattr(checkpoint, "update_policy", updated)
     monkeypatch.setattr(train, "collect", punished)
     said = lambda _, pairs, limit: spread * torch.where(torch.arange(len(pairs)) % 2 == 0, 1.0, -1.0)  # noqa: E731
     monkeypatch.setattr(Critic, "reward", said)

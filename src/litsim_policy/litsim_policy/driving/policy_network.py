@@ -15,7 +15,7 @@ import numpy as np
 
 from litsim_policy.driving.action import ACTIONS
 from litsim_policy.driving.features.observation import ObservationConfig
-from litsim_policy.driving.network_file import layer_arrays, perceptron, read_network
+from litsim_policy.driving.network_file import Perceptron, layer_arrays, read_network
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 
@@ -33,17 +33,13 @@ PARSED: dict[str, Callable[[str], Any]] = {
 
 
 @dataclass(frozen=True)
-class PolicyNetwork:
+class PolicyNetwork(Perceptron):
     """The mean action as a function of the observation: two hidden layers, tanh throughout.
 
     Attributes:
-        weights: (inputs, outputs) of each layer.
-        biases: (outputs,) of each layer.
         observation: with which the network was trained.
     """
 
-    weights: tuple[FloatArray, ...]
-    biases: tuple[FloatArray, ...]
     observation: ObservationConfig
 
     @classmethod
@@ -64,7 +60,7 @@ class PolicyNetwork:
 
     def before_tanh(self, observation: FloatArray) -> FloatArray:
         """Returns the same (m, 3) before the last tanh; a row's values do not depend on the others."""
-        return perceptron(observation, self.weights, self.biases)
+        return self.outputs(observation)
 
 
 def shipped_weights(name: str) -> Path:

@@ -13,7 +13,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from litsim_policy.driving.features.traffic_observation import SIZE, TrafficObserver
-from litsim_policy.driving.network_file import layer_arrays, perceptron, read_network
+from litsim_policy.driving.network_file import Perceptron, layer_arrays, read_network
 from litsim_policy.driving.policy import Policy
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.errors import InputError
@@ -29,17 +29,13 @@ FORMAT = "litsim traffic policy, 1"
 
 
 @dataclass(frozen=True)
-class ImitationNetwork:
-    """A Gaussian over actions as a function of the observation: three hidden layers, tanh between them.
+class ImitationNetwork(Perceptron):
+    """A Gaussian over actions; its mean, before clipping to [-1, 1], are the outputs of three hidden layers.
 
     Attributes:
-        weights: (inputs, outputs) of each layer.
-        biases: (outputs,) of each layer.
         deviation: (2,) standard deviations of the actions.
     """
 
-    weights: tuple[FloatArray, ...]
-    biases: tuple[FloatArray, ...]
     deviation: FloatArray
 
     @classmethod
@@ -54,11 +50,7 @@ class ImitationNetwork:
         spread = tensors.get("log_std", np.empty(0))
         if spread.shape != BOUNDS.shape or not np.isfinite(spread).all():
             raise InputError(f"{path}: tensor log_std has shape {spread.shape}, expected {BOUNDS.shape} finite numbers")
-        return cls(weights, biases, np.exp(spread))
-
-    def mean(self, observation: FloatArray) -> FloatArray:
-        """Returns mean actions (m, 2) for observations (m, SIZE), before clipping to [-1, 1]."""
-        return perceptron(observation, self.weights, self.biases)
+        return cls(weights, biases, np.exp(spread.astype(np.float64)))
 
 
 @configuration
@@ -107,7 +99,7 @@ class ImitationPolicy(Policy):
         if not listed:
             return ControlTable.empty(table.step)
         agents = PathFollowers.of_takeovers(self._lane_map, table, listed)
-        action = self._network.mean(self._observer.observe(agents))
+        action = self._network.outputs(self._observer.observe(agents))
         if self._draws:
             action = action + self._network.deviation * self._noise(table, agents.rows)
         return commanded(agents, action)

@@ -29,11 +29,6 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: list[str] | None = None) -> None:
     """Entry point of ``ros2 run litsim_research export``."""
     arguments = parser().parse_args(argv)
-    _export(arguments)
-    print(arguments.out)
-
-
-def _export(arguments: argparse.Namespace) -> None:
     missing = [name for name in NEEDED if not find_spec(name)]
     if missing:
         raise not_installed(missing[0])
@@ -43,3 +38,4 @@ def _export(arguments: argparse.Namespace) -> None:
     from litsim_research.predictors.models.weights import load_model
 
     write_graph(*load_model(arguments.weights), arguments.out, weights=not arguments.graph_only)
+    print(arguments.out)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -157,7 +157,10 @@ class Work:
         egos = self._egos(TABLE)
         together = {ego: tables.methods_of(campaign, ego, None) for ego in egos}
         by_set = {ego: {name: tables.methods_of(campaign, ego, name) for name in self._sets} for ego in egos}
-        every_ego = _merged(together.values())
+        every_ego: dict[str, dict[Key, Metrics | None]] = {}
+        for methods in together.values():
+            for name, runs in methods.items():
+                every_ego.setdefault(name, {}).update(runs)
         canvases = {
             "contacts_by_fault": figures.contacts_by_fault(together),
             "ade_over_time": figures.ade_over_time(by_set),
@@ -275,14 +278,6 @@ def _rows(
         if ego == PAPER_EGO:
             records += tables.published_rows(ego, experiment.published)
     return records
-
-
-def _merged(by_ego: Iterable[dict[str, dict[Key, Metrics | None]]]) -> dict[str, dict[Key, Metrics | None]]:
-    merged: dict[str, dict[Key, Metrics | None]] = {}
-    for methods in by_ego:
-        for name, runs in methods.items():
-            merged.setdefault(name, {}).update(runs)
-    return merged
 
 
 @program

@@ -13,6 +13,7 @@ import logging
 import sys
 from collections.abc import Iterator
 from functools import reduce
+from itertools import product
 from operator import getitem
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -152,7 +153,7 @@ def print_table(title: str, result: dict[str, dict[str, Any]]) -> None:
     for model in result:
         table.add_column(Path(model).stem, justify="right", overflow="fold")
     for name, keys in _rows(result):
-        table.add_row(name, *(_cell(_entry(measures, keys), keys[0]) for measures in result.values()))
+        table.add_row(name, *(_cell(reduce(getitem, keys, measures), keys[0]) for measures in result.values()))
     Console().print(table)
     print("ratio: of the RMSE to constant velocity's; precision, recall: of conflicts of egos that leave their log")
 
@@ -182,15 +183,8 @@ def _rows(result: dict[str, dict[str, Any]]) -> Iterator[tuple[str, tuple[str, .
     yield "forecasts overlap %", ("overlap_rate",)
     yield "truth overlaps %", ("overlap_rate_truth",)
     if all("conflicts" in measures for measures in result.values()):
-        for second in seconds:
-            yield f"precision@{second} s %", ("conflicts", second, "precision")
-        for second in seconds:
-            yield f"recall@{second} s %", ("conflicts", second, "recall")
-
-
-def _entry(measures: Any, keys: tuple[str, ...]) -> Any:
-    """Returns what is at the place `keys` in nested mappings."""
-    return reduce(getitem, keys, measures)
+        for measure, second in product(("precision", "recall"), seconds):
+            yield f"{measure}@{second} s %", ("conflicts", second, measure)
 
 
 def _cell(value: float | None, measure: str) -> str:

@@ -42,11 +42,7 @@ def packaged_configs() -> dict[str, Path]:
 def main(argv: list[str] | None = None) -> int:
     """Entry point of ``ros2 run litsim_research train predictor``."""
     arguments = parser().parse_args(argv)
-    return _train(arguments)
 
-
-def _train(arguments: argparse.Namespace) -> int:
-    """Train as the arguments say; returns the exit status."""
     import torch
 
     from litsim_research.predictors.device import check_device

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from litsim_research.policies.critic import gradient_norm
-from litsim_research.policies.ppo import BatchSize, Demonstrations
+from litsim_research.policies.ppo import BatchSize, Demonstrations, refuse_divergence
 from litsim_sim.core.quantities import NonNegative, Number, OpenShare, Positive, Whole, configuration
 
 
@@ -48,6 +48,9 @@ def update_wasserstein(
         driven: (m, size + 2) pairs of the policy.
         config: of the update.
         generator: of the draws; it also seeds torch's own generator, from which dropout draws.
+
+    Raises:
+        InputError: the critic diverges.
     """
     torch.manual_seed(int(torch.randint(2**31, (), generator=generator)))
     critic.train()
@@ -63,4 +66,5 @@ def update_wasserstein(
         optimiser.step()
         apart += float(distance.detach())
     critic.eval()
+    refuse_divergence(critic, "critic.learning_rate", config.learning_rate)
     return apart / config.updates

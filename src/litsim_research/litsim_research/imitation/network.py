@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import torch
-from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 
 from litsim_policy.driving.features.traffic_observation import SIZE
 from litsim_research.baselines.imitation_policy import BOUNDS, FORMAT, HIDDEN, LAYERS
-from litsim_sim.io.files import replacing
+from litsim_research.policies.network import StochasticPolicy
+from litsim_research.predictors.checkpoint import save_weights
 
 LOG_STD_START = -1.0
-LOG_STD_MIN, LOG_STD_MAX = -3.0, 0.0
 
 
-class TrafficPolicy(nn.Module):
-    """A Gaussian over accelerations and yaw rates, in units of BOUNDS, with a mean that depends on the observation."""
+class TrafficPolicy(StochasticPolicy):
+    """A Gaussian over accelerations and yaw rates, in units of BOUNDS."""
+
+    layers, log_std_range = LAYERS, (-3.0, 0.0)
 
     def __init__(self) -> None:
         super().__init__()
@@ -30,31 +30,14 @@ class TrafficPolicy(nn.Module):
             self.add_module(name, layer)
         self.log_std = nn.Parameter(torch.full((len(BOUNDS),), LOG_STD_START))
 
-    def forward(self, observation: Tensor) -> Tensor:
-        """Returns means (m, 2) for observations (m, SIZE)."""
-        values = observation
-        for name in LAYERS[:-1]:
-            values = torch.tanh(self.get_submodule(name)(values))
-        means: Tensor = self.get_submodule(LAYERS[-1])(values)
-        return means
-
-    def said(self, observation: Tensor) -> Tensor:
-        """Returns the same means, as deterministic actions (m, 2)."""
-        means: Tensor = self(observation)
-        return means
-
-    def std(self) -> Tensor:
-        """Returns standard deviations (2,)."""
-        return torch.exp(torch.clamp(self.log_std, LOG_STD_MIN, LOG_STD_MAX))
+    def deterministic(self, observation: Tensor) -> Tensor:
+        """See :class:`.StochasticPolicy`."""
+        return self.forward(observation)
 
     def log_probability(self, observation: Tensor, raw: Tensor) -> Tensor:
         """Returns the logarithm of the density (m,) of actions `raw` (m, 2) as drawn, before driving clips them."""
         # validation of the arguments would take longer than the density
         return torch.distributions.Normal(self(observation), self.std(), validate_args=False).log_prob(raw).sum(dim=-1)
-
-    def entropy(self) -> Tensor:
-        """Returns the entropy of the Gaussian, a scalar in nats."""
-        return (torch.log(self.std()) + 0.5 * np.log(2.0 * np.pi * np.e)).sum()
 
 
 def perceptron(inputs: int, dropout: float = 0.0) -> nn.Sequential:
@@ -71,7 +54,5 @@ def save(policy: TrafficPolicy, path: Path, about: dict[str, str]) -> None:
     Raises:
         Unwritable: the file cannot be written; what was there is kept.
     """
-    tensors = {name: tensor.detach().contiguous() for name, tensor in policy.state_dict().items()}
-    tensors["log_std"] = torch.log(policy.std()).detach()
-    with replacing(path) as new:
-        new.write_bytes(to_bytes(tensors, {"format": FORMAT, **about}))
+    tensors = policy.state_dict() | {"log_std": torch.log(policy.std())}
+    save_weights(tensors, {"format": FORMAT, **about}, path)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,12 +13,11 @@ from litsim_research.imitation.episodes import TrafficEpisodes
 from litsim_research.imitation.network import TrafficPolicy
 from litsim_research.policies.draw import with_ego
 from litsim_research.policies.ppo import Track, tensor
+from litsim_research.policies.rollout import VALIDATION_SEED, by_kind
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray, IntArray
-from litsim_sim.scenario.batched import kind
 from litsim_sim.scenario.scenario import Scenario
 
-VALIDATION_SEED = 10_000_019
 ALL_AGENTS = 1000  # more than a scene has
 EMPTY_SCENES_MAX = 100  # scenes in a row without an agent to drive, after which training gives up
 
@@ -92,7 +90,7 @@ def collect(
         drawn = [with_ego(scenarios[int(random.integers(len(scenarios)))], random) for _ in range(config.together)]
         some = [
             drive(scenes, policy, config.agents[stage], config.radius, config.horizon, generator)
-            for scenes in _by_kind(drawn)
+            for scenes in _groups(drawn)
         ]
         steps = sum(len(track) for one in some for track in one.tracks)
         missing, empty = missing - steps, 0 if steps else empty + len(drawn)
@@ -113,7 +111,7 @@ def validate(scenarios: Sequence[Scenario], policy: TrafficPolicy, config: Imita
     """
     random = np.random.default_rng(VALIDATION_SEED)
     drawn = [with_ego(scenarios[k % len(scenarios)], random) for k in range(config.validation_scenes)]
-    drives = [drive(scenes, policy, ALL_AGENTS, config.radius, config.horizon, None) for scenes in _by_kind(drawn)]
+    drives = [drive(scenes, policy, ALL_AGENTS, config.radius, config.horizon, None) for scenes in _groups(drawn)]
     rated = rates(drives)
     if not rated["transitions"]:
         raise _nobody_driven(f"the {config.validation_scenes} scenes of validation", config)
@@ -145,12 +143,9 @@ def _nobody_driven(where: str, config: ImitationTraining) -> InputError:
     )
 
 
-def _by_kind(scenes: Sequence[Scenario]) -> list[list[Scenario]]:
+def _groups(scenes: Sequence[Scenario]) -> list[list[Scenario]]:
     """Returns `scenes` in groups of one kind each."""
-    groups: dict[Hashable, list[Scenario]] = defaultdict(list)
-    for scene in scenes:
-        groups[kind(scene)].append(scene)
-    return list(groups.values())
+    return [[scenes[k] for k in group] for group in by_kind(scenes)]
 
 
 def _drawn(policy: TrafficPolicy, seen: FloatArray, generator: torch.Generator | None) -> tuple[FloatArray, FloatArray]:

@@ -31,9 +31,8 @@ from litsim_research.imitation.network import TrafficPolicy, perceptron, save
 from litsim_research.imitation.rollout import collect, validate
 from litsim_research.policies.checkpoint import BEST, CHECKPOINT, CURVES, AdversarialTraining
 from litsim_research.policies.data import TrainingData, prepare
-from litsim_research.policies.divergence import refuse_divergence
 from litsim_research.policies.plots import IMITATION_PANELS
-from litsim_research.policies.ppo import Demonstrations, Track, make_batch, tensor, update_policy
+from litsim_research.policies.ppo import Demonstrations, Track, tensor
 from litsim_research.policies.training_program import training_parser, training_program
 from litsim_research.policies.warm_start import clone
 from litsim_sim.cli.program import program
@@ -84,16 +83,16 @@ def run(config: ImitationTraining, out: Path, *, resume: bool = False, progress:
     training = Imitation(config, data)
     if resume:
         training.read(out / CHECKPOINT)
-    each_once = list({scenario.name: scenario for scenario in data.train}.values())
-    pairs = traffic_pairs(each_once, config.drivers, np.random.default_rng([config.seed, 1]), data.real)
+    experts = traffic_pairs(data.each_once, config.drivers, np.random.default_rng([config.seed, 1]), data.real)
+    recorded, shown = experts.demonstrations(config.drivers.real_share)
     if not training.history:
-        _warm_start(training.policy, pairs.shown, config)
+        clone(training.policy, shown, config.warm_start, config.seed, shown.surprise)
         _note(training, data, out, {}, last=False)
     done = training.iterations
     with tqdm(total=config.iterations, initial=done, unit="iteration", disable=not progress) as bar:
         for iteration in range(done, config.iterations):
             begin = time.perf_counter()
-            figures = _iterate(training, data, pairs.recorded, iteration)
+            figures = _iterate(training, data, recorded, iteration)
             figures["seconds"] = time.perf_counter() - begin
             _note(training, data, out, figures, last=iteration == config.iterations - 1)
             bar.set_postfix({name: f"{figures[name]:.3f}" for name in ("contact", "off_road", "error")})
@@ -135,46 +134,19 @@ def _iterate(training: Imitation, data: TrainingData, recorded: Demonstrations, 
     distance = update_wasserstein(
         training.critic, training.critic_optimiser, recorded, driven, config.critic, generator
     )
-    refuse_divergence(training.critic, "critic.learning_rate", config.critic.learning_rate)
     with torch.no_grad():
         passing = training.critic(pairs)[:, 0].double().numpy()
+    penalty = np.concatenate([track.penalty for track in tracks])
     scaled = (passing - passing.mean()) / (passing.std() + 1e-6)
-    ends = np.cumsum([len(track) for track in tracks])
-    rewards = [
-        part + config.augmentation * track.penalty
-        for part, track in zip(np.split(scaled, ends[:-1]), tracks, strict=True)
-    ]
-    batch = make_batch(tracks, rewards, training.value, config.ppo)
-    optimiser, value_only = training.policy_optimiser, iteration < config.ppo.value_first
-    step = update_policy(
-        training.policy, training.value, optimiser, batch, config.ppo, generator, value_only=value_only
-    )
-    for network in (training.policy, training.value):
-        refuse_divergence(network, "ppo.learning_rate", config.ppo.learning_rate)
-    faults = -np.concatenate([track.penalty for track in tracks])
-    return figures | {
-        "fault": float(faults.mean()),
-        "critic_distance": distance,
-        "value_loss": step.value_loss,
-        "divergence": step.divergence,
-        "clipped": step.clipped,
-        "deviation": float(training.policy.std().detach().mean()),
-    }
+    update = training.improve(tracks, scaled + config.augmentation * penalty, generator)
+    figures |= {"fault": float((-penalty).mean()), "critic_distance": distance}
+    return figures | update | {"deviation": float(training.policy.std().detach().mean())}
 
 
 def driven_pairs(tracks: list[Track]) -> Tensor:
     """Returns observations and executed actions side by side (m, SIZE + 2), as the critic sees them."""
     rows = [np.concatenate([track.observation[:-1], track.executed], axis=1) for track in tracks]
     return tensor(np.concatenate(rows))
-
-
-def _warm_start(policy: TrafficPolicy, shown: Demonstrations, config: ImitationTraining) -> None:
-    """Fit `policy` to `shown` by maximum likelihood, in place."""
-
-    def loss_of(chosen: Tensor) -> Tensor:
-        return -policy.log_probability(shown.observation[chosen], shown.action[chosen]).mean()
-
-    clone(policy, shown, config.warm_start, config.seed, loss_of)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -51,32 +51,6 @@ IN_REGION: dict[str, dict[str, Any]] = {
 """Parameters by the row of a baseline: everybody near the ego, the agents that LitSim would take over, everybody."""
 
 
-def in_regions() -> tuple[Policy, ...]:
-    """Returns each baseline with each choice of the agents that it drives."""
-    return tuple(
-        _row(name.format(baseline), baseline, **parameters)
-        for baseline in BASELINES
-        for name, parameters in IN_REGION.items()
-    )
-
-
-def oracles(outcomes: Path) -> tuple[Policy, ...]:
-    """Returns LitSim, and LitSim with one stage at a time replaced by an oracle that reads the folder `outcomes`."""
-    forecast = {
-        "predictor.model": "oracle",
-        "predictor.oracle.outcomes": str(outcomes),
-        "conflict.planned_motion": False,
-        "conflict.closing_time": 0.0,
-    }
-    conflicts = {"conflict.outcomes": str(outcomes)}
-    return (
-        OURS,
-        PolicySetup(name="true future", kind=OURS, parameters=forecast),
-        PolicySetup(name="conflicts by hindsight", kind=OURS, parameters=conflicts),
-        PolicySetup(name="ideal hand-back", kind=OURS, parameters={"conflict.handback": "at_once"}),
-    )
-
-
 CHANGES = {
     "its predictor": ("predictor.model", "predictor.modes", "predictor.along_lanes"),
     "its horizon": ("conflict.horizon",),
@@ -97,14 +71,13 @@ CHANGES = {
 """Parameters in which LitSim differs from the paper, by the name of the row that reverts them."""
 
 
-def changes() -> tuple[Policy, ...]:
-    """Returns LitSim, LitSim with one change at a time reverted to the paper, and with all of them reverted."""
+def _taken_back() -> list[PolicySetup]:
+    """Returns LitSim with one change at a time reverted to the paper."""
     paper = setup_of(PAPER_SETUP).parameters
-    taken_back = (
+    return [
         PolicySetup(name=name, kind=OURS, parameters={parameter: paper[parameter] for parameter in names})
         for name, names in CHANGES.items()
-    )
-    return (OURS, *taken_back, PAPER_SETUP)
+    ]
 
 
 @dataclass(frozen=True)
@@ -154,10 +127,6 @@ def _ten_seconds(cases: Roads, folder: Path) -> Roads:
     return {name: shortened(entries, SANITY_S, folder) for name, entries in cases.items()}
 
 
-def _few(cases: Roads, folder: Path) -> Roads:
-    return _ten_seconds({name: entries[:FEW] for name, entries in cases.items()}, folder)
-
-
 TABLE = Experiment(
     name="table",
     description="Table II: pure replay, the baselines, ours, and ours as the paper configures it.",
@@ -176,7 +145,7 @@ ABLATIONS = Experiment(
 CHANGED = Experiment(
     name="changes",
     description="Ours with one of its changes at a time taken back to what the paper does.",
-    policies=changes(),
+    policies=(OURS, *_taken_back(), PAPER_SETUP),
     egos=EGOS[1:],
     by_set=False,
 )
@@ -193,7 +162,11 @@ SANITY = Experiment(
 REGIONS = Experiment(
     name="regions",
     description="Each baseline, driving everybody near the ego, whom LitSim would take over, or everybody.",
-    policies=(REPLAY, *in_regions(), OURS),
+    policies=(
+        REPLAY,
+        *(_row(name.format(base), base, **chosen) for base in BASELINES for name, chosen in IN_REGION.items()),
+        OURS,
+    ),
     egos=("idm",),
     own_egos=True,
 )
@@ -210,8 +183,18 @@ ORACLES = "oracles"
 
 
 def of_oracles(ego: str, outcomes: Path) -> Experiment:
-    """Returns LitSim with one stage at a time replaced by an oracle, for one ego, to see the loss in each stage."""
-    return Experiment(f"{ORACLES}_{ego}", "What is lost in each stage.", oracles(outcomes), (ego,))
+    """Returns LitSim with one stage at a time replaced by an oracle, for one ego, to see the loss in each stage.
+
+    The oracles read the folder `outcomes`.
+    """
+    future = {"predictor__model": "oracle", "predictor__oracle__outcomes": str(outcomes)}
+    policies = (
+        OURS,
+        _row("true future", OURS, **future, conflict__planned_motion=False, conflict__closing_time=0.0),
+        _row("conflicts by hindsight", OURS, conflict__outcomes=str(outcomes)),
+        _row("ideal hand-back", OURS, conflict__handback="at_once"),
+    )
+    return Experiment(f"{ORACLES}_{ego}", "What is lost in each stage.", policies, (ego,))
 
 
 BACKBONES = "backbones"
@@ -225,6 +208,6 @@ def of_backbones(weights: Path) -> Experiment:
         description="SimNet with its small backbone and with the paper's.",
         policies=(REPLAY, "simnet", PolicySetup(name="simnet, ResNet-50", kind="simnet", parameters=large)),
         egos=("log", "idm"),
-        prepare=_few,
+        prepare=lambda cases, folder: _ten_seconds({name: cases[name][:FEW] for name in cases}, folder),
         by_set=False,
     )

@@ -7,7 +7,7 @@ its runs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -39,12 +39,8 @@ def roads(names: Sequence[str], folder: Path, *, quick: bool = False) -> Roads:
     Raises:
         InputError: the real window is missing, or `folder` cannot be written.
     """
-    makers: dict[str, Callable[[], list[CaseEntry]]] = {
-        REAL: lambda: _real(quick),
-        HIGHWAY: lambda: _quick(HIGHWAY, folder) if quick else _generated(HIGHWAY, folder),
-        URBAN: lambda: _quick(URBAN, folder) if quick else _generated(URBAN, folder),
-    }
-    return {name: makers[name]() for name in names}
+    drawn = _quick if quick else _generated
+    return {name: _real(quick) if name == REAL else drawn(name, folder) for name in names}
 
 
 def shortened(entries: Sequence[CaseEntry], seconds: float, folder: Path) -> list[CaseEntry]:
@@ -96,11 +92,8 @@ def generated(name: str, count: int, seed: int, folder: Path) -> list[str]:
 
 
 def _quick(name: str, folder: Path) -> list[CaseEntry]:
-    path = folder / f"quick_{name}.yaml"
-    scenario = Scenario.load(_packaged(QUICK[name]), simulation_s=QUICK_S)
+    path, source = folder / f"quick_{name}.yaml", QUICK[name]
+    source = str(packaged(f"suites/{source}.yaml", "litsim_eval")) if "/" in source else source
+    scenario = Scenario.load(source, simulation_s=QUICK_S)
     _write(scenario, path)
     return [_entry(name, str(path.resolve()), ego, draw) for draw, ego in enumerate(scenario.egos[:2])]
-
-
-def _packaged(name: str) -> str:
-    return str(packaged(f"suites/{name}.yaml", "litsim_eval")) if "/" in name else name

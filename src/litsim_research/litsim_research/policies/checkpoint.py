@@ -16,10 +16,12 @@ from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.critic import Critic
 from litsim_research.policies.data import TrainingData
 from litsim_research.policies.data_state import DataState
-from litsim_research.policies.network import GaussianPolicy, multilayer, save
+from litsim_research.policies.network import GaussianPolicy, StochasticPolicy, multilayer, save
 from litsim_research.policies.plots import PANELS, Lines, plot_curves
+from litsim_research.policies.ppo import Demonstrations, Track, make_batch, update_policy
 from litsim_research.predictors.checkpoint import checkpoint, save_checkpoint
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.files import replacing
 
 CHECKPOINT, HISTORY, CURVES, LAST, BEST = (
@@ -47,7 +49,7 @@ class AdversarialTraining:
     """
 
     config: Any
-    policy: torch.nn.Module
+    policy: StochasticPolicy
     value: torch.nn.Module
     critic: torch.nn.Module
     policy_optimiser: torch.optim.Optimizer
@@ -68,6 +70,31 @@ class AdversarialTraining:
     def save(self, path: Path) -> None:
         """Write the weights of the policy, with :attr:`about` as metadata."""
         raise NotImplementedError
+
+    def improve(
+        self,
+        tracks: list[Track],
+        reward: FloatArray,
+        generator: torch.Generator,
+        shown: Demonstrations | None = None,
+    ) -> dict[str, float]:
+        """Update policy and value network by PPO; returns what :func:`.ppo.update_policy` does.
+
+        Args:
+            tracks: driven by the policy.
+            reward: (m,) of all their steps, one track after another.
+            generator: of the draws.
+            shown: demonstrations that the policy is kept near to.
+
+        Raises:
+            InputError: the policy or the value network diverges.
+        """
+        ppo, ends = self.config.ppo, np.cumsum([len(track) for track in tracks])
+        batch = make_batch(tracks, np.split(reward, ends[:-1]), self.value, ppo)
+        value_only = self.iterations < ppo.value_first
+        return update_policy(
+            self.policy, self.value, self.policy_optimiser, batch, ppo, generator, shown, value_only=value_only
+        )
 
     @property
     def _parts(self) -> dict[str, Any]:

@@ -12,7 +12,6 @@ is close to the one before, and says next to nothing about the driver.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -21,7 +20,7 @@ from torch import Tensor, nn
 from litsim_policy.driving.action import ACTIONS, consistent, executed_yaw_rate, normalised, physical
 from litsim_policy.driving.features.scales import SPEED
 from litsim_research.policies.network import GaussianPolicy, multilayer
-from litsim_research.policies.ppo import BatchSize, Demonstrations, Track, tensor
+from litsim_research.policies.ppo import BatchSize, Demonstrations, Track, refuse_divergence, tensor
 from litsim_sim.core.quantities import NonNegative, Number, Positive, Whole, configuration
 from litsim_sim.core.scene import FloatArray
 
@@ -72,19 +71,6 @@ class Critic(nn.Module):
             return torch.clamp(self(pairs), -limit, limit)
 
 
-@dataclass(frozen=True)
-class CriticStep:
-    """Means over the steps of an update.
-
-    Attributes:
-        loss: including the gradient penalty.
-        accuracy: share of pairs that are classified correctly.
-    """
-
-    loss: float
-    accuracy: float
-
-
 def update_critic(
     critic: Critic,
     optimiser: torch.optim.Optimizer,
@@ -92,8 +78,11 @@ def update_critic(
     policy: Tensor,
     config: CriticConfig,
     generator: torch.Generator,
-) -> CriticStep:
+) -> dict[str, float]:
     """Take `config.updates` steps of logistic regression with gradient penalty.
+
+    Returns means over the steps: `critic_accuracy`, the share of pairs that are classified correctly, and
+    `critic_loss`, including the gradient penalty.
 
     Args:
         critic: to train.
@@ -101,14 +90,15 @@ def update_critic(
         expert, policy: pairs (m, observations + 3) of recorded drivers and of the policy.
         config: of the update.
         generator: of the draws.
+
+    Raises:
+        InputError: the critic diverges.
     """
     entropy = nn.functional.binary_cross_entropy_with_logits
     losses, right = 0.0, 0.0
     for _ in range(config.updates):
-        real, made = (
-            _jittered(pairs[torch.randint(len(pairs), (config.batch,), generator=generator)], config.noise, generator)
-            for pairs in (expert, policy)
-        )
+        chosen = (pairs[torch.randint(len(pairs), (config.batch,), generator=generator)] for pairs in (expert, policy))
+        real, made = (pairs + config.noise * torch.randn(pairs.shape, generator=generator) for pairs in chosen)
         real_logits, made_logits = critic(real), critic(made)
         loss = entropy(real_logits, torch.ones_like(real_logits)) + entropy(made_logits, torch.zeros_like(made_logits))
         excess = torch.relu(gradient_norm(critic, real, made, generator) - 1.0)
@@ -118,7 +108,8 @@ def update_critic(
         optimiser.step()
         losses += float(loss.detach())
         right += 0.5 * float((real_logits > 0).float().mean() + (made_logits <= 0).float().mean())
-    return CriticStep(losses / config.updates, right / config.updates)
+    refuse_divergence(critic, "critic.learning_rate", config.learning_rate)
+    return {"critic_accuracy": right / config.updates, "critic_loss": losses / config.updates}
 
 
 def gradient_norm(critic: Callable[[Tensor], Tensor], real: Tensor, made: Tensor, generator: torch.Generator) -> Tensor:
@@ -128,10 +119,6 @@ def gradient_norm(critic: Callable[[Tensor], Tensor], real: Tensor, made: Tensor
     (slope,) = torch.autograd.grad(critic(between).sum(), between, create_graph=True)
     norm: Tensor = slope.norm(dim=1)
     return norm
-
-
-def _jittered(pairs: Tensor, noise: float, generator: torch.Generator) -> Tensor:
-    return pairs + noise * torch.randn(pairs.shape, generator=generator)
 
 
 def expert_and_policy_pairs(

@@ -102,6 +102,11 @@ class TrainingData:
     validation: tuple[Scenario, ...]
     real: frozenset[str] = frozenset()
 
+    @property
+    def each_once(self) -> list[Scenario]:
+        """The scenarios for training, without repetitions."""
+        return list({scenario.name: scenario for scenario in self.train}.values())
+
 
 def prepare(config: DataConfig, folder: Path) -> TrainingData:
     """Load the scenarios; generated ones are written to `folder` and reused.

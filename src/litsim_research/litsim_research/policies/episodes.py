@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from gymnasium.utils import seeding
 
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.takeover import TakeoverManager
@@ -84,6 +85,10 @@ class Course:
     def scenario(self, random: np.random.Generator) -> Scenario:
         """Draw one of the scenarios; the first draw of an episode."""
         return self.scenarios[int(random.integers(len(self.scenarios)))]
+
+    def scenario_of(self, seed: int) -> Scenario:
+        """Returns the scenario that the episode of `seed` will draw."""
+        return self.scenario(seeding.np_random(seed)[0])
 
     def start(self, random: np.random.Generator) -> Start:
         """Draw the start of an episode: scenario and ego, and `random` itself for the further draws."""

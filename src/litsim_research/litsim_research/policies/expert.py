@@ -5,15 +5,17 @@ The drivers are people in NGSIM, and SUMO's driver models in generated segments.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
-from litsim_policy.driving.action import consistent, normalised
+from litsim_policy.driving.action import ACTIONS, consistent, normalised
 from litsim_policy.driving.features.observation import ObservationConfig, Observer
 from litsim_policy.motion.along_path import Poses
 from litsim_policy.motion.reference_path import ReferencePath, logged_path, pursuit_yaw_rate, window
+from litsim_research.policies.ppo import Demonstrations, tensor
 from litsim_research.policies.task import TaskConfig, recorded_task
 from litsim_sim.core.geometry import to_body
 from litsim_sim.core.quantities import Angle, Length, NonNegative, Positive, Share, Speed, Steps, configuration
@@ -64,9 +66,9 @@ class ExpertPairs:
 
     Attributes:
         observation: (n, size).
-        action: (n, 3) in [-1, 1].
+        action: (n, actions) in [-1, 1].
         displaced: (n, size) observations of the same moments with the vehicle displaced.
-        correction: (n, 3) actions that lead from there back to the path, in [-1, 1].
+        correction: (n, actions) actions that lead from there back to the path, in [-1, 1].
         real: (n,) whether the driver was a person.
     """
 
@@ -75,6 +77,29 @@ class ExpertPairs:
     displaced: FloatArray
     correction: FloatArray
     real: BoolArray
+
+    @classmethod
+    def of(
+        cls,
+        scenarios: Sequence[Scenario],
+        columns_of: Callable[[Scenario], Sequence[FloatArray]],
+        real: Collection[str],
+    ) -> ExpertPairs:
+        """Returns the pairs of `scenarios`; `columns_of` gives the first four columns for one scenario."""
+        columns = [columns_of(scenario) for scenario in scenarios]
+        people = np.repeat([scenario.name in real for scenario in scenarios], [len(first) for first, *_ in columns])
+        return cls(*(np.concatenate(column) for column in zip(*columns, strict=True)), people)
+
+    def demonstrations(self, real_share: float) -> tuple[Demonstrations, Demonstrations]:
+        """Returns recorded pairs (n), and these together with the corrections of displaced vehicles (2 n).
+
+        People's pairs have the share `real_share` in both.
+        """
+        weight = torch.as_tensor(share_weights(self.real, real_share))
+        recorded = Demonstrations(tensor(self.observation), tensor(self.action), weight)
+        observation = tensor(np.concatenate([self.observation, self.displaced]))
+        action = tensor(np.concatenate([self.action, self.correction]))
+        return recorded, Demonstrations(observation, action, torch.cat([weight, weight]))
 
 
 def expert_pairs(
@@ -90,9 +115,7 @@ def expert_pairs(
     Actions come from inverse dynamics: the commands with which the bicycle model would move as recorded. `real` names
     the scenarios in which people drove.
     """
-    found = [_of_scenario(each, observation, config, task, random, real=each.name in real) for each in scenarios]
-    joined = [np.concatenate([getattr(f, name) for f in found]) for name in vars(found[0])]
-    return ExpertPairs(*joined)
+    return ExpertPairs.of(scenarios, lambda each: _of_scenario(each, observation, config, task, random), real)
 
 
 def _of_scenario(
@@ -101,12 +124,12 @@ def _of_scenario(
     config: ExpertConfig,
     task: TaskConfig,
     random: np.random.Generator,
-    *,
-    real: bool,
-) -> ExpertPairs:
+) -> list[FloatArray]:
+    """Returns the first four columns of :class:`ExpertPairs` for one scenario."""
     log, observer = scenario.log, Observer(scenario.lane_map, observation)
     paths = {}
-    seen, done, moved, back = [], [], [], []
+    nothing = np.empty((0, observation.size)), np.empty((0, len(ACTIONS)))
+    steps: list[tuple[FloatArray, ...]] = [(*nothing, *nothing)]
     for step in range(0, log.steps - config.horizon, config.every):
         table = log.table(step)
         rows = np.searchsorted(log.ids, table.id)
@@ -123,17 +146,10 @@ def _of_scenario(
             tasks.append(recorded_task(log, path, table, row, task, random))
         acceleration, yaw_rate = inverse_dynamics(log, rows[chosen], step, config.smooth)
         speed = table.speed[chosen]
-        seen.append(observer.observe(table, tasks))
-        done.append(normalised(consistent(acceleration, yaw_rate, speed)))
         poses, steering = displaced(table, chosen, [task.path for task in tasks], config.offset, config.turn, random)
-        moved.append(observer.observe(table, tasks, poses))
-        back.append(normalised(consistent(acceleration, steering, speed)))
-    size = observation.size
-    if not seen:
-        nothing, none = np.empty((0, size)), np.empty((0, 3))
-        return ExpertPairs(nothing, none, nothing, none, np.empty(0, np.bool_))
-    looked, action, elsewhere, correction = (np.concatenate(part) for part in (seen, done, moved, back))
-    return ExpertPairs(looked, action, elsewhere, correction, np.full(len(looked), real))
+        action, correction = (normalised(consistent(acceleration, turn, speed)) for turn in (yaw_rate, steering))
+        steps.append((observer.observe(table, tasks), action, observer.observe(table, tasks, poses), correction))
+    return [np.concatenate(column) for column in zip(*steps, strict=True)]
 
 
 def _interacts(table: AgentTable, config: ExpertConfig) -> np.ndarray:

@@ -2,32 +2,78 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import torch
-from safetensors.torch import save as to_bytes
 from scipy.special import log_ndtr
 from torch import Tensor, nn
 
 from litsim_policy.driving.action import ACTIONS, HIGH, LOW
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.features.scales import ACCELERATION
-from litsim_policy.driving.policy_network import FORMAT, HIDDEN, PolicyNetwork
+from litsim_policy.driving.policy_network import FORMAT, HIDDEN, LAYERS, PolicyNetwork
 from litsim_policy.driving.safety.comfort import ACCELERATION_MAX, BRAKING_JERK_MAX, DECELERATION_MAX, JERK_MAX
+from litsim_research.predictors.checkpoint import save_weights
 from litsim_sim.core.scene import STEP_S, FloatArray
-from litsim_sim.io.files import replacing
 
 LOG_STD_START = (-1.2, -2.5, -2.5)  # of the actions before tanh: accelerations vary more than steering
 RESIDUAL_LOG_STD_START = (-1.6, -3.0, -3.0)  # of residual policies, which begin as something that drives
-LOG_STD_MIN, LOG_STD_MAX = -4.0, 0.0
 BOUND_MAX = 0.999  # largest action for which the inverse of tanh is taken
 SQUASH_FLOOR = 1e-6  # keeps the density finite where an action is close to +-1
 
 
-class GaussianPolicy(nn.Module):
-    """A Gaussian with a mean that depends on the observation, squashed by tanh into actions in [-1, 1]."""
+class StochasticPolicy(nn.Module):
+    """A Gaussian over actions, whose mean depends on the observation by dense layers with tanh between them.
+
+    Subclasses make the layers, which have the names :attr:`layers`.
+
+    Attributes:
+        log_std: (actions,) logarithms of the standard deviations, before they are clamped to :attr:`log_std_range`.
+    """
+
+    layers: ClassVar[tuple[str, ...]]
+    log_std_range: ClassVar[tuple[float, float]]
+    log_std: nn.Parameter
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Returns means (m, actions) of the Gaussians, for observations (m, size)."""
+        values = observation
+        for name in self.layers[:-1]:
+            values = torch.tanh(self.get_submodule(name)(values))
+        means: Tensor = self.get_submodule(self.layers[-1])(values)
+        return means
+
+    @abstractmethod
+    def deterministic(self, observation: Tensor) -> Tensor:
+        """Returns actions (m, actions) at the centre of the density, for observations (m, size)."""
+
+    @abstractmethod
+    def log_probability(self, observation: Tensor, raw: Tensor) -> Tensor:
+        """Returns the logarithm of the density (m,) of actions `raw` (m, actions), as drawn, at observations."""
+
+    def draw(self, observation: Tensor, generator: torch.Generator) -> Tensor:
+        """Returns actions (m, actions) drawn from the Gaussians, for observations (m, size)."""
+        with torch.no_grad():
+            mean = self(observation)
+            return mean + self.std() * torch.randn(mean.shape, generator=generator)
+
+    def entropy(self) -> Tensor:
+        """Returns the entropy of the Gaussian, a scalar in nats; that of a squashed one has no closed form."""
+        return (torch.log(self.std()) + 0.5 * np.log(2.0 * np.pi * np.e)).sum()
+
+    def std(self) -> Tensor:
+        """Returns the standard deviations (actions,) of the Gaussians."""
+        return torch.exp(torch.clamp(self.log_std, *self.log_std_range))
+
+
+class GaussianPolicy(StochasticPolicy):
+    """A Gaussian before tanh, which squashes it into actions in [-1, 1]."""
+
+    layers, log_std_range = LAYERS, (-4.0, 0.0)
 
     def __init__(self, observation: ObservationConfig) -> None:
         super().__init__()
@@ -42,21 +88,9 @@ class GaussianPolicy(nn.Module):
             nn.init.orthogonal_(layer.weight, gain)
             nn.init.zeros_(layer.bias)
 
-    def forward(self, observation: Tensor) -> Tensor:
-        """Means (m, 3) of the Gaussians before tanh, for observations (m, size)."""
-        hidden = torch.tanh(self.hidden1(torch.tanh(self.hidden0(observation))))
-        values: Tensor = self.mean(hidden)
-        return values
-
-    def said(self, observation: Tensor) -> Tensor:
-        """Deterministic actions (m, 3) in [-1, 1], for observations (m, size)."""
+    def deterministic(self, observation: Tensor) -> Tensor:
+        """See :class:`StochasticPolicy`; actions are in [-1, 1]."""
         return torch.tanh(self(observation))
-
-    def draw(self, observation: Tensor, generator: torch.Generator) -> Tensor:
-        """Draw actions (m, 3), before tanh, for observations (m, size)."""
-        with torch.no_grad():
-            mean = self(observation)
-            return mean + self.std() * torch.randn(mean.shape, generator=generator)
 
     def log_probability(self, observation: Tensor, raw: Tensor) -> Tensor:
         """Logarithm of the density (m,) of the actions `raw` (m, 3), before tanh, as they are executed.
@@ -75,14 +109,6 @@ class GaussianPolicy(nn.Module):
         above = torch.special.log_ndtr((mean[:, 0] - high) / std[0])
         pedal = torch.where(raw[:, 0] <= low, below, torch.where(raw[:, 0] >= high, above, density[:, 0]))
         return pedal + density[:, 1] + density[:, 2]
-
-    def entropy(self) -> Tensor:
-        """Entropy of the Gaussian before tanh, a scalar in nats; that of the squashed one has no closed form."""
-        return (torch.log(self.std()) + 0.5 * np.log(2.0 * np.pi * np.e)).sum()
-
-    def std(self) -> Tensor:
-        """Standard deviations (3,) of the actions before tanh."""
-        return torch.exp(torch.clamp(self.log_std, LOG_STD_MIN, LOG_STD_MAX))
 
 
 def pedal_bounds(observation: FloatArray, config: ObservationConfig) -> tuple[FloatArray, FloatArray]:
@@ -144,13 +170,9 @@ def multilayer(inputs: int, outputs: int) -> nn.Sequential:
 
 def driving_network(policy: GaussianPolicy) -> PolicyNetwork:
     """The network that drives by the means of `policy`, with its weights as float64 numpy arrays."""
-    layers = (policy.hidden0, policy.hidden1, policy.mean)
-    arrays = [(layer.weight.detach().double().numpy(), layer.bias.detach().double().numpy()) for layer in layers]
-    return PolicyNetwork(
-        tuple(np.ascontiguousarray(weight.T) for weight, _ in arrays),
-        tuple(bias.copy() for _, bias in arrays),
-        policy.observation,
-    )
+    arrays = {name: value.detach().double().numpy() for name, value in policy.state_dict().items()}
+    weights = tuple(np.ascontiguousarray(arrays[f"{layer}.weight"].T) for layer in LAYERS)
+    return PolicyNetwork(weights, tuple(arrays[f"{layer}.bias"] for layer in LAYERS), policy.observation)
 
 
 def save(policy: GaussianPolicy, path: Path, about: dict[str, str] | None = None) -> None:
@@ -159,7 +181,5 @@ def save(policy: GaussianPolicy, path: Path, about: dict[str, str] | None = None
     Raises:
         Unwritable: the file cannot be written; what was there is kept.
     """
-    tensors = {name: tensor.detach().contiguous() for name, tensor in policy.state_dict().items()}
     observation = {f"observation.{field}": str(value) for field, value in vars(policy.observation).items()}
-    with replacing(path) as new:
-        new.write_bytes(to_bytes(tensors, {"format": FORMAT, **observation, **(about or {})}))
+    save_weights(policy.state_dict(), {"format": FORMAT, **observation, **(about or {})}, path)

@@ -2,37 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Protocol
+from typing import Annotated
 
 import numpy as np
 import torch
 from pydantic import Field
 from torch import Tensor, nn
 
+from litsim_research.policies.network import StochasticPolicy
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import NonNegative, Number, Positive, Share, Whole, configuration
 from litsim_sim.core.scene import BoolArray, FloatArray
 
 BatchSize = Annotated[Whole, Field(gt=0, le=1_000_000)]
 """Pairs or agent-steps in a step of an optimiser; at most as many as there is memory for."""
-
-
-class Learner(Protocol):
-    """A stochastic policy that :func:`update_policy` improves."""
-
-    def log_probability(self, observation: Tensor, raw: Tensor) -> Tensor:
-        """Logarithm of the density (m,) of actions `raw` (m, actions), as drawn, at observations (m, size)."""
-
-    def entropy(self) -> Tensor:
-        """Entropy of the density, a scalar in nats."""
-
-    def said(self, observation: Tensor) -> Tensor:
-        """Actions (m, actions) at the centre of the density, for observations (m, size)."""
-
-    def parameters(self) -> Iterator[nn.Parameter]:
-        """Parameters to learn."""
+WEIGHT_MAX = 1e6  # far above the weights of any network here that has learned something
 
 
 @configuration
@@ -121,17 +107,15 @@ class Demonstrations:
     Attributes:
         observation: (n, size).
         action: (n, actions) in [-1, 1].
-        weight: (n,) by which pairs are drawn, with any sum; None for equal weights.
+        weight: (n,) by which pairs are drawn, with any sum.
     """
 
     observation: Tensor
     action: Tensor
-    weight: Tensor | None = None
+    weight: Tensor
 
     def draw(self, count: int, generator: torch.Generator) -> Tensor:
         """Positions (count,) of pairs, drawn by weight with replacement."""
-        if self.weight is None:
-            return torch.randint(len(self.action), (count,), generator=generator)
         until = self._until
         return torch.searchsorted(
             until, until[-1] * torch.rand(count, generator=generator, dtype=torch.float64), right=True
@@ -140,35 +124,21 @@ class Demonstrations:
     @cached_property
     def _until(self) -> Tensor:
         """Cumulative sums (n,) of the weights."""
-        assert self.weight is not None
         return torch.cumsum(self.weight.double(), 0)
 
-    def error(self, policy: Learner, chosen: Tensor) -> Tensor:
+    def error(self, policy: StochasticPolicy, chosen: Tensor) -> Tensor:
         """Mean squared error on the pairs `chosen` (m,), with actions in units of their spread; a scalar."""
-        said = policy.said(self.observation[chosen])
-        return nn.functional.mse_loss(said / self._scale, self.action[chosen] / self._scale)
+        actions = policy.deterministic(self.observation[chosen])
+        return nn.functional.mse_loss(actions / self._scale, self.action[chosen] / self._scale)
+
+    def surprise(self, policy: StochasticPolicy, chosen: Tensor) -> Tensor:
+        """Mean negative logarithm of the policy's density at the pairs `chosen` (m,) [nats]; a scalar."""
+        return -policy.log_probability(self.observation[chosen], self.action[chosen]).mean()
 
     @cached_property
     def _scale(self) -> Tensor:
         """Standard deviations (actions,), kept above 0."""
         return self.action.std(dim=0) + 1e-3
-
-
-@dataclass(frozen=True)
-class PpoStep:
-    """Means over the minibatches of an update.
-
-    Attributes:
-        policy_loss: negative clipped surrogate objective.
-        value_loss: squared error of the value network.
-        divergence: Kullback-Leibler divergence from the policy that drove.
-        clipped: share of agent-steps whose probability ratio was clipped.
-    """
-
-    policy_loss: float
-    value_loss: float
-    divergence: float
-    clipped: float
 
 
 def advantages(
@@ -220,7 +190,7 @@ def make_batch(tracks: list[Track], rewards: list[FloatArray], value: nn.Module,
 
 
 def update_policy(
-    policy: Learner,
+    policy: StochasticPolicy,
     value: nn.Module,
     optimiser: torch.optim.Optimizer,
     batch: Batch,
@@ -229,8 +199,12 @@ def update_policy(
     demonstrations: Demonstrations | None = None,
     *,
     value_only: bool = False,
-) -> PpoStep:
+) -> dict[str, float]:
     """Make passes over `batch` in random order, in full minibatches (the remainder of a pass is left out).
+
+    Returns means over the minibatches: `value_loss`, the squared error of the value network; `divergence`, the
+    Kullback-Leibler divergence from the policy that drove; `clipped`, the share of agent-steps whose probability ratio
+    was clipped.
 
     Args:
         policy, value: to update.
@@ -240,10 +214,13 @@ def update_policy(
         generator: of the order, and of the draws of demonstrations.
         demonstrations: for the imitation loss; None for none.
         value_only: whether only the value network learns.
+
+    Raises:
+        InputError: the policy or the value network diverges.
     """
     parameters = [*policy.parameters(), *value.parameters()]
     size = min(config.batch, len(batch.raw))
-    seen = []
+    figures = []
     for _ in range(config.epochs):
         order = torch.randperm(len(batch.raw), generator=generator)
         divergences = []
@@ -269,10 +246,26 @@ def update_policy(
                 divergence = float((ratio - 1.0 - log_ratio).mean())
                 clipped = float((torch.abs(ratio - 1.0) > config.clip).float().mean())
             divergences.append(divergence)
-            seen.append((float(policy_loss.detach()), float(value_loss.detach()), divergence, clipped))
+            figures.append((float(value_loss.detach()), divergence, clipped))
         if np.mean(divergences) > config.target_kl:
             break
-    return PpoStep(*np.mean(seen, axis=0).tolist())
+    for network in (policy, value):
+        refuse_divergence(network, "ppo.learning_rate", config.learning_rate)
+    return dict(zip(("value_loss", "divergence", "clipped"), np.mean(figures, axis=0).tolist(), strict=True))
+
+
+def refuse_divergence(network: nn.Module, field: str, learning_rate: float) -> None:
+    """Check the weights of `network` after steps of an optimiser: a training that diverges ends with a message.
+
+    Raises:
+        InputError: a weight exceeds WEIGHT_MAX or is undefined; the message names `field`, in which the configuration
+            gives the `learning_rate`.
+    """
+    if not all(bool((weights.abs() <= WEIGHT_MAX).all()) for weights in network.parameters()):
+        raise InputError(
+            f"training configuration: field {field} is {learning_rate:g}, with which weights exceed {WEIGHT_MAX:g}; "
+            "expected a smaller one"
+        )
 
 
 def tensor(values: np.ndarray | BoolArray) -> Tensor:

@@ -19,6 +19,7 @@ from litsim_research.policies.ppo import Track
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray, IntArray
 from litsim_sim.scenario.batched import kind
+from litsim_sim.scenario.scenario import Scenario
 
 EMPTY_EPISODES_MAX = 100  # episodes in a row without an agent to drive, after which training gives up
 BATCH_MAX = 48  # most episodes that are stepped together
@@ -81,7 +82,8 @@ def begin(
         config: of the training.
         history: entries of earlier iterations, from which the number of episodes needed is estimated.
     """
-    seeds = (_episode_seed(config.seed, len(history), episode) for episode in count())
+    sequences = (np.random.SeedSequence([config.seed, len(history), episode]) for episode in count())
+    seeds = (int(sequence.generate_state(1)[0]) for sequence in sequences)
 
     def portion(missing: float) -> Iterator[Episode]:
         return driving.episodes(policy, list(islice(seeds, planned(history, missing))), draws=True)
@@ -124,14 +126,28 @@ def _until_enough(
 
 
 def collect(episodes: Iterable[Episode]) -> tuple[list[Track], dict[str, float]]:
-    """Return the tracks of all agents in `episodes`, and rates of events and penalties by name (:func:`_rates`)."""
+    """Return the tracks of all agents in `episodes`, and rates of events and penalties by name.
+
+    Collisions and off_road are events per 1000 agent-steps, collided_share is the share of episodes in which a driven
+    agent collided, and the others, but for the numbers of transitions and episodes, are means over agent-steps.
+    """
     tracks: list[Track] = []
     sums: dict[str, float] = defaultdict(float)
     number = 0
     for number, episode in enumerate(episodes, 1):  # noqa: B007 - used after the loop, as their number
         tracks += episode.tracks
-        _add(sums, episode.sums)
-    return tracks, _rates(sums, number)
+        for name, value in episode.sums.items():
+            sums[name] += value
+    count = max(sums["transitions"], 1.0)
+    return tracks, {
+        "transitions": sums["transitions"],
+        "episodes": float(number),
+        "penalty": sums["penalty"] / count,
+        "collisions": 1000.0 * sums["collision"] / count,
+        "collided_share": sums["collided_episodes"] / number,
+        "off_road": 1000.0 * sums["off_road"] / count,
+        **{name: sums[name] / count for name in ("edge", "proximity", "hard_brake", "guard", "displacement", "jerk")},
+    }
 
 
 def drive(course: Course, policy: GaussianPolicy, seeds: Sequence[int], *, draws: bool) -> list[Episode]:
@@ -139,20 +155,20 @@ def drive(course: Course, policy: GaussianPolicy, seeds: Sequence[int], *, draws
 
     Episodes on scenarios of one kind are stepped together; each gives the same result as on its own.
     """
-    found: dict[int, Episode] = {}
+    driven: dict[int, Episode] = {}
     sampler = Sampler.of(policy)
-    for group in by_kind(course, seeds):
+    for group in by_kind(map(course.scenario_of, seeds)):
         starts = [course.start(seeding.np_random(seeds[number])[0]) for number in group]
         generators = [torch.Generator().manual_seed(seeds[number]) for number in group] if draws else None
-        found |= dict(zip(group, _drive_batch(Episodes(course, starts), sampler, generators), strict=True))
-    return [found[number] for number in range(len(seeds))]
+        driven |= dict(zip(group, _drive_batch(Episodes(course, starts), sampler, generators), strict=True))
+    return [driven[number] for number in range(len(seeds))]
 
 
-def by_kind(course: Course, seeds: Sequence[int]) -> list[list[int]]:
-    """Positions in `seeds`, grouped by the kind of the episodes' scenarios: each group can be stepped together."""
+def by_kind(scenarios: Iterable[Scenario]) -> list[list[int]]:
+    """Positions in `scenarios`, grouped by their kind: each group can be stepped together."""
     groups: dict[Hashable, list[int]] = defaultdict(list)
-    for number, seed in enumerate(seeds):
-        groups[kind(course.scenario(seeding.np_random(seed)[0]))].append(number)
+    for number, scenario in enumerate(scenarios):
+        groups[kind(scenario)].append(number)
     return list(groups.values())
 
 
@@ -218,50 +234,14 @@ def validate(episodes: Iterable[Episode], config: TrainConfig) -> dict[str, floa
     Raises:
         InputError: no agent is driven in any episode.
     """
-    sums: dict[str, float] = defaultdict(float)
-    for episode in episodes:
-        _add(sums, episode.sums)
-    if not sums["transitions"]:
+    rates = collect(episodes)[1]
+    if not rates["transitions"]:
         raise InputError(
             f"training: no agent is driven in the {config.validation_episodes} episodes of validation, expected "
             "scenarios with vehicles near the ego or in conflict with it, or a larger validation_episodes"
         )
-    rates = _rates(sums, config.validation_episodes)
     wanted = ("penalty", "collisions", "off_road", "hard_brake", "guard", "collided_share")
-    found = {f"validation_{name}": rates[name] for name in wanted}
-    return found | {"validation_score": rates["penalty"]}
-
-
-def _episode_seed(seed: int, iteration: int, episode: int) -> int:
-    return int(np.random.SeedSequence([seed, iteration, episode]).generate_state(1)[0])
-
-
-def _add(sums: dict[str, float], others: Mapping[str, float]) -> None:
-    for name, value in others.items():
-        sums[name] += value
-
-
-def _rates(sums: dict[str, float], episodes: int) -> dict[str, float]:
-    """Rates by name, from the totals `sums` over a number of `episodes`.
-
-    collisions and off_road are events per 1000 agent-steps, collided_share is the share of episodes in which a driven
-    agent collided, and the others, but for the two numbers, are means over agent-steps.
-    """
-    count = max(sums["transitions"], 1.0)
-    return {
-        "transitions": sums["transitions"],
-        "episodes": float(episodes),
-        "penalty": sums["penalty"] / count,
-        "collisions": 1000.0 * sums["collision"] / count,
-        "collided_share": sums["collided_episodes"] / episodes,
-        "off_road": 1000.0 * sums["off_road"] / count,
-        "edge": sums["edge"] / count,
-        "proximity": sums["proximity"] / count,
-        "hard_brake": sums["hard_brake"] / count,
-        "guard": sums["guard"] / count,
-        "displacement": sums["displacement"] / count,
-        "jerk": sums["jerk"] / count,
-    }
+    return {f"validation_{name}": rates[name] for name in wanted} | {"validation_score": rates["penalty"]}
 
 
 def _track(steps: list[tuple[np.ndarray, ...]], following: np.ndarray, *, terminated: bool) -> Track:

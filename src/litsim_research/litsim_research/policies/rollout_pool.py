@@ -59,7 +59,7 @@ class PoolDriving:
     def episodes(self, policy: GaussianPolicy, seeds: Sequence[int], *, draws: bool) -> Iterator[Episode]:
         """See :class:`litsim_research.policies.rollout.Driving`."""
         weights = {name: values.detach().numpy().copy() for name, values in policy.state_dict().items()}
-        shares = shared_out(by_kind(self._course, seeds), self._processes)
+        shares = shared_out(by_kind(map(self._course.scenario_of, seeds)), self._processes)
         jobs = [self._pool.submit(_drive, self._part, weights, [seeds[k] for k in share], draws) for share in shares]
 
         def driven() -> Iterator[Episode]:

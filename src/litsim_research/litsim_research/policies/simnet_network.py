@@ -9,12 +9,12 @@ from typing import Literal
 
 import numpy as np
 import torch
-from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 
 from litsim_research.baselines.simnet.output import FORMAT, OUTPUTS, SMALL_HIDDEN, SMALL_WIDTHS
 from litsim_research.baselines.simnet.raster import CHANNELS, PAPER, SMALL, RasterShape
 from litsim_research.policies.resnet50 import ResNet50
+from litsim_research.predictors.checkpoint import save_weights
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.files import replacing
 
@@ -92,10 +92,10 @@ def save(network: SimNet, path: Path, about: dict[str, str]) -> None:
     """
     network = copy.deepcopy(network).cpu().eval()
     metadata = {"format": FORMAT, "backbone": network.backbone_name, **about}
-    with replacing(path) as new:
-        if network.backbone_name == "small":
-            new.write_bytes(to_bytes(_small_tensors(network), metadata))
-        else:
+    if network.backbone_name == "small":
+        save_weights(_small_tensors(network), metadata, path)
+    else:
+        with replacing(path) as new:
             _export(network, new, metadata)
 
 

@@ -26,8 +26,8 @@ from litsim_research.baselines.simnet.output import FUTURE
 from litsim_research.policies.checkpoint import CHECKPOINT, CURVES, HISTORY, keep_state, read_state, write_history
 from litsim_research.policies.data import DataConfig, TrainingData, prepare
 from litsim_research.policies.data_state import DataState
-from litsim_research.policies.divergence import refuse_divergence
 from litsim_research.policies.plots import SIMNET_PANELS, plot_curves
+from litsim_research.policies.ppo import refuse_divergence
 from litsim_research.policies.simnet_data import Moments, PerturbationConfig, Samples
 from litsim_research.policies.simnet_network import SHAPES, Backbone, SimNet, ending, save
 from litsim_research.policies.training_program import training_parser, training_program

@@ -27,10 +27,9 @@ from litsim_research.policies.checkpoint import BEST, CHECKPOINT, CURVES, Traini
 from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.critic import driven_pairs, expert_and_policy_pairs, update_critic
 from litsim_research.policies.data import TrainingData, prepare
-from litsim_research.policies.divergence import refuse_divergence
-from litsim_research.policies.expert import ExpertPairs, expert_pairs, share_weights
-from litsim_research.policies.network import GaussianPolicy, driving_network, save
-from litsim_research.policies.ppo import Demonstrations, make_batch, tensor, update_policy
+from litsim_research.policies.expert import expert_pairs
+from litsim_research.policies.network import driving_network, save
+from litsim_research.policies.ppo import Demonstrations
 from litsim_research.policies.rollout import Driving, Episode, begin, begin_validation, collect, validate
 from litsim_research.policies.rollout_pool import rollouts
 from litsim_research.policies.training_program import training_parser, training_program
@@ -63,24 +62,23 @@ def _train(
     recorded = shown = None
     if config.imitates:
         random = np.random.default_rng([config.seed, 1])
-        each_once = list({scenario.name: scenario for scenario in data.train}.values())
-        experts = expert_pairs(each_once, config.observation, config.expert, config.task, random, data.real)
-        recorded, shown = demonstrations(experts, config.expert.real_share)
-    if not training.history and shown is not None:
-        _warm_start(training.policy, shown, config)
+        experts = expert_pairs(data.each_once, config.observation, config.expert, config.task, random, data.real)
+        recorded, shown = experts.demonstrations(config.expert.real_share)
+        if not training.history:
+            clone(training.policy, shown, config.warm_start, config.seed, shown.error)
     with tqdm(total=config.iterations, initial=len(training.history), unit="iteration", disable=not progress) as bar:
         for iteration in range(len(training.history), config.iterations):
             started = time.perf_counter()
             episodes = begin(driving, training.policy, config, training.history)
             finish = _begin_validation(training, validation, out) if _is_validation_due(training) else None
-            found = _iterate(training, episodes, recorded, shown, iteration)
+            figures = _iterate(training, episodes, recorded, shown, iteration)
             if finish:
                 finish()
-            training.history.append(found | {"seconds": time.perf_counter() - started})
+            training.history.append(figures | {"seconds": time.perf_counter() - started})
             training.keep(out)
             if finish:
                 training.write(out)
-            bar.set_postfix({"penalty": f"{found['penalty']:.3f}", "collisions/1000": f"{found['collisions']:.2f}"})
+            bar.set_postfix({"penalty": f"{figures['penalty']:.3f}", "collisions/1000": f"{figures['collisions']:.2f}"})
             bar.update()
     if _is_validation_due(training):
         started = time.perf_counter()
@@ -140,58 +138,15 @@ def _iterate(
     critic: dict[str, float] = {}
     if recorded is not None:  # while the pool drives
         expert, drawn = expert_and_policy_pairs(training.policy, recorded, config.transitions, generator)
-        learned = update_critic(training.critic, training.critic_optimiser, expert, drawn, config.critic, generator)
-        refuse_divergence(training.critic, "critic.learning_rate", config.critic.learning_rate)
-        critic = {"critic_accuracy": learned.accuracy, "critic_loss": learned.loss}
+        critic = update_critic(training.critic, training.critic_optimiser, expert, drawn, config.critic, generator)
     tracks, counts = collect(episodes)
-    rewards = [track.penalty for track in tracks]
+    reward = np.concatenate([track.penalty for track in tracks])
     if recorded is not None:
         logit = training.critic.reward(driven_pairs(tracks), config.critic.reward_limit).double().numpy()
-        scaled = config.critic_reward * (logit - logit.mean()) / max(logit.std(), 1.0)  # never amplified
-        ends = np.cumsum([len(track) for track in tracks])
-        rewards = [part + reward for part, reward in zip(np.split(scaled, ends[:-1]), rewards, strict=True)]
+        reward = config.critic_reward * (logit - logit.mean()) / max(logit.std(), 1.0) + reward  # never amplified
         critic["critic_reward"] = float(logit.mean())
-    batch = make_batch(tracks, rewards, training.value, config.ppo)
-    step = update_policy(
-        training.policy,
-        training.value,
-        training.policy_optimiser,
-        batch,
-        config.ppo,
-        generator,
-        shown,
-        value_only=iteration < config.ppo.value_first,
-    )
-    for network in (training.policy, training.value):
-        refuse_divergence(network, "ppo.learning_rate", config.ppo.learning_rate)
-    return (
-        counts
-        | critic
-        | {
-            "value_loss": step.value_loss,
-            "divergence": step.divergence,
-            "clipped": step.clipped,
-            "deviation": float(torch.exp(training.policy.log_std.detach()).mean()),
-        }
-    )
-
-
-def demonstrations(experts: ExpertPairs, real_share: float) -> tuple[Demonstrations, Demonstrations]:
-    """Recorded pairs (n), and these together with the corrections of displaced vehicles (2 n).
-
-    People's pairs have the share `real_share` in both.
-    """
-    weight = torch.as_tensor(share_weights(experts.real, real_share))
-    recorded = Demonstrations(tensor(experts.observation), tensor(experts.action), weight)
-    both = tensor(np.concatenate([experts.observation, experts.displaced]))
-    return recorded, Demonstrations(
-        both, tensor(np.concatenate([experts.action, experts.correction])), torch.cat([weight, weight])
-    )
-
-
-def _warm_start(policy: GaussianPolicy, shown: Demonstrations, config: TrainConfig) -> None:
-    """Fit the mean actions of `policy` to `shown` by the squared error, in place."""
-    clone(policy, shown, config.warm_start, config.seed, lambda chosen: shown.error(policy, chosen))
+    update = training.improve(tracks, reward, generator, shown)
+    return counts | critic | update | {"deviation": float(torch.exp(training.policy.log_std.detach()).mean())}
 
 
 def parser() -> argparse.ArgumentParser:

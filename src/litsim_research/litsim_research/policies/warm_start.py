@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import torch
 from pydantic import BaseModel, ConfigDict, Field
-from torch import Tensor, nn
+from torch import Tensor
 
-from litsim_research.policies.divergence import refuse_divergence
-from litsim_research.policies.ppo import Demonstrations
+from litsim_research.policies.network import StochasticPolicy
+from litsim_research.policies.ppo import Demonstrations, refuse_divergence
 
 
 class WarmStart(BaseModel):
@@ -23,7 +23,11 @@ class WarmStart(BaseModel):
 
 
 def clone(
-    policy: nn.Module, shown: Demonstrations, config: WarmStart, seed: int, loss_of: Callable[[Tensor], Tensor]
+    policy: StochasticPolicy,
+    shown: Demonstrations,
+    config: WarmStart,
+    seed: int,
+    loss_of: Callable[[StochasticPolicy, Tensor], Tensor],
 ) -> None:
     """Fit `policy` to the pairs in `shown`, in place.
 
@@ -32,7 +36,7 @@ def clone(
         shown: the pairs.
         config: epochs, batch and learning rate.
         seed: of the draws of pairs.
-        loss_of: mean loss of the policy over the pairs at positions (m,) of `shown`.
+        loss_of: mean loss of a policy over the pairs at positions (m,) of `shown`.
 
     Raises:
         InputError: the policy diverges.
@@ -41,7 +45,7 @@ def clone(
     optimiser = torch.optim.Adam(policy.parameters(), config.learning_rate)
     for _ in range(config.epochs):
         for chosen in shown.draw(len(shown.action), generator).split(config.batch):
-            loss = loss_of(chosen)
+            loss = loss_of(policy, chosen)
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()

@@ -1,4 +1,4 @@
-"""Checkpoints of trainings, written whole, and read with errors that name the file."""
+"""Checkpoints of trainings and files of weights, written whole; checkpoints are read with errors that name the file."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from safetensors.torch import save
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
@@ -44,6 +45,16 @@ def save_checkpoint(path: Path, state: Mapping[str, Any]) -> None:
     torch.save(dict(state), content)
     with replacing(path) as new:
         new.write_bytes(content.getvalue())  # Python 3.12.1 crashes on views that outlive an error
+
+
+def save_weights(tensors: Mapping[str, torch.Tensor], metadata: dict[str, str], path: Path) -> None:
+    """Write the safetensors file `path`.
+
+    Raises:
+        Unwritable: it cannot be written; what was there is kept.
+    """
+    with replacing(path) as new:
+        new.write_bytes(save({name: each.detach().cpu().contiguous() for name, each in tensors.items()}, metadata))
 
 
 def _brief(error: Exception) -> str:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from safetensors import SafetensorError, safe_open
 
+from litsim_policy.driving.network_file import read_network
 from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.dense_kernels import linear, rectified_product, rectify
 from litsim_research.baselines.simnet.output import FORMAT, OUTPUTS, SMALL_HIDDEN, SMALL_WIDTHS
@@ -158,18 +158,9 @@ def load_network(path: Path) -> SimnetNetwork:
     Raises:
         InputError: the file is missing, damaged, or holds another network than this version drives with.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such weights of simnet")
-    if path.suffix == ".onnx":
+    if path.suffix == ".onnx" and path.is_file():
         return GraphNetwork(path)
-    try:
-        with safe_open(str(path), framework="numpy") as file:
-            metadata = dict(file.metadata() or {})
-            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
-    except (SafetensorError, OSError, ValueError, TypeError) as error:
-        raise InputError(f"{path}: not a readable safetensors file: {error}") from error
-    if metadata.get("format") != FORMAT:
-        raise InputError(f"{path}: metadata format is {metadata.get('format')!r}, expected {FORMAT!r}")
+    _, arrays = read_network(path, "simnet", FORMAT)
     for name, shape in shapes().items():
         array = arrays.get(name)
         if array is None or array.shape != shape or array.dtype != np.float32:

@@ -92,7 +92,8 @@ def conflict_counts(
     counts = {name: dict.fromkeys(DRIVE_KINDS, NO_COUNTS) for name in models}
     for ego in egos:
         for drive in drives(scenario, ego, np.random.default_rng([seed, ego])):
-            for scenes in _batches(_scenes(scenario, drive)):
+            remaining = _scenes(scenario, drive)
+            while scenes := list(islice(remaining, SCENES_PER_BATCH)):
                 for name, model in models.items():
                     for scene, path in zip(scenes, _ego_paths(model, scenes), strict=True):
                         counts[name][drive.kind] += ConflictCounts.of(*scene.judge(path))
@@ -186,12 +187,6 @@ def _tracks(scenario: Scenario, drive: Drive) -> Tracks:
     for column in ("x", "y", "yaw", "speed"):
         table.loc[ego, column] = getattr(drive, column)[at]
     return Tracks.from_table(scenario.name, table, scenario.net_path)
-
-
-def _batches(scenes: Iterator[_Scene]) -> Iterator[list[_Scene]]:
-    """Yields `scenes` in lists of :data:`SCENES_PER_BATCH`, the last of which may be shorter."""
-    while batch := list(islice(scenes, SCENES_PER_BATCH)):
-        yield batch
 
 
 def _ego_paths(model: SceneModel, scenes: Sequence[_Scene]) -> FloatArray:

@@ -6,12 +6,11 @@ import json
 from pathlib import Path
 
 import torch
-from safetensors.torch import save
 
 from litsim_predictor.inference.weights import FORMAT, Provenance, read_weights
+from litsim_research.predictors.checkpoint import save_weights
 from litsim_research.predictors.models.model import SceneModel
 from litsim_research.predictors.models.registry import build
-from litsim_sim.io.files import replacing
 
 
 def save_model(model: SceneModel, provenance: Provenance, path: Path) -> None:
@@ -20,10 +19,8 @@ def save_model(model: SceneModel, provenance: Provenance, path: Path) -> None:
     Raises:
         InputError: see :func:`litsim_sim.io.files.replacing`.
     """
-    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in model.state_dict().items()}
     metadata = {"format": FORMAT, "provenance": json.dumps(vars(provenance), sort_keys=True)}
-    with replacing(path) as new:
-        new.write_bytes(save(tensors, metadata))
+    save_weights(model.state_dict(), metadata, path)
 
 
 def load_model(name: str) -> tuple[SceneModel, Provenance]:
