@@ -156,11 +156,7 @@ def name_of(file: str, part: str, count: int) -> str:
 def cut(
     recordings: Sequence[tuple[str, str, dict[str, list[float]] | None, Recording]], settings: Settings
 ) -> Manifest:
-    """Cuts recordings into segments.
-
-    Args:
-        recordings: file name and net for the manifest, crop, and content of each.
-        settings: how.
+    """Cuts recordings into segments; of each are given file name and net for the manifest, crop, and content.
 
     Raises:
         InputError: there is nothing to cut, or the shares of the split are no shares.

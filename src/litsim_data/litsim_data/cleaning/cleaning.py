@@ -21,10 +21,6 @@ from litsim_sim.scenario.recording import COLUMNS
 
 __all__ = ["CleaningConfig", "CleaningReport", "clean", "front_centres", "smoothed"]
 
-NEEDED = ("vehicle_id", "frame", "x", "y", "length", "width", "kind", "lane")
-PUBLISHED = ("yaw", "speed", "acceleration")
-"""Optional columns: for the figures before cleaning; `yaw` also as a hint for tracks that lead nowhere."""
-
 FRONT = 0.5  # distance of the front centre ahead of the box centre [lengths]
 LEADS_NOWHERE = 5.0  # [m] tracks of a smaller extent are given a hint of their direction
 MOVED = 1.0  # [m] shortest displacement with a reliable direction
@@ -45,15 +41,10 @@ class _Tracks:
 
 
 def clean(tracks: pd.DataFrame, config: CleaningConfig | None = None) -> tuple[pd.DataFrame, CleaningReport]:
-    """Cleans tracks of front centres, and reports the changes; see :func:`smoothed`.
+    """Returns tracks of FRONT centres, cleaned by :func:`smoothed`, and figures before and after.
 
-    Args:
-        tracks: as for :func:`smoothed`, with FRONT centres; yaw, speed and acceleration are for the report, and yaw is
-            a hint of the direction of vehicles that hardly move.
-        config: cutoff periods.
-
-    Returns:
-        The recording's table, as of :func:`smoothed`, and figures before and after.
+    Their yaw, speed and acceleration are for the report; yaw is a hint, too, of the direction of vehicles that hardly
+    move.
 
     Raises:
         InputError: as :func:`smoothed`.
@@ -72,8 +63,9 @@ def smoothed(
     Vehicles are cleaned independently, except that one which hardly moves gets the direction of those around it.
 
     Args:
-        tracks: vehicle_id, frame, x, y, length, width, kind, lane and, if known, yaw, speed and acceleration; in frame
-            map and SI units at 10 Hz, one row per vehicle and frame, without holes within a track, in any order.
+        tracks: vehicle_id, frame, x, y, length, width, kind, lane and, if known, yaw, speed and acceleration, all of
+            them finite; in frame map and SI units at 10 Hz, one row per vehicle and frame, without holes within a
+            track, in any order.
         ahead: distance of the point x, y ahead of the box centre [lengths].
         measured: whether column yaw holds measured headings, to be kept to, rather than hints.
         config: cutoff periods.
@@ -82,12 +74,11 @@ def smoothed(
         The recording's table (:data:`litsim_sim.scenario.recording.COLUMNS`), sorted by frame and vehicle.
 
     Raises:
-        InputError: columns are missing or unknown, values are not finite, a size is not positive, rows are duplicated,
-            frames are missing, or a vehicle jumps by more than 60 m.
+        InputError: a vehicle jumps by more than 60 m.
     """
-    checked = _checked(tracks)
-    table = checked.table
-    state = _fitted(checked, config or CleaningConfig(), ahead, measured=measured)
+    by_vehicle = _sorted(tracks)
+    table = by_vehicle.table
+    state = _fitted(by_vehicle, config or CleaningConfig(), ahead, measured=measured)
     yaw, lever = state[:, 2], REAR_AXLE * table["length"].to_numpy(np.float64)
     cleaned = table[["vehicle_id", "frame", "length", "width", "kind", "lane"]].assign(
         x=state[:, 0] + lever * np.cos(yaw),
@@ -136,48 +127,23 @@ def front_centres(table: pd.DataFrame) -> pd.DataFrame:
     return table.assign(x=table["x"] + half * np.cos(yaw), y=table["y"] + half * np.sin(yaw))
 
 
-def _checked(tracks: pd.DataFrame) -> _Tracks:
-    """Checks that the tracks can be cleaned, and sorts them by vehicle and frame."""
-    missing = [name for name in NEEDED if name not in tracks.columns]
-    unknown = [name for name in tracks.columns if name not in NEEDED + PUBLISHED]
-    if missing or unknown:
-        raise InputError(
-            f"tracks to clean: unknown columns {unknown}, missing columns {missing}; expected {list(NEEDED)} and at "
-            f"most {list(PUBLISHED)}"
-        )
-    if tracks.empty:
-        raise InputError("tracks to clean: no rows")
-    for name in tracks.columns:
-        values = pd.to_numeric(tracks[name], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
-        bad = ~np.isfinite(values)
-        if name in ("length", "width"):
-            bad |= values <= 0.0
-        if bad.any():
-            at = int(np.argmax(bad))
-            row = tracks.iloc[at : at + 1].astype(object).iloc[0]
-            expected = "a positive number" if name in ("length", "width") else "a finite number"
-            raise InputError(
-                f"tracks to clean: vehicle_id {row['vehicle_id']}, frame {row['frame']}: column {name} is {row[name]}, "
-                f"expected {expected}; {int(bad.sum())} such rows"
-            )
+def _sorted(tracks: pd.DataFrame) -> _Tracks:
+    """Returns the tracks by vehicle and frame; the tables of recordings cannot lack what the fit needs, but jump.
+
+    Raises:
+        InputError: a vehicle does.
+    """
     table = tracks.sort_values(["vehicle_id", "frame"], ignore_index=True)
     vehicle, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
     same = vehicle[1:] == vehicle[:-1]
-    step = np.diff(frame)
-    moved = np.hypot(np.diff(table["x"]), np.diff(table["y"]))
-    for bad, what in (
-        (same & (step == 0), "is duplicated"),
-        (same & (step != 1), "is followed by a hole"),
-        (same & (moved > JUMP), f"is followed by a jump of more than {JUMP:g} m"),
-    ):
-        if bad.any():
-            at = int(np.argmax(bad))
-            raise InputError(
-                f"tracks to clean: vehicle_id {vehicle[at]}: frame {frame[at]} {what} (next row: frame "
-                f"{frame[at + 1]}); {int(bad.sum())} such places"
-            )
-    start = np.concatenate([[0], np.flatnonzero(~same) + 1, [len(table)]])
-    return _Tracks(table, start)
+    jumps = same & (np.hypot(np.diff(table["x"]), np.diff(table["y"])) > JUMP)
+    if jumps.any():
+        at = int(np.argmax(jumps))
+        raise InputError(
+            f"tracks to clean: vehicle_id {vehicle[at]}: frame {frame[at]} is followed by a jump of more than {JUMP:g} m "
+            f"(next row: frame {frame[at + 1]}); {int(jumps.sum())} such places"
+        )
+    return _Tracks(table, np.concatenate([[0], np.flatnonzero(~same) + 1, [len(table)]]))
 
 
 def _hints(tracks: _Tracks, waiting: list[int], state: FloatArray) -> FloatArray:

@@ -82,12 +82,7 @@ class CleaningReport:
 
 
 def measure(raw: pd.DataFrame, cleaned: pd.DataFrame) -> CleaningReport:
-    """Compares two tables with the same rows, sorted by vehicle and frame.
-
-    Args:
-        raw: input of :func:`litsim_data.cleaning.cleaning.clean`: front centres.
-        cleaned: its output, but for the order of the rows: box centres.
-    """
+    """Compares front centres `raw` with the box centres `cleaned`, the same rows, sorted by vehicle and frame."""
     vehicle = raw["vehicle_id"].to_numpy()
     front = raw[["x", "y"]].to_numpy(np.float64)
     centre = cleaned[["x", "y"]].to_numpy()

@@ -43,15 +43,7 @@ ODOMETRY, POSE_TOPIC = "nav_msgs/msg/Odometry", "/localization/kinematic_state"
 ACCELERATION, ACCELERATION_TOPIC = "geometry_msgs/msg/AccelWithCovarianceStamped", "/localization/acceleration"
 SIGNALS = "autoware_perception_msgs/msg/TrafficLightGroupArray"
 SIGNALS_TOPIC = "/perception/traffic_light_recognition/traffic_signals"
-KINDS = {
-    1: Kind.CAR,
-    2: Kind.TRUCK,
-    3: Kind.TRUCK,
-    4: Kind.TRUCK,
-    5: Kind.MOTORCYCLE,
-    6: Kind.BICYCLE,
-    7: Kind.PEDESTRIAN,
-}
+KINDS = {1: Kind.CAR, **dict.fromkeys((2, 3, 4), Kind.TRUCK), 5: Kind.MOTORCYCLE, 6: Kind.BICYCLE, 7: Kind.PEDESTRIAN}
 """Kinds by the labels of ObjectClassification: car, truck, bus, trailer, motorcycle, bicycle, pedestrian."""
 POLYGON, CIRCLE = 2, 1  # of Shape, of TrafficLightElement
 OFF, ON, FLASHING = 1, 2, 3
@@ -205,14 +197,11 @@ class _Tracks:
             likely = max(one.classification, key=lambda each: each.probability, default=None)
             kind = Kind.UNKNOWN if likely is None else KINDS.get(int(likely.label), Kind.UNKNOWN)
             uuid = bytes(one.object_id.uuid)
+            if uuid not in self._ids:
+                agent = agent_of(uuid)
+                self._ids[uuid] = self.free_id if agent is None else agent
             values = (place.x, place.y, _yaw(pose.orientation), speed, accel.linear.x, *size, int(kind))
-            self.rows.append(_Row(self._id(uuid), time, *values))
-
-    def _id(self, uuid: bytes) -> int:
-        if uuid not in self._ids:
-            agent = agent_of(uuid)
-            self._ids[uuid] = self.free_id if agent is None else agent
-        return self._ids[uuid]
+            self.rows.append(_Row(self._ids[uuid], time, *values))
 
 
 class _Ego:

@@ -48,6 +48,7 @@ CLOCK = "time_of_frame_0_s"  # note of the header: clock time of the file at fra
 AHEAD = {"front_centre": -0.5, "box_centre": 0.0, "rear_axle": VehicleLimits.rear_axle, "box_corner": 0.0}
 """Distance of the box centre ahead of the reference point, in lengths; corners are converted to centres on reading."""
 DERIVED = ("yaw", "speed", "acceleration")  # optional columns
+NUMBERS = {kind.name.lower(): int(kind) for kind in Kind}
 
 
 class RoughMotionError(InputError):
@@ -73,7 +74,11 @@ def convert(tables: Path | Sequence[Path] | TableFiles, mapping: Mapping) -> tup
         counts.backwards = int((table["speed"] < 0.0).sum())
         table = table.assign(speed=table["speed"].clip(lower=0.0))
     table = with_usual_sizes(table, mapping, counts)
-    _count_assumptions(table, mapping, counts)
+    columns = mapping.columns
+    counts.kindless = int(table["vehicle_id"].nunique()) if columns.kind is None else 0
+    if not (isinstance(columns.length, str) and isinstance(columns.width, str)):
+        other = table["kind"].isin([Kind.TRUCK, Kind.MOTORCYCLE])
+        counts.of_one_size = int(table.loc[other, "vehicle_id"].nunique())
     table = without_outliers(table, source, counts)
     count_leaps(table[~obstacle_rows(table)], source, counts)
     count_turns(table[~obstacle_rows(table)], source, counts)
@@ -130,9 +135,7 @@ def _in_si(raw: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[pd.
             without = (
                 f"; without field columns.{ours} it is derived from the motion, and rows: {{{theirs}: {{min: -1000}}}} "
                 "leaves such rows out, with gaps of up to half a second interpolated"
-                if ours in DERIVED
-                else ""
-            )
+            ) * (ours in DERIVED)
             content = "empty or nan" if pd.isna(cell) else repr(str(cell))
             raise InputError(
                 f"{source.at(row[at])}: column {theirs!r} is {content}, expected a number; "
@@ -165,7 +168,7 @@ def _in_si(raw: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[pd.
             "x": mapping.transform.x + np.cos(turn) * x - np.sin(turn) * y,
             "y": mapping.transform.y + np.sin(turn) * x + np.cos(turn) * y,
             "row": row,
-            "kind": _kinds(raw),
+            "kind": raw["kind"].map(NUMBERS).to_numpy(np.int64) if "kind" in raw else int(Kind.UNKNOWN),
             "lane": numbers("lane") if columns.lane is not None else -1.0,
         }
     )
@@ -180,16 +183,6 @@ def _in_si(raw: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[pd.
     if columns.acceleration is not None:
         table["acceleration"] = numbers("acceleration", units.acceleration)
     return table, names
-
-
-def _count_assumptions(table: pd.DataFrame, mapping: Mapping, counts: Counts) -> None:
-    """Counts the vehicles whose kind nobody knows, and those whose size is that of other kinds."""
-    columns = mapping.columns
-    if columns.kind is None:
-        counts.kindless = int(table["vehicle_id"].nunique())
-    if not (isinstance(columns.length, str) and isinstance(columns.width, str)):
-        other = table["kind"].isin([Kind.TRUCK, Kind.MOTORCYCLE])
-        counts.of_one_size = int(table.loc[other, "vehicle_id"].nunique())
 
 
 def _ids(column: pd.Series, row: IntArray, source: TableFiles) -> tuple[IntArray, dict[str, Any]]:
@@ -237,12 +230,13 @@ def _without_dropped_kinds(raw: pd.DataFrame, mapping: Mapping, source: TableFil
     counts.leave_out("of a track most of whose rows are dropped", int(((row_kind != DROP) & (ours == DROP)).sum()))
     for kind in sorted(set(kind_names[ours == UNKNOWN])):
         counts.unknown[kind] = int(raw["vehicle_id"][kind_names == kind].nunique())
-    if ours.isin([DROP, *OBSTACLES]).all() and not (ours == DROP).all():
-        raise InputError(f"{source}: only pedestrians and cyclists are left; the kinds are {sorted(set(kind_names))}")
-    if (ours == DROP).all():
-        raise InputError(
-            f"{source}: field kinds of the mapping drops every row; the kinds are {sorted(set(kind_names))}"
+    if ours.isin([DROP, *OBSTACLES]).all():
+        every = (
+            "field kinds of the mapping drops every row"
+            if (ours == DROP).all()
+            else "only pedestrians and cyclists are left"
         )
+        raise InputError(f"{source}: {every}; the kinds are {sorted(set(kind_names))}")
     return raw.assign(kind=ours)[ours != DROP]
 
 
@@ -255,7 +249,12 @@ def _of_whole_tracks(row_kind: pd.Series, raw: pd.DataFrame, mapping: Mapping, c
     kinds, names = pd.factorize(row_kind)
     if (pd.DataFrame({"id": ids, "kind": kinds}).drop_duplicates()["id"].value_counts() == 1).all():
         return row_kind
-    t = _seconds(raw, mapping)
+    if mapping.columns.time is not None and is_stamped(raw["time"]):
+        t = since_1970(raw["time"]).to_numpy(np.float64)
+    else:  # NaN for cells that are no time
+        by_frame = mapping.columns.time is None
+        name, unit = ("frame", 1.0 / mapping.rate_hz) if by_frame else ("time", FACTORS[mapping.units.time])
+        t = pd.to_numeric(raw[name], errors="coerce").to_numpy(np.float64, na_value=np.nan) * unit
     order = np.lexsort([t, ids])
     begins = np.r_[True, (np.diff(ids[order]) != 0) | (np.diff(t[order]) > HOLE_MAX_S + STEP_S)]
     track = np.empty(len(ids), np.int64)
@@ -264,21 +263,6 @@ def _of_whole_tracks(row_kind: pd.Series, raw: pd.DataFrame, mapping: Mapping, c
     np.add.at(rows, (track, kinds), 1)
     counts.changing = int(((rows > 0).sum(axis=1) > 1).sum())
     return pd.Series(np.asarray(names)[rows.argmax(axis=1)][track], index=row_kind.index)
-
-
-def _seconds(raw: pd.DataFrame, mapping: Mapping) -> FloatArray:
-    """Returns the time (n,) of each row of a table as read [s]; NaN for cells that are no time."""
-    if mapping.columns.time is not None and is_stamped(raw["time"]):
-        return since_1970(raw["time"]).to_numpy(np.float64)
-    by_frame = mapping.columns.time is None
-    name, factor = ("frame", 1.0 / mapping.rate_hz) if by_frame else ("time", FACTORS[mapping.units.time])
-    return pd.to_numeric(raw[name], errors="coerce").to_numpy(np.float64, na_value=np.nan) * factor
-
-
-def _kinds(raw: pd.DataFrame) -> IntArray:
-    if "kind" not in raw:
-        return np.full(len(raw), int(Kind.UNKNOWN))
-    return np.asarray(raw["kind"].map({kind.name.lower(): int(kind) for kind in Kind}), np.int64)
 
 
 def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -96,12 +96,11 @@ OPTIONAL = ("yaw", "speed", "acceleration", "lane")
 IDENTITY = ("vehicle_id", "x", "y")
 
 
-@dataclass
 class _Draft:
     """The fields of a mapping, and remarks on them for the user."""
 
-    fields: dict[str, Any]
-    remarks: dict[str, str] = field(default_factory=dict)
+    def __init__(self, **fields: Any) -> None:
+        self.fields, self.remarks = fields, dict[str, str]()
 
 
 def draft(paths: Path | Sequence[Path]) -> str:
@@ -125,7 +124,7 @@ def draft(paths: Path | Sequence[Path]) -> str:
     components = [columns.pop(name) for name in COMPONENTS if name in columns]
     if len(components) == 2 and "speed" not in columns:
         table["speed"] = np.hypot(table["speed_x"], table["speed_y"])
-    mapping = _Draft({"name": re.sub(r"\W+", "_", source.files[0].path.stem), "source": "", "licence": "", "net": ""})
+    mapping = _Draft(name=re.sub(r"\W+", "_", source.files[0].path.stem), source="", licence="", net="")
     mapping.remarks["source"] = "data set, site and period, as in a citation"
     mapping.remarks["net"] = "name of the SUMO net in whose frame the positions are"
     sizes = {name: size for name, size in USUAL_SIZE.items() if name not in columns}
@@ -394,6 +393,5 @@ def _comment(remark: str | None) -> str:
 
 
 def _scalar(value: Any) -> str:
-    return (
-        yaml.safe_dump(value, default_flow_style=True, width=10**6, allow_unicode=True).removesuffix("\n...\n").strip()
-    )
+    text = yaml.safe_dump(value, default_flow_style=True, width=10**6, allow_unicode=True)
+    return text.removesuffix("\n...\n").strip()

@@ -19,8 +19,7 @@ STRAIGHT = np.deg2rad(6.0)  # between their headings, within which they are one 
 def joined(table: pd.DataFrame) -> tuple[pd.DataFrame, dict[int, int], dict[int, int]]:
     """Returns the rows of 10 Hz with vehicles and trailers that stay in line as one box, by the vehicle's id.
 
-    Args:
-        table: neutral columns, sorted by vehicle and frame.
+    `table` has the neutral columns, sorted by vehicle and frame.
 
     Returns:
         The rows; the vehicles of the trailers that were joined to them, by the id of the trailer; and those of trailers

@@ -25,8 +25,7 @@ def cut_ins(situation: Situation) -> Iterator[Event]:
             continue
         for ego in situation.followers(change.agent, change.cross).tolist():
             new = leader[ego, change.cross - 1] != change.agent
-            keeps = _keeps_lane(situation, ego, change.begin, change.end)
-            if new and keeps and _near(situation, ego, change.cross):
+            if new and _keeps_lane(situation, ego, change) and _near(situation, ego, change.cross):
                 yield _cut_in(situation, change, ego)
 
 
@@ -36,10 +35,9 @@ def cut_outs(situation: Situation) -> Iterator[Event]:
     for change in situation.changes:
         shown = int(following.leader[change.agent, change.cross - 1])
         for ego in situation.followers(change.agent, change.cross - 1).tolist():
-            keeps = _keeps_lane(situation, ego, change.begin, change.end)
-            if shown == NOWHERE or int(following.leader[ego, change.cross]) != shown or not keeps:
+            if shown == NOWHERE or int(following.leader[ego, change.cross]) != shown:
                 continue
-            if not _near(situation, ego, change.cross - 1):
+            if not (_keeps_lane(situation, ego, change) and _near(situation, ego, change.cross - 1)):
                 continue
             numbers, worst = _gap(situation, ego, change.cross)
             ttc_leader = situation.ttc_min(change.agent, change.begin, change.cross - 1)
@@ -51,8 +49,7 @@ def cut_outs(situation: Situation) -> Iterator[Event]:
 
 def lane_change_events(situation: Situation) -> Iterator[Event]:
     """Yields lane changes of the ego, between a new leader and a new follower, if any."""
-    for change in situation.changes:
-        yield _own_change(situation, change, EventKind.LANE_CHANGE)
+    return (_own_change(situation, change, EventKind.LANE_CHANGE) for change in situation.changes)
 
 
 def lane_merges(situation: Situation) -> Iterator[Event]:
@@ -65,7 +62,7 @@ def lane_merges(situation: Situation) -> Iterator[Event]:
             continue
         yield _own_change(situation, change, EventKind.MERGE, {"role": "merging"})
         for ego in situation.followers(change.agent, change.cross)[:1].tolist():
-            if _near(situation, ego, change.cross) and _keeps_lane(situation, ego, change.begin, change.end):
+            if _near(situation, ego, change.cross) and _keeps_lane(situation, ego, change):
                 yield _cut_in(situation, change, ego, EventKind.MERGE, {"role": "merged ahead of"})
 
 
@@ -153,9 +150,11 @@ def _again(situation: Situation, change: LaneChange) -> bool:
     )
 
 
-def _keeps_lane(situation: Situation, row: int, begin: int, end: int) -> bool:
-    """Returns whether the agent in `row` makes no lane change from step `begin` to `end`."""
-    return not any(other.agent == row and other.begin <= end and other.end >= begin for other in situation.changes)
+def _keeps_lane(situation: Situation, row: int, change: LaneChange) -> bool:
+    """Returns whether the agent in `row` makes no lane change during `change`."""
+    return not any(
+        other.agent == row and other.begin <= change.end and other.end >= change.begin for other in situation.changes
+    )
 
 
 def _merging(situation: Situation, change: LaneChange) -> bool:

@@ -90,10 +90,9 @@ def choose(
     around: dict[tuple[str, int], list[Event]] = {}
     for one in events:
         around.setdefault(one.seat, []).append(one.event)
-    return [_case(seat, chosen[seat], around_ego) for seat, around_ego in around.items() if seat in chosen]
-
-
-def _case(seat: tuple[str, int], why: list[Event], events: list[Event]) -> Chosen:
-    first = sorted(why, key=lambda event: (event.step, event.kind))
-    rest = [event for event in events if event not in why]
-    return Chosen(*seat, tuple(event.kind for event in first), (*first, *rest))
+    cases = []
+    for seat, of_seat in around.items():
+        if why := sorted(chosen.get(seat, ()), key=lambda event: (event.step, event.kind)):
+            rest = (event for event in of_seat if event not in why)
+            cases.append(Chosen(*seat, tuple(event.kind for event in why), (*why, *rest)))
+    return cases

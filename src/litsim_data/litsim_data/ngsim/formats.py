@@ -136,10 +136,8 @@ def _plain(field: str) -> str:
     return "".join(c for c in field.lower() if c.isalnum())
 
 
-def is_number(text: str | None) -> bool:
+def is_number(text: str) -> bool:
     """Returns whether `text` is a number."""
-    if text is None:  # the line has too few fields
-        return False
     try:
         float(text)
     except ValueError:

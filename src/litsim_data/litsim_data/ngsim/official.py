@@ -204,11 +204,7 @@ def _recording(
 ) -> tuple[Recording, RepairCounts, CleaningReport | None]:
     """Returns one recording, the counts of its repairs, and the report on its cleaning (None if it was not cleaned).
 
-    Args:
-        raw: rows of the period in SI units: columns ``tracks.NEEDED``, those of the crop, and `line`.
-        period: period of the recording.
-        source: the official file.
-        cleaned, crop: as for :func:`convert`.
+    `raw` are the rows of the period in SI units: columns ``tracks.NEEDED``, those of the crop, and `line`.
 
     Raises:
         InputError: the crop keeps nothing, or no recording can be made of the rows.

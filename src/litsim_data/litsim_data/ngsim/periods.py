@@ -67,11 +67,7 @@ class Clocks:
         self.clocks: list[Clock] = []
 
     def assign(self, rows: pd.DataFrame, where: str) -> IntArray:
-        """Returns the index (n,) of the clock of every row; new clocks are added.
-
-        Args:
-            rows: site, time_ms, frame and line, see :func:`litsim_data.ngsim.reading.blocks`.
-            where: the file, for errors.
+        """Returns the index (n,) of the clock of every row of :func:`.reading.blocks`; new clocks are added.
 
         Raises:
             InputError: there are more clocks than NGSIM can have.

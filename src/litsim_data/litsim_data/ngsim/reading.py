@@ -27,13 +27,9 @@ OFF_SITE_MAX = 0.01  # largest share of rows of a recording that may be far from
 
 
 def row_error(path: Path | str, lines: IntArray, bad: BoolArray, what: str) -> InputError:
-    """Returns an error about the first of the `bad` rows (n,), with its line of `lines` (n,) and the number of others.
+    """Returns an error that `what` is wrong with the first of the `bad` rows (n,); it has the number of the others.
 
-    Args:
-        path: the file.
-        lines: line numbers of the rows.
-        bad: mask of the bad rows, at least one.
-        what: what is wrong with the first of them.
+    At least one is bad; `lines` (n,) are the line numbers of all rows.
     """
     more = int(bad.sum()) - 1
     also = f"; and {more} more such rows in this block" if more else ""
@@ -56,12 +52,8 @@ def layout_of(path: Path) -> Layout:
 def blocks(path: Path, wanted: Sequence[str]) -> Iterator[pd.DataFrame]:
     """Yields the rows of an official file in its order, block by block, with a bar on a terminal.
 
-    Args:
-        path: the file.
-        wanted: our names of the columns to read; those that the file lacks are left out.
-
-    Yields:
-        The columns in SI units, time and positions among them, and `site`, the index in ``SITES``, and `line`.
+    Columns are those `wanted` that the file has, by our names and in SI units, time and positions among them, and
+    `site`, the index in ``SITES``, and `line`.
 
     Raises:
         InputError: it is not an official file, a line cannot be read, units are not NGSIM's, or a site is unknown.

@@ -77,10 +77,6 @@ class Site:
         return f"{begin:%H%M}"
 
 
-def _feet(x: float, y: float) -> tuple[float, float]:
-    return x * FOOT, y * FOOT
-
-
 US101 = Site(
     name="us101",
     location="us-101",
@@ -106,7 +102,7 @@ I80 = Site(
     # The carriageway points 97.5 degrees counter-clockwise from east where the site begins; the anchor is its left edge
     # there, where Local_X and Local_Y are about zero: x is about Local_Y, y about -Local_X, as on US-101.
     yaw=float(np.deg2rad(-97.5)),
-    global_anchor=_feet(6042832.6, 2133067.4),
+    global_anchor=(6042832.6 * FOOT, 2133067.4 * FOOT),
     map_anchor=(0.0, 0.0),
     headings={0: 0.0},
     net="i80.net.xml",
@@ -120,7 +116,7 @@ LANKERSHIM = Site(
     periods=("0830", "0845"),
     # Northbound points about 117 degrees counter-clockwise from east; the anchor is 34.139045 N, 118.362223 W.
     yaw=float(np.deg2rad(-117.0)),
-    global_anchor=_feet(6452059.0, 1873180.8),
+    global_anchor=(6452059.0 * FOOT, 1873180.8 * FOOT),
     map_anchor=(0.0, 0.0),
     headings={1: -0.5 * np.pi, 2: 0.0, 3: 0.5 * np.pi, 4: np.pi},  # eastbound, northbound, westbound, southbound
     net="lankershim.net.xml",
@@ -134,7 +130,7 @@ PEACHTREE = Site(
     periods=("1245", "1600"),
     # Northbound points about 94 degrees counter-clockwise from east; the anchor is 33.78476 N, 84.38302 W.
     yaw=float(np.deg2rad(-94.0)),
-    global_anchor=_feet(2230849.0, 1376809.0),
+    global_anchor=(2230849.0 * FOOT, 1376809.0 * FOOT),
     map_anchor=(0.0, 0.0),
     headings={1: -0.5 * np.pi, 2: 0.0, 3: 0.5 * np.pi, 4: np.pi},
     net="peachtree.net.xml",

@@ -5,7 +5,7 @@ Duplicated rows, contradicting rows, missing frames and reused ids are repaired 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -67,9 +67,7 @@ class RepairCounts:
 
     def text(self) -> str:
         """Returns the non-zero counts with their names, as one line."""
-        return ", ".join(
-            f"{field.name} {getattr(self, field.name)}" for field in fields(self) if getattr(self, field.name)
-        )
+        return ", ".join(f"{name} {count}" for name, count in vars(self).items() if count)
 
 
 def tracks_of(raw: pd.DataFrame, site: Site, where: str) -> tuple[pd.DataFrame, RepairCounts]:

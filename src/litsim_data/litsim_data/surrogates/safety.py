@@ -91,12 +91,8 @@ def safety_series(tables: Sequence[AgentTable], agent: int) -> SafetySeries:
 def shortest_own_ttc(tables: Sequence[AgentTable], agent: int, touched: Mapping[int, int]) -> float:
     """Returns the shortest time to collision [s] of `agent` with agents that it has not touched; inf beyond 3 s.
 
-    An agent counts until the first contact with it, as in nuPlan's measure: what follows is not a new approach.
-
-    Args:
-        tables: steps.
-        agent: its id.
-        touched: step of the first contact, by id of the other agent.
+    An agent counts until the first contact with it, as in nuPlan's measure: what follows is not a new approach. Steps
+    of these are `touched`, by id.
     """
     shortest = np.inf
     for table in tables:

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -67,18 +68,15 @@ def _synthesize_all(site: Site, seeds: list[int], seconds: float, attempts: int)
     # libsumo holds one simulation per process, and the caller may be using its own.
     workers = min(len(seeds), os.cpu_count() or 1)
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        waiting = [pool.submit(_attempt, site, seed, seconds, attempts) for seed in seeds]
-        for job in waiting:
+        for job in [pool.submit(_attempt, site, seed, seconds, attempts) for seed in seeds]:
             yield job.result()
 
 
 def _attempt(site: Site, seed: int, seconds: float, attempts: int) -> Recording:
     """Returns the recording of the first of `attempts` seeds that gives one."""
     for attempt in range(attempts - 1):
-        try:
+        with suppress(InputError):
             return _record(site, seed + attempt * NEXT_SEED, seconds)
-        except InputError:
-            continue
     return _record(site, seed + (attempts - 1) * NEXT_SEED, seconds)
 
 
@@ -166,11 +164,12 @@ def _signals(site: Site, observation: Observation, seconds: float) -> dict[str, 
         course = "".join(states[link.index] for states in shown)
         group = by_course.setdefault((link.light, course), f"{link.light}{sum(g[0] == link.light for g in by_course)}")
         if group not in groups:
-            groups[group] = []
-            for frame, letter in enumerate(course):
-                if frame == 0 or letter != course[frame - 1]:
-                    changes.append((round(frame * STEP_S, 1), group, OF_SUMO[letter].name.lower()))
-        groups[group].append(link.name)
+            changes += [
+                (round(frame * STEP_S, 1), group, OF_SUMO[letter].name.lower())
+                for frame, letter in enumerate(course)
+                if frame == 0 or letter != course[frame - 1]
+            ]
+        groups.setdefault(group, []).append(link.name)
     return {"groups": groups, "changes": sorted(changes)} if groups else {}
 
 

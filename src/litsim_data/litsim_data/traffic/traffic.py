@@ -50,6 +50,11 @@ class Bottleneck:
     swing: float
     period: float
 
+    def speeds(self, step: int, phases: FloatArray) -> FloatArray:
+        """Returns the speed limit (lanes,) [m/s] of each lane at `step`."""
+        swing = np.sin(2.0 * np.pi * step * STEP_S / self.period + phases)
+        return np.maximum(self.speed + self.swing * swing, 1.0)
+
 
 @dataclass(frozen=True)
 class Site:
@@ -138,7 +143,7 @@ def observe(site: Site, seed: int, seconds: float) -> Observation:
                     for name, place in places.items():
                         observed.setdefault(name, (step, []))[1].append((*place, libsumo.vehicle.getSpeed(name)))
                 if site.bottleneck is not None:
-                    speeds = _bottleneck_speeds(site.bottleneck, step, phases)
+                    speeds = site.bottleneck.speeds(step, phases)
                     for name, (x, _) in places.items():
                         if x > site.bottleneck.x:
                             lane = libsumo.vehicle.getLaneIndex(name)
@@ -150,12 +155,6 @@ def observe(site: Site, seed: int, seconds: float) -> Observation:
     rows = [np.array(observed[name][1]) for name in names]
     vehicles, front, speed = [fleet[name] for name in names], [r[:, :2] for r in rows], [r[:, 2] for r in rows]
     return Observation(vehicles, first, front, speed, lights)
-
-
-def _bottleneck_speeds(bottleneck: Bottleneck, step: int, phases: FloatArray) -> FloatArray:
-    """Returns the speed limit (lanes,) [m/s] of each lane of the bottleneck at `step`."""
-    swing = np.sin(2.0 * np.pi * step * STEP_S / bottleneck.period + phases)
-    return np.maximum(bottleneck.speed + bottleneck.swing * swing, 1.0)
 
 
 def _write_demand(path: Path, site: Site, total: float, rng: np.random.Generator) -> dict[str, Vehicle]:
