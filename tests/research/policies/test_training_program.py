@@ -17,11 +17,11 @@ from pydantic import BaseModel
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_research.imitation import network as imitation_network
 from litsim_research.policies import network, simnet_network
-from litsim_research.policies.checkpoint import CHECKPOINT, keep_state, read_state, write_history
-from litsim_research.policies.data import DataConfig, prepare
-from litsim_research.policies.data_state import DataState
+from litsim_research.policies.checkpoint import CHECKPOINT, ResumableTraining, write_history
+from litsim_research.policies.data import DataConfig, TrainingData, prepare
 from litsim_research.policies.plots import plot_curves
 from litsim_research.policies.training_program import training_program
+from litsim_research.predictors.checkpoint import save_checkpoint
 from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.recording import Recording
 
@@ -31,6 +31,16 @@ class Config(BaseModel):
 
     seed: int = 0
     iterations: int = 1
+
+
+class Small(ResumableTraining):
+    """A training of a part, without data unless they are given."""
+
+    parts, more = ("part",), ("done",)
+
+    def __init__(self, data: TrainingData | None = None, **config: int) -> None:
+        super().__init__(data or TrainingData((), ()))
+        self.config, self.part, self.done = Config(**config), torch.nn.Linear(3, 3), 7
 
 
 def arguments(out: Path, *, resume: bool = False) -> Namespace:
@@ -76,24 +86,28 @@ def test_an_interrupted_training_names_resume_only_where_there_is_something_to_r
 def test_a_checkpoint_of_another_program_or_version_is_refused(tmp_path: Path, content: object) -> None:
     torch.save(content, tmp_path / CHECKPOINT)
     with pytest.raises(InputError, match=r"checkpoint\.pt: a checkpoint of another program or version: \w+Error: "):
-        read_state(tmp_path / CHECKPOINT, Config(), DataState(), {"part": torch.nn.Linear(3, 3)}, ["done"])
-    part = torch.nn.Linear(3, 3)
-    keep_state(tmp_path / CHECKPOINT, Config(), DataState(), {"part": part}, {})
+        Small().read(tmp_path / CHECKPOINT)
+    older = Small()
+    older.more = ()  # type: ignore[misc]
+    older.keep(tmp_path)
     with pytest.raises(InputError, match="another program or version: KeyError: 'done'"):
-        read_state(tmp_path / CHECKPOINT, Config(), DataState(), {"part": part}, ["done"])
+        Small().read(tmp_path / CHECKPOINT)
 
 
 def test_what_a_checkpoint_must_be(tmp_path: Path) -> None:
     path = tmp_path / CHECKPOINT
     with pytest.raises(InputError, match="no checkpoint"):
-        read_state(path, Config(), DataState(), {}, [])
+        Small().read(path)
     path.write_bytes(b"nothing")
     with pytest.raises(InputError, match="not a readable checkpoint"):
-        read_state(path, Config(), DataState(), {}, [])
-    keep_state(path, Config(), DataState(), {}, {})
-    assert read_state(path, Config(iterations=9), DataState(), {}, []) == {}
+        Small().read(path)
+    first, longer = Small(), Small(iterations=9)
+    first.done = 8
+    first.keep(tmp_path)
+    longer.read(path)
+    assert longer.done == 8 and torch.equal(longer.part.weight, first.part.weight)
     with pytest.raises(InputError, match="fields seed of the configuration differ"):
-        read_state(path, Config(seed=5), DataState(), {}, [])
+        Small(seed=5).read(path)
 
 
 # Scenarios that have changed since the training began
@@ -111,7 +125,7 @@ class Trained:
             shutil.copy(given["net"], folder / "data" / f"{name}.net.xml")
             files = {"name": name, "recording": f"{name}.parquet", "net": f"{name}.net.xml"}
             self.write(given | files)
-        keep_state(self._checkpoint, Config(), self.data(), {}, {})
+        Small(self.data()).keep(folder)
 
     def write(self, scenario: dict[str, Any], **changes: Any) -> None:
         (self.folder / "data" / f"{scenario['name']}.yaml").write_text(yaml.safe_dump(scenario | changes))
@@ -119,13 +133,13 @@ class Trained:
     def read(self) -> dict[str, Any]:
         return yaml.safe_load((self.folder / "data" / "road.yaml").read_text())
 
-    def data(self, **more: tuple[str, ...]) -> DataState:
+    def data(self, **more: tuple[str, ...]) -> TrainingData:
         given = {"scenarios": ("road",), "validation": ("other",)} | more
         files = {part: tuple(str(self.folder / f"data/{name}.yaml") for name in names) for part, names in given.items()}
-        return DataState.of(prepare(DataConfig(**files, real_weight=2), self.folder))
+        return prepare(DataConfig(**files, real_weight=2), self.folder)
 
     def resume(self, **more: tuple[str, ...]) -> None:
-        read_state(self._checkpoint, Config(), self.data(**more), {}, [])
+        Small(self.data(**more)).read(self._checkpoint)
 
 
 @pytest.fixture
@@ -181,7 +195,7 @@ ENTRIES = [{"validation_score": 0.5}] * 50
 @pytest.mark.parametrize(
     "write",
     [
-        lambda path: keep_state(path, Config(), DataState(), {"part": torch.nn.Linear(30, 30)}, {}),
+        lambda path: save_checkpoint(path, {"part": torch.nn.Linear(30, 30).state_dict()}),
         lambda path: write_history(ENTRIES, path),
         lambda path: plot_curves(ENTRIES, path.with_suffix(".png")),
         lambda path: network.save(network.GaussianPolicy(ObservationConfig()), path),

@@ -140,8 +140,8 @@ def _sorted(tracks: pd.DataFrame) -> _Tracks:
     if jumps.any():
         at = int(np.argmax(jumps))
         raise InputError(
-            f"tracks to clean: vehicle_id {vehicle[at]}: frame {frame[at]} is followed by a jump of more than {JUMP:g} m "
-            f"(next row: frame {frame[at + 1]}); {int(jumps.sum())} such places"
+            f"tracks to clean: vehicle_id {vehicle[at]}: frame {frame[at]} is followed by a jump of more than {JUMP:g} "
+            f"m (next row: frame {frame[at + 1]}); {int(jumps.sum())} such places"
         )
     return _Tracks(table, np.concatenate([[0], np.flatnonzero(~same) + 1, [len(table)]]))
 

@@ -109,7 +109,9 @@ def check(arguments: argparse.Namespace) -> bool:
     from litsim_data.maps.check_text import describe
     from litsim_data.ngsim.sites import SITES as KNOWN
 
-    net = _net(arguments.check)
+    net, packed = arguments.check, str(arguments.check).removesuffix(".net.xml")
+    if not net.is_file() and packed in packaged_nets():
+        net = packaged(f"nets/{packed}.net.xml")
     lines = None
     if arguments.cad is not None:
         lines, _ = cad.read_center_lines(arguments.cad, KNOWN.get(arguments.site or ""))
@@ -122,12 +124,6 @@ def check(arguments: argparse.Namespace) -> bool:
         draw(arguments.picture, LaneMap.from_net(net), parts, result)
         print(arguments.picture)
     return not result.failures
-
-
-def _net(path: Path) -> Path:
-    """The file of a net, or of the packaged one of this name."""
-    name = str(path).removesuffix(".net.xml")
-    return packaged(f"nets/{name}.net.xml") if not path.is_file() and name in packaged_nets() else path
 
 
 def _parts(arguments: argparse.Namespace) -> tuple[dict[str, pd.DataFrame], dict[str, Any] | None]:

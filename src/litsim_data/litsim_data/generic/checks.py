@@ -113,7 +113,9 @@ def _speed(table: pd.DataFrame, steps: pd.DataFrame, mapping: Mapping) -> str:
         far = f"{fast:.0f} m/s in one row of ten and more, expected at most {SPEED_MAX:g}"
         if slow < STANDING:
             far = f"less than {STANDING:g} m/s in 99 of 100 rows, so that no vehicle moves"
-        right = f"is units.position, which is {mapping.units.position}, right, and {_clock(mapping)}?"
+        by_time = f"units.time, which is {mapping.units.time}"
+        clock = by_time if mapping.columns.time is not None else f"rate_hz, which is {mapping.rate_hz:g}"
+        right = f"is units.position, which is {mapping.units.position}, right, and {clock}?"
         return f"positions change by {far}: {right}{_degrees(table, mapping)}"
     if (back := table["speed"].to_numpy() < -REVERSE_MAX).any():
         return (
@@ -129,12 +131,12 @@ def _speed(table: pd.DataFrame, steps: pd.DataFrame, mapping: Mapping) -> str:
         return _closer_unit(speed[moving], driven[moving], mapping)
     fits = [
         f"{field} {unit}"
-        for field, ours, units in (
-            ("units.position", mapping.units.position, ("m", "ft", "cm")),
-            ("units.speed", mapping.units.speed, SPEED_UNITS),
+        for field, ours, units, power in (
+            ("units.position", mapping.units.position, ("m", "ft", "cm"), 1),
+            ("units.speed", mapping.units.speed, SPEED_UNITS, -1),
         )
         for unit in units
-        if unit != ours and _agrees(ratio, FACTORS[unit] / FACTORS[ours], field == "units.speed")
+        if unit != ours and 1.0 / AGREEMENT <= ratio * (FACTORS[unit] / FACTORS[ours]) ** power <= AGREEMENT
     ]
     if mapping.columns.time is None and STEP_RANGE_S[0] <= ratio / mapping.rate_hz <= STEP_RANGE_S[1]:
         fits.append(f"rate_hz {mapping.rate_hz / ratio:.3g}")
@@ -362,12 +364,6 @@ def _steps(table: pd.DataFrame, apart: int) -> pd.DataFrame:
     return steps[steps["dt"] > 0]
 
 
-def _agrees(ratio: float, factor: float, of_speed: bool) -> bool:
-    """Returns whether speeds would agree, were the positions or speeds larger by `factor`."""
-    would = ratio / factor if of_speed else ratio * factor
-    return 1.0 / AGREEMENT <= would <= AGREEMENT
-
-
 def _apart(angles: FloatArray, others: FloatArray) -> float:
     """Returns the median distance of two arrays of angles (n,) [rad]."""
     return float(np.median(np.abs(wrap_angle(angles - others))))
@@ -382,12 +378,6 @@ def _fit(values: tuple[float, ...], bounds: tuple[tuple[float, float], ...], our
     """Returns whether all values, read in `unit` instead of `ours`, are within their bounds."""
     factor = FACTORS[unit] / FACTORS[ours]
     return all(low <= value * factor <= high for value, (low, high) in zip(values, bounds, strict=True))
-
-
-def _clock(mapping: Mapping) -> str:
-    if mapping.columns.time is None:
-        return f"rate_hz, which is {mapping.rate_hz:g}"
-    return f"units.time, which is {mapping.units.time}"
 
 
 def sides(table: pd.DataFrame) -> tuple[FloatArray, FloatArray]:

@@ -276,9 +276,7 @@ def _clock(mapping: _Draft, steps: _Steps) -> None:
 
 
 def _rows_apart(mapping: _Draft, steps: _Steps) -> int:
-    """Returns how many rows apart positions are for the guesses on motion, by consecutive `steps`, see
-    :data:`SPAN_S`.
-    """
+    """Returns how many rows apart positions are for the guesses on motion, by consecutive `steps`."""
     median = float(np.median(steps.dt)) if len(steps.dt) else 0.0
     if steps.clock == "frame" or median <= 0.0:
         return FRAMES_APART
@@ -317,7 +315,8 @@ def _motion(mapping: _Draft, steps: _Steps) -> None:
         rates = {0.0: 1.0}
         if by_frame:  # the file does not give the rate: choose that of a camera by which speeds agree
             rates = {rate: rate / mapping.fields["rate_hz"] for rate in CAMERA_RATES_HZ}
-        position, agrees = units["position"], _agrees(columns["speed"])
+        position, names = units["position"], columns["speed"]
+        agrees = f"column {names} agrees" if isinstance(names, str) else f"columns {' and '.join(names)} agree"
         off = {
             (place, unit, rate): abs(float(np.log(ratio * FACTORS[unit] / faster * FACTORS[position] / FACTORS[place])))
             for place in ([position] if by_frame else POSITIONS)
@@ -337,10 +336,6 @@ def _motion(mapping: _Draft, steps: _Steps) -> None:
             mapping.remarks["rate_hz"] = "a guess by the change of positions: frames per second of the camera"
     if "yaw" in steps.begin and moving.any():
         _angles(mapping, steps.begin["yaw"].to_numpy(np.float64)[moving], np.arctan2(dy, dx)[moving])
-
-
-def _agrees(column: str | list[str]) -> str:
-    return f"column {column} agrees" if isinstance(column, str) else f"columns {' and '.join(column)} agree"
 
 
 def _angles(mapping: _Draft, angle: FloatArray, motion: FloatArray) -> None:

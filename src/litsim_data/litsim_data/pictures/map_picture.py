@@ -46,7 +46,8 @@ def draw(path: Path, lane_map: LaneMap, parts: Mapping[str, pd.DataFrame], check
     """
     if path.suffix != ".png":
         raise InputError(f"{path}: expected a name that ends with .png")
-    tables = [_thinned(table) for table in parts.values()]
+    ordered = (table.sort_values(["vehicle_id", "frame"], ignore_index=True) for table in parts.values())
+    tables = [table.iloc[:: max(1, len(table) // POINTS_MAX)] for table in ordered]
     misses = _places([miss for part in check.placements.values() for miss in part.worst])
     low, high = _extent(lane_map, tables)
     figure, overview, details = _panels((high - low)[1] / (high - low)[0], len(misses))
@@ -54,7 +55,9 @@ def draw(path: Path, lane_map: LaneMap, parts: Mapping[str, pd.DataFrame], check
     tall = (high - low)[1] > STRETCHED * (high - low)[0]
     overview.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal" if tall else "auto")
     overview.set(xlabel="x [m]", ylabel="y [m]" if tall else "y [m], stretched")
-    overview.set_title(_title(check), loc="left", fontsize=10, color=INK)
+    shares = [f"{name}: {part.inside:.1%} on lanes" for name, part in check.placements.items()]
+    more = f" and {len(shares) - 4} more" if len(shares) > 4 else ""
+    overview.set_title(", ".join(shares[:4]) + more, loc="left", fontsize=10, color=INK)
     for name, miss, detail in zip(ascii_uppercase, misses, details, strict=False):
         style = {"textcoords": "offset points", "color": MISS, "weight": "bold", "zorder": 7}
         overview.annotate(name, (miss.x, miss.y), xytext=(6, 4), **style)
@@ -90,12 +93,6 @@ def lane_outline(lane: Lane) -> FloatArray:
     direction /= np.maximum(np.hypot(*direction.T), 1e-9)[:, None]
     left = 0.5 * lane.width * np.column_stack([-direction[:, 1], direction[:, 0]])
     return np.vstack([lane.centerline - left, (lane.centerline + left)[::-1]])
-
-
-def _thinned(table: pd.DataFrame) -> pd.DataFrame:
-    """Returns rows of a table, sorted by vehicle and frame; of more than POINTS_MAX, every n-th."""
-    ordered = table.sort_values(["vehicle_id", "frame"], ignore_index=True)
-    return ordered.iloc[:: max(1, len(ordered) // POINTS_MAX)]
 
 
 def _extent(lane_map: LaneMap, tables: list[pd.DataFrame]) -> tuple[FloatArray, FloatArray]:
@@ -160,12 +157,6 @@ def _lines(x: FloatArray, y: FloatArray, new: np.ndarray, colour: str, order: in
     return LineCollection(
         np.split(np.column_stack([x, y]), new), colors=colour, linewidths=0.6, alpha=0.55, zorder=order
     )
-
-
-def _title(check: NetCheck) -> str:
-    shares = [f"{name}: {part.inside:.1%} on lanes" for name, part in check.placements.items()]
-    more = f" and {len(shares) - 4} more" if len(shares) > 4 else ""
-    return ", ".join(shares[:4]) + more
 
 
 def _legend(check: NetCheck) -> list[Line2D | Patch]:

@@ -112,8 +112,14 @@ def _intersection(recording: Recording, lane_map: LaneMap, signals: Signals | No
         InputError: the recording is shorter than a moment says.
     """
     table = recording.table
+    tracks = table.sort_values(["vehicle_id", "frame"], ignore_index=True)
     first, steps = int(table["frame"].min()), int(table["frame"].max() - table["frame"].min())
-    shown = [_step(moment, steps) for moment in moments]
+    shown = [round(moment / STEP_S) for moment in moments]
+    for moment, step in zip(moments, shown, strict=True):
+        if not 0 <= step <= steps:
+            raise InputError(
+                f"moment {moment:g}: expected 0 to {steps * STEP_S:g} s from the first frame that is drawn"
+            )
     area = Area.around(table[["x", "y"]].to_numpy())
     groups = [] if signals is None else groups_in(signals, area, [])
     wide, high = area.high - area.low
@@ -126,9 +132,10 @@ def _intersection(recording: Recording, lane_map: LaneMap, signals: Signals | No
     for axes, step in zip(plans, (None, *shown), strict=True):
         draw_lanes(axes, lane_map)
         if step is None:
-            _paths(axes, table, speeds)
+            _coloured(axes, tracks, np.ones(len(tracks), np.bool_), tracks[["x", "y"]].to_numpy(), speeds, zorder=4)
         else:
-            _boxes(axes, recording, first + step, speeds)
+            agents = Log.from_recording(recording, first + step, 1).table(0)
+            draw_boxes(axes, agents, [to_hex(colour) for colour in colormaps[SPEEDS](speeds(agents.speed))])
             axes.set_title(f"{step * STEP_S:.1f} s, frame {first + step}", loc="left", fontsize=9, color=INK)
         if signals is not None:
             draw_stop_lines(axes, signals, step or 0)
@@ -149,30 +156,13 @@ def _intersection(recording: Recording, lane_map: LaneMap, signals: Signals | No
     return figure
 
 
-def _step(moment: float, steps: int) -> int:
-    """Returns the step nearest to a moment [s] of a recording of `steps` steps after the first frame.
-
-    Raises:
-        InputError: it lies outside.
-    """
-    step = round(moment / STEP_S)
-    if not 0 <= step <= steps:
-        raise InputError(f"moment {moment:g}: expected 0 to {steps * STEP_S:g} s from the first frame that is drawn")
-    return step
-
-
-def _paths(axes: Axes, table: pd.DataFrame, speeds: Normalize) -> None:
-    """Draws all tracks, coloured by speed."""
-    table = table.sort_values(["vehicle_id", "frame"], ignore_index=True)
-    pieces, at = _pieces(table, np.ones(len(table), np.bool_), table[["x", "y"]].to_numpy())
+def _coloured(
+    axes: Axes, table: pd.DataFrame, rows: BoolArray, points: FloatArray, speeds: Normalize, zorder: int = 2
+) -> None:
+    """Draws the tracks of the chosen `rows` of `table` through `points` (n, 2), coloured by speed."""
+    pieces, at = _pieces(table, rows, points)
     colour = table["speed"].to_numpy()[at]
-    axes.add_collection(LineCollection(pieces, array=colour, cmap=SPEEDS, norm=speeds, linewidths=0.7, zorder=4))
-
-
-def _boxes(axes: Axes, recording: Recording, frame: int, speeds: Normalize) -> None:
-    """Draws the boxes of all agents at `frame`, coloured by speed."""
-    agents = Log.from_recording(recording, frame, 1).table(0)
-    draw_boxes(axes, agents, [to_hex(colour) for colour in colormaps[SPEEDS](speeds(agents.speed))])
+    axes.add_collection(LineCollection(pieces, array=colour, cmap=SPEEDS, norm=speeds, linewidths=0.7, zorder=zorder))
 
 
 def _is_intersection(recording: Recording, lane_map: LaneMap) -> bool:
@@ -213,9 +203,7 @@ def _space_time(
     time = STEP_S * (table["frame"].to_numpy() - table["frame"].min())
     for axis, (against, number) in zip(axes, shown, strict=True):
         rows = (turned == against) & (lane == number)
-        pieces, at = _pieces(table, rows, np.column_stack([time, along]))
-        colour = table["speed"].to_numpy()[at]
-        axis.add_collection(LineCollection(pieces, array=colour, cmap=SPEEDS, norm=speeds, linewidths=0.7))
+        _coloured(axis, table, rows, np.column_stack([time, along]), speeds)
         name = f"lane {number}" if number >= 0 else "lane unknown"
         axis.set_title(f"{name}{', opposite direction' if against else ''}", loc="left", fontsize=9, color=INK)
         axis.set_ylabel("along [m]", fontsize=8)

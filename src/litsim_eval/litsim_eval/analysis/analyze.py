@@ -15,14 +15,9 @@ FILES = (METRICS_FILE, SERIES_FILE, TAKEOVERS_FILE, PLOT_FILE)
 
 
 def analyze(bag: Path, out: Path | None = None) -> dict[str, Any]:
-    """Measures the run in `bag` (folder or MCAP file); writes :data:`FILES` beside it, each whole or not at all.
+    """Measures the run in `bag` (folder or MCAP file); returns the contents of `metrics.json`.
 
-    Args:
-        bag: the run's bag.
-        out: folder for the files; created if missing. Default: the folder of the MCAP file.
-
-    Returns:
-        The contents of `metrics.json`.
+    Writes :data:`FILES` to the folder `out`, by default beside the MCAP file, each whole or not at all.
 
     Raises:
         InputError: `bag` is not a LitSim run, or the results cannot be written.

@@ -83,13 +83,7 @@ def hard_brakes_begin(acceleration: FloatArray) -> BoolArray:
 
 
 def hard_brakes_in_log(tables: Sequence[AgentTable], log: Sequence[AgentTable], agent: int) -> int:
-    """Returns the number of hard brakes that begin in the log of `agent` at steps at which the run has it off its log.
-
-    Args:
-        tables: steps of the run.
-        log: the same steps of the recording.
-        agent: its id.
-    """
+    """Returns the number of hard brakes in the log of `agent` that begin while the run has it off its log."""
     steps, logged = Steps.of(tables), Steps.of(log)
     rows = steps.track(agent)
     driven = steps.stacked.number[rows[steps.stacked.controller[rows] != Controller.LOG]]

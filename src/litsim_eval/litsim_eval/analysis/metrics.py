@@ -256,10 +256,7 @@ def _own_ttc(run: Run, verdicts: list[ContactVerdict], shortest: float) -> float
     Other agents count until their contact. Those that the ego touches in the log too do not count: their recorded
     boxes are too large, or too close.
 
-    Args:
-        run: the run.
-        verdicts: verdicts on the ego's contacts.
-        shortest: shortest time to collision with any agent [s]; inf for none.
+    `shortest` is that with any agent [s]; inf for none.
     """
     if any(each.contact.ego_at_fault and not each.in_log for each in verdicts):
         return 0.0

@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import ScaledTranslation
@@ -78,7 +77,10 @@ def overview(run: Run, path: Path) -> None:
     FigureCanvasAgg(figure)
     entries, lane_map = run.once(ledger), lane_map_of(run)
     moment = notable_moment(run, entries)
-    figure.suptitle(_title(run, entries), x=0.012, ha="left", fontsize=15, color=INK)
+    info = run.info
+    what = f"{info.scenario}   ego {info.ego_id} by {info.ego}, background by {info.policy}, seed {info.seed}"
+    counts = f"takeovers: {len(entries)}, collisions that are not in the log: {len(run.once(collisions).excess)}"
+    figure.suptitle(f"{what}   {counts}", x=0.012, ha="left", fontsize=15, color=INK)
     crossings = crossed(lane_map, _ego_track(run, run.steps)[:, 1:3])
     if lane_map is not None and len(crossings):
         speed, off_log = _intersection(figure, run, moment, lane_map, crossings)
@@ -129,11 +131,9 @@ def _plan(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap, area: Area) -
     if run.signals is not None:
         draw_stop_lines(axes, run.signals, table.step)
     driven = paths(run.steps.after(run.info.history_steps - 1), area)
-    for controller, width in ((Controller.LOG, 0.9), (Controller.POLICY, 2.2)):
-        axes.add_collection(LineCollection(driven[controller], colors=COLOURS[controller], linewidths=width, zorder=4))
-    axes.add_collection(
-        LineCollection(driven[Controller.EGO], colors=COLOURS[Controller.EGO], linewidths=2.8, zorder=5)
-    )
+    for controller, width, order in ((Controller.LOG, 0.9, 4), (Controller.POLICY, 2.2, 4), (Controller.EGO, 2.8, 5)):
+        style = {"colors": COLOURS[controller], "linewidths": width, "zorder": order}
+        axes.add_collection(LineCollection(driven[controller], **style))
     logged = _ego_track(run, run.logged)
     axes.plot(logged[:, 1], logged[:, 2], color=INK, lw=1.1, ls=DASHED, zorder=5)
     here = table.take(area.holds(np.stack([table.x, table.y], axis=-1)))
@@ -174,12 +174,6 @@ def notable_moment(run: Run, entries: list[LedgerEntry]) -> Moment:
     return Moment(run.tables[len(run.tables) // 2].step, "the middle of the run")
 
 
-def _title(run: Run, entries: list[LedgerEntry]) -> str:
-    info, hits = run.info, run.once(collisions)
-    what = f"{info.scenario}   ego {info.ego_id} by {info.ego}, background by {info.policy}, seed {info.seed}"
-    return f"{what}   takeovers: {len(entries)}, collisions that are not in the log: {len(hits.excess)}"
-
-
 def _at(run: Run, step: int) -> tuple[AgentTable, AgentTable | None]:
     """Returns the agents at the recorded step nearest to `step`, and those of the log."""
     index = int(np.argmin(np.abs(run.steps.step - step)))
@@ -208,10 +202,12 @@ def _bird_view(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -
             axes.plot(*goal, marker="x", color=COLOURS[Controller.POLICY], ms=7, zorder=6)
     if logged is not None:
         ghosts = logged.take(np.isin(logged.id, table.id[table.off_log]))
-        _fill(axes, to_view(_boxes(ghosts)), facecolors="none", linestyles=DASHED, linewidths=1.1, zorder=5)
+        outlines = list(to_view(_boxes(ghosts)))
+        dashed = {"facecolors": "none", "linestyles": DASHED, "linewidths": 1.1}
+        axes.add_collection(PolyCollection(outlines, edgecolors=INK, zorder=5, **dashed))
     boxes = to_view(_boxes(table))
     colours = [COLOURS[Controller(c)] for c in table.controller]
-    _fill(axes, boxes, facecolors=colours, linewidths=0.7, zorder=4)
+    axes.add_collection(PolyCollection(list(boxes), edgecolors=INK, facecolors=colours, linewidths=0.7, zorder=4))
     noses = list(boxes[:, [0, 3]])  # front left, front right
     axes.add_collection(LineCollection(noses, colors=INK, linewidths=2.2, zorder=4))
     for i in np.flatnonzero(table.off_log):
@@ -234,10 +230,6 @@ def _legend_below(axes: Axes, handles: list[Any]) -> None:
     anchor = axes.transAxes + ScaledTranslation(0.0, -LEGEND_BELOW_PT / 72.0, figure.dpi_scale_trans)
     place = {"loc": "upper left", "bbox_to_anchor": (0.0, 0.0), "bbox_transform": anchor, "borderaxespad": 0.0}
     axes.legend(handles=handles, ncols=5, frameon=False, fontsize=10, **place)
-
-
-def _fill(axes: Axes, boxes: FloatArray, **style: Any) -> None:
-    axes.add_collection(PolyCollection(list(boxes), edgecolors=INK, **style))
 
 
 def _draw_road(axes: Axes, lane_map: LaneMap, to_view: Any) -> tuple[float, float]:
@@ -287,9 +279,9 @@ def _space_time(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) 
     ego_log = _ego_track(run, run.logged)
     if len(ego_log):
         axes.plot(ego_log[:, 0], _along(route, ego_log[:, 1], ego_log[:, 2])[0], color=INK, lw=1.1, ls=DASHED)
-    handles = [Line2D([], [], color=COLOURS[c], lw=2.5, label=NAMES[c]) for c in COLOURS if c.value in lines]
-    handles.append(Line2D([], [], color=FAINT, lw=2.5, label="log replay, lane beside"))
-    handles.append(Line2D([], [], color=INK, lw=1.1, ls=DASHED, label="ego's log"))
+    handles = [line_handle(COLOURS[c], NAMES[c]) for c in COLOURS if c.value in lines]
+    handles.append(line_handle(FAINT, "log replay, lane beside"))
+    handles.append(line_handle(INK, "ego's log", lw=1.1, ls=DASHED))
     axes.legend(handles=handles, loc="upper left", fontsize=10, framealpha=0.92, edgecolor="none")
     axes.set(xlim=(0.0, _end(run)), ylim=(min(extent, default=0.0) - AHEAD, max(extent, default=0.0) + AHEAD))
     axes.set(xlabel="time [s]", ylabel="along the ego's lane [m]")
@@ -350,7 +342,7 @@ def _off_log(axes: Axes, run: Run, step: int) -> None:
     excess = [at * run.info.dt for at in run.once(collisions).excess.values()]
     if excess:
         axes.plot(excess, np.zeros(len(excess)), "v", color=COLOURS[Controller.EGO], ms=8, clip_on=False)
-        handle = Line2D([], [], color=COLOURS[Controller.EGO], marker="v", ls="", label="collision not in the log")
+        handle = line_handle(COLOURS[Controller.EGO], "collision not in the log", marker="v", ls="")
         axes.legend(handles=[handle], loc="upper left", frameon=False, fontsize=10)
     axes.set(xlim=(0.0, _end(run)), xlabel="time [s]", ylabel="agents")
     axes.set_ylim(0.0, max(1.0, 1.15 * float(counts.max())))

@@ -29,12 +29,7 @@ def mean_progress(
     """Returns the mean distance [m] travelled by the agents of `log`, or by those in `agents`; None without agents.
 
     Only the time in which its log has an agent on the road counts. An agent that is not on the road then, such as one
-    held back at its entry, makes no progress.
-
-    Args:
-        tables: consecutive steps of the run.
-        log: the same steps of the log; also given as `tables` for the progress of the log.
-        agents: ids.
+    held back at its entry, makes no progress. `tables` and `log` are the same consecutive steps.
     """
     logged = Steps.of(log)
     length = Steps.of(tables).once(_lengths, logged)

@@ -123,10 +123,7 @@ def summarise(runs: Iterable[Metrics], failed: int = 0) -> dict[str, Any]:
         "reactive": sum(run["reactive"] for run in runs) / total if total else None,
         "ade_runs": {horizon: sum(horizon in run["ade_all_m"] for run in runs) for horizon in horizons},
         **{name: _known_sum(map(figure, runs)) for name, figure in SUMS.items()},
-        **{
-            name: _ratio(_known_sum(map(above, runs)), _known_sum(map(below, runs)))
-            for name, (above, below) in RATIOS.items()
-        },
+        **{name: _ratio(*(_known_sum(map(figure, runs)) for figure in RATIOS[name])) for name in RATIOS},
         **{name: _mean(map(figure, runs)) for name, figure in MEANS.items()},
         **{name: max(_known(map(figure, runs)), default=None) for name, figure in LARGEST.items()},
         **{name: {h: _mean(map(displacement(name, h), runs)) for h in horizons} for name in DISPLACEMENTS},

@@ -11,7 +11,7 @@ import numpy as np
 
 from litsim_sim.core.dynamics import SPEED_MIN, VehicleLimits
 from litsim_sim.core.geometry import overlapping_pairs, wrap_angle
-from litsim_sim.core.scene import AgentTable, BoolArray, Controller, FloatArray
+from litsim_sim.core.scene import AgentTable, BoolArray, Controller
 from litsim_sim.core.steps import Steps
 from litsim_sim.core.takeover import Takeover, TakeoverState
 from litsim_sim.record.run import Run
@@ -126,10 +126,8 @@ def ledger(run: Run) -> list[LedgerEntry]:
     """Returns the takeovers of a run, sorted by step of detection and agent."""
     episodes = list(_episodes(run))
     contacts = _replay_contacts(run, episodes)
-    return sorted(
-        (_entry(run, episode, contact) for episode, contact in zip(episodes, contacts, strict=True)),
-        key=lambda entry: (entry.detected_step, entry.agent),
-    )
+    entries = (_entry(run, episode, contact) for episode, contact in zip(episodes, contacts, strict=True))
+    return sorted(entries, key=lambda entry: (entry.detected_step, entry.agent))
 
 
 def _replay_contacts(run: Run, episodes: Sequence[Episode]) -> list[tuple[int, int] | None]:
@@ -197,7 +195,10 @@ def jump(before: AgentTable, after: AgentTable, agent: int, dt: float) -> Jump:
     """Returns the jump of `agent` between consecutive steps `dt` [s] apart, by the limits of the vehicle model."""
     i, j = before.row(agent), after.row(agent)
     limits = VehicleLimits()
-    v0, v1 = _velocity(before, i), _velocity(after, j)
+    v0, v1 = (
+        np.array([np.cos(table.yaw[row]), np.sin(table.yaw[row])]) * table.speed[row]
+        for table, row in ((before, i), (after, j))
+    )
     moved = np.array([after.x[j] - before.x[i], after.y[j] - before.y[i]])
     faster = float(after.speed[j] - before.speed[i])
     mean_speed = 0.5 * float(before.speed[i] + after.speed[j])
@@ -208,10 +209,6 @@ def jump(before: AgentTable, after: AgentTable, agent: int, dt: float) -> Jump:
         speed=max(0.0, faster - limits.acceleration_max * dt, -faster - limits.deceleration_max * dt),
         yaw=max(0.0, turned - turning * dt),
     )
-
-
-def _velocity(table: AgentTable, row: int) -> FloatArray:
-    return np.array([np.cos(table.yaw[row]), np.sin(table.yaw[row])]) * table.speed[row]
 
 
 def _episodes(run: Run) -> Iterator[Episode]:
@@ -287,7 +284,8 @@ def _outcome(run: Run, agent: int, last_step: int, *, released: bool) -> Outcome
 
 def _handback(run: Run, index: int, agent: int) -> Handback:
     """Returns the return of `agent`, with its last step under control in the table at `index`."""
-    lag = _lag(run, run.tables[index].step, agent)
+    at_end = run.takeovers.get(run.tables[index].step, ())  # of its takeover, 0 if none was recorded
+    lag = round(next((t.time_shift for t in at_end if t.agent == agent), 0.0) / run.info.dt)
     largest, noise = Jump(), Jump()
     for k in range(index, min(index + SETTLING_MAX, len(run.tables) - 1)):
         before, after = run.tables[k], run.tables[k + 1]
@@ -302,12 +300,6 @@ def _handback(run: Run, index: int, agent: int) -> Handback:
         if apart is not None and apart < SETTLED:
             break
     return Handback(agent, run.tables[index].step, _from_log(run, index, agent, lag), largest, noise, lag)
-
-
-def _lag(run: Run, step: int, agent: int) -> int:
-    """Returns the lag [steps] of the log of `agent` as of its takeover at `step`; 0 if no takeover was recorded."""
-    shift = next((t.time_shift for t in run.takeovers.get(step, ()) if t.agent == agent), 0.0)
-    return round(shift / run.info.dt)
 
 
 def _logged(run: Run, index: int, agent: int, lag: int) -> AgentTable | None:

@@ -91,14 +91,9 @@ class Side:
         return cls((str(checkout.absolute() / "litsim"), "exec", "python"), environment)
 
     def rates(self, module: str, *arguments: str, answers_no: bool = False) -> Callable[[str, float], Sample]:
-        """Runs and times a program of the checkout.
+        """Runs and times a program of the checkout; with `answers_no`, exit status 1 is a success.
 
-        Args:
-            module, arguments: the program.
-            answers_no: whether exit status 1 is a success, as of `evaluate` with runs that have not passed.
-
-        Returns:
-            a function from the name of a figure and the amount of work done to the rates per second of both clocks.
+        Returns a function from the name of a figure and the amount of work done to the rates per second of both clocks.
 
         Raises:
             InputError: the program fails.

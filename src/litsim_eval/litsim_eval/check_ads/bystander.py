@@ -10,13 +10,7 @@ from rclpy.context import Context
 from rclpy.duration import Infinite
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import (
-    HistoryPolicy,
-    QoSCompatibility,
-    QoSProfile,
-    ReliabilityPolicy,
-    qos_check_compatible,
-)
+from rclpy.qos import HistoryPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 from rclpy.signals import SignalHandlerOptions
 
 from litsim_eval.check_ads.trace import FAILED, FINISHED, Endpoint, Heard
@@ -173,9 +167,6 @@ def _mismatch(topic: Topic, info: Any, *, publishes: bool) -> str:
     verdict, reason = qos_check_compatible(offered, requested)
     if verdict != QoSCompatibility.ERROR:
         return ""
-    sides = "offered {}, requested {}".format(*(_words(each) for each in (offered, requested)))
+    words = (f"{each.reliability.name} {each.durability.name}" for each in (offered, requested))
+    sides = "offered {}, requested {}".format(*words)
     return f"{'publisher' if publishes else 'subscription'} does not match: {sides} ({reason.strip(' ;')})"
-
-
-def _words(profile: QoSProfile) -> str:
-    return f"{profile.reliability.name} {profile.durability.name}"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from litsim_eval.check_ads.trace import FINISHED, Endpoint, Evidence, Heard
+from litsim_eval.check_ads.trace import FINISHED, Evidence, Heard
 from litsim_sim.core.errors import printable, shown
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, EgoCommand, FloatArray
@@ -90,15 +90,13 @@ def qos(evidence: Evidence) -> Clause:
     name = "types and QoS"
     if not evidence.endpoints:
         return Clause(name, Verdict.OPEN, "nothing was found")
-    mismatches = _by_topic(evidence.endpoints)
+    mismatches: dict[str, str] = {}  # the first of each topic, an empty text for none
+    for each in sorted(evidence.endpoints, key=lambda e: e.topic):
+        mismatches[each.topic] = mismatches.get(each.topic) or each.problem
     wrong = {topic: text for topic, text in mismatches.items() if text}
     text = "; ".join(f"{topic}: {text}" for topic, text in wrong.items())
-    return Clause(
-        name,
-        Verdict.FAIL if wrong else Verdict.PASS,
-        text or f"{len(mismatches)} topics match: {', '.join(mismatches)}",
-        {topic: text or "matches" for topic, text in mismatches.items()},
-    )
+    matching = f"{len(mismatches)} topics match: {', '.join(mismatches)}"
+    return _judged(name, wrong, text or matching, {topic: each or "matches" for topic, each in mismatches.items()})
 
 
 def own_topics(evidence: Evidence) -> Clause:
@@ -106,17 +104,8 @@ def own_topics(evidence: Evidence) -> Clause:
     name = "keeps to its topics"
     if not evidence.discovered_s and not evidence.intrusions:
         return Clause(name, Verdict.OPEN, "nothing was found")
-    text = "; ".join(evidence.intrusions)
-    verdict = Verdict.FAIL if text else Verdict.PASS
-    return Clause(name, verdict, text or "no internal topic has a foreign publisher", {"found": evidence.intrusions})
-
-
-def _by_topic(endpoints: Sequence[Endpoint]) -> dict[str, str]:
-    """Returns the first mismatch by topic; an empty text if there is none."""
-    mismatches: dict[str, str] = {}
-    for each in sorted(endpoints, key=lambda e: e.topic):
-        mismatches[each.topic] = mismatches.get(each.topic) or each.problem
-    return mismatches
+    text = "; ".join(evidence.intrusions) or "no internal topic has a foreign publisher"
+    return _judged(name, evidence.intrusions, text, {"found": evidence.intrusions})
 
 
 def answers(evidence: Evidence) -> Clause:
@@ -134,27 +123,24 @@ def answers(evidence: Evidence) -> Clause:
     missing = list(steps[max(len(heard), evidence.counts.get("answered", 0) + evidence.counts.get("invalid", 0)) :])
     repeats = sum(len(times) - 1 for times in evidence.published_ns.values())
     counts = {kind: evidence.counts.get(kind, 0) for kind in ("late", "stale", "future", "surplus", "refused")}
-    faults = []
-    if missing:
-        faults.append(f"{len(missing)} missing, first {missing[0]}")
-    if counts["stale"] > repeats:
-        faults.append(f"{counts['stale']} stale")
-    if counts["future"]:
-        faults.append(f"{counts['future']} from the future")
-    if counts["surplus"] > repeats + len(steps):
-        faults.append(f"{counts['surplus']} surplus, more than one per step")
-    if counts["refused"]:
-        faults.append(f"{counts['refused']} on a second interface")
-    if counts["late"]:
-        faults.append(f"{counts['late']} late")
+    faults = [f"{len(missing)} missing, first {missing[0]}"] if missing else []
+    faults += [
+        f"{counts[kind]} {what}"
+        for kind, most, what in (
+            ("stale", repeats, "stale"),
+            ("future", 0, "from the future"),
+            ("surplus", repeats + len(steps), "surplus, more than one per step"),
+            ("refused", 0, "on a second interface"),
+            ("late", 0, "late"),
+        )
+        if counts[kind] > most
+    ]
     if evidence.failure and evidence.left is None and not amid:
         faults.append(evidence.failure)
     text = f"{len(steps) - len(missing)} of {len(steps)} steps"
     text += "" if evidence.left is None else ", until the stack left"
     figures = {"steps": len(steps), "missing": missing, "repeated_by_bridge": repeats} | counts
-    return Clause(
-        name, Verdict.FAIL if faults else Verdict.PASS, "; ".join([text, *faults]), figures | {"run": evidence.failure}
-    )
+    return _judged(name, faults, "; ".join([text, *faults]), figures | {"run": evidence.failure})
 
 
 def latencies(evidence: Evidence) -> tuple[list[int], FloatArray]:
@@ -177,9 +163,8 @@ def latency(evidence: Evidence, limit_ms: float) -> Clause:
     in_time = float(np.mean(took <= 1e3 * STEP_S))
     text = f"min {low:.1f}, median {median:.1f}, 95 % {high:.1f}, max {most:.1f} ms; {in_time:.0%} within a step"
     figures = {"min_ms": low, "median_ms": median, "p95_ms": high, "max_ms": most, "within_a_step": in_time}
-    if high > limit_ms:
-        return Clause(name, Verdict.FAIL, f"{text}; expected 95 % within {limit_ms:g} ms", figures)
-    return Clause(name, Verdict.PASS, text, figures)
+    text += f"; expected 95 % within {limit_ms:g} ms" if high > limit_ms else ""
+    return _judged(name, high > limit_ms, text, figures)
 
 
 def frames(evidence: Evidence) -> Clause:
@@ -212,7 +197,7 @@ def frames(evidence: Evidence) -> Clause:
         "offset_max_m": max((offset for _, offset in away), default=None),
         "off_direction": len(lost),
     }
-    return Clause(name, Verdict.FAIL if faults else Verdict.PASS, "; ".join(faults) or text, figures)
+    return _judged(name, faults, "; ".join(faults) or text, figures)
 
 
 def values(evidence: Evidence, limit: float) -> Clause:
@@ -241,7 +226,7 @@ def values(evidence: Evidence, limit: float) -> Clause:
     if share > limit:
         faults.append(f"{text}, expected at most {limit:.1%}")
     figures = {"invalid": len(wrong), "clipped": clipped, "judged": judged, "clipped_share": share}
-    return Clause(name, Verdict.FAIL if faults else Verdict.PASS, "; ".join(faults) or f"finite; {text}", figures)
+    return _judged(name, faults, "; ".join(faults) or f"finite; {text}", figures)
 
 
 def ending(evidence: Evidence) -> Clause:
@@ -269,6 +254,10 @@ def ending(evidence: Evidence) -> Clause:
     quiet = "it is silent" if end.last_s is None else f"its last message came {end.last_s:.1f} s later"
     here = "its publisher is gone" if not end.present else "its publisher is still there, idle"
     return Clause(name, Verdict.PASS, f"{after}, {quiet}; {here}{how}", figures)
+
+
+def _judged(name: str, faults: object, text: str, figures: dict[str, Any]) -> Clause:
+    return Clause(name, Verdict.FAIL if faults else Verdict.PASS, text, figures)
 
 
 def _first(heard: Sequence[Heard], what: str, why: str) -> str:

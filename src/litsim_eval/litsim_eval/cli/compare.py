@@ -122,8 +122,7 @@ def _campaigns(arguments: argparse.Namespace) -> int:
     Raises:
         InputError: they are not two, or cannot be compared.
     """
-    others = [str(path) for path in arguments.runs if not is_campaign(path)]
-    if others:
+    if others := [str(path) for path in arguments.runs if not is_campaign(path)]:
         raise InputError(f"{', '.join(others)}: no folder of a campaign, expected two of them, or runs alone")
     if len(arguments.runs) > 2:
         raise InputError(f"{len(arguments.runs)} campaigns, expected two")
@@ -153,11 +152,8 @@ def _searches(arguments: argparse.Namespace) -> int:
             table.add_column(name, justify="right", no_wrap=True)
         for name, before, after in zip(change.names, change.before, change.after, strict=True):
             table.add_row(name, f"{before:.2f}", f"{after:.2f}", f"{after - before:+.2f}")
-        console = Console(width=None if sys.stdout.isatty() else WIDTH)
-        console.print(table)
-        bounds = (
-            "" if change.interval is None else f", 95 % interval {change.interval[0]:+.2f} to {change.interval[1]:+.2f}"
-        )
+        Console(width=None if sys.stdout.isatty() else WIDTH).print(table)
+        bounds = "" if change.interval is None else ", 95 % interval {:+.2f} to {:+.2f}".format(*change.interval)
         print(
             f"mean change {change.mean:+.2f}{bounds}; margins are upper bounds, and at most what the search looked at"
         )

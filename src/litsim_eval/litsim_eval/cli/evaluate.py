@@ -12,10 +12,10 @@ from pathlib import Path
 from rich.console import Console
 from tqdm import tqdm
 
-from litsim_eval.campaign.case import Case, cases_of, code_versions
+from litsim_eval.campaign.case import Case, code_versions
 from litsim_eval.campaign.criteria import Verdict
 from litsim_eval.campaign.folder import CampaignFolder
-from litsim_eval.campaign.part import suite_of_cases, write_suite
+from litsim_eval.campaign.part import write_suite
 from litsim_eval.campaign.results import (
     EXPERIMENT_REPORT_FILE,
     RESULTS_FILE,
@@ -24,11 +24,10 @@ from litsim_eval.campaign.results import (
     read_results,
     rerun_command,
 )
-from litsim_eval.campaign.suite import place_of
 from litsim_eval.campaign.variant_summary import variant_bounds, variant_summary
-from litsim_eval.cli.suite_arguments import add_suite_arguments, part_of, suite_of
+from litsim_eval.cli.suite_arguments import add_suite_arguments, cases_to_run, refuse_unusable, suite_of
 from litsim_eval.runs.campaign import LocalRuns, conclude
-from litsim_eval.runs.case_run import TIME_LIMIT_S, CaseRefused, check_cases
+from litsim_eval.runs.case_run import TIME_LIMIT_S
 from litsim_eval.runs.ray_runs import LOCAL, RayRuns
 from litsim_eval.runs.summary_table import print_summary
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser, positive
@@ -90,20 +89,13 @@ def evaluate(arguments: argparse.Namespace) -> int:
     """
     suite = suite_of(arguments)
     versions = code_versions()
-    cases = cases_of(suite, graph=arguments.graph, with_versions=versions)
-    part = part_of(arguments)
-    if part is not None:
-        cases = part.of(cases)
-        suite = suite_of_cases(suite, cases)
+    whole, (suite, cases) = suite, cases_to_run(arguments, suite, versions)
+    is_part = suite is not whole
     if arguments.save_suite is not None:
         write_suite(suite, arguments.save_suite)
         print(f"{arguments.save_suite}: {len(suite.cases)} cases")
         return 0
-    try:
-        check_cases(cases)
-    except CaseRefused as error:  # for a parameter that only its stage can check
-        where = f"{place_of(arguments.suite, error.setting)}: " if arguments.suite else ""
-        raise InputError(f"{where}{error}") from error
+    refuse_unusable(arguments, cases)
     try:
         suite.criteria.check_counts(len(cases))
     except ValueError as error:
@@ -114,13 +106,18 @@ def evaluate(arguments: argparse.Namespace) -> int:
     if arguments.ray is not None:
         runs = RayRuns(folder, suite.criteria, arguments.ray, arguments.processes, arguments.time_limit)
         runs.check(cases)
-    changes = Counter[str]() if arguments.overwrite else folder.changes(cases, versions, is_part=part is not None)
+    changes = Counter[str]() if arguments.overwrite else folder.changes(cases, versions, is_part=is_part)
     for why, count in changes.items():
         print(f"{count} cases of before: {why}")
     if arguments.dry_run:
-        return _list_cases(cases, read_results(folder.path, cases, suite.criteria), arguments)
+        done = {result.case.id: result for result in read_results(folder.path, cases, suite.criteria)}
+        done = _judged(done) if arguments.retry_errors else done
+        for case in cases:
+            print(f"{done[case.id].verdict if case.id in done else 'to run':8}{case.name}")
+        print(f"{_counted(done.values())}; {len(cases) - len(done)} of {len(cases)} to be run")
+        return 0
     with folder.alone():
-        done = folder.begin(suite, cases, versions, overwrite=arguments.overwrite, is_part=part is not None)
+        done = folder.begin(suite, cases, versions, overwrite=arguments.overwrite, is_part=is_part)
         if changes and folder.history:
             print(f"their verdicts are kept in {folder.history[-1]}; see the difference: compare {folder.path}")
         if arguments.retry_errors:
@@ -159,17 +156,6 @@ def _counts(results: Collection[RunResult]) -> dict[str, int]:
     return {name: verdicts[verdict] for verdict, name in VERDICT_NAMES.items()}
 
 
-def _list_cases(cases: Sequence[Case], results: Sequence[RunResult], arguments: argparse.Namespace) -> int:
-    """Prints for every case its verdict among `results`, or that it is to be run; returns the exit status."""
-    done = {result.case.id: result for result in results}
-    if arguments.retry_errors:
-        done = _judged(done)
-    for case in cases:
-        print(f"{done[case.id].verdict if case.id in done else 'to run':8}{case.name}")
-    print(f"{_counted(done.values())}; {len(cases) - len(done)} of {len(cases)} to be run")
-    return 0
-
-
 def _judged(results: Mapping[str, RunResult]) -> dict[str, RunResult]:
     """Returns the `results` without those that are errors."""
     return {each: result for each, result in results.items() if result.verdict != Verdict.ERROR}
@@ -200,10 +186,8 @@ def _print(campaign: Campaign, *, everything: bool, intervals: bool) -> None:
         for result in results[:most]:
             print(f"{_line(result)}\n        {rerun_command(campaign.folder, result.case)}", file=sys.stderr)
         if len(results) > most:
-            print(
-                f"        and {len(results) - most} more of {variant}: {campaign.folder / RESULTS_FILE}",
-                file=sys.stderr,
-            )
+            more = f"and {len(results) - most} more of {variant}: {campaign.folder / RESULTS_FILE}"
+            print(f"        {more}", file=sys.stderr)
 
 
 def _worst_first(results: Sequence[RunResult]) -> list[RunResult]:

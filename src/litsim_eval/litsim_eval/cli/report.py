@@ -29,7 +29,7 @@ def report(arguments: argparse.Namespace) -> list[Path]:
     Raises:
         InputError: the input cannot be read, or a file cannot be written.
     """
-    written = _write_picture(arguments)
+    written = [] if arguments.png is None else [_write_picture(arguments)]
     if is_campaign(arguments.run):
         from litsim_eval.report.experiment import write_experiment_report
 
@@ -41,10 +41,8 @@ def report(arguments: argparse.Namespace) -> list[Path]:
     return written
 
 
-def _write_picture(arguments: argparse.Namespace) -> list[Path]:
+def _write_picture(arguments: argparse.Namespace) -> Path:
     """Writes the picture that is asked for, and returns its path."""
-    if arguments.png is None:
-        return []
     if arguments.png.suffix.lower() != ".png":
         raise InputError(f"--png {arguments.png}: expected a name that ends in .png")
     if is_campaign(arguments.run):
@@ -57,7 +55,8 @@ def _write_picture(arguments: argparse.Namespace) -> list[Path]:
     run = read_run(arguments.run)
     step = notable_moment(run, ledger(run)).step if arguments.step is None else arguments.step
     write_png(run, step, arguments.png)
-    return [arguments.png]
+    path: Path = arguments.png
+    return path
 
 
 @program

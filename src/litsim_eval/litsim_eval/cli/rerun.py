@@ -8,7 +8,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from litsim_eval.runs.message_diff import DiffSummary
 from litsim_eval.runs.recorded_run import open_record
 from litsim_eval.runs.rerun import STAGES, rerun_stage, resimulate
 from litsim_sim.cli.arguments import Parser
@@ -53,22 +52,16 @@ def rerun(arguments: argparse.Namespace) -> bool:
             lines = [f"{arguments.node}: {tally.compared} answers compared with the record: {verdict}"]
         notes = record.notes
     report |= {"equal": equal, "notes": notes} | asdict(tally)
-    for line in (*(f"note: {note}" for note in notes), *lines, *_where(tally)):
-        print(line)
+    if tally.first is not None:
+        largest = sorted(tally.largest.items(), key=lambda entry: -entry[1])[:SHOWN]
+        lines += [f"first: {tally.first}", *(f"largest: {name} by {amount:.3g}" for name, amount in largest)]
+    print(*(f"note: {note}" for note in notes), *lines, sep="\n")
     if arguments.json:
         try:
             arguments.json.write_text(json.dumps(report, indent=2) + "\n")
         except OSError as error:
             raise InputError(f"{arguments.json}: cannot be written: {error.strerror or error}") from error
     return equal
-
-
-def _where(tally: DiffSummary) -> list[str]:
-    if tally.first is None:
-        return []
-    largest = sorted(tally.largest.items(), key=lambda entry: -entry[1])[:SHOWN]
-    lines = [f"first: {tally.first}"]
-    return lines + [f"largest: {name} by {amount:.3g}" for name, amount in largest]
 
 
 @program

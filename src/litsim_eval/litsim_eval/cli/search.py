@@ -11,13 +11,11 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
-from litsim_eval.campaign.case import cases_of, code_versions
+from litsim_eval.campaign.case import code_versions
 from litsim_eval.campaign.criteria import SAFETY, Criteria
-from litsim_eval.campaign.part import suite_of_cases
-from litsim_eval.campaign.suite import place_of
 from litsim_eval.cli.evaluate import ExamplesFormatter
-from litsim_eval.cli.suite_arguments import add_suite_arguments, part_of, suite_of
-from litsim_eval.runs.case_run import TIME_LIMIT_S, CaseRefused, check_cases
+from litsim_eval.cli.suite_arguments import add_suite_arguments, cases_to_run, refuse_unusable, suite_of
+from litsim_eval.runs.case_run import TIME_LIMIT_S
 from litsim_eval.search.explore import SAMPLERS
 from litsim_eval.search.margins import FAILURES_FILE, JUNIT_FILE, PAGE_FILE, Margins, is_short, told, write_junit
 from litsim_eval.search.people import DECLARED, PARAMETERS, People
@@ -99,16 +97,8 @@ def search(arguments: argparse.Namespace) -> int:
     if arguments.criteria is None:
         suite = suite.model_copy(update={"criteria": Criteria.load(SAFETY)})
     versions = code_versions()
-    cases = cases_of(suite, graph=arguments.graph, with_versions=versions)
-    part = part_of(arguments)
-    if part is not None:
-        cases = part.of(cases)
-        suite = suite_of_cases(suite, cases)
-    try:
-        check_cases(cases)
-    except CaseRefused as error:
-        where = f"{place_of(arguments.suite, error.setting)}: " if arguments.suite else ""
-        raise InputError(f"{where}{error}") from error
+    suite, cases = cases_to_run(arguments, suite, versions)
+    refuse_unusable(arguments, cases)
     settings = Settings(
         runs=arguments.runs,
         sampler=arguments.sampler,

@@ -8,11 +8,13 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
+from litsim_eval.campaign.case import Case, cases_of
 from litsim_eval.campaign.criteria import Criteria
-from litsim_eval.campaign.part import Part
+from litsim_eval.campaign.part import Part, suite_of_cases
 from litsim_eval.campaign.policy_setup import PolicySetup, packaged_setups, setup_of
 from litsim_eval.campaign.results import is_campaign, read_campaign
-from litsim_eval.campaign.suite import CaseEntry, EgoChoice, EgoSetup, Suite, located, packaged_suites
+from litsim_eval.campaign.suite import CaseEntry, EgoChoice, EgoSetup, Suite, located, packaged_suites, place_of
+from litsim_eval.runs.case_run import CaseRefused, check_cases
 from litsim_sim.cli.run_arguments import END_AFTER_CONTACT
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import SET_HELP, not_among, setting
@@ -131,6 +133,32 @@ def part_of(arguments: argparse.Namespace) -> Part | None:
             raise InputError(f"--hardest {count} {field}: expected a number of cases, then a field")
         hardest = int(count), field
     return Part(arguments.case, arguments.tag, arguments.event, failed_in, hardest, measured_in)
+
+
+def cases_to_run(arguments: argparse.Namespace, suite: Suite, versions: dict[str, str]) -> tuple[Suite, list[Case]]:
+    """Returns the part of `suite` that the arguments choose, as a suite and as cases.
+
+    Raises:
+        InputError: an argument does not fit.
+    """
+    cases, part = cases_of(suite, graph=arguments.graph, with_versions=versions), part_of(arguments)
+    if part is None:
+        return suite, cases
+    cases = part.of(cases)
+    return suite_of_cases(suite, cases), cases
+
+
+def refuse_unusable(arguments: argparse.Namespace, cases: Sequence[Case]) -> None:
+    """Checks that all `cases` can be run.
+
+    Raises:
+        InputError: one cannot; where it is the suite's fault, the message names the place in its file.
+    """
+    try:
+        check_cases(cases)
+    except CaseRefused as error:  # for a parameter that only its stage can check
+        where = f"{place_of(arguments.suite, error.setting)}: " if arguments.suite else ""
+        raise InputError(f"{where}{error}") from error
 
 
 def _cases(arguments: argparse.Namespace, base: Suite | None) -> list[CaseEntry]:

@@ -26,11 +26,8 @@ def print_campaigns(
 ) -> None:
     """Prints in what two campaigns differ: versions, criteria, verdicts with both reports of each run, and measures.
 
-    Args:
-        comparison: the comparison of two campaigns.
-        everything: whether to print every measure that differs, not only those that have clearly changed and those of
-            criteria; and every case.
-        console: output.
+    Of measures and cases these are, unless `everything` is asked for, those that have clearly changed and those of
+    criteria, and the first CASES_MAX.
     """
     console = console or Console(width=None if sys.stdout.isatty() else WIDTH)
     limit = None if everything else CASES_MAX

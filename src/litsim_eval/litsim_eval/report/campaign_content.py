@@ -58,10 +58,7 @@ TOO_FINE = ("timing.stage_ms.", "timing.path_ms.", "lockstep.missed_by_topic.", 
 def pack_campaign(campaign: Campaign, pictures: Mapping[str, Mapping[str, Any]], beside: Path) -> str:
     """Returns the runs of a campaign as a container of :mod:`litsim_eval.report.packing`.
 
-    Args:
-        campaign: the campaign.
-        pictures: pictures of runs by id, see :func:`litsim_eval.report.thumbnails.thumbnail_of`.
-        beside: folder of the page, to which links are relative.
+    `pictures` are thumbnails of runs by id; links are relative to `beside`, the folder of the page.
     """
     results = campaign.results
     variants = list(campaign.variants)

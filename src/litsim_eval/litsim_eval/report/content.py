@@ -47,15 +47,7 @@ ON_LOG = 0.005  # [m]
 
 
 def pack_run(run: Run, metrics: dict[str, Any], forecasts: Forecasts, every: int, plans: Plans = NO_PLANS) -> str:
-    """Returns the run as a container of :mod:`litsim_eval.report.packing`.
-
-    Args:
-        run: the run.
-        metrics: its measures.
-        forecasts: forecasts of the agents.
-        every: steps between forecasts.
-        plans: what the ego's stack has planned.
-    """
+    """Returns the run as a container of :mod:`litsim_eval.report.packing`, with forecasts `every` so many steps."""
     tracks, ghosts = tracks_of(run), ghosts_of(run)
     origin = origin_of(tracks)
     packer = Packer(
@@ -160,10 +152,10 @@ def _flat(line: shapely.LineString, origin: FloatArray) -> list[float]:
 
 def _identities(tracks: Tracks) -> list[dict[str, Any]]:
     names = {kind.value: kind.name.lower() for kind in Kind}
-    rows = zip(tracks.id.tolist(), tracks.kind.tolist(), tracks.length.tolist(), tracks.width.tolist(), strict=True)
+    columns = (tracks.id, tracks.kind, tracks.length, tracks.width)
     return [
         {"id": agent, "kind": names.get(kind, "unknown"), "length": round(length, 2), "width": round(width, 2)}
-        for agent, kind, length, width in rows
+        for agent, kind, length, width in zip(*(column.tolist() for column in columns), strict=True)
     ]
 
 
@@ -271,18 +263,14 @@ def times_to_leader(run: Run, first: int, frames: int) -> tuple[FloatArray, Floa
     The leader is that of :func:`litsim_data.surrogates.safety.following`; both keep their speeds. NaN where there is no
     leader, the gap does not close, or the time exceeds TTC_MAX.
     """
-    ego, others = np.full(frames, np.nan), np.full(frames, np.nan)
+    ego, others = np.full((2, frames), np.inf)
     for table in run.tables:
         driven = np.flatnonzero(table.off_log)
-        if not len(driven):
-            continue
-        ttc = following(table, driven).time_to_leader
-        is_ego = table.controller[driven] == Controller.EGO
-        at = table.step - first
-        for series, values in ((ego, ttc[is_ego]), (others, ttc[~is_ego])):
-            smallest = float(values.min(initial=np.inf))
-            series[at] = smallest if smallest <= TTC_MAX else np.nan
-    return ego, others
+        if len(driven):
+            ttc, is_ego = following(table, driven).time_to_leader, table.controller[driven] == Controller.EGO
+            ego[table.step - first] = ttc[is_ego].min(initial=np.inf)
+            others[table.step - first] = ttc[~is_ego].min(initial=np.inf)
+    return np.where(ego <= TTC_MAX, ego, np.nan), np.where(others <= TTC_MAX, others, np.nan)
 
 
 def counts(tracks: Tracks, mode: int) -> FloatArray:

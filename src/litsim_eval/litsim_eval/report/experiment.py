@@ -30,15 +30,10 @@ NAMES_MAX = 4  # most scenarios, egos or policies that a heading names; of more 
 
 
 def write_experiment_report(campaign: Campaign, out: Path | None = None, quiet: bool = True) -> Path:
-    """Writes the page of a campaign, finished or not.
+    """Writes the page of a campaign, finished or not, with links to reports and logs of runs; returns its path.
 
-    Args:
-        campaign: see :func:`litsim_eval.campaign.results.read_campaign`.
-        out: the page; default: `experiment.html` in its folder. Reports and logs of runs are linked from there.
-        quiet: whether to hide the progress of making missing pictures of runs from their recordings.
-
-    Returns:
-        The path of the page.
+    That is `out`, by default `experiment.html` in the campaign's folder. Missing pictures of runs are made from their
+    recordings, with progress unless `quiet`.
 
     Raises:
         InputError: the page cannot be written.

@@ -29,9 +29,7 @@ def write_margins_page(margins: Mapping[str, Any], tried: Sequence[Sequence[Mapp
     """
     bound = float(margins["bound"])
     scenarios = [
-        each
-        | {"text": _margin(each, bound), "share": _share(each["margin"], bound), "rate_text": _rate(each)}
-        | {"map": _map(rows, bound)}
+        each | _margin(each, bound) | {"rate_text": _rate(each), "map": _map(rows, bound)}
         for each, rows in zip(margins["scenarios"], tried, strict=True)
     ]
     page = render_page(
@@ -48,17 +46,13 @@ def write_margins_page(margins: Mapping[str, Any], tried: Sequence[Sequence[Mapp
         new.write_text(page, encoding="utf-8")
 
 
-def _margin(scenario: Mapping[str, Any], bound: float) -> str:
-    """Returns the margin of a scenario as text."""
+def _margin(scenario: Mapping[str, Any], bound: float) -> dict[str, Any]:
+    """Returns the margin of a scenario as `text`, and its `share` of the bound in percent, the length of its bar."""
     margin = scenario["margin"]
     if margin is None:
-        return f"none found up to {bound:g}"
-    return "fails as recorded" if scenario["recorded"] else f"{margin:.2f}"
-
-
-def _share(margin: float | None, bound: float) -> float:
-    """Returns the length of the bar of a margin, in percent."""
-    return 100.0 if margin is None else round(min(100.0, 100.0 * margin / bound), 1)
+        return {"text": f"none found up to {bound:g}", "share": 100.0}
+    text = "fails as recorded" if scenario["recorded"] else f"{margin:.2f}"
+    return {"text": text, "share": round(min(100.0, 100.0 * margin / bound), 1)}
 
 
 def _rate(scenario: Mapping[str, Any]) -> str:
@@ -84,20 +78,11 @@ def _map(rows: Sequence[Mapping[str, Any]], bound: float) -> dict[str, Any]:
     for row in sorted(rows, key=lambda row: ORDER.index(row["outcome"])):
         values = row["distances"] | {TOTAL: row["distance"]}  # what is not changed is at 0
         points = " ".join(f"{place[name]:.1f},{height(name, values.get(name, 0.0))}" for name in names)
-        lines.append({"points": points, "outcome": row["outcome"], "about": _about(row)})
+        about = "{number}, {how}: {act}, distance {distance:.2f}, {outcome} {reason}".format(**row)
+        lines.append({"points": points, "outcome": row["outcome"], "about": about})
+    ends = {True: (f"+{bound:g}", f"−{bound:g}"), False: (f"{bound:g}", "0")}  # upper and lower, by whether signed
     axes = [
-        {"name": name, "x": round(place[name], 1), "zero": height(name, 0.0), "ends": _ends(name in signed, bound)}
+        {"name": name, "x": round(place[name], 1), "zero": height(name, 0.0), "ends": ends[name in signed]}
         for name in names
     ]
     return {"axes": axes, "lines": lines, "top": MARGIN, "bottom": MARGIN + HEIGHT}
-
-
-def _ends(signed: bool, bound: float) -> tuple[str, str]:
-    """Returns what stands at the upper and lower end of an axis."""
-    return (f"+{bound:g}", f"−{bound:g}") if signed else (f"{bound:g}", "0")
-
-
-def _about(row: Mapping[str, Any]) -> str:
-    return (
-        f"{row['number']}, {row['how']}: {row['act']}, distance {row['distance']:.2f}, {row['outcome']} {row['reason']}"
-    )

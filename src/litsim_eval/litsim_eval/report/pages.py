@@ -13,11 +13,7 @@ from litsim_eval.report.wording import NOTHING, branches, is_nested, leaf
 
 
 def render_page(template: str, **values: Any) -> str:
-    """Returns a page of LitSim as HTML.
-
-    Args:
-        template: name of a file in `templates`.
-        values: values for the names in the template; text in them is escaped.
+    """Returns a page of LitSim as HTML: the file `template` with `values` for its names, in which text is escaped.
 
     Raises:
         jinja2.UndefinedError: the template names a value that is not given.

@@ -66,20 +66,16 @@ def read_plans(run: Run) -> Plans:
     try:
         store.register(get_types_from_msg(described.definition, described.type_name))
         for step, message in sorted(newest[topic].items()):
-            points, stop = _points(store.deserialize_cdr(message.data, described.type_name), described.type_name)
-            if len(points):
-                plans.append((step, points, stop))
+            line, stop = _points(store.deserialize_cdr(message.data, described.type_name), described.type_name)
+            if len(line):
+                plans.append((step, line, stop))
     except UNDECODABLE as error:
         raise InputError(f"{run.path}: topic {topic}: not a {described.type_name}: {error}") from error
     if not plans:
         return NO_PLANS
-    return Plans(
-        topic,
-        np.array([step for step, *_ in plans], np.int64),
-        np.cumsum([len(points) for _, points, _ in plans]),
-        np.concatenate([points for _, points, _ in plans]),
-        np.array([stop for *_, stop in plans], np.int64),
-    )
+    steps, points, stops = zip(*plans, strict=True)
+    ends = np.cumsum([len(each) for each in points])
+    return Plans(topic, np.array(steps, np.int64), ends, np.concatenate(points), np.array(stops, np.int64))
 
 
 def _points(message: Any, kind: str) -> tuple[FloatArray, bool]:

@@ -32,15 +32,10 @@ THINNING = (1, 2, 5, 10)  # steps between forecasts, tried in this order until t
 
 
 def write_report(bag: Path, out: Path | None = None, metrics: dict[str, Any] | None = None) -> Path:
-    """Writes the report of a run; a verdict in an earlier one is kept.
+    """Writes the report of the run in `bag` (folder or MCAP file), and returns the path of the page.
 
-    Args:
-        bag: folder of the run, or its MCAP file.
-        out: the page; default: `report.html` beside the bag.
-        metrics: the measures of the run, if computed already.
-
-    Returns:
-        The path of the page.
+    That is `out`, by default `report.html` beside the bag; a verdict in an earlier report is kept. `metrics` are the
+    measures of the run, if computed already.
 
     Raises:
         InputError: `bag` is not a LitSim run, or the page cannot be written.

@@ -90,15 +90,11 @@ def _time(step: int | None) -> str:
     return NOTHING if step is None else f"{step * STEP_S:.1f}"
 
 
-def _ended(metrics: dict[str, Any]) -> str:
-    end = RunEnd.of_plain(metrics["ended"])
-    return NOTHING if end is None else f"at {metrics['ended']['time_s']:.1f} s: {end.sentence}"
-
-
 def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     collision, back, timing = metrics["collision"], metrics["handback"], metrics["timing"]
     yield "valid", "yes" if metrics["valid"] else f"NO: {metrics['why']}"
-    yield "ended", _ended(metrics)
+    end = RunEnd.of_plain(metrics["ended"])
+    yield "ended", NOTHING if end is None else f"at {metrics['ended']['time_s']:.1f} s: {end.sentence}"
     yield "agents", f"{metrics['agents']}, of which {metrics['controlled_agents']} were ever under control"
     touching = f"{collision['pairs']} pairs, {collision['excess']} in excess of the log's {collision['log_floor']}"
     fault = f"ego at fault {collision['ego_at_fault']}, background {collision['background_at_fault']}"
@@ -145,10 +141,8 @@ def _driving_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "hard brakes", f"ego {ego['hard_brakes'] if ego else NOTHING}, agents under control {others['hard_brakes']}"
     within = _percent(min(ego["within"].values())) if ego else NOTHING
     comfortable = _percent(others["comfortable"])
-    yield (
-        "comfort",
-        f"ego {within} of steps within the bound least kept; controlled agents that keep all: {comfortable}",
-    )
+    kept = f"ego {within} of steps within the bound least kept; controlled agents that keep all: {comfortable}"
+    yield "comfort", kept
     guarded = others["guarded"]
     yield "guarded", f"{guarded['count']} of the policy's agent-steps ({_percent(guarded['share'])})"
     realism = metrics["realism"]

@@ -30,11 +30,7 @@ AFTER_DETECTION = 10  # [steps] after which a takeover is visible
 
 
 def thumbnail_of(run: Run, metrics: dict[str, Any]) -> dict[str, Any]:
-    """Returns a scene of the run around the ego, seen from above, driving to the right.
-
-    Args:
-        run: with at least one step.
-        metrics: measures of the run, see :func:`litsim_eval.analysis.metrics.compute_metrics`.
+    """Returns a scene of the run, of at least one step, around the ego, seen from above, driving to the right.
 
     Returns:
         Values for JSON: `step` and `what` it shows; `size`, half length and half height of the picture; `road`, a list

@@ -75,10 +75,7 @@ def tracks_of(run: Run) -> Tracks:
 
 def ghosts_of(run: Run) -> Tracks:
     """Returns logged motion of the agents that ever leave their logs, the ego among them."""
-    ever: set[int] = set()
-    for table in run.tables:
-        ever.update(table.id[table.off_log].tolist())
-    wanted = np.array(sorted(ever), np.int64)
+    wanted = np.unique(np.concatenate([table.id[table.off_log] for table in run.tables]))
     tables = [table.take(np.isin(table.id, wanted)) for table in run.log]
     return collect(tables, run.tables[0].step, run.tables[-1].step)
 

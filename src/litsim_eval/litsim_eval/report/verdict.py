@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from litsim_eval.campaign.criteria import CriterionResult
-from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RUNS_FOLDER, Campaign, RunResult, rerun_command
+from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RUNS_FOLDER, Campaign, rerun_command
 from litsim_eval.report.campaign_content import address
 from litsim_sim.io.files import replacing
 
@@ -52,20 +52,13 @@ def show_verdicts(campaign: Campaign) -> None:
     """
     for result in campaign.results:
         page = campaign.folder / RUNS_FOLDER / result.case.id / (result.report or "")
-        if result.report and page.is_file():
-            _show(page, _verdict(campaign, result, page.parent))
-
-
-def _verdict(campaign: Campaign, result: RunResult, beside: Path) -> str:
-    link = f"{address(campaign.folder / EXPERIMENT_REPORT_FILE, beside)}#run={result.case.id}"
-    rerun = rerun_command(campaign.folder, result.case)
-    return verdict_text(result.verdict.value, result.reason, result.criteria, campaign=link, rerun=rerun)
-
-
-def _show(page: Path, text: str) -> None:
-    html = page.read_text(encoding="utf-8")
-    before, begin, rest = html.partition(BEGIN)
-    old, end, after = rest.partition(END)
-    if begin and end and old != text:
-        with replacing(page) as new:
-            new.write_text(f"{before}{begin}{text}{end}{after}", encoding="utf-8")
+        if not (result.report and page.is_file()):
+            continue
+        link = f"{address(campaign.folder / EXPERIMENT_REPORT_FILE, page.parent)}#run={result.case.id}"
+        rerun = rerun_command(campaign.folder, result.case)
+        text = verdict_text(result.verdict.value, result.reason, result.criteria, campaign=link, rerun=rerun)
+        before, begin, rest = page.read_text(encoding="utf-8").partition(BEGIN)
+        old, end, after = rest.partition(END)
+        if begin and end and old != text:
+            with replacing(page) as new:
+                new.write_text(f"{before}{begin}{text}{end}{after}", encoding="utf-8")

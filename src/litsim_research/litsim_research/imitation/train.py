@@ -48,7 +48,7 @@ class Imitation(AdversarialTraining):
 
     config: ImitationTraining
     policy: TrafficPolicy
-    more = ("replay",)
+    more = ("history", "best", "replay")
     panels = IMITATION_PANELS
 
     def __init__(self, config: ImitationTraining, data: TrainingData) -> None:

@@ -58,12 +58,7 @@ SHOWN = {Controller.EGO: "ego", Controller.POLICY: "driven", Controller.LOG: "lo
 
 
 def candidates(name: str, folder: Path, *, quick: bool) -> Suite:
-    """Returns the candidate runs for the case study `name`, in order of preference.
-
-    Args:
-        name: one of :data:`STUDIES`.
-        folder: for generated scenarios.
-        quick: whether to use only a few candidates.
+    """Returns the candidate runs for the case study `name`, in order of preference; only a few if `quick`.
 
     Raises:
         InputError: the real window is missing, or `folder` cannot be written.

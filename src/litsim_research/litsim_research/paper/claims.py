@@ -38,11 +38,7 @@ class Claim:
 def _better(measures: Sequence[str], method: str, than: Sequence[str], *, most: bool = False) -> Holds:
     """Returns the question whether `method` is better than others in each of those `measures` that a table has.
 
-    Args:
-        measures: keys of the measures.
-        method: name of a row; `OURS` for the one that is LitSim.
-        than: names of the others, likewise.
-        most: whether higher values are better.
+    Methods are names of rows, `OURS` for the one that is LitSim; higher values are better if `most`.
     """
 
     def holds(table: Values, ours: str) -> bool | None:

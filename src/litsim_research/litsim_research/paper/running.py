@@ -26,11 +26,7 @@ SOURCES = "sources"
 def carried_out(suite: Suite, out: Path, processes: int, *, overwrite: bool = False) -> Campaign:
     """Run, or resume, the campaign of `suite` in the folder `out`, and return it.
 
-    Args:
-        suite: to run.
-        out: folder of the campaign.
-        processes: number of runs at a time.
-        overwrite: whether to remove a campaign that was run with other sources; one with the same sources is kept.
+    With `overwrite`, a campaign that was run with other sources is removed; one with the same sources is kept.
 
     Raises:
         InputError: a run cannot be set up, or the folder contains another campaign.

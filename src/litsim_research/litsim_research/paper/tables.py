@@ -275,9 +275,7 @@ def write_csv(path: Path, records: Sequence[R]) -> None:
     """Write `records` to the file `path`, with a line of headings."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as new, new.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(records[0]._fields)
-        writer.writerows(records)
+        csv.writer(stream, lineterminator="\n").writerows([records[0]._fields, *records])
 
 
 def read_csv(path: Path, kind: type[R]) -> list[R]:
@@ -307,9 +305,10 @@ def summary(records: Sequence[Row]) -> list[str]:
             continue
         values = [", ".join(_cell(of_method.get((tag, measure.key))) for tag in sets) for measure in SUMMARY]
         sums = [str(sum(int(of_method[tag, key].value) for tag in sets)) for key in SUMMED]
-        lines.append(
-            line([f"`{ego}`", f"`{method}`", _runs([of_method[tag, "takeovers"] for tag in sets]), *values, *sums])
-        )
+        counts = [of_method[tag, "takeovers"] for tag in sets]
+        runs, failed = (sum(int(getattr(row, name)) for row in counts) for name in ("runs", "failed"))
+        number = f"{runs}, {failed} failed" if failed else str(runs)
+        lines.append(line([f"`{ego}`", f"`{method}`", number, *values, *sums]))
     names = [SET_NAMES[tag] for tag in sets if tag in SET_NAMES]
     return [f"Where a cell has several values: {', '.join(names)}.", "", *lines] if len(names) > 1 else lines
 
@@ -333,11 +332,6 @@ def _different(values: Iterable[T]) -> list[T]:
 
 def _cell(row: Row | None, missing: str = NOTHING) -> str:
     return missing if row is None else f"{row.value}{CLEAR if row.clear else ''}"
-
-
-def _runs(by_set: Sequence[Row]) -> str:
-    runs, failed = sum(int(row.runs) for row in by_set), sum(int(row.failed) for row in by_set)
-    return f"{runs}, {failed} failed" if failed else str(runs)
 
 
 def line(cells: Sequence[str]) -> str:

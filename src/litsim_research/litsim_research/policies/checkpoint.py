@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 import torch
-from pydantic import BaseModel
 
 from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.critic import Critic
@@ -33,34 +32,79 @@ CHECKPOINT, HISTORY, CURVES, LAST, BEST = (
 )
 
 
-class AdversarialTraining:
+class ResumableTraining:
+    """A training whose state can be written between two iterations, and restored.
+
+    Attributes:
+        config: of the training.
+        history: measured values by name, one entry per iteration or validation.
+        parts, more: names of the attributes that a checkpoint holds: networks and optimisers, and all others.
+        length: field of the configuration that may be another one when the training is resumed.
+        device: of torch.
+    """
+
+    config: Any
+    history: list[dict[str, float]]
+    parts: ClassVar[tuple[str, ...]]
+    more: ClassVar[tuple[str, ...]]
+    length: ClassVar[str] = "iterations"
+    device = "cpu"
+
+    def __init__(self, data: TrainingData) -> None:
+        self._data, self.history = DataState.of(data), []
+
+    def keep(self, out: Path) -> None:
+        """Write a checkpoint to the folder `out`, with the configuration and what the scenarios are.
+
+        Raises:
+            Unwritable: the file cannot be written; the previous checkpoint is kept.
+        """
+        state = {name: getattr(self, name).state_dict() for name in self.parts}
+        state |= {name: getattr(self, name) for name in self.more}
+        described = {"config": json.dumps(self.config.model_dump(mode="json")), "data": self._data.to_json()}
+        save_checkpoint(out / CHECKPOINT, state | described)
+
+    def read(self, path: Path) -> None:
+        """Restore the state from the checkpoint `path`.
+
+        Raises:
+            InputError: there is none, or it is of a run with another configuration, of which only the field
+                :attr:`length` may differ, or with other scenarios.
+        """
+        with checkpoint(path, self.device) as state:
+            then, now = json.loads(state["config"]), self.config.model_dump(mode="json")
+            changed = [key for key in now if key != self.length and then.get(key) != now[key]]
+            if changed:
+                differ = f"fields {', '.join(changed)} of the configuration differ from the checkpoint's"
+                raise InputError(f"{path}: {differ}")
+            self._data.refuse_other(state["data"], path)
+            for name in self.parts:
+                getattr(self, name).load_state_dict(state[name])
+            for name in self.more:
+                setattr(self, name, state[name])
+
+
+class AdversarialTraining(ResumableTraining):
     """The state of a policy's training against a critic, and its files.
 
     Subclasses make the networks and optimisers, and save the policy.
 
     Attributes:
-        config: of the training, with a seed.
         policy, value, critic: the networks.
         policy_optimiser, critic_optimiser: of policy and value together, and of the critic.
-        history: measured values by name, one entry per iteration.
         best: highest validation score so far.
-        more: names of further attributes that a checkpoint contains.
         panels: of the picture of the learning curves.
     """
 
-    config: Any
     policy: StochasticPolicy
     value: torch.nn.Module
     critic: torch.nn.Module
     policy_optimiser: torch.optim.Optimizer
     critic_optimiser: torch.optim.Optimizer
-    more: ClassVar[tuple[str, ...]] = ()
+    best = -np.inf
+    parts = ("policy", "value", "critic", "policy_optimiser", "critic_optimiser")
+    more = ("history", "best")
     panels: ClassVar[Mapping[str, Lines]] = PANELS
-
-    def __init__(self, data: TrainingData) -> None:
-        self._data = DataState.of(data)
-        self.history: list[dict[str, float]] = []
-        self.best = -np.inf
 
     @property
     def iterations(self) -> int:
@@ -96,16 +140,6 @@ class AdversarialTraining:
             self.policy, self.value, self.policy_optimiser, batch, ppo, generator, shown, value_only=value_only
         )
 
-    @property
-    def _parts(self) -> dict[str, Any]:
-        names = ("policy", "value", "critic", "policy_optimiser", "critic_optimiser")
-        return {name: getattr(self, name) for name in names}
-
-    def keep(self, out: Path) -> None:
-        """Write a checkpoint to the folder `out`; see :func:`keep_state`."""
-        more = {"history": self.history, "best": float(self.best)} | {name: getattr(self, name) for name in self.more}
-        keep_state(out / CHECKPOINT, self.config, self._data, self._parts, more)
-
     def write(self, out: Path) -> None:
         """Write the history, its curves and the weights of the last iteration to the folder `out`.
 
@@ -115,16 +149,6 @@ class AdversarialTraining:
         write_history(self.history, out / HISTORY)
         self.save(out / LAST)
         plot_curves(self.history, out / CURVES, self.panels)
-
-    def read(self, path: Path) -> None:
-        """Restore the state from the checkpoint `path`.
-
-        Raises:
-            InputError: there is none, or it is of a run with another configuration or other scenarios.
-        """
-        more = ("history", "best", *self.more)
-        for name, value in read_state(path, self.config, self._data, self._parts, more).items():
-            setattr(self, name, value)
 
     @property
     def about(self) -> dict[str, str]:
@@ -163,42 +187,3 @@ def write_history(history: list[dict[str, float]], path: Path) -> None:
     """
     with replacing(path) as new:
         new.write_text(json.dumps(history, indent=1) + "\n", encoding="utf-8")
-
-
-def keep_state(
-    path: Path, config: BaseModel, data: DataState, parts: Mapping[str, Any], more: Mapping[str, Any]
-) -> None:
-    """Write a checkpoint: the states of `parts` (networks and optimisers), `more`, `config`, and what `data` are.
-
-    Raises:
-        Unwritable: the file cannot be written; the previous checkpoint is kept.
-    """
-    described = {"config": json.dumps(config.model_dump(mode="json")), "data": data.to_json()}
-    save_checkpoint(path, {name: part.state_dict() for name, part in parts.items()} | dict(more) | described)
-
-
-def read_state(
-    path: Path,
-    config: BaseModel,
-    data: DataState,
-    parts: Mapping[str, Any],
-    more: Sequence[str],
-    *,
-    length: str = "iterations",
-    device: str = "cpu",
-) -> dict[str, Any]:
-    """Load the checkpoint `path` to a `device` of torch, restore the states of `parts`, and return its `more`.
-
-    Raises:
-        InputError: see :func:`checkpoint`; or it is of a run with another configuration, of which only the field
-            `length` may differ, or with other scenarios than `data`.
-    """
-    with checkpoint(path, device) as state:
-        then, now = json.loads(state["config"]), config.model_dump(mode="json")
-        changed = [key for key in now if key != length and then.get(key) != now[key]]
-        if changed:
-            raise InputError(f"{path}: fields {', '.join(changed)} of the configuration differ from the checkpoint's")
-        data.refuse_other(state["data"], path)
-        for name, part in parts.items():
-            part.load_state_dict(state[name])
-        return {name: state[name] for name in more}

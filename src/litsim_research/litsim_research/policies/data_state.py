@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import textwrap
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,48 +45,31 @@ class DataState:
     def refuse_other(self, then: str, where: Path) -> None:
         """Check that a training, begun with the state `then` of :meth:`to_json`, would go on with the same scenarios.
 
-        Args:
-            then: the state in the checkpoint.
-            where: names the checkpoint in errors.
-
         Raises:
             InputError: a file or field of a scenario has changed, or there are other scenarios.
         """
         before, now = json.loads(then), json.loads(self.to_json())
-        if (expected := _names(before)) != (found := _names(now)):
-            added, missing = (_names_beyond(*pair) for pair in ((found, expected), (expected, found)))
+        expected, actual = ([f"{each['name']} ({each['part']})" for each in state] for state in (before, now))
+        if expected != actual:
+            added = ", ".join(name for name in actual if name not in expected) or "none"
+            missing = ", ".join(name for name in expected if name not in actual) or "none"
             raise _other(where, f"set of scenarios: {added} added, {missing} missing")
         for scenario, old, new in zip(self.scenarios, before, now, strict=True):
             for name in FILES:
                 if new[name] != old[name]:
-                    raise _other(
-                        where,
-                        f"{name} of scenario {scenario.name}: {getattr(scenario.file, name)} has SHA-256 "
-                        f"{new[name]}, expected {old[name]}",
-                    )
-            fields = old["fields"]
+                    file = getattr(scenario.file, name)
+                    digests = f"{file} has SHA-256 {new[name]}, expected {old[name]}"
+                    raise _other(where, f"{name} of scenario {scenario.name}: {digests}")
             for name, value in new["fields"].items():
-                if value != fields.get(name):
-                    raise _other(
-                        where,
-                        f"scenario {scenario.name}: its field {name} is {_shown(value)}, expected "
-                        f"{_shown(fields.get(name))}",
-                    )
+                if value != old["fields"].get(name):
+                    values = f"{_shown(value)}, expected {_shown(old['fields'].get(name))}"
+                    raise _other(where, f"scenario {scenario.name}: its field {name} is {values}")
 
 
 def _described(part: str, scenario: Scenario) -> dict[str, Any]:
     fields = scenario.file.model_dump(mode="json", exclude={*FILES, "description"})
     digests = {name: digest_of(Path(getattr(scenario.file, name))) for name in FILES}
     return {"part": part, "name": scenario.name, "fields": fields, **digests}
-
-
-def _names(described: Sequence[dict[str, Any]]) -> list[str]:
-    return [f"{each['name']} ({each['part']})" for each in described]
-
-
-def _names_beyond(names: Sequence[str], others: Sequence[str]) -> str:
-    """The `names` that are not among `others`, as text."""
-    return ", ".join(name for name in names if name not in others) or "none"
 
 
 def _other(where: Path, what: str) -> InputError:

@@ -76,11 +76,8 @@ def begin(
 ) -> Iterator[Episode]:
     """Begin to drive an iteration's episodes, until they have `config.transitions` agent-steps; see :func:`collect`.
 
-    Args:
-        driving: drives them.
-        policy: draws the actions; must not change before the last episode has been yielded.
-        config: of the training.
-        history: entries of earlier iterations, from which the number of episodes needed is estimated.
+    The policy must not change before the last episode has been yielded. The number of episodes needed is estimated from
+    `history`, the entries of earlier iterations.
     """
     sequences = (np.random.SeedSequence([config.seed, len(history), episode]) for episode in count())
     seeds = (int(sequence.generate_state(1)[0]) for sequence in sequences)

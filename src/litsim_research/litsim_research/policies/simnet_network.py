@@ -82,10 +82,7 @@ def small() -> nn.Sequential:
 def save(network: SimNet, path: Path, about: dict[str, str]) -> None:
     """Write the network for driving: a safetensors file for the small backbone, otherwise an ONNX graph.
 
-    Args:
-        network: trained.
-        path: of the file, with the suffix from :func:`ending`.
-        about: metadata on the origin of the weights.
+    The suffix of `path` is that of :func:`ending`; `about` is metadata on the origin of the weights.
 
     Raises:
         Unwritable: the file cannot be written; what was there is kept.

@@ -23,9 +23,8 @@ from torch import Tensor
 from tqdm import tqdm
 
 from litsim_research.baselines.simnet.output import FUTURE
-from litsim_research.policies.checkpoint import CHECKPOINT, CURVES, HISTORY, keep_state, read_state, write_history
+from litsim_research.policies.checkpoint import CHECKPOINT, CURVES, HISTORY, ResumableTraining, write_history
 from litsim_research.policies.data import DataConfig, TrainingData, prepare
-from litsim_research.policies.data_state import DataState
 from litsim_research.policies.plots import SIMNET_PANELS, plot_curves
 from litsim_research.policies.ppo import refuse_divergence
 from litsim_research.policies.simnet_data import Moments, PerturbationConfig, Samples
@@ -85,28 +84,24 @@ class SimnetConfig(BaseModel):
         return self
 
 
-class SimnetTraining:
-    """The state of a training of SimNet on a `device` of torch, and its files.
+class SimnetTraining(ResumableTraining):
+    """The state of a training of SimNet on a `device` of torch, and its files; `history` is of the validations.
 
     Attributes:
-        config: of the training.
         network: the network.
-        history: measured values by name, one entry per validation.
         done: number of batches done.
     """
 
-    def __init__(self, config: SimnetConfig, data: TrainingData, device: str = "cpu") -> None:
-        torch.manual_seed(config.seed)
-        self._data = DataState.of(data)
-        self.config, self.network, self._device = config, SimNet(config.backbone).to(device), device
-        self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self._optimiser = torch.optim.Adam(self.network.parameters(), config.learning_rate)
-        self.history: list[dict[str, float]] = []
-        self.done = 0
+    config: SimnetConfig
+    parts, more, length = ("network", "optimiser"), ("history", "done"), "batches"
 
-    @property
-    def _parts(self) -> dict[str, Any]:
-        return {"network": self.network, "optimiser": self._optimiser}
+    def __init__(self, config: SimnetConfig, data: TrainingData, device: str = "cpu") -> None:
+        super().__init__(data)
+        torch.manual_seed(config.seed)
+        self.config, self.network, self.device = config, SimNet(config.backbone).to(device), device
+        self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.optimiser = torch.optim.Adam(self.network.parameters(), config.learning_rate)
+        self.done = 0
 
     @property
     def best(self) -> float:
@@ -120,16 +115,16 @@ class SimnetTraining:
         begin, end = (0, config.near_batches) if near else (config.near_batches, config.batches)
         rate = 0.5 * config.learning_rate * (1.0 + np.cos(np.pi * (self.done - begin) / (end - begin)))
         rate *= min(1.0, (self.done - begin + 1) / (config.warm_up + 1))
-        for group in self._optimiser.param_groups:
+        for group in self.optimiser.param_groups:
             group["lr"] = float(rate)
         self.network.train()
-        kind = torch.device(self._device).type
+        kind = torch.device(self.device).type
         with torch.autocast(kind, torch.bfloat16, enabled=config.precision == "bfloat16"):
             errors = self._errors(torch.from_numpy(samples.rasters), samples.futures, near)
         loss = ((errors / self.network.unit) ** 2).mean()
-        self._optimiser.zero_grad(set_to_none=True)
+        self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
-        self._optimiser.step()
+        self.optimiser.step()
         self.done += 1
         return float(loss.detach())
 
@@ -152,8 +147,8 @@ class SimnetTraining:
 
     def _errors(self, rasters: Tensor, futures: FloatArray, near: bool) -> Tensor:
         """Errors (b, OUTPUTS) of the network [m], [rad]; `near` for the near part of the rasters alone."""
-        said = self.network.physical(rasters.to(self._device), near=near)
-        return said - torch.from_numpy(futures).float().to(self._device)
+        outputs = self.network.physical(rasters.to(self.device), near=near)
+        return outputs - torch.from_numpy(futures).float().to(self.device)
 
     def write(self, out: Path) -> None:
         """Write the weights if the last validation was the best, a checkpoint, the history and its curves.
@@ -167,24 +162,13 @@ class SimnetTraining:
         if last["batches"] > self.config.near_batches and last["validation"] <= self.best:
             about = {"config": self.config.model_dump_json(), "figures": json.dumps(last)}
             save(self.network, self.weights(out), about)
-        more = {"history": self.history, "done": self.done}
-        keep_state(out / CHECKPOINT, self.config, self._data, self._parts, more)
+        self.keep(out)
         write_history(self.history, out / HISTORY)
         plot_curves(self.history, out / CURVES, SIMNET_PANELS, along="batches", log=True)
 
     def weights(self, out: Path) -> Path:
         """File of the best weights in the folder `out`."""
         return out / f"best{ending(self.config.backbone)}"
-
-    def read(self, path: Path) -> None:
-        """Restore the state from the checkpoint `path`; the number of batches may differ, and with it the schedule.
-
-        Raises:
-            InputError: there is none, its configuration differs in another field, or it was trained on other scenarios.
-        """
-        more = ("history", "done")
-        state = read_state(path, self.config, self._data, self._parts, more, length="batches", device=self._device)
-        self.history, self.done = state["history"], state["done"]
 
 
 def run(

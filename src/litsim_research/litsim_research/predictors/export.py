@@ -69,13 +69,7 @@ class OneScene(nn.Module):
 
 
 def write_graph(model: SceneModel, provenance: Provenance, path: Path, *, weights: bool) -> None:
-    """Write `model` as an ONNX file, whole or not at all.
-
-    Args:
-        model: a trained model.
-        provenance: origin of its weights.
-        path: file to write.
-        weights: whether the file contains the weights; otherwise they are supplied when it is loaded.
+    """Write `model` as an ONNX file, whole or not at all; without `weights`, they are supplied when it is loaded.
 
     Raises:
         InputError: see :func:`litsim_sim.io.files.replacing`.

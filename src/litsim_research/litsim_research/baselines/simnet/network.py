@@ -45,9 +45,7 @@ class SimnetNetwork(Protocol):
 class SmallNetwork:
     """Four convolutions and two linear layers, all but the last rectified.
 
-    Args:
-        arrays: weights, as :func:`litsim_research.policies.simnet_network.save` writes them.
-        source: their file.
+    Weights are arrays as :func:`litsim_research.policies.simnet_network.save` writes them.
     """
 
     shape = SMALL
@@ -113,9 +111,6 @@ def convolve(values: Singles3, weight: Singles2, bias: Singles, patches: OutSing
 
 class GraphNetwork:
     """A network of any architecture on the paper's raster, one raster at a time by ONNX Runtime on one thread.
-
-    Args:
-        path: of the graph, which holds its weights.
 
     Raises:
         InputError: the file is not a graph of a SimNet.

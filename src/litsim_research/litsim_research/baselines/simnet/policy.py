@@ -25,10 +25,6 @@ class SimnetPolicy:
 
     It knows neither routes nor goals; lanes and distances are kept only as far as the network has learned to, without
     rules or guards.
-
-    Args:
-        scenario: of the run.
-        network: predicts the motion.
     """
 
     def __init__(self, scenario: Setting, network: SimnetNetwork) -> None:

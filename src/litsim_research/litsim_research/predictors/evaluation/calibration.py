@@ -73,12 +73,7 @@ NO_PAIRS = PairScores(
 def score_drives(scenario: Scenario, ego: int, detector: ConflictDetector, model: str, modes: int) -> PairScores:
     """Returns predicted and actual overlaps in the drives of `ego`, which brakes at times drawn by its id.
 
-    Args:
-        scenario: with the log of all other agents.
-        ego: id.
-        detector: to evaluate.
-        model: name of the predictor.
-        modes: greatest number of further manoeuvres that it forecasts.
+    The predictor called `model` forecasts at most `modes` further manoeuvres.
     """
     own = scenario.around(ego, None)
     parts = [NO_PAIRS]  # a drive may end with the history

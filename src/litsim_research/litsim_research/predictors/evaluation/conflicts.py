@@ -79,12 +79,8 @@ def conflict_counts(
 ) -> dict[str, dict[DriveKind, ConflictCounts]]:
     """Counts predicted and real conflicts when `egos` of `scenario` deviate from their logs.
 
-    Args:
-        models: models by name.
-        scenario: scenario, of which the history, ROI, log, recording and net are used.
-        egos: ids of the egos, each of which makes 1 + :data:`.drives.BRAKES` drives.
-        seed: seed of the times at which they brake.
-        done: called after each ego.
+    Each of the `egos` makes 1 + :data:`.drives.BRAKES` drives, with times drawn by `seed` at which they brake; `done`
+    is called after each.
 
     Returns:
         counts by model and kind of drive.

@@ -104,14 +104,10 @@ def score(
     device: str,
     done: Callable[[int], object],
 ) -> dict[str, Scores]:
-    """Returns scores of `models` on the same `batches`; see :mod:`.scores`.
+    """Returns scores of `models`, which are on `device`, on the same `batches`; see :mod:`.scores`.
 
-    Args:
-        models: models by name, on `device`.
-        batches: batches of scenes.
-        seed: seed of the samples of the joint ADE, the same for every model.
-        device: name of the torch device.
-        done: called with the number of scenes of each batch.
+    Samples of the joint ADE are drawn by `seed`, the same for every model; `done` is called with the number of scenes
+    of each batch.
 
     Raises:
         InputError: a forecast is not finite, or there is nothing to score.
@@ -134,16 +130,12 @@ def summary(
 ) -> dict[str, dict[str, Any]]:
     """Returns scores by model, the RMSE also relative to that of :data:`REFERENCE`; and conflicts if counted."""
     result = {}
+    reference = by_second(scores[REFERENCE].rmse)
     for name, of_model in scores.items():
-        reference = scores[REFERENCE].rmse
-        ratio = np.divide(of_model.rmse, reference, out=np.full(len(reference), np.nan), where=reference > 0.0)
-        result[name] = of_model.to_json()
-        ratios = by_second(ratio)
-        result[name]["ratio_to_constant_velocity"] = {
-            second: value if np.isfinite(value) else None for second, value in ratios.items()
-        }
-        if name in conflicts:
-            by_drive = conflicts[name]
+        rmse = by_second(of_model.rmse)
+        ratios = {second: rmse[second] / reference[second] if reference[second] > 0.0 else None for second in rmse}
+        result[name] = of_model.to_json() | {"ratio_to_constant_velocity": ratios}
+        if by_drive := conflicts.get(name):
             result[name]["conflicts"] = sum(by_drive.values(), NO_COUNTS).to_json()
             result[name]["conflicts_by_drive"] = {kind: counts.to_json() for kind, counts in by_drive.items()}
     return result

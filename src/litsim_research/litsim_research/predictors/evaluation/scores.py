@@ -90,11 +90,7 @@ def best_of(values: Tensor, maneuver: Tensor) -> Tensor:
 
 
 class ScoreBoard:
-    """Accumulates scores over batches.
-
-    Args:
-        seed: seed of the samples of the joint ADE.
-    """
+    """Accumulates scores over batches; samples of the joint ADE are drawn by a seed."""
 
     def __init__(self, seed: int = 0) -> None:
         self._rng = np.random.default_rng(seed)
