@@ -129,16 +129,16 @@ def _intersection(recording: Recording, lane_map: LaneMap, signals: Signals | No
     grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
     plans = [figure.add_subplot(grid[k]) for k in range(1 + len(shown))]
     speeds = Normalize(0.0, max(1.0, float(table["speed"].quantile(0.98))))
-    for axes, step in zip(plans, (None, *shown), strict=True):
+    for axes, at in zip(plans, (None, *shown), strict=True):
         draw_lanes(axes, lane_map)
-        if step is None:
+        if at is None:
             _coloured(axes, tracks, np.ones(len(tracks), np.bool_), tracks[["x", "y"]].to_numpy(), speeds, zorder=4)
         else:
-            agents = Log.from_recording(recording, first + step, 1).table(0)
+            agents = Log.from_recording(recording, first + at, 1).table(0)
             draw_boxes(axes, agents, [to_hex(colour) for colour in colormaps[SPEEDS](speeds(agents.speed))])
-            axes.set_title(f"{step * STEP_S:.1f} s, frame {first + step}", loc="left", fontsize=9, color=INK)
+            axes.set_title(f"{at * STEP_S:.1f} s, frame {first + at}", loc="left", fontsize=9, color=INK)
         if signals is not None:
-            draw_stop_lines(axes, signals, step or 0)
+            draw_stop_lines(axes, signals, at or 0)
         show_area(axes, area)
         _plain(axes)
     figure.colorbar(

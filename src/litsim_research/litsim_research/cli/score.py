@@ -153,7 +153,7 @@ def print_table(title: str, result: dict[str, dict[str, Any]]) -> None:
     for model in result:
         table.add_column(Path(model).stem, justify="right", overflow="fold")
     for name, keys in _rows(result):
-        table.add_row(name, *(_cell(reduce(getitem, keys, measures), keys[0]) for measures in result.values()))
+        table.add_row(name, *(_cell(_entry(measures, keys), keys[0]) for measures in result.values()))
     Console().print(table)
     print("ratio: of the RMSE to constant velocity's; precision, recall: of conflicts of egos that leave their log")
 
@@ -185,6 +185,11 @@ def _rows(result: dict[str, dict[str, Any]]) -> Iterator[tuple[str, tuple[str, .
     if all("conflicts" in measures for measures in result.values()):
         for measure, second in product(("precision", "recall"), seconds):
             yield f"{measure}@{second} s %", ("conflicts", second, measure)
+
+
+def _entry(measures: Any, keys: tuple[str, ...]) -> Any:
+    """Returns what is at the place `keys` in nested mappings."""
+    return reduce(getitem, keys, measures)
 
 
 def _cell(value: float | None, measure: str) -> str:

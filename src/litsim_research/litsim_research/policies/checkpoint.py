@@ -103,7 +103,7 @@ class AdversarialTraining(ResumableTraining):
     critic_optimiser: torch.optim.Optimizer
     best = -np.inf
     parts = ("policy", "value", "critic", "policy_optimiser", "critic_optimiser")
-    more = ("history", "best")
+    more: ClassVar[tuple[str, ...]] = ("history", "best")
     panels: ClassVar[Mapping[str, Lines]] = PANELS
 
     @property

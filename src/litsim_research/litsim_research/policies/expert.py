@@ -88,7 +88,8 @@ class ExpertPairs:
         """Returns the pairs of `scenarios`; `columns_of` gives the first four columns for one scenario."""
         columns = [columns_of(scenario) for scenario in scenarios]
         people = np.repeat([scenario.name in real for scenario in scenarios], [len(first) for first, *_ in columns])
-        return cls(*(np.concatenate(column) for column in zip(*columns, strict=True)), people)
+        observation, action, moved, correction = (np.concatenate(column) for column in zip(*columns, strict=True))
+        return cls(observation, action, moved, correction, people)
 
     def demonstrations(self, real_share: float) -> tuple[Demonstrations, Demonstrations]:
         """Returns recorded pairs (n), and these together with the corrections of displaced vehicles (2 n).
