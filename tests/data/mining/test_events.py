@@ -8,7 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_data.mining.events import Event, EventKind, measured, severity
+from litsim_data.mining.events import EventKind, Number, severity
+from litsim_data.mining.lane_tracks import NOWHERE
+from made_traffic import situation, straight
 
 
 @pytest.mark.parametrize(
@@ -34,9 +36,10 @@ def test_what_may_not_be_small_is_worse_where_it_is_smaller(a: float, b: float) 
 
 
 def test_an_entry_has_times_in_seconds_and_nothing_in_place_of_what_is_missing() -> None:
-    numbers = {"ttc_s": measured(inf), "gap_m": measured(1.23456)}
-    entry = Event(EventKind.CUT_IN, 7, None, 30, 41, 52, 0.25, numbers).entry()
-    assert entry == {
+    numbers: dict[str, Number] = {"ttc_s": inf, "gap_m": 1.23456}
+    event = situation(straight(7, 20.0, 10.0, 2.0)).event(EventKind.CUT_IN, 0, NOWHERE, (30, 41, 52), 0.25, numbers)
+    assert event.ego == 7
+    assert event.entry() == {
         "kind": "cut_in",
         "other": None,
         "time_s": 4.1,

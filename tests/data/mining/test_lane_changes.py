@@ -123,7 +123,7 @@ def _visits(stays: list[list[int]]) -> Iterator[int]:
 
 
 def _key(made: Situation, change: LaneChange) -> tuple[int, int, bool]:
-    return made.id_of(change.agent), change.cross, change.left
+    return int(made.log.ids[change.agent]), change.cross, change.left
 
 
 def _same(one: tuple[int, int, bool], other: tuple[int, int, bool]) -> bool:

@@ -10,7 +10,7 @@ from math import isfinite
 import numpy as np
 
 from litsim_data.mining.lane_changes import LaneChange, lane_changes
-from litsim_data.mining.lane_tracks import LaneTracks, Ways
+from litsim_data.mining.lane_tracks import NOWHERE, LaneTracks, Ways
 from litsim_data.mining.leaders import leaders
 from litsim_data.mining.passages import Passage, Turn, passages, turns
 from litsim_data.mining.signals import WaySignals
@@ -25,6 +25,7 @@ Number = float | int | str | None
 
 DECIMALS = 3
 
+AFTER = round(3.0 / STEP_S)  # steps after an event in which the shortest TTC is searched for
 CLOSING_MIN = 0.1  # [m/s] smallest closing speed of an approach: 100 m would take a quarter of an hour; our choice
 
 HEADWAY_MAX_S = 3.5  # [s] headway beyond which an agent ahead is irrelevant to the ego
@@ -103,11 +104,6 @@ def severity(
     return float(max(values, default=0.0))
 
 
-def measured(value: float) -> float | None:
-    """Returns `value` rounded for an event; None if it is not finite."""
-    return round(float(value), DECIMALS) if isfinite(value) else None
-
-
 @dataclass(frozen=True)
 class Situation:
     """A log with all data that events are found by.
@@ -153,14 +149,34 @@ class Situation:
         """Returns the situation of a scenario's log, net and signals."""
         return cls.of(scenario.log, scenario.lane_map, WaySignals.of(scenario))
 
-    def id_of(self, row: int) -> int:
-        """Returns the id of the agent in `row`."""
-        return int(self.log.ids[row])
+    def event(
+        self,
+        kind: EventKind,
+        ego: int,
+        other: int,
+        steps: tuple[int, int, int],
+        size: float,
+        numbers: Mapping[str, Number],
+    ) -> Event:
+        """Returns an event of severity `size` between the agents in rows `ego` and `other`; -1 for none.
+
+        `steps` are begin, step and end. Fractions among `numbers` are rounded; None where they are not finite.
+        """
+        other_id = None if other == NOWHERE else int(self.log.ids[other])
+        rounded = {
+            name: value if not isinstance(value, float) else round(float(value), DECIMALS) if isfinite(value) else None
+            for name, value in numbers.items()
+        }
+        return Event(kind, int(self.log.ids[ego]), other_id, *steps, size, rounded)
 
     def followers(self, row: int, step: int) -> IntArray:
         """Returns rows (k,) of the agents that follow the one in `row` at `step`, the nearest first."""
         behind = np.flatnonzero(self.following.leader[:, step] == row)
         return behind[np.argsort(self.following.gap[behind, step], kind="stable")]
+
+    def ttc_after(self, row: int, step: int, end: int) -> float:
+        """Returns the shortest time to collision [s] of agent `row` from `step` to 3 s after step `end`."""
+        return self.ttc_min(row, step, min(end + AFTER, int(self.log.last_step[row])))
 
     def ttc_min(self, row: int, first: int, last: int) -> float:
         """Returns the shortest time to collision [s] of agent `row` with its leader, steps `first` to `last`; else

@@ -7,13 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from litsim_data.mining.events import HEADWAY_MAX_S, Event, EventKind, Number, Situation, measured, severity
+from litsim_data.mining.events import HEADWAY_MAX_S, Event, EventKind, Number, Situation, severity
 from litsim_data.mining.lane_tracks import NOWHERE, true_runs
 from litsim_sim.core.scene import STEP_S, BoolArray
 
 HARD_MPS2, HARD_S, LOST_MPS = -3.0, 0.6, 1.0  # hard braking: acceleration, shortest duration, smallest loss of speed
 LEADER_MPS2 = -2.5  # largest acceleration of a braking leader
-AFTER = round(3.0 / STEP_S)  # steps after braking in which the shortest TTC is searched for
 FULL_BRAKING = 7.59  # [m/s2] 0.774 g, of UN Regulation 157's careful driver: brake threat number 1
 
 GOING, STOPPED = 5.0, 2.0  # [m/s] speeds above and below which an ego moves and is stopped; our choice
@@ -57,21 +56,19 @@ def stop_and_go(situation: Situation) -> Iterator[Event]:
             if not len(slow) or not queued.any():
                 continue
             worst = situation.ttc_min(row, int(before), int(after))
-            headway = float(following.headway[row, before : after + 1][speed[before : after + 1] >= STOPPED].min())
-            braking = float(log.acceleration[row, before : after + 1].min())
+            piece = slice(before, after + 1)
+            headway = float(following.headway[row, piece][speed[piece] >= STOPPED].min())
             numbers: dict[str, Number] = {
-                "speed_min_mps": measured(speed[slow].min()),
-                "stopped_s": measured(len(slow) * STEP_S),
-                "gap_min_m": measured(following.gap[row, before : after + 1].min()),
-                "headway_min_s": measured(headway),
-                "ttc_min_s": measured(worst),
-                "acceleration_min_mps2": measured(braking),
+                "speed_min_mps": speed[slow].min(),
+                "stopped_s": len(slow) * STEP_S,
+                "gap_min_m": following.gap[row, piece].min(),
+                "headway_min_s": headway,
+                "ttc_min_s": worst,
+                "acceleration_min_mps2": log.acceleration[row, piece].min(),
             }
-            step = int(slow[0])
             leader = int(following.leader[row, slow[int(np.argmax(queued))]])
-            size = severity(ttc=worst, headway=headway)
-            ego, other = situation.id_of(row), situation.id_of(leader)
-            yield Event(EventKind.STOP_AND_GO, ego, other, int(before), step, int(after), size, numbers)
+            steps, size = (int(before), int(slow[0]), int(after)), severity(ttc=worst, headway=headway)
+            yield situation.event(EventKind.STOP_AND_GO, row, leader, steps, size, numbers)
 
 
 def steady_following(situation: Situation) -> Iterator[Event]:
@@ -86,17 +83,16 @@ def steady_following(situation: Situation) -> Iterator[Event]:
             for begin, end in true_runs(steady[row] & (leader == other)):
                 if (end - begin) * STEP_S < FOLLOWING_S - 1e-9:
                     continue
-                headway = following.headway[row, begin:end]
-                at = begin + int(headway.argmin())
+                at = begin + int(following.headway[row, begin:end].argmin())
+                headway = float(following.headway[row, at])
                 numbers: dict[str, Number] = {
-                    "duration_s": measured((end - begin) * STEP_S),
-                    "headway_s": measured(headway.min()),
-                    "gap_m": measured(following.gap[row, at]),
-                    "closing_mps": measured(following.closing[row, at]),
+                    "duration_s": (end - begin) * STEP_S,
+                    "headway_s": headway,
+                    "gap_m": following.gap[row, at],
+                    "closing_mps": following.closing[row, at],
                 }
-                size = severity(headway=float(headway.min()))
-                ids = situation.id_of(row), situation.id_of(other)
-                yield Event(EventKind.FOLLOWING, *ids, begin, at, end - 1, size, numbers)
+                steps, size = (begin, at, end - 1), severity(headway=headway)
+                yield situation.event(EventKind.FOLLOWING, row, other, steps, size, numbers)
 
 
 def _braking(situation: Situation, row: int, begin: int, end: int, kind: EventKind) -> Iterator[Event]:
@@ -106,22 +102,21 @@ def _braking(situation: Situation, row: int, begin: int, end: int, kind: EventKi
     concerned = (following.leader[:, piece] == row) & (following.headway[:, piece] < HEADWAY_MAX_S)
     for ego in np.flatnonzero(concerned.any(axis=1)).tolist():
         step = begin + int(np.argmax(concerned[ego]))
-        gap, closing = float(following.gap[ego, step]), float(following.closing[ego, step])
+        gap = float(following.gap[ego, step])
         strongest = float(log.acceleration[row, piece].min())
         threat = brake_threat(gap, float(log.speed[ego, step]), float(log.speed[row, step]), -strongest)
-        headway, later = float(following.headway[ego, step]), min(end + AFTER, int(log.last_step[ego]))
-        ttc_min = situation.ttc_min(ego, step, later)
+        headway, ttc_min = float(following.headway[ego, step]), situation.ttc_after(ego, step, end)
         numbers: dict[str, Number] = {
-            "acceleration_min_mps2": measured(strongest),
-            "speed_lost_mps": measured(log.speed[row, begin] - log.speed[row, end]),
-            "gap_m": measured(gap),
-            "closing_mps": measured(closing),
-            "headway_s": measured(headway),
-            "ttc_min_s": measured(ttc_min),
-            "brake_threat": measured(threat),
+            "acceleration_min_mps2": strongest,
+            "speed_lost_mps": log.speed[row, begin] - log.speed[row, end],
+            "gap_m": gap,
+            "closing_mps": following.closing[ego, step],
+            "headway_s": headway,
+            "ttc_min_s": ttc_min,
+            "brake_threat": threat,
         }
         size = severity(ttc=ttc_min, headway=headway, brake_threat=threat)
-        yield Event(kind, situation.id_of(ego), situation.id_of(row), begin, step, end, size, numbers)
+        yield situation.event(kind, ego, row, (begin, step, end), size, numbers)
 
 
 def brake_threat(gap: float, speed: float, leader_speed: float, leader_braking: float) -> float:

@@ -7,8 +7,8 @@ from itertools import combinations
 
 import numpy as np
 
-from litsim_data.mining.events import Event, EventKind, Number, Situation, measured, severity
-from litsim_data.mining.lane_tracks import TURN_RAD
+from litsim_data.mining.events import Event, EventKind, Number, Situation, severity
+from litsim_data.mining.lane_tracks import NOWHERE, TURN_RAD
 from litsim_data.mining.passages import MARGIN, Passage, boxes
 from litsim_data.mining.signals import Protection, Way
 from litsim_data.surrogates.encroachment import PET_HORIZON_S, closest_use
@@ -23,13 +23,13 @@ def turn_events(situation: Situation) -> Iterator[Event]:
     for turn in situation.turns:
         most = turn.lateral_acceleration
         numbers: dict[str, Number] = {
-            "angle_rad": measured(turn.angle),
+            "angle_rad": turn.angle,
             "to": "left" if turn.angle > 0.0 else "right",
-            "lateral_acceleration_mps2": measured(most),
+            "lateral_acceleration_mps2": most,
         }
+        steps = turn.begin, (turn.begin + turn.end) // 2, turn.end
         size = severity(lateral_acceleration=most)
-        ego, middle = situation.id_of(turn.agent), (turn.begin + turn.end) // 2
-        yield Event(EventKind.TURN, ego, None, turn.begin, middle, turn.end, size, numbers)
+        yield situation.event(EventKind.TURN, turn.agent, NOWHERE, steps, size, numbers)
 
 
 def encounters(situation: Situation) -> Iterator[Event]:
@@ -68,9 +68,9 @@ def _encounter(situation: Situation, a: Passage, b: Passage) -> Iterator[Event]:
     size = severity(pet=pet)
     for own, other in ((a, b), (b, a)):
         numbers: dict[str, Number] = {
-            "pet_s": measured(pet),
+            "pet_s": pet,
             "first": "ego" if own is earlier else "other",
-            "angle_rad": measured(angle),
+            "angle_rad": angle,
             "speed_mps": _speed(situation, own.agent, step),
             "other_speed_mps": _speed(situation, other.agent, step),
             "way": own.way,
@@ -78,13 +78,13 @@ def _encounter(situation: Situation, a: Passage, b: Passage) -> Iterator[Event]:
         }
         if signal is not None:
             numbers |= {"role": "oncoming" if own.way == "straight" else "turning", "signal": str(signal)}
-        ids = situation.id_of(own.agent), situation.id_of(other.agent)
-        yield Event(kind, *ids, min(own.first, step), step, max(own.last, step), size, numbers)
+        steps = min(own.first, step), step, max(own.last, step)
+        yield situation.event(kind, own.agent, other.agent, steps, size, numbers)
 
 
 def _speed(situation: Situation, row: int, step: int) -> float | None:
     """Returns the speed [m/s] of the agent in `row` at `step`; None if it is not on the road."""
-    return measured(situation.log.speed[row, step]) if situation.log.valid[row, step] else None
+    return float(situation.log.speed[row, step]) if situation.log.valid[row, step] else None
 
 
 def _kind(situation: Situation, a: Passage, b: Passage, pet: float) -> tuple[EventKind, Protection | None]:

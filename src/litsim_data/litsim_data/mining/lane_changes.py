@@ -39,6 +39,11 @@ class LaneChange:
     lateral_speed: float
 
     @property
+    def steps(self) -> tuple[int, int, int]:
+        """Its steps `begin`, `cross` and `end`."""
+        return self.begin, self.cross, self.end
+
+    @property
     def duration_s(self) -> float:
         """Time from leaving the wandering zone to arriving in the new one [s]."""
         return (self.end - self.begin) * STEP_S

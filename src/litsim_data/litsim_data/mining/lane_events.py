@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from litsim_data.mining.events import HEADWAY_MAX_S, Event, EventKind, Number, Situation, measured, severity
+from litsim_data.mining.events import HEADWAY_MAX_S, Event, EventKind, Number, Situation, severity
 from litsim_data.mining.lane_changes import LaneChange
 from litsim_data.mining.lane_tracks import NOWHERE
 from litsim_sim.core.scene import STEP_S
 
 CREEP = 1.0  # [m/s] lower bound on the ego's speed in headways
 AROUND = round(3.0 / STEP_S)  # steps around a cut-in without another lane change of the intruder
-AFTER = round(3.0 / STEP_S)  # steps after an event in which the shortest TTC is searched for
 ORIGIN_M = 300.0  # [m] distance upstream within which the roads that lead to a lane are searched for
 
 R157_BRAKING, R157_DELAY = 6.0, 0.35  # [m/s2], [s] UN Regulation 157: of the TTC above which a cut-in must be avoided
@@ -40,11 +39,12 @@ def cut_outs(situation: Situation) -> Iterator[Event]:
             if not (_keeps_lane(situation, ego, change) and _near(situation, ego, change.cross - 1)):
                 continue
             numbers, worst = _gap(situation, ego, change.cross)
-            ttc_leader = situation.ttc_min(change.agent, change.begin, change.cross - 1)
-            ttc_min = situation.ttc_min(ego, change.cross, _later(situation, ego, change.cross))
-            numbers |= {"ttc_min_s": measured(ttc_min), "leader_ttc_min_s": measured(ttc_leader)}
-            numbers["leader_id"] = situation.id_of(change.agent)
-            yield _event(situation, EventKind.CUT_OUT, ego, shown, change, max(worst, severity(ttc=ttc_min)), numbers)
+            ttc_min = situation.ttc_after(ego, change.cross, change.cross)
+            numbers["ttc_min_s"] = ttc_min
+            numbers["leader_ttc_min_s"] = situation.ttc_min(change.agent, change.begin, change.cross - 1)
+            numbers["leader_id"] = int(situation.log.ids[change.agent])
+            size = max(worst, severity(ttc=ttc_min))
+            yield situation.event(EventKind.CUT_OUT, ego, shown, change.steps, size, numbers)
 
 
 def lane_change_events(situation: Situation) -> Iterator[Event]:
@@ -75,15 +75,13 @@ def _cut_in(
 ) -> Event:
     at = change.cross
     numbers, worst = _gap(situation, ego, at)
-    ttc, closing = situation.ttc_min(ego, at, at), float(situation.following.closing[ego, at])
-    ttc_min = situation.ttc_min(ego, at, _later(situation, ego, at))
-    numbers |= {"ttc_min_s": measured(ttc_min), "from": "right" if change.left else "left"}
+    closing, ttc_min = float(situation.following.closing[ego, at]), situation.ttc_after(ego, at, at)
+    numbers |= {"ttc_min_s": ttc_min, "from": "right" if change.left else "left"}
     if closing > 0.0:
-        avoidable = ttc > closing / (2.0 * R157_BRAKING) + R157_DELAY
+        avoidable = situation.ttc_min(ego, at, at) > closing / (2.0 * R157_BRAKING) + R157_DELAY
         numbers["r157"] = "to be avoided" if avoidable else "unavoidable"
-    numbers["duration_s"] = measured(change.duration_s)
-    worst = max(worst, severity(ttc=ttc_min))
-    return _event(situation, kind, ego, change.agent, change, worst, numbers | (more or {}))
+    numbers |= {"duration_s": change.duration_s} | (more or {})
+    return situation.event(kind, ego, change.agent, change.steps, max(worst, severity(ttc=ttc_min)), numbers)
 
 
 def _own_change(
@@ -96,50 +94,29 @@ def _own_change(
     behind = situation.followers(row, at)[:1].tolist()
     after, worst_behind = _gap(situation, behind[0], at) if behind else (dict.fromkeys(ahead), 0.0)
     numbers |= {f"behind_{name}": value for name, value in after.items()}
-    numbers |= {"to": "left" if change.left else "right", "duration_s": measured(change.duration_s)}
-    numbers["lateral_speed_mps"] = measured(change.lateral_speed)
-    leader = int(situation.following.leader[row, at])
-    other = behind[0] if behind and worst_behind > worst_ahead else leader
-    return _event(situation, kind, row, other, change, max(worst_ahead, worst_behind), numbers | (more or {}))
-
-
-def _event(
-    situation: Situation,
-    kind: EventKind,
-    ego: int,
-    other: int,
-    change: LaneChange,
-    worst: float,
-    numbers: dict[str, Number],
-) -> Event:
-    other_id = None if other == NOWHERE else situation.id_of(other)
-    steps = (change.begin, change.cross, change.end)
-    return Event(kind, situation.id_of(ego), other_id, *steps, worst, numbers)
+    numbers |= {"to": "left" if change.left else "right", "duration_s": change.duration_s}
+    numbers |= {"lateral_speed_mps": change.lateral_speed} | (more or {})
+    other = behind[0] if behind and worst_behind > worst_ahead else int(situation.following.leader[row, at])
+    return situation.event(kind, row, other, change.steps, max(worst_ahead, worst_behind), numbers)
 
 
 def _gap(situation: Situation, row: int, step: int) -> tuple[dict[str, Number], float]:
     """Measures of the agent in `row` with respect to its leader at `step`, and their severity."""
     following = situation.following
-    gap, closing = float(following.gap[row, step]), float(following.closing[row, step])
     headway, ttc = float(following.headway[row, step]), situation.ttc_min(row, step, step)
-    there = following.leader[row, step] != NOWHERE
-    numbers = {
-        "gap_m": measured(gap),
-        "closing_mps": measured(closing) if there else None,
-        "headway_s": measured(headway),
-        "ttc_s": measured(ttc),
+    numbers: dict[str, Number] = {
+        "gap_m": following.gap[row, step],
+        "closing_mps": following.closing[row, step] if following.leader[row, step] != NOWHERE else None,
+        "headway_s": headway,
+        "ttc_s": ttc,
     }
-    return dict(numbers), severity(ttc=ttc, headway=headway)
+    return numbers, severity(ttc=ttc, headway=headway)
 
 
 def _near(situation: Situation, row: int, step: int) -> bool:
     """Returns whether the leader is within a headway of 3.5 s, at the ego's speed or at least 1 m/s."""
     speed = max(float(situation.log.speed[row, step]), CREEP)
     return bool(situation.following.gap[row, step] <= HEADWAY_MAX_S * speed)
-
-
-def _later(situation: Situation, row: int, step: int) -> int:
-    return min(step + AFTER, int(situation.log.last_step[row]))
 
 
 def _again(situation: Situation, change: LaneChange) -> bool:
