@@ -1,16 +1,9 @@
-"""Deliberate damage to files, and checks that readers notice it.
-
-``./litsim exec python tests/helpers/damage.py BAG [BAG …] --tries 20000`` damages copies of recordings of runs,
-measures each like ``analyze``, and prints the results by kind of damage.
-"""
+"""Deliberate damage to files, and checks that readers notice it."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import random
-import sys
-import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,7 +11,6 @@ from typing import Any
 
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_sim.core.errors import InputError
-from litsim_sim.record.bag import find_mcap
 from litsim_sim.record.digest import RunDigest
 from litsim_sim.record.run import Run, read_run
 
@@ -157,33 +149,3 @@ def damage_record(path: Path, tries: int, seed: int) -> Counts:
     """Damage the record at `path`, an MCAP file, and measure it; what was there is not put back."""
     whole, data = Measured(path), path.read_bytes()
     return outcomes(path, damages(data, tries, seed), Measured, lambda part: part.is_part_of(whole))
-
-
-def table(counts: Counts) -> str:
-    """Counts as a table in Markdown: a row for each way of damage."""
-    kinds = [SAME, REFUSED, SHORTER]
-    rows = [f"| damage | tries | {' | '.join(kinds)} |", "|---|---:|" + "---:|" * len(kinds)]
-    for way in (*WAYS, CUT):
-        numbers = [counts[way, kind] for kind in kinds]
-        rows.append(f"| {way} | {sum(numbers)} | {' | '.join(map(str, numbers))} |")
-    return "\n".join(rows)
-
-
-def main() -> None:
-    """Damage copies of the records that the command line names."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("bags", type=Path, nargs="+", metavar="BAG", help="folder of a run, or its MCAP file")
-    p.add_argument("--tries", type=int, default=20_000)
-    p.add_argument("--seed", type=int, default=1)
-    arguments = p.parse_args()
-    counts: Counts = Counter()
-    with tempfile.TemporaryDirectory(prefix="litsim-damage-") as folder:
-        for bag in arguments.bags:
-            copy = Path(folder, "run_0.mcap")
-            copy.write_bytes(find_mcap(bag).read_bytes())
-            counts += damage_record(copy, arguments.tries // len(arguments.bags), arguments.seed)
-    sys.stdout.write(table(counts) + "\n")
-
-
-if __name__ == "__main__":
-    main()

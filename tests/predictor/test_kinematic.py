@@ -79,12 +79,6 @@ def test_straight_motion_is_exact(agent_table: Build, speed: float, yaw: float, 
     assert_sane(out, 1)
 
 
-def test_the_first_row_lies_dt_ahead_and_the_last_at_the_horizon(agent_table: Build) -> None:
-    out = forecast(agent_table, (EGO, 0.0, 0.0, 0.0, 10.0, 0.0), steps=1)
-    assert out.mean[0, 0].tolist() == [2.0, 0.0]
-    assert out.mean[0, -1, 0] == pytest.approx(50.0)
-
-
 def test_other_horizons_and_steps(agent_table: Build) -> None:
     config = replace(CONFIG, horizon=2.0, dt=0.1)
     out = forecast(agent_table, (EGO, 0.0, 0.0, 0.0, 10.0, 0.0), config=config)
@@ -95,11 +89,6 @@ def test_other_horizons_and_steps(agent_table: Build) -> None:
 def test_a_horizon_without_a_step_is_refused() -> None:
     with pytest.raises(ValueError, match=r"dt is 0\.5, expected at most horizon, which is 0\.1"):
         KinematicConfig(horizon=0.1, dt=0.5)
-
-
-def test_agents_at_rest_stay(agent_table: Build) -> None:
-    out = forecast(agent_table, (EGO, 5.0, 6.0, 0.4, 0.0, 0.0))
-    np.testing.assert_allclose(out.mean[0], np.tile([5.0, 6.0], (HORIZON_STEPS, 1)), atol=1e-6)
 
 
 # Turning
@@ -121,15 +110,7 @@ def test_a_turn_is_an_arc_that_becomes_straight(
     curved = (rate * CONFIG.dt) ** 2 / 24.0 + rate / RATE_DECAY * CONFIG.dt**2 / 8.0
     slack = speed * FUTURE[-1] * curved + MILLIMETRE
     np.testing.assert_allclose(out.mean[0], np.array([now["x"], now["y"]]) + way[at], atol=slack)
-
-
-@given(yaw=headings, rate=st.floats(0.05, 0.5))
-def test_a_turn_ends_with_its_time_constant(agent_table: Build, yaw: float, rate: float) -> None:
-    out = forecast(agent_table, (EGO, 0.0, 0.0, yaw, 10.0, rate))
-    now = arc(EGO, 10, 0.0, 0.0, yaw, 10.0, rate)["yaw"]
-    np.testing.assert_allclose(out.yaw[0] - now, rate * 1.5 * (1.0 - np.exp(-FUTURE / 1.5)), atol=1e-5)
-    steps = np.diff(np.vstack([[arc(EGO, 10, 0.0, 0.0, yaw, 10.0, rate)[c] for c in ("x", "y")], out.mean[0]]), axis=0)
-    np.testing.assert_allclose(np.hypot(*steps.T), 2.0, atol=MILLIMETRE)  # the speed is kept
+    np.testing.assert_allclose(out.yaw[0], heading[at], atol=1e-3)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -63,8 +63,7 @@ def test_weights_that_do_not_fit_their_model_are_refused(tmp_path: Path) -> None
         network(written(wild, tmp_path / "wild.safetensors"))
 
 
-@pytest.mark.parametrize("kind", ["default", "cs_lstm"])
-@pytest.mark.parametrize("type_", [np.float64, np.float16, np.int32])
+@pytest.mark.parametrize(("kind", "type_"), [("default", np.float64), ("cs_lstm", np.int32)])
 def test_weights_of_another_precision_are_refused(tmp_path: Path, kind: str, type_: type) -> None:
     shipped = read_weights(kind)
     other = replace(shipped, arrays={name: array.astype(type_) for name, array in shipped.arrays.items()})

@@ -22,7 +22,7 @@ def held(agent: int) -> Takeover:
 GOOD = takeovers_to_message(TakeoverTable(5, (held(2), held(8)), 1, converged=True), "run-1")
 
 
-@settings(max_examples=800)
+@settings(max_examples=300)
 @given(damaged(GOOD))
 def test_takeovers_are_sound_or_refused(message: Takeovers) -> None:
     table = taken(received_takeovers, message, InputError, "/litsim/takeovers: ")

@@ -12,9 +12,8 @@ from scipy.special import ndtri
 from litsim_policy.conflict import overlap
 from litsim_policy.conflict.broad_phase import may_overlap
 from litsim_policy.conflict.overlap import Boxes, mixture_overlap_probability
-from litsim_policy.conflict.predicted_motion import AlternativeMotions, PredictedMotion, X, Y
+from litsim_policy.conflict.predicted_motion import XX, YAW, AlternativeMotions, PredictedMotion, X, Y
 from litsim_sim.core.geometry import box_corners, boxes_overlap
-from strips import Strips
 
 angles = st.floats(-np.pi, np.pi)
 lengths, widths = st.floats(2.0, 15.0), st.floats(1.0, 3.0)
@@ -25,10 +24,6 @@ seeds = st.integers(0, 2**32)
 
 def one(*values: float) -> list[np.ndarray]:
     return [np.array([value]) for value in values]
-
-
-def strips_of(yaw_a: float, yaw_b: float, size_a: tuple[float, float], size_b: tuple[float, float]) -> Strips:
-    return Strips.of(*one(yaw_a, yaw_b), tuple(one(*size_a)), tuple(one(*size_b)))
 
 
 def polygon(x: float, y: float, yaw: float, size: tuple[float, float]) -> shapely.Polygon:
@@ -51,10 +46,11 @@ def probability(boxes: tuple[float, ...], dx: float, dy: float, covariance: np.n
     return overlap.probability_within(*overlap.strips(*boxes), dx, dy, flat(covariance))
 
 
-def drawn(strips: Strips, dx: float, dy: float, covariance: np.ndarray) -> float:
+def drawn(boxes: tuple[float, ...], dx: float, dy: float, covariance: np.ndarray) -> float:
     """Monte Carlo estimate of the same."""
-    x, y = np.random.default_rng(0).multivariate_normal([dx, dy], covariance, DRAWS).T
-    return float(strips.contain(x, y).mean())
+    normal_x, normal_y, _, half = np.array(overlap.strips(*boxes))
+    distances = np.random.default_rng(0).multivariate_normal([dx, dy], covariance, DRAWS)
+    return float((np.abs(distances @ [normal_x, normal_y]) < half).all(axis=1).mean())
 
 
 @given(offsets, offsets, angles, angles, st.tuples(lengths, widths), st.tuples(lengths, widths))
@@ -64,16 +60,6 @@ def test_the_strips_hold_the_distances_at_which_shapely_sees_an_overlap(dx, dy, 
     contained = overlap.contain(normal_x, normal_y, half, dx, dy)
     assume(a.distance(b) > 1e-6 or a.intersection(b).area > 1e-6)  # touching is a matter of rounding
     assert contained == (a.intersection(b).area > 1e-6)
-
-
-@given(angles, angles, st.tuples(lengths, widths), st.tuples(lengths, widths), angles)
-def test_the_extent_is_that_of_the_minkowski_sum(yaw_a, yaw_b, size_a, size_b, direction) -> None:
-    cos, sin = np.cos(direction), np.sin(direction)
-    half = [
-        0.5 * np.ptp(box_corners(*one(0.0, 0.0, y, *s))[0] @ [cos, sin]) for y, s in ((yaw_a, size_a), (yaw_b, size_b))
-    ]
-    found = strips_of(yaw_a, yaw_b, size_a, size_b).extent(*one(cos, sin))[0]
-    assert found == pytest.approx(sum(half))
 
 
 @settings(max_examples=150)
@@ -88,10 +74,10 @@ def test_the_extent_is_that_of_the_minkowski_sum(yaw_a, yaw_b, size_a, size_b, d
     st.tuples(st.floats(0.05, 6.0), st.floats(0.05, 6.0)),
 )
 def test_the_probability_is_that_of_monte_carlo(delta, yaws, size_a, size_b, sigmas) -> None:
-    covariance = spread(*sigmas, yaws[2])
-    estimate = drawn(strips_of(*yaws[:2], size_a, size_b), *delta, covariance)
+    covariance, boxes = spread(*sigmas, yaws[2]), (*yaws[:2], *size_a, *size_b)
+    estimate = drawn(boxes, *delta, covariance)
     noise = 5.0 * np.sqrt(max(estimate * (1.0 - estimate), 1.0 / DRAWS) / DRAWS)
-    assert probability((*yaws[:2], *size_a, *size_b), *delta, covariance) == pytest.approx(estimate, abs=0.02 + noise)
+    assert probability(boxes, *delta, covariance) == pytest.approx(estimate, abs=0.02 + noise)
 
 
 @settings(max_examples=60)
@@ -113,63 +99,6 @@ def test_in_a_lane_it_is_the_product_of_two_intervals(delta, yaw, size, sigmas) 
         expected *= norm.cdf((reach - middle) / sigma) - norm.cdf((-reach - middle) / sigma)
     found = probability((yaw, yaw, *size, *size), *delta, spread(*sigmas, yaw))
     assert found == pytest.approx(expected, abs=2e-3)
-
-
-@given(
-    st.tuples(offsets, offsets),
-    st.tuples(angles, angles, angles),
-    st.tuples(lengths, widths),
-    st.tuples(st.floats(0.05, 6.0), st.floats(0.05, 6.0)),
-    st.floats(0.02, 0.98),
-)
-def test_no_strip_rules_out_what_is_likely(delta, yaws, size, sigmas, least) -> None:
-    boxes, covariance = (*yaws[:2], *size, *size), spread(*sigmas, yaws[2])
-    normal_x, normal_y, _, half = overlap.strips(*boxes)
-    if not overlap.can_reach(normal_x, normal_y, half, *delta, flat(covariance), ndtri(least)):
-        assert probability(boxes, *delta, covariance) < least + 0.02
-
-
-def test_it_is_symmetric_and_between_zero_and_one() -> None:
-    random = np.random.default_rng(3)
-    covariance = np.array([[2.0, 0.8], [0.8, 1.0]])
-    for _ in range(200):
-        (yaw_a, yaw_b), (dx, dy) = random.uniform(-3, 3, 2), random.uniform(-8, 8, 2)
-        a, b = zip(random.uniform(3, 10, 2), random.uniform(1, 3, 2), strict=True)
-        one_way = probability((yaw_a, yaw_b, *a, *b), dx, dy, covariance)
-        other = probability((yaw_b, yaw_a, *b, *a), -dx, -dy, covariance)
-        assert one_way == pytest.approx(other, abs=1e-9) and 0.0 <= one_way <= 1.0 + 1e-9
-
-
-# Against numpy
-
-
-@settings(max_examples=300)
-@given(
-    st.tuples(offsets, offsets),
-    st.tuples(angles, angles, angles),
-    st.tuples(lengths, widths),
-    st.tuples(lengths, widths),
-    st.tuples(st.floats(0.0, 6.0), st.floats(0.0, 6.0)),
-    st.floats(0.02, 0.98),
-)
-def test_strips_and_probabilities_are_those_of_numpy(delta, yaws, size_a, size_b, sigmas, least) -> None:
-    expected, boxes = strips_of(*yaws[:2], size_a, size_b), (*yaws[:2], *size_a, *size_b)
-    normal_x, normal_y, _, half = found = overlap.strips(*boxes)
-    for values, name in zip(found, ("normal_x", "normal_y", "edge", "half"), strict=True):
-        assert values == pytest.approx(getattr(expected, name)[:, 0].tolist(), abs=1e-12)
-    xx, yy, xy = flat(spread(*sigmas, yaws[2]))
-    covariance, distance = np.array([[xx], [yy], [xy]]), one(*delta)
-    exact = float(expected.probability(*distance, covariance)[0])
-    assert overlap.probability_within(*found, *delta, (xx, yy, xy)) == pytest.approx(exact, abs=1e-9)
-    assert overlap.contain(normal_x, normal_y, half, *delta) == expected.contain(*distance)[0]
-    reachable = overlap.can_reach(normal_x, normal_y, half, *delta, (xx, yy, xy), ndtri(least))
-    assert reachable == expected.can_reach(*distance, covariance, least)[0]
-    sizes = *size_a, *size_b
-    likely = overlap.overlap_probability(*delta, *yaws[:2], sizes, (xx, yy, xy), least, ndtri(least))
-    if xx + yy <= 0.0:
-        assert likely == float(expected.contain(*distance)[0])
-    elif abs(exact - least) > 1e-9:
-        assert likely == pytest.approx(exact if reachable and exact >= least else 0.0, abs=1e-9)
 
 
 @given(st.floats(-8.0, 8.0))
@@ -200,15 +129,16 @@ def test_probabilities_of_pairs_are_those_of_numpy_at_every_step(seed: int, leas
     )
 
     i, j = which.T
-    distance = (b.states[j] - a.states[i])[..., [X, Y]].reshape(-1, 2).T
-    sizes = [tuple(np.repeat(values[k], 4) for values in (length, width)) for k in (i, j)]
-    strips = Strips.of(a.yaw[i].ravel(), b.yaw[j].ravel(), *sizes)
-    covariance = (a.covariance[i] + b.covariance[j]).reshape(-1, 3).T
-    exact = np.where(
-        covariance[0] + covariance[1] > 0.0,
-        strips.probability(*distance, covariance),
-        strips.contain(*distance).astype(np.float64),
-    ).reshape(found.shape)
+    exact = np.zeros(found.shape)
+    for k, t in np.ndindex(*found.shape):
+        one, other = a.states[i[k], t], b.states[j[k], t]
+        boxes = (one[YAW], other[YAW], length[i[k]], width[i[k]], length[j[k]], width[j[k]])
+        delta, covariance = (other - one)[[X, Y]], one[XX:] + other[XX:]
+        if covariance[0] + covariance[1] > 0.0:
+            exact[k, t] = overlap.probability_within(*overlap.strips(*boxes), *delta, tuple(covariance))
+        else:
+            normal_x, normal_y, _, half = overlap.strips(*boxes)
+            exact[k, t] = overlap.contain(normal_x, normal_y, half, *delta)
     both = a.valid[i] & b.valid[j]
     expected = np.where(both & (exact >= least), exact, 0.0)
     sure = np.abs(exact - least) > 0.02  # the strips bound the probability, which the quadrature gives to 0.02
@@ -294,10 +224,7 @@ def of_pair(a: PredictedMotion, b: PredictedMotion, least: float) -> np.ndarray:
 @example((-4.0, 0.0), (0.0, 0.0), (0.0, 0.1), 0.5)
 def test_nothing_likely_is_ruled_out(delta, yaws, sigmas, least: float) -> None:
     a, b = standing(0.0, 0.0, yaws[0], sigmas[0]), standing(*delta, yaws[1], sigmas[1])
-    size = np.array([4.5]), np.array([2.0])
-    strips = Strips.of(np.array([yaws[0]]), np.array([yaws[1]]), size, size)
-    spread = np.array([[sigmas[0] ** 2 + sigmas[1] ** 2]] * 2 + [[0.0]])
-    exact = strips.probability(np.array([delta[0]]), np.array([delta[1]]), spread)[0]
+    exact = probability((*yaws, 4.5, 2.0, 4.5, 2.0), *delta, np.eye(2) * (sigmas[0] ** 2 + sigmas[1] ** 2))
     expected = exact if exact >= least else 0.0
     assert of_pair(a, b, least) == pytest.approx(np.full(3, expected), abs=1e-9)
 

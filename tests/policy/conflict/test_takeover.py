@@ -14,8 +14,6 @@ from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.takeover import TakeoverManager
 from litsim_predictor.kinematic import KinematicPredictor
 from litsim_predictor.selection import Wanted
-from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.scene import OBSTACLE_KINDS, AgentTable, Controller, Kind
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
@@ -453,18 +451,6 @@ def test_every_takeover_says_all_that_explains_it(lag_then_go) -> None:
     assert {t.detected_step for t in records.values()} == {first.detected_step}
     assert last.path_source == PathSource.LOGGED and last.time_shift > 0.5
     assert 0.0 < last.residual_position <= 0.5 and abs(last.residual_speed) <= 1.5
-
-
-@pytest.mark.parametrize(
-    ("config", "problem"),
-    [
-        ({"handback": "jump"}, "handback is 'jump', expected one of time_shift, catch_up, at_once"),
-        ({"confirm_steps": 0}, r"confirm_steps is 0, expected a whole number of more than 0 and at most 36000"),
-    ],
-)
-def test_parameters_out_of_range_are_input_errors(config: dict[str, Any], problem: str) -> None:
-    with pytest.raises(InputError, match=problem):
-        ParameterOverrides("conflict", config)(ConflictConfig())
 
 
 def test_with_the_ego_on_its_log_nobody_is_taken_over(make_scenario, track, drive, lane_centres) -> None:

@@ -48,10 +48,6 @@ def test_behind_the_log_it_accelerates_and_ahead_of_it_it_brakes() -> None:
     assert catch_up(0.0, 9.0, 10.0, 0.0) == pytest.approx(SPEED_GAIN)
 
 
-def test_the_gains_are_critically_damped() -> None:
-    assert pytest.approx(2.0 * np.sqrt(POSITION_GAIN)) == SPEED_GAIN
-
-
 @given(st.floats(-500, 500), st.floats(0, 40), st.floats(0, 40), st.floats(-8, 8))
 def test_comfort_bounds_are_never_exceeded(lag: float, speed: float, log_speed: float, log_acceleration: float) -> None:
     wanted = catch_up(lag, speed, log_speed, log_acceleration)

@@ -135,17 +135,13 @@ def test_weights_come_back(policy, seen, tmp_path: Path) -> None:
     assert again.observation == policy.observation
 
 
-def test_another_observation_comes_back(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "config", [ObservationConfig("distance", 5, 40.0), ObservationConfig(ahead=True), ObservationConfig(residual=True)]
+)
+def test_what_is_observed_comes_back(tmp_path: Path, config: ObservationConfig) -> None:
     path = tmp_path / "w.safetensors"
-    save(GaussianPolicy(ObservationConfig("distance", 5, 40.0)), path)
-    assert PolicyNetwork.load(path).observation == ObservationConfig("distance", 5, 40.0)
-
-
-@pytest.mark.parametrize("field", ["ahead", "residual"])
-def test_what_else_is_observed_comes_back(tmp_path: Path, field: str) -> None:
-    path = tmp_path / "w.safetensors"
-    save(GaussianPolicy(ObservationConfig(**{field: True})), path)
-    assert PolicyNetwork.load(path).observation == ObservationConfig(**{field: True})
+    save(GaussianPolicy(config), path)
+    assert PolicyNetwork.load(path).observation == config
 
 
 def changed(path: Path, out: Path, tensors: dict[str, torch.Tensor | None], **metadata: str) -> Path:

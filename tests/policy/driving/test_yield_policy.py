@@ -99,10 +99,7 @@ def test_policies_have_names(make_scenario, track) -> None:
 # Following
 
 
-@pytest.mark.parametrize(
-    ("speed", "gap", "braking"),
-    [(5.0, 4.0, 8.0), (5.0, 25.0, 4.0), (10.0, 4.0, 6.0), (10.0, 15.0, 8.0), (20.0, 8.0, 6.0), (20.0, 25.0, 8.0)],
-)
+@pytest.mark.parametrize(("speed", "gap", "braking"), [(5.0, 4.0, 8.0), (10.0, 15.0, 8.0), (20.0, 8.0, 6.0)])
 def test_it_never_drives_into_an_ego_that_stops_ahead(
     make_scenario, track, drive, speed: float, gap: float, braking: float
 ) -> None:

@@ -208,13 +208,6 @@ def test_it_stops_and_never_reverses(make_scenario, track, drive) -> None:
     assert np.diff(run.series(1, "x")).min() >= 0.0
 
 
-def test_it_does_not_brake_for_a_leader_of_itself(make_scenario, track) -> None:
-    """It is free to be wrong: what becomes of that is for the others to resolve."""
-    scenario = make_scenario(track(1, x=100.0), track(2, x=107.0, speed=0.0))
-    command = ego_with(scenario, straight).plan(scenario.log.table(5))
-    assert command.acceleration == pytest.approx(0.0, abs=1e-9)
-
-
 def test_it_sees_as_far_as_its_parameter_says(make_scenario, track) -> None:
     """BAT has learned from those up to 62 m away: one who stands 45 m ahead matters, unless it is not shown."""
     me, other = track(1, x=20.0, speed=12.0, last=60), track(2, x=101.0, speed=0.0, last=60)

@@ -60,13 +60,6 @@ def test_the_lane_is_chosen_once(make_scenario, track, drive, lane_centres) -> N
     assert offset.max() > 1.85 and abs(offset[-1]) < 0.05
 
 
-def test_the_idm_ego_keeps_its_lane_where_its_log_leaves_it(make_scenario, track, drive, lane_centres) -> None:
-    scenario = make_scenario(track(1, x=100.0, y=lane_centres[1], yaw=-0.05, last=100))
-    run = drive(scenario, "idm")
-    assert np.abs(run.series(1, "y")[60:] - lane_centres[1]).max() < 0.1
-    assert run.from_log(1, 100) > 3.0
-
-
 @pytest.mark.parametrize(("logged", "least"), [(16.0, 20.0), (6.0, 10.0)])
 def test_on_a_free_road_the_idm_ego_drives_at_its_desired_speed_and_not_at_its_log(
     make_scenario, track, drive, logged: float, least: float

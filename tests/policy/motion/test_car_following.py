@@ -46,23 +46,9 @@ def test_a_follower_settles_at_the_equilibrium_gap_without_touching(leader_speed
     assert gap == pytest.approx(wanted, abs=0.15) and speed == pytest.approx(leader_speed, abs=0.02)
 
 
-@given(st.floats(0.0, 40.0), st.floats(-50.0, 100.0), st.floats(-30.0, 40.0))
-def test_acceleration_stays_within_its_bounds_even_where_boxes_touch(
-    speed: float, gap: float, leader_speed: float
-) -> None:
-    assert -IDM.braking_max <= behind(speed, gap, leader_speed) <= IDM.acceleration
-
-
 def test_someone_too_close_is_braked_for_as_hard_as_the_cap_allows() -> None:
     assert behind(20.0, 1.0, 0.0) == -8.0
     assert behind(20.0, 1.0, 0.0, IdmConfig(braking_max=5.0)) == -5.0
-
-
-@given(st.floats(0.0, 30.0), st.lists(st.tuples(st.floats(0.5, 90.0), st.floats(0.0, 30.0)), min_size=1, max_size=5))
-def test_the_most_demanding_leader_decides(speed: float, leaders: list[tuple[float, float]]) -> None:
-    gaps, speeds = (np.array(column) for column in zip(*leaders, strict=True))
-    alone = min(behind(speed, gap, leader_speed) for gap, leader_speed in leaders)
-    assert idm_acceleration(IDM, speed, IDM.desired_speed, gaps, speeds) == pytest.approx(alone)
 
 
 @given(st.integers(0, 2**32))

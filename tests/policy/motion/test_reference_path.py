@@ -22,8 +22,6 @@ from litsim_sim.core.dynamics import Motion, VehicleLimits, bicycle_step
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.scenario.batched import BatchedScenario
 
-FAR = 1e4  # [m] by which shapely's lines are prolonged, as ours are without end
-
 
 @st.composite
 def winding_paths(draw: st.DrawFn) -> ReferencePath:
@@ -37,37 +35,12 @@ def winding_paths(draw: st.DrawFn) -> ReferencePath:
     return ReferencePath.of(start + np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]))
 
 
-def prolonged(path: ReferencePath) -> shapely.LineString:
-    first, last = path.points[1] - path.points[0], path.points[-1] - path.points[-2]
-    start = path.points[0] - FAR * first / np.hypot(*first)
-    end = path.points[-1] + FAR * last / np.hypot(*last)
-    return shapely.LineString(np.concatenate([[start], path.points, [end]]))
-
-
 def project(path: ReferencePath, x: float, y: float) -> tuple[float, float]:
     s, d = path.project(np.array([x]), np.array([y]))
     return float(s[0]), float(d[0])
 
 
 # ReferencePath
-
-
-@given(winding_paths(), st.floats(-150, 150), st.floats(-150, 150))
-def test_the_projection_is_the_nearest_point_of_the_prolonged_path(path: ReferencePath, x: float, y: float) -> None:
-    s, d = project(path, x, y)
-    nearest = shapely.distance(prolonged(path), shapely.Point(x, y))
-    assert np.hypot(*(path.point(s) - [x, y])) == pytest.approx(nearest, abs=1e-6)
-    assert abs(d) <= nearest + 1e-6
-
-
-@given(winding_paths(), st.floats(-0.5, 1.5))
-def test_points_of_a_path_are_those_of_shapely_and_project_onto_themselves(path: ReferencePath, share: float) -> None:
-    s = share * path.s[-1]
-    point = path.point(s)
-    line = prolonged(path)
-    assert point == pytest.approx(np.array(line.interpolate(s + FAR).coords[0]), abs=1e-6)
-    _, d = project(path, *point)
-    assert d == pytest.approx(0.0, abs=1e-6)
 
 
 @given(winding_paths())
@@ -160,12 +133,6 @@ def follow(path: ReferencePath, x: float, y: float, yaw: float, speed: float, st
         motion = bicycle_step(motion, 4.5 * one, 0 * one, rate * one, VehicleLimits())
         offsets.append(project(path, motion.x[0], motion.y[0])[1])
     return np.array(offsets)
-
-
-def test_pursuit_turns_towards_the_path() -> None:
-    assert pursuit_yaw_rate(STRAIGHT, 10.0, 1.0, 0.0, 10.0) < 0.0 < pursuit_yaw_rate(STRAIGHT, 10.0, -1.0, 0.0, 10.0)
-    assert pursuit_yaw_rate(STRAIGHT, 10.0, 0.0, 0.2, 10.0) < 0.0 < pursuit_yaw_rate(STRAIGHT, 10.0, 0.0, -0.2, 10.0)
-    assert pursuit_yaw_rate(STRAIGHT, 10.0, 0.0, 0.0, 10.0) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_at_rest_pursuit_does_not_turn() -> None:

@@ -134,16 +134,6 @@ def test_a_goal_on_a_turn_inside_a_junction_is_reached(town, town_router) -> Non
     assert reached > 10
 
 
-def test_the_way_is_along_the_connections(town, town_router) -> None:
-    for first, inner, last in turns(town):
-        way = town_router.lanes_between(first, last)
-        assert way is not None
-        for a, b in pairwise(way):
-            lane, following = town.lanes[a], town.lanes[b]
-            assert following.id in (*lane.successors, lane.left, lane.right)
-        assert way[0] == first and way[-1] == last and (inner in way or len(way) > 3)
-
-
 @pytest.mark.parametrize("net", ["i80", "us101", "us101_like", "urban_like"])
 def test_ways_are_those_that_scipy_finds(net: str) -> None:
     lane_map = LaneMap.from_net(packaged(f"nets/{net}.net.xml"))

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from litsim_predictor.inference import GRAPHS, SHIPPED
-from litsim_predictor.inference.contract import HORIZON, MANEUVERS, AgentFutures, Network, NetworkOfManeuvers
+from litsim_predictor.inference.contract import MANEUVERS, AgentFutures, Network, NetworkOfManeuvers
 from litsim_predictor.inference.networks import compiled
 from litsim_predictor.inference.weights import packaged, weights_path
 from litsim_predictor.models import make_predictor
@@ -50,18 +50,6 @@ def assert_same_bits(a: AgentFutures, b: AgentFutures) -> None:
     for one, other in ((own_arrays(a), own_arrays(b)), (vars(a.further), vars(b.further))):
         for name, values in one.items():
             assert np.array_equal(values, other[name]), name
-
-
-@pytest.mark.parametrize("name", SHIPPED)
-def test_scenes_of_any_size_are_answered(name: str) -> None:
-    answer = network(name)
-    for agents in (1, 2, 13, 14, 60):
-        out = answer(scene(agents), np.arange(agents))
-        assert out.maneuver.shape == (agents, len(MANEUVERS)) and out.mean.shape == (agents, HORIZON, 2)
-        assert out.scale.shape == (agents, HORIZON, 2) and out.correlation.shape == (agents, HORIZON)
-        assert all(np.isfinite(values).all() for values in own_arrays(out).values())
-        assert out.maneuver.sum(axis=1) == pytest.approx(np.ones(agents), abs=1e-5)
-        assert (out.scale > 0.0).all() and (np.abs(out.correlation) < 1.0).all()
 
 
 @pytest.mark.parametrize("name", SHIPPED)

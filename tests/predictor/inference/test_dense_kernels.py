@@ -36,15 +36,6 @@ def test_products_of_any_size(rows: int, inner: int, columns: int) -> None:
     np.testing.assert_allclose(out, np.maximum(product + bias, 0.0), atol=1e-4)
 
 
-def test_rows_have_the_same_bits_alone() -> None:
-    values, weight, bias = draw(11, 34), draw(34, 21, seed=1), draw(21, seed=2)
-    out, alone = np.empty((11, 21), np.float32), np.empty((1, 21), np.float32)
-    linear(values, weight, bias, out)
-    for row in range(11):
-        linear(values[row : row + 1], weight, bias, alone)
-        assert np.array_equal(alone[0], out[row])
-
-
 @pytest.mark.parametrize("rows", [1, 3, 4, 9])
 @pytest.mark.parametrize("columns", [1, 7, 8, 16, 24, 32, 48, 61, 96])
 def test_terms_are_multiplied_and_added_at_once_one_after_the_other(rows: int, columns: int) -> None:

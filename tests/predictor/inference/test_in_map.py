@@ -11,7 +11,7 @@ import pytest
 
 from litsim_predictor.forecast import Forecast
 from litsim_predictor.inference.contract import AgentFutures, FurtherFutures
-from litsim_predictor.inference.in_map import forecast_in_map, headings
+from litsim_predictor.inference.in_map import forecast_in_map
 from litsim_sim.core.scene import AgentTable
 
 Build = Callable[..., AgentTable]
@@ -54,9 +54,3 @@ def test_what_is_no_number_is_not_valid(agent_table: Build) -> None:
     assert placed(agent_table).valid.all() and len(placed(agent_table).modes) == 1
     broken = placed(agent_table, further=math.nan)
     assert broken.valid.all() and not len(broken.modes)
-
-
-def test_headings_follow_the_path_and_rest_with_the_vehicle() -> None:
-    mean = np.array([[[1.0, 0.0], [2.0, 1.0], [2.0, 1.0], [2.0, 2.0]], [[0.0, 0.0]] * 4])
-    found = headings(mean, np.zeros((2, 2)), np.array([0.3, 0.7]))
-    assert found == pytest.approx(np.array([[0.0, np.pi / 4, np.pi / 4, np.pi / 2], [0.7] * 4]))

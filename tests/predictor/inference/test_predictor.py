@@ -58,11 +58,6 @@ def assert_sane(out: Forecast, ids: list[int]) -> None:
     assert out.maneuver_probability.sum(axis=1) == pytest.approx(np.ones(n), abs=1e-5)
 
 
-def test_agents_of_interest_are_forecast(predictor: LearnedPredictor, agent_table: Build) -> None:
-    out = drive(predictor, agent_table, agent(1, 100.0), agent(2, 120.0), agent(3, 300.0))
-    assert_sane(out, [1, 2])
-
-
 def test_odd_scenes_are_answered(predictor: LearnedPredictor, agent_table: Build) -> None:
     assert_sane(drive(predictor, agent_table, agent(1, 100.0), steps=1), [1])
     stopped = [agent(k, 100.0 + 7.0 * k, speed=0.0) for k in range(1, 5)]
