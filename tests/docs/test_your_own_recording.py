@@ -87,13 +87,3 @@ def test_every_command_of_the_page(checkout: Path) -> None:
             at = found.end()
     for made in ("check.png", "tracks.html", "litsim/report.html", "campaign/experiment.html", "campaign/junit.xml"):
         assert (checkout / "mine" / made).stat().st_size > 1000, made
-
-
-def test_the_made_intersection_is_the_same_each_time() -> None:
-    import made_intersection
-
-    made = made_intersection.tracks()
-    assert len(made) > 10_000 and set(made["Class"]) == {"Car", "Van", "Truck", "Pedestrian", "Bicycle"}
-    once = made_intersection.Street(5).run()
-    again = made_intersection.Street(5).run()
-    assert [driver.rows for driver in once] == [driver.rows for driver in again]

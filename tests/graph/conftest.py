@@ -222,7 +222,9 @@ def _record(folder: Path, ego: str, policy: str) -> None:
     made = Graph(folder, -1)
     try:
         words = ("--scenario", made.scenario(), "--ego", ego, "--policy", policy, "--out", folder / "run")
-        done = made.launch(*words)
+        many = ("--set", "bridge.external_timeout_s=100.0")  # an option of many values before the command
+        stack = (*many, "--", sys.executable, HERE / "external_ego.py") if ego == "external" else ()
+        done = made.launch(*words, *stack)
         assert not made.running()
     finally:
         made.close()
@@ -231,7 +233,10 @@ def _record(folder: Path, ego: str, policy: str) -> None:
 
 @pytest.fixture(scope="session")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Recorded]:
-    """Launches a run of SHORT; the same one only once, whichever of pytest's processes asks for it first."""
+    """Launches a run of SHORT, an external ego being external_ego.py.
+
+    The same one is launched only once, whichever of pytest's processes asks for it first.
+    """
     shared = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         shared = shared.parent  # of all processes of this session

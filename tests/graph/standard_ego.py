@@ -18,7 +18,7 @@ STEP_NS = 100_000_000
 LEAVING_S = 3.0
 """[s] for which it is still there: the name of its node reaches a busy machine's bridge after what it publishes."""
 RELIABILITY = {"reliable": ReliabilityPolicy.RELIABLE, "best_effort": ReliabilityPolicy.BEST_EFFORT}
-FAULTS = ("none", "teleport", "flood", "silence", "death", "slow", "steady")
+FAULTS = ("none", "flood", "silence", "death", "slow", "steady")
 SLOW_S, SLOW_STEPS = 1.3, 2  # [s] for an answer, and the number of steps, from 0 on, for which it takes so long
 STEADY_S = 0.1  # [s] for every step, but not for its repetitions
 
@@ -44,7 +44,6 @@ class StandardEgo(Node):
     def on_state(self, state: Odometry) -> None:
         step = Time.from_msg(state.header.stamp).nanoseconds // STEP_NS
         fault = self.options.fault if step >= self.options.at else "none"
-        once = fault if step == self.options.at else "none"
         if self.options.fault == "slow" and step < SLOW_STEPS:
             time.sleep(SLOW_S)
         if self.options.fault == "steady" and step > self.seen:
@@ -55,10 +54,10 @@ class StandardEgo(Node):
             os._exit(3)
         if fault == "silence":
             return
-        self.last = self.answer(state, step, once)
+        self.last = self.answer(state, step)
         self.publisher.publish(self.last)
 
-    def answer(self, state: Odometry, step: int, fault: str) -> Path | TwistStamped:
+    def answer(self, state: Odometry, step: int) -> Path | TwistStamped:
         speed = state.twist.twist.linear.x
         if not self.path:
             twist = TwistStamped()
@@ -73,8 +72,7 @@ class StandardEgo(Node):
         for ahead in range(21):
             pose = PoseStamped()
             pose.header.stamp = Time(nanoseconds=(step + ahead) * STEP_NS).to_msg()
-            jump = 25.0 if fault == "teleport" and ahead >= 5 else 0.0
-            pose.pose.position.x, pose.pose.position.y = at.x + 0.1 * ahead * speed, at.y + jump
+            pose.pose.position.x, pose.pose.position.y = at.x + 0.1 * ahead * speed, at.y
             path.poses.append(pose)
         return path
 

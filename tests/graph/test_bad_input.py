@@ -29,50 +29,42 @@ def test_parameters(graph: Any, program: tuple[str, str], arguments: tuple[str, 
     assert expected in line
 
 
-def start_graph(graph: Any, *, broken: bool = False, **bridge: Any) -> tuple[Any, Any, dict[str, Any]]:
-    """Every node one by one, but without a conflict stage, or with a `broken` one: bridge, recorder, stages."""
-    programs = {
-        "predictor": ("litsim_predictor", "predictor"),
-        "policy": ("litsim_policy", "policy"),
-        "ego": ("litsim_policy", "ego"),
-    }
-    stages = {name: graph.start_node(*program) for name, program in programs.items()}
-    if broken:
-        stages["conflict"] = graph.start_script("broken_stage.py")
-    recorder = graph.start_node("litsim_sim", "recorder", output=graph.folder / "run")
-    for node in (*stages.values(), recorder):
+STAGES = {
+    "predictor": ("litsim_predictor", "predictor"),
+    "policy": ("litsim_policy", "policy"),
+    "ego": ("litsim_policy", "ego"),
+}
+
+
+def run_beside(graph: Any, stages: list[Any], name: str, **bridge: Any) -> str:
+    """The one error of a bridge that gives up; its recorder ends well."""
+    recorder = graph.start_node("litsim_sim", "recorder", output=graph.folder / name)
+    for node in (*stages, recorder):
         assert "waiting for a run on /litsim/run_info" in node.stderr.readline()
     parameters = {"scenario": graph.scenario(), "progress": "none"} | bridge
-    return graph.start_node("litsim_sim", "bridge", **parameters), recorder, stages
-
-
-def error_of(graph: Any, bridge: Any) -> str:
-    """The one error of a bridge that gave up."""
-    done = graph.finish(bridge)
+    done = graph.finish(graph.start_node("litsim_sim", "bridge", **parameters))
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
+    assert graph.finish(recorder).returncode == 0
     (line,) = (line for line in done.stderr.splitlines() if line.startswith("error: "))
     return line
 
 
-def test_stage_that_is_not_there_is_named(graph: Any) -> None:
-    bridge, recorder, stages = start_graph(graph, handshake_timeout_s=HANDSHAKE_S)
-    line = error_of(graph, bridge)
+def test_a_stage_that_is_not_there_is_named_and_one_that_fails_is_quoted_in_one_line(graph: Any) -> None:
+    """Every node is started by itself, conflict only after a run that lacks it; the others wait for the next one."""
+    stages = [graph.start_node(*program) for program in STAGES.values()]
+    line = run_beside(graph, stages, "without", handshake_timeout_s=HANDSHAKE_S)
     assert line.startswith("error: conflict: no READY for run short-idm-litsim-13-0-")
     assert line.endswith(
         f" on /litsim/status within {HANDSHAKE_S:g} s; is the node running in ROS_DOMAIN_ID {graph.domain}?"
     )
-    assert graph.finish(recorder).returncode == 0
-    assert all(stage.poll() is None for stage in stages.values())  # they wait for the next run
+    assert all(stage.poll() is None for stage in stages)
 
-
-def test_stage_that_fails_is_quoted_in_one_line(graph: Any) -> None:
-    bridge, recorder, stages = start_graph(graph, broken=True)
-    line = error_of(graph, bridge)
+    conflict = graph.start_script("broken_stage.py")
+    line = run_beside(graph, [conflict], "broken")
     assert line.startswith("error: conflict: step 5: ZeroDivisionError: ")
     assert "(broken_stage.py, line " in line
-    assert graph.finish(recorder).returncode == 0
-    status, said = graph.end(stages["conflict"], signal.SIGINT)
+    status, said = graph.end(conflict, signal.SIGINT)
     assert status == 0
     assert said.count("Traceback") == 1  # in the log of the stage alone
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import signal
 import subprocess
@@ -11,7 +10,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import pytest
 import yaml
 from junitparser import JUnitXml
 
@@ -142,22 +140,3 @@ def test_an_interrupted_campaign_ends_its_graphs_in_good_order(graph: Any) -> No
     assert status == 130 and "Traceback" not in said
     assert not graph.running()
     assert json.loads((graph.folder / "out/results.json").read_text())["runs"] == []
-
-
-def test_on_a_cluster_a_run_whose_worker_is_lost_is_done_again_and_no_other(graph: Any) -> None:
-    pytest.importorskip("ray", reason="Ray is not installed (requirements/ray.txt)")
-    counted = {"name": "counted", "kind": "external"}
-    counted["command"] = ["sh", "-c", f'echo >> {graph.folder}/starts; exec "$@"', "stack", *STACK]  # type: ignore[assignment]
-    campaign = start(graph, suite(graph, [counted], [13, 21]), "--ray", "local", "--processes", 2)
-    graph.wait("the runs", lambda: len(list(graph.folder.glob("out/runs/*/run/*.mcap"))) == 2)
-    worker = next(process for process, line in graph.running().items() if line.startswith("ray::short/"))
-    os.kill(worker, signal.SIGKILL)
-    done = graph.finish(campaign)
-    assert done.returncode == 0, done.stderr
-    results = read_campaign(graph.folder / "out").results
-    assert [(result.case.ego_id, result.verdict) for result in results] == [(13, "passed"), (21, "passed")]
-    assert len((graph.folder / "starts").read_text().splitlines()) == 3, "two runs, one of them twice"
-    for result in results:
-        assert result.recording
-        assert read_run(graph.folder / "out/runs" / result.case.id / result.recording).complete
-    graph.wait("the end of the cluster", lambda: not graph.running())

@@ -22,7 +22,6 @@ def stop_amid_run(graph: Any, executable: str, timeout: float) -> Any:
     bag, go = graph.folder / "run", graph.folder / "go"
     graph.start_script("external_ego.py", "--hold-at", AT, "--until", go)
     words = ("--scenario", graph.scenario(), "--ego", "external", "--policy", "litsim", "--out", bag)
-    words += () if executable == "stages" else ("--apart",)
     launcher = graph.start_launch(*words, "--domain-id", graph.domain, "--answer-timeout", timeout)
     log = bag / "log/bridge.log"
     graph.wait(f"step {AT}", lambda: log.is_file() and f"step {AT}: waiting for /litsim/ego/" in log.read_text())
@@ -31,7 +30,7 @@ def stop_amid_run(graph: Any, executable: str, timeout: float) -> Any:
     return launcher
 
 
-@pytest.mark.parametrize("executable", ["bridge", "stages", "recorder"])
+@pytest.mark.parametrize("executable", ["stages", "recorder"])
 def test_who_is_stopped_and_goes_on_in_time_does_not_end_the_run(graph: Any, executable: str) -> None:
     launcher = stop_amid_run(graph, executable, PATIENT)
     time.sleep(PAUSE_S)

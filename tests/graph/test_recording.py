@@ -72,13 +72,9 @@ def test_rosbags_reads_the_folder(recorded: Any) -> None:
     assert types["/litsim/ego/state"] == "nav_msgs/msg/Odometry"
 
 
-def test_metadata_is_that_of_rosbag2(recorded: Any) -> None:
+def test_the_metadata_tell_the_qos_and_the_type_of_every_topic(recorded: Any) -> None:
     run = recorded("idm", "litsim")
     information = yaml.safe_load((run.bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    assert information["version"] == 9
-    assert information["storage_identifier"] == "mcap"
-    assert information["ros_distro"] == "jazzy"
-    assert information["relative_file_paths"] == [find_mcap(run.bag).name] == ["run_0.mcap"]
     assert information["duration"] == {"nanoseconds": 35 * STEP_NS}
     topics = {t["topic_metadata"]["name"]: t for t in information["topics_with_message_count"]}
     assert {name: topics[name]["message_count"] for name in BY_STEP_FIELD} == dict.fromkeys(BY_STEP_FIELD, 36)

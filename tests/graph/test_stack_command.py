@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import html
-import json
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 from litsim_eval.analysis.metrics import compute_metrics
-from litsim_sim.record.bag import FAILURE_FILE
 from litsim_sim.record.run import read_run
 
 STACK = (sys.executable, str(Path(__file__).with_name("external_ego.py")))
@@ -20,25 +18,6 @@ EXTERNAL = ("--ego", "external", "--policy", "replay", "--quiet")
 def launch(graph: Any, *stack: object, options: tuple[object, ...] = ()) -> subprocess.CompletedProcess[str]:
     words = ("--scenario", graph.scenario(), "--out", graph.folder / "run", *EXTERNAL, *options)
     return graph.launch(*words, "--", *stack)
-
-
-def test_it_drives_in_a_domain_that_nobody_had_to_choose(graph: Any) -> None:
-    options = ("--set", "bridge.external_timeout_s=100.0")  # an option of many values before the command
-    done = launch(graph, *STACK, options=options)
-    assert (done.returncode, done.stderr) == (0, "")
-    metrics = json.loads((graph.folder / "run/metrics.json").read_text())
-    assert (metrics["valid"], metrics["ego"], metrics["lockstep"]["ego_port"]["answered"]) == (True, "external", 36)
-    assert (graph.folder / "run/log/ads.log").is_file()
-    assert not graph.running()
-
-
-def test_one_that_ends_before_the_run_fails_it(graph: Any) -> None:
-    done = launch(graph, "sh", "-c", "sleep 1; echo far; kill -SEGV $$")
-    assert done.returncode == 1
-    (error,) = done.stderr.splitlines()
-    assert error.startswith("error: the stack (sh ") and "was ended by SIGSEGV: far" in error
-    assert not graph.running()
-    assert (graph.folder / "run" / FAILURE_FILE).read_text().strip() in error
 
 
 def test_why_it_has_ended_is_told_by_what_the_run_leaves(graph: Any) -> None:
