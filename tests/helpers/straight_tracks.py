@@ -44,7 +44,7 @@ def table(*vehicles: tuple[int, float, float, float], frames: int = 90, yaw: flo
     return pd.concat(rows, ignore_index=True)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def straight() -> Callable[..., pd.DataFrame]:
     """See :func:`table`."""
     return table

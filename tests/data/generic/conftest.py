@@ -11,7 +11,7 @@ import pytest
 CURVE_S = 12.0  # [s] of each track
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def traffic() -> Callable[..., pd.DataFrame]:
     """Five cars on a left-hand bend, in SI units and mathematical angles, at 25 Hz; by keyword, factors of columns."""
 

@@ -35,10 +35,15 @@ def converted(folder: Path, table: pd.DataFrame, **fields: Any) -> pd.DataFrame:
     return convert(folder / "in.parquet", Mapping.model_validate(FIELDS | fields))[0].table
 
 
-def test_a_right_mapping_is_taken(tmp_path: Path, traffic: Traffic) -> None:
-    table = converted(tmp_path, traffic())
-    assert table["vehicle_id"].nunique() == 5
-    assert table["speed"].max() == pytest.approx(11.0)
+@pytest.fixture(scope="module")
+def right(tmp_path_factory: pytest.TempPathFactory, traffic: Traffic) -> pd.DataFrame:
+    """What conversion makes of the traffic."""
+    return converted(tmp_path_factory.mktemp("right"), traffic())
+
+
+def test_a_right_mapping_is_taken(right: pd.DataFrame) -> None:
+    assert right["vehicle_id"].nunique() == 5
+    assert right["speed"].max() == pytest.approx(11.0)
 
 
 @pytest.mark.parametrize(
@@ -51,11 +56,12 @@ def test_a_right_mapping_is_taken(tmp_path: Path, traffic: Traffic) -> None:
         ({"length": FOOT, "width": FOOT}, r"wider than 5\.91 m, .*; units.size ft would fit", {"size": "ft"}),
     ],
 )
-def test_units(tmp_path: Path, traffic: Traffic, factors: dict[str, float], said: str, mended: dict[str, str]) -> None:
+def test_units(
+    tmp_path: Path, traffic: Traffic, right: pd.DataFrame, factors: dict[str, float], said: str, mended: dict[str, str]
+) -> None:
     table = traffic(**factors)
     with pytest.raises(InputError, match=said):
         converted(tmp_path, table)
-    right = converted(tmp_path, traffic())
     pd.testing.assert_frame_equal(converted(tmp_path, table, units=mended), right, atol=1e-6, rtol=0.0)
 
 
@@ -72,20 +78,21 @@ def test_units(tmp_path: Path, traffic: Traffic, factors: dict[str, float], said
     ],
 )
 def test_conventions_of_headings(
-    tmp_path: Path, traffic: Traffic, change: Callable[[pd.Series], pd.Series], mended: dict[str, str], said: str
+    tmp_path: Path, traffic: Traffic, right: pd.DataFrame, change: Any, mended: dict[str, str], said: str
 ) -> None:
     table = traffic().assign(heading=lambda rows: change(rows["heading"]))
     with pytest.raises(InputError, match=said):
         converted(tmp_path, table)
-    right = converted(tmp_path, traffic())
     pd.testing.assert_frame_equal(converted(tmp_path, table, angles=mended), right, atol=1e-6, rtol=0.0)
 
 
-def test_a_mirrored_source_needs_its_mirror_for_positions_only(tmp_path: Path, traffic: Traffic) -> None:
+def test_a_mirrored_source_needs_its_mirror_for_positions_only(
+    tmp_path: Path, traffic: Traffic, right: pd.DataFrame
+) -> None:
     """Headings turn with the axes: those of an image, whose y grows downwards, agree with motion in it."""
     table = traffic().assign(y=lambda rows: -rows["y"], heading=lambda rows: -rows["heading"])
     mirrored = converted(tmp_path, table, transform={"mirror_y": True})
-    pd.testing.assert_frame_equal(mirrored, converted(tmp_path, traffic()), atol=1e-6, rtol=0.0)
+    pd.testing.assert_frame_equal(mirrored, right, atol=1e-6, rtol=0.0)
     turned = converted(tmp_path, table, transform={"mirror_y": True, "yaw_deg": 40.0})
     assert turned["yaw"].iloc[0] == pytest.approx(np.deg2rad(40.0), abs=1e-6)
     with pytest.raises(InputError, match=r"angles\.positive clockwise would fit"):

@@ -117,26 +117,6 @@ def test_frame_numbers_at_10_hz_stay(tmp_path: Path) -> None:
     assert made(tmp_path, source, FRONT).table["frame"].tolist() == list(range(4000, 4031))
 
 
-def test_units_and_angles(tmp_path: Path) -> None:
-    """Feet, km/h, degrees clockwise from +y, milliseconds since 1970."""
-    source = straight()
-    source = source.assign(
-        px=source["px"] / 0.3048,
-        py=source["py"] / 0.3048,
-        l=source["l"] / 0.3048,
-        w=source["w"] / 0.3048,
-        h=90.0 - np.rad2deg(source["h"]),
-        v=3.6 * source["v"],
-        t=1.6e12 + 1000.0 * source["t"],
-    )
-    columns = BOX["columns"] | {"speed": "v"}  # type: ignore[operator]
-    units = {"position": "ft", "size": "ft", "speed": "km/h", "angle": "deg", "time": "ms"}
-    angles = {"zero": "y", "positive": "clockwise"}
-    ours = made(tmp_path, source, BOX | {"columns": columns, "units": units, "angles": angles}).table
-    plain = made(tmp_path, straight(), BOX).table
-    pd.testing.assert_frame_equal(ours, plain, atol=1e-5, rtol=0.0)
-
-
 def test_transform_and_mirror(tmp_path: Path) -> None:
     """A picture's axes (y down) become a right-handed frame; then a quarter turn and a shift."""
     transform = {"yaw_deg": 90.0, "x": 100.0, "y": 10.0, "mirror_y": True}
@@ -410,9 +390,9 @@ def test_dates_are_times(tmp_path: Path, name: str) -> None:
         made(tmp_path, straight().assign(t=stamps.where(stamps.index != 4)), BOX, name)
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+@pytest.mark.parametrize(("unit", "factor"), [("s", 1.0), ("ns", 1e9)])
 def test_no_frame_is_lost_by_the_size_of_a_clock(tmp_path: Path, unit: str, factor: float) -> None:
-    for begin in np.linspace(0.0, 0.9, 10):
+    for begin in (0.0, 0.3, 0.7):
         late = straight().assign(t=lambda rows, begin=begin: np.round((1.7e9 + begin + rows["t"]) * factor, 1))
         table = made(tmp_path, late, BOX | {"units": {"time": unit}}).table
         assert len(table) == 31

@@ -337,7 +337,7 @@ def test_a_file_that_is_cut_off(text: Path, tmp_path: Path) -> None:
 
 
 def test_frames_at_another_rate(text: Path, tmp_path: Path) -> None:
-    rows = made(rows=60000)
+    rows = made(rows=8000)
     write_text(rows.assign(time_ms=rows["time_ms"].min() + 3000 * (rows["frame"] - rows["frame"].min())), text)
     with pytest.raises(InputError, match=r"line \d+: Frame_ID \d+ at Global_Time \d+: .* do not run together at 10 Hz"):
         ngsim.convert(text, tmp_path / "out.parquet")
