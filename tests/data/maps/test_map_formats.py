@@ -364,9 +364,52 @@ def test_opendrive_that_is_missing_or_malformed(tmp_path: Path) -> None:
         import_opendrive(tmp_path / "bad.xodr", tmp_path / "a.net.xml")
 
 
-def test_opendrive_with_a_direct_junction(tmp_path: Path) -> None:
-    (tmp_path / "direct.xodr").write_text(XODR.replace("</OpenDRIVE>", '<junction id="9" type="direct"/></OpenDRIVE>'))
-    with pytest.raises(InputError, match=r"direct\.xodr: junction 9 is direct, of roads that follow"):
+def direct_junction(main_at: str = "start") -> str:
+    """A two-way road (1) with two lanes to the east, of which the right one becomes a ramp (3), the other road 2."""
+
+    def road(number: int, x: float, y: float, link: str, left: int, right: int) -> str:
+        sides = [f"<{side}>{''.join(lanes)}</{side}>" for side, lanes in (
+            ("left", [LANE.format(id=one) for one in range(left, 0, -1)]),
+            ("center", ['<lane id="0" type="none" level="false"/>']),
+            ("right", [LANE.format(id=-one) for one in range(1, right + 1)]),
+        ) if lanes]  # fmt: skip
+        return (
+            f'<road name="" length="100" id="{number}" junction="-1"><link>{link}</link><planView><geometry s="0" '
+            f'x="{x}" y="{y}" hdg="0" length="100"><line/></geometry></planView><lanes><laneSection s="0">'
+            f"{''.join(sides)}</laneSection></lanes></road>"
+        )
+
+    at = '<{} elementType="junction" elementId="9"/>'
+    roads = road(1, 0, 0, at.format("successor"), 1, 2) + road(2, 100, 0, at.format("predecessor"), 1, 1)
+    roads += road(3, 100, -3.5, at.format("predecessor"), 0, 1)
+    return (
+        f'<?xml version="1.0"?><OpenDRIVE><header revMajor="1" revMinor="7"/>{roads}<junction id="9" type="direct">'
+        f'<connection id="0" incomingRoad="1" linkedRoad="2" contactPoint="{main_at}"><laneLink from="1" to="1"/>'
+        f'<laneLink from="-1" to="-1"/></connection><connection id="1" incomingRoad="1" linkedRoad="3" '
+        f'contactPoint="start"><laneLink from="-2" to="-1"/></connection></junction></OpenDRIVE>'
+    )
+
+
+def test_direct_junctions_of_opendrive_join_roads_in_both_directions(tmp_path: Path) -> None:
+    (tmp_path / "direct.xodr").write_text(direct_junction())
+    import_opendrive(tmp_path / "direct.xodr", tmp_path / "a.net.xml")
+    lane_map = LaneMap.from_net(tmp_path / "a.net.xml")
+    for begin, end, heading in (
+        ((50.0, -1.75), (150.0, -1.75), 0.0),  # to the east
+        ((50.0, -5.25), (150.0, -5.25), 0.0),  # onto the ramp
+        ((150.0, 1.75), (50.0, 1.75), np.pi),  # to the west
+    ):
+        here, there = lane_map.nearest(*np.array([(*begin, heading), (*end, heading)]).T).lane.tolist()
+        assert lane_map.road_ahead(here)[0] == there != here
+        path = lane_map.path_from(here, 50.0, 100.0)
+        assert np.abs(path[:, 1] - begin[1]).max() < 0.01
+    assert connectivity(lane_map).crossings == ()
+
+
+def test_direct_junctions_that_cannot_be_read(tmp_path: Path) -> None:
+    (tmp_path / "direct.xodr").write_text(direct_junction("end"))
+    told = r"direct\.xodr: connection 0 of the direct junction 9 joins two roads at their ends, expected the start"
+    with pytest.raises(InputError, match=told):
         import_opendrive(tmp_path / "direct.xodr", tmp_path / "a.net.xml")
 
 

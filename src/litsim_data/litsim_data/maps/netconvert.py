@@ -16,6 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+from litsim_data.maps.direct_junctions import with_connecting_roads
 from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.files import replacing
@@ -103,11 +104,11 @@ def import_opendrive(source: Path, path: Path, left_hand: bool | None = None) ->
     root = read_xml(source, "OpenDRIVE file")
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]  # without a namespace, which some files have
-    if (direct := root.find("junction[@type='direct']")) is not None:
-        raise InputError(
-            f"{source}: junction {direct.get('id')} is direct, of roads that follow each other without connecting "
-            f"roads (OpenDRIVE 1.7), which netconvert does not read"
-        )
+    direct = root.find("junction[@type='direct']") is not None
+    try:
+        with_connecting_roads(root)
+    except ValueError as error:
+        raise InputError(f"{source}: {error}") from error
     roads = root.findall("road")
     ruled_left = sum(road.get("rule") == LEFT_HAND for road in roads)
     to_left = 2 * ruled_left > len(roads) if left_hand is None else left_hand
@@ -115,9 +116,10 @@ def import_opendrive(source: Path, path: Path, left_hand: bool | None = None) ->
     with tempfile.TemporaryDirectory() as scratch:
         if to_left:
             _swap_sides(root)
-            ET.ElementTree(root).write(Path(scratch) / "swapped.xodr", encoding="UTF-8", xml_declaration=True)
-            options[1] = "swapped.xodr"
             options += ["--lefthand", "true"]
+        if to_left or direct:
+            ET.ElementTree(root).write(Path(scratch) / "rewritten.xodr", encoding="UTF-8", xml_declaration=True)
+            options[1] = "rewritten.xodr"
         warnings = _convert(options, path, Path(scratch), {}, str(source))
     other = len(roads) - ruled_left if to_left else ruled_left
     sides = ("right", "left") if to_left else ("left", "right")
