@@ -128,6 +128,7 @@ def test_profiles(tmp_path: Any) -> None:
     assert packaged_profiles() == ("core", "universe")
     core = Profile.load("core")
     assert (core.answers, core.starts_in) == ("control", "autonomous")
+    assert core.engage is None  # no node of Core serves a change of the operation mode
     own = tmp_path / "own.yaml"
     own.write_text("description: mine\nstarts_in: sometimes\n")
     with pytest.raises(InputError, match=r"own.yaml: .*starts_in"):

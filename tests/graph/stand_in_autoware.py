@@ -33,6 +33,7 @@ WANTED, HEADWAY_S, GAP = 15.0, 1.5, 4.0  # [m/s], [s], [m]
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 p = argparse.ArgumentParser()
 p.add_argument("--universe", action="store_true", help="localization and operation mode are asked for as well")
+p.add_argument("--plan-only", action="store_true", help="controls nothing, as a controller of Autoware does")
 p.add_argument("--sim-time", action="store_true", help="timers run on /clock")
 p.add_argument("--wheelbase", type=float, default=2.6)
 p.add_argument("--overhang", type=float, default=3.5)
@@ -49,7 +50,7 @@ class StandIn(Node):
         self.objects = PredictedObjects()
         self.odometry: Odometry | None = None
         self.trajectory: Trajectory | None = None
-        self.initialized, self.route, self.engaged = not options.universe, False, False
+        self.initialized, self.route, self.engaged = not options.universe, False, not options.universe
         self.refusals = 2
         self.create_subscription(Path, "/litsim/ego/route", self.on_line, LATCHED)
         self.create_subscription(PredictedObjects, "/perception/object_recognition/objects", self.on_objects, 1)
@@ -65,10 +66,11 @@ class StandIn(Node):
         self.mode = self.create_client(ControlModeCommand, "/control/control_mode_request")
         if options.universe:
             self.create_service(InitializeLocalization, "/api/localization/initialize", self.initialize)
+            self.create_service(ChangeOperationMode, "/api/operation_mode/change_to_autonomous", self.engage)
         self.create_service(SetRoutePoints, "/api/routing/set_route_points", self.set_route)
         self.create_service(ClearRoute, "/api/routing/clear_route", self.clear_route)
-        self.create_service(ChangeOperationMode, "/api/operation_mode/change_to_autonomous", self.engage)
-        self.create_timer(0.03, self.control)
+        if not options.plan_only:
+            self.create_timer(0.03, self.control)
 
     def initialize(self, request: Any, response: Any) -> Any:
         at_rest = self.odometry is not None and self.odometry.twist.twist.linear.x == 0.0
@@ -86,7 +88,7 @@ class StandIn(Node):
 
     def engage(self, _: Any, response: Any) -> Any:
         self.engaged = self.route
-        if self.engaged and options.universe:
+        if self.engaged:
             self.mode.call_async(ControlModeCommand.Request(mode=ControlModeCommand.Request.AUTONOMOUS))
         return answered(response, 1, "there is no route", success=self.engaged)
 

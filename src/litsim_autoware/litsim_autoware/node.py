@@ -256,7 +256,7 @@ class AutowareNode(Node):
         factor = float(bridge.get("real_time_factor", 1.0))
         self._clock = StepClock(
             lambda time_ns: self._show_time(self._timeline.stamp(0) + time_ns),
-            lambda: self._clock_to.listeners > 1,  # one is the recorder, which has no use of ticks
+            self._time_is_heard,
             factor,
         )
         goal = self._goal or log_end(scenario, self._ego_id)
@@ -360,8 +360,13 @@ class AutowareNode(Node):
         self._show_ego(self._motion, stamp_ns)
         self._report(table.step)
 
+    def _time_is_heard(self) -> bool:
+        """Returns whether anybody listens to the stack's time but the recorder, which has no use of it."""
+        return self._clock_to.listeners > 1
+
     def _show_time(self, time_ns: int) -> None:
-        self._clock_to.publish(CLOCK_MESSAGE.data(stamped(time_ns)))
+        if self._time_is_heard():
+            self._clock_to.publish(CLOCK_MESSAGE.data(stamped(time_ns)))
 
     def _show_others(self, others: AgentTable, stamp_ns: int) -> None:
         """Publish all agents but the ego, what signals show, and that there is nothing else."""

@@ -124,9 +124,9 @@ class Forecast:
         point = (times + STEP_S * (step - self.step)) / self.dt - 1.0
         before = np.clip(np.floor(point).astype(np.int64), 0, self.mean.shape[1] - 2)
         share = point - before
-        mean, yaw = self.mean[rows], self.yaw[rows]
-        place = mean[:, before] + share[:, None] * (mean[:, before + 1] - mean[:, before])
-        return place, yaw[:, before] + np.minimum(share, 1.0) * wrap_angle(yaw[:, before + 1] - yaw[:, before])
+        near, far = self.mean.take(before, 1), self.mean.take(before + 1, 1)
+        yaw, turn = self.yaw.take(before, 1), wrap_angle(self.yaw.take(before + 1, 1) - self.yaw.take(before, 1))
+        return (near + share[:, None] * (far - near))[rows], (yaw + np.minimum(share, 1.0) * turn)[rows]
 
 
 def predicted_objects(table: AgentTable, stamp_ns: int, forecast: Forecast | None = None) -> bytes:
