@@ -33,7 +33,8 @@ WANTED, HEADWAY_S, GAP = 15.0, 1.5, 4.0  # [m/s], [s], [m]
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 p = argparse.ArgumentParser()
 p.add_argument("--universe", action="store_true", help="localization and operation mode are asked for as well")
-p.add_argument("--plan-only", action="store_true", help="controls nothing, as a controller of Autoware does")
+p.add_argument("--only", choices=("plan", "control"), help="another process does the rest")
+p.add_argument("--apart", action="store_true", help="planner and controller are two processes")
 p.add_argument("--sim-time", action="store_true", help="timers run on /clock")
 p.add_argument("--wheelbase", type=float, default=2.6)
 p.add_argument("--overhang", type=float, default=3.5)
@@ -45,7 +46,9 @@ options = p.parse_args()
 
 class StandIn(Node):
     def __init__(self) -> None:
-        super().__init__("stand_in", parameter_overrides=[Parameter("use_sim_time", value=options.sim_time)])
+        super().__init__(
+            f"stand_in_{options.only}", parameter_overrides=[Parameter("use_sim_time", value=options.sim_time)]
+        )
         self.line = np.empty(0, complex)
         self.objects = PredictedObjects()
         self.odometry: Odometry | None = None
@@ -56,21 +59,30 @@ class StandIn(Node):
         self.create_subscription(PredictedObjects, "/perception/object_recognition/objects", self.on_objects, 1)
         self.create_subscription(AccelWithCovarianceStamped, "/localization/acceleration", lambda message: None, 1)
         self.create_subscription(Odometry, "/localization/kinematic_state", self.on_odometry, 1)
-        self.to = self.create_publisher(Control, "/control/command/control_cmd", 1)
         name = "/planning/scenario_planning/trajectory" if options.universe else "/planning/trajectory"
-        self.plan_to = self.create_publisher(Trajectory, name, 1)
+        if options.only == "control":
+            self.create_subscription(Trajectory, name, self.on_trajectory, 1)
+        else:
+            self.plan_to = self.create_publisher(Trajectory, name, 1)
+            self.serve()
         self.gear_to = self.create_publisher(GearCommand, "/control/command/gear_cmd", 1)
         self.turn_to = self.create_publisher(TurnIndicatorsCommand, "/control/command/turn_indicators_cmd", 1)
         mrm = "/api/fail_safe/mrm_state" if options.universe else "/system/fail_safe/mrm_state"
         self.mrm_to = self.create_publisher(MrmState, mrm, 1)
+        if options.only != "plan":
+            self.to = self.create_publisher(Control, "/control/command/control_cmd", 1)
+            self.create_timer(0.03, self.control)
+
+    def serve(self) -> None:
         self.mode = self.create_client(ControlModeCommand, "/control/control_mode_request")
         if options.universe:
             self.create_service(InitializeLocalization, "/api/localization/initialize", self.initialize)
             self.create_service(ChangeOperationMode, "/api/operation_mode/change_to_autonomous", self.engage)
         self.create_service(SetRoutePoints, "/api/routing/set_route_points", self.set_route)
         self.create_service(ClearRoute, "/api/routing/clear_route", self.clear_route)
-        if not options.plan_only:
-            self.create_timer(0.03, self.control)
+
+    def on_trajectory(self, message: Trajectory) -> None:
+        self.trajectory = message
 
     def initialize(self, request: Any, response: Any) -> Any:
         at_rest = self.odometry is not None and self.odometry.twist.twist.linear.x == 0.0
@@ -163,6 +175,8 @@ def state_of(odometry: Odometry) -> tuple[complex, float, float]:
     return complex(pose.position.x, pose.position.y), float(yaw), float(odometry.twist.twist.linear.x)
 
 
+if options.apart:
+    options.only = "plan" if os.fork() else "control"
 time.sleep(options.late)
 rclpy.init()
 executor = SingleThreadedExecutor()

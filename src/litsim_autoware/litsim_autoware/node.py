@@ -52,6 +52,7 @@ from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.vehicle_geometry import VehicleGeometry
 from litsim_sim.nodes.step_clock import TICK_NS, StepClock
 from litsim_sim.ros import messages
+from litsim_sim.ros.cdr import stamp_ns
 from litsim_sim.ros.endpoints import publisher_on, subscribe
 from litsim_sim.ros.frames import fixed_frames
 from litsim_sim.ros.topics import (
@@ -128,6 +129,9 @@ class AutowareNode(Node):
         self._states = 0  # published since the step began
         self._answered = -1  # newest step that was answered
         self._answer: tuple[Any, Any]  # its publisher and message
+        self._planned: int | None = None  # newest step that has a trajectory of the stack; -1 before the run
+        self._since_plan = 0  # commands since
+        self._early: EgoCommand | None = None  # answer by a command that may follow an older trajectory
         self._is_heard = False  # whether the stack has answered since it is ready
         self._start_up: StartUp | None = None
         self._steering = 0.0
@@ -181,6 +185,7 @@ class AutowareNode(Node):
             self.create_subscription(Trajectory, self._profile.trajectory, self._on_trajectory, QOS)
         else:
             self.create_subscription(Control, self._profile.control, self._on_control, QOS)
+            self.create_subscription(Trajectory, self._profile.trajectory, self._on_plan, QOS, raw=True)
         for name, (topic, kind) in COMMANDS.items():
             self.create_subscription(kind, topic, self._taker(name), QOS)
         if self._profile.mrm_state:
@@ -197,6 +202,8 @@ class AutowareNode(Node):
         if self._timeline.start_ns is None:
             return self._before_the_run(now)
         wait = self._clock.tick(now)
+        if wait == inf and self._time_is_heard():  # no time is left for timers of the stack
+            self._respond_early()
         if self._realtime and self._motion is not None:
             due = self._step_began + (self._states + 1) * STATE_S
             if now >= due and self._states < STEP_NS * 1e-9 / STATE_S - 1:
@@ -311,6 +318,8 @@ class AutowareNode(Node):
             publisher, answer = self._answer
             publisher.publish(answer)  # the bridge asks again
             return
+        if again:
+            self._respond_early()
         self._table = messages.agents_from_message(message)
         self._show_if_complete(begin, patient=not again)
 
@@ -403,12 +412,32 @@ class AutowareNode(Node):
                 output.publish(write[name](stamp_ns))
 
     def _on_control(self, message: Control) -> None:
+        self._since_plan += 1
         step = self._step_answered(message.stamp)
         if step is None or self._motion is None:
             return
         acceleration, angle = float(message.longitudinal.acceleration), float(message.lateral.steering_tire_angle)
         answer = vehicle.command(step, acceleration, angle, self._motion.speed, self._geometry.wheelbase)
-        self._respond(step, answer)
+        if self._realtime or self._planned is None or (self._planned >= step and self._since_plan > 1):
+            self._respond(step, answer)
+        else:
+            self._early = answer
+
+    def _on_plan(self, data: bytes) -> None:
+        """Note that a step has a trajectory: in lock-step, the next command but one has been computed from it.
+
+        Planner and controller are processes of their own; without this, which trajectory a command follows would depend
+        on the load of the machine.
+        """
+        if self._table is not None:
+            step = min(self._timeline.step_of(stamp_ns(data)), self._table.step)
+            if self._planned is None or step > self._planned:
+                self._planned, self._since_plan = step, 0
+
+    def _respond_early(self) -> None:
+        """Answer without the trajectory of the step where it has not come in time, if there is a command."""
+        if self._early is not None and self._early.step > self._answered:
+            self._respond(self._early.step, self._early)
 
     def _on_trajectory(self, message: Trajectory) -> None:
         step = self._step_answered(message.header.stamp)
