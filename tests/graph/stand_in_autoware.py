@@ -55,16 +55,16 @@ class StandIn(Node):
         self.trajectory: Trajectory | None = None
         self.initialized, self.route, self.engaged = not options.universe, False, not options.universe
         self.refusals = 2
-        self.create_subscription(Path, "/litsim/ego/route", self.on_line, LATCHED)
-        self.create_subscription(PredictedObjects, "/perception/object_recognition/objects", self.on_objects, 1)
-        self.create_subscription(AccelWithCovarianceStamped, "/localization/acceleration", lambda message: None, 1)
-        self.create_subscription(Odometry, "/localization/kinematic_state", self.on_odometry, 1)
         name = "/planning/scenario_planning/trajectory" if options.universe else "/planning/trajectory"
         if options.only == "control":
-            self.create_subscription(Trajectory, name, self.on_trajectory, 1)
+            self.plans = self.create_subscription(Trajectory, name, self.on_trajectory, 1)
         else:
+            self.create_subscription(Path, "/litsim/ego/route", self.on_line, LATCHED)
+            self.create_subscription(PredictedObjects, "/perception/object_recognition/objects", self.on_objects, 1)
+            self.create_subscription(AccelWithCovarianceStamped, "/localization/acceleration", lambda message: None, 1)
             self.plan_to = self.create_publisher(Trajectory, name, 1)
             self.serve()
+        self.create_subscription(Odometry, "/localization/kinematic_state", self.on_odometry, 1)
         self.gear_to = self.create_publisher(GearCommand, "/control/command/gear_cmd", 1)
         self.turn_to = self.create_publisher(TurnIndicatorsCommand, "/control/command/turn_indicators_cmd", 1)
         mrm = "/api/fail_safe/mrm_state" if options.universe else "/system/fail_safe/mrm_state"
@@ -141,6 +141,10 @@ class StandIn(Node):
         return message
 
     def control(self) -> None:
+        if options.only == "control":  # polls, as nodes of Autoware do: rclpy serves timers before subscriptions
+            with self.plans.handle:
+                newest = self.plans.handle.take_message(Trajectory, self.plans.raw)
+            self.trajectory = newest[0] if newest else self.trajectory
         if not (self.engaged and self.odometry and self.trajectory):
             return
         odometry, points = self.odometry, self.trajectory.points
