@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -104,6 +105,13 @@ def test_a_run_can_be_shown_while_it_goes(demo: Scenario) -> None:
     run = record(Runner(RunPlan(demo, "log", "replay")), lambda: ticks.append(1))
     assert len(ticks) == demo.total_steps + 1
     assert run.complete and run.info.run_id == RunPlan(demo, "log", "replay").run_id
+
+
+def test_stages_are_timed_by_the_clock_that_is_given(demo: Scenario) -> None:
+    ticks = itertools.count()
+    runner = Runner(RunPlan(demo, "idm", "litsim"), clock=lambda: 10.0 * next(ticks))
+    (now,) = itertools.islice(runner.steps(), 1)
+    assert now.stage_s == dict.fromkeys(("bridge", "predictor", "conflict", "policy", "ego"), 10.0)
 
 
 def test_parameters_that_no_stage_has_are_refused(demo: Scenario) -> None:

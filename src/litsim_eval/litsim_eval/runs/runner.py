@@ -34,7 +34,7 @@ class StepResult:
         table: all agents.
         takeovers, controls: None with policy replay.
         ego: the ego's command.
-        stage_s: wall time of each stage [s].
+        stage_s: time of each stage, by the clock of the runner [s].
     """
 
     table: AgentTable
@@ -59,7 +59,7 @@ def configured(ego: str | None, policy: str, parameters: Parameters) -> dict[str
 class Runner:
     """Runs a plan in this process, with or without a mirror (libsumo, of which a process can have one).
 
-    `ego`, if given, replaces the ego of the plan.
+    `ego`, if given, replaces the ego of the plan; `clock` times the stages [s].
 
     Raises:
         InputError: a parameter is unknown to its stage or invalid, or a stage cannot be built.
@@ -70,15 +70,16 @@ class Runner:
         plan: RunPlan,
         mirror: Mirror | None = None,
         ego: Ego | None = None,
+        clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         scenario = plan.scenario
-        self.plan = plan
+        self.plan, self._clock = plan, clock
         reacts = plan.policy != REPLAY
         stages = configured(None if ego else plan.ego, plan.policy, plan.parameters)
         self.world = World(scenario, mirror, guard_entries=reacts)
         self._ego = ego or stages[EGO](scenario)
         self._perception = Perception(scenario)
-        self._pipeline = Pipeline(stages, plan.policy, scenario) if reacts else None
+        self._pipeline = Pipeline(stages, plan.policy, scenario, clock) if reacts else None
         load_kernels()
 
     def steps(self) -> Iterator[StepResult]:
@@ -88,20 +89,20 @@ class Runner:
 
     def _steps(self) -> Iterator[StepResult]:
         """See :meth:`steps`."""
-        begin = time.perf_counter()
+        begin = self._clock()
         table = self.world.reset()
         try:
             for step in range(self.plan.scenario.total_steps + 1):
                 self.world.catch_up()
-                marks = {BRIDGE: time.perf_counter() - begin}
+                marks = {BRIDGE: self._clock() - begin}
                 takeovers, controls = None, None
                 if self._pipeline is not None:
                     takeovers, controls = self._pipeline.to(table, marks)
-                begin = time.perf_counter()
+                begin = self._clock()
                 ego = self._ego.plan(self._perception.of(table))
-                marks["ego"] = time.perf_counter() - begin
+                marks["ego"] = self._clock() - begin
                 yield StepResult(table, takeovers, controls, ego, marks)
-                begin = time.perf_counter()
+                begin = self._clock()
                 if self.world.ended is not None:
                     return
                 if step < self.plan.scenario.total_steps:

@@ -19,29 +19,36 @@ class Pipeline:
         manager: of the takeovers.
     """
 
-    def __init__(self, stages: Mapping[str, Callable[..., Any]], policy: str, scenario: Setting) -> None:
+    def __init__(
+        self,
+        stages: Mapping[str, Callable[..., Any]],
+        policy: str,
+        scenario: Setting,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
         """Build the stages.
 
         Args:
             stages: constructors by stage.
             policy: name of the policy.
             scenario: of the run, or the batched one.
+            clock: by which the stages are timed [s].
         """
-        self._history_steps = scenario.history_steps
+        self._history_steps, self._clock = scenario.history_steps, clock
         self._predictor = stages["predictor"](policy, scenario)
         self.manager = stages["conflict"](policy, scenario)
         self._policy = stages["policy"](policy, scenario)
 
     def to(self, table: AgentTable, marks: dict[str, float]) -> tuple[TakeoverTable, ControlTable]:
-        """Takeovers and controls for the step of `table`; adds the stages' wall times [s] to `marks`."""
-        begin = time.perf_counter()
+        """Takeovers and controls for the step of `table`; adds the stages' times [s] to `marks`."""
+        begin = self._clock()
         forecast = self._forecast(table)
-        forecast_at = time.perf_counter()
+        forecast_at = self._clock()
         takeovers = self.manager.update(table, forecast)
-        taken_at = time.perf_counter()
+        taken_at = self._clock()
         controls = self._policy.act(table, takeovers)
         marks["predictor"], marks["conflict"] = forecast_at - begin, taken_at - forecast_at
-        marks["policy"] = time.perf_counter() - taken_at
+        marks["policy"] = self._clock() - taken_at
         return takeovers, controls
 
     def _forecast(self, table: AgentTable) -> Forecast:
