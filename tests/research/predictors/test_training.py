@@ -130,6 +130,18 @@ def test_equal_seeds_give_equal_weights_and_resuming_changes_nothing(
     assert same(tmp_path / "a", cut)
 
 
+def test_the_number_of_workers_that_make_batches_changes_nothing(config: Path, tmp_path: Path) -> None:
+    settings = read_yaml(config, TrainingConfig).model_copy(update={"agents_per_batch": 20})
+    trainings = []
+    for workers in (0, 1, 2):
+        (tmp_path / str(workers)).mkdir()
+        training = Training(settings, tmp_path / str(workers), Locator(tmp_path), "", "cpu", workers)
+        training.run()
+        trainings.append(training)
+    assert trainings[0].history == trainings[1].history == trainings[2].history
+    assert same(tmp_path / "0", tmp_path / "1") and same(tmp_path / "0", tmp_path / "2")
+
+
 def test_averaged_weights_lag_behind_those_that_are_trained(config: Path, tmp_path: Path) -> None:
     """What is saved is the average, by its share, of all weights that there were after a step."""
     share, steps = 0.8, []

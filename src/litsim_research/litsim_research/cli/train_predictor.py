@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 from importlib import resources
 from pathlib import Path
@@ -12,6 +13,7 @@ from litsim_sim.cli.program import at_least_one, print_how_to_resume, program, t
 from litsim_sim.core.errors import EXIT_INTERRUPTED
 from litsim_sim.io.yaml_input import read_yaml, validate_yaml
 
+CORES = len(os.sched_getaffinity(0))
 DATA_HELP = "Recordings are searched in the current folder, beside the configuration, and in LITSIM_DATA."
 
 
@@ -29,6 +31,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--seed", type=int, metavar="N", help="replaces the configuration's")
     p.add_argument("--device", default="auto", help="device of torch: cpu, cuda, cuda:1 (default: cuda if available)")
     p.add_argument("--threads", type=at_least_one, metavar="N", help="threads of torch on the CPU (default: all cores)")
+    workers = "processes that make batches ahead; the result does not depend on it (default: half of the cores)"
+    p.add_argument("--workers", type=at_least_one, metavar="N", default=max(1, CORES // 2), help=workers)
     return p
 
 
@@ -68,7 +72,7 @@ def main(argv: list[str] | None = None) -> int:
     command = shlex.join(
         ["ros2", "run", "litsim_research", "train", "predictor", "--config", name, *options, "--out", folder.name]
     )
-    training = Training(config, folder, Locator(file.parent), command, device)
+    training = Training(config, folder, Locator(file.parent), command, device, arguments.workers)
     if arguments.resume:
         training.resume()
     training.run()

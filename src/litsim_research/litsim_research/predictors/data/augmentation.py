@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 from pydantic import model_validator
 
 from litsim_predictor.forecast import Float32Array
-from litsim_predictor.inference.contract import HISTORY
+from litsim_predictor.inference.contract import HISTORY, HISTORY_CHANNELS
 from litsim_predictor.inference.raster import MapRaster
 from litsim_predictor.inference.traffic import Traffic
 from litsim_research.predictors.data.scene import Scene, cut_scene
 from litsim_research.predictors.data.tracks import Tracks
 from litsim_sim.core.geometry import to_body, wrap_angle
 from litsim_sim.core.quantities import Angle, Length, NonNegative, Number, Positive, Share, Speed, configuration
+from litsim_sim.core.scene import BoolArray, IntArray
 
 NO_MAP = MapRaster(None)
 SINE_CHANNEL = 3
@@ -57,18 +58,52 @@ class Augmentation:
         return self
 
 
-def varied_scene(tracks: Tracks, frame: int, augmentation: Augmentation, random: np.random.Generator) -> Scene:
-    """Returns the scene of `tracks` in `frame`, with variations drawn from `random`."""
-    scene = cut_scene(tracks, tracks.rows_at(frame), NO_MAP if random.random() < augmentation.no_map else None)
-    if augmentation.stretch and random.random() < augmentation.stretch:
-        scene = _stretched(scene, float(np.exp(random.uniform(*np.log(augmentation.stretch_by)))))
-    inputs, n = scene.inputs, len(scene.target)
-    first = np.where(random.random(n) < augmentation.occlude, random.integers(0, HISTORY, n), 0)
-    observed = inputs.observed & (np.arange(HISTORY) >= first[:, None])
-    deviation = np.array(
-        [augmentation.position_m, augmentation.position_m, augmentation.yaw_rad, augmentation.speed_mps]
-    )
-    history = inputs.history + (deviation * random.standard_normal(inputs.history.shape)).astype(np.float32)
+@dataclass(frozen=True)
+class Variation:
+    """What is drawn at random for one scene of n agents.
+
+    Attributes:
+        has_map: whether it has its map.
+        stretch: factor by which it is scaled along the road; None if it is not.
+        first: (n,) first step of each history that is observed.
+        noise: (n, HISTORY, HISTORY_CHANNELS) of the history, in the channels' units.
+        region: row of the agent around which the scene is cut, and the distance [m] up to which others are kept; None
+            if it is not cut.
+        mirrored: whether left and right are exchanged.
+    """
+
+    has_map: bool
+    stretch: float | None
+    first: IntArray
+    noise: Float32Array
+    region: tuple[int, float] | None
+    mirrored: bool
+
+    @classmethod
+    def drawn(cls, augmentation: Augmentation, target: BoolArray, random: np.random.Generator) -> Self:
+        """Draws the variation of a scene of the agents `target` (n,), of which True are targets."""
+        has_map, n = random.random() >= augmentation.no_map, len(target)
+        stretch = None
+        if augmentation.stretch and random.random() < augmentation.stretch:
+            stretch = float(np.exp(random.uniform(*np.log(augmentation.stretch_by))))
+        first = np.where(random.random(n) < augmentation.occlude, random.integers(0, HISTORY, n), 0)
+        deviation = [augmentation.position_m, augmentation.position_m, augmentation.yaw_rad, augmentation.speed_mps]
+        noise = np.array(deviation) * random.standard_normal((n, HISTORY, HISTORY_CHANNELS))
+        region = None
+        if target.any() and random.random() < augmentation.crop:
+            region = int(random.choice(np.flatnonzero(target))), random.uniform(*augmentation.crop_m)
+        mirrored = random.random() < augmentation.mirror
+        return cls(has_map, stretch, first, noise.astype(np.float32), region, mirrored)
+
+
+def varied_scene(tracks: Tracks, frame: int, variation: Variation) -> Scene:
+    """Returns the scene of `tracks` in `frame` with a `variation`."""
+    scene = cut_scene(tracks, tracks.rows_at(frame), None if variation.has_map else NO_MAP)
+    if variation.stretch is not None:
+        scene = _stretched(scene, variation.stretch)
+    inputs = scene.inputs
+    observed = inputs.observed & (np.arange(HISTORY) >= variation.first[:, None])
+    history = inputs.history + variation.noise
     history[:, -1, :2] = 0.0  # the origin of the agent frame is the observed position
     history = np.where(observed[..., None], history, np.float32(0.0))
     state = inputs.state.copy()
@@ -77,9 +112,9 @@ def varied_scene(tracks: Tracks, frame: int, augmentation: Augmentation, random:
     traffic = Traffic.of_agents(inputs.frame, history, observed).ahead_of(inputs.frame, state[:, 2])
     noisy = replace(inputs, history=history, observed=observed, state=state, traffic=traffic)
     scene = replace(scene, inputs=noisy)
-    if scene.target.any() and random.random() < augmentation.crop:
-        scene = scene.around(int(random.choice(np.flatnonzero(scene.target))), random.uniform(*augmentation.crop_m))
-    return _mirrored(scene) if random.random() < augmentation.mirror else scene
+    if variation.region is not None:
+        scene = scene.around(*variation.region)
+    return _mirrored(scene) if variation.mirrored else scene
 
 
 def _stretched(scene: Scene, factor: float) -> Scene:

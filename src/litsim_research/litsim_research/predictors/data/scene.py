@@ -55,5 +55,5 @@ def cut_scene(tracks: Tracks, rows: IntArray, raster: MapRaster | None = None) -
         inputs=inputs,
         future=np.where(known[..., None], future, 0.0),
         future_known=known,
-        target=tracks.target[rows] & known.any(axis=1),
+        target=tracks.learnable[rows],
     )

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from torch.utils.data import DataLoader, Dataset
 
 from litsim_predictor.inference.contract import HISTORY, HORIZON, AgentInputs
 from litsim_predictor.inference.joint.units import TRAFFIC_CHANNELS
 from litsim_predictor.inference.lane_frames import NO_LANE_FRAMES, LaneFrames
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
-from litsim_research.predictors.data.augmentation import Augmentation, varied_scene
+from litsim_research.predictors.data.augmentation import Augmentation, Variation, varied_scene
 from litsim_research.predictors.data.batch import SceneBatch, maneuvers_of
 from litsim_research.predictors.data.scene import Scene, cut_scene
 from litsim_research.predictors.data.tracks import Tracks
@@ -52,14 +53,32 @@ def scene_batches(
             yield _stack(scenes)
 
 
+Plan = list[tuple[int, int, Variation]]
+"""Scenes of a batch: numbers of their tracks and of their frames, and how they are varied."""
+
+
+@dataclass(frozen=True)
+class PlannedBatches(Dataset[SceneBatch]):
+    """Batches of scenes cut from `sources`, by their plans."""
+
+    sources: Sequence[Tracks]
+
+    def __getitem__(self, plan: Plan) -> SceneBatch:
+        """Returns the batch of a plan."""
+        return _stack([varied_scene(self.sources[k], frame, variation) for k, frame, variation in plan])
+
+
 def training_batches(
     sources: Sequence[tuple[Tracks, float]],
     agents_per_batch: int,
     stride: int,
     augmentation: Augmentation,
     random: np.random.Generator,
+    workers: int = 0,
 ) -> Iterator[SceneBatch]:
-    """Yields scenes of one epoch, shuffled and randomly varied.
+    """Returns scenes of one epoch, shuffled and randomly varied.
+
+    This process draws what is random, so that the batches do not depend on the number of workers.
 
     Args:
         sources: tracks, each with the share of its scenes that an epoch contains; if that is above 1, scenes occur
@@ -68,26 +87,52 @@ def training_batches(
         stride: number of frames with a target from one scene of a source to the next; the first is drawn at random.
         augmentation: variations of the scenes.
         random: generator of all draws.
+        workers: number of processes that make batches ahead; 0 to make them in this one.
     """
+    return iter(
+        DataLoader(
+            PlannedBatches([tracks for tracks, _ in sources]),
+            batch_size=None,
+            sampler=_plans(sources, agents_per_batch, stride, augmentation, random),
+            num_workers=workers,
+            multiprocessing_context="fork" if workers else None,  # the tracks are not copied
+            generator=torch.Generator(),  # else its seeds are drawn from the generator of the training
+        )
+    )
+
+
+def _plans(
+    sources: Sequence[tuple[Tracks, float]],
+    agents_per_batch: int,
+    stride: int,
+    augmentation: Augmentation,
+    random: np.random.Generator,
+) -> Iterator[Plan]:
+    """Yields the plans of the batches of one epoch; see :func:`training_batches`."""
     moments = []
-    for tracks, share in sources:
+    for number, (tracks, share) in enumerate(sources):
         frames = tracks.target_frames[int(random.integers(stride)) :: stride]
         times = np.floor(share + random.random(len(frames))).astype(np.int64)
-        moments += [(tracks, int(frame)) for frame in np.repeat(frames, times)]
+        moments += [(number, int(frame)) for frame in np.repeat(frames, times)]
     # Scenes of similar size share a batch, so that there is little padding; the batches are then shuffled.
-    sizes = np.array([len(tracks.rows_at(frame)) for tracks, frame in moments])
+    sizes = np.array([len(sources[number][0].rows_at(frame)) for number, frame in moments])
     order = np.argsort(sizes + random.uniform(0.0, 4.0, len(sizes)), kind="stable")
     batches = list(_grouped([moments[k] for k in order], sizes[order], agents_per_batch))
     for k in random.permutation(len(batches)):
-        scenes = [varied_scene(tracks, frame, augmentation, random) for tracks, frame in batches[k]]
-        scenes = [scene for scene in scenes if scene.target.any()]
-        if scenes:
-            yield _stack(scenes)
+        plan = []
+        for number, frame in batches[k]:
+            tracks, _ = sources[number]
+            target = tracks.learnable[tracks.rows_at(frame)]
+            variation = Variation.drawn(augmentation, target, random)
+            if target.any():
+                plan.append((number, frame, variation))
+        if plan:
+            yield plan
 
 
-def _grouped(moments: list[tuple[Tracks, int]], sizes: IntArray, agents: int) -> Iterator[list[tuple[Tracks, int]]]:
+def _grouped(moments: list[tuple[int, int]], sizes: IntArray, agents: int) -> Iterator[list[tuple[int, int]]]:
     """Yields consecutive `moments` in groups of at most `agents` agents, padding included; `sizes` are ascending."""
-    group: list[tuple[Tracks, int]] = []
+    group: list[tuple[int, int]] = []
     for moment, size in zip(moments, sizes, strict=True):
         if group and (len(group) + 1) * size > agents:
             yield group

@@ -109,6 +109,14 @@ class Tracks:
         return np.unique(self.frame[self.target])
 
     @cached_property
+    def learnable(self) -> BoolArray:
+        """(R,) mask of the targets of which a model's horizon holds at least one step."""
+        rows, known = np.flatnonzero(self.target), np.zeros(len(self), np.bool_)
+        for step in range(STRIDE, STRIDE * HORIZON + 1, STRIDE):
+            known[rows] |= self.window(rows, np.array([step]))[1][:, 0]
+        return known
+
+    @cached_property
     def _by_frame(self) -> tuple[IntArray, IntArray]:
         order = np.argsort(self.frame, kind="stable")
         return order, np.append(np.searchsorted(self.frame[order], self.frames), len(order))
@@ -146,6 +154,12 @@ class Tracks:
     def _keys(self) -> IntArray:
         return self._key(self.vehicle, self.frame)
 
+    @cached_property
+    def _reach(self) -> tuple[int, int]:
+        """First frame that a window may ask for, and number of frames up to the last one."""
+        first, last = int(self.frame.min()) - STRIDE * HISTORY, int(self.frame.max()) + STRIDE * HORIZON
+        return first, last - first + 1
+
     def _key(self, vehicle: IntArray, frame: IntArray) -> IntArray:
-        low, span = int(self.frame.min()) - STRIDE * HISTORY, int(np.ptp(self.frame)) + STRIDE * (HISTORY + HORIZON) + 1
+        low, span = self._reach
         return vehicle * span + (frame - low)

@@ -43,10 +43,14 @@ class Training:
         locate: see :class:`Locator`.
         command: command line that repeats the training, for the provenance.
         device: name of the torch device.
+        workers: number of processes that make batches ahead, on which the result does not depend.
     """
 
-    def __init__(self, config: TrainingConfig, folder: Path, locate: Locator, command: str, device: str) -> None:
+    def __init__(
+        self, config: TrainingConfig, folder: Path, locate: Locator, command: str, device: str, workers: int = 0
+    ) -> None:
         self._config, self._folder, self._command, self._device = config, folder, command, device
+        self._workers = workers
         torch.manual_seed(config.seed)
         self.model = self._first_model(locate).to(device)
         self._averaged = (
@@ -140,7 +144,12 @@ class Training:
         self.model.forcing = max(0.0, 1.0 - epoch / config.forcing_epochs) if config.forcing_epochs else 0.0
         sums, count = np.zeros(3), 0
         batches = training_batches(
-            self._parts["train"], config.agents_per_batch, config.stride, config.augmentation, self._random
+            self._parts["train"],
+            config.agents_per_batch,
+            config.stride,
+            config.augmentation,
+            self._random,
+            self._workers,
         )
         for batch in tqdm(batches, desc=f"epoch {epoch + 1}", unit="batch", leave=False):
             *losses, distillation = self._losses(batch.to(self._device))
