@@ -15,6 +15,7 @@ from junitparser import JUnitXml
 
 from litsim_eval.campaign.criteria import Verdict
 from litsim_eval.campaign.results import RunResult, read_campaign, rerun_command
+from litsim_eval.report.thumbnails import read_thumbnail
 from litsim_eval.report.verdict import verdict_in
 from litsim_sim.record.run import read_run
 
@@ -77,6 +78,7 @@ def test_a_stack_that_is_broken_fails_its_run_with_the_reason_and_no_other(graph
     lies = found["lies"]
     assert lies.report and "not valid" in (folders["lies"] / lies.report).read_text(), "what led to an error is played"
     assert lies.metrics is None and lies.report in tests["short/13/lies/replay"].result[0].text
+    assert read_thumbnail(folders["good"]) is not None
     run = read_run(folders["good"] / good.recording)
     assert (run.info.ego, run.complete) == ("external", True)
     assert good.metrics is not None and good.metrics["steps"] == 35

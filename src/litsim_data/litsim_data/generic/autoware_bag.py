@@ -30,7 +30,7 @@ from litsim_sim.core.scene import STEP_NS, Kind
 from litsim_sim.core.signals import SignalState
 from litsim_sim.io.files import replacing
 from litsim_sim.io.yaml_input import read_yaml
-from litsim_sim.record.run import UNDECODABLE
+from litsim_sim.record.decoding import UNDECODABLE
 from litsim_sim.scenario.recording import BOUNDS, COLUMNS, Recording, RecordingHeader
 
 VEHICLE_FILE, SAMPLE_VEHICLE = "vehicle_info.param.yaml", "Autoware's sample vehicle"

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray, IntArray
 from litsim_sim.core.topic_names import FORECASTS
 from litsim_sim.record.bag import BagReader
-from litsim_sim.record.run import UNDECODABLE, Run
+from litsim_sim.record.decoding import UNDECODABLE, decoded
+from litsim_sim.record.run import Run
 
 POINTS_MAX = 13  # most points of one forecast: 5 s every 0.4 s
 
@@ -84,11 +84,8 @@ def _messages(run: Run) -> Iterator[Any]:
     reader, steps = BagReader(run.path), set()
     if FORECASTS not in reader.topics:
         return
-    described = reader.topics[FORECASTS]
-    store = get_typestore(Stores.EMPTY)
-    store.register(get_types_from_msg(described.definition, described.type_name))
     for each in reader.messages({FORECASTS}):
-        message: Any = store.deserialize_cdr(each.data, described.type_name)
+        message = decoded(reader.topics[FORECASTS], each.data)
         if message.run_id == run.info.run_id and message.step not in steps:
             steps.add(message.step)
             yield message

@@ -26,6 +26,12 @@ def asset(name: str) -> Markup:
     return Markup((files("litsim_eval.report") / "assets" / name).read_text(encoding="utf-8"))  # noqa: S704  no data
 
 
+def compile_templates() -> None:
+    """Compiles all templates, for the copies of this process."""
+    for name in _environment().list_templates():
+        _environment().get_template(name)
+
+
 @cache
 def _environment() -> Environment:
     environment = Environment(

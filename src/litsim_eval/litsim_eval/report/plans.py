@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray, IntArray
 from litsim_sim.core.topic_names import EGO_ROUTE
 from litsim_sim.record.bag import BagMessage, BagReader
-from litsim_sim.record.run import UNDECODABLE, Run
+from litsim_sim.record.decoding import UNDECODABLE, decoded
+from litsim_sim.record.run import Run
 from litsim_sim.scenario.run_info import EXTERNAL
 
 AUTOWARE, PATH = "autoware_planning_msgs/msg/Trajectory", "nav_msgs/msg/Path"
@@ -61,12 +61,10 @@ def read_plans(run: Run) -> Plans:
     if not topic:
         return NO_PLANS
     described = reader.topics[topic]
-    store = get_typestore(Stores.EMPTY)
     plans: list[tuple[int, FloatArray, bool]] = []
     try:
-        store.register(get_types_from_msg(described.definition, described.type_name))
         for step, message in sorted(newest[topic].items()):
-            line, stop = _points(store.deserialize_cdr(message.data, described.type_name), described.type_name)
+            line, stop = _points(decoded(described, message.data), described.type_name)
             if len(line):
                 plans.append((step, line, stop))
     except UNDECODABLE as error:

@@ -7,10 +7,12 @@ from contextlib import suppress
 from pathlib import Path
 
 from litsim_eval.analysis.analyze import measure
+from litsim_eval.analysis.metrics import METRICS_FILE, compute_metrics, write_metrics
 from litsim_eval.campaign.criteria import Criteria, Verdict
 from litsim_eval.campaign.results import judge
 from litsim_eval.report.run_report import REPORT_FILE, render, save, write_report
 from litsim_eval.report.terminal import print_metrics
+from litsim_eval.report.thumbnails import write_thumbnail
 from litsim_eval.report.verdict import verdict_text
 from litsim_sim.cli.program import run_status
 from litsim_sim.core.errors import EXIT_FAILED, InputError
@@ -28,20 +30,27 @@ class RecordedAnalysis:
         """
         self._criteria = None if criteria is None else Criteria.load(criteria)
 
-    def __call__(self, out: Path, *, quiet: bool, failed: bool) -> int:
+    def __call__(self, out: Path, *, quiet: bool, failed: bool, case: Path | None = None) -> int:
         """Write measures and report of the recording in `out`; returns 1 if the run is not valid, or does not pass.
 
         Args:
             out: folder of the run.
             quiet: whether nothing is printed but the verdict.
             failed: whether the run has failed: then the partial recording gets a report, if it can be read.
+            case: folder of the case in a campaign, which gets a picture for the campaign's page; `out` then gets
+                measures and report alone, without tables and overview, for which nobody may ask. None for a run alone.
         """
         if failed:
             with suppress(InputError):
                 write_report(out)
             return 0
         run = read_run(out)
-        metrics = measure(run, out)
+        if case is None:
+            metrics = measure(run, out)
+        else:
+            metrics = compute_metrics(run)
+            write_metrics(metrics, out / METRICS_FILE)
+            write_thumbnail(run, metrics, case)
         status, verdict = run_status(metrics, out), ""
         if self._criteria is not None and not status:
             criteria = judge(metrics, self._criteria)

@@ -28,7 +28,7 @@ from litsim_sim.launch.forked import ForkedProcess, preload
 from litsim_sim.launch.nodes import find_executable, nodes_of
 from litsim_sim.launch.processes import LOG_FOLDER, STACK
 from litsim_sim.record.failure import write_failure
-from litsim_sim.record.run import Run, read_run
+from litsim_sim.record.run import Run
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.scenario.scenario import Scenario
 
@@ -203,8 +203,6 @@ def run_over_graph(
         write_failure(out, failure)
         with suppress(InputError):
             write_report(out)
-    if metrics and recorded:
-        _draw(out, metrics, folder)
     return RunOutcome(
         metrics=metrics,
         failure="" if metrics else failure,
@@ -213,12 +211,6 @@ def run_over_graph(
         log=str(log.relative_to(folder)) if log.is_file() else None,
         wall_s=time.monotonic() - begin,
     )
-
-
-def _draw(recording: Path, metrics: dict[str, Any], folder: Path) -> None:
-    """Writes the picture of a recorded run to `folder`; a failure of this does not fail the run."""
-    with suppress(InputError):
-        write_thumbnail(read_run(recording), metrics, folder)
 
 
 def is_elsewhere(case: Case) -> bool:
@@ -242,7 +234,7 @@ def _graph_parameters(case: Case) -> dict[str, dict[str, Any]]:
 
 def _launch(case: Case, out: Path) -> list[str]:
     """Returns the launcher's command line."""
-    argv = [str(find_executable(*LAUNCHER)), "--quiet", "--overwrite", "--out", str(out)]
+    argv = [str(find_executable(*LAUNCHER)), "--quiet", "--overwrite", "--out", str(out), "--case", str(out.parent)]
     argv += ["--scenario", case.scenario, "--ego", case.ego.adapter or case.ego.kind, "--policy", case.policy]
     argv += ["--ego-id", str(case.ego_id), "--ego-interface", case.ego.interface]
     argv += [] if case.seed is None else ["--seed", str(case.seed)]

@@ -96,10 +96,10 @@ def launch(arguments: argparse.Namespace) -> int:
                 with suppress(Unwritable):  # as on a disk that is full, of which the run may have failed
                     write_failure(out, str(error))
                 if arguments.analyze:
-                    _recorded(out, None, quiet=True, failed=True)
+                    _recorded(out, arguments, None, failed=True)
                 return EXIT_FAILED
         if arguments.analyze:
-            status = _recorded(out, arguments.criteria, quiet=arguments.quiet)
+            status = _recorded(out, arguments, arguments.criteria)
         else:
             status = run_status({"valid": not graph.invalid, "why": graph.invalid}, out)
     if not status:
@@ -127,12 +127,13 @@ def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], arguments
         without_interrupts(graph.stop)
 
 
-def _recorded(out: Path, criteria: str | None, *, quiet: bool, failed: bool = False) -> int:
+def _recorded(out: Path, arguments: argparse.Namespace, criteria: str | None, *, failed: bool = False) -> int:
     """Let the plug-ins of ``litsim.recorded`` work on the recording in `out`; return the highest exit status of theirs.
 
     Without criteria they are imported after the run, so that the nodes start without waiting for them.
     """
-    return max((analysis(out, quiet=quiet, failed=failed) for analysis in _analyses(criteria)), default=0)
+    quiet, case = arguments.quiet or failed, arguments.case
+    return max((analysis(out, quiet=quiet, failed=failed, case=case) for analysis in _analyses(criteria)), default=0)
 
 
 def _analyses(criteria: str | None) -> list[Callable[..., int]]:
@@ -212,6 +213,7 @@ def parser() -> argparse.ArgumentParser:
         "--apart", action="store_true", help="one process per node; default: the stages and LitSim's own ego share one"
     )
     p.add_argument("--served", action="store_true", help=argparse.SUPPRESS)  # of `serve`
+    p.add_argument("--case", type=Path, help=argparse.SUPPRESS)  # of campaigns: the folder of the case
     p.add_argument("--no-analyze", dest="analyze", action="store_false", help="record only")
     p.add_argument("--criteria", metavar="FILE", help="judge the run: criteria (YAML) as of a campaign, or default")
     p.add_argument("--quiet", action="store_true", help="print no progress and no table")

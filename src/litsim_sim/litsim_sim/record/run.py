@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import struct
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
-from functools import cache, cached_property, lru_cache
+from functools import cached_property, lru_cache
 from operator import attrgetter
 from pathlib import Path
 from tempfile import SpooledTemporaryFile
 from typing import IO, Any, TypeVar, cast
 
 import numpy as np
-from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.run_end import RunEnd
@@ -50,6 +46,7 @@ from litsim_sim.core.topic_names import (
 from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.lane_map.signal_links import ARROW, SignalLink
 from litsim_sim.record.bag import BagReader, BagTopic
+from litsim_sim.record.decoding import UNDECODABLE, decoded
 from litsim_sim.record.digest import CONTROL_FIELDS
 from litsim_sim.record.failure import read_failure
 from litsim_sim.scenario.log import logged_steps
@@ -65,18 +62,6 @@ MINIMUM_RISK_TYPE = "autoware_adapi_v1_msgs/msg/MrmState"
 """Type of the topic on which a stack tells the state of its minimum-risk manoeuvre, whatever its name."""
 
 T = TypeVar("T")
-UNDECODABLE = (
-    SerdeError,
-    TypesysError,
-    struct.error,
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    MemoryError,
-    TypeError,
-    ValueError,
-)
-"""Errors raised for a message or a definition that this version cannot read."""
 
 RECORDING_FILE = "recording.parquet"
 SCENARIO_FILE = "scenario.yaml"
@@ -289,21 +274,20 @@ def read_run(path: Path) -> Run:
         InputError: no such file, not an MCAP file, or it does not hold a LitSim run.
     """
     reader = BagReader(path)
-    decode = _decoder(reader.topics)
-    content = _Content(decode)
+    content = _Content(reader.topics)
     for message in reader.messages():
+        topic = reader.topics[message.topic]
         try:
             if message.topic in DECODED:
                 content.take(message.topic, message.data)
-            elif reader.topics[message.topic].type_name == MINIMUM_RISK_TYPE:
-                content.take_minimum_risk(message.log_time_ns, decode(message.topic, message.data).state)
+            elif topic.type_name == MINIMUM_RISK_TYPE:
+                content.take_minimum_risk(message.log_time_ns, decoded(topic, message.data).state)
             else:
                 content.note(message.topic, message.log_time_ns)
         except UNDECODABLE as error:
-            kind = reader.topics[message.topic].type_name
             raise InputError(
-                f"{reader.path}: topic {message.topic} at {message.log_time_ns * 1e-9:.1f} s: cannot be read as the "
-                f"{kind} of this version: {error}"
+                f"{reader.path}: topic {topic.name} at {message.log_time_ns * 1e-9:.1f} s: cannot be read as the "
+                f"{topic.type_name} of this version: {error}"
             ) from error
     info = content.info
     if info is None or not len(content.tables):
@@ -332,12 +316,12 @@ def read_run(path: Path) -> Run:
 class _Content:
     """Collects the messages of one run; of two for one step, the first counts."""
 
-    def __init__(self, decode: Callable[[str, bytes], Any]) -> None:
+    def __init__(self, topics: Mapping[str, BagTopic]) -> None:
         self.info: RunInfo | None = None
         self.tables = StepsBuilder()
         self.minimum_risk: dict[int, int] = {}
         self.statuses: list[Status] = []
-        self._decode = decode
+        self._topics = topics
         self._file = SpooledTemporaryFile(SPOOLED_BYTES)  # noqa: SIM115 - closed with the views of it
         self._places: dict[str, dict[int, int]] = {}  # in the file, by topic and by step
         self._stages: dict[str, dict[int, int]] = {}  # the same of timing, by stage
@@ -399,7 +383,7 @@ class _Content:
         return EGO_APPLIED if self.info is not None and EGO_APPLIED in self.info.topics else EGO_CONTROL
 
     def _view(self, topic: str, places: Mapping[int, int], read: Callable[[Any], T]) -> StoredMessages[T]:
-        return StoredMessages(self._file, places, lambda data: read(self._decode(topic, data)))
+        return StoredMessages(self._file, places, lambda data: read(decoded(self._topics[topic], data)))
 
     def _store(self, places: dict[int, int], step: int, data: bytes) -> None:
         if step not in places:
@@ -408,7 +392,7 @@ class _Content:
 
     def take(self, topic: str, data: bytes) -> None:
         """A serialised message; those of another run, or of a stage that takes no part in this one, are dropped."""
-        message = self._decode(topic, data)
+        message = decoded(self._topics[topic], data)
         if topic == RUN_INFO:
             self.info = self.info or _copy(RunInfo, message)
             return
@@ -433,18 +417,6 @@ class _Content:
             self._shown.setdefault(step, np.asarray(message.state, np.uint8))
         elif topic == STATUS:
             self.statuses.append(_copy(Status, message, state=StageState(message.state)))
-
-
-def _decoder(topics: Mapping[str, BagTopic]) -> Callable[[str, bytes], Any]:
-    """Returns a function that decodes the CDR of a topic by the definition in the bag."""
-
-    @cache
-    def store_of(topic: str) -> Typestore:  # one per topic: definitions of one type may differ
-        store = get_typestore(Stores.EMPTY)
-        store.register(get_types_from_msg(topics[topic].definition, topics[topic].type_name))
-        return store
-
-    return lambda topic, data: store_of(topic).deserialize_cdr(data, topics[topic].type_name)
 
 
 def _copy(kind: type[T], message: Any, **ready: Any) -> T:
