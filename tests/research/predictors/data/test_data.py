@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -180,6 +181,14 @@ class TestScenes:
         batches = list(training_batches([(tracks, 1.0)], 3, 1, UNVARIED, np.random.default_rng(0)))
         assert len(batches) == 60 / 3, "they fill no batches either"
         assert sum(int(batch.target.sum()) for batch in batches) == 60 - 2  # the last two have no future
+
+    def test_an_interruption_while_workers_are_started_is_not_lost(self, straight: Straight) -> None:
+        tracks = Tracks.from_table("made", straight((1, 150.0, -5.5, 10.0)), NET)
+        once = [signal.SIGINT]
+        os.register_at_fork(after_in_parent=lambda: os.kill(os.getpid(), once.pop()) if once else None)
+        with pytest.raises(KeyboardInterrupt):
+            training_batches([(tracks, 1.0)], 8, 10, UNVARIED, np.random.default_rng(0), workers=1)
+        assert not once
 
     def test_epochs_depend_on_their_seed_alone(self, straight: Straight) -> None:
         tracks = Tracks.from_table("made", straight((1, 150.0, -5.5, 10.0), (2, 170.0, -9.0, 8.0)), NET)

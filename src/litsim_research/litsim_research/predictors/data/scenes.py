@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +20,7 @@ from litsim_research.predictors.data.batch import SceneBatch, maneuvers_of
 from litsim_research.predictors.data.scene import Scene, cut_scene
 from litsim_research.predictors.data.tracks import Tracks
 from litsim_sim.core.scene import IntArray
+from litsim_sim.launch.signals import SIGNALS, signals_deferred
 
 
 def scene_batches(
@@ -89,16 +92,22 @@ def training_batches(
         random: generator of all draws.
         workers: number of processes that make batches ahead; 0 to make them in this one.
     """
-    return iter(
-        DataLoader(
-            PlannedBatches([tracks for tracks, _ in sources]),
-            batch_size=None,
-            sampler=_plans(sources, agents_per_batch, stride, augmentation, random),
-            num_workers=workers,
-            multiprocessing_context="fork" if workers else None,  # the tracks are not copied
-            generator=torch.Generator(),  # else its seeds are drawn from the generator of the training
-        )
+    loader = DataLoader(
+        PlannedBatches([tracks for tracks, _ in sources]),
+        batch_size=None,
+        sampler=_plans(sources, agents_per_batch, stride, augmentation, random),
+        num_workers=workers,
+        multiprocessing_context="fork" if workers else None,  # the tracks are not copied
+        worker_init_fn=_unblock_signals,
+        generator=torch.Generator(),  # else its seeds are drawn from the generator of the training
     )
+    with signals_deferred() if workers else nullcontext():  # Ctrl-C during a fork would be lost
+        return iter(loader)
+
+
+def _unblock_signals(_: int) -> None:
+    """In a worker, which was started while signals were deferred: let the process that trains end it."""
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 
 
 def _plans(
