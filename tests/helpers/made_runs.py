@@ -16,10 +16,9 @@ import pytest
 import yaml
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, Controller
+from litsim_sim.core.scene import ARRAY_FIELDS, CONTROL_DTYPES, DTYPES, AgentTable, Controller
 from litsim_sim.core.stages import StageState
 from litsim_sim.record.bag import BagWriter, qos_yaml
-from litsim_sim.record.digest import CONTROL_FIELDS
 from litsim_sim.record.run import Run, RunInfo, Status
 from litsim_sim.scenario.recording import COLUMNS
 
@@ -139,7 +138,7 @@ def _messages(run: Run, types: RosTypes) -> Iterator[tuple[str, int, dict[str, A
             records = [_takeover(types, record) for record in run.takeovers[step]]
             yield "/litsim/takeovers", step, both | {"iterations": 1, "converged": True, "takeovers": records}
         if step in run.controls:
-            yield "/litsim/controls", step, both | {f: getattr(run.controls[step], f) for f in CONTROL_FIELDS}
+            yield "/litsim/controls", step, both | {f: getattr(run.controls[step], f) for f in CONTROL_DTYPES}
         if step in run.ego_commands:
             yield "/litsim/ego/control", step, run_id | vars(run.ego_commands[step])
         for stage, seconds in run.timing.items():

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, ControlTable, EgoCommand, EgoMode
-from litsim_sim.record.digest import CONTROL_FIELDS, VERSION, RunDigest
+from litsim_sim.core.scene import ARRAY_FIELDS, CONTROL_DTYPES, DTYPES, AgentTable, ControlTable, EgoCommand, EgoMode
+from litsim_sim.record.digest import VERSION, RunDigest
 
 
 def agents() -> AgentTable:
@@ -19,7 +19,7 @@ def agents() -> AgentTable:
 
 
 def controls() -> ControlTable:
-    return ControlTable(7, *(np.arange(2).astype(np.dtype(t)) for t in CONTROL_FIELDS.values()))
+    return ControlTable(7, *(np.arange(2).astype(np.dtype(t)) for t in CONTROL_DTYPES.values()))
 
 
 EGO = EgoCommand(7, 0.5, -0.25)
@@ -52,7 +52,7 @@ def test_any_value_of_an_agent_counts(field: str) -> None:
     assert digest(other, controls(), EGO) != USUAL
 
 
-@pytest.mark.parametrize("field", CONTROL_FIELDS)
+@pytest.mark.parametrize("field", CONTROL_DTYPES)
 def test_any_value_of_a_control_counts(field: str) -> None:
     other = replace(controls(), **{field: changed(getattr(controls(), field))})
     assert digest(agents(), other, EGO) != USUAL

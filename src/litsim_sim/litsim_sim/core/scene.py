@@ -224,8 +224,7 @@ class ControlTable:
     @classmethod
     def empty(cls, step: int) -> ControlTable:
         """Returns the answer to `step` that lists no agents: all follow their logs."""
-        none = np.empty(0)
-        return cls(step, np.empty(0, np.int64), none, none, none, np.empty(0, np.uint8))
+        return cls(step, *(np.empty(0, dtype) for dtype in CONTROL_DTYPES.values()))
 
     @classmethod
     def merged(cls, *tables: ControlTable) -> ControlTable:
@@ -234,12 +233,12 @@ class ControlTable:
         if len(listed) <= 1:
             return listed[0] if listed else tables[0]
         order = np.concatenate([table.id for table in listed]).argsort(kind="stable")
-        columns = {f: np.concatenate([getattr(table, f) for table in listed])[order] for f in CONTROL_COLUMNS}
+        columns = {f: np.concatenate([getattr(table, f) for table in listed])[order] for f in CONTROL_DTYPES}
         return cls(tables[0].step, **columns)
 
     def take(self, rows: BoolArray) -> ControlTable:
         """Returns the controls of the agents in the mask `rows` (m,)."""
-        return ControlTable(self.step, **{f: getattr(self, f)[rows] for f in CONTROL_COLUMNS})
+        return ControlTable(self.step, **{f: getattr(self, f)[rows] for f in CONTROL_DTYPES})
 
     @classmethod
     def without_slip(
@@ -260,7 +259,13 @@ class ControlTable:
         return cls.without_slip(table, rows, acceleration, yaw_rate, source)
 
 
-CONTROL_COLUMNS: tuple[str, ...] = tuple(f.name for f in fields(ControlTable) if f.name != "step")
+CONTROL_DTYPES: dict[str, type[np.generic]] = {
+    "id": np.int64,
+    "acceleration": np.float64,
+    "lateral_acceleration": np.float64,
+    "yaw_rate": np.float64,
+    "source": np.uint8,
+}
 """The columns of the controls."""
 
 

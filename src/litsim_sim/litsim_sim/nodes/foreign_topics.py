@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from importlib import import_module
-from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from litsim_sim.record.bag import BagWriter, qos_yaml
-from litsim_sim.ros.definitions import definition, type_hash
+from litsim_sim.ros.definitions import definition, message_class, type_hash
 
 LOOK_S = 0.5  # [s] between two looks for publishers
 QUEUE = 100  # [messages]
@@ -39,9 +37,8 @@ class ForeignTopics:
                 self._subscribe(name, types[0])
 
     def _subscribe(self, name: str, type_name: str) -> None:
-        package, kind, short = [*type_name.split("/"), "", ""][:3]
         try:
-            message_type: Any = getattr(import_module(f"{package}.{kind}"), short)
+            message_type = message_class(type_name)
         except (ImportError, AttributeError):
             self._node.get_logger().warning(f"{name} is not recorded: {type_name} is not installed")
             return

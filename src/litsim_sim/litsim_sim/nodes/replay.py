@@ -6,7 +6,6 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from importlib import import_module
 from math import isnan, nan
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.nodes.keyboard import Keyboard
 from litsim_sim.record.bag import BagReader, BagTopic
 from litsim_sim.record.player import Player, checked_rate, is_latched, messages_of, offered_qos, selected
-from litsim_sim.ros.definitions import type_hash
+from litsim_sim.ros.definitions import message_class, type_hash
 from litsim_sim.ros.parameters import check_set, undeclare_set
 from litsim_sim.ros.process import process, serve
 
@@ -117,9 +116,8 @@ class ReplayNode(Node):
 
     def _open(self, topic: BagTopic) -> bool:
         """Create a publisher; return False, with a warning, if subscribers here could not read the messages."""
-        package, kind, short = [*topic.type_name.split("/"), "", ""][:3]
         try:
-            message_type = getattr(import_module(f"{package}.{kind}"), short)
+            message_type = message_class(topic.type_name)
             here = type_hash(topic.type_name)
         except (ImportError, AttributeError, LookupError):
             self.get_logger().warning(f"{topic.name} is left out: {topic.type_name} is not installed")

@@ -8,16 +8,9 @@ import struct
 import numpy as np
 import numpy.typing as npt
 
-from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, ControlTable, EgoCommand
+from litsim_sim.core.scene import CONTROL_DTYPES, DTYPES, AgentTable, ControlTable, EgoCommand
 
 VERSION = b"litsim-digest-1\n"
-CONTROL_FIELDS: dict[str, str] = {
-    "id": "<i8",
-    "acceleration": "<f8",
-    "lateral_acceleration": "<f8",
-    "yaw_rate": "<f8",
-    "source": "|u1",
-}
 
 
 class RunDigest:
@@ -57,5 +50,6 @@ def _bytes(values: npt.NDArray[np.generic], dtype: np.dtype[np.generic]) -> byte
     return values.astype(dtype, copy=False).tobytes()
 
 
-_TABLE_TYPES = {field: np.dtype(DTYPES[field]).newbyteorder("<") for field in ARRAY_FIELDS}
-_CONTROL_TYPES = {field: np.dtype(dtype) for field, dtype in CONTROL_FIELDS.items()}
+_TABLE_TYPES, _CONTROL_TYPES = (
+    {field: np.dtype(dtype).newbyteorder("<") for field, dtype in types.items()} for types in (DTYPES, CONTROL_DTYPES)
+)

@@ -18,6 +18,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.run_end import RunEnd
 from litsim_sim.core.scene import (
     ARRAY_FIELDS,
+    CONTROL_DTYPES,
     DTYPES,
     AgentTable,
     ByteArray,
@@ -47,7 +48,6 @@ from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.lane_map.signal_links import ARROW, SignalLink
 from litsim_sim.record.bag import BagReader, BagTopic
 from litsim_sim.record.decoding import UNDECODABLE, decoded
-from litsim_sim.record.digest import CONTROL_FIELDS
 from litsim_sim.record.failure import read_failure
 from litsim_sim.scenario.log import logged_steps
 from litsim_sim.scenario.recording import Recording
@@ -456,7 +456,7 @@ def _takeover(message: Any) -> Takeover:
 
 
 def _controls(message: Any) -> ControlTable:
-    return ControlTable(message.step, *(np.asarray(getattr(message, n), d) for n, d in CONTROL_FIELDS.items()))
+    return ControlTable(message.step, *(np.asarray(getattr(message, n), d) for n, d in CONTROL_DTYPES.items()))
 
 
 def _ego_command(message: Any) -> EgoCommand:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,12 @@ def type_name(message_type: Any) -> str:
     """Returns `package/msg/Name` of a message class."""
     package, kind, _ = message_type.__module__.split(".", 2)
     return f"{package}/{kind}/{message_type.__name__}"
+
+
+def message_class(name: str) -> Any:
+    """Returns the class of `package/msg/Name`; raises ImportError or AttributeError if that is not installed."""
+    package, kind, short = [*name.split("/"), "", ""][:3]
+    return getattr(import_module(f"{package}.{kind}"), short)
 
 
 def definition(name: str) -> str:

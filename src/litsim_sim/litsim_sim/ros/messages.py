@@ -21,13 +21,22 @@ from std_msgs.msg import Header
 from litsim_sim.core import topic_names
 from litsim_sim.core.columns import check_columns
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import ARRAY_FIELDS, STEP_NS, AgentTable, ControlTable, EgoCommand, EgoMode, FloatArray
+from litsim_sim.core.scene import (
+    ARRAY_FIELDS,
+    CONTROL_DTYPES,
+    DTYPES,
+    STEP_NS,
+    AgentTable,
+    ControlTable,
+    EgoCommand,
+    EgoMode,
+    FloatArray,
+)
 from litsim_sim.core.signals import SignalTable
 from litsim_sim.scenario.signals import Signals
 
 FRAME = "map"
 _TYPECODES = {"f8": "d", "f4": "f", "i8": "q", "u4": "I", "u1": "B"}
-_CONTROL_FIELDS = ("id", "acceleration", "lateral_acceleration", "yaw_rate", "source")
 
 
 def stamp(step: int) -> Time:
@@ -61,7 +70,7 @@ def agents_to_message(table: AgentTable, run_id: str, total_steps: int, ego_id: 
 
 def agents_from_message(message: AgentStates) -> AgentTable:
     """Returns the table of an ``AgentStates``."""
-    arrays = {name: from_array(getattr(message, name), dtype) for name, dtype in _AGENT_DTYPES.items()}
+    arrays = {name: from_array(getattr(message, name), dtype) for name, dtype in DTYPES.items()}
     return AgentTable(message.step, **arrays)
 
 
@@ -116,15 +125,13 @@ def signal_map_to_message(signals: Signals, run_id: str) -> SignalMap:
 
 def controls_to_message(controls: ControlTable, run_id: str) -> Controls:
     """Returns ``Controls`` of a table."""
-    arrays = {name: to_array(getattr(controls, name)) for name in _CONTROL_FIELDS}
+    arrays = {name: to_array(getattr(controls, name)) for name in CONTROL_DTYPES}
     return Controls(header=header(controls.step), run_id=run_id, step=controls.step, **arrays)
 
 
 def controls_from_message(message: Controls) -> ControlTable:
     """Returns the table of a ``Controls``."""
-    return ControlTable(
-        message.step, **{name: from_array(getattr(message, name), _CONTROL_DTYPES[name]) for name in _CONTROL_FIELDS}
-    )
+    return ControlTable(message.step, *(from_array(getattr(message, n), dtype) for n, dtype in CONTROL_DTYPES.items()))
 
 
 def ego_to_message(command: EgoCommand, run_id: str) -> EgoControl:
@@ -186,11 +193,3 @@ def _pose(place: FloatArray, heading: float) -> Pose2D:
 def _quaternion(yaw: float) -> tuple[float, float]:
     """Components z and w of the quaternion of a rotation by `yaw` [rad] about the vertical."""
     return float(np.sin(0.5 * yaw)), float(np.cos(0.5 * yaw))
-
-
-_AGENT_DTYPES: dict[str, type[np.generic]] = {
-    name: getattr(AgentTable.empty(0), name).dtype.type for name in ARRAY_FIELDS
-}
-_CONTROL_DTYPES: dict[str, type[np.generic]] = {
-    name: getattr(ControlTable.empty(0), name).dtype.type for name in _CONTROL_FIELDS
-}
