@@ -75,21 +75,21 @@ def test_what_cannot_be_read_fails_for_each_who_reads_it(dds: dict[str, Any]) ->
 
 def test_an_answer_goes_to_those_that_listen_here_and_not_over_dds(dds: dict[str, Any]) -> None:
     transport, heard = InProcessTransport(), []
-    transport.join((FORECASTS,))
+    transport.join(FORECASTS)
     listen(transport, "conflict", FORECASTS, str, heard)
     assert not dds
     forecast = object()
-    assert transport.has_listener((FORECASTS,)) and not transport.has_listener((TAKEOVERS,))
-    transport.publish({FORECASTS: forecast}, "run", 7)
+    assert transport.has_listener(FORECASTS) and not transport.has_listener(TAKEOVERS)
+    transport.publish(FORECASTS, forecast, "run", 7)
     assert heard == [("conflict", "run", 7, forecast)]
 
 
 def test_a_stage_alone_waits_for_nobody_here(dds: dict[str, Any]) -> None:
     transport, heard = InProcessTransport(), []
     listen(transport, "conflict", FORECASTS, str, heard)
-    transport.join((TAKEOVERS,))
+    transport.join(TAKEOVERS)
     assert list(dds) == ["conflict /litsim/forecasts"]
-    assert not transport.has_listener((TAKEOVERS,))
+    assert not transport.has_listener(TAKEOVERS)
 
 
 def test_what_nobody_waits_for_is_done_once_all_have_been_served(dds: dict[str, Any]) -> None:
