@@ -34,8 +34,8 @@ def stamped(stamp_ns: int) -> dict[str, int]:
     return {"sec": seconds, "nanosec": nanoseconds}
 
 
-def blank(fields: Fields, count: int = 1, *, aligned: bool = False) -> Records:
-    """`count` records of `fields`, all zero, which begin at a multiple of 8 bytes, and end at one if `aligned`."""
+def blank(fields: Fields, *, aligned: bool = False) -> Records:
+    """A record (1,) of `fields`, all zero, which begins at a multiple of 8 bytes, and ends at one if `aligned`."""
     names, formats, offsets, end = [], [], [], 0
     for name, kind in fields:
         parts = [(name, kind)] if isinstance(kind, str) else [(f"{name}.size", "u4"), (name, f"S{len(kind) + 1}")]
@@ -47,7 +47,7 @@ def blank(fields: Fields, count: int = 1, *, aligned: bool = False) -> Records:
             offsets.append(end)
             end += dtype.itemsize
     size = end + (-end % ALIGNED if aligned else 0)
-    records = np.zeros(count, np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size}))
+    records = np.zeros(1, np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size}))
     for name, kind in fields:
         if isinstance(kind, bytes):
             records[f"{name}.size"], records[name] = len(kind) + 1, kind

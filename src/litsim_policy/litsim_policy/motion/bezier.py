@@ -38,9 +38,9 @@ def points(control: FloatArray, spacing: float) -> FloatArray:
     return curve
 
 
-def curvature_max(control: FloatArray, samples: int = 33) -> float:
-    """Returns the largest absolute curvature [1/m] at `samples` parameters of the cubic; infinite at a cusp."""
-    t = np.linspace(0.0, 1.0, samples)[:, None]
+def curvature_max(control: FloatArray) -> float:
+    """Returns the largest absolute curvature [1/m] at 33 parameters of the cubic; infinite at a cusp."""
+    t = np.linspace(0.0, 1.0, 33)[:, None]
     a, b, c = np.diff(control, axis=0)
     first = 3 * ((1 - t) ** 2 * a + 2 * t * (1 - t) * b + t**2 * c)
     second = 6 * ((1 - t) * (b - a) + t * (c - b))

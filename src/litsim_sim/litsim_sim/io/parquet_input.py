@@ -94,18 +94,16 @@ def check_unpacked(content: pq.FileMetaData, packed: int, where: str) -> None:
         raise InputError(f"{where}: unpacks from {packed} to {size} bytes, expected at most {most}")
 
 
-def read_table(path: Path, needed: Sequence[str] = (), *, purpose: str = "") -> pd.DataFrame:
+def read_table(path: Path, needed: Sequence[str] = ()) -> pd.DataFrame:
     """Read all columns of the Parquet file at `path`.
 
     Args:
         path: the file.
         needed: columns that it must have.
-        purpose: added to the error about a missing file, such as "calibration needs it".
 
     Raises:
         InputError: it is missing, no Parquet, or lacks columns.
     """
-    require_file(path, hint=purpose and f"; {purpose}")
     arrow = read_arrow(path)
     missing = [name for name in needed if name not in arrow.column_names]
     if missing:
