@@ -8,7 +8,7 @@ import pytest
 from litsim_policy.driving.handback import COMFORTABLE as IDM
 from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
 from litsim_policy.driving.safety.comfort import BRAKING_JERK_MAX
-from litsim_policy.driving.safety.config import SafetyConfig
+from litsim_policy.driving.safety.layer import SafetyConfig
 from litsim_policy.driving.yielding_rules import (
     COURTESY_DECELERATION,
     FOLLOWING_TIME,

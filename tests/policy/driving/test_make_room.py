@@ -7,7 +7,7 @@ import pytest
 
 from agent_arrays import agent_arrays
 from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
-from litsim_policy.driving.safety.config import SafetyConfig
+from litsim_policy.driving.safety.layer import SafetyConfig
 from litsim_policy.driving.yielding_rules import COURTESY_DECELERATION, FALLING_BACK, SIDE_GAP, make_room
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_sim.core.takeover import TakeoverTable

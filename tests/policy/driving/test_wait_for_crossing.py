@@ -11,7 +11,7 @@ import pytest
 from agent_arrays import agent_arrays
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
-from litsim_policy.driving.safety.config import SafetyConfig
+from litsim_policy.driving.safety.layer import SafetyConfig
 from litsim_policy.driving.yielding_rules import COURTESY_DECELERATION, PEDALS, wait_for_crossing
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_sim.core.scene import Controller

@@ -12,8 +12,7 @@ from litsim_policy.driving.features.observation import Observer
 from litsim_policy.driving.handback import COMFORTABLE, OwnLogs
 from litsim_policy.driving.policy import Policy
 from litsim_policy.driving.policy_network import PACKAGED, PolicyNetwork, shipped_weights
-from litsim_policy.driving.safety.config import SafetyConfig
-from litsim_policy.driving.safety.layer import SafetyLayer
+from litsim_policy.driving.safety.layer import SafetyConfig, SafetyLayer
 from litsim_policy.driving.task import DrivingScene
 from litsim_policy.driving.yield_policy import YieldPolicy
 from litsim_sim.core.parameters import ParameterReader

@@ -20,8 +20,7 @@ from litsim_policy.driving.features.observation import ObservationConfig, Observ
 from litsim_policy.driving.handback import OwnLogs
 from litsim_policy.driving.policy_c import executed, guarded
 from litsim_policy.driving.registry import make_policy
-from litsim_policy.driving.safety.config import SafetyConfig
-from litsim_policy.driving.safety.layer import SafetyLayer
+from litsim_policy.driving.safety.layer import SafetyConfig, SafetyLayer
 from litsim_policy.driving.task import NOBODY, DrivingScene, due_step, opponent_of
 from litsim_policy.ego.batched import BatchedEgos
 from litsim_predictor.models import make_predictor

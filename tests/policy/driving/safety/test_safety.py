@@ -18,8 +18,7 @@ from litsim_policy.driving.safety.comfort import (
     LATERAL_ACCELERATION_MAX,
     YAW_RATE_MAX,
 )
-from litsim_policy.driving.safety.config import SafetyConfig
-from litsim_policy.driving.safety.layer import SafeCommands, SafetyLayer
+from litsim_policy.driving.safety.layer import SafeCommands, SafetyConfig, SafetyLayer
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.reference_path import lane_path, logged_path
 from litsim_sim.core.scene import STEP_S, AgentTable, ControlSource, EgoCommand, EgoMode

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from litsim_policy.driving.safety.comfort import ACCELERATION_MAX, YAW_ACCELERATION_MAX
-from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.following import (
     BRAKING_MAX,
     IMMINENT,
@@ -21,7 +20,7 @@ from litsim_policy.driving.safety.following import (
     WIDENING,
     following_cap,
 )
-from litsim_policy.driving.safety.layer import SafeCommands, SafetyLayer
+from litsim_policy.driving.safety.layer import SafeCommands, SafetyConfig, SafetyLayer
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.car_following import LEADER_BRAKES
 from litsim_policy.motion.followers import PathFollowers

@@ -12,11 +12,28 @@ import numpy as np
 
 from litsim_policy.driving.look_ahead import first_touch, rolled_out, steps_of
 from litsim_policy.driving.safety.comfort import limited
-from litsim_policy.driving.safety.config import SafetyConfig
 from litsim_policy.driving.safety.evasion import best_choice, evasive_commands
 from litsim_policy.driving.task import DrivingScene
 from litsim_policy.motion.followers import PathFollowers
+from litsim_sim.core.quantities import Acceleration, Flag, Horizon, Length, NonNegative, Positive, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
+
+
+@configuration
+class SafetyConfig:
+    """The guard against contacts; the limits of :mod:`.comfort` always hold.
+
+    Attributes:
+        contact: brake or steer where the command leads into another box within `horizon`.
+        braking_max: of the guard in an emergency, the most that the vehicle can do.
+        horizon: of the look-ahead for other boxes.
+        margin: distance kept to other boxes.
+    """
+
+    contact: Flag = True
+    braking_max: Positive[Acceleration] = 8.0
+    horizon: Horizon = 1.2
+    margin: NonNegative[Length] = 0.15
 
 
 @dataclass
