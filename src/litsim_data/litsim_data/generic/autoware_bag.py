@@ -128,12 +128,12 @@ def read_bag(path: Path) -> BagContent:
     source = path.parent if path.name == METADATA_FILE else path
     try:
         with AnyReader([source], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            tracks, ego, signals = _Tracks(), _Ego(vehicle), _Signals()
+            tracks, ego, shown = _Tracks(), _Ego(vehicle), dict[str, list[tuple[int, str]]]()
             for connection, message in _messages(reader, path):
                 if connection.msgtype in OBJECTS:
                     tracks.take(message)
                 elif connection.msgtype == SIGNALS:
-                    signals.take(message)
+                    _take_lights(shown, message)
                 else:
                     ego.take(connection.topic, message)
     except (AnyReaderError, ReaderError, sqlite3.Error, OSError, *UNDECODABLE) as error:
@@ -152,7 +152,12 @@ def read_bag(path: Path) -> BagContent:
     name = path.parent.name if path.name == METADATA_FILE else path.stem
     header = RecordingHeader(name=name, source="ROS 2 bag of Autoware", licence="unknown", notes=notes)
     recording = Recording.from_table(header, frames[list(COLUMNS)], f"{path}, brought to 10 Hz")
-    return BagContent(recording, signals.changes(zero_ns))
+    signals = [
+        SignalChange(round(1e-9 * (time - zero_ns), 3), group, state)
+        for group, changes in shown.items()
+        for time, state in changes
+    ]
+    return BagContent(recording, tuple(sorted(signals)))
 
 
 class _Row(NamedTuple):
@@ -242,29 +247,13 @@ class _Ego:
             yield _Row(ego_id, *pose, rate, self._vehicle.length, self._vehicle.width, int(Kind.CAR))
 
 
-class _Signals:
-    """Collects what traffic lights show."""
-
-    def __init__(self) -> None:
-        self._shown: dict[str, list[tuple[int, str]]] = {}
-
-    def take(self, message: Any) -> None:
-        """Takes a list of lights."""
-        time = _ns(message.stamp)
-        for light in message.traffic_light_groups:
-            state = _state(light.elements).name.lower()
-            shown = self._shown.setdefault(str(light.traffic_light_group_id), [])
-            if not shown or shown[-1][1] != state:
-                shown.append((time, state))
-
-    def changes(self, zero_ns: int) -> tuple[SignalChange, ...]:
-        """Returns all changes, by times from `zero_ns`."""
-        every = [
-            SignalChange(round(1e-9 * (time - zero_ns), 3), group, state)
-            for group, shown in self._shown.items()
-            for time, state in shown
-        ]
-        return tuple(sorted(every))
+def _take_lights(shown: dict[str, list[tuple[int, str]]], message: Any) -> None:
+    """Adds the changes that a message tells to what each traffic light has `shown`, with the time [ns]."""
+    for light in message.traffic_light_groups:
+        state = _state(light.elements).name.lower()
+        changes = shown.setdefault(str(light.traffic_light_group_id), [])
+        if not changes or changes[-1][1] != state:
+            changes.append((_ns(message.stamp), state))
 
 
 def _messages(reader: AnyReader, path: Path) -> Iterator[tuple[Connection, Any]]:

@@ -68,14 +68,16 @@ def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
     Raises:
         InputError: checks failed; the message has the figure of each.
     """
-    step = _steps(table, 1)["dt"].to_numpy()
+    consecutive = steps(table, 1)
+    step = consecutive["dt"].to_numpy()[consecutive["dt"] > 0]
     texts = {"time": _time(step, mapping), "size": _size(table, mapping)}
     if not texts["time"] or "time" in mapping.accept:  # the others depend on times
-        steps = _steps(table, rows_apart(float(np.median(step))) if len(step) else 1)
+        moves = steps(table, rows_apart(float(np.median(step))) if len(step) else 1)
+        moves = moves[moves["dt"] > 0]
         texts |= {
-            "speed": _speed(table, steps, mapping),
+            "speed": _speed(table, moves, mapping),
             "acceleration": _acceleration(table, mapping),
-            "heading": _across(steps, mapping) or _heading(table, steps, mapping),
+            "heading": _across(moves, mapping) or _heading(table, moves, mapping),
             "side": _mirrored(table),
         }
     problems = [f"{text} (check {name})" for name, text in texts.items() if text and name not in mapping.accept]
@@ -102,9 +104,9 @@ def _time(step: FloatArray, mapping: Mapping) -> str:
     return f"{finding}, units.time being {mapping.units.time}{would}"
 
 
-def _speed(table: pd.DataFrame, steps: pd.DataFrame, mapping: Mapping) -> str:
+def _speed(table: pd.DataFrame, moves: pd.DataFrame, mapping: Mapping) -> str:
     """Checks that speeds agree with the change of positions."""
-    driven = steps["way"].to_numpy() / steps["dt"].to_numpy()
+    driven = moves["way"].to_numpy() / moves["dt"].to_numpy()
     if "speed" not in table:
         fast = float(np.quantile(driven, 0.9)) if len(driven) else 0.0
         slow = float(np.quantile(driven, 0.99)) if len(driven) >= ROWS_MIN else STANDING
@@ -122,7 +124,7 @@ def _speed(table: pd.DataFrame, steps: pd.DataFrame, mapping: Mapping) -> str:
             f"column {mapping.columns.speed!r} is below -{REVERSE_MAX:g} m/s in {back.mean():.0%} of the rows, down to "
             f"{table['speed'].min():.3g} m/s, expected speeds along the heading: is it that along an axis?"
         )
-    speed = steps["speed"].to_numpy()
+    speed = moves["mean_speed"].to_numpy()
     moving = (np.abs(speed) > 0.05) & ((driven > 0.05) | (np.abs(speed) > MOVING))
     if moving.sum() < ROWS_MIN:
         return ""
@@ -227,12 +229,12 @@ def _degrees(table: pd.DataFrame, mapping: Mapping) -> str:
     return "; or are they degrees? Longitudes and latitudes have to be projected to metres first"
 
 
-def _across(steps: pd.DataFrame, mapping: Mapping) -> str:
+def _across(moves: pd.DataFrame, mapping: Mapping) -> str:
     """Checks, for reference box_corner, that vehicles drive along the x axis of the file."""
-    steps = steps[steps["way"] > MOVING * steps["dt"]]
-    if mapping.reference != "box_corner" or len(steps) < ROWS_MIN:
+    moves = moves[moves["way"] > MOVING * moves["dt"]]
+    if mapping.reference != "box_corner" or len(moves) < ROWS_MIN:
         return ""
-    motion = np.arctan2(steps["dy"].to_numpy(), steps["dx"].to_numpy()) - np.deg2rad(mapping.transform.yaw_deg)
+    motion = np.arctan2(moves["dy"].to_numpy(), moves["dx"].to_numpy()) - np.deg2rad(mapping.transform.yaw_deg)
     across = float((np.abs(np.sin(motion)) > np.sin(HEADING_MAX)).mean())
     if across <= ACROSS_MAX:
         return ""
@@ -242,14 +244,14 @@ def _across(steps: pd.DataFrame, mapping: Mapping) -> str:
     )
 
 
-def _heading(table: pd.DataFrame, steps: pd.DataFrame, mapping: Mapping) -> str:
+def _heading(table: pd.DataFrame, moves: pd.DataFrame, mapping: Mapping) -> str:
     """Checks that headings agree with the direction of motion."""
     if "yaw" not in table:
         return ""
-    steps = steps[steps["way"] > MOVING * steps["dt"]]
-    if len(steps) < ROWS_MIN:
+    moves = moves[moves["way"] > MOVING * moves["dt"]]
+    if len(moves) < ROWS_MIN:
         return ""
-    motion, yaw = np.arctan2(steps["dy"].to_numpy(), steps["dx"].to_numpy()), steps["yaw"].to_numpy()
+    motion, yaw = np.arctan2(moves["dy"].to_numpy(), moves["dx"].to_numpy()), moves["yaw"].to_numpy()
     error, off = _apart(yaw, motion), _off(yaw, motion)
     mirror = -1.0 if mapping.transform.mirror_y else 1.0
     turn = np.deg2rad(mapping.transform.yaw_deg)
@@ -266,7 +268,7 @@ def _heading(table: pd.DataFrame, steps: pd.DataFrame, mapping: Mapping) -> str:
                 "angles.positive": (mapping.angles.positive, positive),
             }
             fits.append([f"{name} {new}" for name, (old, new) in changes.items() if new != old])
-    few = off <= max(MISREAD, ROWS_MIN / len(steps))
+    few = off <= max(MISREAD, ROWS_MIN / len(moves))
     if error <= HEADING_MAX and (few or not fits):
         return _turned_headings(table, mapping)
     fewest = min(map(len, fits), default=0)
@@ -341,27 +343,21 @@ def rows_apart(step: float) -> int:
     return round(SPAN_S / max(min(step, SPAN_S), STEP_RANGE_S[0]))
 
 
-def _steps(table: pd.DataFrame, apart: int) -> pd.DataFrame:
-    """Returns the steps from each row of a vehicle to its row `apart` rows later.
+def steps(table: pd.DataFrame, apart: int, clock: str = "t") -> pd.DataFrame:
+    """Returns the steps from each row of a vehicle to its row `apart` rows later, in one sorted by vehicle and time.
 
     Returns:
-        Columns `dt` [s], `dx`, `dy`, `way` [m], `speed` (mean of both rows) and `yaw` (of the first).
+        The rows at which steps begin, with the changes `dt` of the column `clock`, and `dx` and `dy` of the position;
+        `way`, the distance; and `mean_speed`, of both rows, if the table has speeds.
     """
     vehicle = table["vehicle_id"].to_numpy()
     same = vehicle[apart:] == vehicle[:-apart]
-
-    def change(column: str) -> FloatArray:
-        values = table[column].to_numpy()
-        return np.asarray((values[apart:] - values[:-apart])[same], np.float64)
-
-    changes = {name: change(column) for name, column in (("dt", "t"), ("dx", "x"), ("dy", "y"))}
-    steps = pd.DataFrame(changes).assign(way=np.hypot(changes["dx"], changes["dy"]))
+    begin, end = table.iloc[:-apart][same], table.iloc[apart:][same]
+    dt, dx, dy = (end[name].to_numpy(np.float64) - begin[name].to_numpy(np.float64) for name in (clock, "x", "y"))
+    moves = begin.assign(dt=dt, dx=dx, dy=dy, way=np.hypot(dx, dy))
     if "speed" in table:
-        speed = table["speed"].to_numpy()
-        steps["speed"] = (0.5 * (speed[apart:] + speed[:-apart]))[same]
-    if "yaw" in table:
-        steps["yaw"] = table["yaw"].to_numpy()[:-apart][same]
-    return steps[steps["dt"] > 0]
+        moves["mean_speed"] = 0.5 * (end["speed"].to_numpy() + begin["speed"].to_numpy())
+    return moves
 
 
 def _apart(angles: FloatArray, others: FloatArray) -> float:
@@ -390,10 +386,12 @@ def sides(table: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
         Median distance to the left (p,) [m] at which the other vehicle of an oncoming pair passes; and that (q,) [m] of
         the vehicle in the lane of the next higher number, for pairs that go the same way.
     """
-    moving = _moving(table)
+    moving = steps(table, 1)
+    moving = moving[(moving["dt"] > 0) & (moving["way"] > np.maximum(MOVING * moving["dt"], NEXT_MIN))]
     instant = np.round(moving["t"].to_numpy() / INSTANT_S).astype(np.int64)
     every = max(1, len(np.unique(instant)) // INSTANTS)
-    moving = moving.assign(instant=instant)[instant % every == 0].drop_duplicates(["vehicle_id", "instant"])
+    moving = moving.assign(instant=instant, course=np.arctan2(moving["dy"], moving["dx"]))  # to the next row [rad]
+    moving = moving[instant % every == 0].drop_duplicates(["vehicle_id", "instant"])
     oncoming, next_lane = [], []
     for _, rows in moving.groupby("instant", sort=True):
         one, other = KDTree(rows[["x", "y"]]).query_pairs(NEAR, output_type="ndarray").T
@@ -423,16 +421,6 @@ def _mirrored(table: pd.DataFrame) -> str:
             f"counted from the left in either direction, and field columns.lane has to go"
         )
     return "; ".join(findings)
-
-
-def _moving(table: pd.DataFrame) -> pd.DataFrame:
-    """Returns rows of moving vehicles, with the direction `course` [rad] to their next row."""
-    vehicle, t, x, y = (table[name].to_numpy() for name in ("vehicle_id", "t", "x", "y"))
-    dx, dy, dt = np.diff(x), np.diff(y), np.diff(t)
-    way = np.hypot(dx, dy)
-    keep = (vehicle[1:] == vehicle[:-1]) & (dt > 0) & (way > np.maximum(MOVING * dt, NEXT_MIN))
-    columns = table[["vehicle_id", "t", "x", "y", "lane"]].iloc[:-1][keep]
-    return columns.assign(course=np.arctan2(dy, dx)[keep])
 
 
 def _pairs(rows: pd.DataFrame, one: IntArray, other: IntArray) -> tuple[pd.DataFrame, pd.DataFrame]:

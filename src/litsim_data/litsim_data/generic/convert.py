@@ -279,16 +279,11 @@ def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
     yaw = wrap_angle(table["yaw"].to_numpy())
     ahead = AHEAD[mapping.reference] * table["length"].to_numpy()
     x, y = x + ahead * np.cos(yaw), y + ahead * np.sin(yaw)
-    table = table.assign(x=x, y=y, yaw=yaw)
-    if "speed" not in table or walking.any():
-        speed = np.hypot(_rate(vehicle, x), _rate(vehicle, y))
-        table = table.assign(speed=np.where(walking, speed, table["speed"]) if "speed" in table else speed)
-    if "acceleration" not in table or walking.any():
-        rate = _rate(vehicle, table["speed"].to_numpy())
-        table = table.assign(
-            acceleration=np.where(walking, rate, table["acceleration"]) if "acceleration" in table else rate
-        )
-    return table
+    speed = np.hypot(_rate(vehicle, x), _rate(vehicle, y))
+    speed = np.where(walking, speed, table["speed"]) if "speed" in table else speed
+    rate = _rate(vehicle, speed)
+    rate = np.where(walking, rate, table["acceleration"]) if "acceleration" in table else rate
+    return table.assign(x=x, y=y, yaw=yaw, speed=speed, acceleration=rate)
 
 
 def _check_walking(table: pd.DataFrame, ids: dict[str, int], source: TableFiles) -> None:

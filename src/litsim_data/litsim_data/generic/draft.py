@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from litsim_data.generic.checks import (
     heading,
     pace,
     rows_apart,
+    steps,
 )
 from litsim_data.generic.mapping import FACTORS, Mapping
 from litsim_data.generic.reading import NEEDED, texts
@@ -132,16 +132,7 @@ def draft(paths: Path | Sequence[Path]) -> str:
     remarks = [f"{name} has cells without a number, and is not used" for name in held]
     remarks += [f"the file has no {' and '.join(sizes)}: those of a usual car, in metres"] if sizes else []
     mapping.remarks["columns"] = "; ".join(remarks)
-    mapping.fields["reference"] = "box_centre"
-    mapping.remarks["reference"] = "a guess: box_centre, front_centre or rear_axle"
-    if columns["x"] == SUMO_X:
-        mapping.fields["reference"] = "front_centre"
-        mapping.remarks["reference"] = "a guess: column names are those of SUMO, whose positions are of front centres"
-    if columns.get("width") == HEIGHT:
-        mapping.fields["reference"] = "box_corner"
-        mapping.remarks["reference"] = (
-            "a guess: columns width and height are of boxes in a picture, x and y their corner"
-        )
+    mapping.fields["reference"], mapping.remarks["reference"] = _reference(columns)
     if "clip" in columns and table["clip"].nunique() < 2:
         del columns["clip"], mapping.fields["columns"]["clip"]
     if "clip" in columns:
@@ -150,10 +141,12 @@ def draft(paths: Path | Sequence[Path]) -> str:
         mapping.fields["clip"] = int(first) if re.fullmatch(r"0|[1-9]\d*", first) else first
         mapping.remarks["clip"] = f"the first of {table['clip'].nunique()}"
         table = table[clips == first]
-    steps = _Steps.of(table, 1)
-    _clock(mapping, steps)
+    clock = "time" if "time" in columns else "frame"
+    known = table.dropna(subset=[name for name in (clock, "x", "y", "yaw", "speed") if name in table])
+    known = known.sort_values(["vehicle_id", clock])
+    apart = _clock(mapping, steps(known, 1, clock)["dt"])
     _sizes(mapping, table)
-    _motion(mapping, _Steps.of(table, _rows_apart(mapping, steps)))
+    _motion(mapping, steps(known, apart, clock))
     if "kind" in columns:
         _kinds(mapping, table["kind"])
     if valid:
@@ -162,6 +155,15 @@ def draft(paths: Path | Sequence[Path]) -> str:
     text = _written(mapping, f"Drafted from the columns of {source.name}; not used: {', '.join(unused) or 'none'}.")
     Mapping.model_validate(yaml.safe_load(text))  # else this is wrong, not the user
     return text
+
+
+def _reference(columns: dict[str, str]) -> tuple[str, str]:
+    """Returns the reference point by the names of columns, and a remark on it."""
+    if columns.get("width") == HEIGHT:
+        return "box_corner", "a guess: columns width and height are of boxes in a picture, x and y their corner"
+    if columns["x"] == SUMO_X:
+        return "front_centre", "a guess: column names are those of SUMO, whose positions are of front centres"
+    return "box_centre", "a guess: box_centre, front_centre or rear_axle"
 
 
 def _present(source: TableFiles, columns: dict[str, str]) -> tuple[pd.DataFrame, list[str]]:
@@ -235,52 +237,20 @@ def _named(source: TableFiles) -> dict[str, str]:
     return named
 
 
-@dataclass(frozen=True)
-class _Steps:
-    """Steps from rows of a vehicle to later ones of the same, in the units of the file.
+def _clock(mapping: _Draft, step: pd.Series) -> int:
+    """Guesses the unit of times by the `step` (n,) from row to row; puts a placeholder for the rate of frame numbers.
 
-    Attributes:
-        clock: column that rows are ordered by: time or frame.
-        begin: (k) rows at which the steps begin.
-        dt, dx, dy: (k,) changes of clock and position.
+    Returns how many rows apart positions are for the guesses on motion.
     """
-
-    clock: str
-    begin: pd.DataFrame
-    dt: FloatArray
-    dx: FloatArray
-    dy: FloatArray
-
-    @classmethod
-    def of(cls, table: pd.DataFrame, apart: int) -> _Steps:
-        """Returns the steps from each row of a vehicle to its row `apart` rows later."""
-        clock = "time" if "time" in table else "frame"
-        known = table.dropna(subset=[name for name in (clock, "x", "y", "yaw", "speed") if name in table])
-        ordered = known.sort_values(["vehicle_id", clock])
-        vehicle = pd.factorize(ordered["vehicle_id"])[0]
-        same = vehicle[apart:] == vehicle[:-apart]
-        places = (ordered[name].to_numpy(np.float64) for name in (clock, "x", "y"))
-        return cls(clock, ordered[:-apart][same], *((place[apart:] - place[:-apart])[same] for place in places))
-
-
-def _clock(mapping: _Draft, steps: _Steps) -> None:
-    """Guesses the unit of times; for frame numbers, puts a placeholder for their rate."""
-    if steps.clock == "frame":
+    if "time" not in mapping.fields["columns"]:
         mapping.fields["rate_hz"] = 10.0
         mapping.remarks["rate_hz"] = "a guess: frames per second of the camera"
-        return
-    (low, high), median = STEP_RANGE_S, float(np.median(steps.dt)) if len(steps.dt) else 0.0
-    fits = [unit for unit in ("s", "ms", "us", "ns") if low <= median * FACTORS[unit] <= high]
-    mapping.fields.setdefault("units", {})["time"] = fits[0] if fits else "s"
-    mapping.remarks["units.time"] = f"rows of a vehicle follow each other by {median:g}"
-
-
-def _rows_apart(mapping: _Draft, steps: _Steps) -> int:
-    """Returns how many rows apart positions are for the guesses on motion, by consecutive `steps`."""
-    median = float(np.median(steps.dt)) if len(steps.dt) else 0.0
-    if steps.clock == "frame" or median <= 0.0:
         return FRAMES_APART
-    return rows_apart(median * FACTORS[mapping.fields["units"]["time"]])
+    (low, high), median = STEP_RANGE_S, float(step.median()) if len(step) else 0.0
+    unit = next((unit for unit in ("s", "ms", "us", "ns") if low <= median * FACTORS[unit] <= high), "s")
+    mapping.fields.setdefault("units", {})["time"] = unit
+    mapping.remarks["units.time"] = f"rows of a vehicle follow each other by {median:g}"
+    return rows_apart(median * FACTORS[unit]) if median > 0.0 else FRAMES_APART
 
 
 def _sizes(mapping: _Draft, table: pd.DataFrame) -> None:
@@ -294,23 +264,23 @@ def _sizes(mapping: _Draft, table: pd.DataFrame) -> None:
     mapping.remarks["units.size"] = f"half of the vehicles are wider than {width:g}"
 
 
-def _motion(mapping: _Draft, steps: _Steps) -> None:
+def _motion(mapping: _Draft, moves: pd.DataFrame) -> None:
     """Guesses the units of positions, speeds and angles such that they agree with each other."""
     units, columns = mapping.fields.setdefault("units", {}), mapping.fields["columns"]
     in_feet = re.search(FEET, columns["x"].lower())
     units["position"] = "ft" if in_feet else "m"
     if units.get("size") == "ft" and not (in_feet or re.search(METRES, columns["x"].lower())):
         units["position"], mapping.remarks["units.position"] = "ft", "a guess: sizes are in feet, too"
-    by_frame = steps.clock == "frame"
-    dt = steps.dt * (1.0 / mapping.fields["rate_hz"] if by_frame else FACTORS[units["time"]])
-    dx, dy = (change * FACTORS[units["position"]] for change in (steps.dx, steps.dy))
+    by_frame = "time" not in columns
+    dt = moves["dt"].to_numpy() * (1.0 / mapping.fields["rate_hz"] if by_frame else FACTORS[units["time"]])
+    dx, dy = (moves[name].to_numpy() * FACTORS[units["position"]] for name in ("dx", "dy"))
     driven = np.hypot(dx, dy) / np.where(dt > 0, dt, np.inf)
     slowest = MOVING
     if by_frame and len(driven):  # at another rate they are faster
         slowest = min(MOVING, 0.5 * float(np.quantile(driven, 0.9)))
     moving = driven > slowest
-    if "speed" in steps.begin and moving.any():
-        speed = np.abs(steps.begin["speed"].to_numpy(np.float64)[moving])
+    if "speed" in moves and moving.any():
+        speed = np.abs(moves["speed"].to_numpy(np.float64)[moving])
         ratio = max(1.0 / pace(speed, driven[moving]), 1e-9)
         rates = {0.0: 1.0}
         if by_frame:  # the file does not give the rate: choose that of a camera by which speeds agree
@@ -334,8 +304,8 @@ def _motion(mapping: _Draft, steps: _Steps) -> None:
         if by_frame:
             mapping.fields["rate_hz"] = rate
             mapping.remarks["rate_hz"] = "a guess by the change of positions: frames per second of the camera"
-    if "yaw" in steps.begin and moving.any():
-        _angles(mapping, steps.begin["yaw"].to_numpy(np.float64)[moving], np.arctan2(dy, dx)[moving])
+    if "yaw" in moves and moving.any():
+        _angles(mapping, moves["yaw"].to_numpy(np.float64)[moving], np.arctan2(dy, dx)[moving])
 
 
 def _angles(mapping: _Draft, angle: FloatArray, motion: FloatArray) -> None:

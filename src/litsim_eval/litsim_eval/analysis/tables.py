@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from itertools import chain
 from pathlib import Path
 
@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from litsim_data.surrogates.encroachment import PET_HORIZON, times_since_others
 from litsim_data.surrogates.safety import following, times_to_collision
 from litsim_eval.analysis.comfort import BOUNDS, motion_values
-from litsim_eval.analysis.takeover import ledger
+from litsim_eval.analysis.takeover import LedgerEntry, ledger
 from litsim_sim.core.scene import Controller
 from litsim_sim.core.steps import StackedTable, Steps
 from litsim_sim.io.files import replacing
@@ -60,28 +60,10 @@ SERIES = pa.schema(
 )
 """Columns of the series; defined in docs/metrics.md."""
 
+_TYPES = {"int": pa.int64(), "float": pa.float64(), "bool": pa.bool_(), "str": TEXT, "Outcome": pa.string()}
 TAKEOVERS = pa.schema(
-    [
-        ("agent", pa.int64()),
-        ("opponent", pa.int64()),
-        ("reason", TEXT),
-        ("detected_step", pa.int32()),
-        ("handback_step", pa.int32()),
-        ("released_step", pa.int32()),
-        ("outcome", pa.string()),
-        ("held_s", pa.float64()),
-        ("time_to_conflict_s", pa.float64()),
-        ("overlap_probability", pa.float64()),
-        ("log_collision_predicted", pa.bool_()),
-        ("replay_would_collide", pa.bool_()),
-        ("replay_step", pa.int32()),
-        ("replay_opponent", pa.int64()),
-        ("false_alarm", pa.bool_()),
-        ("residual_m", pa.float64()),
-        ("residual_mps", pa.float64()),
-        ("time_shift_s", pa.float64()),
-        ("ego_distance_m", pa.float64()),
-    ]
+    (field.name, pa.int32() if field.name.endswith("_step") else _TYPES[str(field.type).removesuffix(" | None")])
+    for field in fields(LedgerEntry)
 )
 """Columns of the takeovers: the fields of :class:`litsim_eval.analysis.takeover.LedgerEntry`."""
 
