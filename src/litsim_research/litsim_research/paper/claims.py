@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from litsim_eval.analysis.displacement import HORIZONS_S
 from litsim_research.paper.experiments import OURS, PAPER_SETUP
-from litsim_research.paper.tables import NOTHING, PUBLISHED, ClaimRow, Row, line
+from litsim_research.paper.tables import NOTHING, PUBLISHED, ClaimRow, Row, markdown
 
 Values = Mapping[str, Mapping[str, float]]
 """A table with one ego on one set of roads: values by measure, then by method."""
@@ -126,11 +126,7 @@ def claim_rows(table: Sequence[Row], ablation: Sequence[Row]) -> list[ClaimRow]:
 
 def claims_table(records: Sequence[ClaimRow]) -> list[str]:
     """Returns the lines of the table of claims."""
-    return [
-        line(["claim of the paper", f"holds, `{OURS}`", f"holds, `{PAPER_SETUP}`", "why"]),
-        line(["---", "---", "---", "---"]),
-        *map(line, records),
-    ]
+    return markdown(["claim of the paper", f"holds, `{OURS}`", f"holds, `{PAPER_SETUP}`", "why"], records)
 
 
 def _tables(rows: Sequence[Row]) -> list[Values]:

@@ -291,7 +291,7 @@ def summary(records: Sequence[Row]) -> list[str]:
     """
     sets = [name for name in _different(row.set for row in records) if name != PUBLISHED]
     headings = ["ego", "method", "runs", *(measure.heading for measure in SUMMARY), *SUMMED.values()]
-    lines = [line(headings), line(["---", "---", *["---:"] * (len(headings) - 2)])]
+    cells: list[list[str]] = []
     for ego, method, published in _different((row.ego, row.method, row.set == PUBLISHED) for row in records):
         of_method = {
             (row.set, row.measure): row
@@ -301,14 +301,15 @@ def summary(records: Sequence[Row]) -> list[str]:
         if published:
             values = [_cell(of_method.get((PUBLISHED, measure.key)), "") for measure in SUMMARY]
             label = f"{method}: {OTHER_DATA}".replace("*", "\\*")
-            lines.append(line([f"`{ego}`", label, "", *values, *[""] * len(SUMMED)]))
+            cells.append([f"`{ego}`", label, "", *values, *[""] * len(SUMMED)])
             continue
         values = [", ".join(_cell(of_method.get((tag, measure.key))) for tag in sets) for measure in SUMMARY]
         sums = [str(sum(int(of_method[tag, key].value) for tag in sets)) for key in SUMMED]
         counts = [of_method[tag, "takeovers"] for tag in sets]
         runs, failed = (sum(int(getattr(row, name)) for row in counts) for name in ("runs", "failed"))
         number = f"{runs}, {failed} failed" if failed else str(runs)
-        lines.append(line([f"`{ego}`", f"`{method}`", number, *values, *sums]))
+        cells.append([f"`{ego}`", f"`{method}`", number, *values, *sums])
+    lines = markdown(headings, cells, right=len(headings) - 2)
     names = [SET_NAMES[tag] for tag in sets if tag in SET_NAMES]
     return [f"Where a cell has several values: {', '.join(names)}.", "", *lines] if len(names) > 1 else lines
 
@@ -320,9 +321,10 @@ def goals_table(records: Sequence[GoalRow]) -> list[str]:
     return [
         f"Cells: `{OURS}`, the best of the baselines, and whether the goal is met.",
         "",
-        line(["goal", *(f"ego `{ego}`" for ego in egos)]),
-        line(["---", *["---"] * len(egos)]),
-        *(line([goal, *(by_cell[goal, ego] for ego in egos)]) for goal in _different(row.goal for row in records)),
+        *markdown(
+            ["goal", *(f"ego `{ego}`" for ego in egos)],
+            [[goal, *(by_cell[goal, ego] for ego in egos)] for goal in _different(row.goal for row in records)],
+        ),
     ]
 
 
@@ -334,9 +336,10 @@ def _cell(row: Row | None, missing: str = NOTHING) -> str:
     return missing if row is None else f"{row.value}{CLEAR if row.clear else ''}"
 
 
-def line(cells: Sequence[str]) -> str:
-    """Returns a line of a Markdown table."""
-    return f"| {' | '.join(cells)} |"
+def markdown(headings: Sequence[str], rows: Iterable[Sequence[str]], right: int = 0) -> list[str]:
+    """Returns the lines of a Markdown table, the last `right` columns of which are aligned to the right."""
+    rule = ["---"] * (len(headings) - right) + ["---:"] * right
+    return [f"| {' | '.join(cells)} |" for cells in (headings, rule, *rows)]
 
 
 def _compared(measure: Measure, ours: Parts, theirs: Parts) -> dict[str, str]:
