@@ -23,16 +23,6 @@ def table_of(step: int, agents: list[int]) -> AgentTable:
     return AgentTable(step, *columns)
 
 
-def test_series_of_agents_that_stay_enter_and_leave(agent_table: Build) -> None:
-    history = History(4, ["x"])
-    history.push(agent_table(0, {"id": 1, "x": 10.0}, {"id": 3, "x": 30.0}))
-    history.push(agent_table(1, {"id": 1, "x": 11.0}, {"id": 3, "x": 31.0}))
-    history.push(agent_table(2, {"id": 1, "x": 12.0}, {"id": 2, "x": 22.0}))
-    values, valid = history.series("x", np.array([1, 2, 3, 4]))
-    assert values.tolist() == [[10.0, 11.0, 12.0], [0.0, 0.0, 22.0], [30.0, 31.0, 0.0], [0.0, 0.0, 0.0]]
-    assert valid.tolist() == [[True] * 3, [False, False, True], [True, True, False], [False] * 3]
-
-
 def test_a_window_strides_back_from_the_newest_step_as_far_as_the_history_reaches(agent_table: Build) -> None:
     history = History(10, ["x", "speed"])
     for step in range(5):

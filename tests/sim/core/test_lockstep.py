@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 import pytest
@@ -26,52 +27,6 @@ def joiner() -> Joiner:
 # Gate
 
 
-def test_a_gate_waits_for_every_answer_to_its_step(gate: Gate) -> None:
-    gate.open(0)
-    assert (gate.step, gate.missing, gate.newest) == (0, [CONTROLS, EGO], {})
-    gate.offer(EGO, RUN, 0, "brake")
-    assert gate.missing == [CONTROLS]
-    gate.offer(CONTROLS, RUN, 0, "yield")
-    assert gate.missing == []
-    assert gate.newest == {CONTROLS: "yield", EGO: "brake"}
-    assert gate.stale == {}
-
-
-def test_a_new_step_waits_afresh(gate: Gate) -> None:
-    gate.open(0)
-    gate.offer(EGO, RUN, 0, "brake")
-    gate.offer(CONTROLS, RUN, 0, "yield")
-    gate.open(1)
-    assert (gate.step, gate.missing) == (1, [CONTROLS, EGO])
-
-
-@pytest.mark.parametrize(("run", "step"), [("run-0", 4), (RUN, 3), (RUN, 5), ("", 4)])
-def test_answers_to_other_runs_and_steps_do_not_count(gate: Gate, run: str, step: int) -> None:
-    for opened in range(5):
-        gate.open(opened)
-    gate.offer(EGO, run, step, "old")
-    assert gate.missing == [CONTROLS, EGO]
-    assert gate.stale == {EGO: 1}
-    gate.offer(EGO, RUN, 4, "new")
-    assert (gate.newest, gate.missing) == ({EGO: "new"}, [CONTROLS])
-    assert gate.stale == {EGO: 1}
-
-
-def test_of_two_answers_to_a_step_the_first_counts(gate: Gate) -> None:
-    gate.open(0)
-    gate.offer(EGO, RUN, 0, "first")
-    gate.offer(EGO, RUN, 0, "second")
-    assert gate.newest == {EGO: "first"}
-    assert gate.stale == {EGO: 1}
-
-
-def test_stale_answers_are_counted_by_name(gate: Gate) -> None:
-    gate.open(7)
-    for name, run, step in [(EGO, RUN, 6), (EGO, "other", 7), (CONTROLS, RUN, 8), (EGO, RUN, 0)]:
-        gate.offer(name, run, step, None)
-    assert gate.stale == {EGO: 3, CONTROLS: 1}
-
-
 def test_a_late_answer_is_the_newest_there_is_but_answers_nothing(gate: Gate) -> None:
     gate.open(0)
     gate.offer(EGO, RUN, 0, "zero")
@@ -83,13 +38,6 @@ def test_a_late_answer_is_the_newest_there_is_but_answers_nothing(gate: Gate) ->
     gate.offer(EGO, RUN, 0, "zero again")
     assert gate.newest == {EGO: "one"}
     assert gate.stale == {EGO: 2}
-
-
-def test_an_answer_to_a_step_to_come_is_not_kept(gate: Gate) -> None:
-    gate.open(0)
-    gate.offer(EGO, RUN, 1, "too early")
-    gate.open(1)
-    assert (gate.missing, gate.newest) == ([CONTROLS, EGO], {})
 
 
 def test_nothing_is_missing_where_nothing_is_required() -> None:
@@ -105,7 +53,7 @@ offers = st.tuples(
 
 @given(st.lists(st.lists(offers, max_size=6), min_size=1, max_size=6))
 def test_a_gate_holds_the_first_answer_to_its_step_and_counts_all_others(steps: list[list[Any]]) -> None:
-    gate, stale = Gate(RUN, (CONTROLS, EGO)), 0
+    gate, stale = Gate(RUN, (CONTROLS, EGO)), Counter[str]()
     for step, given_answers in enumerate(steps):
         gate.open(step)
         expected: dict[str, int] = {}
@@ -114,39 +62,13 @@ def test_a_gate_holds_the_first_answer_to_its_step_and_counts_all_others(steps: 
             if (run, of) == (RUN, step) and name not in expected:
                 expected[name] = answer
             else:
-                stale += 1
+                stale[name] += 1
         assert {name: gate.newest[name] for name in expected} == expected
         assert gate.missing == [name for name in (CONTROLS, EGO) if name not in expected]
-        assert sum(gate.stale.values()) == stale
+        assert gate.stale == stale
 
 
 # Joiner
-
-
-def test_inputs_come_in_any_order(joiner: Joiner) -> None:
-    assert joiner.offer("takeovers", RUN, 0, "t0") is None
-    assert joiner.offer("agents", RUN, 0, "a0") is None
-    assert joiner.offer("forecasts", RUN, 0, "f0") == {"agents": "a0", "forecasts": "f0", "takeovers": "t0"}
-    assert joiner.answered == 0
-
-
-def test_inputs_of_two_steps_do_not_mix(joiner: Joiner) -> None:
-    for name in ("agents", "forecasts"):
-        assert joiner.offer(name, RUN, 0, f"{name} 0") is None
-        assert joiner.offer(name, RUN, 1, f"{name} 1") is None
-    assert joiner.offer("takeovers", RUN, 0, "takeovers 0") == {n: f"{n} 0" for n in joiner.inputs}
-    assert joiner.offer("takeovers", RUN, 1, "takeovers 1") == {n: f"{n} 1" for n in joiner.inputs}
-
-
-def test_a_step_is_given_out_once(joiner: Joiner) -> None:
-    for name in joiner.inputs:
-        joiner.offer(name, RUN, 0, name)
-    for name in joiner.inputs:
-        assert joiner.offer(name, RUN, 0, f"{name} again") is None
-    assert joiner.answered == 0
-    last = [joiner.offer(name, RUN, 1, name) for name in joiner.inputs]
-    assert last[:2] == [None, None]
-    assert last[2] == {name: name for name in joiner.inputs}
 
 
 def test_a_repeated_input_of_an_open_step_replaces_the_first(joiner: Joiner) -> None:

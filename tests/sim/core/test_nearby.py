@@ -11,8 +11,8 @@ import pytest
 from litsim_sim.core.nearby import around
 
 
-@pytest.mark.parametrize("agents", range(16))
-@pytest.mark.parametrize("radius", [0.0, 20.0, 60.0])
+@pytest.mark.parametrize("agents", [0, 1, 7, 15])
+@pytest.mark.parametrize("radius", [0.0, 20.0])
 def test_who_is_around_the_centres_of_his_scene(table: Callable[..., Any], agents: int, radius: float) -> None:
     random = np.random.default_rng(agents)
     x, y = random.normal(0.0, 30.0, (2, agents))

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, Controller, ControlTable
+from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, Controller
 
 Build = Callable[..., AgentTable]
 ids = st.lists(st.integers(-(2**62), 2**62), unique=True, max_size=20)
@@ -33,12 +33,6 @@ def test_rows_of_present_and_absent_agents(present: list[int], others: list[int]
     ordered = sorted(present)
     assert rows.tolist() == [ordered.index(agent) if agent in ordered else -1 for agent in wanted]
     assert [table.row(agent) for agent in wanted] == rows.tolist()
-
-
-def test_rows_beyond_the_last_and_before_the_first(agent_table: Build) -> None:
-    table = agent_table(0, {"id": 10}, {"id": 20})
-    assert table.rows(np.array([30, 20, 15, 10, 5])).tolist() == [-1, 1, -1, 0, -1]
-    assert (table.row(30), table.row(20), table.row(15), table.row(10), table.row(5)) == (-1, 1, -1, 0, -1)
 
 
 def test_an_empty_table_has_no_rows() -> None:
@@ -71,9 +65,3 @@ def test_take_gives_arrays_of_their_own() -> None:
 def test_off_log_is_everybody_but_the_logged(agent_table: Build) -> None:
     table = agent_table(0, *({"id": int(c), "controller": c} for c in Controller))
     assert table.off_log.tolist() == [False, True, True]
-
-
-def test_empty_controls_have_the_types_of_full_ones() -> None:
-    controls = ControlTable.empty(4)
-    assert (controls.step, len(controls.id)) == (4, 0)
-    assert (controls.id.dtype, controls.source.dtype, controls.yaw_rate.dtype) == (np.int64, np.uint8, np.float64)

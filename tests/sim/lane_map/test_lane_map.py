@@ -66,17 +66,6 @@ def test_lanes_of_the_packaged_nets_follow_each_other_without_gaps_or_kinks(name
             assert abs(float(directions[1][0] - directions[0][0])) < 0.01
 
 
-def test_dimensions_of_us101_like() -> None:
-    by_id = {lane.id: lane for lane in LIKE.lanes}
-    assert by_id["upstream_2"].width == pytest.approx(3.66)
-    assert by_id["upstream_2"].speed_limit == pytest.approx(29.0)
-    assert [by_id[n].length for n in ("upstream_0", "weave_0", "downstream_0")] == pytest.approx(
-        [176, 213, 251], abs=0.02
-    )
-    assert LIKE.bounds[0] == pytest.approx(0.0)
-    assert LIKE.bounds[2] == pytest.approx(640.0)
-
-
 # Projection
 
 
@@ -188,19 +177,6 @@ def test_ways_lead_along_paths(data: st.DataObject, name: str) -> None:
 def test_path_leaves_the_net_straight_on() -> None:
     path = LIKE.path_from(LIKE.row("downstream_4"), 200.0, 500.0)
     np.testing.assert_allclose(path, [[589.0, -1.83], [640.0, -1.83], [1089.0, -1.83]], atol=0.01)
-
-
-def test_path_takes_the_straightest_successor() -> None:
-    fork = LaneMap(
-        [
-            lane("a", [(0, 0), (10, 0)], ("left", "on", "right")),
-            lane("left", [(10, 0), (20, 5)]),
-            lane("on", [(10, 0), (20, 1)]),
-            lane("right", [(10, 0), (20, -5)]),
-        ]
-    )
-    path = fork.path_from(fork.row("a"), 5.0, 5.0 + np.hypot(10, 1))
-    np.testing.assert_allclose(path, [[5, 0], [10, 0], [20, 1]], atol=1e-9)
 
 
 def test_path_follows_the_edges_of_a_route_through_a_junction() -> None:

@@ -39,10 +39,6 @@ def test_ego_seed_and_vehicle_replace_those_of_the_scenario() -> None:
     assert plan.stages == ("ego", "recorder")
 
 
-def test_whole_seconds_are_taken_as_numbers() -> None:
-    assert options(answer_timeout_s=2).answer_timeout_s == 2.0
-
-
 def test_small_numbers_of_stages_are_numbers_as_json_writes_them() -> None:
     made = options(stage_parameters=json.dumps({"conflict": {"urgent_time": 1e-05}}))
     assert made.plan().parameters == {"conflict": {"urgent_time": 1e-05}}
@@ -72,11 +68,6 @@ def test_what_is_out_of_range_is_named_with_what_was_expected(values: dict[str, 
     assert said.startswith("bridge: ")
     assert name in said and expected in said
     assert "\n" not in said
-
-
-def test_unknown_parameters_are_named() -> None:
-    with pytest.raises(InputError, match="bridge: unknown parameter policz"):
-        options(policz="litsim")
 
 
 def test_a_vehicle_that_is_not_in_the_recording_is_refused() -> None:

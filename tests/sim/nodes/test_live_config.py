@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 import yaml
 from rosidl_parser.definition import AbstractNestedType
-from visualization_msgs.msg import MarkerArray
 
 from litsim_sim.ros import topics
 from litsim_sim.ros.definitions import type_name
@@ -106,14 +105,3 @@ def test_paths_of_the_layout_lead_to_fields(layout: dict[str, Any]) -> None:
 def test_what_the_layout_needs_is_served(layout: dict[str, Any]) -> None:
     named = set(re.findall(r"/litsim/[a-z_/]+", json.dumps(layout)))
     assert named <= {topic.name for topic in (*topics.RECORDED_TOPICS, *topics.MARKERS)}
-
-
-def test_field_types() -> None:
-    assert field_type(topics.EGO_STATE.type, "pose.pose") == "Pose"
-    for wrong in ("pose.x", "pose[:]", "nothing"):
-        with pytest.raises(AssertionError):
-            field_type(topics.EGO_STATE.type, wrong)
-
-
-def test_markers_are_marker_arrays() -> None:
-    assert {topic.type for topic in topics.MARKERS} == {MarkerArray}

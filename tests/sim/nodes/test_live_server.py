@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-from litsim_sim.cli.live import main
 from litsim_sim.core.errors import InputError
 from litsim_sim.nodes.live_server import LiveServer
 from litsim_sim.record.bag import BagTopic
@@ -74,14 +73,3 @@ def test_without_the_sdk_the_command_that_installs_it_is_named(monkeypatch: pyte
     monkeypatch.setitem(sys.modules, "foxglove", None)
     with pytest.raises(InputError, match=r"foxglove-sdk is not installed here, .* `make setup-all` installs it"):
         LiveServer([STATE], port=0)
-
-
-@pytest.mark.parametrize(
-    "words",
-    [["--port", "8765"], ["--host", "0.0.0.0"], ["--rate", "0"], ["--rate", "nan"], ["--foxglove", "--port", "70000"]],
-)
-def test_command_line_says_what_is_wrong(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as stop:
-        main(words)
-    assert stop.value.code == 2
-    assert "error: " in capsys.readouterr().err

@@ -113,12 +113,6 @@ def test_takeovers_of_older_records_lack_what_is_new(run: Any) -> None:
         _takeover(SimpleNamespace(**old))
 
 
-@pytest.mark.parametrize("topic", ["/clock", "/litsim/agents", "/litsim/controls", "/litsim/ego/control"])
-def test_two_answers_to_one_step_are_seen(run: Any, write_run: Make, tmp_path: Path, topic: str) -> None:
-    back = read_run(write_run(run, tmp_path / "bag", twice=[(topic, 5)]))
-    assert {name: gaps for name, gaps in back.gaps.items() if gaps} == {topic: TopicGaps(duplicated=(5,))}
-
-
 def test_a_run_without_a_policy_has_none_of_somebody_else(run: Any, write_run: Make, tmp_path: Path) -> None:
     topics = ("/clock", "/litsim/agents", "/litsim/ego/control")
     alone = replace(run, info=replace(run.info, policy="replay", topics=topics))

@@ -77,11 +77,6 @@ def test_empty_arrays_come_back_empty(dtype: type[np.generic]) -> None:
     assert (back.shape, back.dtype) == ((0,), dtype)
 
 
-def test_arrays_of_other_types_are_refused() -> None:
-    with pytest.raises(KeyError):
-        messages.to_array(np.zeros(2, np.int32))
-
-
 # Time
 
 
@@ -209,11 +204,6 @@ def test_poses_of_a_route_look_at_the_next() -> None:
 # Definitions and hashes
 
 
-def test_type_names() -> None:
-    assert definitions.type_name(AgentStates) == "litsim_msgs/msg/AgentStates"
-    assert definitions.type_name(topics.CLOCK.type) == "rosgraph_msgs/msg/Clock"
-
-
 def test_a_definition_is_its_own_text_and_that_of_all_types_in_it_once() -> None:
     text = definitions.definition("nav_msgs/msg/Odometry")
     own, *others = text.split("\n" + "=" * 80 + "\n")
@@ -227,7 +217,7 @@ def test_a_definition_is_its_own_text_and_that_of_all_types_in_it_once() -> None
     }
 
 
-@pytest.mark.parametrize("name", ["nav_msgs/msg/Odometry", *RECORDED, *OURS])
+@pytest.mark.parametrize("name", sorted({*RECORDED, *OURS}))
 def test_definitions_are_complete_for_other_readers(name: str) -> None:
     found = get_types_from_msg(definitions.definition(name), name)
     store = get_typestore(Stores.EMPTY)
@@ -253,7 +243,7 @@ def test_readers_without_ros_decode_by_the_definition(agent_table: Callable[...,
                 assert (each.pose.pose.position.x, each.twist.twist.linear.x) == (-2.5, 12.0)
 
 
-@pytest.mark.parametrize("name", ["nav_msgs/msg/Odometry", *RECORDED, *OURS])
+@pytest.mark.parametrize("name", sorted({*RECORDED, *OURS}))
 def test_type_hashes_are_those_that_the_definition_gives(name: str) -> None:
     """REP 2016 hashes do not depend on who computes them: rosidl's against those of rosbags."""
     store = get_typestore(Stores.EMPTY)
