@@ -83,7 +83,7 @@ def results(run: Run, folder: Path) -> tuple[str, list[dict[str, Any]], bytes]:
     return json.dumps(compute_metrics(run)), series, (folder / "overview.png").read_bytes()
 
 
-@pytest.mark.parametrize("rows", [1, 40, 333])
+@pytest.mark.parametrize("rows", [1, 333])
 def test_results_by_blocks_are_those_of_all_steps(
     bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: int
 ) -> None:
@@ -114,7 +114,7 @@ def test_memory_does_not_grow_with_the_run(
         size = np.full(agents, 4.0), np.full(agents, 2.0)
         return AgentTable(step, ids, *np.zeros((2, agents), np.uint8), x, zero, zero, zero + 5.0, zero, zero, *size)
 
-    for last in (200, 800):
+    for last in (150, 450):
         tables = [table(step) for step in range(last + 1)]
         bag = write_run(make_run(tables, net_xml=NET.read_bytes()), tmp_path / str(last))
         del tables
@@ -124,4 +124,4 @@ def test_memory_does_not_grow_with_the_run(
         assert sum(len(part) for part in series_tables(run, 1000)) == agents * last
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    assert (peaks[1] - peaks[0]) / (600 * agents) < 40.0
+    assert (peaks[1] - peaks[0]) / (300 * agents) < 40.0

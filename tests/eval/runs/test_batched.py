@@ -24,7 +24,7 @@ LARGE = 2**40  # ids that are no row numbers
 @pytest.fixture(scope="module")
 def scenes(make_scenario: Callable[..., Any], track: type, lane_centres: tuple[float, ...]) -> Scenes:
     """Two egos of one recording and two of another, shorter one at the same place, in which a vehicle enters late."""
-    demo = Scenario.load("demo", simulation_s=9.0)
+    demo = Scenario.load("demo", simulation_s=7.0)
     column = [
         track(LARGE + 7 * k, x=x, y=lane_centres[k % 3], speed=speed, last=80)
         for k, (x, speed) in enumerate([(120.0, 10.0), (140.0, 9.0), (96.0, 12.0), (80.0, 14.0), (102.0, 13.0)])
@@ -72,7 +72,6 @@ def assert_same(together: Run, alone: Run) -> None:
     [
         ("replay", {}),
         ("yield", {"predictor": {"model": "kinematic"}}),
-        ("litsim", {"predictor": {"model": "kinematic"}}),
         ("litsim", {}),
         ("idm", {"policy": {"baseline.drivers": "drawn"}}),
         ("simnet", {}),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -49,16 +50,24 @@ stride: 10
 """
 
 
-@pytest.fixture
-def config(tmp_path: Path, straight: Straight) -> Path:
-    """A training configuration beside a recording of ten vehicles on the net us101_like."""
-    rng = np.random.default_rng(0)
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory, straight: Straight) -> Path:
+    """A training configuration beside a recording of ten vehicles on the net us101_like, and what it leaves in `a`."""
+    folder, rng = tmp_path_factory.mktemp("trained"), np.random.default_rng(0)
     vehicles = [(k, 20.0 * k, -3.66 * (k % 5 + 0.5), float(rng.uniform(8, 14))) for k in range(10)]
     table = straight(*vehicles, frames=110).assign(acceleration=0.0, kind=int(Kind.CAR), lane=1)
     Recording.from_table(RecordingHeader("made", net="us101_like.net.xml"), table, "made").write(
-        tmp_path / "made.parquet"
+        folder / "made.parquet"
     )
-    (tmp_path / "small.yaml").write_text(SMALL)
+    (folder / "small.yaml").write_text(SMALL)
+    run(folder / "small.yaml", folder / "a")
+    return folder
+
+
+@pytest.fixture
+def config(tmp_path: Path, trained: Path) -> Path:
+    """The configuration in a folder of this test's own, with the recording, and what was trained in `a`."""
+    shutil.copytree(trained, tmp_path, dirs_exist_ok=True)
     return tmp_path / "small.yaml"
 
 
@@ -71,17 +80,16 @@ def same(first: Path, second: Path) -> bool:
     return all(torch.equal(one[name], other[name]) for name in one)
 
 
-def test_a_training_leaves_weights_curves_and_history(config: Path, tmp_path: Path) -> None:
-    run(config, tmp_path / "a")
-    model, made = load_model(str(tmp_path / "a" / WEIGHTS))
+def test_a_training_leaves_weights_curves_and_history(trained: Path) -> None:
+    model, made = load_model(str(trained / "a" / WEIGHTS))
     assert not model.training
     assert made.command.startswith("ros2 run litsim_research train predictor --config small.yaml")
     assert made.manifest["rows"]["train"]["made"] == 7 * 110
     assert list(made.manifest["files"]) == ["made.parquet"] and len(made.manifest["files"]["made.parquet"]) == 64
     assert made.figures["val_rmse_5"] > made.figures["val_rmse_1"] > 0
-    history = json.loads((tmp_path / "a" / HISTORY_FILE).read_text())
+    history = json.loads((trained / "a" / HISTORY_FILE).read_text())
     assert [entry["epoch"] for entry in history["epochs"]] == [1, 2]
-    assert (tmp_path / "a" / CURVES).read_bytes().startswith(b"\x89PNG")
+    assert (trained / "a" / CURVES).read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_net_of_a_recording_may_lie_beside_it(config: Path, tmp_path: Path) -> None:
@@ -95,10 +103,9 @@ def test_the_net_of_a_recording_may_lie_beside_it(config: Path, tmp_path: Path) 
     assert recording_tracks(tmp_path / "made.parquet", None).lanes is not None
 
 
-def test_what_validates_a_training_is_what_evaluate_measures(config: Path, tmp_path: Path) -> None:
-    run(config, tmp_path / "a")
-    file = str(tmp_path / "a" / WEIGHTS)
-    words = ["--validation", str(config), "--stride", str(VALIDATION_STRIDE), "--models", file]
+def test_what_validates_a_training_is_what_evaluate_measures(trained: Path) -> None:
+    file = str(trained / "a" / WEIGHTS)
+    words = ["--validation", str(trained / "small.yaml"), "--stride", str(VALIDATION_STRIDE), "--models", file]
     measured = evaluate.evaluate(evaluate.parser().parse_args(words))[file]
     recorded = load_model(file)[1].figures
     assert measured["rmse"] == pytest.approx({s: recorded[f"val_rmse_{s}"] for s in measured["rmse"]}, rel=1e-4)
@@ -109,15 +116,15 @@ def test_what_validates_a_training_is_what_evaluate_measures(config: Path, tmp_p
 def test_equal_seeds_give_equal_weights_and_resuming_changes_nothing(
     config: Path, tmp_path: Path, options: str
 ) -> None:
+    """One that was interrupted after the first epoch ends where another one does that was not."""
     config.write_text(SMALL + options)
-    for name in ("a", "b"):
-        run(config, tmp_path / name)
-    run(config, tmp_path / "other", "--seed", "1")
-    assert same(tmp_path / "a", tmp_path / "b")
-    assert not same(tmp_path / "a", tmp_path / "other")
-    # Interrupted after the first epoch: the rest is the same as in one go.
-    whole = torch.load(tmp_path / "a" / CHECKPOINT, weights_only=True)
-    cut = tmp_path / "cut"
+    whole_run, cut = tmp_path / ("whole" if options else "a"), tmp_path / "cut"
+    if options:
+        run(config, whole_run)
+    else:
+        run(config, tmp_path / "other", "--seed", "1")
+        assert not same(whole_run, tmp_path / "other")
+    whole = torch.load(whole_run / CHECKPOINT, weights_only=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("litsim_research.predictors.training.training.Training._learning_rate", interrupt_at(1))
         with pytest.raises(SystemExit) as stopped:
@@ -127,7 +134,7 @@ def test_equal_seeds_give_equal_weights_and_resuming_changes_nothing(
     run(config, cut, "--resume")
     resumed = torch.load(cut / CHECKPOINT, weights_only=True)
     assert all(torch.equal(whole["model"][name], resumed["model"][name]) for name in whole["model"])
-    assert same(tmp_path / "a", cut)
+    assert same(whole_run, cut)
 
 
 def test_the_number_of_workers_that_make_batches_changes_nothing(config: Path, tmp_path: Path) -> None:
@@ -154,9 +161,9 @@ def test_averaged_weights_lag_behind_those_that_are_trained(config: Path, tmp_pa
     config.write_text(SMALL + f"agents_per_batch: 20\naveraging: {share}\n")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(AveragedModel, "update_parameters", seen)
-        run(config, tmp_path / "a", "--epochs", "1")
+        run(config, tmp_path / "averaged", "--epochs", "1")
     assert len(steps) > 2
-    saved = load_model(str(tmp_path / "a" / WEIGHTS))[0].state_dict()
+    saved = load_model(str(tmp_path / "averaged" / WEIGHTS))[0].state_dict()
     for name, value in saved.items():
         average = steps[0][name]
         for step in steps[1:]:
@@ -174,7 +181,7 @@ def test_a_fraction_of_the_vehicles_makes_epochs_of_as_many_steps(config: Path, 
         steps[-1] += 1
         step(optimiser)
 
-    for name, options in (("all", ()), ("few", ("--fraction", "0.3"))):
+    for name, options in (("all", ("--epochs", "1")), ("few", ("--epochs", "1", "--fraction", "0.3"))):
         steps.append(0)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(torch.optim.AdamW, "step", counted)
@@ -205,20 +212,19 @@ def test_of_a_source_that_nobody_is_learned_of_no_fraction_is_taken(
 def test_a_training_begins_with_other_weights_of_the_same_model(
     config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run(config, tmp_path / "first")
-    begun = load_model(str(tmp_path / "first" / WEIGHTS))[0].state_dict()
+    begun = load_model(str(tmp_path / "a" / WEIGHTS))[0].state_dict()
     # Steps so small that they leave the weights where they begin.
-    further = SMALL + "start: first/weights.safetensors\nlearning_rate: 1.0e-12\n"
+    further = SMALL + "start: a/weights.safetensors\nlearning_rate: 1.0e-12\n"
     config.write_text(further)
     run(config, tmp_path / "second", "--epochs", "1")
     model, made = load_model(str(tmp_path / "second" / WEIGHTS))
     for name, value in model.state_dict().items():
         torch.testing.assert_close(value, begun[name], atol=1e-9, rtol=0.0)
-    assert set(made.manifest["files"]) == {"made.parquet", "first/weights.safetensors"}
+    assert set(made.manifest["files"]) == {"made.parquet", "a/weights.safetensors"}
     config.write_text(further.replace("hidden: 16", "hidden: 8"))
     with pytest.raises(SystemExit):
         run(config, tmp_path / "third")
-    assert "first/weights.safetensors: weights of model joint" in capsys.readouterr().err
+    assert "a/weights.safetensors: weights of model joint" in capsys.readouterr().err
 
 
 def test_a_training_with_teachers_learns_from_the_mean_of_their_forecasts(config: Path, tmp_path: Path) -> None:
@@ -240,9 +246,7 @@ def test_a_training_with_teachers_learns_from_the_mean_of_their_forecasts(config
         assert training._distillation(batch, beside, torch.zeros_like(batch.target)) == 0.0
     run(config, tmp_path / "taught")
     assert set(names) < set(load_model(str(tmp_path / "taught" / WEIGHTS))[1].manifest["files"])
-    config.write_text(SMALL)
-    run(config, tmp_path / "alone")
-    assert not same(tmp_path / "taught", tmp_path / "alone")
+    assert not same(tmp_path / "taught", tmp_path / "a")
 
 
 def interrupt_at(epoch: int) -> Callable[..., float]:
@@ -325,10 +329,9 @@ def test_wrong_options_are_named(
 def test_a_training_is_not_overwritten_and_another_one_not_resumed(
     config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run(config, tmp_path / "out", "--epochs", "1")
     for options, named in (((), "--resume continues it"), (("--resume", "--seed", "5"), "another configuration")):
         with pytest.raises(SystemExit):
-            run(config, tmp_path / "out", *options)
+            run(config, tmp_path / "a", *options)
         assert named in capsys.readouterr().err
 
 
@@ -346,13 +349,12 @@ def test_a_damaged_checkpoint_is_named(
 def test_a_training_is_not_resumed_on_other_data(
     config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run(config, tmp_path / "out", "--epochs", "1")
     table = Recording.read(tmp_path / "made.parquet").table
     Recording.from_table(RecordingHeader("made"), table[table["vehicle_id"] != 3], "made").write(
         tmp_path / "made.parquet"
     )
     with pytest.raises(SystemExit):
-        run(config, tmp_path / "out", "--epochs", "1", "--resume")
+        run(config, tmp_path / "a", "--resume")
     assert f"{CHECKPOINT}: trained on another made.parquet; train" in capsys.readouterr().err
 
 

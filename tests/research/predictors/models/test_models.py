@@ -15,7 +15,6 @@ from litsim_sim.core.errors import InputError
 
 MODELS = {
     "default": ("joint", {"traffic": True}),
-    "near": ("joint", {}),
     "paper": ("joint", {"attention": "states", "decoder": "recurrent", "history_channels": 2}),
     "cs_lstm": ("cs_lstm", {}),
     "bat": ("bat", {}),
