@@ -34,8 +34,9 @@ demo: build ## the embedded scenario, closed loop: the ego brakes, drives on; le
 	./litsim launch --scenario demo --ego perturbed --set ego.kind=brake ego.deceleration=3 ego.duration=3 "ego.time=[8.0, 8.0]" \
 	  --policy litsim --out bags/demo --overwrite
 
+# Each process reads all tests: half of that time goes into their assertions, where no bytecode of them is kept.
 test: setup-all build ## every test, in JOBS processes; prints the slowest
-	./litsim exec python -m pytest -n $(JOBS) --dist worksteal --durations=20 $(ARGS)
+	PYTHONDONTWRITEBYTECODE= ./litsim exec python -m pytest -n $(JOBS) --dist worksteal --durations=20 $(ARGS)
 
 lint: lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture lint-figures ## ruff, mypy, codespell, import-linter
 lint-rules: setup-all
