@@ -5,8 +5,10 @@
 Prints a table in Markdown. A weakness is found by a failure that the ego without it does not have with the same
 changes. `first` is the number of runs until then, `near` that until a failure within 1.25 times the least distance of
 all searches of the weakness, `margin` the least distance itself: medians over the seeds, with the budget where there
-was none. Runs are made in this process, with policy `replay`; what became of them is kept, and not run again. As what
-random search tries does not depend on what became of it, only those of its runs are made that the table needs.
+was none. Then it prints what the same searches find of an ego that brakes as the careful driver of UN Regulation 157.
+
+Runs are made in this process, with policy `replay`; what became of them is kept, and not run again. As what random
+search tries does not depend on what became of it, only those of its runs are made that the table needs.
 """
 
 from __future__ import annotations
@@ -15,9 +17,9 @@ import argparse
 import hashlib
 import json
 import sys
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from math import inf
 from pathlib import Path
 from statistics import median
@@ -32,7 +34,7 @@ from litsim_eval.campaign.results import RunResult
 from litsim_eval.campaign.suite import Suite
 from litsim_eval.runs.case_run import plan_of
 from litsim_eval.runs.runner import Runner, record
-from litsim_eval.search.explore import Exploration, Tried, explore
+from litsim_eval.search.explore import SAMPLERS, Exploration, Tried, explore
 from litsim_eval.search.judging import Outcome, closeness, missed_by, outcome_of
 from litsim_eval.search.people import People
 from litsim_eval.search.space import Proposal, Space
@@ -48,8 +50,7 @@ PLANTED = (
     ("street_14/67", "red", ("start", "signals")),
 )
 """Cases of the suite `small`, the weakness that is looked for in each, and what may change."""
-SAMPLERS = ("tpe", "random")
-HEALTHY = "none"
+HEALTHY, CAREFUL = "none", "careful"
 NEAR = 1.25
 
 
@@ -78,6 +79,11 @@ class Road:
         outcome, group, near = self._outcomes[key]
         return Outcome(outcome), group, near
 
+    def fails_alone(self, proposal: Proposal, weakness: str) -> bool:
+        """Returns whether the ego fails with a weakness, and does not without it."""
+        with_it, without = (self.outcome(proposal, each)[0] == Outcome.FAILED for each in (weakness, HEALTHY))
+        return with_it and not without
+
     def _run(self, text: str, proposal: Proposal, weakness: str) -> tuple[Outcome, str, float]:
         self._changed.write_text(text)
         try:
@@ -93,7 +99,7 @@ class Road:
 
 @dataclass
 class Searched:
-    """What a search has tried; `fails` says of a number whether that fails for the weakness alone."""
+    """What a search has tried; `fails` says of changes whether they make the weakness alone fail."""
 
     tried: Sequence[Tried]
     fails: Callable[[Proposal], bool]
@@ -115,57 +121,69 @@ def searched(road: Road, weakness: str, sampler: str, seed: int, runs: int) -> S
     exploration = Exploration(road.space)
     searching = explore(exploration, runs, sampler, seed)
     asked = next(searching)
+    lazy = sampler == "random"
     while True:
         tried = []
         for number, (how, proposal) in enumerate(asked, len(exploration.tried)):
-            lazy = sampler == "random"
             outcome, group, near = (Outcome.PASSED, "", 0.0) if lazy else road.outcome(proposal, weakness)
             distance = road.space.distance(proposal)
             tried.append(Tried(number, how, proposal, distance, outcome, "", group=group, near=near))
         try:
             asked = searching.send(tried)
         except StopIteration:
-            break
-
-    def fails(proposal: Proposal) -> bool:
-        return (
-            road.outcome(proposal, weakness)[0] == Outcome.FAILED
-            and road.outcome(proposal, HEALTHY)[0] != Outcome.FAILED
-        )
-
-    return Searched(exploration.tried, fails)
+            return Searched(exploration.tried, lambda proposal: road.fails_alone(proposal, weakness))
 
 
-def main() -> None:
-    """Makes every search and prints the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--runs", type=int, default=200)
-    parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--out", type=Path, default=Path("bags/planted"))
-    arguments = parser.parse_args()
-    budget = arguments.runs
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    suite = Suite.load("small").model_copy(update={"policies": ["replay"]})
-    cases = {"/".join(case.name.split("/")[:2]): case for case in cases_of(suite)}
-    roads = {case: Road(cases[case], changes, arguments.out) for case, _, changes in PLANTED}
-    everything: dict[tuple[str, str], list[Searched]] = {}
-    for seed in range(arguments.seeds):
-        for (case, weakness, _), sampler in product(PLANTED, SAMPLERS):
-            search = searched(roads[case], weakness, sampler, seed, budget)
-            everything.setdefault((case, sampler), []).append(search)
-            text = f"seed {seed}, {case}, {sampler}: {search.until(inf, budget)} runs, margin {search.margin:.2f}"
-            print(text, file=sys.stderr, flush=True)
+def print_planted(roads: dict[str, Road], seeds: int, budget: int) -> None:
+    """Prints a row for each weakness and sampler."""
     print("| case | weakness | search | found | first | near | margin |\n|---|---|---|---:|---:|---:|---:|", flush=True)
     for case, weakness, _ in PLANTED:
-        of = {sampler: everything[case, sampler] for sampler in SAMPLERS}
-        least = min(each.margin for some in of.values() for each in some)
-        for sampler, some in of.items():
+        searches: dict[str, list[Searched]] = {sampler: [] for sampler in SAMPLERS}
+        for seed in range(seeds):
+            for sampler, some in searches.items():
+                some.append(searched(roads[case], weakness, sampler, seed, budget))
+                text = f"{some[-1].until(inf, budget)} runs, margin {some[-1].margin:.2f}"
+                print(f"{case}, {sampler}, seed {seed}: {text}", file=sys.stderr, flush=True)
+        least = min(each.margin for some in searches.values() for each in some)
+        for sampler, some in searches.items():
             count = sum(each.margin < inf for each in some)
             first, near = (median(each.until(d, budget) for each in some) for d in (inf, NEAR * least))
             margin = median(each.margin for each in some)
             text = "none" if margin == inf else f"{margin:.2f}"
             cells = (case, f"`{weakness}`", sampler, f"{count} of {len(some)}", f"{first:g}", f"{near:g}", text)
             print(f"| {' | '.join(cells)} |", flush=True)
+
+
+def print_careful(roads: dict[str, Road], seeds: int, budget: int) -> None:
+    """Prints a row for each case with what became of the runs of the careful driver."""
+    outcomes = [each for each in Outcome if each != Outcome.PASSED]
+    print(
+        f"\n| case | runs | {' | '.join(outcomes)} | what failed |\n|---|---:|{'---:|' * len(outcomes)}---|", flush=True
+    )
+    for case, road in roads.items():
+        count, groups, runs = Counter[Outcome](), Counter[str](), 0
+        for seed in range(seeds):
+            for each in searched(road, CAREFUL, SAMPLERS[0], seed, budget).tried:
+                count[each.outcome] += 1
+                groups[each.group] += each.outcome == Outcome.FAILED
+                runs += 1
+        failed = ", ".join(f"{group} {n}" for group, n in groups.most_common() if n) or "-"
+        print(f"| {case} | {runs} | {' | '.join(str(count[each]) for each in outcomes)} | {failed} |", flush=True)
+
+
+def main() -> None:
+    """Makes every search and prints the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=200)
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--out", type=Path, default=Path("bags/planted"))
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    suite = Suite.load("small").model_copy(update={"policies": ["replay"]})
+    cases = {"/".join(case.name.split("/")[:2]): case for case in cases_of(suite)}
+    roads = {case: Road(cases[case], changes, arguments.out) for case, _, changes in PLANTED}
+    print_planted(roads, arguments.seeds, arguments.runs)
+    print_careful(roads, arguments.seeds, arguments.runs)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The ego of `examples/minimal_ads.py` in process, with a weakness planted in it, to see whether a search finds it."""
+"""The ego of `examples/minimal_ads.py` in process, with a weakness planted in it, or as a careful driver."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from typing import Literal
 
 import numpy as np
 
+from litsim_eval.analysis.careful_driver import risky, speed_lost
 from litsim_policy.ego.ego import Ego
 from litsim_sim.core.geometry import arc_lengths, to_body, wrap_angle
 from litsim_sim.core.quantities import configuration
-from litsim_sim.core.scene import AgentTable, BoolArray, EgoCommand
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, EgoCommand
 from litsim_sim.core.signals import SignalState
 from litsim_sim.ego_port.port import ego_state
 from litsim_sim.ego_port.tracking import TwistTarget, follow_twist
@@ -19,6 +20,7 @@ from litsim_sim.scenario.scenario import Scenario
 
 RED = (SignalState.RED, SignalState.RED_AMBER, SignalState.AMBER)
 LANE_M = 1.8  # [m] to the side up to which agents are in the way
+RISKS_M = 40.0  # [m] within which the careful driver looks for risks
 BLIND_STEPS = 25  # steps for which one that comes from the side remains unknown
 DELAY_STEPS = 4
 GROUP_ENDS_IN = "2"
@@ -31,10 +33,11 @@ class PlantedConfig:
     Attributes:
         weakness: `none`; `side`, blind to the lanes beside: what comes from there is known 2.5 s later; `delay`, 0.4 s
             late; `ramp`, blind to vehicles that enter from a ramp; `red`, red is green for signal groups whose names
-            end in 2.
+            end in 2. With `careful` it has none, and brakes as the careful driver of UN Regulation 157 where that
+            driver perceives a risk.
     """
 
-    weakness: Literal["none", "side", "delay", "ramp", "red"] = "none"
+    weakness: Literal["none", "side", "delay", "ramp", "red", "careful"] = "none"
 
 
 class PlantedEgo(Ego):
@@ -45,6 +48,7 @@ class PlantedEgo(Ego):
     def __init__(self, scenario: Scenario, config: PlantedConfig | None = None) -> None:
         self._weakness, self._scenario = (config or PlantedConfig()).weakness, scenario
         self._delayed: deque[EgoCommand] = deque()
+        self._risky_steps = 0
         self._inside: dict[int, int] = {}  # for how many steps each agent has been in the ego's lane
         log, lane_map = scenario.log, scenario.lane_map
         row = np.array([log.row(scenario.ego_id)])
@@ -80,11 +84,24 @@ class PlantedEgo(Ego):
         yaw = float(wrap_angle(np.angle(self._line[here + 10] - at) - ego.yaw))
         target = TwistTarget(wanted, 0.2 * ego.speed * float(np.sin(yaw)))
         command = EgoCommand(table.step, *follow_twist(target, ego, self._scenario.vehicle))
+        if self._weakness == "careful":
+            return self._braked(table, command)
         if self._weakness != "delay":
             return command
         self._delayed.append(command)
         late = self._delayed.popleft() if len(self._delayed) > DELAY_STEPS else command
         return replace(late, step=table.step)
+
+    def _braked(self, table: AgentTable, command: EgoCommand) -> EgoCommand:
+        """Returns the command, with the braking of the careful driver where a risk has lasted for its reaction time."""
+        row, time = table.row(self._scenario.ego_id), self._risky_steps * STEP_S
+        near = np.hypot(table.x - table.x[row], table.y - table.y[row]) < RISKS_M
+        near[row] = False
+        own, lane_map = np.array([row]), self._scenario.lane_map
+        risk = any(risky(table, own, other, lane_map)[0] for other in near.nonzero()[0][:, None])
+        self._risky_steps = self._risky_steps + 1 if risk else 0
+        braking = (speed_lost(time + STEP_S) - speed_lost(time)) / STEP_S
+        return replace(command, acceleration=min(command.acceleration, -braking)) if braking else command
 
     def _known(self, table: AgentTable, left: np.ndarray) -> BoolArray:
         """Returns which agents the ego knows of, (n,)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -27,10 +28,13 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
 
 from litsim_autoware import objects, vehicle
+from litsim_autoware.node import AutowareNode
 from litsim_autoware.objects import Forecast
 from litsim_autoware.vehicle import RearAxle
 from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable
+from litsim_sim.core.vehicle_geometry import VehicleGeometry
 from litsim_sim.ros.cdr import without_padding
+from litsim_sim.scenario.perception import Perception
 
 STAMP_NS = 12_300_000_000
 
@@ -65,6 +69,24 @@ def test_objects(write: Any, kind: Any, agents: int) -> None:
             assert (len(path.path), path.time_step.nanosec, path.confidence) == (11, 500_000_000, 1.0)
             away = np.hypot(path.path[-1].position.x - table.x[row], path.path[-1].position.y - table.y[row])
             assert away == pytest.approx(5.0 * table.speed[row])
+
+
+def test_objects_are_what_the_ego_is_told(make_scenario, track) -> None:
+    hide = {"kind": "hide", "agent": 2, "begin_s": 1.0, "duration_s": 0.5}
+    tracks = (track(1, x=100.0), track(2, x=140.0), track(3, x=170.0))
+    scenario = make_scenario(*tracks, changes=[hide, {"kind": "noise", "sigma_m": 0.5}])
+    shown: list[AgentTable] = []
+    geometry = VehicleGeometry.of(scenario.log.table(0), 1, scenario.vehicle)
+    node: Any = SimpleNamespace(_perception=Perception(scenario), _geometry=geometry, _ego_id=1, _steering=0.0)
+    node._timeline = SimpleNamespace(stamp=lambda step: step * 10**8)
+    node._clock = SimpleNamespace(step=lambda *_: None)
+    node._show_others = lambda others, _: shown.append(others)
+    node._show_ego = node._report = lambda *_: None
+    for step in (9, 10, 14, 15):
+        AutowareNode._show_step(node, scenario.log.table(step))
+    assert [table.id.tolist() for table in shown] == [[2, 3], [3], [3], [2, 3]]
+    errors = [table.x[-1] - scenario.log.table(table.step).x[2] for table in shown]
+    assert all(0.0 < abs(error) < 3.0 for error in errors)
 
 
 def parts_of(found: Any) -> tuple[Any, Any, Any, Any]:

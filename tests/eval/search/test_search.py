@@ -15,6 +15,7 @@ from junitparser import JUnitXml
 from litsim_eval.campaign.case import cases_of, code_versions
 from litsim_eval.campaign.suite import Suite
 from litsim_eval.cli import compare, evaluate, search
+from litsim_eval.search.judging import Outcome
 from litsim_eval.search.margins import Margins, compare_margins
 from litsim_eval.search.people import People
 from litsim_eval.search.search import Search, Settings
@@ -65,11 +66,11 @@ def found(suite: Path, tmp_path_factory) -> Path:
 def test_margin_of_an_ego_that_never_brakes(found: Path) -> None:
     (margin,) = Margins.read(found).scenarios
     assert margin.margin is not None and 0.0 < margin.margin < 4.0
-    assert margin.runs <= RUNS and margin.errors == 0 and not margin.recorded
+    assert margin.runs <= RUNS and margin.errors == 0 and margin.recorded == Outcome.PASSED
     nearest = margin.failures[0]
-    assert nearest.distance == margin.margin == min(margin.by_act.values())
-    assert nearest.holds and nearest.same_digest
-    assert str(LEADER) in nearest.reason and nearest.careful_driver
+    assert nearest.distance == margin.margin == min(each.distance for each in margin.failures)
+    assert nearest.holds
+    assert nearest.careful_driver and any(f"with {LEADER} at" in each.reason for each in margin.failures)
     assert margin.drawn == round(0.2 * RUNS) and margin.rate is not None and margin.rate[0] <= margin.rate[1]
 
 
@@ -91,7 +92,7 @@ def test_files(found: Path) -> None:
     worst = tried[tried["outcome"] == "failed"]["distance"].min()
     assert worst == margin.margin
     page = (found / "margins.html").read_text()
-    assert page.count("<polyline") == margin.runs and margin.failures[0].changes[0] in page
+    assert page.count("<circle") == margin.runs and margin.failures[0].changes[0] in page
     (test,) = next(iter(JUnitXml.fromfile(str(found / "junit.xml"))))
     assert bool(test.result) == (margin.margin is not None and margin.margin < 0.5)
     changed = yaml.safe_load((found / f"scenarios/{margin.failures[0].name}.yaml").read_text())
@@ -165,12 +166,11 @@ def test_only_named_changes_vary(suite: Path, tmp_path: Path) -> None:
     assert set(tried["act"]) == {"nothing"} and "start.left" in tried
 
 
-def changed(margins: Margins, **values: float | None) -> Margins:
+def changed(margins: Margins, outcome: Outcome = Outcome.PASSED, **values: float | None) -> Margins:
     """Returns margins of several scenarios, by their names."""
-    from dataclasses import replace
-
-    one = margins.scenarios[0]
-    return replace(margins, scenarios=[replace(one, name=f"{n}/1/blind/replay", margin=m) for n, m in values.items()])
+    one = margins.scenarios[0].model_copy(update={"recorded": outcome})
+    scenarios = [one.model_copy(update={"name": f"{n}/1/blind/replay", "margin": m}) for n, m in values.items()]
+    return margins.model_copy(update={"scenarios": scenarios})
 
 
 def test_margins_of_two_versions(found: Path, tmp_path: Path, capsys) -> None:
@@ -190,3 +190,22 @@ def test_margins_of_two_versions(found: Path, tmp_path: Path, capsys) -> None:
     assert called(compare, tmp_path / "after", tmp_path / "before") == 0
     with pytest.raises(InputError, match="no scenario in common"):
         compare_margins(before, changed(margins, x=1.0))
+
+
+def test_a_scenario_is_broken_only_if_it_fails_as_recorded(found: Path) -> None:
+    margins = Margins.read(found)
+    before, usual = changed(margins, a=1.0), changed(margins, a=0.0)  # at 0, a change as usual as what is recorded
+    failing = changed(margins, Outcome.FAILED, a=0.0)
+    assert not compare_margins(before, usual).worse and not usual.scenarios[0].short_of(0.0)
+    assert compare_margins(usual, failing).worse and compare_margins(usual, failing).broken == ["a/1"]
+    assert not compare_margins(failing, failing).worse and failing.scenarios[0].short_of(0.0)
+    forced = changed(margins, Outcome.FORCED, a=None)
+    assert not forced.scenarios[0].short_of(9.0)
+    with pytest.raises(InputError, match="no scenario in common"):
+        compare_margins(before, forced)
+
+
+def test_margins_of_another_format_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "margins.json").write_text('{"format": 1, "ego": "idm"}')
+    with pytest.raises(InputError, match=r"margins\.json: .*format"):
+        Margins.read(tmp_path)

@@ -26,12 +26,8 @@ def space(make_scenario, track, lane_centres) -> Space:
 def test_every_proposal_can_be_loaded(space: Space) -> None:
     random, acts = np.random.default_rng(0), set()
     for number in range(60):
-        drawn = space.drawn(random)
-        act = drawn["act"]
-        acts.add(act)
-        z = {name: 3.0 * drawn[name] for name in space.varied(act)}  # farther than is usual
-        begin = 0.1 * drawn.get(f"{act}.begin", 0)
-        proposal = Proposal(act, drawn.get(f"{act}.agent", -1), round(begin, 1), z)
+        proposal = space.drawn(random).scaled(3.0)  # farther than is usual
+        acts.add(proposal.act)
         text = space.scenario_file(proposal, f"made_{number}")
         scenario = Scenario.from_yaml(text, "text")
         assert scenario.file.changes == space.changes(proposal)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from typing import Any
 
+import numpy as np
 import pytest
 
 from litsim_sim.nodes.broadcast import Broadcast
@@ -18,6 +19,7 @@ class Notes:
     def __init__(self) -> None:
         self.published: list[tuple[str, int]] = []
         self.subscribers: dict[str, int] = {}
+        self.newest: dict[str, Any] = {}
 
     def get_logger(self) -> Any:
         return logging.getLogger()
@@ -36,6 +38,7 @@ class _Publisher:
         self._notes, self._topic = notes, topic
 
     def publish(self, message: Any) -> None:
+        self._notes.newest[self._topic] = message
         if hasattr(message, "markers"):  # of lights, of which there are none here
             return
         stamp = message.header.stamp if hasattr(message, "header") else message.clock
@@ -62,3 +65,23 @@ def test_clouds_reach_a_stack_that_is_started_while_a_step_waits_for_it(topic: s
     broadcast.show(scenario.log.table(2))
     broadcast.accompany(scenario.log.table(2))
     assert notes.steps(topic) == [2]
+
+
+def test_objects_are_what_the_ego_is_told_and_agents_the_truth(make_scenario, track) -> None:
+    hide = {"kind": "hide", "agent": 2, "begin_s": 1.0, "duration_s": 0.5}
+    tracks = (track(1, x=100.0), track(2, x=140.0), track(3, x=170.0))
+    scenario, notes = make_scenario(*tracks, changes=[hide, {"kind": "noise", "sigma_m": 0.5}]), Notes()
+    notes.subscribers["/litsim/objects"] = 1
+    broadcast = Broadcast(notes, RunPlan(scenario, EXTERNAL, "replay"))
+    for step, told in ((9, [2, 3]), (10, [3]), (14, [3]), (15, [2, 3])):
+        table = scenario.log.table(step)
+        broadcast.show(table)
+        broadcast.accompany(table)
+        cloud = notes.newest["/litsim/objects"]
+        layout = {field.name: (" bBhHiIfd"[field.datatype], field.offset) for field in cloud.fields}
+        objects = np.frombuffer(cloud.data, layout)
+        assert objects["id"].tolist() == told
+        errors = objects["x64"] - [table.x[table.row(agent)] for agent in told]
+        assert (errors != 0.0).all() and (np.abs(errors) < 3.0).all()
+        assert list(notes.newest["/litsim/agents"].id) == [1, 2, 3]
+        assert list(notes.newest["/litsim/agents"].x) == table.x.tolist()

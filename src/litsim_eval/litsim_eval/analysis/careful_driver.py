@@ -73,8 +73,7 @@ def careful_driver(
     near = rows.min(axis=1) >= 0
     own, other = rows[near].T
     step, table = steps.step[near], steps.stacked
-    risky = step[_risky(table, own, other, lane_map) & (step <= contact_step)]
-    perceived = int(risky[0]) if len(risky) else contact_step
+    perceived = int(step[risky(table, own, other, lane_map) & (step <= contact_step)].min(initial=contact_step))
     step, own, other = (values[step >= perceived] for values in (step, own, other))
     lacking = max(0, contact_step + round(LOOK_ON_S / dt) - int(whole.step[-1])) if near[-1] else 0
     beyond = np.append(np.zeros(len(step), np.int64), np.arange(1, lacking + 1))  # the last step of the run
@@ -124,8 +123,8 @@ def _braked(real: list[float], path: list[float], time: list[float]) -> tuple[li
     return s, speed
 
 
-def _risky(table: AgentTable, own: IntArray, other: IntArray, lane_map: LaneMap | None) -> BoolArray:
-    """Returns (k,) whether the driver perceives the other as a risk; `own`, `other` (k,) are rows of `table`."""
+def risky(table: AgentTable, own: IntArray, other: IntArray, lane_map: LaneMap | None) -> BoolArray:
+    """Returns (k,) whether the careful driver of `own` perceives `other` as a risk; both (k,) are rows of `table`."""
     pairs = table.take(np.sort([own, other], axis=0).ravel("F"))
     e, a = 2 * np.arange(len(own)) + [own > other, own < other]
     risky = times_to_collision(pairs, e) <= TTC_S

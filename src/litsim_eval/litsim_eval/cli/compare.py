@@ -157,6 +157,8 @@ def _searches(arguments: argparse.Namespace) -> int:
         print(
             f"mean change {change.mean:+.2f}{bounds}; margins are upper bounds, and at most what the search looked at"
         )
+        for name in change.broken:
+            print(f"{name} fails as recorded, and did not before")
     return EXIT_FAILED if change.worse else 0
 
 

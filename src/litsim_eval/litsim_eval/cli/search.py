@@ -17,8 +17,8 @@ from litsim_eval.cli.evaluate import ExamplesFormatter
 from litsim_eval.cli.suite_arguments import add_suite_arguments, cases_to_run, refuse_unusable, suite_of
 from litsim_eval.runs.case_run import TIME_LIMIT_S
 from litsim_eval.search.explore import SAMPLERS
-from litsim_eval.search.margins import FAILURES_FILE, JUNIT_FILE, PAGE_FILE, Margins, is_short, told, write_junit
-from litsim_eval.search.people import DECLARED, PARAMETERS, People
+from litsim_eval.search.margins import FAILURES_FILE, JUNIT_FILE, PAGE_FILE, Margins, told, write_junit
+from litsim_eval.search.people import PARAMETERS, People
 from litsim_eval.search.search import RUNS, SCENARIOS, SCREEN, SEARCH_FILE, Search, Settings
 from litsim_sim.cli.arguments import Parser, number, positive
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
@@ -80,7 +80,7 @@ def search(arguments: argparse.Namespace) -> int:
     Raises:
         InputError: an argument or a file cannot be used; raised before the first run.
     """
-    known = {each.name for each in PARAMETERS} | {each.name.split(".")[0] for each in PARAMETERS}
+    known = {name for each in PARAMETERS for name in (each.name, each.kind)}
     if unknown := [name for name in arguments.change if name not in known]:
         raise InputError(f"--change {not_among(unknown, sorted(known))}")
     people = People.of(arguments.people) if arguments.people else People.load()
@@ -122,11 +122,11 @@ def search(arguments: argparse.Namespace) -> int:
             raise
     write_junit(margins, arguments.at_least, arguments.out / JUNIT_FILE)
     _print(margins, arguments.out)
-    short = [each for each in margins.scenarios if is_short(each, arguments.at_least)]
-    for each in short:
-        text = each.recorded or f"margin {each.margin:.2f}, expected at least {arguments.at_least:g}"
-        print(f"failed  {each.name}: {text}", file=sys.stderr)
-    return EXIT_FAILED if short else 0
+    short = {each.name: each.short_of(arguments.at_least) for each in margins.scenarios}
+    for name, text in short.items():
+        if text:
+            print(f"failed  {name}: {text}", file=sys.stderr)
+    return EXIT_FAILED if any(short.values()) else 0
 
 
 def _print(margins: Margins, out: Path) -> None:
@@ -155,11 +155,10 @@ def _print_parameters(people: People) -> None:
     for name in ("parameter", "unit", "bounds", "at 1", "at 2", "at 3", "moments", "what it is"):
         table.add_column(name, no_wrap=name != "what it is")
     for each in PARAMETERS:
-        habit = people.habits.get(each.habit) or DECLARED[each.habit]
-        low = -each.high if each.signed else each.low
+        habit = people.habit(each)
         at = [f"{habit.value(distance):.2f}" for distance in (1.0, 2.0, 3.0)]
         moments = str(habit.moments) if habit.moments else "declared"
-        table.add_row(each.name, each.unit, f"{low:g} to {each.high:g}", *at, moments, each.about)
+        table.add_row(each.name, each.unit, f"{each.low:g} to {each.high:g}", *at, moments, each.about)
     Console(width=None if sys.stdout.isatty() else WIDTH).print(table)
 
 

@@ -9,11 +9,11 @@ from typing import Any
 from litsim_eval.report.pages import render_page
 from litsim_sim.io.files import replacing
 
-WIDTH, HEIGHT, MARGIN = 860.0, 200.0, 42.0
-"""Size of a map, and the room for names above and below it, in pixels."""
+WIDTH, LEFT, ROW = 900.0, 110.0, 34.0
+"""Width of a map, room for the names at its left, and height of a row, in pixels."""
 ORDER = ("passed", "error", "forced", "failed")
 """Outcomes in the order in which they are drawn, failures last so that they are on top."""
-TOTAL = "distance"
+LANES = 5  # heights within a row, so that dots at the same distance are seen
 
 
 def write_margins_page(margins: Mapping[str, Any], tried: Sequence[Sequence[Mapping[str, Any]]], path: Path) -> None:
@@ -21,7 +21,7 @@ def write_margins_page(margins: Mapping[str, Any], tried: Sequence[Sequence[Mapp
 
     Args:
         margins: the content of `margins.json`.
-        tried: for each scenario, its runs: rows of `tried.parquet`, with `distances`: signed, by parameter.
+        tried: for each scenario, its runs: rows of `tried.parquet`.
         path: of the page.
 
     Raises:
@@ -29,30 +29,32 @@ def write_margins_page(margins: Mapping[str, Any], tried: Sequence[Sequence[Mapp
     """
     bound = float(margins["bound"])
     scenarios = [
-        each | _margin(each, bound) | {"rate_text": _rate(each), "map": _map(rows, bound)}
+        each
+        | {"text": _margin(each, bound), "share": 100.0 * min(1.0, (each["margin"] or 0.0) / bound)}
+        | {"rate_text": _rate(each), "map": _map(rows, bound, each["margin"])}
         for each, rows in zip(margins["scenarios"], tried, strict=True)
     ]
     page = render_page(
         "margins.html.j2",
         title=f"Margins of {margins['ego']}",
         margins=margins,
-        bound=bound,
         scenarios=scenarios,
         runs=sum(each["runs"] for each in scenarios),
+        failing=sum(each["margin"] is not None for each in scenarios),
         width=WIDTH,
-        height=HEIGHT + 2 * MARGIN,
+        row=ROW,
+        left=LEFT,
     )
     with replacing(path) as new:
         new.write_text(page, encoding="utf-8")
 
 
-def _margin(scenario: Mapping[str, Any], bound: float) -> dict[str, Any]:
-    """Returns the margin of a scenario as `text`, and its `share` of the bound in percent, the length of its bar."""
+def _margin(scenario: Mapping[str, Any], bound: float) -> str:
+    """Returns the margin of a scenario as text."""
     margin = scenario["margin"]
-    if margin is None:
-        return {"text": f"none found up to {bound:g}", "share": 100.0}
-    text = "fails as recorded" if scenario["recorded"] else f"{margin:.2f}"
-    return {"text": text, "share": round(min(100.0, 100.0 * margin / bound), 1)}
+    if scenario["recorded"] != "passed":
+        return f"{scenario['recorded']} as recorded"
+    return f"none found up to {bound:g}" if margin is None else f"{margin:.2f}"
 
 
 def _rate(scenario: Mapping[str, Any]) -> str:
@@ -64,25 +66,22 @@ def _rate(scenario: Mapping[str, Any]) -> str:
     return f"{failed} of {drawn}: {100.0 * low:.1f} to {100.0 * high:.1f} %{rule}"
 
 
-def _map(rows: Sequence[Mapping[str, Any]], bound: float) -> dict[str, Any]:
-    """Returns parallel coordinates: an axis for each parameter and the whole distance, a line for each run."""
-    names = [*sorted({name for row in rows for name in row["distances"]}), TOTAL]
-    signed = {name for name in names if any(row["distances"].get(name, 0.0) < 0.0 for row in rows)}
-    place = {name: 50.0 + k * (WIDTH - 100.0) / max(1, len(names) - 1) for k, name in enumerate(names)}
+def _map(rows: Sequence[Mapping[str, Any]], bound: float, margin: float | None) -> dict[str, Any]:
+    """Returns a row for each kind of act with a dot for each run, placed by its distance."""
+    acts = sorted({row["act"] for row in rows})
+    scale = (WIDTH - LEFT - ROW) / bound
 
-    def height(name: str, value: float) -> float:
-        share = (value / bound + 1.0) / 2.0 if name in signed else value / bound
-        return round(MARGIN + HEIGHT * (1.0 - min(1.0, max(0.0, share))), 1)
+    def place(distance: float) -> float:
+        return round(LEFT + scale * min(distance, bound), 1)
 
-    lines = []
-    for row in sorted(rows, key=lambda row: ORDER.index(row["outcome"])):
-        values = row["distances"] | {TOTAL: row["distance"]}  # what is not changed is at 0
-        points = " ".join(f"{place[name]:.1f},{height(name, values.get(name, 0.0))}" for name in names)
-        about = "{number}, {how}: {act}, distance {distance:.2f}, {outcome} {reason}".format(**row)
-        lines.append({"points": points, "outcome": row["outcome"], "about": about})
-    ends = {True: (f"+{bound:g}", f"−{bound:g}"), False: (f"{bound:g}", "0")}  # upper and lower, by whether signed
-    axes = [
-        {"name": name, "x": round(place[name], 1), "zero": height(name, 0.0), "ends": ends[name in signed]}
-        for name in names
+    dots = [
+        {
+            "x": place(row["distance"]),
+            "y": round(ROW * (acts.index(row["act"]) + (row["number"] % LANES + 1) / (LANES + 1)), 1),
+            "outcome": row["outcome"],
+            "about": f"{row['number']}, {row['how']}: distance {row['distance']:.2f}, {row['outcome']} {row['reason']}",
+        }
+        for row in sorted(rows, key=lambda row: ORDER.index(row["outcome"]))
     ]
-    return {"axes": axes, "lines": lines, "top": MARGIN, "bottom": MARGIN + HEIGHT}
+    ticks = [(place(k), f"{k}" if k < bound else f"{bound:g} or more") for k in range(int(bound) + 1)]
+    return {"acts": acts, "dots": dots, "ticks": ticks, "margin": None if margin is None else place(margin)}

@@ -8,34 +8,38 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Callable, Collection, Generator, Sequence
+from collections import Counter
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import cycle, islice
+from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from litsim_eval.search.judging import Outcome
-from litsim_eval.search.space import DISTANCE_MAX, NOTHING, Proposal, Space
+from litsim_eval.search.space import DISTANCE_MAX, SMALLEST, UNTIMED, Proposal, Space
 from litsim_sim.core.scene import STEP_S
 
 if TYPE_CHECKING:
     from optuna.samplers import BaseSampler
 
-BATCH = 8
-"""Proposals at a time; the optimiser learns of their outcomes together."""
+BATCH = 4
+"""Proposals at a time; the next ones build on what became of them."""
 GROUPS_MAX = 10
 """Most groups of failures that are shrunk and shown."""
-SHARE_SHRINKING, SHARE_DRAWN = 0.3, 0.2
-"""Shares of the budget: the last, in which shrinking comes first, and that of plain draws from the declared
-distribution, which give the rate."""
-SHARE_AT_ONCE = 0.4
-"""Share of the runs so far up to which failures are shrunk as soon as they are found."""
-SHRUNK_BY = (0.5, 0.75, 0.9)
-"""Factors that are tried of all distances together; of single ones, the first."""
-LATER_S = 0.5  # [s] by which shrinking moves when an agent acts
-LESS = 0.02  # least gain in distance for which shrinking goes on
-PASSED_VALUE = 2.0 * DISTANCE_MAX
-"""What the optimiser is told of a run that has not failed, more if it is far from a contact; else the distance."""
+SHARE_DRAWN, DRAWN_FROM, DRAWN_TO = 0.2, 0.4, 0.8
+"""Share of the budget for plain draws from the declared distribution, which give the rate, and between which shares of
+the budget they are made."""
+SHARE_SHRINKING = 0.3
+"""Share of the budget, the last, in which shrinking comes first; before that it has half of each batch."""
+SHRINK_TRIES = 10
+"""Proposals nearer than a failure of which none may fail until that is taken for the nearest of its group."""
+MOVED_S = 0.7  # [s] standard deviation by which shrinking moves when an agent acts
+LESS = 0.02  # least gain in distance by shrinking
+NEARER = (0.7, 0.98)
+"""Share of the distance of what has failed within which the search goes on looking."""
+NEARER_TRIES = 20
 SAMPLERS = ("tpe", "random")
 
 
@@ -51,7 +55,7 @@ class Tried:
         outcome: what became of it.
         case: id of its case.
         reason: why it has not passed, in one line.
-        group: what failures are grouped by, together with the act: what happened.
+        group: what failures are grouped by, together with their cause: what happened.
         near: how near to a contact it came, from 0 to 1.
         digest: of the run.
     """
@@ -70,7 +74,7 @@ class Tried:
     @property
     def key(self) -> tuple[str, str]:
         """The group of a failure."""
-        return self.proposal.act, self.group
+        return self.proposal.cause, self.group
 
 
 Asked = list[tuple[str, Proposal]]
@@ -112,114 +116,130 @@ def explore(
         screened: what is tried first.
         expired: whether the time is over, asked before each batch.
     """
-    import optuna  # takes a second to load
-
-    warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-    logging.getLogger("optuna").setLevel(logging.ERROR)
     tried, space = exploration.tried, exploration.space
     tried += yield [("recorded", Proposal())]
     if tried[0].outcome != Outcome.PASSED or not space.parameters:
         return
-    study = optuna.create_study(sampler=_sampler(sampler, seed))
-    random = np.random.default_rng([seed, space.scenario.ego_id])
-    plain = sampler == "random"
-    drawn, draws = 0 if plain else round(SHARE_DRAWN * runs), 0  # how many are to be drawn, and how many are
-    budget = runs if plain else round((1.0 - SHARE_SHRINKING) * runs)
-    shrunk: set[int] = set()
+    proposer = _Proposer(exploration, runs, sampler, seed, list(screened))
     while len(tried) < runs and not expired():
-        waiting = [] if plain else [each for each in exploration.failures if each.number not in shrunk]
-        shrinking = sum(each.how == "shrunk" for each in tried)
-        late = len(tried) >= budget
-        limit = runs if late else budget - (drawn - draws)  # with room for what is to be drawn
-        if waiting and len(tried) < limit and (late or shrinking <= SHARE_AT_ONCE * len(tried)):
-            yield from _shrink(exploration, waiting[0], limit, expired, shrunk)
-            continue
-        size = min(BATCH, runs - len(tried))
-        first, screened = screened[:size], screened[size:]
-        for proposal in first:
-            study.enqueue_trial(space.values_of(proposal))
-        rest = size - len(first)
-        due = min(rest, round(drawn * min(1.0, (len(tried) + size) / budget)) - draws)
-        for _ in range(due):
-            study.enqueue_trial(space.drawn(random))
-        if not plain:
-            for _ in range((rest - due + 1) // 2):
-                study.enqueue_trial(space.drawn(random, anywhere=True))
-        draws += due
-        trials = [study.ask() for _ in range(size)]
-        how = ["screened"] * len(first) + ["drawn"] * due + ["proposed"] * (rest - due)
-        outcomes = yield [(word, space.suggested(trial)) for word, trial in zip(how, trials, strict=True)]
+        outcomes = yield proposer.batch(min(BATCH, runs - len(tried)))
         tried += outcomes
-        nearest = {each.number for each in exploration.failures}
-        for trial, outcome in zip(trials, outcomes, strict=True):
-            study.tell(trial, _value(outcome, nearest))
+        proposer.tell(outcomes)
+
+
+class _Proposer:
+    """Proposes what to try next in an exploration.
+
+    Args:
+        screened: what is tried first.
+    """
+
+    def __init__(self, exploration: Exploration, runs: int, sampler: str, seed: int, screened: list[Proposal]) -> None:
+        import optuna  # takes a second to load
+
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        logging.getLogger("optuna").setLevel(logging.ERROR)
+        self._exploration, self._runs, self._plain = exploration, runs, sampler == "random"
+        self._optuna, self._study = optuna, optuna.create_study(sampler=_sampler(sampler, seed))
+        self._random = np.random.default_rng([seed, exploration.space.scenario.ego_id])
+        self._strata, self._screened = exploration.space.strata(), screened
+        self._shrinkings: Counter[int] = Counter()  # by number of a failure, the proposals that are nearer than it
+
+    def batch(self, size: int) -> Asked:
+        """Returns `size` proposals."""
+        if self._plain:
+            return [("proposed", self._suggested()) for _ in range(size)]
+        space, number = self._exploration.space, len(self._exploration.tried)
+        progress = ((number + size) / self._runs - DRAWN_FROM) / (DRAWN_TO - DRAWN_FROM)
+        due = round(SHARE_DRAWN * self._runs * min(1.0, max(0.0, progress)))
+        due = min(size, due - sum(each.how == "drawn" for each in self._exploration.tried))
+        asked: Asked = [("drawn", space.drawn(self._random)) for _ in range(due)]
+        late = number >= (1.0 - SHARE_SHRINKING) * self._runs
+        asked += self._shrunk(size - due if late else (size - due + 1) // 2)
+        while len(asked) < size:
+            if self._screened:
+                asked.append(("screened", self._screened.pop(0)))
+            else:
+                asked.append(("proposed", self._proposed(by_optimiser=len(asked) % 2 == 1)))
+        return asked
+
+    def tell(self, outcomes: Sequence[Tried]) -> None:
+        """Lets the optimiser learn."""
+        for each in outcomes if not self._plain else ():
+            trial = self._optuna.trial.FixedTrial(self._exploration.space.values_of(each.proposal))
+            self._exploration.space.suggested(trial)
+            self._study.add_trial(
+                self._optuna.trial.create_trial(
+                    params=trial.params, distributions=trial.distributions, value=_value(each)
+                )
+            )
+
+    def _suggested(self) -> Proposal:
+        """Returns a proposal of the optimiser; what is tried in its place is told later."""
+        trial = self._study.ask()
+        proposal = self._exploration.space.suggested(trial)
+        self._study.tell(trial, state=self._optuna.trial.TrialState.FAIL)
+        return proposal
+
+    def _proposed(self, *, by_optimiser: bool) -> Proposal:
+        """Returns a proposal that is nearer than what has failed by the same cause with the same agent."""
+        space, random, limits = self._exploration.space, self._random, dict[tuple[str, int], float]()
+        for each in self._exploration.tried:
+            if each.outcome == Outcome.FAILED:
+                key = each.proposal.cause, each.proposal.agent
+                limits[key] = min(each.distance, limits.get(key, inf))
+        for _ in range(NEARER_TRIES):
+            proposal = self._suggested() if by_optimiser else space.clear(random, *next(self._strata))
+            limit = random.uniform(*NEARER) * limits.get((proposal.cause, proposal.agent), inf)
+            if (nearer := space.within(proposal, limit)) is not None:
+                break
+        return nearer or proposal
+
+    def _shrunk(self, most: int) -> Asked:
+        """Returns up to `most` proposals that are nearer than failures, of the nearest of each group in turn."""
+        asked: Asked = []
+        waiting = [each for each in self._exploration.failures if self._shrinkings[each.number] < SHRINK_TRIES]
+        for failure in islice(cycle(waiting), most):
+            tries = self._shrinkings[failure.number]
+            self._shrinkings[failure.number] += 1
+            if proposal := self._less(failure, tries):
+                asked.append(("shrunk", proposal))
+        return asked
+
+    def _less(self, failure: Tried, tries: int) -> Proposal | None:
+        """Returns a proposal that changes less than a failure, and fewer things; None where there is none."""
+        space, random, whole = self._exploration.space, self._random, failure.proposal
+        others = {name: z for name, z in whole.z.items() if name not in whole.main and abs(z) >= SMALLEST}
+        if tries == 1 and others:
+            return space.within(Proposal(z=others), failure.distance - LESS)
+        left = {name: z for name, z in others.items() if tries and random.random() < 0.5}
+        less = replace(whole, z={name: whole.z[name] for name in whole.main} | left)
+        if len(left) == len(others):
+            share = random.random() ** (1.0 / (1.0 + tries))  # finer the more has been tried
+            less = replace(less, z={name: share * z * random.uniform(0.8, 1.0) for name, z in less.z.items()})
+            if tries and whole.act not in UNTIMED:
+                first, last = (step * STEP_S for step in space.steps)
+                begin = min(max(whole.begin_s + random.normal(0.0, MOVED_S), first), last)
+                less = replace(less, begin_s=round(begin, 1))
+        return space.within(less, failure.distance - LESS)
 
 
 def promising(exploration: Exploration, count: int) -> list[Proposal]:
     """Returns up to `count` different proposals that failed, or came near to it, best first."""
-    nearest = {each.number for each in exploration.failures}
-    ordered = sorted(exploration.tried[1:], key=lambda each: (_value(each, nearest), each.number))
+    ordered = sorted(exploration.tried[1:], key=lambda each: (_value(each), each.number))
     return [each.proposal for each in ordered[:count]]
 
 
-def _shrink(
-    exploration: Exploration, failure: Tried, runs: int, expired: Callable[[], bool], shrunk: set[int]
-) -> Generator[Asked, Sequence[Tried], None]:
-    """Yields proposals that change less than a failure, then less than the nearest of these that fails, and so on.
+def _value(tried: Tried) -> float:
+    """Returns what the optimiser minimises: the distance, and more for a run that has not failed.
 
-    The numbers of the failures that need no more shrinking are added to `shrunk`.
+    That is less the nearer it came to a contact, so that small changes that nearly fail are worth as much as large ones
+    that do.
     """
-    space, tried, best = exploration.space, exploration.tried, failure
-    shrunk.add(best.number)
-    while len(tried) < runs and not expired():
-        candidates = _smaller(space, best.proposal)[: runs - len(tried)]
-        if not candidates:
-            return
-        outcomes = yield [("shrunk", each) for each in candidates]
-        tried += outcomes
-        failed = [
-            each
-            for each in outcomes
-            if each.outcome == Outcome.FAILED and _is_smaller(space, each.proposal, best.proposal)
-        ]
-        if not failed:
-            return
-        best = min(failed, key=lambda each: (each.distance, each.number))
-        shrunk.add(best.number)
-
-
-def _smaller(space: Space, proposal: Proposal) -> list[Proposal]:
-    """Returns proposals that change less than another: one thing less, or everything, or one thing, by less."""
-    changed = [name for name in space.distances(proposal) if name in proposal.z]
-    fewer = [proposal.without(name) for name in changed] if len(changed) > 1 or proposal.act == NOTHING else []
-    if proposal.act != NOTHING and not any(name.startswith(proposal.act) for name in changed):
-        fewer.append(Proposal(z=proposal.z))
-    less = [proposal.scaled(factor) for factor in SHRUNK_BY]
-    less += [proposal.scaled(SHRUNK_BY[0], name) for name in changed] if len(changed) > 1 else []
-    if proposal.begin_s:  # less may do at another time
-        first, last = (step * STEP_S for step in space.steps)
-        for later in (-LATER_S, LATER_S):
-            begin = round(min(max(proposal.begin_s + later, first), last), 1)
-            less.append(replace(proposal.scaled(SHRUNK_BY[1]), begin_s=begin))
-    unique = {repr((each.act, each.begin_s, sorted(each.z.items()))): each for each in (*fewer, *less)}
-    return [each for each in unique.values() if _is_smaller(space, each, proposal)]
-
-
-def _is_smaller(space: Space, one: Proposal, other: Proposal) -> bool:
-    """Returns whether a proposal is clearly nearer to reality than another, or changes less and is no farther."""
-    nearer, fewer = space.distance(other) - space.distance(one), len(space.distances(one)) < len(space.distances(other))
-    return nearer > LESS or (fewer and nearer >= 0.0)
-
-
-def _value(tried: Tried, nearest: Collection[int]) -> float:
-    """Returns what the optimiser minimises; `nearest` are the numbers of the nearest failures of all groups.
-
-    Another failure of a group is worth nothing: shrinking brings that nearer, and the optimiser is to find more.
-    """
-    if tried.outcome == Outcome.FAILED and tried.number in nearest:
+    if tried.outcome == Outcome.FAILED:
         return tried.distance
     near = tried.near if tried.outcome == Outcome.PASSED else 0.0
-    return PASSED_VALUE * (2.0 - near) + 0.1 * tried.distance
+    return tried.distance + 1.0 + 2.0 * DISTANCE_MAX * (1.0 - near)
 
 
 def _sampler(name: str, seed: int) -> BaseSampler:
@@ -227,4 +247,4 @@ def _sampler(name: str, seed: int) -> BaseSampler:
 
     if name == "random":
         return samplers.RandomSampler(seed=seed)
-    return samplers.TPESampler(seed=seed, n_startup_trials=2 * BATCH, multivariate=True, group=True, constant_liar=True)
+    return samplers.TPESampler(seed=seed, n_startup_trials=10, multivariate=True, group=True)

@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from junitparser import Failure, JUnitXml, TestCase, TestSuite
+from pydantic import BaseModel, ConfigDict
 
 from litsim_eval.campaign.comparison import paired_interval
+from litsim_eval.search.judging import Outcome
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
+from litsim_sim.io.yaml_input import read_yaml
 
-FORMAT = 1
 MARGINS_FILE, TABLE_FILE, PAGE_FILE, JUNIT_FILE = "margins.json", "tried.parquet", "margins.html", "junit.xml"
 FAILURES_FILE = "failures.yaml"
 
 
-@dataclass(frozen=True)
-class CriticalChange:
+class _Content(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class CriticalChange(_Content):
     """The nearest failure of a group, shrunk and repeated.
 
     Attributes:
@@ -34,7 +38,6 @@ class CriticalChange:
         changes: what is changed, as sentences.
         reason: what happened.
         holds: whether it failed likewise when it was repeated.
-        same_digest: whether the repeated run was equal bit by bit; None without a digest.
         careful_driver: whether the careful driver avoids the first contact; None without a contact.
         digest: of the run.
         rerun: command that runs it again, with a report.
@@ -43,34 +46,33 @@ class CriticalChange:
     name: str
     act: str
     distance: float
-    distances: Mapping[str, float]
-    changes: Sequence[str]
+    distances: dict[str, float]
+    changes: list[str]
     reason: str
     holds: bool
-    same_digest: bool | None
     careful_driver: bool | None
     digest: str
     rerun: str
 
 
-@dataclass(frozen=True)
-class Margin:
+class Margin(_Content):
     """What a search has learnt of one scenario.
 
     Attributes:
         name: of the case as recorded.
         margin: least distance of a failure that counts, an upper bound; 0 if it fails as recorded, None if none failed.
-        recorded: why it fails as recorded; empty if it does not.
+        recorded: what becomes of it as recorded; only if it passes it is searched.
+        reason: why it does not pass as recorded; empty if it does.
         runs, failed, forced, errors: numbers of runs, those for shrinking included.
         drawn, drawn_failed: numbers of runs that were drawn from the declared distribution.
         rate: bounds of the share of these that fail at 95 %, by Clopper and Pearson (1934); None without any.
-        by_act: least distance of a failure by kind of act.
         failures: the nearest failure of each group, the nearest first.
     """
 
     name: str
     margin: float | None
-    recorded: str
+    recorded: Outcome
+    reason: str
     runs: int
     failed: int
     forced: int
@@ -78,15 +80,26 @@ class Margin:
     drawn: int
     drawn_failed: int
     rate: tuple[float, float] | None
-    by_act: Mapping[str, float]
-    failures: Sequence[CriticalChange]
+    failures: list[CriticalChange]
+
+    @property
+    def broken(self) -> bool:
+        """Whether it fails as recorded, or cannot be judged."""
+        return self.recorded in (Outcome.FAILED, Outcome.ERROR)
+
+    def short_of(self, at_least: float) -> str:
+        """Returns what is wrong with a scenario that fails as recorded, or has a margin below `at_least`."""
+        if self.broken:
+            return f"as recorded: {self.recorded}, {self.reason}"
+        short = self.margin is not None and self.margin < at_least
+        return f"margin {self.margin:.2f}, expected at least {at_least:g}" if short else ""
 
 
-@dataclass(frozen=True)
-class Margins:
+class Margins(_Content):
     """The content of `margins.json`.
 
     Attributes:
+        format: of the file.
         ego, policy: names of what drove.
         bound: distance of a parameter up to which the search looked.
         people: recordings by which distances are measured.
@@ -96,23 +109,15 @@ class Margins:
         scenarios: margins, in the order of the suite.
     """
 
+    format: Literal[2] = 2
     ego: str
     policy: str
     bound: float
     people: str
-    settings: Mapping[str, Any]
-    versions: Mapping[str, str]
+    settings: dict[str, Any]
+    versions: dict[str, str]
     wall_s: float
-    scenarios: Sequence[Margin]
-
-    @property
-    def median(self) -> float:
-        """Median margin [standard deviations]; scenarios without failure count with the bound."""
-        return float(np.median([self.of(each) for each in self.scenarios]))
-
-    def of(self, margin: Margin) -> float:
-        """Returns the margin of a scenario; the bound if no failure is known."""
-        return self.bound if margin.margin is None else margin.margin
+    scenarios: list[Margin]
 
     def write(self, folder: Path) -> None:
         """Writes `margins.json`.
@@ -121,8 +126,7 @@ class Margins:
             Unwritable: that is impossible.
         """
         with replacing(folder / MARGINS_FILE) as new:
-            text = json.dumps({"format": FORMAT, **asdict(self)}, indent=1, allow_nan=False, ensure_ascii=False)
-            new.write_text(text + "\n", encoding="utf-8")
+            new.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
     @classmethod
     def read(cls, folder: Path) -> Margins:
@@ -131,20 +135,7 @@ class Margins:
         Raises:
             InputError: there is none, or it is of another format.
         """
-        path = folder / MARGINS_FILE
-        try:
-            values = json.loads(path.read_text(encoding="utf-8"))
-            written = values.pop("format")
-            scenarios = [
-                Margin(**{**each, "failures": [CriticalChange(**failure) for failure in each["failures"]]})
-                for each in values.pop("scenarios")
-            ]
-            margins = cls(scenarios=scenarios, **values)
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            raise InputError(f"{path}: not the margins of a search: {error}") from error
-        if written != FORMAT:
-            raise InputError(f"{path}: format {written}, expected {FORMAT}")
-        return margins
+        return read_yaml(folder / MARGINS_FILE, cls)
 
 
 def is_search(path: Path) -> bool:
@@ -164,7 +155,7 @@ def write_tried(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
 
 
 def write_junit(margins: Margins, at_least: float, path: Path) -> None:
-    """Writes the margins as JUnit XML: a test is a scenario, and fails if its margin is below `at_least`, or 0.
+    """Writes the margins as JUnit XML: a test is a scenario, and fails as :meth:`Margin.short_of` says.
 
     Raises:
         Unwritable: `path` cannot be written.
@@ -172,21 +163,15 @@ def write_junit(margins: Margins, at_least: float, path: Path) -> None:
     document, suite = JUnitXml("margins"), TestSuite(f"{margins.ego}, {margins.policy}")
     for each in margins.scenarios:
         test = TestCase(each.name, suite.name)
-        if is_short(each, at_least):
-            text = f"margin {each.margin:.2f}, expected at least {at_least:g}"
+        if text := each.short_of(at_least):
             failure = Failure(text, "margin")
-            failure.text = "\n".join([text, each.recorded, *(line for f in each.failures for line in told(f))]).strip()
+            failure.text = "\n".join([text, *(line for f in each.failures for line in told(f))])
             test.result = [failure]
         suite.add_testcase(test)
     document.add_testsuite(suite)
     document.update_statistics()
     with replacing(path) as new:
         document.write(str(new))
-
-
-def is_short(margin: Margin, at_least: float) -> bool:
-    """Returns whether a scenario fails as recorded, or has a margin below `at_least`."""
-    return margin.margin is not None and (bool(margin.recorded) or margin.margin < at_least)
 
 
 def told(failure: CriticalChange) -> list[str]:
@@ -196,17 +181,19 @@ def told(failure: CriticalChange) -> list[str]:
 
 @dataclass(frozen=True)
 class MarginChange:
-    """The change of the margins of the scenarios that two searches have in common.
+    """The change of the margins of the scenarios that two searches have in common, but for those forced as recorded.
 
     Attributes:
         names: of the scenarios.
-        before, after: margins, the bound where no failure is known.
+        before, after: margins, the bound where no failure is known, 0 where it fails as recorded.
+        broken: names of those that fail as recorded, and did not before.
         interval: bounds of the mean change at 95 % by the paired bootstrap; None for fewer than two scenarios.
     """
 
     names: Sequence[str]
     before: Sequence[float]
     after: Sequence[float]
+    broken: Sequence[str]
     interval: tuple[float, float] | None
 
     @property
@@ -217,8 +204,7 @@ class MarginChange:
     @property
     def worse(self) -> bool:
         """Whether margins have clearly become smaller, or a scenario that passed as recorded does not any more."""
-        newly = any(b > 0.0 >= a for b, a in zip(self.before, self.after, strict=True))
-        return newly or (self.interval is not None and self.interval[1] < 0.0)
+        return bool(self.broken) or (self.interval is not None and self.interval[1] < 0.0)
 
 
 def compare_margins(before: Margins, after: Margins) -> MarginChange:
@@ -232,13 +218,23 @@ def compare_margins(before: Margins, after: Margins) -> MarginChange:
             f"margins by {before.people} up to {before.bound:g} and by {after.people} up to {after.bound:g}, "
             "expected the same measure"
         )
-    ours, theirs = ({_case(each.name): each for each in one.scenarios} for one in (before, after))
+    ours, theirs = (
+        {_case(each.name): each for each in one.scenarios if each.recorded != Outcome.FORCED} for one in (before, after)
+    )
     names = [name for name in theirs if name in ours]
     if not names:
         raise InputError("the two searches have no scenario in common")
-    was, now = [before.of(ours[name]) for name in names], [after.of(theirs[name]) for name in names]
+    was, now = ([_least(one[name], before.bound) for name in names] for one in (ours, theirs))
+    broken = [name for name in names if theirs[name].broken and not ours[name].broken]
     interval = paired_interval(np.subtract(now, was), np.arange(len(names)))
-    return MarginChange(names, was, now, interval)
+    return MarginChange(names, was, now, broken, interval)
+
+
+def _least(margin: Margin, bound: float) -> float:
+    """Returns the margin of a scenario; `bound` if no failure is known, 0 if it fails as recorded."""
+    if margin.broken:
+        return 0.0
+    return bound if margin.margin is None else margin.margin
 
 
 def _case(name: str) -> str:

@@ -82,6 +82,56 @@ class Habit(BaseModel):
         return (self.values[-1] - self.values[PROLONGED_FROM]) / float(DISTANCES[-1] - DISTANCES[PROLONGED_FROM])
 
 
+DECLARED = {
+    name: Habit(unit=name[-1], moments=0, values=[float(z) for z in deviation * DISTANCES])
+    for name, deviation in {
+        "signals_s": 2.0,
+        "delay_s": 0.1,
+        "reaction_s": 0.4,
+        "hidden_s": 0.5,
+        "noise_m": 0.2,
+    }.items()
+}
+"""Habits that no recording shows, by what a standard deviation is [s or m]."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A quantity of a change that a search varies.
+
+    Attributes:
+        name: `kind.field`.
+        unit: its unit.
+        low, high: bounds; -high to high where it may go either way from 0.
+        habit: by which its distance is measured.
+        about: what it is.
+        step: its values are multiples of this.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    habit: str
+    about: str
+    step: float = 0.001
+
+    @property
+    def kind(self) -> str:
+        """The kind of change."""
+        return self.name.partition(".")[0]
+
+    @property
+    def signed(self) -> bool:
+        """Whether it may go either way from 0."""
+        return self.low < 0.0
+
+    @property
+    def declared(self) -> bool:
+        """Whether its distance is declared, as no recording shows what is usual. It varies only if it is named."""
+        return self.habit in DECLARED
+
+
 class People(BaseModel):
     """What people did in some recordings.
 
@@ -116,6 +166,10 @@ class People(BaseModel):
             elif name not in habits:
                 raise InputError(f"{', '.join(scenarios)}: {len(moments)} moments of {name}, expected {MOMENTS_MIN}")
         return cls(source=", ".join(scenarios), habits=habits)
+
+    def habit(self, parameter: Parameter) -> Habit:
+        """Returns the habit by which a parameter is measured."""
+        return self.habits.get(parameter.habit) or DECLARED[parameter.habit]
 
     def write(self, path: Path) -> None:
         """Writes the quantiles as YAML.
@@ -190,106 +244,20 @@ def _numbers(events: Sequence[Mapping[str, object]], name: str) -> FloatArray:
     return np.array([value for each in events if isinstance(value := each.get(name), float)], np.float64)
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """A quantity of a change that a search varies.
-
-    Attributes:
-        name: `kind.field`.
-        unit: its unit.
-        low, high: bounds; of a signed parameter, for its size.
-        habit: by which its distance is measured.
-        signed: whether it may go either way from 0.
-        about: what it is.
-        step: its values are multiples of this.
-        declared: whether its distance is not measured but declared, as no recording shows what is usual. It varies only
-            if it is named.
-    """
-
-    name: str
-    unit: str
-    low: float
-    high: float
-    habit: str
-    signed: bool
-    about: str
-    step: float = 0.001
-    declared: bool = False
-
-
-DECLARED = {
-    "signals_s": Habit(unit="s", moments=0, values=[float(z) for z in 2.0 * DISTANCES]),
-    "delay_s": Habit(unit="s", moments=0, values=[float(z) for z in 0.1 * DISTANCES]),
-    "reaction_s": Habit(unit="s", moments=0, values=[float(z) for z in 0.4 * DISTANCES]),
-    "hidden_s": Habit(unit="s", moments=0, values=[float(z) for z in 0.5 * DISTANCES]),
-    "noise_m": Habit(unit="m", moments=0, values=[float(z) for z in 0.2 * DISTANCES]),
-}
-"""Habits that no recording shows, by what a standard deviation is."""
 PARAMETERS = (
-    Parameter("brake.deceleration", "m/s²", 0.1, 6.0, "deceleration", signed=False, about="how hard an agent brakes"),
-    Parameter("brake.duration_s", "s", 0.3, 6.0, "braking_s", signed=False, about="how long"),
-    Parameter(
-        "cut_in.duration_s", "s", 1.0, 8.0, "lane_change_s", signed=False, about="how long an agent takes to cut in"
-    ),
-    Parameter("cut_in.headway_s", "s", 0.0, 5.0, "headway_left_s", signed=False, about="headway left; by who and when"),
-    Parameter(
-        "cut_out.duration_s", "s", 1.0, 8.0, "lane_change_s", signed=False, about="how long an agent takes to cut out"
-    ),
-    Parameter("pace.factor", "", 0.0, 0.7, "pace", signed=True, about="how much faster or slower an agent drives"),
-    Parameter("enter.later_s", "s", 0.0, 4.0, "entry_s", signed=True, about="how much later an agent enters", step=0.1),
-    Parameter("start.faster", "m/s", 0.0, 6.0, "speed", signed=True, about="how much faster the ego starts"),
-    Parameter("start.left", "m", 0.0, 1.2, "lane_offset", signed=True, about="how far beside its place it starts"),
-    Parameter(
-        "signals.later_s",
-        "s",
-        0.0,
-        10.0,
-        "signals_s",
-        signed=True,
-        about="how much later signals change",
-        declared=True,
-    ),
-    Parameter(
-        "delay.later_s",
-        "s",
-        0.0,
-        1.0,
-        "delay_s",
-        signed=False,
-        about="latency added to the ego",
-        step=0.1,
-        declared=True,
-    ),
-    Parameter(
-        "inattentive.later_s",
-        "s",
-        0.0,
-        2.0,
-        "reaction_s",
-        signed=False,
-        about="how much later an agent reacts",
-        step=0.1,
-        declared=True,
-    ),
-    Parameter(
-        "hide.duration_s",
-        "s",
-        0.1,
-        3.0,
-        "hidden_s",
-        signed=False,
-        about="how long the ego is not told of an agent",
-        declared=True,
-    ),
-    Parameter(
-        "noise.sigma_m",
-        "m",
-        0.0,
-        1.0,
-        "noise_m",
-        signed=False,
-        about="error of the positions that the ego is told",
-        declared=True,
-    ),
+    Parameter("brake.deceleration", "m/s²", 0.1, 6.0, "deceleration", "how hard an agent brakes"),
+    Parameter("brake.duration_s", "s", 0.3, 6.0, "braking_s", "how long"),
+    Parameter("cut_in.duration_s", "s", 1.0, 8.0, "lane_change_s", "how long an agent takes to cut in"),
+    Parameter("cut_in.headway_s", "s", 0.0, 5.0, "headway_left_s", "headway left; by who and when"),
+    Parameter("cut_out.duration_s", "s", 1.0, 8.0, "lane_change_s", "how long an agent takes to cut out"),
+    Parameter("pace.factor", "", -0.7, 0.7, "pace", "how much faster or slower an agent drives"),
+    Parameter("enter.later_s", "s", -4.0, 4.0, "entry_s", "how much later an agent enters", step=0.1),
+    Parameter("start.faster", "m/s", -6.0, 6.0, "speed", "how much faster the ego starts"),
+    Parameter("start.left", "m", -1.2, 1.2, "lane_offset", "how far beside its place it starts"),
+    Parameter("signals.later_s", "s", -10.0, 10.0, "signals_s", "how much later signals change"),
+    Parameter("delay.later_s", "s", 0.0, 1.0, "delay_s", "latency added to the ego", step=0.1),
+    Parameter("inattentive.later_s", "s", 0.0, 2.0, "reaction_s", "how much later an agent reacts", step=0.1),
+    Parameter("hide.duration_s", "s", 0.1, 3.0, "hidden_s", "how long the ego is not told of an agent"),
+    Parameter("noise.sigma_m", "m", 0.0, 1.0, "noise_m", "error of the positions that the ego is told"),
 )
 """All parameters of a search. Who acts and when has no distance: every agent and moment is as usual as another."""

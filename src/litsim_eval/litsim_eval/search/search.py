@@ -11,7 +11,6 @@ from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
 from importlib.util import find_spec
 from itertools import islice
-from math import copysign
 from pathlib import Path
 from typing import Any
 
@@ -300,13 +299,13 @@ class Search:
             bound=DISTANCE_MAX,
             people=self._people.source,
             settings=asdict(self._settings),
-            versions=self._versions,
+            versions=dict(self._versions),
             wall_s=round(time.monotonic() - self._begin, 1),
             scenarios=[self._margin(one, repeated) for one in self.all],
         )
-        write_tried(
-            [self._row(one, each) for one in self.all for each in one.exploration.tried], self._out / TABLE_FILE
-        )
+        rows = [[self._row(one, each) for each in one.exploration.tried] for one in self.all]
+        write_tried([row for some in rows for row in some], self._out / TABLE_FILE)
+        write_margins_page(margins.model_dump(), rows, self._out / PAGE_FILE)
         for one in self.all:
             if one.exploration.failures:
                 self._export(one, one.exploration.failures[0])
@@ -321,11 +320,6 @@ class Search:
             write_suite(self._suite.model_copy(update={"cases": failed, "seeds": []}), self._out / FAILURES_FILE)
         else:
             (self._out / FAILURES_FILE).unlink(missing_ok=True)
-        write_margins_page(
-            asdict(margins),
-            [[self._drawn(one, each) for each in one.exploration.tried] for one in self.all],
-            self._out / PAGE_FILE,
-        )
         margins.write(self._out)
         return margins
 
@@ -352,13 +346,11 @@ class Search:
         drawn = [each for each in tried if each.how == "drawn" and each.outcome != Outcome.ERROR]
         bad = sum(each.outcome == Outcome.FAILED for each in drawn)
         bounds = binomtest(bad, len(drawn)).proportion_ci(0.95, "exact") if drawn else None
-        by_act: dict[str, float] = {}
-        for each in failures:
-            by_act.setdefault(each.proposal.act, each.distance)
         return Margin(
             name=one.case.name,
             margin=failures[0].distance if failures else None,
-            recorded="" if tried[0].outcome == Outcome.PASSED else f"{tried[0].outcome}: {tried[0].reason}",
+            recorded=tried[0].outcome,
+            reason=tried[0].reason,
             runs=len(tried),
             failed=count[Outcome.FAILED],
             forced=count[Outcome.FORCED],
@@ -366,7 +358,6 @@ class Search:
             drawn=len(drawn),
             drawn_failed=bad,
             rate=None if bounds is None else (round(float(bounds.low), 4), round(float(bounds.high), 4)),
-            by_act=by_act,
             failures=[self._critical(one, each, repeated[each.case]) for each in failures],
         )
 
@@ -374,7 +365,6 @@ class Search:
         space, metrics = one.exploration.space, one.results[tried.number].metrics or {}
         contact = next(iter(at_fault(metrics)), None) or next(iter(avoidable(metrics)), None)
         careful = {each["agent"] for each in avoidable(metrics)}
-        digest = (again.metrics or {}).get("digest") or ""
         return CriticalChange(
             name=f"{one.stem}_{tried.number:04d}",
             act=tried.proposal.act,
@@ -383,24 +373,22 @@ class Search:
             changes=[change.text for change in space.changes(tried.proposal)] or ["as recorded"],
             reason=tried.reason,
             holds=outcome_of(again, tried.proposal) == Outcome.FAILED and missed_by(again) == tried.group,
-            same_digest=digest == tried.digest if tried.digest and digest else None,
             careful_driver=None if contact is None else contact["agent"] in careful,
             digest=tried.digest,
             rerun=rerun_command(self._folder.path, one.cases[tried.number]),
         )
 
-    @classmethod
-    def _drawn(cls, one: _One, tried: Tried) -> dict[str, Any]:
-        """Returns a run as the page draws it: its row, and its distances with their signs."""
-        z, far = tried.proposal.z, one.exploration.space.distances(tried.proposal)
-        return cls._row(one, tried) | {"distances": {name: copysign(d, z.get(name, 1.0)) for name, d in far.items()}}
-
     @staticmethod
     def _row(one: _One, tried: Tried) -> dict[str, Any]:
         """Returns a run as a row of the table: what it was, its changes in their units, and their distances."""
         space, proposal = one.exploration.space, tried.proposal
-        row = {"case": one.case.name, "scenario": f"{one.stem}_{tried.number:04d}", "number": tried.number}
-        row |= {"how": tried.how, "outcome": tried.outcome.value, "distance": tried.distance, "reason": tried.reason}
-        row |= {"act": proposal.act, "agent": proposal.agent, "begin_s": proposal.begin_s, "digest": tried.digest}
-        row |= space.values(proposal)
-        return row | {f"distance.{name}": round(z, 4) for name, z in space.distances(proposal).items()}
+        row: dict[str, Any] = {"case": one.case.name, "scenario": f"{one.stem}_{tried.number:04d}"}
+        row |= {name: getattr(tried, name) for name in ("number", "how", "distance", "reason", "digest")}
+        row |= {
+            "outcome": tried.outcome.value,
+            "act": proposal.act,
+            "agent": proposal.agent,
+            "begin_s": proposal.begin_s,
+        }
+        distances = {f"distance.{name}": round(z, 4) for name, z in space.distances(proposal).items()}
+        return row | space.values(proposal) | distances

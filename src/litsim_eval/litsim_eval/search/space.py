@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import count
 from math import hypot
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
 
-from litsim_eval.search.people import DECLARED, PARAMETERS, Habit, Parameter, People
+from litsim_eval.search.people import PARAMETERS, Habit, Parameter, People
 from litsim_sim.core.geometry import to_body
-from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import STEP_S, IntArray
 from litsim_sim.scenario.changes import Change, changes_of
 from litsim_sim.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
-    from optuna import Trial
+    from optuna.trial import BaseTrial
 
 DISTANCE_MAX = 6.0
 """Largest distance of a parameter within which a search looks, unless the parameter's bounds are nearer."""
@@ -29,7 +30,9 @@ LOOK_S = 12.0  # [s] after the history within which an agent begins to act
 LAST_S = 2.0  # [s] before the end after which none begins
 PACE_S = 6.0  # [s] for which an agent keeps another pace
 SMALLEST = 0.05  # distance below which a parameter is left as recorded
-AS_RECORDED = 0.5  # share of values that stay so where proposals are drawn anywhere
+CLEAR = 0.4  # share of a bound from which on clear changes are
+OTHERS = 0.25  # share of clear proposals in which one more thing changes than what an agent does
+WITHIN_TRIES = 10
 NOTHING = "nothing"
 """Kind of act of proposals in which no agent acts."""
 OF_ALL = ("start.faster", "start.left", "signals.later_s", "delay.later_s", "noise.sigma_m")
@@ -61,15 +64,21 @@ class Proposal:
     begin_s: float = 0.0
     z: Mapping[str, float] = field(default_factory=dict)
 
-    def without(self, name: str) -> Proposal:
-        """Returns the same with one parameter as recorded; a parameter of the act takes the act with it."""
-        if _kind(name) == self.act:
-            return Proposal(z={key: value for key, value in self.z.items() if key in OF_ALL})
-        return replace(self, z={key: value for key, value in self.z.items() if key != name})
+    @property
+    def main(self) -> list[str]:
+        """The parameters of the act; without an act, that which changes most."""
+        of_act = [name for name in self.z if name not in OF_ALL]
+        return of_act or sorted(self.z, key=lambda name: abs(self.z[name]))[-1:]
 
-    def scaled(self, factor: float, only: str = "") -> Proposal:
-        """Returns the same with its distances, or that of one parameter, multiplied."""
-        return replace(self, z={key: value * (factor if only in ("", key) else 1.0) for key, value in self.z.items()})
+    @property
+    def cause(self) -> str:
+        """What the main change is, with a minus where it goes down."""
+        minus = "-" if any(self.z[name] < 0.0 for name in self.main) else ""
+        return minus + (self.act if self.act != NOTHING else "".join(self.main))
+
+    def scaled(self, factor: float) -> Proposal:
+        """Returns the same with its distances multiplied."""
+        return replace(self, z={name: value * factor for name, value in self.z.items()})
 
 
 @dataclass(frozen=True)
@@ -79,73 +88,98 @@ class Space:
     Attributes:
         scenario: as recorded, with its ego.
         parameters: those that may vary, by name.
-        agents: by kind of act, the agents that may act so.
+        agents: by kind of act, the agents that may act so, the nearest to the ego first, each with the steps at which
+            it is where such an act concerns the ego.
         people: what people did.
     """
 
     scenario: Scenario
     parameters: Mapping[str, Parameter]
-    agents: Mapping[str, tuple[int, ...]]
+    agents: Mapping[str, Mapping[int, IntArray]]
     people: People
 
     @classmethod
     def of(cls, scenario: Scenario, people: People, only: Sequence[str] = ()) -> Space:
         """Returns the space of a scenario; `only` names kinds of change, or parameters, none for all."""
-        agents = {act: ids for act, ids in _agents(scenario).items() if ids}
-        if scenario.file.changes:  # those that it has stay, one more of an agent would contradict them
-            taken = {act.agent for _, act in scenario.actors}
-            agents = {act: tuple(i for i in ids if i not in taken) for act, ids in agents.items()}
+        taken = {act.agent for _, act in scenario.actors}  # their changes stay, one more would contradict them
+        agents = {
+            act: {agent: steps for agent, steps in of_act.items() if agent not in taken}
+            for act, of_act in _agents(scenario).items()
+        }
+        possible = {"start", "delay", "noise", *(act for act in agents if agents[act])}
+        possible |= {"signals"} if scenario.signals else set()
         usable = {
             each.name: each
             for each in PARAMETERS
-            if _kind(each.name) in (*agents, "start", "delay", "noise", *(["signals"] if scenario.signals else []))
-            and (each.name in only or _kind(each.name) in only or not (only or each.declared))
+            if each.kind in possible and (each.name in only or each.kind in only or not (only or each.declared))
         }
-        acts = {_kind(name) for name in usable}
-        return cls(scenario, usable, {act: ids for act, ids in agents.items() if act in acts and ids}, people)
+        acts = {each.kind for each in usable.values()}
+        return cls(scenario, usable, {act: of_act for act, of_act in agents.items() if act in acts}, people)
 
-    def habit(self, parameter: Parameter) -> Habit:
+    def habit(self, name: str) -> Habit:
         """Returns the habit by which a parameter is measured."""
-        return self.people.habits.get(parameter.habit) or DECLARED[parameter.habit]
+        return self.people.habit(self.parameters[name])
 
-    def range_of(self, parameter: Parameter) -> float:
-        """Returns the largest distance of a parameter, by its bounds and DISTANCE_MAX."""
-        habit = self.habit(parameter)
+    def bounds(self, name: str) -> tuple[float, float]:
+        """Returns the least and greatest distance of a parameter, by its bounds and DISTANCE_MAX."""
+        parameter, habit = self.parameters[name], self.habit(name)
         bound = parameter.high if habit.values[-1] > habit.values[0] else parameter.low
-        return min(DISTANCE_MAX, habit.distance(bound))
+        high = min(DISTANCE_MAX, habit.distance(bound))
+        return (-high if parameter.signed else 0.0), high
 
-    def suggested(self, trial: Trial) -> Proposal:
+    @property
+    def acts(self) -> list[str]:
+        """Kinds of act of which there are proposals."""
+        return [*([NOTHING] if self.varied(NOTHING) else []), *self.agents]
+
+    def strata(self) -> Iterator[tuple[str, int]]:
+        """Yields acts in turn without end, each with the nearest agent that may act so, then the next."""
+        for k in count():
+            for act in self.acts:
+                agents = [-1] if act == NOTHING else list(self.agents[act])
+                yield act, agents[k % len(agents)]
+
+    def suggested(self, trial: BaseTrial) -> Proposal:
         """Returns what an optimiser proposes."""
-        act = trial.suggest_categorical("act", [NOTHING, *self.agents])
-        z, agent, begin = {}, -1, 0.0
+        act = trial.suggest_categorical("act", self.acts)
+        agent, begin = -1, 0
         if act != NOTHING:
             agent = trial.suggest_categorical(f"{act}.agent", list(self.agents[act]))
             if act not in UNTIMED:
-                begin = trial.suggest_int(f"{act}.begin", *self.steps) * STEP_S
-        for name in self.varied(act):
-            low, high = self._bounds(name)
-            z[name] = trial.suggest_float(name, low, high)
-        return Proposal(act, agent, round(begin, 1), z)
+                begin = trial.suggest_int(f"{act}.begin", *self.steps)
+        return self._proposal(
+            act, agent, begin, {name: trial.suggest_float(name, *self.bounds(name)) for name in self.varied(act)}
+        )
 
-    def drawn(self, random: np.random.Generator, *, anywhere: bool = False) -> dict[str, Any]:
-        """Returns parameters for an optimiser that are drawn from the declared distribution.
+    def drawn(self, random: np.random.Generator) -> Proposal:
+        """Returns a draw from the declared distribution: acts, agents and moments equally often, normal distances."""
+        act = str(random.choice(self.acts))
+        agent = -1 if act == NOTHING else int(random.choice(list(self.agents[act])))
+        begin = int(random.integers(*self.steps, endpoint=True))
+        return self._proposal(act, agent, begin, {name: random.normal() for name in self.varied(act)})
 
-        Acts, agents and moments are equally probable, distances normal within their bounds. Or uniform, `anywhere`,
-        with half of the parameters that all proposals have as recorded, so that few things change at once.
+    def clear(self, random: np.random.Generator, act: str, agent: int) -> Proposal:
+        """Returns a draw with large distances, at a moment that concerns the ego.
+
+        Most of what all proposals have is as recorded, so that few things change at once.
         """
-        act = str(random.choice([NOTHING, *self.agents]))
-        values: dict[str, Any] = {"act": act}
-        if act != NOTHING:
-            values[f"{act}.agent"] = int(random.choice(self.agents[act]))
-            if act not in UNTIMED:
-                values[f"{act}.begin"] = int(random.integers(*self.steps, endpoint=True))
-        for name in self.varied(act):
-            low, high = self._bounds(name)
-            drawn = random.uniform(low, high) if anywhere else random.normal()
-            if anywhere and act != NOTHING and name in OF_ALL and random.random() < AS_RECORDED:
-                drawn = 0.0
-            values[name] = float(np.clip(abs(drawn) if low == 0.0 else drawn, low, high))
-        return values
+        begin = 0 if act == NOTHING else int(random.choice(self.agents[act][agent]))
+        z, names = {}, self.varied(act)
+        main = [random.choice(names)] if act == NOTHING else [name for name in names if name not in OF_ALL]
+        for name in names:
+            low, high = self.bounds(name)
+            if name in main or random.random() < OTHERS:
+                z[name] = random.uniform(CLEAR, 1.0) * (high if random.random() < 0.5 else low or high)
+        return self._proposal(act, agent, begin, z)
+
+    def within(self, proposal: Proposal, distance: float) -> Proposal | None:
+        """Returns the same, made smaller until it is within `distance`; None where that is impossible."""
+        for _ in range(WITHIN_TRIES if distance > 0.0 else 0):
+            far = self.distance(proposal)
+            if far <= distance:
+                return proposal
+            proposal = proposal.scaled(min(0.95, distance / far))
+        return None
 
     def values_of(self, proposal: Proposal) -> dict[str, Any]:
         """Returns parameters for an optimiser with which :meth:`suggested` returns `proposal`."""
@@ -156,24 +190,30 @@ class Space:
             values[f"{act}.begin"] = round(proposal.begin_s / STEP_S)
         return values | {name: proposal.z.get(name, 0.0) for name in self.varied(act)}
 
+    def _proposal(self, act: str, agent: int, begin: int, z: Mapping[str, float]) -> Proposal:
+        """Returns a proposal, with distances within their bounds."""
+        inside = {}
+        for name, value in z.items():
+            low, high = self.bounds(name)
+            inside[name] = float(np.clip(abs(value) if low == 0.0 else value, low, high))
+        return Proposal(act, agent, 0.0 if act in UNTIMED else round(begin * STEP_S, 1), inside)
+
     def varied(self, act: str) -> list[str]:
         """Returns the names of the parameters that proposals with this act have."""
-        of_act = [name for name in self.parameters if _kind(name) == act and name != "cut_in.headway_s"]
+        of_act = [name for name, each in self.parameters.items() if each.kind == act and name != "cut_in.headway_s"]
         return of_act + [name for name in OF_ALL if name in self.parameters]
 
     @property
     def steps(self) -> tuple[int, int]:
         """First and last step at which an agent begins to act."""
-        first = self.scenario.history_steps
-        last = min(first + round(LOOK_S / STEP_S), self.scenario.total_steps - round(LAST_S / STEP_S))
-        return first, max(first, last)
+        return _steps(self.scenario)
 
     def distances(self, proposal: Proposal) -> dict[str, float]:
         """Returns how far a proposal is from reality by parameter, without those that are as recorded."""
         far = {name: abs(z) for name, z in proposal.z.items() if abs(z) >= SMALLEST}
         for name, value in self.values(proposal).items():
             if name in far and self.parameters[name].step >= STEP_S:  # as it is rounded
-                far[name] = self.habit(self.parameters[name]).distance(abs(value))
+                far[name] = self.habit(name).distance(abs(value))
         far = {name: distance for name, distance in far.items() if distance > 0.0}
         if proposal.act == "cut_in" and (left := self._headway_left(proposal)) > 0.0:
             far["cut_in.headway_s"] = left
@@ -188,7 +228,7 @@ class Space:
         values = {}
         for name, z in proposal.z.items():
             parameter = self.parameters[name]
-            size = float(np.clip(self.habit(parameter).value(abs(z)), parameter.low, parameter.high))
+            size = float(np.clip(self.habit(name).value(abs(z)), max(parameter.low, 0.0), parameter.high))
             value = float(np.copysign(size, z)) if parameter.signed else size
             values[name] = round(round(value / parameter.step) * parameter.step, 3)
         return values
@@ -199,7 +239,7 @@ class Space:
         value = {name: 0.0 if name in small and name in OF_ALL else v for name, v in self.values(proposal).items()}
         act, fields = proposal.act, list[dict[str, Any]]()
         if act != NOTHING:
-            own = {name.partition(".")[2]: value[name] for name in value if _kind(name) == act}
+            own = {name.partition(".")[2]: v for name, v in value.items() if self.parameters[name].kind == act}
             when = {} if act in UNTIMED else {"begin_s": proposal.begin_s}
             fields.append({"kind": act, "agent": proposal.agent} | when | USUAL.get(act, {}) | own)
             if act == "pace":
@@ -231,10 +271,6 @@ class Space:
         }
         return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=120)
 
-    def _bounds(self, name: str) -> tuple[float, float]:
-        bound = self.range_of(self.parameters[name])
-        return (-bound if self.parameters[name].signed else 0.0), bound
-
     def _headway_left(self, proposal: Proposal) -> float:
         """Returns the distance of the headway that a cut-in leaves to the ego, as both are recorded when it begins."""
         log, step = self.scenario.log, round(proposal.begin_s / STEP_S)
@@ -247,16 +283,11 @@ class Space:
         return self.people.habits["headway_left_s"].distance(max(room, 0.0) / max(float(log.speed[ego, step]), 1.0))
 
 
-def _kind(name: str) -> str:
-    """Returns the kind of change of a parameter."""
-    return name.partition(".")[0]
-
-
-def _agents(scenario: Scenario) -> dict[str, tuple[int, ...]]:
-    """Returns by kind of act the ids of the vehicles that may act so, those that come nearest to the ego first."""
+def _agents(scenario: Scenario) -> dict[str, dict[int, IntArray]]:
+    """Returns by kind of act the vehicles that may act so, the nearest first, each with the steps at which it may."""
     log, ego = scenario.log, scenario.log.row(scenario.ego_id)
-    first, last = scenario.history_steps, min(log.steps, scenario.history_steps + round(LOOK_S / STEP_S))
-    steps = np.arange(first, last)
+    first, last = _steps(scenario)
+    steps = np.arange(first, min(last + 1, log.steps))
     valid = log.valid[:, steps] & log.valid[ego, steps]
     valid[ego] = False
     valid &= ~log.obstacle[:, None]
@@ -265,23 +296,27 @@ def _agents(scenario: Scenario) -> dict[str, tuple[int, ...]]:
     with_ego = np.cos(log.yaw[:, steps] - log.yaw[ego, steps]) > 0.7
     away = np.hypot(ahead, 3.0 * left)
     in_front = valid & with_ego & (ahead > 0.0) & (ahead < AHEAD_M)
-    beside = in_front & (np.abs(left) > BESIDE[0]) & (np.abs(left) < BESIDE[1])
-    around = valid & (np.abs(ahead) < AHEAD_M)
-    entering = valid & (log.first_step > scenario.history_steps)[:, None] & (np.hypot(dx, dy) < ENTER_M)
     leading = in_front & (np.abs(left) < SAME_LANE)
-    return {
-        "brake": _nearest(log.ids, leading, away),
-        "cut_in": _nearest(log.ids, beside, away),
-        "cut_out": _nearest(log.ids, leading, away),
-        "pace": _nearest(log.ids, around, away),
-        "enter": _nearest(log.ids, entering, away),
-        "inattentive": _nearest(log.ids, around, away),
-        "hide": _nearest(log.ids, around & (ahead > 0.0), away),
+    around = valid & (np.abs(ahead) < AHEAD_M)
+    may = {
+        "brake": leading,
+        "cut_in": in_front & (np.abs(left) > BESIDE[0]) & (np.abs(left) < BESIDE[1]),
+        "cut_out": leading,
+        "pace": around,
+        "enter": valid & (log.first_step > scenario.history_steps)[:, None] & (np.hypot(dx, dy) < ENTER_M),
+        "inattentive": around,
+        "hide": around & (ahead > 0.0),
     }
+    agents = {}
+    for act, mask in may.items():
+        least = np.where(mask, away, np.inf).min(axis=1, initial=np.inf)
+        nearest = np.argsort(least, kind="stable")[: min(AGENTS_MAX, int(np.isfinite(least).sum()))]
+        agents[act] = {int(log.ids[row]): steps[mask[row]] for row in nearest}
+    return agents
 
 
-def _nearest(ids: IntArray, may: BoolArray, away: FloatArray) -> tuple[int, ...]:
-    """Returns those of `ids` (n,) that ever may, by the mask `may` (n, steps), the nearest by `away` first."""
-    least = np.where(may, away, np.inf).min(axis=1, initial=np.inf)
-    order = np.argsort(least, kind="stable")[: min(AGENTS_MAX, int(np.isfinite(least).sum()))]
-    return tuple(int(ids[row]) for row in order)
+def _steps(scenario: Scenario) -> tuple[int, int]:
+    """Returns the first and last step at which an agent begins to act."""
+    first = scenario.history_steps
+    last = min(first + round(LOOK_S / STEP_S), scenario.total_steps - round(LAST_S / STEP_S))
+    return first, max(first, last)
