@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
+import socket
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -20,7 +22,7 @@ CDR = b"\0\1\0\0\7\0\0\0"
 @pytest.fixture
 def server() -> Iterator[LiveServer]:
     pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
-    made = LiveServer([STATE, OTHER], port=0)
+    made = LiveServer([STATE, OTHER], port=0, origins=["https://named.example"])
     yield made
     made.close()
 
@@ -61,6 +63,41 @@ def test_who_comes_late_gets_the_last_message(server: LiveServer, client: Any) -
     client.wait(lambda: server.wants("/state"))
     client.wait(lambda: server.welcome() or client.arrived())
     assert client.receive() == ("/state", 200, CDR)
+
+
+@pytest.fixture
+def connect(server: LiveServer) -> Callable[..., Any]:
+    """Connects as a page of an origin does, by a name of this machine."""
+    client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")
+    port = int(server.url.rsplit(":", 1)[1])
+
+    def connect(origin: str | None, name: str = "127.0.0.1") -> Any:
+        sock = socket.create_connection(("127.0.0.1", port))
+        return client.connect(f"ws://{name}:{port}", origin=origin, sock=sock, subprotocols=["foxglove.sdk.v1"])
+
+    return connect
+
+
+@pytest.mark.parametrize(
+    "origin", [None, "https://app.foxglove.dev", "file://", "http://localhost:8080", "https://named.example"]
+)
+def test_programs_and_known_pages_may_connect(connect: Callable[..., Any], origin: str | None) -> None:
+    with connect(origin) as connection:
+        assert "litsim" in connection.recv()
+
+
+@pytest.mark.parametrize(
+    ("origin", "name", "reason"),
+    [
+        ("https://evil.example", "127.0.0.1", "pages of https://evil.example may not read this run"),
+        ("null", "127.0.0.1", "pages of null may not read this run"),
+        (None, "evil.example", "evil.example is no name of this machine"),
+    ],
+)
+def test_other_pages_may_not(connect: Callable[..., Any], origin: str | None, name: str, reason: str) -> None:
+    with pytest.raises(importlib.import_module("websockets.exceptions").InvalidStatus) as refused:
+        connect(origin, name)
+    assert reason in refused.value.response.body.decode()
 
 
 def test_a_port_that_is_taken_is_named(server: LiveServer) -> None:

@@ -28,6 +28,12 @@ def parser() -> argparse.ArgumentParser:
     serving.add_argument("--foxglove", action="store_true", help="serve all topics and the markers")
     serving.add_argument("--port", type=_port, help=f"default: {PORT}; 0 takes a free one")
     serving.add_argument("--host", help=f"address to listen on (default: {HOST}, this machine only)")
+    serving.add_argument(
+        "--allow-origin",
+        nargs="+",
+        metavar="URL",
+        help="pages that may connect, beside Foxglove's and those of this machine, such as https://viewer.example.org",
+    )
     return p
 
 
@@ -37,12 +43,13 @@ def main(argv: list[str] | None = None) -> None:
     own, ros = split_arguments(sys.argv[1:] if argv is None else argv)
     p = parser()
     arguments = p.parse_args(own)
-    if not arguments.foxglove and (arguments.port is not None or arguments.host is not None):
-        p.error("--port and --host go with --foxglove")
+    serving = arguments.port, arguments.host, arguments.allow_origin
+    if not arguments.foxglove and serving != (None, None, None):
+        p.error("--port, --host and --allow-origin go with --foxglove")
     from litsim_sim.nodes.live import live  # ROS takes a moment to load
 
     host, port = arguments.host or HOST, PORT if arguments.port is None else arguments.port
-    live(ros, arguments.rate, (host, port) if arguments.foxglove else None)
+    live(ros, arguments.rate, (host, port, arguments.allow_origin or ()) if arguments.foxglove else None)
 
 
 def _port(text: str) -> int:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from rclpy.executors import SingleThreadedExecutor
@@ -127,7 +127,7 @@ class LiveNode(Node):
             self._server.send(topic.name, data, step * STEP_NS)
 
 
-def live(ros_arguments: Sequence[str], rate: float, server_at: tuple[str, int] | None) -> None:
+def live(ros_arguments: Sequence[str], rate: float, server_at: tuple[str, int, Collection[str]] | None) -> None:
     """Draw `rate` times a second until Ctrl-C; serve Foxglove at a host and port, if given."""
     sys.argv[1:] = ros_arguments  # read by rclpy's initialisation
     with process(interrupted=0):

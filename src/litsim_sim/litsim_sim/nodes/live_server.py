@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import errno
 import importlib
-from collections.abc import Iterable
+import secrets
+from collections.abc import Collection, Iterable
 from queue import Empty, SimpleQueue
 from typing import Any
 
 from litsim_sim.core.errors import InputError, not_installed
+from litsim_sim.nodes.origin_gate import OriginGate
 from litsim_sim.record.bag import BagTopic
 
 HOST, PORT = "127.0.0.1", 8765
@@ -21,11 +23,13 @@ class LiveServer:
     A client that subscribes gets the last message of the topic, however old; see :meth:`welcome`.
     """
 
-    def __init__(self, topics: Iterable[BagTopic], host: str = HOST, port: int = PORT) -> None:
-        """Listen on `host`:`port`; port 0 is a free one.
+    def __init__(
+        self, topics: Iterable[BagTopic], host: str = HOST, port: int = PORT, origins: Collection[str] = ()
+    ) -> None:
+        """Listen on `host`:`port`; port 0 is a free one. Pages of `origins` may connect, too; see :class:`OriginGate`.
 
         Raises:
-            InputError: foxglove-sdk is not installed, or the address is not available.
+            InputError: foxglove-sdk or websockets is not installed, or the address is not available.
         """
         try:
             foxglove = importlib.import_module("foxglove")
@@ -45,25 +49,28 @@ class LiveServer:
             )
             for topic in topics
         }
+        hidden = f"127.{secrets.randbelow(256)}.{secrets.randbelow(256)}.{1 + secrets.randbelow(254)}"
+        self._server = foxglove.start_server(
+            name="litsim",
+            host=hidden,  # one of 2^24, with one of 2^15 ports: no page in a browser finds that
+            port=0,
+            capabilities=[websocket.Capability.Time],
+            server_listener=_listener(websocket, self._subscribed),
+            supported_encodings=["cdr"],
+            message_backlog_size=BACKLOG,
+            context=context,
+        )
         try:
-            self._server = foxglove.start_server(
-                name="litsim",
-                host=host,
-                port=port,
-                capabilities=[websocket.Capability.Time],
-                server_listener=_listener(websocket, self._subscribed),
-                supported_encodings=["cdr"],
-                message_backlog_size=BACKLOG,
-                context=context,
-            )
-        except (RuntimeError, OSError, ValueError) as error:
+            self._gate = OriginGate(host, port, f"ws://{hidden}:{self._server.port}", origins)
+        except (OSError, ValueError) as error:
+            self._server.stop()
             taken = f"; give another --port ({errno.errorcode[errno.EADDRINUSE]})" if "in use" in str(error) else ""
             raise InputError(f"--foxglove: cannot listen on {host}:{port}: {error}{taken}") from error
 
     @property
     def url(self) -> str:
         """The URL for clients."""
-        return f"ws://{self._host}:{self._server.port}"
+        return f"ws://{self._host}:{self._gate.port}"
 
     def wants(self, topic: str) -> bool:
         """Returns whether a client has subscribed to `topic`."""
@@ -92,6 +99,7 @@ class LiveServer:
 
     def close(self) -> None:
         """Disconnect all clients and stop listening."""
+        self._gate.close()
         self._server.stop()
 
 
