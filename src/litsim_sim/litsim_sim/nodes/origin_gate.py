@@ -63,7 +63,7 @@ class OriginGate:
             return connection.respond(
                 HTTPStatus.FORBIDDEN, f"pages of {origin[:200]} may not read this run: name it with --allow-origin\n"
             )
-        if not (_is_address(host) or host in ("localhost", socket.gethostname().lower())):
+        if not (_address(host) or host in ("localhost", socket.gethostname().lower())):
             return connection.respond(
                 HTTPStatus.FORBIDDEN, f"{host[:200]} is no name of this machine: use its address\n"
             )
@@ -87,14 +87,15 @@ def _copy(source: Any, target: Any) -> None:
         target.close()
 
 
-def _is_address(host: str) -> bool:
+def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    """Returns the address that `host` is; None if it is a name."""
     try:
-        ipaddress.ip_address(host)
+        return ipaddress.ip_address(host)
     except ValueError:
-        return False
-    return True
+        return None
 
 
 def _is_here(host: str) -> bool:
     """Returns whether a page of `host` is served by this machine."""
-    return host == "localhost" or (_is_address(host) and ipaddress.ip_address(host).is_loopback)
+    address = _address(host)
+    return host == "localhost" or (address is not None and address.is_loopback)
