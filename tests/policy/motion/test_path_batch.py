@@ -13,20 +13,9 @@ from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath, pursuit_yaw_rate
 from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable
 from litsim_sim.lane_map.lane_map import LaneMap
+from polylines import polylines
 
-
-@st.composite
-def several_paths(draw: st.DrawFn) -> list[ReferencePath]:
-    """Winding paths of 2 to 60 points that lie around the origin."""
-    random = np.random.default_rng(draw(st.integers(0, 2**32)))
-    bend = draw(st.sampled_from([0.0, 0.05, 0.5, 2.0]))
-    paths = []
-    for count in draw(st.lists(st.integers(2, 60), min_size=1, max_size=5)):
-        heading = np.cumsum(random.normal(0.0, bend, count - 1))
-        steps = random.uniform(0.3, 3.0, (count - 1, 1)) * np.column_stack([np.cos(heading), np.sin(heading)])
-        start = random.normal(0.0, 20.0, (1, 2))
-        paths.append(ReferencePath.of(np.concatenate([start, start + np.cumsum(steps, axis=0)])))
-    return paths
+several_paths = polylines().map(lambda lines: [ReferencePath.of(line) for line in lines])
 
 
 def test_no_paths_and_no_places() -> None:
@@ -35,7 +24,7 @@ def test_no_paths_and_no_places() -> None:
     assert batch.project(np.empty(0, np.int64), np.empty(0), np.empty(0)).s.shape == (0,)
 
 
-@given(several_paths(), st.integers(0, 2**32))
+@given(several_paths, st.integers(0, 2**32))
 def test_in_each_of_several_scenes_vehicles_see_what_they_would_see_without_the_others(
     agent_table, paths, seed
 ) -> None:
@@ -73,7 +62,7 @@ def lane_map(make_scenario, track) -> LaneMap:
     return make_scenario(track(1, x=60.0)).lane_map
 
 
-@given(several_paths(), st.integers(0, 2**32))
+@given(several_paths, st.integers(0, 2**32))
 def test_pursuits_are_those_of_each_vehicle_alone(lane_map, agent_table, paths, seed: int) -> None:
     random = np.random.default_rng(seed)
     agents = [

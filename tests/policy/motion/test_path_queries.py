@@ -9,19 +9,7 @@ from hypothesis import strategies as st
 
 from litsim_policy.motion.path_batch import CHUNK, UNIT_X, UNIT_Y, PathBatch, S, X, thinned, windows
 from litsim_policy.motion.reference_path import ReferencePath, window
-
-
-@st.composite
-def polylines(draw: st.DrawFn) -> list[np.ndarray]:
-    """One to five polylines of 2 to 60 points around the origin, some straight, some that cross themselves."""
-    random = np.random.default_rng(draw(st.integers(0, 2**32)))
-    bend = draw(st.sampled_from([0.0, 0.05, 0.5, 2.0]))
-    found = []
-    for count in draw(st.lists(st.integers(2, 60), min_size=1, max_size=5)):
-        heading = np.cumsum(random.normal(0.0, bend, count - 1))
-        steps = random.uniform(0.3, 3.0, (count - 1, 1)) * np.column_stack([np.cos(heading), np.sin(heading)])
-        found.append(np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]) + random.normal(0.0, 20.0, 2))
-    return found
+from polylines import polylines
 
 
 def along(line: np.ndarray) -> np.ndarray:
