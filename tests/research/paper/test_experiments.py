@@ -50,9 +50,15 @@ def test_the_changes_together_are_the_papers_configuration() -> None:
     assert sum(map(len, parameters)) == len(together), "none is in two rows"
 
 
-def test_an_ablation_of_the_roi_is_of_the_stages_alone() -> None:
-    names = {name for policy in ABLATION for name in setup_of(policy).parameters}
-    assert {name for name in names if "roi" in name} == {"predictor.roi_m", "conflict.roi_m"}
+def test_the_ablation_differs_from_the_papers_configuration_in_what_it_ablates() -> None:
+    paper = setup_of("paper")
+    small = {"predictor.roi_m": 15.0, "conflict.roi_m": 15.0}
+    stages = {name: value for name, value in paper.parameters.items() if not name.startswith("policy.")}
+    m0, m1, m2, *whole = map(setup_of, ABLATION)
+    assert (m0.kind, m0.parameters) == ("yield", stages | small | {"predictor.model": "kinematic"})
+    assert (m1.kind, m1.parameters) == ("yield", stages | small)
+    assert (m2.kind, m2.parameters) == (paper.kind, paper.parameters | small)
+    assert [row.name for row in whole] == ["paper", "litsim"]
 
 
 def test_quick_roads_are_short_and_have_seeds(tmp_path: Path) -> None:

@@ -33,14 +33,23 @@ def _row(name: str, kind: str, **parameters: Any) -> PolicySetup:
     return PolicySetup(name=name, kind=kind, parameters={k.replace("__", "."): v for k, v in parameters.items()})
 
 
-WITHIN_15_M: dict[str, float] = {"predictor__roi_m": 15.0, "conflict__roi_m": 15.0, "conflict__approach_time": 0.0}
+def _of_paper(name: str, kind: str = OURS, **parameters: Any) -> PolicySetup:
+    """Returns the paper's configuration with a ROI of 15 m and other `parameters`; only `OURS` reads its policy's."""
+    paper = setup_of(PAPER_SETUP).parameters
+    inherited = {key: value for key, value in paper.items() if kind == OURS or not key.startswith("policy.")}
+    row = _row(name, kind, predictor__roi_m=15.0, conflict__roi_m=15.0, **parameters)
+    return row.model_copy(update={"parameters": inherited | row.parameters})
+
+
 ABLATION: tuple[Policy, ...] = (
-    _row("M0", "yield", predictor__model="kinematic", **WITHIN_15_M),
-    _row("M1", "yield", **WITHIN_15_M),
-    _row("M2", OURS, policy__weights="residual", **WITHIN_15_M),
+    _of_paper("M0", "yield", predictor__model="kinematic"),
+    _of_paper("M1", "yield"),
+    _of_paper("M2"),
+    PAPER_SETUP,
     OURS,
 )
-"""The paper's ablation: kinematic instead of joint prediction, policy yield instead of policy C; M* is LitSim."""
+"""The paper's ablation, in its configuration: kinematic instead of joint prediction, rules instead of policy C; M* is
+`PAPER_SETUP`."""
 
 
 IN_REGION: dict[str, dict[str, Any]] = {
@@ -137,7 +146,7 @@ TABLE = Experiment(
 )
 ABLATIONS = Experiment(
     name="ablation",
-    description="M0, M1, M2 and M* of the ablation study.",
+    description="M0, M1, M2 and M* of the ablation study, as the paper configures them, and ours.",
     policies=ABLATION,
     egos=EGOS,
     published=published.ABLATION,
