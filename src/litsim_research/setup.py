@@ -40,7 +40,6 @@ setup(
             "rail = litsim_research.baselines.imitation_policy:Rail",
             "simnet = litsim_research.baselines.simnet.plugin:Simnet",
         ],
-        "litsim.predictors": ["oracle = litsim_research.oracle:Oracle"],
         "litsim.networks": ["torch = litsim_research.predictors.eager:load"],
     },
 )

@@ -25,7 +25,7 @@ import sys
 from litsim_predictor.models import DEFAULT_MODEL, make_predictor, model_names
 from litsim_sim.scenario.scenario import Scenario
 scenario = Scenario.load("demo")
-for model in set(model_names()) - {"oracle"}:
+for model in model_names():
     forecast = make_predictor(model, scenario).forecast(scenario.log.table(0))
     assert len(forecast.id) and forecast.valid.all(), model
 print(DEFAULT_MODEL, sorted(name for name in sys.modules if name.split(".")[0] in ("torch", "onnx")))

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from litsim_eval.campaign.results import read_campaign
 from litsim_research.baselines import BASELINES
-from litsim_research.baselines.simnet.output import FORMAT, OUTPUTS
-from litsim_research.baselines.simnet.raster import CHANNELS, PAPER
 from litsim_research.cli.paper import CAPTIONS, FIGURES, SHOWN, main
 from litsim_research.paper import case_studies, running
 from litsim_research.paper.case_studies import AFTER_S, BEFORE_S, EVENTS, LEFT_TURN, chosen, drawn
@@ -86,38 +83,6 @@ def test_figures_are_of_what_has_been_run(out: Path, monkeypatch: pytest.MonkeyP
 def test_the_other_experiments(out: Path, what: str, egos: list[str], rows: tuple[str, ...]) -> None:
     main([what, *options(out), *egos])
     assert methods_in(out / f"results/{what}.csv") == {name: {"2"} for name in rows}
-
-
-def test_oracles_are_run_with_each_ego_that_is_asked_for(out: Path) -> None:
-    main(["oracles", *options(out), "--ego", "idm", "perturbed"])
-    records = read_csv(out / "results/oracles.csv", Row)
-    rows = ("litsim", "true future", "conflicts by hindsight", "ideal hand-back")
-    assert methods_in(out / "results/oracles.csv") == {name: {"2"} for name in rows}
-    assert {(row.ego, row.set) for row in records} == {("idm", "highway"), ("perturbed", "highway")}
-    for ego in ("idm", "perturbed"):
-        assert {result.case.ego.name for result in read_campaign(out / f"out/oracles_{ego}").results} == {ego}
-
-
-def test_the_backbones_of_simnet(out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as status:
-        main(["backbones", *options(out)])
-    assert status.value.code == 2 and "--resnet50: missing, expected" in capsys.readouterr().err
-    onnx = pytest.importorskip("onnx")
-    helper, weights = onnx.helper, tmp_path / "best.onnx"
-    said = onnx.numpy_helper.from_array(np.zeros((1, OUTPUTS), np.float32))  # that everybody stops where he is
-    nodes = [helper.make_node("Constant", [], ["future"], value=said)]
-    shapes = {"raster": [1, CHANNELS, PAPER.rows, PAPER.columns], "future": [1, OUTPUTS]}
-    given, output = (
-        helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, shape) for name, shape in shapes.items()
-    )
-    graph = helper.make_graph(nodes, "stops", [given], [output])
-    model = helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 18)])
-    helper.set_model_props(model, {"format": FORMAT})
-    onnx.save(model, weights)
-    main(["backbones", *options(out), "--resnet50", str(weights)])
-    assert methods_in(out / "results/backbones.csv") == {
-        name: {"2"} for name in ("replay", "simnet", "simnet, ResNet-50")
-    }
 
 
 def test_the_case_study_of_the_street(out: Path) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from litsim_eval.campaign.policy_setup import PolicySetup, packaged_setups, setup_of
-from litsim_eval.campaign.suite import CaseEntry
 from litsim_eval.runs.runner import configured
 from litsim_research.paper.experiments import (
     ABLATION,
@@ -16,17 +15,14 @@ from litsim_research.paper.experiments import (
     DEVIATING,
     DEVIATING_EGO,
     REGIONS,
-    SANITY,
     TABLE,
-    of_oracles,
 )
-from litsim_research.paper.roads import roads, shortened
+from litsim_research.paper.roads import roads
 from litsim_sim.core.parameters import by_stage
 from litsim_sim.scenario.scenario import Scenario
 
-EXPERIMENTS = (TABLE, ABLATIONS, CHANGED, SANITY, REGIONS, DEVIATING)
-ALL = (*EXPERIMENTS, of_oracles("idm", Path("happened")))
-EVERY = (*packaged_setups(), *(row for each in ALL for row in each.policies))
+EXPERIMENTS = (TABLE, ABLATIONS, CHANGED, REGIONS, DEVIATING)
+EVERY = (*packaged_setups(), *(row for each in EXPERIMENTS for row in each.policies))
 
 
 @pytest.mark.parametrize("policy", EVERY, ids=lambda policy: policy if isinstance(policy, str) else policy.name)
@@ -72,11 +68,3 @@ def test_quick_roads_are_short_and_have_seeds(tmp_path: Path) -> None:
             scenario = Scenario.load(entry.scenario)
             assert entry.tags == [name] and entry.ego_id in scenario.possible_egos
             assert scenario.total_steps - scenario.history_steps == 60
-
-
-def test_shortened_roads_are_the_same_but_for_their_length(tmp_path: Path) -> None:
-    (entry,) = shortened([CaseEntry(scenario="demo", ego_id=3, seed=2, tags=["highway"])], 10.0, tmp_path)
-    short, whole = Scenario.load(entry.scenario), Scenario.load("demo")
-    assert (entry.ego_id, entry.seed, entry.tags) == (3, 2, ["highway"])
-    assert short.total_steps - short.history_steps == 100
-    assert short.log.ids.tolist() <= whole.log.ids.tolist() and short.net_path == whole.net_path

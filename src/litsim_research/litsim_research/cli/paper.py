@@ -9,30 +9,24 @@ from functools import cached_property, partial
 from pathlib import Path
 
 from litsim_eval.analysis.summary import Metrics
-from litsim_eval.campaign.case import code_versions
 from litsim_eval.campaign.results import Campaign, read_campaign
 from litsim_eval.campaign.suite import CAMPAIGN_FILE, Suite
 from litsim_research.paper import claims, tables
 from litsim_research.paper.experiments import (
     ABLATIONS,
-    BACKBONES,
     DEVIATING,
-    EGOS,
     EXPERIMENTS,
-    ORACLES,
     OURS,
     PAPER_EGO,
     PAPER_SETUP,
     REGIONS,
     TABLE,
     Experiment,
-    of_backbones,
-    of_oracles,
 )
 from litsim_research.paper.measures import Key
 from litsim_research.paper.page import fill
 from litsim_research.paper.roads import REAL, SETS
-from litsim_research.paper.running import carried_out, record_outcomes
+from litsim_research.paper.running import carried_out
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import InputError
@@ -58,15 +52,14 @@ CAPTIONS = {
 EPILOG = (
     "If interrupted, the same command resumes. 'claims' counts in how many tables of 'table' and 'ablation' each claim "
     "of the paper holds; 'figures' draws the runs of 'table'; 'cases' runs and draws the two case studies; 'all' does "
-    "everything, 'backbones' only with --resnet50. The real window needs LITSIM_DATA; without it, it is left out with "
-    "a note."
+    "everything. The real window needs LITSIM_DATA; without it, it is left out with a note."
 )
 
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_research paper``."""
     p = Parser(prog="paper", description=__doc__, epilog=EPILOG, formatter_class=DefaultsFormatter)
-    parts = (*EXPERIMENTS, CLAIMS, BACKBONES, ORACLES, FIGURES, CASES, ALL)
+    parts = (*EXPERIMENTS, CLAIMS, FIGURES, CASES, ALL)
     p.add_argument("what", choices=parts, help="experiment to run, or output to make")
     p.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), help="sets of cases")
     p.add_argument(
@@ -77,7 +70,6 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--quick", action="store_true", help="only a few short runs, as a trial")
     p.add_argument("--overwrite", action="store_true", help="start afresh if the sources have changed since")
     p.add_argument("--as-it-is", action="store_true", help="run nothing; make tables and figures from existing runs")
-    p.add_argument("--resnet50", type=Path, metavar="FILE", help="weights of simnet's large backbone, for 'backbones'")
     p.add_argument(
         "--page",
         type=Path,
@@ -124,30 +116,6 @@ class Work:
         table, ablation = (tables.read_csv(path, tables.Row) for path in files)
         records = claims.claim_rows(table, ablation)
         self._write(CLAIMS, records, claims.claims_table(records))
-
-    def backbones(self) -> None:
-        """Run SimNet with each backbone, and write the tables.
-
-        Raises:
-            InputError: the weights of the large one are not given.
-        """
-        weights: Path | None = self._arguments.resnet50
-        if weights is None:
-            raise InputError(
-                f"--resnet50: missing, expected for {BACKBONES!r} a file from litsim_research train simnet"
-            )
-        self.experiment(of_backbones(weights))
-
-    def oracles(self) -> None:
-        """Run LitSim with one stage at a time replaced by an oracle, and write the tables."""
-        records: list[tables.Row] = []
-        for ego in self._arguments.ego or EGOS[: 1 if self._arguments.quick else None]:
-            outcomes = (self._out / "outcomes" / f"{ego}_{code_versions()['sources']}").resolve()
-            experiment = of_oracles(ego, outcomes)
-            if not self._arguments.as_it_is:
-                record_outcomes(self._suite(experiment, (ego,)), outcomes, self._arguments.processes)
-            records += _rows(self._campaign(experiment, (ego,)), experiment, (ego,), self._sets)
-        self._write(ORACLES, records, tables.summary(records))
 
     def figures(self) -> None:
         """Draw the figures of the table's campaign."""
@@ -221,13 +189,11 @@ class Work:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / "times.csv").write_text("\n".join([*lines, ""]), encoding="utf-8")
 
-    def _campaign(self, experiment: Experiment, egos: tuple[str, ...] | None = None) -> Campaign:
+    def _campaign(self, experiment: Experiment) -> Campaign:
         if self._arguments.as_it_is:
             return read_campaign(self._out / experiment.name)
-        return self._carried_out(self._suite(experiment, egos or self._egos(experiment)), experiment.name)
-
-    def _suite(self, experiment: Experiment, egos: tuple[str, ...]) -> Suite:
-        return experiment.suite(self._sets, egos, self._out / "roads", quick=self._arguments.quick)
+        egos, quick = self._egos(experiment), self._arguments.quick
+        return self._carried_out(experiment.suite(self._sets, egos, self._out / "roads", quick=quick), experiment.name)
 
     def _carried_out(self, suite: Suite, name: str) -> Campaign:
         arguments = self._arguments
@@ -291,11 +257,8 @@ def main(argv: list[str] | None = None) -> int:
         CLAIMS: work.claims,
         FIGURES: work.figures,
         CASES: work.cases,
-        ORACLES: work.oracles,
-        BACKBONES: work.backbones,
     }
-    whole = [name for name in parts if name != BACKBONES or arguments.resnet50]
-    for name in whole if arguments.what == ALL else (arguments.what,):
+    for name in parts if arguments.what == ALL else (arguments.what,):
         parts[name]()
     if arguments.what != CLAIMS:
         work.times()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from litsim_eval.campaign.policy_setup import PolicySetup, setup_of
 from litsim_eval.campaign.suite import EgoSetup, Suite
 from litsim_research.baselines import BASELINES
 from litsim_research.paper import published
-from litsim_research.paper.roads import Roads, roads, shortened
+from litsim_research.paper.roads import roads
 from litsim_sim.scenario.run_info import REPLAY
 
 OURS = "litsim"
@@ -21,9 +21,6 @@ PAPER_EGO = "bat"
 EGOS = (PAPER_EGO, "idm", "perturbed")
 DEVIATING_EGO = EgoSetup(name="bat_sampled", kind=PAPER_EGO, parameters={"ego.maneuver": "sampled"})
 """The paper's ego where it does what it thinks possible, and not only what is most probable."""
-SANITY_S = 10.0
-FEW = 5
-"""Number of cases of each set in an experiment with expensive steps."""
 JUDGED = Criteria.model_validate({"runs": [{"name": "reactive", "field": "reactive", "equals": True}]})
 
 Policy = str | PolicySetup
@@ -98,7 +95,6 @@ class Experiment:
         description: the question that it answers.
         policies: the rows.
         egos: drivers of the ego, with a table each.
-        prepare: turns the cases of the roads into its own.
         own_egos: whether other egos cannot be requested.
         by_set: whether each set of roads has its own tables; otherwise they cover all sets together.
         aimed: whether the goals are reported.
@@ -109,7 +105,6 @@ class Experiment:
     description: str
     policies: tuple[Policy, ...]
     egos: tuple[str, ...]
-    prepare: Callable[[Roads, Path], Roads] = lambda found, _: found
     own_egos: bool = False
     by_set: bool = True
     aimed: bool = False
@@ -121,7 +116,7 @@ class Experiment:
         Raises:
             InputError: see :func:`.roads.roads`.
         """
-        cases = self.prepare(roads(sets, folder, quick=quick), folder)
+        cases = roads(sets, folder, quick=quick)
         return Suite(
             name=self.name,
             description=self.description,
@@ -130,10 +125,6 @@ class Experiment:
             policies=list(self.policies),
             criteria=JUDGED,
         )
-
-
-def _ten_seconds(cases: Roads, folder: Path) -> Roads:
-    return {name: shortened(entries, SANITY_S, folder) for name, entries in cases.items()}
 
 
 TABLE = Experiment(
@@ -160,14 +151,6 @@ CHANGED = Experiment(
 )
 """Without the paper's ego, which causes hardly any takeovers, so that changes would have no effect."""
 
-SANITY = Experiment(
-    name="sanity",
-    description="Each baseline by itself: an ego that follows its log, 10 s.",
-    policies=(REPLAY, *BASELINES),
-    egos=("log",),
-    prepare=_ten_seconds,
-    own_egos=True,
-)
 REGIONS = Experiment(
     name="regions",
     description="Each baseline, driving everybody near the ego, whom LitSim would take over, or everybody.",
@@ -186,37 +169,4 @@ DEVIATING = Experiment(
     egos=(DEVIATING_EGO.name,),
     own_egos=True,
 )
-EXPERIMENTS = {each.name: each for each in (TABLE, ABLATIONS, CHANGED, SANITY, REGIONS, DEVIATING)}
-
-ORACLES = "oracles"
-
-
-def of_oracles(ego: str, outcomes: Path) -> Experiment:
-    """Returns LitSim with one stage at a time replaced by an oracle, for one ego, to see the loss in each stage.
-
-    The oracles read the folder `outcomes`.
-    """
-    future = {"predictor__model": "oracle", "predictor__oracle__outcomes": str(outcomes)}
-    policies = (
-        OURS,
-        _row("true future", OURS, **future, conflict__planned_motion=False, conflict__closing_time=0.0),
-        _row("conflicts by hindsight", OURS, conflict__outcomes=str(outcomes)),
-        _row("ideal hand-back", OURS, conflict__handback="at_once"),
-    )
-    return Experiment(f"{ORACLES}_{ego}", "What is lost in each stage.", policies, (ego,))
-
-
-BACKBONES = "backbones"
-
-
-def of_backbones(weights: Path) -> Experiment:
-    """Returns SimNet with either backbone, over 10 s of a few cases; `weights` is the file of ResNet-50."""
-    large = {"policy.simnet.backbone": "resnet50", "policy.simnet.weights": str(weights.resolve())}
-    return Experiment(
-        name=BACKBONES,
-        description="SimNet with its small backbone and with the paper's.",
-        policies=(REPLAY, "simnet", PolicySetup(name="simnet, ResNet-50", kind="simnet", parameters=large)),
-        egos=("log", "idm"),
-        prepare=lambda cases, folder: _ten_seconds({name: cases[name][:FEW] for name in cases}, folder),
-        by_set=False,
-    )
+EXPERIMENTS = {each.name: each for each in (TABLE, ABLATIONS, CHANGED, REGIONS, DEVIATING)}

@@ -43,22 +43,6 @@ def roads(names: Sequence[str], folder: Path, *, quick: bool = False) -> Roads:
     return {name: _real(quick) if name == REAL else drawn(name, folder) for name in names}
 
 
-def shortened(entries: Sequence[CaseEntry], seconds: float, folder: Path) -> list[CaseEntry]:
-    """Returns `entries` with scenarios of at most `seconds` after the history, written to `folder`."""
-    short = []
-    for entry in entries:
-        path = folder / f"{Path(entry.scenario).stem}_{seconds:g}s.yaml"
-        if not path.is_file():
-            _write(Scenario.load(entry.scenario, simulation_s=seconds), path)
-        short.append(entry.model_copy(update={"scenario": str(path.resolve())}))
-    return short
-
-
-def _write(scenario: Scenario, path: Path) -> None:
-    with replacing(path) as new:
-        new.write_text(scenario.to_yaml())
-
-
 def _entry(name: str, scenario: str, ego: int, draw: int) -> CaseEntry:
     return CaseEntry(scenario=scenario, ego_id=ego, seed=draw, tags=[name])
 
@@ -95,5 +79,6 @@ def _quick(name: str, folder: Path) -> list[CaseEntry]:
     path, source = folder / f"quick_{name}.yaml", QUICK[name]
     source = str(packaged(f"suites/{source}.yaml", "litsim_eval")) if "/" in source else source
     scenario = Scenario.load(source, simulation_s=QUICK_S)
-    _write(scenario, path)
+    with replacing(path) as new:
+        new.write_text(scenario.to_yaml())
     return [_entry(name, str(path.resolve()), ego, draw) for draw, ego in enumerate(scenario.egos[:2])]

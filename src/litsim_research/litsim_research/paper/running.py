@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import multiprocessing
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
 from pathlib import Path
 
 from tqdm import tqdm
 
-from litsim_eval.campaign.case import Case, cases_of, code_versions
+from litsim_eval.campaign.case import cases_of, code_versions
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.results import Campaign, is_campaign, read_campaign
 from litsim_eval.campaign.suite import Suite
 from litsim_eval.runs.campaign import LocalRuns
-from litsim_eval.runs.case_run import check_cases, plan_of
-from litsim_eval.runs.runner import Runner, record
-from litsim_research.paper.experiments import OURS
+from litsim_eval.runs.case_run import check_cases
 from litsim_sim.core.errors import InputError
-from litsim_sim.scenario.outcomes import RecordedOutcomes, file_of
 
 SOURCES = "sources"
 
@@ -48,26 +43,3 @@ def carried_out(suite: Suite, out: Path, processes: int, *, overwrite: bool = Fa
             for _ in results:
                 bar.update()
     return read_campaign(out)
-
-
-def record_outcomes(suite: Suite, folder: Path, processes: int) -> None:
-    """Run the cases of `suite` with policy litsim, and write the outcomes to `folder`; existing files are kept.
-
-    Raises:
-        InputError: a case cannot be run, or `folder` cannot be written.
-    """
-    ours = suite.model_copy(update={"policies": [OURS]})
-    missing = [case for case in cases_of(ours) if not file_of(folder, plan_of(case).scenario).is_file()]
-    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
-        for _ in tqdm(
-            pool.map(_note, missing, [folder] * len(missing)), total=len(missing), unit="run", desc="what happens"
-        ):
-            pass
-
-
-def _note(case: Case, folder: Path) -> None:
-    plan = plan_of(case)
-    run = record(Runner(plan))
-    RecordedOutcomes.of_run(plan.scenario.log.ids, run.tables, run.log, plan.scenario.ego_id).write(
-        file_of(folder, plan.scenario)
-    )

@@ -53,11 +53,10 @@ class ResNet50(nn.Module):
             if isinstance(layer, nn.Conv2d):
                 nn.init.kaiming_normal_(layer.weight, mode="fan_out", nonlinearity="relu")
 
-    def forward(self, images: Tensor, share: float | None = None) -> Tensor:
-        """Outputs for images; if they are only a `share` of whole ones, the rest counts as 0 in the average pooling."""
+    def forward(self, images: Tensor) -> Tensor:
+        """Returns outputs (b, outputs) for images (b, channels, rows, columns)."""
         values = self.maxpool(torch.relu(self.bn1(self.conv1(images))))
         for stage in range(1, len(BLOCKS) + 1):
             values = self.get_submodule(f"layer{stage}")(values)
-        pooled = self.avgpool(values).flatten(1)
-        found: Tensor = self.fc(pooled if share is None else pooled * share)
-        return found
+        outputs: Tensor = self.fc(self.avgpool(values).flatten(1))
+        return outputs

@@ -21,7 +21,6 @@ from litsim_sim.io.files import replacing
 Backbone = Literal["small", "resnet50"]
 SHAPES: dict[Backbone, RasterShape] = {"small": SMALL, "resnet50": PAPER}
 OPSET = 18
-NEAR_SHARE = 96 * 64 / (PAPER.rows * PAPER.columns)  # of :func:`near_part`
 
 
 class SimNet(nn.Module):
@@ -49,21 +48,15 @@ class SimNet(nn.Module):
         values: Tensor = self.backbone(rasters)
         return values
 
-    def physical(self, rasters: Tensor, *, near: bool = False) -> Tensor:
-        """Outputs in metres and radians; `near` for the near part of the rasters alone, with ResNet-50 only."""
-        said: Tensor = self.backbone(near_part(rasters), NEAR_SHARE) if near else self(rasters)
-        return said.float() * self.spread + self.middle  # from bfloat16 under autocast
+    def physical(self, rasters: Tensor) -> Tensor:
+        """Returns outputs (b, OUTPUTS) in metres and radians."""
+        return self(rasters) * self.spread + self.middle
 
     def scale_to(self, futures: FloatArray, units: FloatArray) -> None:
         """Set mean and spread to those of `futures` (k, OUTPUTS), and the units of errors to `units` (OUTPUTS,)."""
         self.unit.copy_(torch.from_numpy(units))
         self.middle.copy_(torch.from_numpy(futures.mean(axis=0)))
         self.spread.copy_(torch.from_numpy(np.maximum(futures.std(axis=0), 1e-6)))
-
-
-def near_part(rasters: Tensor) -> Tensor:
-    """The cells of the paper's rasters within 12 m behind and 36 m ahead of the agent, and 16 m to each side."""
-    return rasters[..., 32:128, 80:144]
 
 
 def small() -> nn.Sequential:

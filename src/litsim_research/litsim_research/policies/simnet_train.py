@@ -14,11 +14,11 @@ import argparse
 import json
 import time
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor
 from tqdm import tqdm
 
@@ -48,11 +48,7 @@ class SimnetConfig(BaseModel):
         seed: of everything random.
         batches: updates of the network.
         moments, agents: number of moments in a batch, and most agents of each moment.
-        learning_rate: of Adam initially, after `warm_up` batches over which it rises linearly.
-        precision: of the products in forward and backward passes of training; all else is float32.
-        near_batches: number of first batches, which contain only the near part of the rasters
-            (:func:`.simnet_network.near_part`), an eighth of the cells. The learning rate falls to zero over these, and
-            once more over the others.
+        learning_rate: of Adam initially; it falls to zero along a cosine.
         validate_every: batches between validations.
         validation_moments: moments in a validation.
         data: `real_weight` is the weight of an agent of a real window, relative to one of generated traffic.
@@ -67,21 +63,10 @@ class SimnetConfig(BaseModel):
     moments: int = Field(16, gt=0)
     agents: int = Field(8, gt=0)
     learning_rate: float = Field(1e-3, gt=0)
-    warm_up: int = Field(0, ge=0)
-    precision: Literal["float32", "bfloat16"] = "float32"
-    near_batches: int = Field(0, ge=0)
     validate_every: int = Field(500, gt=0)
     validation_moments: int = Field(128, gt=0)
     data: DataConfig
     perturbation: PerturbationConfig = PerturbationConfig()  # type: ignore[call-arg]
-
-    @model_validator(mode="after")
-    def _sees_whole_rasters(self) -> SimnetConfig:
-        if self.near_batches and self.backbone != "resnet50":
-            raise ValueError(f"near_batches is {self.near_batches} with backbone {self.backbone}, expected resnet50")
-        if self.near_batches >= self.batches:
-            raise ValueError(f"near_batches is {self.near_batches} of {self.batches} batches, expected fewer")
-        return self
 
 
 class SimnetTraining(ResumableTraining):
@@ -105,22 +90,16 @@ class SimnetTraining(ResumableTraining):
 
     @property
     def best(self) -> float:
-        """Lowest validation loss on whole rasters so far."""
-        whole = (entry for entry in self.history if entry["batches"] > self.config.near_batches)
-        return min((entry["validation"] for entry in whole), default=np.inf)
+        """Lowest validation loss so far."""
+        return min((entry["validation"] for entry in self.history), default=np.inf)
 
     def update(self, samples: Samples) -> float:
         """Make a step of the optimiser on one batch and return its loss."""
-        config, near = self.config, self.done < self.config.near_batches
-        begin, end = (0, config.near_batches) if near else (config.near_batches, config.batches)
-        rate = 0.5 * config.learning_rate * (1.0 + np.cos(np.pi * (self.done - begin) / (end - begin)))
-        rate *= min(1.0, (self.done - begin + 1) / (config.warm_up + 1))
+        rate = 0.5 * self.config.learning_rate * (1.0 + np.cos(np.pi * self.done / self.config.batches))
         for group in self.optimiser.param_groups:
             group["lr"] = float(rate)
         self.network.train()
-        kind = torch.device(self.device).type
-        with torch.autocast(kind, torch.bfloat16, enabled=config.precision == "bfloat16"):
-            errors = self._errors(torch.from_numpy(samples.rasters), samples.futures, near)
+        errors = self._errors(torch.from_numpy(samples.rasters), samples.futures)
         loss = ((errors / self.network.unit) ** 2).mean()
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
@@ -133,9 +112,9 @@ class SimnetTraining(ResumableTraining):
         """Loss, and errors of the first and last future pose [m], [rad]; `samples` are not used for training."""
         self.network.eval()
         part = self.config.moments * self.config.agents
-        begins, near = range(0, len(samples.rasters), part), self.done <= self.config.near_batches
+        begins = range(0, len(samples.rasters), part)
         rasters, futures = torch.from_numpy(samples.rasters), samples.futures
-        errors = torch.cat([self._errors(rasters[k : k + part], futures[k : k + part], near) for k in begins])
+        errors = torch.cat([self._errors(rasters[k : k + part], futures[k : k + part]) for k in begins])
         loss = float(((errors / self.network.unit) ** 2).mean())
         off = errors.reshape(-1, FUTURE, 3).cpu().numpy()
         return {
@@ -145,9 +124,9 @@ class SimnetTraining(ResumableTraining):
             "away_last": float(np.hypot(off[:, -1, 0], off[:, -1, 1]).mean()),
         }
 
-    def _errors(self, rasters: Tensor, futures: FloatArray, near: bool) -> Tensor:
-        """Errors (b, OUTPUTS) of the network [m], [rad]; `near` for the near part of the rasters alone."""
-        outputs = self.network.physical(rasters.to(self.device), near=near)
+    def _errors(self, rasters: Tensor, futures: FloatArray) -> Tensor:
+        """Returns errors (b, OUTPUTS) of the network [m], [rad]."""
+        outputs = self.network.physical(rasters.to(self.device))
         return outputs - torch.from_numpy(futures).float().to(self.device)
 
     def write(self, out: Path) -> None:
@@ -159,7 +138,7 @@ class SimnetTraining(ResumableTraining):
             Unwritable: a file cannot be written; those before it are kept.
         """
         last = self.history[-1]
-        if last["batches"] > self.config.near_batches and last["validation"] <= self.best:
+        if last["validation"] <= self.best:
             about = {"config": self.config.model_dump_json(), "figures": json.dumps(last)}
             save(self.network, self.weights(out), about)
         self.keep(out)
