@@ -16,8 +16,7 @@ import pytest
 import made_sources
 from litsim_data.generic.draft import draft
 from litsim_data.generic.mapping import Mapping
-from litsim_data.maps.cad import read_center_lines
-from litsim_data.maps.positions import for_checking, for_fitting
+from litsim_data.maps.positions import positions_of
 from litsim_data.mining.signals import signal_plans
 from litsim_data.ngsim.reading import layout_of
 from litsim_data.sources.argoverse import read_lanes
@@ -80,9 +79,7 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "Parquet": read_arrow,
     "net": LaneMap.from_net,
     "signal plans": signal_plans,
-    "fitting": for_fitting,
-    "checking": for_checking,
-    "centre lines": read_center_lines,
+    "positions": positions_of,
     "import": imported,
     "map of an import": imported_on,
     "map beside an import": imported_beside,

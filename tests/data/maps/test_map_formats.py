@@ -9,6 +9,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from litsim_data.cli import main
@@ -18,7 +19,6 @@ from litsim_data.maps.lane_graph import LaneGraph, Lanelet
 from litsim_data.maps.map_format import CommonRoad, Lanelet2
 from litsim_data.maps.net_builder import write_graph
 from litsim_data.maps.netconvert import find_netconvert, import_opendrive
-from litsim_data.maps.positions import for_checking
 from litsim_sim.core.errors import InputError
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.signal_links import read_links
@@ -250,7 +250,9 @@ def test_real_lanelet_maps_hold_the_vehicles_of_their_windows(
         if not lane.is_internal:
             for point in lane.centerline[[0, -1]]:
                 assert np.hypot(*(ends - point).T).min() < 0.005, lane.id
-    checked = check_net(net, for_checking(windows, [name]))
+    rows = pd.read_parquet(windows, filters=[("scenario", "==", name)])
+    rows = rows.rename(columns={"x_m": "x", "y_m": "y", "heading_rad": "yaw"}).assign(lane=-1)
+    checked = check_net(net, {name: rows})
     assert checked.placements[name].inside >= share
     assert checked.warnings == ()
     # Two lanelets of that map lie across its junction and lead nowhere.

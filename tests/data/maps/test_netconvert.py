@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from litsim_data.maps import highway
+from litsim_data.maps.lane_graph import LaneGraph, Lanelet, around
+from litsim_data.maps.net_builder import write_graph
 from litsim_sim.core.errors import InputError
-from made_roads import us101_like_plan
 
 
 def test_a_full_disk_leaves_the_net_that_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    road = LaneGraph((Lanelet("a", *around(np.array([[0.0, 0.0], [640.0, 0.0]]))),))
     path = tmp_path / "road.net.xml"
-    highway.write_net(us101_like_plan(), path)
+    write_graph(road, path)
     before = path.read_bytes()
 
     def half(to: Path, text: str, **_: str) -> None:
@@ -22,5 +24,5 @@ def test_a_full_disk_leaves_the_net_that_was_there(tmp_path: Path, monkeypatch: 
 
     monkeypatch.setattr(Path, "write_text", half)
     with pytest.raises(InputError, match=r"road\.net\.xml: cannot be written: No space left on device"):
-        highway.write_net(us101_like_plan(), path)
+        write_graph(road, path)
     assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString, points
 
-from litsim_data.maps.highway import HighwayPlan, Ramp, plain_xml, write_net
-from litsim_data.maps.netconvert import find_netconvert
-from litsim_sim.core.errors import InputError
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.net_lanes import Lane
 from litsim_sim.scenario.scenario import packaged, packaged_nets
-from made_roads import us101_like_plan
 
 # The others have other layouts: i80 in test_maps_motorway.py, urban_like with its traffic.
 NETS = {name: LaneMap.from_net(packaged(f"nets/{name}.net.xml")) for name in ("us101", "us101_like")}
@@ -226,22 +220,3 @@ def test_no_points() -> None:
     assert len(LIKE.nearest(none, none, none).lane) == 0
     assert LIKE.inside_road(none, none).tolist() == []
     assert LIKE.inside_lane(none, none, none, none, none).tolist() == []
-
-
-# Building nets
-
-
-def test_plan_with_gores_out_of_order() -> None:
-    plan = us101_like_plan()
-    assert set(plain_xml(plan)) == {"node", "edge", "connection"}
-    with pytest.raises(InputError, match="gores must lie along the road in order"):
-        plain_xml(HighwayPlan(plan.left_edge, Ramp(400.0), Ramp(389.0)))
-
-
-def test_the_packaged_net_is_what_the_code_builds(tmp_path: Path) -> None:
-    try:
-        find_netconvert()
-    except InputError as error:
-        pytest.skip(str(error))
-    write_net(us101_like_plan(), tmp_path / "a.net.xml")
-    assert (tmp_path / "a.net.xml").read_text() == packaged("nets/us101_like.net.xml").read_text()

@@ -16,8 +16,6 @@ from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.scenario import Scenario, packaged, packaged_nets
 
-SITES = ("us101", "i80", "lankershim", "peachtree", "generic")
-
 
 def add(subparsers: Any) -> None:
     """Adds the parser of the command."""
@@ -29,7 +27,6 @@ def add(subparsers: Any) -> None:
         )
     what.add_argument("--check", type=Path, metavar="NET.net.xml", help="check this net instead of building one")
     command.add_argument("--recording", type=Path, metavar="R", help="recording to fit lanes to, or to check against")
-    command.add_argument("--site", choices=SITES, help="site of the recording; default: as the recording says")
     command.add_argument(
         "--origin",
         type=float,
@@ -37,8 +34,7 @@ def add(subparsers: Any) -> None:
         metavar=("LAT", "LON"),
         help="origin of frame map for --lanelet2; position of the site for --check",
     )
-    command.add_argument("--cad", type=Path, metavar="FILE", help="CAD centre lines, for --check")
-    scenario_help = "for --check: name of a CommonRoad window; without --recording, a scenario or its file"
+    scenario_help = "for --check, without --recording: a scenario, or its file, whose traffic to check against"
     command.add_argument("--scenario", action="append", default=[], metavar="S", help=scenario_help)
     picture_help = "for --check: draw the net, the tracks and where they lie on no lane"
     command.add_argument("--picture", type=Path, metavar="P.png", help=picture_help)
@@ -68,7 +64,9 @@ def _build(arguments: argparse.Namespace) -> Sequence[str]:
     Raises:
         InputError: as :func:`run`.
     """
-    from litsim_data.maps import fitting, highway, intersections, net_builder, positions
+    from litsim_data.maps.carriageway import fit_carriageway
+    from litsim_data.maps.net_builder import write_graph
+    from litsim_data.maps.positions import positions_of
 
     out = arguments.out
     for name, known in _formats().items():
@@ -76,16 +74,7 @@ def _build(arguments: argparse.Namespace) -> Sequence[str]:
             return known().write_net(path, arguments.origin and tuple(arguments.origin), out)
     if arguments.recording is None:
         raise InputError("data map: name the recording to fit lanes to with --recording")
-    site = arguments.site or ""
-    table, known_site = positions.for_fitting(arguments.recording, "" if site == "generic" else site)
-    name = site or known_site or "generic"
-    if name in fitting.LAYOUTS:
-        highway.write_net(fitting.fit_plan(table, fitting.LAYOUTS[name]), out)
-    elif name == "generic":
-        highway.write_net(fitting.fit_generic_plan(table), out)
-    else:
-        return net_builder.write_graph(intersections.fit_streets(table), out).notes
-    return []
+    return write_graph(fit_carriageway(positions_of(arguments.recording)), out).notes
 
 
 def _formats() -> dict[str, type[MapFormat]]:
@@ -104,19 +93,14 @@ def check(arguments: argparse.Namespace) -> bool:
     Raises:
         InputError: a file cannot be used, or does not fit the net.
     """
-    from litsim_data.maps import cad
     from litsim_data.maps.check import check_net
     from litsim_data.maps.check_text import describe
-    from litsim_data.ngsim.sites import SITES as KNOWN
 
     net, packed = arguments.check, str(arguments.check).removesuffix(".net.xml")
     if not net.is_file() and packed in packaged_nets():
         net = packaged(f"nets/{packed}.net.xml")
-    lines = None
-    if arguments.cad is not None:
-        lines, _ = cad.read_center_lines(arguments.cad, KNOWN.get(arguments.site or ""))
     parts, transform = _parts(arguments)
-    result = check_net(net, parts, lines)
+    result = check_net(net, parts)
     print(describe(result, transform, None if arguments.origin is None else tuple(arguments.origin)))
     if arguments.picture is not None:
         from litsim_data.pictures.map_picture import draw  # matplotlib takes half a second to load
@@ -136,5 +120,7 @@ def _parts(arguments: argparse.Namespace) -> tuple[dict[str, pd.DataFrame], dict
     if arguments.recording is None:
         loaded = [Scenario.load(name, coverage_min=0.0) for name in arguments.scenario]
         return {one.name: positions.vehicles_of(one.recording.table, one.name) for one in loaded}, None
-    parts = positions.for_checking(arguments.recording, arguments.scenario)
-    return parts, positions.mapped_by(arguments.recording)
+    if arguments.scenario:
+        raise InputError("data map: --scenario goes without --recording")
+    recorded = {"recording": positions.positions_of(arguments.recording)}
+    return recorded, positions.mapped_by(arguments.recording)

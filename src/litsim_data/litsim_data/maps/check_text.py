@@ -30,9 +30,6 @@ def describe(
         lines += _misses(name, part)
     for name, alignment in check.alignments.items():
         lines += _alignment(name, alignment, transform, origin)
-    if check.cad is not None:
-        medians = ", ".join(f"{name} {value:.2f}" for name, value in sorted(check.cad.by_line.items()))
-        lines.append(f"CAD: median {check.cad.median:.3f} m, 95th percentile {check.cad.p95:.3f} m ({medians})")
     lines += _connectivity(check.lanes, check.connectivity)
     lines.append(f"SUMO: {'; '.join(check.warnings) or 'loads without warnings'}")
     lines += [f"MISSED: {missed}" for missed in check.failures]

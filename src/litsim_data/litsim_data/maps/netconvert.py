@@ -33,8 +33,6 @@ LANE_NUMBERS = {
     "validity": ("fromLane", "toLane"),
 }
 """Attributes of OpenDRIVE with numbers of lanes, by the elements that have them."""
-WITHOUT_INTERNAL_LANES = ("--no-internal-links",)
-"""For nets whose lanes follow each other without a gap: no lanes are put between them."""
 
 
 def shape_text(line: FloatArray) -> str:
