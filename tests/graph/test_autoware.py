@@ -18,7 +18,7 @@ from litsim_msgs.msg import JointForecast
 from rclpy.serialization import deserialize_message
 
 from litsim_data.generic.autoware_bag import read_bag
-from litsim_data.ngsim.tracks import PIECE
+from litsim_data.generic.resampling import PIECE
 from litsim_sim.core.topic_names import FORECASTS
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import read_run

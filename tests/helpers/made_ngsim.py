@@ -12,8 +12,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pcsv
 
+from litsim_data.generic.mapping import FOOT
 from litsim_data.ngsim.formats import MOTORWAY_COLUMNS, STREET_COLUMNS, URBAN
-from litsim_data.ngsim.sites import FOOT, Site
+from litsim_data.ngsim.sites import Site
 from litsim_sim.core.scene import STEP_S, FloatArray
 
 PORTAL_HEADER = (
@@ -67,7 +68,7 @@ def table(traffic: Traffic) -> pd.DataFrame:
     Vehicles of a lane share their speed at any time, a slow wave, and so never touch.
     """
     rng = np.random.default_rng(traffic.seed)
-    site, urban = traffic.site, len(traffic.site.headings) > 1
+    site, urban = traffic.site, traffic.site.urban
     lanes = 2 if urban else 5
     shares = _shares(traffic.rows, lanes * (1 + urban))
     pieces = [_lane(lane, rng, share) for lane, share in enumerate(shares) if share]

@@ -78,9 +78,8 @@ def run(arguments: argparse.Namespace) -> None:
         from litsim_data.ngsim.official import convert
 
         for one in convert(source, arguments.out, cleaned=not arguments.raw, crop=crop):
-            print(f"{one.name}: {one.rows} rows, {one.vehicles} vehicles -> {one.path} ({one.mended.text()})")
-            if one.cleaning:
-                print(one.cleaning)
+            print(f"{one.name}: {one.vehicles} vehicles -> {one.path}")
+            print(one.counts.text())
         return
     if arguments.raw:
         raise InputError(f"{source}: --raw is for official NGSIM files")

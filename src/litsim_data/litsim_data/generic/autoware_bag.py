@@ -22,8 +22,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from litsim_data.generic.bag_format import METADATA_FILE
 from litsim_data.generic.counts import Counts
-from litsim_data.generic.resampling import resampled, split
-from litsim_data.ngsim.tracks import PIECE
+from litsim_data.generic.resampling import PIECE, resampled, split
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.object_ids import agent_of
 from litsim_sim.core.scene import STEP_NS, Kind

@@ -14,7 +14,7 @@ from litsim_data.cleaning.report import overlaps
 from litsim_data.generic.checks import check_plausible, heading
 from litsim_data.generic.counts import Counts
 from litsim_data.generic.draft import likely_kind
-from litsim_data.generic.headings import headings
+from litsim_data.generic.headings import direction_of_motion, headings
 from litsim_data.generic.heights import levels
 from litsim_data.generic.mapping import FACTORS, KindName, Mapping
 from litsim_data.generic.obstacles import NAMES as OBSTACLES
@@ -22,6 +22,7 @@ from litsim_data.generic.obstacles import obstacle_rows, with_usual_sizes, witho
 from litsim_data.generic.reading import plain, read_rows, texts
 from litsim_data.generic.resampling import (
     HOLE_MAX_S,
+    PIECE,
     check_clock,
     count_leaps,
     count_turns,
@@ -31,7 +32,6 @@ from litsim_data.generic.resampling import (
     without_outliers,
 )
 from litsim_data.generic.towing import joined
-from litsim_data.ngsim.tracks import PIECE, direction_of_motion
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
@@ -274,7 +274,7 @@ def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
         lever = np.zeros(len(table)) if mapping.reference == "box_corner" else lever
         table = table.assign(yaw=headings(vehicle, x, y, lever))
     if walking.any():
-        along = direction_of_motion(vehicle, x, y, np.full(len(table), np.nan))
+        along = direction_of_motion(vehicle, x, y)
         table = table.assign(yaw=np.where(walking, along, table["yaw"]))
     yaw = wrap_angle(table["yaw"].to_numpy())
     ahead = AHEAD[mapping.reference] * table["length"].to_numpy()

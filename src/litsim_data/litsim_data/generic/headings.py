@@ -10,10 +10,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pandas as pd
 
-from litsim_data.ngsim.tracks import SMOOTHED, direction_of_motion
 from litsim_sim.core.scene import FloatArray, IntArray
 
+SMOOTHED = 5  # frames to either side over which the direction of a track is taken
+DIRECTION_MIN = 0.5  # [m] shortest displacement with a direction
 CREEPING = 1.0  # [m] travel within a second below which a vehicle keeps its direction: noise would turn it
 RUN_IN, RUN_IN_MIN = 2.0, 3.0  # levers, [m] of way by whose bend the heading at the beginning of a track is found
 BEND_MAX = 0.9  # sine of the largest angle between heading and direction of motion there
@@ -27,7 +29,7 @@ def headings(vehicle: IntArray, x: FloatArray, y: FloatArray, lever: FloatArray)
         x, y: (n,) positions of a point of the vehicle [m].
         lever: (n,) distance of this point ahead of the rear axle [m]; where it is 0, headings are directions of motion.
     """
-    direction = direction_of_motion(vehicle, x, y, np.full(len(vehicle), np.nan), CREEPING)
+    direction = direction_of_motion(vehicle, x, y, CREEPING)
     starts = np.flatnonzero(np.r_[True, vehicle[1:] != vehicle[:-1]])
     yaw = np.empty(len(vehicle))
     for first, end in zip(starts, np.r_[starts[1:], len(vehicle)], strict=True):
@@ -36,6 +38,28 @@ def headings(vehicle: IntArray, x: FloatArray, y: FloatArray, lever: FloatArray)
         known = lever[first] > 0.0
         yaw[rows] = _drawn(along, _ways(x[rows], y[rows]), float(lever[first])) if known else along
     return yaw
+
+
+def direction_of_motion(vehicle: IntArray, x: FloatArray, y: FloatArray, least: float = DIRECTION_MIN) -> FloatArray:
+    """Returns the heading [rad] (n,) from the way between half a second before and after.
+
+    It is held where a vehicle stands, and 0 if it never moves.
+
+    Args:
+        vehicle: (n,) ids; rows of one vehicle are consecutive frames.
+        x, y: (n,) [m].
+        least: way [m] below which a vehicle stands.
+    """
+    index = np.arange(len(vehicle))
+    first = np.flatnonzero(np.r_[True, vehicle[1:] != vehicle[:-1]])
+    track = np.cumsum(np.r_[True, vehicle[1:] != vehicle[:-1]]) - 1
+    last = np.r_[first[1:], len(vehicle)] - 1
+    before, after = np.maximum(index - SMOOTHED, first[track]), np.minimum(index + SMOOTHED, last[track])
+    dx, dy = x[after] - x[before], y[after] - y[before]
+    moves = np.hypot(dx, dy) >= least
+    yaw = pd.Series(np.where(moves, np.arctan2(dy, dx), np.nan))
+    held = yaw.groupby(track).ffill().groupby(track).bfill().to_numpy()
+    return np.nan_to_num(held)
 
 
 def _up_to_the_ends(direction: FloatArray) -> FloatArray:

@@ -11,9 +11,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from litsim_data.ngsim.sites import FOOT
 from litsim_sim.core.scene import RATE_HZ
 
+FOOT = 0.3048  # [m]
 FACTORS: dict[str, float] = {
     "m": 1.0,
     "ft": FOOT,

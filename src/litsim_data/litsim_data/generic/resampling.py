@@ -9,12 +9,14 @@ import numpy as np
 import pandas as pd
 
 from litsim_data.generic.counts import Counts
-from litsim_data.ngsim.tracks import JUMP_MAX, PIECE
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import RATE_HZ, STEP_S, BoolArray, IntArray
 from litsim_sim.io.table_input import TableFiles
 
+PIECE = 1_000_000
+"""Added to the id of the second, twice to that of the third piece of a split track, and so on."""
+JUMP_MAX = 8.0  # [m] per frame; a longer step splits the track: it is another vehicle
 HOLE_MAX_S = 0.5  # [s] longest hole that is interpolated; a longer one splits the track
 EDGE = 1e-4  # [frames] tolerance of times at frames; above the rounding of seconds since 1970
 AWAY_MAX_S = 0.5  # [s] shorter stretches between two jumps are errors and left out

@@ -14,9 +14,8 @@ import numpy as np
 import pandas as pd
 
 from litsim_data.ngsim.sites import SITES, Site
-from litsim_data.ngsim.tracks import origins_of
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import IntArray
+from litsim_sim.core.scene import RATE_HZ, IntArray
 
 CLOCK_SLACK_MS = 30_000  # largest difference between times of frame 0 of one clock
 CLOCKS_MAX = 64  # NGSIM has about ten; more mean that frames and times do not belong together
@@ -74,7 +73,8 @@ class Clocks:
         """
         names = list(SITES)
         time_ms, frame = rows["time_ms"].to_numpy(), rows["frame"].to_numpy()
-        pairs, unique = pd.factorize(pd.MultiIndex.from_arrays([rows["site"], origins_of(time_ms, frame)]), sort=True)
+        origins = time_ms - np.round(1000.0 / RATE_HZ * frame).astype(np.int64)
+        pairs, unique = pd.factorize(pd.MultiIndex.from_arrays([rows["site"], origins]), sort=True)
         index = np.array([self._find(names[site], int(origin)) for site, origin in unique], np.int64)[pairs]
         if len(self.clocks) > CLOCKS_MAX:
             at = int(np.argmax(index >= CLOCKS_MAX))

@@ -13,8 +13,9 @@ import pyarrow.compute as pc
 import pyarrow.csv as pcsv
 from tqdm import tqdm
 
+from litsim_data.generic.mapping import FOOT
 from litsim_data.ngsim.formats import FEET, NAMES, OPTIONAL, WHOLE, Layout, detect, is_number
-from litsim_data.ngsim.sites import FOOT, SITES, Site, site_at, site_of
+from litsim_data.ngsim.sites import SITES, Site, site_at, site_of
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.io.input_files import require_file

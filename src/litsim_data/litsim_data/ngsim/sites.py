@@ -13,11 +13,8 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
+from litsim_data.generic.mapping import FOOT
 from litsim_sim.core.scene import BoolArray, FloatArray
-
-FOOT = 0.3048
-"""[m]. State Plane feet are US survey feet, longer by 2e-6: 2 mm over a site of 1 km, and a constant shift of all
-coordinates, which does not matter as long as one value is used everywhere."""
 
 EXTENT = 2500.0  # [m] largest distance of positions on a site from its anchor, along either axis
 PERIOD_SLACK_S = 450.0  # largest difference between the start of a recording and that of its published period
@@ -37,7 +34,7 @@ class Site:
         yaw: rotation [rad] from global axes to frame map: a heading in frame map is the global one plus this.
         global_anchor: a point [m] in the State Plane zone.
         map_anchor: the same point [m] in frame map.
-        headings: usual headings [rad] in frame map by column Direction (0: the only one, on motorways).
+        urban: whether it is a street with intersections.
         net: file name of the SUMO net in this frame.
     """
 
@@ -50,7 +47,7 @@ class Site:
     yaw: float
     global_anchor: tuple[float, float]
     map_anchor: tuple[float, float]
-    headings: dict[int, float]
+    urban: bool
     net: str
 
     def map_from_global(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -89,7 +86,7 @@ US101 = Site(
     yaw=0.718612,
     global_anchor=(1966511.071, 570797.706),
     map_anchor=(297.468, -9.641),
-    headings={0: 0.0},
+    urban=False,
     net="us101.net.xml",
 )
 I80 = Site(
@@ -104,7 +101,7 @@ I80 = Site(
     yaw=float(np.deg2rad(-97.5)),
     global_anchor=(6042832.6 * FOOT, 2133067.4 * FOOT),
     map_anchor=(0.0, 0.0),
-    headings={0: 0.0},
+    urban=False,
     net="i80.net.xml",
 )
 LANKERSHIM = Site(
@@ -118,7 +115,7 @@ LANKERSHIM = Site(
     yaw=float(np.deg2rad(-117.0)),
     global_anchor=(6452059.0 * FOOT, 1873180.8 * FOOT),
     map_anchor=(0.0, 0.0),
-    headings={1: -0.5 * np.pi, 2: 0.0, 3: 0.5 * np.pi, 4: np.pi},  # eastbound, northbound, westbound, southbound
+    urban=True,
     net="lankershim.net.xml",
 )
 PEACHTREE = Site(
@@ -132,7 +129,7 @@ PEACHTREE = Site(
     yaw=float(np.deg2rad(-94.0)),
     global_anchor=(2230849.0 * FOOT, 1376809.0 * FOOT),
     map_anchor=(0.0, 0.0),
-    headings={1: -0.5 * np.pi, 2: 0.0, 3: 0.5 * np.pi, 4: np.pi},
+    urban=True,
     net="peachtree.net.xml",
 )
 
@@ -154,5 +151,5 @@ def site_of(time_ms: float, x: float, y: float, *, urban: bool) -> Site | None:
     """
     near = [site for site in SITES.values() if site.holds(np.array([x]), np.array([y]))[0]]
     then = [site for site in near if f"{site.local_time(int(time_ms)):%Y-%m-%d}" == site.date]
-    alike = [site for site in near if urban == (len(site.headings) > 1)]
+    alike = [site for site in near if urban == site.urban]
     return next(iter(then or alike or near), None)
