@@ -31,7 +31,6 @@ setup(
             "score = litsim_research.cli.score:main",
             "export = litsim_research.cli.export:main",
             "paper = litsim_research.cli.paper:main",
-            "calibrate = litsim_research.cli.calibrate:main",
         ],
         # See litsim_sim.core.plugins for the groups.
         "litsim.policies": [

@@ -6,9 +6,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-import shapely
 
 import campaigns
 from litsim_data.mining.events import EventKind
@@ -17,7 +15,7 @@ from litsim_data.traffic.seeds import LEFT_TURNS
 from litsim_eval.campaign.criteria import Verdict
 from litsim_eval.campaign.results import Campaign, RunResult
 from litsim_research.paper import roads
-from litsim_research.paper.case_studies import LEFT_TURN, SEGMENTS, _outlines, candidates, chosen, left_turns
+from litsim_research.paper.case_studies import LEFT_TURN, SEGMENTS, candidates, chosen, left_turns
 from litsim_sim.scenario.scenario import packaged
 
 TURN_37, TURN_50 = ("street_37", 128), ("street_50", 160)
@@ -115,10 +113,3 @@ def test_the_street_is_of_a_seed_of_its_own(tmp_path: Path, monkeypatch: pytest.
     assert first == again
     assert [(Path(case.scenario).stem, case.ego_id) for case in first.cases] == [TURN_37, TURN_50]
     assert all(Path(case.scenario).is_relative_to(tmp_path) for case in first.cases)
-
-
-def test_a_lane_is_drawn_as_far_as_it_is_seen() -> None:
-    (outline,) = _outlines(np.array([[-100.0, 0.0], [100.0, 0.0]]), 3.0, shapely.box(-20.0, -10.0, 20.0, 10.0))
-    assert np.abs(outline[:, 0]).max() == 20.0
-    assert np.isclose(np.abs(outline[:, 1]).max(), 1.44)
-    assert _outlines(np.array([[-100.0, 50.0], [100.0, 50.0]]), 3.0, shapely.box(-20.0, -10.0, 20.0, 10.0)) == []

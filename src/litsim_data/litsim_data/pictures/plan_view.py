@@ -71,15 +71,16 @@ def crossed(lane_map: LaneMap | None, path: FloatArray) -> FloatArray:
     return points[shapely.distance(shapely.points(points), line) <= NEAR]
 
 
-def draw_lanes(axes: Axes, lane_map: LaneMap) -> None:
+def draw_lanes(axes: Axes, lane_map: LaneMap, **style: Any) -> None:
     """Draws the surface of the road."""
+    style = {"edgecolor": "none", "zorder": 0} | style
     surfaces = [shapely.LineString(lane.centerline).buffer(lane.width / 2, cap_style="flat") for lane in lane_map.lanes]
     for part in shapely.get_parts(shapely.union_all(surfaces)):
-        axes.fill(*np.asarray(part.exterior.coords).T, facecolor=ROAD, edgecolor="none", zorder=0)
+        axes.fill(*np.asarray(part.exterior.coords).T, facecolor=ROAD, **style)
         for hole in part.interiors:
             if shapely.Polygon(hole).area < ISLAND:
                 continue
-            axes.fill(*np.asarray(hole.coords).T, facecolor=GROUND, edgecolor="none", zorder=0)
+            axes.fill(*np.asarray(hole.coords).T, facecolor=GROUND, **style)
 
 
 def draw_stop_lines(axes: Axes, signals: Signals, step: int) -> None:
@@ -144,9 +145,10 @@ def pieces(points: FloatArray, follows: BoolArray, kind: IntArray) -> dict[int, 
 def draw_boxes(axes: Axes, table: AgentTable, colours: list[str], **style: Any) -> None:
     """Draws the boxes of `table`, each with a bar at its front."""
     corners = box_corners(table.x, table.y, table.yaw, table.length, table.width)
+    seen = {"transform": style["transform"]} if "transform" in style else {}
     style = {"facecolors": colours, "edgecolors": INK, "linewidths": 0.7, "zorder": 6} | style
     axes.add_collection(PolyCollection(list(corners), **style))
-    axes.add_collection(LineCollection(list(corners[:, [0, 3]]), colors=INK, linewidths=1.8, zorder=7))
+    axes.add_collection(LineCollection(list(corners[:, [0, 3]]), colors=INK, linewidths=1.8, zorder=7, **seen))
 
 
 def frame(axes: Axes, area: Area) -> None:

@@ -13,15 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import shapely
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure as Canvas
 from matplotlib.patches import Patch
+from matplotlib.transforms import Affine2D
 
 from litsim_data.mining.events import EventKind
 from litsim_data.mining.mine import mine
 from litsim_data.mining.selection import MinedEvent, hardest
+from litsim_data.pictures.plan_view import draw_boxes, draw_lanes
 from litsim_data.traffic.seeds import LEFT_TURNS
 from litsim_eval.campaign.case import Case
 from litsim_eval.campaign.results import Campaign, RunResult
@@ -31,9 +31,8 @@ from litsim_eval.runs.runner import Runner, record
 from litsim_research.paper.experiments import JUDGED, OURS
 from litsim_research.paper.measures import key_of
 from litsim_research.paper.roads import REAL, URBAN, generated, roads
-from litsim_sim.core.colours import INK, ROAD, colour_of
+from litsim_sim.core.colours import colour_of
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller, FloatArray
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.record.run import Run
@@ -186,32 +185,12 @@ def _pose(run: Run, step: int) -> FloatArray | None:
 
 
 def _draw(axes: Axes, run: Run, lane_map: LaneMap, step: int, view: tuple[FloatArray, float, float, float]) -> None:
-    """Draw lanes and boxes at `step`, seen along the heading of `view`: centre, heading, half length and half width."""
+    """Draws lanes and boxes at `step`; `view` is its centre, the heading to the right, half length and half width."""
     centre, heading, wide, high = view
-    turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
-    view_box = shapely.box(-wide, -high, wide, high)
-    for lane in lane_map.lanes:
-        outlines = _outlines((lane.centerline - centre) @ turn, lane.width, view_box)
-        axes.add_collection(PolyCollection(outlines, color=ROAD, lw=0))
+    seen = Affine2D().translate(*-centre).rotate(-heading) + axes.transData
+    draw_lanes(axes, lane_map, transform=seen)
     table = _table(run, step)
     if table is not None:
-        axes.add_collection(_boxes(table, centre, turn, (wide, high)))
+        draw_boxes(axes, table, [colour_of(controller) for controller in table.controller.tolist()], transform=seen)
     axes.set(xlim=(-wide, wide), ylim=(-high, high), aspect="equal", xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
-
-
-def _outlines(centerline: FloatArray, width: float, view_box: shapely.Polygon) -> list[FloatArray]:
-    """Returns outlines of the part of a lane within `view_box`, with a small gap to neighbours."""
-    part = shapely.LineString(centerline).intersection(view_box.buffer(width))
-    strip = part.buffer(0.48 * width, cap_style="flat").intersection(view_box)
-    parts = [piece for piece in shapely.get_parts(strip) if isinstance(piece, shapely.Polygon) and not piece.is_empty]
-    return [shapely.get_coordinates(piece.exterior) for piece in parts]
-
-
-def _boxes(table: AgentTable, centre: FloatArray, turn: FloatArray, limits: tuple[float, float]) -> PolyCollection:
-    """Returns boxes of the agents that may be in view."""
-    corners = box_corners(table.x, table.y, table.yaw, table.length, table.width)
-    local = (corners - centre) @ turn
-    near = np.abs(local).max(axis=(1, 2)) < 2.0 * max(limits)
-    colours = [colour_of(controller) for controller in table.controller[near].tolist()]
-    return PolyCollection(list(local[near]), facecolors=colours, edgecolors=INK, linewidths=0.4)
