@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from PIL import Image
 
 from litsim_eval.cli import check_ads
 
@@ -70,8 +69,6 @@ def test_an_example_passes(graph: Any) -> None:
         "exit_status": 0,
         "last_message_s": None,
     }
-    with Image.open(graph.folder / "kept/latency.png") as picture:
-        assert picture.size == (1100, 400)
     assert list((graph.folder / "kept").glob("*.mcap"))
     assert not graph.running()
 
@@ -98,21 +95,6 @@ def test_a_fault_fails_its_clause_alone(graph: Any, options: tuple[str, ...], cl
     expected = CLAUSES[3:7] if clause == "types and QoS" else ()  # the run has not begun
     assert [name for name, verdict in found.items() if verdict == "not judged"] == list(expected)
     assert not graph.running()
-
-
-def test_a_stack_that_takes_every_ego_for_a_car_fails_as_a_truck(graph: Any) -> None:
-    text = (EXAMPLES / "minimal_ads.py").read_text()
-    size = "length = np.ptp([p.x for p in box.polygon.points])"
-    assert size in text
-    (graph.folder / "short_ads.py").write_text(text.replace(size, "length = 4.8"))
-    result = graph.folder / "result.json"
-    usual = ("--seconds", "1", "--answer-timeout", "8", "--end-wait", "1", "--wait", "60", "--json", str(result))
-    command = ("--", sys.executable, str(graph.folder / "short_ads.py"))
-    done = graph.finish(graph.start_node("litsim_eval", "check_ads", *usual, *command))
-    assert done.returncode == 1, done.stdout + done.stderr
-    clauses = json.loads(result.read_text())["clauses"]
-    assert [name for name, clause in clauses.items() if clause["verdict"] != "pass"] == ["long ego"]
-    assert clauses["long ego"]["why"].startswith("ego 11, 11.0 m long: contact at its fault with ")
 
 
 def test_a_stack_that_others_have_started(graph: Any) -> None:

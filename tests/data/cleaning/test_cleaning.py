@@ -174,12 +174,10 @@ def test_a_vehicle_that_stops_neither_creeps_nor_turns() -> None:
     x = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * STEP_S)])
     raw = np.column_stack([x, np.zeros_like(x)])
     for seed in range(4):
-        table, report = clean(tracks(quantised(raw + noise(len(x), 0.15, seed))))
+        table, _ = clean(tracks(quantised(raw + noise(len(x), 0.15, seed))))
         standing = slice(61, 121)
         assert (table["speed"][standing] == 0).all() and (table["acceleration"][standing] == 0).all()
         assert np.ptp(table["x"][standing]) < 1e-9 and np.ptp(table["yaw"][standing]) < 1e-9
-        assert report.flips[1] == 0
-        assert report.flips[0] > 5  # of raw steps
         assert np.abs(table["yaw"]).max() < 0.12
         assert rms(table["speed"] - speed) < 0.35
 
@@ -241,7 +239,7 @@ def test_cleaned_tracks_are_near_the_truth(
     assert rms(table["speed"] - truth["speed"]) < speed
     assert rms(table["acceleration"] - truth["acceleration"]) < acceleration
     assert rms(table["yaw"] - truth["yaw"]) < yaw
-    assert report.raw.acceleration > 0.5 and report.cleaned.acceleration < 0.005 and report.cleaned.jerk == 0
+    assert report.raw > 0.5 and report.cleaned < 0.005
 
 
 def test_derivatives_agree_with_positions() -> None:
@@ -269,7 +267,7 @@ def test_the_report_counts_overlaps_before_and_after() -> None:
     near = front + np.array([0.0, 2.0])
     near[20:22, 1] = 1.0  # jumps into its neighbour and back
     _, report = clean(pd.concat([tracks(front, 1), tracks(near, 2)]))
-    assert report.overlaps == ((1, 2), (0, 0)) and report.created == 0
+    assert report.overlaps == ((1, 2), (0, 0))
     assert report.published is None
     text = report.table()
     assert "80 rows of 2 vehicles" in text and "pairs of overlapping boxes" in text
@@ -278,10 +276,7 @@ def test_the_report_counts_overlaps_before_and_after() -> None:
 def test_the_report_tells_published_from_raw_figures() -> None:
     spiky = np.where(np.arange(50) % 5 == 0, 4.0, 0.0)
     _, report = clean(tracks(straight(50, 10.0), acceleration=spiky))
-    assert report.published is not None
-    assert report.published.acceleration == pytest.approx(0.2)
-    assert report.published.jerk == pytest.approx(19 / 49)
-    assert (report.raw.acceleration, report.cleaned.acceleration) == (0.0, 0.0)
+    assert (report.published, report.raw, report.cleaned) == (pytest.approx(0.2), 0.0, 0.0)
 
 
 # Input that cannot be used
@@ -291,12 +286,6 @@ def test_tracks_that_cannot_be_used() -> None:
     table = tracks(straight(10, 10.0))
     with pytest.raises(InputError, match="vehicle_id 1: frame 4 is followed by a jump of more than 60 m"):
         clean(table.assign(x=table["x"].where(table["frame"] < 5, 500.0)))
-
-
-def test_no_heading_is_taken_from_the_last_step_of_one_vehicle_to_the_first_of_the_next() -> None:
-    creeping = [tracks(np.column_stack([x + 0.01 * np.arange(5), np.zeros(5)]), n) for n, x in ((1, 0.0), (2, -50.0))]
-    _, report = clean(pd.concat(creeping))
-    assert report.flips[0] == 0, "both creep straight on"
 
 
 # `data clean`
@@ -310,7 +299,7 @@ def test_clean_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     Recording.from_table(RecordingHeader("made", net="made.net.xml"), table, "made").write(source)
     data.main(["clean", str(source), str(out), "--lateral-period", "2.5"])
     text = capsys.readouterr().out
-    assert "170 rows of 2 vehicles" in text and "heading flips at standstill" in text
+    assert "170 rows of 2 vehicles" in text and "front centres moved by" in text
     cleaned = Recording.read(out)
     assert cleaned.header.net == "made.net.xml"
     assert cleaned.header.notes["cleaned"]["lateral_period_s"] == 2.5  # type: ignore[index]
@@ -325,8 +314,6 @@ def test_the_real_window(real_data) -> None:
     recording = load_recording(real_data(), {"frame": [316, 543], "local_y_m": [180, 415]})
     table, report = clean(front_centres(recording.table))
     assert Recording.from_table(recording.header, table, "cleaned").table["vehicle_id"].nunique() == 108
-    assert report.published is not None and report.published.acceleration > 0.08
-    assert report.cleaned.acceleration < 0.001 and report.cleaned.jerk == 0
+    assert report.published is not None and report.published > 0.08 and report.cleaned < 0.001
     assert report.displacement[0] < 0.1 and report.displacement[1] < 0.3
-    assert report.overlaps == ((0, 0), (0, 0)) and report.flips[1] == 0
-    assert report.yaw_rate < 0.15
+    assert report.overlaps == ((0, 0), (0, 0))

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import nan
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
-from litsim_eval.check_ads.plot import plot_latency
 from litsim_eval.check_ads.requirements import Clause, Limits, Verdict, is_clipped, judge, motion
 from litsim_eval.check_ads.trace import Ending, Endpoint, Evidence, Heard, summarised
 from litsim_sim.core.scene import STEP_NS, EgoCommand
@@ -292,14 +289,6 @@ def test_motion_along_a_circle() -> None:
     assert speed == pytest.approx(np.full(19, 10.0), rel=1e-3)
     assert acceleration == pytest.approx(np.zeros(19), abs=1e-6)
     assert yaw_rate == pytest.approx(np.full(19, -0.2), rel=1e-6)
-
-
-def test_the_plot(seen: Evidence, tmp_path: Path) -> None:
-    assert plot_latency(seen, tmp_path / "latency.png")
-    with Image.open(tmp_path / "latency.png") as picture:
-        assert picture.size == (1100, 400)
-    assert not plot_latency(replace(seen, heard=()), tmp_path / "nothing.png")
-    assert not (tmp_path / "nothing.png").exists()
 
 
 def test_what_the_bridge_says_again_and_again_is_one_remark() -> None:

@@ -10,7 +10,7 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from litsim_eval.analysis.displacement import HORIZONS_S
-from litsim_eval.campaign.variant_measures import OF_EGO, OF_SIMULATION
+from litsim_eval.analysis.summary import OF_EGO, OF_SIMULATION
 from litsim_eval.runs.summary_table import print_summary
 
 WIDTH = 100
@@ -19,7 +19,7 @@ WIDTH = 100
 def variant(**values: Any) -> dict[str, Any]:
     """Measures of a variant, as wide as they get."""
     ade = dict.fromkeys(map(str, HORIZONS_S), 0.000868)
-    usual: dict[str, Any] = dict.fromkeys((measure.path for measure in (*OF_EGO, *OF_SIMULATION)), 0.000868) | {
+    usual: dict[str, Any] = dict.fromkeys((measure.name for measure in (*OF_EGO, *OF_SIMULATION)), 0.000868) | {
         "runs": 20,
         "agents": 1920,
         "failed": 0,

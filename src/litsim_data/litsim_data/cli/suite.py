@@ -54,7 +54,6 @@ def add(subparsers: Any) -> None:
     command.add_argument("--ego", nargs="+", choices=drivers, default=["idm"], help="what drives the ego; default idm")
     packed = "copy scenarios and their pieces of recordings into the folder SUITE beside the file"
     command.add_argument("--pack", action="store_true", help=packed)
-    command.add_argument("--plot", type=Path, metavar="OUT.png", help="draw the severities by kind")
     command.set_defaults(run=run)
 
 
@@ -72,16 +71,10 @@ def run(arguments: argparse.Namespace) -> int | None:
     wanted = {kind: own or count for kind, own in counts.items()}
     chosen = choose(events, wanted, evenly=arguments.spread is not None)
     reasons = [MinedEvent(case.scenario, event) for case in chosen for event in case.events[: len(case.kinds)]]
-    severities = _severities(events), _severities(reasons)
-    Console().print(_table(events, chosen, *severities))
+    Console().print(_table(events, chosen, _severities(events), _severities(reasons)))
     if not events:
         print_error("no event is found" + (f": {arguments.out} is not written" if arguments.out else ""))
         return EXIT_FAILED
-    if arguments.plot is not None:
-        from litsim_data.mining.plots import plot_severities  # matplotlib takes half a second to load
-
-        plot_severities(*severities, arguments.plot)
-        print(arguments.plot)
     if arguments.out is not None:
         if arguments.pack:
             chosen = pack(chosen, arguments.out.with_suffix(""))

@@ -194,8 +194,9 @@ def _recording(
     single = _without_contradictions(rows, source)
     kind, lane = single["vehicle_class"].astype(str), single["lane"]
     lane = lane.where((lane >= 1) & (lane <= BOUNDS["lane"][1]), -1)
-    columns = single[["vehicle_id", "frame", "x", "y", "speed", "acceleration", "line"]]
-    tracks = _Lines.of(source, dict(columns.assign(kind=kind, lane=lane, **_sizes(single)).items()))
+    table = single[["vehicle_id", "frame", "x", "y", "speed", "acceleration", "line"]]
+    table = table.assign(kind=kind, lane=lane, **_sizes(single))
+    tracks = _Lines((), tuple(map(str, table.columns)), source, table)
     mapping = tracks.meaning(
         {name: KINDS.get(name, "unknown") for name in kind.unique()},
         name=period.name,

@@ -3,40 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from statistics import fmean
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
-from litsim_eval.analysis.displacement import HORIZONS_S
-from litsim_eval.analysis.metrics_tree import leaves
-from litsim_eval.analysis.summary import DISPLACEMENTS, MEANS, RATIOS, SUMS, Figure, displacement, summarise
+from litsim_eval.analysis.summary import Figure, mean, measures, summarise, total
 from litsim_eval.campaign.bootstrap import percentile_bounds, ratios, times_drawn
-from litsim_eval.campaign.criteria import PASSED_SHARE, Verdict, counted
+from litsim_eval.campaign.criteria import PASSED_SHARE, Verdict
 from litsim_eval.campaign.results import RunResult
 from litsim_sim.core.scene import FloatArray
 
 Bounds = dict[str, tuple[float, float]]
-"""Bounds by the name of the figure in the summary of its variant; `ade_all_m.5` is that of a horizon."""
+"""Bounds by the name of the measure; `ade_all_m.5` is that of a horizon."""
 
 VERDICTS = {"passed": Verdict.PASSED, "not_passed": Verdict.FAILED, "errors": Verdict.ERROR}
 """Verdicts by the names of their numbers of runs."""
-
-
-EGO: dict[str, tuple[str, Callable[[Sequence[float]], float]]] = {
-    "ego_at_fault": ("collision.ego_at_fault", sum),
-    "red_ego": ("signals.red_ego", sum),
-    "standoffs": ("standoffs", sum),
-    "min_ttc_s": ("safety.min_ttc_s", min),
-    "min_headway_s": ("safety.min_headway_s", min),
-    "ego_comfort": ("comfort.ego.within", fmean),
-    "ego_progress": ("ego_motion.progress_ratio", fmean),
-}
-"""Measures of the ego: the field of `metrics.json`, and what is made of its values over the runs that have it.
-
-Of `comfort.ego.within` it is the share of the bound that is least kept.
-"""
 
 
 def variant_summary(results: Sequence[RunResult]) -> dict[str, Any]:
@@ -46,26 +28,11 @@ def variant_summary(results: Sequence[RunResult]) -> dict[str, Any]:
     None without runs.
     """
     measured = [dict(result.metrics) for result in results if result.metrics is not None]
-    fields = [leaves(metrics) for metrics in measured]
     counts = Counter(result.verdict for result in results)
     return summarise(measured, len(results) - len(measured)) | {
         **{name: counts[verdict] for name, verdict in VERDICTS.items()},
         PASSED_SHARE: counts[Verdict.PASSED] / len(results) if results else None,
-        **{name: _of_ego(field, aggregate, fields) for name, (field, aggregate) in EGO.items()},
     }
-
-
-def _of_ego(
-    field: str, aggregate: Callable[[Sequence[float]], float], runs: Sequence[Mapping[str, Any]]
-) -> float | None:
-    """Returns a measure of :data:`EGO` over the measures of `runs`, by path; None if none has it."""
-    values = []
-    for run in runs:
-        below = [value for path, value in run.items() if path.startswith(f"{field}.") and value is not None]
-        value = min(below) if below else counted(run.get(field))
-        if isinstance(value, int | float):
-            values.append(float(value))
-    return aggregate(values) if values else None
 
 
 def variant_bounds(results: Sequence[RunResult]) -> Bounds:
@@ -101,15 +68,12 @@ def _figures(results: Sequence[RunResult]) -> Iterator[tuple[str, FloatArray, Fl
     for name, verdict in VERDICTS.items():
         yield name, np.array([float(result.verdict == verdict) for result in results]), None
     yield "reactive", np.nan_to_num(values(lambda run: run["reactive"])), np.ones(len(results))
-    for name, figures in RATIOS.items():
-        above, below = map(values, figures)
-        if not np.isnan(below[measured]).any():
-            yield name, np.nan_to_num(above), np.nan_to_num(below)
-    for name, figure in SUMS.items():
-        addends = values(figure)
-        if not np.isnan(addends[measured]).any():
-            yield name, np.nan_to_num(addends), None
-    means = MEANS | {f"{name}.{h}": displacement(name, str(h)) for name in DISPLACEMENTS for h in HORIZONS_S}
-    for name, figure in means.items():
-        addends = values(figure)
-        yield name, np.nan_to_num(addends), (~np.isnan(addends)).astype(float)
+    for measure in measures():
+        assert measure.figure is not None
+        above = values(measure.figure)
+        if measure.over is mean:
+            yield measure.name, np.nan_to_num(above), (~np.isnan(above)).astype(float)
+        elif measure.over is total and not np.isnan(above[measured]).any():
+            below = None if measure.below is None else values(measure.below)
+            if below is None or not np.isnan(below[measured]).any():
+                yield measure.name, np.nan_to_num(above), below if below is None else np.nan_to_num(below)

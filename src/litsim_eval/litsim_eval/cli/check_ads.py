@@ -7,19 +7,13 @@ import json
 import os
 import tempfile
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
-from litsim_data.surrogates.safety import safety_series
-from litsim_eval.analysis.metrics import compute_metrics
-from litsim_eval.campaign.reasons import at_fault
-from litsim_eval.check_ads.plot import plot_latency
 from litsim_eval.check_ads.requirements import Clause, Limits, Verdict, judge
 from litsim_eval.check_ads.session import Check, observe
-from litsim_eval.check_ads.trace import Evidence
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser, number, positive
 from litsim_sim.cli.program import interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, InputError
@@ -27,12 +21,9 @@ from litsim_sim.core.scene import STEP_S
 from litsim_sim.io.files import make_folder, replacing
 from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.middleware import check_security
-from litsim_sim.record.run import read_run
 from litsim_sim.scenario.scenario import Scenario
 
 COLOURS = {Verdict.PASS: "green", Verdict.FAIL: "red", Verdict.OPEN: "yellow"}
-PLOT_FILE = "latency.png"
-LONG_M = 8.0  # [m] from which on an ego is long
 
 
 def parser() -> argparse.ArgumentParser:
@@ -80,7 +71,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--ego-id", type=int, help="vehicle of the recording that is the ego; default: the scenario's")
     p.add_argument("--domain-id", type=int, help="default: ROS_DOMAIN_ID, else 0, or a free domain with COMMAND")
     p.add_argument("--json", type=Path, metavar="FILE", help="write the result here")
-    p.add_argument("--out", type=Path, metavar="FOLDER", help=f"keep record, logs and {PLOT_FILE} here")
+    p.add_argument("--out", type=Path, metavar="FOLDER", help="keep record and logs here")
     p.add_argument(
         "command",
         nargs="*",
@@ -98,7 +89,6 @@ def check_ads(arguments: argparse.Namespace, console: Console) -> int:
     """
     check_security(os.environ)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    whole = Scenario.load(arguments.scenario, ego=arguments.ego_id)
     scenario = Scenario.load(arguments.scenario, ego=arguments.ego_id, simulation_s=arguments.seconds)
     limits = Limits(arguments.latency_limit or 1e3 * arguments.answer_timeout, arguments.clipped_limit)
     with ExitStack() as stack:
@@ -116,12 +106,6 @@ def check_ads(arguments: argparse.Namespace, console: Console) -> int:
         )
         evidence = observe(check)
         clauses = judge(evidence, limits)
-        long_ego = _long_ego(whole)
-        if arguments.command and long_ego is not None and all(clause.verdict == Verdict.PASS for clause in clauses):
-            longer = replace(check, scenario=whole.around(long_ego, None), out=_writable(out / "long_ego"))
-            clauses.append(judge_long_ego(observe(longer), longer.out))
-        if arguments.out:
-            plot_latency(evidence, out / PLOT_FILE)
     passed = all(clause.verdict == Verdict.PASS for clause in clauses)
     console.print(_table(clauses))
     for remark in evidence.remarks:
@@ -137,39 +121,6 @@ def check_ads(arguments: argparse.Namespace, console: Console) -> int:
         with replacing(arguments.json) as new:
             new.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     return 0 if passed else EXIT_FAILED
-
-
-def _long_ego(scenario: Scenario) -> int | None:
-    """Returns, of the vehicles longer than LONG_M that can be the ego, the one that is closest behind its leader.
-
-    None if there is none, or if it is the ego already.
-    """
-    steps = scenario.log.replay(scenario.total_steps)
-    first = steps[0]
-    long_ones = [ego for ego in scenario.possible_egos if first.length[first.row(ego)] > LONG_M]
-    headway = {ego: float(safety_series(steps, ego).headway.min()) for ego in long_ones}
-    chosen = min(long_ones, key=lambda ego: headway[ego], default=None)
-    return None if chosen == scenario.ego_id else chosen
-
-
-def judge_long_ego(evidence: Evidence, out: Path) -> Clause:
-    """Returns whether a stack has driven a long ego, as its record in `out` has it, without a contact at its fault."""
-    name = "long ego"
-    if evidence.failure or evidence.left is not None:
-        return Clause(name, Verdict.FAIL, evidence.failure or f"the stack left at step {evidence.left}")
-    run = read_run(out)
-    metrics = compute_metrics(run)
-    table = run.tables[0]
-    length = float(table.length[table.row(run.info.ego_id)])
-    figures = {"ego": run.info.ego_id, "length_m": length}
-    ego = f"ego {run.info.ego_id}, {length:.1f} m long"
-    contacts = [f"{each['agent']} at {each['step'] * STEP_S:.1f} s" for each in at_fault(metrics)]
-    if contacts:
-        text = f"{ego}: contact at its fault with {', '.join(contacts)}; does the stack read /litsim/ego/footprint?"
-        return Clause(name, Verdict.FAIL, text, figures)
-    return Clause(
-        name, Verdict.PASS, f"{ego}: no contact at its fault in {run.tables[-1].step * STEP_S:.1f} s", figures
-    )
 
 
 def _table(clauses: list[Clause]) -> Table:

@@ -12,9 +12,9 @@ from typing import Any
 from tqdm import tqdm
 
 from litsim_eval.analysis.metrics_tree import leaves
+from litsim_eval.analysis.summary import DISPLACEMENTS, OF_EGO, OF_SIMULATION, Measure, added
 from litsim_eval.campaign.criteria import Verdict
 from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RUNS_FOLDER, Campaign, RunResult
-from litsim_eval.campaign.variant_measures import OF_EGO, OF_SIMULATION, Measure, added, displacements
 from litsim_eval.campaign.variant_summary import variant_summary
 from litsim_eval.report.campaign_content import criteria_of, pack_campaign
 from litsim_eval.report.pages import render_page
@@ -82,7 +82,7 @@ def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Pat
         tags=_tags(by_variant),
         summary=_side_by_side(summary, (*OF_EGO, *added())),
         simulation=_side_by_side(summary, OF_SIMULATION, with_zeros=False),
-        displacement=_side_by_side(summary, displacements()),
+        displacement=_side_by_side(summary, DISPLACEMENTS),
         unmeasured=any(variant["failed"] for variant in summary.values()),
         about=[("begun", campaign.begun_at), *((name, str(version)) for name, version in campaign.versions.items())],
         pictured=bool(pictures),
@@ -182,7 +182,7 @@ def _side_by_side(
     lines = []
     rows = [leaves(variant) for variant in summary.values()]
     for measure in measures:
-        values = [row[measure.path] for row in rows]
+        values = [row[measure.name] for row in rows]
         marks = [measure.mark(row) for row in rows]
         whole = [value for value, mark in zip(values, marks, strict=True) if value is not None and not mark]
         best = measure.better(whole) if measure.better and whole and min(whole) < max(whole) else None
@@ -195,5 +195,5 @@ def _side_by_side(
             for row, value, mark in zip(rows, values, marks, strict=True)
         ]
         if any(value is not None and (value or with_zeros) for value in values):
-            lines.append({"name": measure.name, "cells": cells})
+            lines.append({"name": measure.title, "cells": cells})
     return lines

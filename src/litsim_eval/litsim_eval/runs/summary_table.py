@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from litsim_eval.analysis.metrics_tree import leaves
-from litsim_eval.campaign.variant_measures import MARK, OF_EGO, OF_SIMULATION, Measure, added, displacements
+from litsim_eval.analysis.summary import DISPLACEMENTS, MARK, OF_EGO, OF_SIMULATION, Measure, added
 from litsim_eval.campaign.variant_summary import Bounds
 
 Lines = Mapping[str, Mapping[str, str]]
@@ -41,14 +41,14 @@ def print_summary(
         everything: whether measures of the simulation are shown, not only those of the ego.
         bounds: of the figures, by variant, printed behind them.
     """
-    shown = (*OF_EGO, *((*OF_SIMULATION, *displacements()) if everything else ()), *added())
+    shown = (*OF_EGO, *((*OF_SIMULATION, *DISPLACEMENTS) if everything else ()), *added())
     rows = {variant: leaves(values) for variant, values in summary.items()}
     lines = {
-        f"{measure.name} %" if measure.share else measure.name: {
+        f"{measure.title} %" if measure.share else measure.title: {
             variant: _text(measure, row, (bounds or {}).get(variant, {})) for variant, row in rows.items()
         }
         for measure in shown
-        if not (replayed and measure.of_control) and any(row.get(measure.path) is not None for row in rows.values())
+        if not (replayed and measure.of_control) and any(row.get(measure.name) is not None for row in rows.values())
     }
     named = _table({variant: variant for variant in rows}, lines)
     if _fits(named, console):
@@ -97,10 +97,10 @@ def _table(headings: Mapping[str, str], lines: Lines) -> Table:
 
 def _text(measure: Measure, row: Mapping[str, Any], bounds: Bounds) -> str:
     """Returns the value of a measure in a variant, with its bounds, if it has any."""
-    value = row.get(measure.path)
+    value = row.get(measure.name)
     between = ""
-    if measure.path in bounds:
-        low, high = (round(bound) if isinstance(value, int) else bound for bound in bounds[measure.path])
+    if measure.name in bounds:
+        low, high = (round(bound) if isinstance(value, int) else bound for bound in bounds[measure.name])
         between = f" [{_number(measure, low)}, {_number(measure, high)}]"
     return _number(measure, value) + measure.mark(row) + between + measure.reached(row)
 
