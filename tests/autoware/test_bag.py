@@ -16,8 +16,8 @@ from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from litsim_autoware import objects
-from litsim_autoware.vehicle import RearAxle
+from litsim_autoware.messages import objects
+from litsim_autoware.messages.vehicle import RearAxle
 from litsim_data.cli import main
 from litsim_data.generic.autoware_bag import VEHICLE_FILE, read_bag
 from litsim_data.generic.bag_format import bag_file

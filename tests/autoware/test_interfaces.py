@@ -13,7 +13,7 @@ pytest.importorskip("autoware_adapi_v1_msgs", reason="Autoware's messages are no
 import rclpy
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-from litsim_autoware.profile import Profile
+from litsim_autoware.stack.profile import Profile
 
 PUBLISHED = {
     "/localization/initialization_state": ("autoware_adapi_v1_msgs/msg/LocalizationInitializationState", True),

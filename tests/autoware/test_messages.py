@@ -27,10 +27,10 @@ from geometry_msgs.msg import AccelWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
 
-from litsim_autoware import objects, vehicle
+from litsim_autoware.messages import objects, vehicle
+from litsim_autoware.messages.objects import Forecast
+from litsim_autoware.messages.vehicle import RearAxle
 from litsim_autoware.node import AutowareNode
-from litsim_autoware.objects import Forecast
-from litsim_autoware.vehicle import RearAxle
 from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable
 from litsim_sim.core.vehicle_geometry import VehicleGeometry
 from litsim_sim.ros.cdr import without_padding

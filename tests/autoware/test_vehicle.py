@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_autoware.objects import lights_of
-from litsim_autoware.profile import Profile, packaged_profiles
-from litsim_autoware.start_up import Call, StartUp
-from litsim_autoware.timeline import Timeline
-from litsim_autoware.vehicle import RearAxle, command, future_of
+from litsim_autoware.messages.objects import lights_of
+from litsim_autoware.messages.vehicle import RearAxle, command, future_of
+from litsim_autoware.stack.profile import Profile, packaged_profiles
+from litsim_autoware.stack.start_up import Call, StartUp
+from litsim_autoware.stack.timeline import Timeline
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_NS
 from litsim_sim.lane_map.signal_links import relation_id

@@ -39,14 +39,14 @@ from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 
-from litsim_autoware import objects, vehicle
-from litsim_autoware.cdr import ENCAPSULATION, TIME, Message, stamped
-from litsim_autoware.objects import Forecast
-from litsim_autoware.output import Output
-from litsim_autoware.profile import TRAJECTORY, Profile
-from litsim_autoware.start_up import Call, Future, StartUp
-from litsim_autoware.timeline import BEGIN_NS, Timeline
-from litsim_autoware.vehicle import RearAxle
+from litsim_autoware.messages import objects, vehicle
+from litsim_autoware.messages.cdr import ENCAPSULATION, TIME, Message, stamped
+from litsim_autoware.messages.objects import Forecast
+from litsim_autoware.messages.output import Output
+from litsim_autoware.messages.vehicle import RearAxle
+from litsim_autoware.stack.profile import TRAJECTORY, Profile
+from litsim_autoware.stack.start_up import Call, Future, StartUp
+from litsim_autoware.stack.timeline import BEGIN_NS, Timeline
 from litsim_sim.core.scene import STEP_NS, AgentTable, EgoCommand, FloatArray
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.vehicle_geometry import VehicleGeometry

@@ -9,7 +9,7 @@ import sys
 import time
 from contextlib import suppress
 
-from litsim_autoware.profile import CONTROL, TRAJECTORY, Profile, packaged_profiles
+from litsim_autoware.stack.profile import CONTROL, TRAJECTORY, Profile, packaged_profiles
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error

@@ -7,8 +7,8 @@ from math import atan, cos, sin, tan
 
 import numpy as np
 
-from litsim_autoware.cdr import TIME, Message, header, stamped
-from litsim_autoware.objects import quaternions
+from litsim_autoware.messages.cdr import TIME, Message, header, stamped
+from litsim_autoware.messages.objects import quaternions
 from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand, FloatArray
 
 SLOW = 0.1  # [m/s] speed below which the steering angle cannot be told from the motion

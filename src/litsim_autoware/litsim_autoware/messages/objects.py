@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_autoware.cdr import TIME, Fields, ListMessage, RecordList, header, stamped
+from litsim_autoware.messages.cdr import TIME, Fields, ListMessage, RecordList, header, stamped
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.object_ids import uuids_of
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ByteArray, FloatArray, IntArray, Kind

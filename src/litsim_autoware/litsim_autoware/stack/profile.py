@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict
 
 from litsim_sim.io.yaml_input import read_yaml
 
-PACKAGED = Path(__file__).parent / "profiles"
+PACKAGED = Path(__file__).parents[1] / "profiles"
 CONTROL: Final = "control"
 TRAJECTORY: Final = "trajectory"
 

@@ -1,0 +1,1 @@
+"""Messages of Autoware: ego, other agents and lights as bytes, from numpy arrays, and publishers of them."""
