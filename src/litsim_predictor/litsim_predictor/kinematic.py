@@ -7,8 +7,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from litsim_predictor.forecast import DT_MIN_S, Forecast, Modes
-from litsim_predictor.selection import Egos, Wanted, selected
+from litsim_predictor.forecast import DT_MIN_S, Egos, Forecast, Modes, Wanted, selected
 from litsim_sim.core.history import History
 from litsim_sim.core.quantities import Duration, Horizon, at_most, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray

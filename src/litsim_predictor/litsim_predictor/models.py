@@ -9,12 +9,11 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator
 
-from litsim_predictor.forecast import NoPredictor, Predictor, PredictorPlugin
+from litsim_predictor.forecast import NoPredictor, Predictor, PredictorPlugin, Scope, Wanted
 from litsim_predictor.inference.contract import Network
 from litsim_predictor.inference.predictor import LearnedPredictor
 from litsim_predictor.inference.raster import raster_of_net
 from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
-from litsim_predictor.selection import Scope, Wanted
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterOverrides, ParameterReader

@@ -18,8 +18,8 @@ from litsim_eval.runs.recorded_run import open_record
 from litsim_eval.runs.rerun import rerun_stage, resimulate
 from litsim_eval.runs.runner import Runner
 from litsim_policy.conflict.messages import takeovers_to_message
-from litsim_predictor.messages import forecast_to_message
 from litsim_predictor.models import DEFAULT_MODEL, PredictorConfig, make_predictor
+from litsim_predictor.ros.messages import forecast_to_message
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_NS
 from litsim_sim.record.bag import BagWriter, qos_yaml

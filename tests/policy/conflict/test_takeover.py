@@ -12,8 +12,8 @@ import pytest
 from litsim_policy.conflict import takeover as takeover_module
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.takeover import TakeoverManager
+from litsim_predictor.forecast import Wanted
 from litsim_predictor.kinematic import KinematicPredictor
-from litsim_predictor.selection import Wanted
 from litsim_sim.core.scene import OBSTACLE_KINDS, AgentTable, Controller, Kind
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario

@@ -11,14 +11,13 @@ import pytest
 from safetensors import safe_open
 from safetensors.numpy import save_file
 
-from litsim_predictor.forecast import Forecast
+from litsim_predictor.forecast import Forecast, Wanted
 from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.contract import HORIZON, MANEUVERS
 from litsim_predictor.inference.predictor import LearnedPredictor
 from litsim_predictor.inference.raster import MapRaster, raster_of_net
 from litsim_predictor.inference.weights import weights_path
 from litsim_predictor.models import make_predictor, network
-from litsim_predictor.selection import Wanted
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, Kind
 from litsim_sim.scenario.scenario import Scenario

@@ -15,7 +15,7 @@ from litsim_eval.runs.recorded_run import Record
 from litsim_eval.runs.runner import Runner
 from litsim_policy.conflict.messages import takeovers_from_message, takeovers_to_message
 from litsim_policy.ego.ego import Ego
-from litsim_predictor.messages import forecast_from_message, forecast_to_message
+from litsim_predictor.ros.messages import forecast_from_message, forecast_to_message
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, EgoCommand
 from litsim_sim.core.stage_registry import configured

@@ -5,7 +5,7 @@ from __future__ import annotations
 from litsim_policy.conflict.messages import takeovers_to_message
 from litsim_policy.conflict.registry import TakeoverStage
 from litsim_predictor.forecast import Forecast
-from litsim_predictor.messages import received_forecast
+from litsim_predictor.ros.messages import received_forecast
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.core.stages import CONFLICT
 from litsim_sim.core.takeover import TakeoverTable

@@ -10,7 +10,7 @@ from rclpy.utilities import remove_ros_args
 from litsim_policy.conflict.node import ConflictNode
 from litsim_policy.driving.node import PolicyNode
 from litsim_policy.ego.node import EgoNode
-from litsim_predictor.predictor_node import PredictorNode
+from litsim_predictor.ros.node import PredictorNode
 from litsim_sim.core.stages import CONFLICT, EGO, POLICY, PREDICTOR
 from litsim_sim.ros.in_process import InProcessTransport
 from litsim_sim.ros.stage import StageNode, run_stages

@@ -19,11 +19,10 @@ from litsim_policy.motion.car_following import IdmConfig
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.reference_path import ReferencePath, onto_lane, pursuit_yaw_rate
 from litsim_policy.motion.stop_lines import StopLines, idm_at_signals
-from litsim_predictor.forecast import Forecast, Predictor
+from litsim_predictor.forecast import Forecast, Predictor, Wanted
 from litsim_predictor.inference.contract import DT, HORIZON
 from litsim_predictor.inference.predictor import LearnedPredictor
 from litsim_predictor.models import ModelName, make_predictor
-from litsim_predictor.selection import Wanted
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import Length, Positive, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand, FloatArray

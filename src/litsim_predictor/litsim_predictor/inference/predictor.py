@@ -7,7 +7,7 @@ from typing import cast
 
 import numpy as np
 
-from litsim_predictor.forecast import Forecast
+from litsim_predictor.forecast import Egos, Forecast, Wanted, selected
 from litsim_predictor.inference.contract import (
     DT,
     HISTORY,
@@ -25,7 +25,6 @@ from litsim_predictor.inference.in_map import forecast_in_map
 from litsim_predictor.inference.lane_frames import NO_LANE_FRAMES, LaneFrameFinder, LaneFrames, from_lane_frames
 from litsim_predictor.inference.raster import MapRaster
 from litsim_predictor.inference.traffic import Traffic
-from litsim_predictor.selection import Egos, Wanted, selected
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.history import History
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
@@ -42,7 +41,7 @@ class LearnedPredictor:
     Args:
         network: a trained model.
         ego_id: the agent around which others matter; one per scene.
-        roi_m: distance from it [m] up to which they do; see :func:`.selection.selected`.
+        roi_m: distance from it [m] up to which they do; see :func:`litsim_predictor.forecast.selected`.
         lane_map, raster: the net; see :func:`.raster.raster_of_net`.
         wanted: the agents to forecast.
         modes: greatest number of manoeuvres of each besides the most probable one.

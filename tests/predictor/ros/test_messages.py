@@ -12,7 +12,7 @@ from litsim_msgs.msg import JointForecast
 from rclpy.serialization import deserialize_message, serialize_message
 
 from litsim_predictor.forecast import Forecast, Modes
-from litsim_predictor.messages import forecast_from_message, forecast_to_message, received_forecast
+from litsim_predictor.ros.messages import forecast_from_message, forecast_to_message, received_forecast
 from litsim_sim.core.errors import InputError
 from litsim_sim.ros.messages import header
 from wire import damaged, taken

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from litsim_predictor.selection import (
+from litsim_predictor.forecast import (
     MEETING_AHEAD,
     MEETING_ASIDE,
     MEETING_S,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from litsim_predictor.forecast import Forecast, Predictor
-from litsim_predictor.messages import forecast_to_message
+from litsim_predictor.ros.messages import forecast_to_message
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.core.stages import PREDICTOR
 from litsim_sim.ros.messages import received_agents

@@ -1,0 +1,1 @@
+"""The predictor stage over ROS: its node, and messages of forecasts."""
