@@ -35,7 +35,7 @@ setup(
             "bat = litsim_predictor.models:Bat",
             "cs_lstm = litsim_predictor.models:CsLstm",
             "default = litsim_predictor.models:Default",
-            "kinematic = litsim_predictor.models:Kinematic",
+            "kinematic = litsim_predictor.kinematic:KinematicPredictor",
             "paper = litsim_predictor.models:Paper",
         ],
     },

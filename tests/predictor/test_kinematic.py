@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields, replace
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_predictor.forecast import Forecast
+from litsim_predictor.forecast import Forecast, Scope, Wanted
 from litsim_predictor.kinematic import RATE_DECAY, KinematicConfig, KinematicPredictor
 from litsim_sim.core.scene import STEP_S, AgentTable
+from litsim_sim.scenario.setting import Setting
 
 Build = Callable[..., AgentTable]
 EGO, ROI = 1, 30.0
+SETTING = cast(Setting, SimpleNamespace(ego_ids=EGO))
 CONFIG = KinematicConfig()
 HORIZON_STEPS = 25
 FUTURE = CONFIG.dt * np.arange(1, HORIZON_STEPS + 1)
@@ -39,11 +42,14 @@ def arc(agent: int, step: int, x: float, y: float, yaw: float, speed: float, rat
     return {"id": agent, "speed": speed, **moved}
 
 
-def forecast(
-    build: Build, *motions: tuple[Any, ...], steps: int = 11, config: KinematicConfig | None = None
-) -> Forecast:
+def kinematic(config: KinematicConfig = CONFIG) -> KinematicPredictor:
+    """The predictor of all agents around the ego."""
+    return KinematicPredictor(SETTING, Scope(ROI, Wanted.ALL), config)
+
+
+def forecast(build: Build, *motions: tuple[Any, ...], steps: int = 11, config: KinematicConfig = CONFIG) -> Forecast:
     """The last forecast after `steps` steps of agents with these motions (id, x, y, yaw, speed, rate)."""
-    predictor = KinematicPredictor(EGO, ROI, config)
+    predictor = kinematic(config)
     for step in range(steps):
         out = predictor.forecast(build(step, *(arc(m[0], step, *m[1:]) for m in motions)))
     return out
@@ -123,7 +129,7 @@ def test_turn_rates_within_the_dead_band_are_none(agent_table: Build, sign: floa
 
 def test_the_turn_rate_is_the_mean_over_the_last_second(agent_table: Build) -> None:
     """A lane change that has ended a second ago is over; one half a second ago still counts for half."""
-    predictor, half = KinematicPredictor(EGO, ROI), None
+    predictor, half = kinematic(), None
     for step in range(40):
         turned = 0.2 * STEP_S * min(step, 15)
         out = predictor.forecast(agent_table(step, {"id": EGO, "yaw": turned}))
@@ -150,7 +156,7 @@ def test_a_turn_is_known_after_more_than_half_a_second(agent_table: Build, steps
 
 
 def test_who_has_just_entered_goes_straight_beside_who_turns(agent_table: Build) -> None:
-    predictor = KinematicPredictor(EGO, ROI)
+    predictor = kinematic()
     for step in range(12):
         agents = [arc(EGO, step, 0.0, 0.0, 0.0, 10.0, 0.3)]
         agents += [arc(2, step, 10.0, 5.0, 0.5, 8.0, 0.3)] if step >= 10 else []
@@ -162,14 +168,14 @@ def test_who_has_just_entered_goes_straight_beside_who_turns(agent_table: Build)
 
 
 def test_a_gap_in_the_steps_forgets_the_turn(agent_table: Build) -> None:
-    predictor = KinematicPredictor(EGO, ROI)
+    predictor = kinematic()
     for step in [*range(11), 12]:
         out = predictor.forecast(agent_table(step, arc(EGO, step, 0.0, 0.0, 0.0, 10.0, 0.3)))
     assert np.ptp(out.yaw[0]) == 0.0
 
 
 def test_an_empty_road(agent_table: Build) -> None:
-    predictor = KinematicPredictor(EGO, ROI)
+    predictor = kinematic()
     for step in range(3):
         out = predictor.forecast(AgentTable.empty(step))
         assert out.step == step
@@ -219,7 +225,7 @@ def test_agents_outside_the_region_do_not_change_anything(
 
 def test_who_comes_into_the_region_is_known_from_outside(agent_table: Build) -> None:
     """The history holds everybody, so that a turn is not forgotten at the border."""
-    predictor = KinematicPredictor(EGO, ROI)
+    predictor = kinematic()
     for step in range(11):
         x = 100.0 if step < 10 else 20.0
         out = predictor.forecast(agent_table(step, {"id": EGO}, {"id": 2, "x": x, "yaw": 0.3 * STEP_S * step}))
@@ -251,5 +257,5 @@ def test_rows_of_a_forecast_skip_the_absent_and_the_invalid(agent_table: Build) 
     assert out.rows(np.array([5, 2, 1, 9, 0])).tolist() == [2, -1, 0, -1, -1]
     doubtful = replace(out, valid=np.array([True, False, True]))
     assert doubtful.rows(np.array([1, 3, 5])).tolist() == [0, -1, 2]
-    nobody = KinematicPredictor(EGO, ROI).forecast(AgentTable.empty(0))
+    nobody = kinematic().forecast(AgentTable.empty(0))
     assert nobody.rows(np.array([1, 2])).tolist() == [-1, -1]

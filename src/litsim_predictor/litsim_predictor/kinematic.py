@@ -7,10 +7,11 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from litsim_predictor.forecast import DT_MIN_S, Egos, Forecast, Modes, Wanted, selected
+from litsim_predictor.forecast import DT_MIN_S, Forecast, Modes, PredictorPlugin, Scope, selected
 from litsim_sim.core.history import History
 from litsim_sim.core.quantities import Duration, Horizon, at_most, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
+from litsim_sim.scenario.setting import Setting
 
 RATE_WINDOW = 10  # [steps] over which the turn rate is averaged: recorded headings are noisy
 RATE_DEAD_BAND = 0.03  # [rad/s] turn rates below are noise, and count as none
@@ -39,14 +40,14 @@ class KinematicConfig:
         return self
 
 
-class KinematicPredictor:
-    """The `kinematic` model: needs no training, uses at most the last second of history."""
+class KinematicPredictor(PredictorPlugin):
+    """The predictor called `kinematic`: needs no training, uses at most the last second of history."""
 
-    def __init__(
-        self, ego_id: Egos, roi_m: float, config: KinematicConfig | None = None, wanted: Wanted = Wanted.ALL
-    ) -> None:
-        self._ego_id, self._roi_m, self._wanted = ego_id, roi_m, wanted
-        self._config = config or KinematicConfig()
+    defaults, prefix = KinematicConfig(), "kinematic."
+    batched = True
+
+    def __init__(self, scenario: Setting, scope: Scope, config: KinematicConfig) -> None:
+        self._ego_ids, self._scope, self._config = scenario.ego_ids, scope, config
         self._history = History(RATE_WINDOW + 1, ["yaw"])
 
     def observe(self, table: AgentTable) -> None:
@@ -57,7 +58,7 @@ class KinematicPredictor:
         """Forecast those that are wanted of `table`; see :class:`litsim_predictor.forecast.Forecast`."""
         config = self._config
         self.observe(table)
-        interesting, rows = selected(table, self._ego_id, self._roi_m, self._wanted)
+        interesting, rows = selected(table, self._ego_ids, self._scope.roi_m, self._scope.wanted)
         agents = interesting.take(rows)
         steps = round(config.horizon / config.dt)
         t: FloatArray = config.dt * np.arange(1, steps + 1, dtype=np.float64)

@@ -13,7 +13,6 @@ from litsim_predictor.forecast import NoPredictor, Predictor, PredictorPlugin, S
 from litsim_predictor.inference.contract import Network
 from litsim_predictor.inference.predictor import LearnedPredictor
 from litsim_predictor.inference.raster import raster_of_net
-from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterOverrides, ParameterReader
@@ -26,16 +25,6 @@ DEFAULT_MODEL = "default"
 """What forecasts unless told otherwise."""
 FILES = (".safetensors", ".onnx")
 """Endings of files of weights, and of graphs."""
-
-
-class Kinematic(KinematicPredictor, PredictorPlugin):
-    """The predictor called `kinematic`."""
-
-    defaults, prefix = KinematicConfig(), "kinematic."
-    batched = True
-
-    def __init__(self, scenario: Setting, scope: Scope, config: KinematicConfig) -> None:
-        super().__init__(scenario.ego_ids, scope.roi_m, config, scope.wanted)
 
 
 class Learned(LearnedPredictor, PredictorPlugin):

@@ -12,7 +12,7 @@ from litsim_policy.conflict.region import RegionManager
 from litsim_policy.conflict.registry import conflict_stage
 from litsim_policy.conflict.takeover import TakeoverManager
 from litsim_predictor.forecast import Forecast
-from litsim_predictor.kinematic import KinematicPredictor
+from litsim_predictor.models import make_predictor
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.scene import Controller, Kind
@@ -108,5 +108,9 @@ def test_whom_others_would_take_over_is_told_by_forecasts(scenario: Scenario, pl
     with pytest.raises(InputError, match="parameter baselines is conflict, which needs forecasts of the ego"):
         see(manager, scenario, FIRST, placed)
     table = placed(scenario.log.table(FIRST), 1, x=178.0, speed=0.0)
-    (taken,) = build("idm", scenario).update(table, KinematicPredictor(1, 30.0).forecast(table)).takeovers
+    (taken,) = (
+        build("idm", scenario)
+        .update(table, make_predictor("kinematic", scenario, roi_m=30.0).forecast(table))
+        .takeovers
+    )
     assert (taken.agent, taken.reason) == (2, TakeoverReason.CONFLICT)

@@ -12,8 +12,8 @@ import pytest
 from litsim_policy.conflict import takeover as takeover_module
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.takeover import TakeoverManager
-from litsim_predictor.forecast import Wanted
-from litsim_predictor.kinematic import KinematicPredictor
+from litsim_predictor.forecast import Predictor
+from litsim_predictor.models import make_predictor
 from litsim_sim.core.scene import OBSTACLE_KINDS, AgentTable, Controller, Kind
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
@@ -29,7 +29,7 @@ class Stage:
     scenario: Scenario
     placed: Callable[..., AgentTable]
     manager: TakeoverManager
-    predictor: KinematicPredictor
+    predictor: Predictor
     step: int = FIRST
 
     def see(self, changes: dict[int, dict[str, float]], step: int | None = None) -> TakeoverTable:
@@ -59,9 +59,7 @@ def stage(make_scenario, track, placed):
         everybody = tracks or (track(1, x=300.0), track(2, x=60.0))
         scenario = make_scenario(*everybody, history_steps=history_steps, coverage_min=0.0)
         manager = TakeoverManager(scenario, ConflictConfig(**{"handback": "catch_up"} | config))
-        return Stage(
-            scenario, placed, manager, KinematicPredictor(1, scenario.roi_m, wanted=Wanted.READ), history_steps
-        )
+        return Stage(scenario, placed, manager, make_predictor("kinematic", scenario), history_steps)
 
     return make
 

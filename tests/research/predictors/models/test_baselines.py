@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pandas as pd
 import torch
 
+from litsim_predictor.forecast import Scope, Wanted
 from litsim_predictor.inference.contract import HORIZON
-from litsim_predictor.kinematic import KinematicPredictor
+from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
 from litsim_research.predictors.data.batch import SceneBatch
 from litsim_research.predictors.data.scene import cut_scene
 from litsim_research.predictors.data.scenes import inputs_batch, scene_batches
@@ -15,6 +19,7 @@ from litsim_research.predictors.data.tracks import Tracks
 from litsim_research.predictors.evaluation.scores import ScoreBoard
 from litsim_research.predictors.models.baselines import ConstantTurnRate, ConstantVelocity
 from litsim_sim.core.scene import STEP_S, AgentTable
+from litsim_sim.scenario.setting import Setting
 
 NOW = 31  # step with more than 3 s of history
 STEPS = 90
@@ -86,7 +91,8 @@ def test_the_turning_model_is_the_kinematic_predictor() -> None:
     )
     batch = scene_now(rows)
     prediction = ConstantTurnRate()(batch, "all")
-    predictor = KinematicPredictor(ego_id=1, roi_m=1000.0)
+    setting = cast(Setting, SimpleNamespace(ego_ids=1))
+    predictor = KinematicPredictor(setting, Scope(1000.0, Wanted.ALL), KinematicConfig())
     for table in tables(rows, NOW):
         forecast = predictor.forecast(table)
     heading = batch.heading[0].double().numpy()
