@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from litsim_sim.core.topic_names import Interface
 from litsim_sim.core.vehicle import VehicleModel
-from litsim_sim.ego_port.answer import Interface, problem
+from litsim_sim.ego_port.answer import problem
 from litsim_sim.ego_port.tracking import EgoState, Reference
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.ros import messages, standard

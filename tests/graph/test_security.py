@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from litsim_eval.cli.security import policy
-from litsim_sim.ego_port.answer import Interface
+from litsim_sim.core.topic_names import Interface
 from litsim_sim.scenario.recording import Recording, RecordingHeader
 
 GROUPS = {"east": ["WA_0", "WA_1"], "left": ["WA_2"]}

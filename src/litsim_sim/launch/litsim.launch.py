@@ -23,7 +23,7 @@ from launch import LaunchContext, LaunchDescription
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import one_setting
 from litsim_sim.core.stages import BRIDGE, RECORDER
-from litsim_sim.ego_port.answer import AUTO, INTERFACES
+from litsim_sim.core.topic_names import AUTO, INTERFACES
 from litsim_sim.launch.domain import hold_for_this_process
 from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, nodes_of
 from litsim_sim.launch.output import check_output

@@ -12,8 +12,9 @@ import pytest
 from litsim_eval.check_ads.requirements import Clause, Limits, Verdict, is_clipped, judge, motion
 from litsim_eval.check_ads.trace import Ending, Endpoint, Evidence, Heard, summarised
 from litsim_sim.core.scene import STEP_NS, EgoCommand
+from litsim_sim.core.topic_names import EGO_INPUTS, Interface
 from litsim_sim.core.vehicle import VehicleModel
-from litsim_sim.ego_port.answer import INPUTS, Answer, Interface
+from litsim_sim.ego_port.answer import Answer
 from litsim_sim.ego_port.tracking import EgoState, Trajectory, TwistTarget
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.scenario import packaged
@@ -54,7 +55,7 @@ def seen(lane_map: LaneMap, lane_centres: tuple[float, ...]) -> Evidence:
         wait_s=30.0,
         discovered_s={TRAJECTORY: 0.5},
         endpoints=(
-            Endpoint(INPUTS[TRAJECTORY], "/stack", publishes=True),
+            Endpoint(EGO_INPUTS[TRAJECTORY], "/stack", publishes=True),
             Endpoint("/litsim/ego/state", "/stack", publishes=False),
         ),
         published_ns={step: [time] for step, time in asked.items()},

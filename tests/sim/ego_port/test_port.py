@@ -12,8 +12,9 @@ import pytest
 
 from litsim_sim.core.errors import DIGITS_MAX, LONGEST
 from litsim_sim.core.scene import STEP_NS, EgoCommand, EgoMode
+from litsim_sim.core.topic_names import Interface
 from litsim_sim.core.vehicle import VehicleModel
-from litsim_sim.ego_port.answer import Answer, Interface, problem
+from litsim_sim.ego_port.answer import Answer, problem
 from litsim_sim.ego_port.port import COUNTS, AnswerInvalid, EgoPort, Level
 from litsim_sim.ego_port.tracking import EgoState, Trajectory, TwistTarget
 

@@ -11,8 +11,9 @@ import pytest
 from litsim_sim.core.lockstep import RECORDER_WINDOW
 from litsim_sim.core.scene import STEP_NS, ControlTable, EgoCommand
 from litsim_sim.core.stages import StageState
+from litsim_sim.core.topic_names import Interface
 from litsim_sim.core.vehicle import VehicleModel
-from litsim_sim.ego_port.answer import Answer, Interface
+from litsim_sim.ego_port.answer import Answer
 from litsim_sim.ego_port.port import EgoPort
 from litsim_sim.ego_port.tracking import TwistTarget
 from litsim_sim.nodes.ego_publishers import EgoPublisher, EgoPublishers, absence, rivalry

@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 import pytest
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.ego_port.answer import Interface
+from litsim_sim.core.topic_names import Interface
 from litsim_sim.ros.endpoints import Endpoints
 from litsim_sim.ros.security import OF_EVERY_NODE, SERVICES, policy_xml, stack_endpoints
 from litsim_sim.ros.topics import AGENTS, CONTROLS, EGO_INPUTS, HELLO

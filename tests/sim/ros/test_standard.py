@@ -12,7 +12,7 @@ from nav_msgs.msg import Path
 from visualization_msgs.msg import Marker
 
 from litsim_sim.core.scene import AgentTable, EgoCommand, EgoMode
-from litsim_sim.ego_port.answer import Interface
+from litsim_sim.core.topic_names import Interface
 from litsim_sim.ego_port.tracking import Trajectory, TwistTarget
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.signal_links import read_links

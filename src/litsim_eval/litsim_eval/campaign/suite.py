@@ -27,7 +27,7 @@ from litsim_eval.campaign.criteria import Criteria
 from litsim_eval.campaign.policy_setup import Name, Parameters, PolicySetup, packaged_setups, setup_of, stage_and_name
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import OneOf
-from litsim_sim.ego_port.answer import AUTO, INTERFACES
+from litsim_sim.core.topic_names import AUTO, INTERFACES
 from litsim_sim.io.input_files import require_file
 from litsim_sim.io.yaml_input import parse_yaml, place_in, read_text, validate_yaml
 from litsim_sim.launch.adapters import adapter_names

@@ -16,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from litsim_eval.check_ads.trace import FAILED, FINISHED, Endpoint, Heard
 from litsim_sim.core.scene import STEP_NS
 from litsim_sim.core.stages import BRIDGE, RECORDER
-from litsim_sim.ego_port.answer import Interface
+from litsim_sim.core.topic_names import Interface
 from litsim_sim.launch.middleware import middleware_in_use
 from litsim_sim.nodes.diagnostics import BRIDGE_NAME, PORT_NAME
 from litsim_sim.nodes.publishers import Owners, check_publishers

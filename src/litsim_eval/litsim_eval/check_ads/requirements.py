@@ -13,8 +13,9 @@ from litsim_eval.check_ads.trace import FINISHED, Evidence, Heard
 from litsim_sim.core.errors import printable, shown
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, EgoCommand, FloatArray
+from litsim_sim.core.topic_names import EGO_INPUTS, Interface
 from litsim_sim.core.vehicle import VehicleModel
-from litsim_sim.ego_port.answer import BODY_FRAMES, INPUTS, MAP_FRAME, Answer, Interface, problem
+from litsim_sim.ego_port.answer import BODY_FRAMES, MAP_FRAME, Answer, problem
 from litsim_sim.ego_port.tracking import CRAWL, OFFSET_MAX, EgoState, Reference, Trajectory, TwistTarget
 
 ALONG = np.deg2rad(60.0)  # [rad] largest angle between a heading along the road and the lane's
@@ -75,10 +76,10 @@ def discovery(evidence: Evidence) -> Clause:
     reads = sorted({each.topic for each in evidence.endpoints if not each.publishes})
     if not evidence.discovered_s:
         hears = f"; it reads {', '.join(reads)}" if reads else ""
-        topics = ", ".join(INPUTS.values())
+        topics = ", ".join(EGO_INPUTS.values())
         when = f"within {evidence.wait_s:g} s" if evidence.left is None else "before the stack left"
         return Clause(name, Verdict.FAIL, f"no publisher on {topics} {when}{hears}")
-    after = {INPUTS[each]: round(seconds, 2) for each, seconds in evidence.discovered_s.items()}
+    after = {EGO_INPUTS[each]: round(seconds, 2) for each, seconds in evidence.discovered_s.items()}
     text = ", ".join(f"{topic} after {seconds:.1f} s" for topic, seconds in after.items())
     nodes = sorted({each.node for each in evidence.endpoints if each.publishes})
     text += f", by {', '.join(nodes)}" if nodes else ""

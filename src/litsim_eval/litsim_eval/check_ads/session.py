@@ -13,7 +13,7 @@ from litsim_eval.check_ads.bystander import Bystander
 from litsim_eval.check_ads.trace import FAILED, FINISHED, Ending, Evidence, summarised
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.stages import BRIDGE, RECORDER
-from litsim_sim.ego_port.answer import INPUTS
+from litsim_sim.core.topic_names import EGO_INPUTS
 from litsim_sim.ego_port.port import ego_state
 from litsim_sim.ego_port.tracking import EgoState
 from litsim_sim.launch.child import Child, start_supervised
@@ -93,7 +93,9 @@ def observe(check: Check) -> Evidence:
             heard=tuple(bystander.heard),
             interface=bystander.interface,
             counts=bystander.counts,
-            remarks=summarised(text for text in bystander.remarks if any(topic in text for topic in INPUTS.values())),
+            remarks=summarised(
+                text for text in bystander.remarks if any(topic in text for topic in EGO_INPUTS.values())
+            ),
             states=_states(check),
             history_steps=check.scenario.history_steps,
             lane_map=check.scenario.lane_map,

@@ -6,8 +6,9 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from litsim_sim.core.topic_names import Interface
 from litsim_sim.core.vehicle import VehicleModel
-from litsim_sim.ego_port.answer import Answer, Interface
+from litsim_sim.ego_port.answer import Answer
 from litsim_sim.ego_port.tracking import EgoState
 from litsim_sim.lane_map.lane_map import LaneMap
 

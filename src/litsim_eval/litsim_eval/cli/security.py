@@ -16,7 +16,7 @@ from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.stages import BRIDGE, CONFLICT, EGO, POLICY, POLICY_STAGES, PREDICTOR, RECORDER
-from litsim_sim.ego_port.answer import Interface
+from litsim_sim.core.topic_names import Interface
 from litsim_sim.io.files import replacing
 from litsim_sim.launch.nodes import STAGES_PROGRAM, program_of
 from litsim_sim.launch.processes import STACK

@@ -16,7 +16,7 @@ from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
 from litsim_sim.core.stages import BRIDGE
-from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES
+from litsim_sim.core.topic_names import AUTO, EGO_INPUTS, INTERFACES
 from litsim_sim.io.files import Unwritable
 from litsim_sim.kernels.garbage import without_collection
 from litsim_sim.launch.adapters import EgoAdapter, adapter_names, adapter_of
@@ -159,7 +159,7 @@ def _through_adapter(arguments: argparse.Namespace) -> EgoAdapter | None:
 def _announce(arguments: argparse.Namespace, plan: RunPlan, domain_id: int) -> None:
     say(arguments, f"run {plan.identity} in ROS_DOMAIN_ID {domain_id}")
     if plan.ego == EXTERNAL and not arguments.command:
-        topics = [topic for interface, topic in INPUTS.items() if arguments.ego_interface in (AUTO, interface)]
+        topics = [topic for interface, topic in EGO_INPUTS.items() if arguments.ego_interface in (AUTO, interface)]
         say(arguments, f"waiting for an external ego to answer on {' or '.join(topics)}")
 
 

@@ -5,6 +5,8 @@ Types and QoS are defined in :mod:`litsim_sim.ros.topics`.
 
 from __future__ import annotations
 
+from enum import StrEnum
+
 RUN_INFO = "/litsim/run_info"
 HELLO = "/litsim/hello"
 STATUS = "/litsim/status"
@@ -39,3 +41,22 @@ DIAGNOSTICS = "/diagnostics"
 MARKERS_AGENTS = "/litsim/markers/agents"
 MARKERS_FORECASTS = "/litsim/markers/forecasts"
 MARKERS_CONFLICTS = "/litsim/markers/conflicts"
+
+
+class Interface(StrEnum):
+    """Type of a driving system's answers on the ego port."""
+
+    CONTROL = "control"
+    TWIST = "twist"
+    TRAJECTORY = "trajectory"
+
+
+EGO_INPUTS = {
+    Interface.CONTROL: EGO_CONTROL,
+    Interface.TWIST: EGO_TWIST,
+    Interface.TRAJECTORY: EGO_TRAJECTORY,
+}
+"""Topic of each interface."""
+AUTO = "auto"
+INTERFACES = (AUTO, *Interface)
+"""Choices for the interface; `auto` is that of the first message."""

@@ -4,40 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import StrEnum
 from itertools import chain
 from math import isfinite
 
 import numpy as np
 
-from litsim_sim.core import topic_names
 from litsim_sim.core.errors import shown
 from litsim_sim.core.scene import STEP_NS, EgoCommand
+from litsim_sim.core.topic_names import Interface
 from litsim_sim.ego_port.tracking import Trajectory, TwistTarget
 
 MAP_FRAME = "map"
 BODY_FRAMES = ("", "ego", "base_link")
 STAMP_TOLERANCE_NS = 1_000_000  # [ns] by which a stamp may miss its step, as by rounding of floating-point seconds
-
-
-class Interface(StrEnum):
-    """Type of a driving system's answers."""
-
-    CONTROL = "control"
-    TWIST = "twist"
-    TRAJECTORY = "trajectory"
-
-
-INPUTS = {
-    Interface.CONTROL: topic_names.EGO_CONTROL,
-    Interface.TWIST: topic_names.EGO_TWIST,
-    Interface.TRAJECTORY: topic_names.EGO_TRAJECTORY,
-}
-"""Topic of each interface."""
-
-AUTO = "auto"
-INTERFACES = (AUTO, *Interface)
-"""Choices for the interface; `auto` is that of the first message."""
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,9 @@ from enum import IntEnum
 
 from litsim_sim.core.errors import printable, shown
 from litsim_sim.core.scene import STEP_NS, STEP_S, AgentTable, EgoCommand
+from litsim_sim.core.topic_names import AUTO, EGO_INPUTS, Interface
 from litsim_sim.core.vehicle import VehicleModel
-from litsim_sim.ego_port.answer import AUTO, INPUTS, Answer, Interface, problem
+from litsim_sim.ego_port.answer import Answer, problem
 from litsim_sim.ego_port.tracking import EgoState, Reference, Trajectory, TwistTarget, follow_twist
 
 COUNTS = ("answered", "late", "stale", "future", "surplus", "invalid", "refused", "joined")
@@ -87,7 +88,7 @@ class EgoPort:
     @property
     def topics(self) -> tuple[str, ...]:
         """Topics on which an answer may be received."""
-        return tuple(INPUTS.values()) if self.interface is None else (INPUTS[self.interface],)
+        return tuple(EGO_INPUTS.values()) if self.interface is None else (EGO_INPUTS[self.interface],)
 
     @property
     def missing(self) -> bool:
@@ -123,13 +124,13 @@ class EgoPort:
         self.heard = True
         if answer.run_id not in (None, self._run_id):
             text = f"an answer to run {shown(answer.run_id)}, at step {self._step}, is stale"
-            self._count("stale", Level.WARN, f"{INPUTS[answer.interface]}: {text}")
+            self._count("stale", Level.WARN, f"{EGO_INPUTS[answer.interface]}: {text}")
             return
         if self.interface is None:
             self.interface = answer.interface
-            self._remark("interface", Level.OK, f"the ego is driven over {INPUTS[answer.interface]}")
+            self._remark("interface", Level.OK, f"the ego is driven over {EGO_INPUTS[answer.interface]}")
         if answer.interface != self.interface:
-            self._count("refused", Level.ERROR, f"{INPUTS[answer.interface]}: ignored, {self.topics[0]} is in use")
+            self._count("refused", Level.ERROR, f"{EGO_INPUTS[answer.interface]}: ignored, {self.topics[0]} is in use")
             return
         step = self._step_of(answer)
         if step is not None and step <= self.answered and self._owed.get(step, 0) > 0:

@@ -12,7 +12,7 @@ from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.stage_registry import configured
 from litsim_sim.core.stages import BRIDGE, EGO, POLICY, POLICY_STAGES, RECORDER
-from litsim_sim.ego_port.answer import AUTO
+from litsim_sim.core.topic_names import AUTO
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 
 STAGES_PROGRAM = "stages"

@@ -18,7 +18,7 @@ from litsim_sim.core.errors import EXIT_FAILED, print_error, reason
 from litsim_sim.core.lockstep import unanswered
 from litsim_sim.core.scene import AgentTable, EgoCommand
 from litsim_sim.core.stages import BRIDGE, StageState
-from litsim_sim.ego_port.answer import Interface
+from litsim_sim.core.topic_names import Interface
 from litsim_sim.ego_port.port import EgoPort, Level, Remark
 from litsim_sim.kernels.compiled import load_kernels
 from litsim_sim.launch.domain import EMPTY, held_domain

@@ -23,9 +23,9 @@ from litsim_sim.core.quantities import (
     field_type,
     unit,
 )
+from litsim_sim.core.topic_names import INTERFACES
 from litsim_sim.core.vehicle import VEHICLE_FIELDS, VehicleModel
 from litsim_sim.core.yaml_loader import load_yaml
-from litsim_sim.ego_port.answer import INTERFACES
 from litsim_sim.scenario.run_info import RunPlan, ego_names, new_execution, policy_names
 from litsim_sim.scenario.scenario import Scenario
 

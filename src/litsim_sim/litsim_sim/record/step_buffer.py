@@ -11,8 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from litsim_sim.core.lockstep import RECORDER_WINDOW
-from litsim_sim.core.topic_names import AGENTS, CLOCK, EGO_APPLIED, EGO_STATE
-from litsim_sim.ego_port.answer import INPUTS
+from litsim_sim.core.topic_names import AGENTS, CLOCK, EGO_APPLIED, EGO_INPUTS, EGO_STATE
 
 CONFIRM_EVERY = 10  # [steps] period of confirmations
 LAG = 2  # [steps] by which writing lags, so that timings, which arrive late, are written with their step
@@ -173,7 +172,7 @@ class StepBuffer:
         of_the_bridge = [name for name in OF_THE_BRIDGE if name in self._run.per_step]
         needed = of_the_bridge if step in self._missed else self._run.per_step
         awaits_ego = step == 0 and EGO_APPLIED in self._run.per_step and self._repeated <= REPEATS_MAX
-        heard = not awaits_ego or any(name in held for name in INPUTS.values())
+        heard = not awaits_ego or any(name in held for name in EGO_INPUTS.values())
         return heard and all(name in held for name in needed)
 
     def _advance(self) -> None:

@@ -13,7 +13,8 @@ from nav_msgs.msg import Path
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 
-from litsim_sim.ego_port.answer import MAP_FRAME, Answer, Interface
+from litsim_sim.core.topic_names import Interface
+from litsim_sim.ego_port.answer import MAP_FRAME, Answer
 from litsim_sim.ego_port.port import EgoPort, Level, Remark
 from litsim_sim.ego_port.tracking import Trajectory, TwistTarget
 from litsim_sim.ros import messages

@@ -13,7 +13,7 @@ from rclpy.validate_namespace import validate_namespace
 from rclpy.validate_node_name import validate_node_name
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.ego_port.answer import Interface
+from litsim_sim.core.topic_names import Interface
 from litsim_sim.launch.middleware import enclave_of
 from litsim_sim.ros.endpoints import Endpoints
 from litsim_sim.ros.topics import EGO_FEEDS, EGO_INPUTS

@@ -31,7 +31,7 @@ from visualization_msgs.msg import MarkerArray
 
 from litsim_sim.core import topic_names
 from litsim_sim.core.lockstep import RECORDER_WINDOW
-from litsim_sim.ego_port.answer import Interface
+from litsim_sim.core.topic_names import Interface
 
 try:
     from tf2_msgs.msg import TFMessage
