@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from litsim_eval.campaign.results import read_campaign
-from litsim_research.baselines import BASELINES
 from litsim_research.cli.paper import CAPTIONS, FIGURES, SHOWN, main
 from litsim_research.paper import case_studies, running
 from litsim_research.paper.case_studies import AFTER_S, BEFORE_S, EVENTS, LEFT_TURN, chosen, drawn
+from litsim_research.paper.experiments import BASELINES
 from litsim_research.paper.page import END, begin
 from litsim_research.paper.tables import GoalRow, Row, goals_table, read_csv, summary
 
