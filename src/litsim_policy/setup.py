@@ -27,10 +27,10 @@ setup(
     extras_require={"test": ["pytest"]},  # by which `colcon test` knows what runs test/
     entry_points={
         "console_scripts": [
-            "conflict = litsim_policy.conflict.node:main",
-            "policy = litsim_policy.driving.node:main",
+            "conflict = litsim_policy.conflict.node:ConflictNode.main",
+            "policy = litsim_policy.driving.node:PolicyNode.main",
             "stages = litsim_policy.driving.stages_node:main",
-            "ego = litsim_policy.ego.node:main",
+            "ego = litsim_policy.ego.node:EgoNode.main",
         ],
         # See litsim_sim.core.plugins for the groups.
         "litsim.stages": [

@@ -27,7 +27,7 @@ setup(
     extras_require={"test": ["pytest"]},  # by which `colcon test` knows what runs test/
     entry_points={
         "console_scripts": [
-            "predictor = litsim_predictor.ros.node:main",
+            "predictor = litsim_predictor.ros.node:PredictorNode.main",
         ],
         # See litsim_sim.core.plugins for the groups.
         "litsim.stages": ["predictor = litsim_predictor.models:predictor_stage"],

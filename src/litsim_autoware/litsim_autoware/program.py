@@ -73,7 +73,3 @@ def main(argv: list[str] | None = None) -> int:
                 with suppress(subprocess.TimeoutExpired):
                     stack.wait(END_S)
     return 0
-
-
-if __name__ == "__main__":
-    main()

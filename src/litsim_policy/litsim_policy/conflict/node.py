@@ -10,7 +10,7 @@ from litsim_sim.core.scene import AgentTable
 from litsim_sim.core.stages import CONFLICT
 from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.ros.messages import received_agents
-from litsim_sim.ros.stage import StageNode, run_stages
+from litsim_sim.ros.stage import StageNode
 from litsim_sim.ros.topics import AGENTS, FORECASTS, TAKEOVERS
 
 
@@ -24,12 +24,3 @@ class ConflictNode(StageNode):
     def answer(self, core: TakeoverStage, agents: AgentTable, forecast: Forecast) -> TakeoverTable:
         """See :meth:`StageNode.answer`."""
         return core.update(agents, forecast)
-
-
-def main() -> None:
-    """Entry point of ``ros2 run litsim_policy conflict``."""
-    run_stages(ConflictNode)
-
-
-if __name__ == "__main__":
-    main()

@@ -8,7 +8,7 @@ from litsim_sim.core.scene import AgentTable, ControlTable
 from litsim_sim.core.stages import POLICY
 from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.ros.messages import controls_to_message, received_agents
-from litsim_sim.ros.stage import StageNode, run_stages
+from litsim_sim.ros.stage import StageNode
 from litsim_sim.ros.topics import AGENTS, CONTROLS, TAKEOVERS
 
 
@@ -22,12 +22,3 @@ class PolicyNode(StageNode):
     def answer(self, core: Policy, agents: AgentTable, takeovers: TakeoverTable) -> ControlTable:
         """See :meth:`StageNode.answer`."""
         return core.act(agents, takeovers)
-
-
-def main() -> None:
-    """Entry point of ``ros2 run litsim_policy policy``."""
-    run_stages(PolicyNode)
-
-
-if __name__ == "__main__":
-    main()

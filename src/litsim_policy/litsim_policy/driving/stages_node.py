@@ -28,7 +28,3 @@ def main() -> None:
     """Entry point of ``ros2 run litsim_policy stages STAGE...``."""
     chosen = remove_ros_args(sys.argv)[1:]
     run_stages(*(make for name, make in STAGES.items() if name in chosen), arguments=tuple(STAGES))
-
-
-if __name__ == "__main__":
-    main()

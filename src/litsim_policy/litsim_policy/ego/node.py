@@ -15,7 +15,7 @@ from litsim_sim.core.stage_registry import stage_reader
 from litsim_sim.core.stages import EGO
 from litsim_sim.launch.nodes import DRIVER
 from litsim_sim.ros.messages import ego_to_message, received_agents
-from litsim_sim.ros.stage import StageNode, run_stages
+from litsim_sim.ros.stage import StageNode
 from litsim_sim.ros.topics import AGENTS, EGO_CONTROL
 from litsim_sim.scenario.perception import Perception
 from litsim_sim.scenario.scenario import Scenario
@@ -48,12 +48,3 @@ class EgoNode(StageNode):
         """See :meth:`StageNode.answer`."""
         ego, perception = core
         return ego.plan(perception.of(agents))
-
-
-def main() -> None:
-    """Entry point of ``ros2 run litsim_policy ego``."""
-    run_stages(EgoNode)
-
-
-if __name__ == "__main__":
-    main()

@@ -7,7 +7,7 @@ from litsim_predictor.ros.messages import forecast_to_message
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.core.stages import PREDICTOR
 from litsim_sim.ros.messages import received_agents
-from litsim_sim.ros.stage import StageNode, run_stages
+from litsim_sim.ros.stage import StageNode
 from litsim_sim.ros.topics import AGENTS, FORECASTS
 
 
@@ -21,12 +21,3 @@ class PredictorNode(StageNode):
     def answer(self, core: Predictor, agents: AgentTable) -> Forecast:
         """See :meth:`StageNode.answer`."""
         return core.forecast(agents)
-
-
-def main() -> None:
-    """Entry point of ``ros2 run litsim_predictor predictor``."""
-    run_stages(PredictorNode)
-
-
-if __name__ == "__main__":
-    main()

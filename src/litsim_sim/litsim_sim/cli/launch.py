@@ -238,7 +238,3 @@ def main(argv: list[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     interrupt_on_signals()
     return launch(arguments)
-
-
-if __name__ == "__main__":
-    main()

@@ -56,7 +56,3 @@ def _port(text: str) -> int:
     if not text.isdecimal() or int(text) not in PORTS:
         raise argparse.ArgumentTypeError(f"{text!r}, expected 0 to {PORTS[-1]}")
     return int(text)
-
-
-if __name__ == "__main__":
-    main()

@@ -76,7 +76,3 @@ def split_arguments(argv: list[str]) -> tuple[list[str], list[str]]:
     """Split the command line into own arguments and those of ROS."""
     at = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
     return argv[:at], argv[at:]
-
-
-if __name__ == "__main__":
-    main()

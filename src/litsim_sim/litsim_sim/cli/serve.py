@@ -45,7 +45,3 @@ def main(argv: list[str] | None = None) -> None:
 
     sys.argv[1:] = []  # read by rclpy's initialisation
     serve_simulations(options, words[at + 1 :], arguments.out)
-
-
-if __name__ == "__main__":
-    main()

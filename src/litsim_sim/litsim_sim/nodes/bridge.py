@@ -321,7 +321,3 @@ def main() -> None:
         except RunFailed as error:
             print_error(error)
             sys.exit(EXIT_FAILED)
-
-
-if __name__ == "__main__":
-    main()

@@ -282,7 +282,3 @@ def main() -> None:
         if node.gaps:
             print_error(f"the recording has gaps: {node.gaps}")
             sys.exit(EXIT_FAILED)
-
-
-if __name__ == "__main__":
-    main()

@@ -77,6 +77,11 @@ class StageNode(Node):
         subscribe(self, STATUS, self._on_status)
         self._make: Callable[..., Any] = read_parameters(self, self.reader())
 
+    @classmethod
+    def main(cls) -> None:
+        """Entry point of the stage alone, such as ``ros2 run litsim_policy policy``."""
+        run_stages(cls)
+
     def reader(self) -> Callable[[ParameterReader], Callable[..., Any]]:
         """Returns the function that reads the parameters; what it returns makes the core for a run."""
         return stage_reader(self.stage)
