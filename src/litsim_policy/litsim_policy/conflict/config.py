@@ -56,8 +56,6 @@ class ConflictConfig:
             alone.
         planned_motion: whether agents under control are expected on their paths; otherwise they are forecast as other
             agents are.
-        outcomes: folder of the recorded outcomes of earlier runs; agents are then taken over by the contacts in it
-            instead of predictions, as by an oracle, for experiments; empty for predictions.
         confirm_steps: steps in a row that must predict a conflict before a takeover.
         urgent_time: time to a conflict within which the takeover is immediate.
         held_steps_min: least number of steps for which an agent is held.
@@ -82,7 +80,6 @@ class ConflictConfig:
     baselines: Literal["ego", "conflict", "all"] = "ego"
     closing_time: NonNegative[Duration] = 1.0
     planned_motion: Flag = True
-    outcomes: str = ""
     confirm_steps: Positive[Steps] = 3
     urgent_time: NonNegative[Duration] = 1.0
     held_steps_min: NonNegative[Steps] = 5

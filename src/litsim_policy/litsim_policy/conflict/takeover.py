@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -11,7 +10,6 @@ from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.detector import ConflictDetector, soonest
 from litsim_policy.conflict.diverged import HANDBACK, HELD, RELEASED, DivergedAgents, DivergedNow
 from litsim_policy.conflict.futures import Futures, PlannedPaths
-from litsim_policy.conflict.hindsight import Hindsight
 from litsim_policy.conflict.opening import by_conflict, by_late_entry
 from litsim_policy.conflict.passing import Passing
 from litsim_policy.conflict.way_back import obstructed, unneeded
@@ -41,7 +39,6 @@ class TakeoverManager:
         self._scenario, self._config = scenario, config
         self._roi_m = config.roi_m or scenario.roi_m
         self._detector = ConflictDetector(scenario.log, self._roi_m, config, scenario.log_overlaps)
-        self._source = Hindsight(scenario, Path(config.outcomes), config.horizon) if config.outcomes else self._detector
         self._router = Router(scenario.lane_map)
         self._passing = Passing(scenario.lane_map, self._router) if config.passing else None
         self.iterations: IntArray = np.zeros(len(scenario.ego_ids), np.int64)
@@ -117,7 +114,7 @@ class TakeoverManager:
             done += 1
             self.iterations[table.scene[fresh]] = done
             known, diverged = diverged, diverged.copy()
-            conflicts = self._source.conflicts(futures, ~known & ~barred, fresh)
+            conflicts = self._detector.conflicts(futures, ~known & ~barred, fresh)
             if done == 1 and lagged.any():
                 conflicts = soonest(conflicts, *self._detector.conflicts_of_lagged(futures, before, lagged, barred))
             opened = []
