@@ -320,7 +320,7 @@ class AutowareNode(Node):
             return
         if again:
             self._respond_early()
-        self._table = messages.agents_from_message(message)
+        self._table = AgentTable.of_message(message)
         self._show_if_complete(begin, patient=not again)
 
     def _on_signals(self, message: SignalStates) -> None:

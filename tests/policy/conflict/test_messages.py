@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from litsim_msgs.msg import Takeovers
 
-from litsim_policy.conflict.messages import received_takeovers, takeovers_from_message, takeovers_to_message
+from litsim_policy.conflict.messages import received_takeovers, takeovers_to_message
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.takeover import Takeover, TakeoverTable
 from takeovers import takeover
@@ -56,4 +56,4 @@ def test_what_is_wrong_is_named(field: str, value: object, expected: str) -> Non
 
 def test_takeovers_of_some_and_of_nobody_come_through() -> None:
     assert [each.agent for each in received_takeovers(GOOD).takeovers] == [2, 8]
-    assert received_takeovers(Takeovers()) == takeovers_from_message(Takeovers())
+    assert received_takeovers(Takeovers()) == TakeoverTable.of_message(Takeovers())

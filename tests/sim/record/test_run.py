@@ -17,7 +17,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ARRAY_FIELDS, Controller, ControlTable, EgoCommand, EgoMode
 from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
 from litsim_sim.record.bag import BagReader, BagWriter, qos_yaml
-from litsim_sim.record.run import TopicGaps, _takeover, read_run
+from litsim_sim.record.run import TopicGaps, read_run
 
 Make = Callable[..., Any]
 STEPS = 24
@@ -106,11 +106,11 @@ def test_takeovers_of_older_records_lack_what_is_new(run: Any) -> None:
     (given,) = run.takeovers[4]
     old = {name: value for name, value in vars(given).items() if name not in ("path_source", "time_shift")}
     old |= {name: SimpleNamespace(x=1.0, y=2.0, theta=0.5) for name in ("conflict_pose", "goal_pose")}
-    found = _takeover(SimpleNamespace(**old))
+    found = Takeover.of_message(SimpleNamespace(**old))
     assert (found.path_source, found.time_shift, found.agent) == (0, 0.0, given.agent)
     del old["agent"]
     with pytest.raises(AttributeError, match="agent"):
-        _takeover(SimpleNamespace(**old))
+        Takeover.of_message(SimpleNamespace(**old))
 
 
 def test_a_run_without_a_policy_has_none_of_somebody_else(run: Any, write_run: Make, tmp_path: Path) -> None:

@@ -62,18 +62,18 @@ def table_of(count: int, values: list[float], step: int = 0) -> AgentTable:
 @pytest.mark.parametrize("dtype", [np.float64, np.float32, np.int64, np.uint8])
 def test_arrays_of_any_shape_come_back_flat_and_writable(dtype: type[np.generic]) -> None:
     values = np.arange(24).astype(dtype).reshape(2, 3, 4)
-    back = messages.from_array(messages.to_array(values), dtype)
+    back = np.array(messages.to_array(values), dtype)
     assert same_bits(back, values.ravel())
     back[0] = 1
     strided = values[:, ::2, 1:3]
-    assert same_bits(messages.from_array(messages.to_array(strided), dtype), strided.ravel())
+    assert same_bits(np.array(messages.to_array(strided), dtype), strided.ravel())
     transposed = values.T
-    assert same_bits(messages.from_array(messages.to_array(transposed), dtype), transposed.ravel())
+    assert same_bits(np.array(messages.to_array(transposed), dtype), transposed.ravel())
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32, np.int64, np.uint8])
 def test_empty_arrays_come_back_empty(dtype: type[np.generic]) -> None:
-    back = messages.from_array(messages.to_array(np.empty((0, 3), dtype)), dtype)
+    back = np.array(messages.to_array(np.empty((0, 3), dtype)), dtype)
     assert (back.shape, back.dtype) == ((0,), dtype)
 
 
@@ -101,7 +101,7 @@ def test_agent_tables_come_back_bit_for_bit(count: int, values: list[float], ste
     message = through_cdr(messages.agents_to_message(table, "run-1", 280, -7))
     assert (message.run_id, message.step, message.total_steps, message.ego_id) == ("run-1", step, 280, -7)
     assert message.header == messages.header(step)
-    back = messages.agents_from_message(message)
+    back = AgentTable.of_message(message)
     assert back.step == step
     for field in ARRAY_FIELDS:
         assert getattr(back, field).dtype == DTYPES[field]
@@ -117,7 +117,7 @@ def test_every_column_goes_into_the_field_of_its_name() -> None:
 
 def test_tables_from_messages_can_be_changed() -> None:
     message = messages.agents_to_message(table_of(2, [1.0]), "run-1", 1, 1)
-    messages.agents_from_message(message).x[0] = 5.0
+    AgentTable.of_message(message).x[0] = 5.0
     assert list(message.x) == [1.0, 1.0]
 
 
@@ -128,7 +128,7 @@ def test_controls_come_back_bit_for_bit(count: int, values: list[float], step: i
     controls = ControlTable(step, np.arange(count) * 2**40, *(v.copy() for v in pool), source)
     message = through_cdr(messages.controls_to_message(controls, "run-1"))
     assert (message.run_id, message.step, message.header) == ("run-1", step, messages.header(step))
-    back = messages.controls_from_message(message)
+    back = ControlTable.of_message(message)
     for field in fields(ControlTable):
         assert same_bits(np.asarray(getattr(back, field.name)), np.asarray(getattr(controls, field.name))), field.name
 
@@ -137,19 +137,19 @@ def test_controls_come_back_bit_for_bit(count: int, values: list[float], step: i
 def test_ego_commands_come_back_bit_for_bit(step: int, acceleration: float, yaw_rate: float, mode: EgoMode) -> None:
     message = through_cdr(messages.ego_to_message(EgoCommand(step, acceleration, yaw_rate, mode), "run-1"))
     assert (message.run_id, message.header) == ("run-1", messages.header(step))
-    back = messages.ego_from_message(message)
+    back = EgoCommand.of_message(message)
     assert (back.step, back.mode) == (step, mode)
     assert struct.pack("dd", back.acceleration, back.yaw_rate) == struct.pack("dd", acceleration, yaw_rate)
 
 
 def test_an_ego_command_of_unknown_mode_is_refused() -> None:
     with pytest.raises(ValueError, match="mode is 7, expected 0"):
-        messages.ego_from_message(EgoControl(mode=7))
+        EgoCommand.of_message(EgoControl(mode=7))
 
 
 def test_numpy_scalars_make_an_ego_command() -> None:
     command = EgoCommand(3, np.float64(0.5), np.float32(0.25))
-    assert messages.ego_from_message(messages.ego_to_message(command, "run-1")) == EgoCommand(3, 0.5, 0.25)
+    assert EgoCommand.of_message(messages.ego_to_message(command, "run-1")) == EgoCommand(3, 0.5, 0.25)
 
 
 @pytest.mark.parametrize(

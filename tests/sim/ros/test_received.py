@@ -32,7 +32,7 @@ def controls() -> Controls:
 
 
 def checked_controls(message: Controls) -> ControlTable:
-    table = messages.controls_from_message(message)
+    table = ControlTable.of_message(message)
     check_controls(table, EGO)
     return table
 
@@ -81,7 +81,7 @@ def test_what_is_wrong_is_named(field: str, value: list[Any], expected: str) -> 
 def test_what_is_sound_comes_through() -> None:
     assert messages.received_agents(agents()).id.tolist() == [1, 7, 9]
     assert len(messages.received_agents(AgentStates())) == 0
-    check_controls(messages.controls_from_message(controls()), EGO)
+    check_controls(ControlTable.of_message(controls()), EGO)
     check_controls(ControlTable.empty(3), EGO)
 
 

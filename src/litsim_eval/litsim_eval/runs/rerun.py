@@ -13,20 +13,18 @@ from typing import Any, NamedTuple
 from litsim_eval.runs.message_diff import DiffSummary
 from litsim_eval.runs.recorded_run import Record
 from litsim_eval.runs.runner import Runner
-from litsim_policy.conflict.messages import takeovers_from_message, takeovers_to_message
+from litsim_policy.conflict.messages import takeovers_to_message
 from litsim_policy.ego.ego import Ego
 from litsim_predictor.ros.messages import forecast_from_message, forecast_to_message
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import AgentTable, EgoCommand
+from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
 from litsim_sim.core.stage_registry import configured
 from litsim_sim.core.stages import CONFLICT, EGO, POLICY, PREDICTOR
+from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.record.digest import RunDigest
 from litsim_sim.ros.messages import (
-    agents_from_message,
     agents_to_message,
-    controls_from_message,
     controls_to_message,
-    ego_from_message,
     ego_to_message,
 )
 from litsim_sim.ros.topics import AGENTS, CONTROLS, EGO_CONTROL, FORECASTS, TAKEOVERS, Topic
@@ -135,7 +133,7 @@ class _RecordedEgo(Ego):
     def plan(self, table: AgentTable) -> EgoCommand:
         """See :class:`litsim_policy.ego.ego.Ego`."""
         if table.step in self._commands:
-            self._last = ego_from_message(self._commands[table.step])
+            self._last = EgoCommand.of_message(self._commands[table.step])
         return replace(self._last, step=table.step)
 
 
@@ -155,9 +153,9 @@ STAGES = {
     EGO: Stage((AGENTS,), EGO_CONTROL, "plan", ego_to_message),
 }
 FROM_MESSAGE: dict[str, Callable[[Any], Any]] = {
-    AGENTS.name: agents_from_message,
+    AGENTS.name: AgentTable.of_message,
     FORECASTS.name: forecast_from_message,
-    TAKEOVERS.name: takeovers_from_message,
+    TAKEOVERS.name: TakeoverTable.of_message,
 }
 """Functions that decode the inputs of stages, by topic."""
 
@@ -180,7 +178,7 @@ def _digest(digest: RunDigest, messages: dict[str, dict[int, Any]], step: int) -
     agents, controls, ego = (messages[topic.name].get(step) for topic in (AGENTS, CONTROLS, EGO_CONTROL))
     if agents is not None:
         digest.update(
-            agents_from_message(agents),
-            None if controls is None else controls_from_message(controls),
-            None if ego is None else ego_from_message(ego),
+            AgentTable.of_message(agents),
+            None if controls is None else ControlTable.of_message(controls),
+            None if ego is None else EgoCommand.of_message(ego),
         )

@@ -11,8 +11,8 @@ from litsim_msgs.msg import Takeovers
 
 from litsim_sim.core import topic_names
 from litsim_sim.core.columns import check_columns
-from litsim_sim.core.takeover import PathSource, Pose, Takeover, TakeoverReason, TakeoverState, TakeoverTable
-from litsim_sim.ros.messages import from_array, header, refused, to_array
+from litsim_sim.core.takeover import Pose, Takeover, TakeoverTable
+from litsim_sim.ros.messages import header, refused, to_array
 
 _SCALARS = tuple(field.name for field in fields(Takeover) if field.type in ("int", "float", "bool"))
 _FINITE = tuple(field.name for field in fields(Takeover) if field.type in ("float", "Pose"))
@@ -42,27 +42,6 @@ def takeovers_to_message(table: TakeoverTable, run_id: str) -> Takeovers:
     )
 
 
-def takeovers_from_message(message: Takeovers) -> TakeoverTable:
-    """Returns the table of a ``Takeovers``."""
-    return TakeoverTable(
-        message.step,
-        tuple(
-            Takeover(
-                state=TakeoverState(t.state),
-                reason=TakeoverReason(t.reason),
-                path_source=PathSource(t.path_source),
-                conflict_pose=_from_pose(t.conflict_pose),
-                goal_pose=_from_pose(t.goal_pose),
-                reference_path=from_array(t.reference_path, np.float64).reshape(-1, 2),
-                **{name: getattr(t, name) for name in _SCALARS},
-            )
-            for t in message.takeovers
-        ),
-        message.iterations,
-        message.converged,
-    )
-
-
 def received_takeovers(message: Takeovers) -> TakeoverTable:
     """Returns the table of a ``Takeovers`` received by a stage.
 
@@ -77,7 +56,7 @@ def received_takeovers(message: Takeovers) -> TakeoverTable:
                     f"reference_path of agent {takeover.agent} has {len(takeover.reference_path)} values, expected x "
                     "and y of each point"
                 )
-        table = takeovers_from_message(message)
+        table = TakeoverTable.of_message(message)
         columns = {name: np.array([getattr(t, name) for t in table.takeovers], np.float64) for name in _FINITE}
         check_columns({"id": np.array([t.agent for t in table.takeovers], np.int64)} | columns)
         for takeover in table.takeovers:
@@ -88,7 +67,3 @@ def received_takeovers(message: Takeovers) -> TakeoverTable:
 
 def _to_pose(pose: Pose) -> Pose2D:
     return Pose2D(x=pose[0], y=pose[1], theta=pose[2])
-
-
-def _from_pose(pose: Pose2D) -> Pose:
-    return pose.x, pose.y, pose.theta

@@ -9,7 +9,7 @@ from litsim_predictor.forecast import DT_MIN_S, Float32Array, Forecast, Modes
 from litsim_sim.core import topic_names
 from litsim_sim.core.columns import check_columns
 from litsim_sim.core.scene import IntArray
-from litsim_sim.ros.messages import from_array, header, refused, to_array
+from litsim_sim.ros.messages import header, refused, to_array
 
 HORIZON_MAX_S = 3600.0  # [s] beyond which a forecast is none
 ROUNDING = 1e-3
@@ -45,18 +45,18 @@ def forecast_from_message(message: JointForecast) -> Forecast:
     return Forecast(
         step=message.step,
         dt=message.dt,
-        id=from_array(message.id, np.int64),
-        mean=from_array(message.mean, np.float64).reshape(count, steps, 2),
-        yaw=from_array(message.yaw, np.float32).reshape(count, steps),
-        covariance=from_array(message.covariance, np.float32).reshape(count, steps, 3),
-        maneuver_probability=from_array(message.maneuver_probability, np.float32).reshape(count, -1 if count else 0),
+        id=np.array(message.id, np.int64),
+        mean=np.array(message.mean, np.float64).reshape(count, steps, 2),
+        yaw=np.array(message.yaw, np.float32).reshape(count, steps),
+        covariance=np.array(message.covariance, np.float32).reshape(count, steps, 3),
+        maneuver_probability=np.array(message.maneuver_probability, np.float32).reshape(count, -1 if count else 0),
         valid=np.array(message.valid, np.bool_),
         modes=Modes(
-            row=from_array(message.mode_row, np.uint32).astype(np.int64),
-            probability=from_array(message.mode_probability, np.float32),
-            mean=from_array(message.mode_mean, np.float64).reshape(more, steps, 2),
-            yaw=from_array(message.mode_yaw, np.float32).reshape(more, steps),
-            covariance=from_array(message.mode_covariance, np.float32).reshape(more, steps, 3),
+            row=np.array(message.mode_row, np.uint32).astype(np.int64),
+            probability=np.array(message.mode_probability, np.float32),
+            mean=np.array(message.mode_mean, np.float64).reshape(more, steps, 2),
+            yaw=np.array(message.mode_yaw, np.float32).reshape(more, steps),
+            covariance=np.array(message.mode_covariance, np.float32).reshape(more, steps, 3),
         ),
     )
 

@@ -18,6 +18,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 ByteArray = npt.NDArray[np.uint8]
 BoolArray = npt.NDArray[np.bool_]
+_DTYPES: dict[Any, type[np.generic]] = {"FloatArray": np.float64, "IntArray": np.int64, "ByteArray": np.uint8}
 
 
 STEP_S = 0.1  # [s] of one step: LitSim runs at NGSIM's 10 Hz
@@ -185,20 +186,18 @@ class AgentTable:
         return cls(step, *[values[order] for values in columns])
 
     @classmethod
+    def of_message(cls, message: Any) -> Self:
+        """Returns the table of an ``AgentStates``, of ROS or decoded from a recording."""
+        return cls(message.step, *(np.array(getattr(message, name), dtype) for name, dtype in DTYPES.items()))
+
+    @classmethod
     def empty(cls, step: int) -> AgentTable:
         """Returns the table of a step without agents."""
-        return cls(step, *(np.empty(0, DTYPES[f]) for f in ARRAY_FIELDS))
+        return cls(step, *(np.empty(0, dtype) for dtype in DTYPES.values()))
 
 
-ARRAY_FIELDS: tuple[str, ...] = tuple(f.name for f in fields(AgentTable) if f.name not in {"step", "scene"})
-"""The columns that describe an agent, as in messages; `id` is the first."""
-COLUMNS: Callable[[AgentTable], tuple[Any, ...]] = attrgetter(*ARRAY_FIELDS, "scene")
+COLUMNS: Callable[[AgentTable], tuple[Any, ...]] = attrgetter(*(f.name for f in fields(AgentTable)[1:]))
 """The arrays of a table, in the order of its fields."""
-DTYPES: dict[str, type[np.generic]] = dict.fromkeys(ARRAY_FIELDS, np.float64) | {
-    "id": np.int64,
-    "kind": np.uint8,
-    "controller": np.uint8,
-}
 
 
 @dataclass
@@ -220,6 +219,11 @@ class ControlTable:
     lateral_acceleration: FloatArray
     yaw_rate: FloatArray
     source: ByteArray
+
+    @classmethod
+    def of_message(cls, message: Any) -> ControlTable:
+        """Returns the table of a ``Controls``, of ROS or decoded from a recording."""
+        return cls(message.step, *(np.array(getattr(message, name), dtype) for name, dtype in CONTROL_DTYPES.items()))
 
     @classmethod
     def empty(cls, step: int) -> ControlTable:
@@ -259,14 +263,12 @@ class ControlTable:
         return cls.without_slip(table, rows, acceleration, yaw_rate, source)
 
 
-CONTROL_DTYPES: dict[str, type[np.generic]] = {
-    "id": np.int64,
-    "acceleration": np.float64,
-    "lateral_acceleration": np.float64,
-    "yaw_rate": np.float64,
-    "source": np.uint8,
-}
-"""The columns of the controls."""
+DTYPES, CONTROL_DTYPES = (
+    {f.name: _DTYPES[f.type] for f in fields(table) if f.type in _DTYPES and f.name != "scene"}
+    for table in (AgentTable, ControlTable)
+)
+"""Types of the columns that describe an agent, and of those of its controls, as in messages; `id` is the first."""
+ARRAY_FIELDS = tuple(DTYPES)
 
 
 class ControlSource(IntEnum):
@@ -293,3 +295,11 @@ class EgoCommand:
     acceleration: float = 0.0
     yaw_rate: float = 0.0
     mode: EgoMode = EgoMode.CONTROL
+
+    @classmethod
+    def of_message(cls, message: Any) -> EgoCommand:
+        """Returns the command of an ``EgoControl``; raises ValueError if its mode is unknown."""
+        if message.mode not in [*EgoMode]:
+            modes = " or ".join(f"{mode} ({mode.name})" for mode in EgoMode)
+            raise ValueError(f"mode is {message.mode}, expected {modes}")
+        return cls(message.step, message.acceleration, message.yaw_rate, EgoMode(message.mode))

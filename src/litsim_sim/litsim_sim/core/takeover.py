@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum
+from typing import Any
+
+import numpy as np
 
 from litsim_sim.core.scene import FloatArray
 
@@ -72,6 +75,21 @@ class Takeover:
     path_source: PathSource = PathSource.ROUTE
     time_shift: float = 0.0
 
+    @classmethod
+    def of_message(cls, message: Any) -> Takeover:
+        """Returns the takeover of a ``Takeover``, of ROS or decoded from a recording."""
+        of_fields = {field.name: getattr(message, field.name) for field in fields(cls) if hasattr(message, field.name)}
+        of_fields |= {name: (pose.x, pose.y, pose.theta) for name, pose in of_fields.items() if name.endswith("_pose")}
+        return cls(
+            **of_fields
+            | {
+                "state": TakeoverState(message.state),
+                "reason": TakeoverReason(message.reason),
+                "path_source": PathSource(of_fields.get("path_source", PathSource.ROUTE)),
+                "reference_path": np.array(message.reference_path, np.float64).reshape(-1, 2),
+            }
+        )
+
     @property
     def predicted(self) -> bool:
         """Whether a conflict was predicted; else `time_to_conflict` and `overlap_probability` are placeholders."""
@@ -91,3 +109,9 @@ class TakeoverTable:
     takeovers: tuple[Takeover, ...] = ()
     iterations: int = 0
     converged: bool = True
+
+    @classmethod
+    def of_message(cls, message: Any) -> TakeoverTable:
+        """Returns the table of a ``Takeovers``, of ROS or decoded from a recording."""
+        takeovers = tuple(map(Takeover.of_message, message.takeovers))
+        return cls(message.step, takeovers, message.iterations, message.converged)

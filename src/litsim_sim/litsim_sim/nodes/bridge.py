@@ -16,7 +16,7 @@ from rclpy.qos import ReliabilityPolicy
 
 from litsim_sim.core.errors import EXIT_FAILED, print_error, reason
 from litsim_sim.core.lockstep import unanswered
-from litsim_sim.core.scene import AgentTable, EgoCommand
+from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.topic_names import Interface
 from litsim_sim.ego_port.port import EgoPort, Level, Remark
@@ -88,7 +88,7 @@ class BridgeNode(Node):
         self.responses = ResponseCollector(
             self.port,
             self.liveness,
-            messages.controls_from_message,
+            ControlTable.of_message,
             run_id=plan.run_id,
             ego_id=plan.scenario.ego_id,
             with_policy=plan.policy != "replay",

@@ -19,10 +19,10 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 
-from litsim_sim.core.scene import STEP_NS
+from litsim_sim.core.scene import STEP_NS, AgentTable
 from litsim_sim.nodes.live_server import LiveServer
 from litsim_sim.record.bag import BagTopic
-from litsim_sim.ros import cdr, messages
+from litsim_sim.ros import cdr
 from litsim_sim.ros.definitions import definition, type_name
 from litsim_sim.ros.endpoints import Endpoints
 from litsim_sim.ros.markers import AgentLayer, ConflictLayer, ForecastLayer, handing_back
@@ -81,7 +81,7 @@ class LiveNode(Node):
             return
         self._fresh = False
         agents = deserialize_message(self._newest[AGENTS], AGENTS.type)
-        table, takeovers = messages.agents_from_message(agents), self._of_run(TAKEOVERS, agents.run_id)
+        table, takeovers = AgentTable.of_message(agents), self._of_run(TAKEOVERS, agents.run_id)
         if audience[MARKERS_AGENTS]:
             self._publish(MARKERS_AGENTS, table.step, self._agents.draw(table, handing_back(takeovers)))
         if audience[MARKERS_FORECASTS]:

@@ -17,21 +17,17 @@ import numpy as np
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.run_end import RunEnd
 from litsim_sim.core.scene import (
-    ARRAY_FIELDS,
-    CONTROL_DTYPES,
-    DTYPES,
     AgentTable,
     ByteArray,
     ControlTable,
     EgoCommand,
-    EgoMode,
     IntArray,
 )
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.step_marks import marks_of
 from litsim_sim.core.steps import Steps, StepsBuilder, write_temporary
-from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState
+from litsim_sim.core.takeover import Takeover
 from litsim_sim.core.topic_names import (
     AGENTS,
     CONTROLS,
@@ -366,8 +362,8 @@ class _Content:
     def by_step(self) -> dict[str, Any]:
         """Returns the attributes of a :class:`Run` with what was published at each step."""
         of_topics = {
-            "controls": (CONTROLS, _controls),
-            "ego_commands": (self._ego_topic, _ego_command),
+            "controls": (CONTROLS, ControlTable.of_message),
+            "ego_commands": (self._ego_topic, EgoCommand.of_message),
             "takeovers": (TAKEOVERS, _takeovers),
             "detections": (TAKEOVERS, _detection),
         }
@@ -406,8 +402,7 @@ class _Content:
         step = int(message.step)
         self._steps.setdefault(topic, array("q")).append(step)
         if topic == AGENTS:
-            columns = [np.asarray(getattr(message, name), DTYPES[name]) for name in ARRAY_FIELDS]
-            self.tables.add(AgentTable(step, *columns))
+            self.tables.add(AgentTable.of_message(message))
         elif topic in {CONTROLS, TAKEOVERS, self._ego_topic}:
             CHECKS[topic](message)
             self._store(self._places.setdefault(topic, {}), step, data)
@@ -441,30 +436,8 @@ def _signal_link(message: Any) -> SignalLink:
     )
 
 
-def _takeover(message: Any) -> Takeover:
-    conflict, goal = message.conflict_pose, message.goal_pose
-    return _copy(
-        Takeover,
-        message,
-        state=TakeoverState(message.state),
-        reason=TakeoverReason(message.reason),
-        path_source=PathSource(getattr(message, "path_source", PathSource.ROUTE)),
-        conflict_pose=(conflict.x, conflict.y, conflict.theta),
-        goal_pose=(goal.x, goal.y, goal.theta),
-        reference_path=np.asarray(message.reference_path, np.float64).reshape(-1, 2),
-    )
-
-
-def _controls(message: Any) -> ControlTable:
-    return ControlTable(message.step, *(np.asarray(getattr(message, n), d) for n, d in CONTROL_DTYPES.items()))
-
-
-def _ego_command(message: Any) -> EgoCommand:
-    return EgoCommand(message.step, message.acceleration, message.yaw_rate, EgoMode(message.mode))
-
-
 def _takeovers(message: Any) -> list[Takeover]:
-    return [_takeover(each) for each in message.takeovers]
+    return [*map(Takeover.of_message, message.takeovers)]
 
 
 def _detection(message: Any) -> Detection:
@@ -476,9 +449,9 @@ def _marks(message: Any) -> dict[str, float]:
 
 
 CHECKS: dict[str, Callable[[Any], object]] = {
-    CONTROLS: _controls,
-    EGO_CONTROL: _ego_command,
-    EGO_APPLIED: _ego_command,
+    CONTROLS: ControlTable.of_message,
+    EGO_CONTROL: EgoCommand.of_message,
+    EGO_APPLIED: EgoCommand.of_message,
     TAKEOVERS: lambda message: (_takeovers(message), _detection(message)),
 }
 """What is made of the messages of a topic when they are asked for; made once before, to find what cannot be."""

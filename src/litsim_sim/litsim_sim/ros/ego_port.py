@@ -13,11 +13,11 @@ from nav_msgs.msg import Path
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 
+from litsim_sim.core.scene import EgoCommand
 from litsim_sim.core.topic_names import Interface
 from litsim_sim.ego_port.answer import MAP_FRAME, Answer
 from litsim_sim.ego_port.port import EgoPort, Level, Remark
 from litsim_sim.ego_port.tracking import Trajectory, TwistTarget
-from litsim_sim.ros import messages
 from litsim_sim.ros.topics import EGO_INPUTS
 
 
@@ -42,7 +42,7 @@ def from_control(message: EgoControl) -> Answer:
     """Acceleration and yaw rate, matched by run and step."""
     answer = Answer(Interface.CONTROL, None, step=message.step, run_id=message.run_id)
     try:
-        return replace(answer, target=messages.ego_from_message(message))
+        return replace(answer, target=EgoCommand.of_message(message))
     except ValueError as error:
         return replace(answer, fault=str(error))
 

@@ -16,7 +16,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from litsim_sim.core.colours import COLOURS, CONFLICT, Mode
 from litsim_sim.core.scene import AgentTable, FloatArray, Kind
-from litsim_sim.ros.messages import from_array, header
+from litsim_sim.ros.messages import header
 
 HEIGHT = 1.6  # [m] height of the boxes; recordings do not have it
 LABEL = 1.4  # [m] height of text
@@ -90,7 +90,7 @@ class ForecastLayer(Layer):
 
     def _markers(self, message: JointForecast) -> Iterator[tuple[_Key, Marker]]:
         count = len(message.id)
-        mean = from_array(message.mean, np.float64).reshape(count, -1, 2) if count else np.empty((0, 0, 2))
+        mean = np.array(message.mean, np.float64).reshape(count, -1, 2) if count else np.empty((0, 0, 2))
         usable = np.array(message.valid, np.bool_) & np.isfinite(mean).all((1, 2))
         stride = max(1, -(-mean.shape[1] // POINTS_MAX))
         for row in np.flatnonzero(usable).tolist():
@@ -123,7 +123,7 @@ class ConflictLayer(Layer):
             key, line = self.marker("opponents", agent, Marker.LINE_STRIP, scale=Vector3(x=LINE), color=_OVERLAP)
             line.points = _points(np.column_stack([table.x, table.y])[[row, other]], HEIGHT)
             yield key, line
-        path = from_array(takeover.reference_path, np.float64).reshape(-1, 2)
+        path = np.array(takeover.reference_path, np.float64).reshape(-1, 2)
         if len(path) > 1:
             key, line = self.marker("paths", agent, Marker.LINE_STRIP, scale=Vector3(x=LINE), color=_MODES[Mode.POLICY])
             line.points = _points(path)

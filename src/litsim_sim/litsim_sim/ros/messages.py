@@ -1,7 +1,7 @@
 """Conversion between the arrays of the cores and the messages of the graph.
 
-Primitive arrays go in as :class:`array.array` and come out through :func:`numpy.frombuffer`: both copy whole buffers,
-where lists and numpy arrays are converted element by element.
+Primitive arrays go in as :class:`array.array`, which is copied as a whole, where rclpy converts lists and numpy arrays
+element by element. The classes of the cores read messages (``of_message``), as they are or decoded from a recording.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 from array import array
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -24,12 +23,10 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import (
     ARRAY_FIELDS,
     CONTROL_DTYPES,
-    DTYPES,
     STEP_NS,
     AgentTable,
     ControlTable,
     EgoCommand,
-    EgoMode,
     FloatArray,
 )
 from litsim_sim.core.signals import SignalTable
@@ -55,11 +52,6 @@ def to_array(values: np.ndarray) -> array:
     return array(_TYPECODES[values.dtype.str[1:]], np.ascontiguousarray(values).tobytes())
 
 
-def from_array(values: Any, dtype: type[np.generic]) -> np.ndarray:
-    """Returns a writable (n,) numpy array from a primitive array field."""
-    return np.array(np.frombuffer(values, dtype)) if len(values) else np.empty(0, dtype)
-
-
 def agents_to_message(table: AgentTable, run_id: str, total_steps: int, ego_id: int) -> AgentStates:
     """Returns ``AgentStates`` of a table."""
     arrays = {name: to_array(getattr(table, name)) for name in ARRAY_FIELDS}
@@ -68,19 +60,13 @@ def agents_to_message(table: AgentTable, run_id: str, total_steps: int, ego_id: 
     )
 
 
-def agents_from_message(message: AgentStates) -> AgentTable:
-    """Returns the table of an ``AgentStates``."""
-    arrays = {name: from_array(getattr(message, name), dtype) for name, dtype in DTYPES.items()}
-    return AgentTable(message.step, **arrays)
-
-
 def received_agents(message: AgentStates) -> AgentTable:
     """Returns the table of an ``AgentStates`` received by a stage, checked.
 
     Raises:
         InputError: columns differ in length, ids do not ascend, or values are not finite.
     """
-    table = agents_from_message(message)
+    table = AgentTable.of_message(message)
     with refused(topic_names.AGENTS):
         check_columns({name: getattr(table, name) for name in ARRAY_FIELDS})
     return table
@@ -129,11 +115,6 @@ def controls_to_message(controls: ControlTable, run_id: str) -> Controls:
     return Controls(header=header(controls.step), run_id=run_id, step=controls.step, **arrays)
 
 
-def controls_from_message(message: Controls) -> ControlTable:
-    """Returns the table of a ``Controls``."""
-    return ControlTable(message.step, *(from_array(getattr(message, n), dtype) for n, dtype in CONTROL_DTYPES.items()))
-
-
 def ego_to_message(command: EgoCommand, run_id: str) -> EgoControl:
     """Returns ``EgoControl`` of a command."""
     return EgoControl(
@@ -144,13 +125,6 @@ def ego_to_message(command: EgoCommand, run_id: str) -> EgoControl:
         acceleration=float(command.acceleration),
         yaw_rate=float(command.yaw_rate),
     )
-
-
-def ego_from_message(message: EgoControl) -> EgoCommand:
-    """Returns the command of an ``EgoControl``; raises ValueError for an unknown mode."""
-    if message.mode not in [*EgoMode]:
-        raise ValueError(f"mode is {message.mode}, expected {' or '.join(f'{mode} ({mode.name})' for mode in EgoMode)}")
-    return EgoCommand(message.step, message.acceleration, message.yaw_rate, EgoMode(message.mode))
 
 
 def ego_odometry(table: AgentTable, ego_id: int) -> Odometry:
