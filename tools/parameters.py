@@ -45,7 +45,7 @@ class Described(ParameterOverrides):
         self._package = ""
 
     def __call__(self, default: Config, prefix: str = "") -> Config:
-        """See :class:`litsim_sim.core.parameters.ParameterReader`."""
+        """See :class:`litsim_sim.core.parameters.ParameterOverrides`."""
         kind, outermost = type(default), not self._package
         if outermost:
             self._package = kind.__module__.partition(".")[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -16,7 +16,10 @@ from litsim_sim.core.scene import STEP_S, AgentTable, Controller, EgoCommand
 from litsim_sim.core.takeover import Takeover, TakeoverState
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
-from litsim_sim.world.world import Mirror, World
+from litsim_sim.world.world import World
+
+if TYPE_CHECKING:
+    from litsim_sim.world.sumo import SumoMirror
 
 Drive = Callable[[AgentTable, int], tuple[float, float]]
 """Acceleration [m/s2] and yaw rate [rad/s] of the ego, which is in the given row of the table."""
@@ -65,7 +68,7 @@ class Driven:
 
 
 def run(
-    scenario: Scenario, ego: Drive | str, policy: str = "yield", mirror: Mirror | None = None, **config: Any
+    scenario: Scenario, ego: Drive | str, policy: str = "yield", mirror: SumoMirror | None = None, **config: Any
 ) -> Driven:
     """Run `scenario` in process; `ego` is the name of one that comes with LitSim, or says what to do."""
     scripted = None if isinstance(ego, str) else ScriptedEgo(scenario.ego_id, ego)

@@ -45,7 +45,7 @@ from litsim_autoware.messages.objects import Forecast
 from litsim_autoware.messages.output import Output
 from litsim_autoware.messages.vehicle import RearAxle
 from litsim_autoware.stack.profile import TRAJECTORY, Profile
-from litsim_autoware.stack.start_up import Call, Future, StartUp
+from litsim_autoware.stack.start_up import Call, StartUp
 from litsim_autoware.stack.timeline import BEGIN_NS, Timeline
 from litsim_sim.core.scene import STEP_NS, AgentTable, EgoCommand, FloatArray
 from litsim_sim.core.stages import BRIDGE, StageState
@@ -551,7 +551,7 @@ def log_end(scenario: Scenario, ego_id: int) -> tuple[float, float, float]:
     return float(table.x[row]), float(table.y[row]), float(table.yaw[row])
 
 
-def _caller(client: Any, request: Callable[[], Any]) -> Callable[[], Future]:
+def _caller(client: Any, request: Callable[[], Any]) -> Callable[[], Any]:
     """A function that calls a service with a new request."""
     return lambda: client.call_async(request())
 

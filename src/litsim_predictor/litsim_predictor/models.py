@@ -15,7 +15,7 @@ from litsim_predictor.inference.predictor import LearnedPredictor
 from litsim_predictor.inference.raster import raster_of_net
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import ParameterOverrides, ParameterReader
+from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.quantities import Flag, Length, NonNegative, Whole, configuration
 from litsim_sim.core.stages import PREDICTOR
 from litsim_sim.scenario.run_info import drives_by_region
@@ -107,7 +107,7 @@ class PredictorConfig:
     along_lanes: Flag = True
 
 
-def predictor_stage(read: ParameterReader) -> Callable[[str, Setting], Predictor]:
+def predictor_stage(read: ParameterOverrides) -> Callable[[str, Setting], Predictor]:
     """Read the parameters of all installed predictors; the result builds that of a run for its policy and scenario."""
     config = read(PredictorConfig())
     factories = {name: plugins.load(plugins.PREDICTORS, name).read(read) for name in model_names()}

@@ -5,11 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from litsim_policy.motion.along_path import MERGE, SIGHT, AlongPath, ahead_in_path, along_path, along_paths
+from litsim_policy.motion.along_path import MERGE, SIGHT, AlongPath, ahead_in_path, along_paths
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
+from litsim_sim.core.scene import AgentTable
 
 STRAIGHT = ReferencePath.of(np.column_stack([np.arange(-50.0, 400.0), np.zeros(450)]))
+
+
+def along_path(path: ReferencePath, table: AgentTable, row: int, **options: float) -> AlongPath:
+    """How the agent in `row`, on `path`, sees all agents; arrays (w,)."""
+    return AlongPath(*(values[0] for values in along_paths(path.batch, table, np.array([row]), **options)))
 
 
 def seen(agent_table, other: dict, **own: float) -> tuple[AlongPath, int]:
@@ -118,10 +124,10 @@ def test_who_leads_is_whom_the_whole_view_shows_ahead_and_in_the_path(agent_tabl
         steps = np.cumsum(2.0 * np.column_stack([np.cos(turns), np.sin(turns)]), axis=0)
         paths.append(places[row] + steps + random.normal(0.0, 1.0, 2))
     batch, poses = PathBatch.of(paths), (table.x[rows], table.y[rows], table.yaw[rows])
-    view, ahead = along_paths(batch, table, rows), ahead_in_path(batch, table, rows, poses)
+    view, (ahead, own_s, own_d) = along_paths(batch, table, rows), ahead_in_path(batch, table, rows, poses)
     np.testing.assert_array_equal(ahead.leads, view.ahead & view.in_path)
     for name in ("gap", "speed"):
         np.testing.assert_array_equal(getattr(ahead, name)[ahead.leads], getattr(view, name)[ahead.leads])
-    for name in ("first", "own_s", "own_d"):
-        np.testing.assert_array_equal(getattr(ahead, name), getattr(view, name))
+    for one, other in ((ahead.first, view.first), (own_s, view.own_s), (own_d, view.own_d)):
+        np.testing.assert_array_equal(one, other)
     assert 100 < ahead.leads.sum() < 0.5 * ahead.leads.size

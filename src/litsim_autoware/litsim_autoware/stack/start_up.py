@@ -4,23 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 RETRY_S = 1.0  # [s] between two attempts
 PATIENCE_S = 20.0  # [s] for a response
 INVALID_STATE = 1  # code of a response to a route: there is one already
 
 SET_ROUTE, CLEAR_ROUTE = "set_route", "clear_route"
-
-
-class Future(Protocol):
-    """Response to come, as of rclpy."""
-
-    def done(self) -> bool:
-        """Whether it has come."""
-
-    def result(self) -> Any:
-        """The response."""
 
 
 @dataclass(frozen=True)
@@ -30,12 +20,12 @@ class Call:
     Attributes:
         service: its name.
         is_there: whether it is served.
-        call: calls it.
+        call: calls it; returns the future of the response, as rclpy does.
     """
 
     service: str
     is_there: Callable[[], bool]
-    call: Callable[[], Future]
+    call: Callable[[], Any]
 
 
 class StartUp:
@@ -49,7 +39,7 @@ class StartUp:
         """`calls` by their purpose; that to clear a route is only made if there is one already."""
         self._calls = calls
         self._left = [name for name in calls if name != CLEAR_ROUTE]
-        self._future: Future | None = None
+        self._future: Any = None
         self._asked, self._next = 0.0, 0.0
         self.waiting = f"service {calls[self._left[0]].service}" if self._left else ""
 

@@ -136,13 +136,13 @@ class TimedMirror(SumoMirror):
         self.seconds: list[float] = []
 
     def show(self, table: AgentTable) -> None:
-        """See :class:`litsim_sim.world.world.Mirror`."""
+        """See :class:`litsim_sim.world.sumo.SumoMirror`."""
         begin = time.perf_counter()
         super().show(table)
         self.seconds.append(time.perf_counter() - begin)
 
     def deviation(self, table: AgentTable) -> FloatArray:
-        """See :class:`litsim_sim.world.world.Mirror`; its time counts as well."""
+        """See :class:`litsim_sim.world.sumo.SumoMirror`; its time counts as well."""
         begin = time.perf_counter()
         deviation = super().deviation(table)
         self.seconds[-1] += time.perf_counter() - begin

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
@@ -23,7 +23,10 @@ from litsim_sim.record.run import Detection, RunInfo, Status
 from litsim_sim.record.run import Run as RecordedRun
 from litsim_sim.scenario.perception import Perception
 from litsim_sim.scenario.run_info import REPLAY, RunPlan
-from litsim_sim.world.world import Mirror, World
+from litsim_sim.world.world import World
+
+if TYPE_CHECKING:
+    from litsim_sim.world.sumo import SumoMirror
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,7 @@ class Runner:
     def __init__(
         self,
         plan: RunPlan,
-        mirror: Mirror | None = None,
+        mirror: SumoMirror | None = None,
         ego: Ego | None = None,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:

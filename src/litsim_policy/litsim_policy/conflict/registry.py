@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 
@@ -12,25 +11,14 @@ from litsim_policy.conflict.region import RegionManager
 from litsim_policy.conflict.takeover import TakeoverManager
 from litsim_predictor.forecast import Forecast
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import ParameterReader
-from litsim_sim.core.scene import AgentTable, BoolArray, IntArray
+from litsim_sim.core.parameters import ParameterOverrides
+from litsim_sim.core.scene import AgentTable
 from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.scenario.run_info import drives_by_region
 from litsim_sim.scenario.setting import Setting
 
-
-class TakeoverStage(Protocol):
-    """Decides which agents are off their logs.
-
-    Attributes:
-        iterations, converged: (scenes,) of the last update, as in :class:`TakeoverTable`.
-    """
-
-    iterations: IntArray
-    converged: BoolArray
-
-    def update(self, table: AgentTable, forecast: Forecast) -> TakeoverTable:
-        """Returns the agents off their logs at this step, and why; called once per step, in order."""
+TakeoverStage = TakeoverManager | RegionManager
+"""What decides which agents are off their logs."""
 
 
 class ForecastTakeovers(TakeoverManager):
@@ -51,7 +39,7 @@ class ForecastTakeovers(TakeoverManager):
         return super().update(table, forecast)
 
 
-def conflict_stage(read: ParameterReader) -> Callable[[str, Setting], TakeoverStage]:
+def conflict_stage(read: ParameterOverrides) -> Callable[[str, Setting], TakeoverStage]:
     """Read the parameters of the conflict stage; the result makes its core for a policy and a scenario."""
     config = read(ConflictConfig())
 

@@ -15,7 +15,7 @@ from litsim_policy.driving.policy_network import PACKAGED, PolicyNetwork, shippe
 from litsim_policy.driving.safety.layer import SafetyConfig, SafetyLayer
 from litsim_policy.driving.task import DrivingScene
 from litsim_policy.driving.yield_policy import YieldPolicy
-from litsim_sim.core.parameters import ParameterReader
+from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.quantities import Flag, configuration
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, FloatArray
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverState, TakeoverTable
@@ -81,7 +81,7 @@ class PolicyC(Policy):
     batched = True
 
     @classmethod
-    def read(cls, read: ParameterReader) -> Callable[[Setting], Policy]:
+    def read(cls, read: ParameterOverrides) -> Callable[[Setting], Policy]:
         """See :class:`litsim_sim.core.plugins.Configured`."""
         config = read(PolicyCConfig())
         return lambda scenario: cls(scenario, config, config.network())

@@ -56,11 +56,7 @@ class PolicyNetwork(Perceptron):
 
     def mean(self, observation: FloatArray) -> FloatArray:
         """Returns mean actions (m, 3) in [-1, 1] for observations (m, size)."""
-        return np.tanh(self.before_tanh(observation))
-
-    def before_tanh(self, observation: FloatArray) -> FloatArray:
-        """Returns the same (m, 3) before the last tanh; a row's values do not depend on the others."""
-        return self.outputs(observation)
+        return np.tanh(self.outputs(observation))
 
 
 def shipped_weights(name: str) -> Path:

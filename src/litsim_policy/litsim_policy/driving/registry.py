@@ -7,7 +7,7 @@ from typing import Any
 
 from litsim_policy.driving.policy import Policy, policy_class
 from litsim_sim.core import plugins
-from litsim_sim.core.parameters import ParameterOverrides, ParameterReader
+from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.stages import POLICY
 from litsim_sim.scenario.setting import Setting
 
@@ -24,7 +24,7 @@ def make_policy(name: str, scenario: Setting, parameters: Mapping[str, Any] | No
     return policy
 
 
-def policy_stage(read: ParameterReader) -> Callable[[str, Setting], Policy]:
+def policy_stage(read: ParameterOverrides) -> Callable[[str, Setting], Policy]:
     """Read the parameters of all installed policies; the result makes a policy from its name and a scenario."""
     factories = {name: policy_class(name).read(read) for name in plugins.names(plugins.POLICIES)}
 

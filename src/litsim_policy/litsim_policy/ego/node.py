@@ -9,7 +9,7 @@ from litsim_msgs.msg import RunInfo
 
 from litsim_policy.ego.ego import Ego
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import ParameterReader
+from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.scene import AgentTable, EgoCommand
 from litsim_sim.core.stage_registry import stage_reader
 from litsim_sim.core.stages import EGO
@@ -28,7 +28,7 @@ class EgoNode(StageNode):
     inputs = ((AGENTS, received_agents),)
     output = (EGO_CONTROL, ego_to_message)
 
-    def reader(self) -> Callable[[ParameterReader], Callable[..., Any]]:
+    def reader(self) -> Callable[[ParameterOverrides], Callable[..., Any]]:
         """See :meth:`StageNode.reader`."""
         self.driver = "idm"
         if self.has_parameter(DRIVER):

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from litsim_policy.motion.car_following import Leaders
 from litsim_policy.motion.path_batch import SLACK, UNIT_X, UNIT_Y, PathBatch, S, X, Y, nearest, nearest_of
-from litsim_policy.motion.reference_path import ReferencePath
 from litsim_sim.core.pair_geometry import within, within_scenes
 from litsim_sim.core.scene import AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import Bools2, Bools3, Floats, Floats2, Floats3, Ints, Ints2, kernel
@@ -65,10 +65,6 @@ class AlongPath(NamedTuple):
         vehicle, column = which.nonzero()
         return zip(vehicle.tolist(), column.tolist(), (self.first[vehicle] + column).tolist(), strict=True)
 
-    def of(self, vehicle: int) -> AlongPath:
-        """Returns the view of one of the m vehicles."""
-        return AlongPath(*(values[vehicle] for values in self))
-
 
 class ProjectedPairs(NamedTuple):
     """k pairs of a vehicle and an agent within its sight, ordered by the vehicle.
@@ -83,28 +79,6 @@ class ProjectedPairs(NamedTuple):
     s: Floats
     d: Floats
     turn: Floats
-
-
-class AheadInPath(NamedTuple):
-    """What an :class:`AlongPath` of m vehicles tells of the agents that are ahead and in the path.
-
-    Attributes:
-        gap, speed: (m, w) as there; undefined for all other agents.
-        leads: (m, w) whether an agent is ahead and in the path.
-        first, own_s, own_d: (m,) as there.
-    """
-
-    gap: FloatArray
-    speed: FloatArray
-    leads: BoolArray
-    first: IntArray
-    own_s: FloatArray
-    own_d: FloatArray
-
-
-def along_path(path: ReferencePath, agents: AgentTable, row: int, margin: float = MARGIN) -> AlongPath:
-    """Returns agents relative to the one in `row`, which follows `path`; see :func:`along_paths`. Arrays (w,)."""
-    return along_paths(path.batch, agents, np.array([row]), margin).of(0)
 
 
 def along_paths(
@@ -138,15 +112,18 @@ def along_paths(
     return AlongPath(s, d, gap, speed, ahead, aside, in_path, first, own_s, own_d)
 
 
-def ahead_in_path(paths: PathBatch, agents: AgentTable, rows: IntArray, poses: Poses) -> AheadInPath:
-    """Returns the agents ahead in the paths of those in `rows` (m,), as :func:`along_paths` does with its defaults.
+def ahead_in_path(
+    paths: PathBatch, agents: AgentTable, rows: IntArray, poses: Poses
+) -> tuple[Leaders, FloatArray, FloatArray]:
+    """Returns the agents ahead in the paths of those in `rows` (m,), as :func:`along_paths` finds them by default.
 
-    It takes a fraction of the time, since most agents around are beside the paths.
+    It takes a fraction of the time, since most agents around are beside the paths. Gaps to others than leaders, and
+    their speeds, are undefined. Then come `own_s` and `own_d` (m,) of :class:`AlongPath`.
     """
     own, reach = PoseArrays(*poses), np.full(len(rows), SIGHT)
     first, most, pairs = _pairs(paths, agents, rows, own, reach, paths.each, MARGIN)
     gap, speed, leads, (own_s, own_d) = _leading(pairs, agents.arrays, rows, first, most, MARGIN)
-    return AheadInPath(gap, speed, leads, first, own_s, own_d)
+    return Leaders(gap, speed, leads, first, agents.acceleration), own_s, own_d
 
 
 def _pairs(
@@ -320,7 +297,7 @@ def _passed(
 def _leading(
     pairs: ProjectedPairs, agents: AgentArrays, rows: Ints, first: Ints, most: int, margin: float
 ) -> tuple[Floats2, Floats2, Bools2, Floats2]:
-    """Return gap, speed, leads (m, w) of :class:`AheadInPath`, and own_s and own_d (2, m); arguments as of `_along`."""
+    """Return gap, speed, leads (m, w) of :class:`.Leaders`, and own_s and own_d (2, m); arguments as of `_along`."""
     shape, own = (len(rows), most), _own(pairs, rows)
     gap, speed, leads = np.empty(shape), np.empty(shape), np.zeros(shape, np.bool_)
     for k in range(len(pairs.s)):

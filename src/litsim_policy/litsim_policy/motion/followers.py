@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from litsim_policy.motion.along_path import AheadInPath, AlongPath, PoseArrays, Poses, ahead_in_path, along_paths
+from litsim_policy.motion.along_path import AlongPath, PoseArrays, Poses, ahead_in_path, along_paths
 from litsim_policy.motion.car_following import Leaders
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import pursuit_reach, towards
@@ -52,28 +52,28 @@ class PathFollowers:
         return along_paths(self.paths, self.table, self.rows, poses=self.own)
 
     @cached_property
-    def leaders(self) -> Leaders:
-        """The agents ahead on the followers' paths; gaps to others and their speeds are undefined."""
-        ahead = self._ahead
-        return Leaders(ahead.gap, ahead.speed, ahead.leads, ahead.first, self.table.acceleration)
-
-    @cached_property
-    def _ahead(self) -> AheadInPath:
-        """The agents ahead in the paths: of the view, if that is known anyway."""
+    def _ahead(self) -> tuple[Leaders, FloatArray, FloatArray]:
+        """As :func:`.ahead_in_path`; of the view, if that is known anyway."""
         if "view" in self.__dict__:
             view = self.view
-            return AheadInPath(view.gap, view.speed, view.ahead & view.in_path, view.first, view.own_s, view.own_d)
+            leads = view.ahead & view.in_path
+            return Leaders(view.gap, view.speed, leads, view.first, self.table.acceleration), view.own_s, view.own_d
         return ahead_in_path(self.paths, self.table, self.rows, self.own)
+
+    @property
+    def leaders(self) -> Leaders:
+        """The agents ahead on the followers' paths; gaps to others and their speeds are undefined."""
+        return self._ahead[0]
 
     @property
     def s(self) -> FloatArray:
         """Arc length of the followers on their paths [m]."""
-        return self._ahead.own_s
+        return self._ahead[1]
 
     @property
     def d(self) -> FloatArray:
         """Offset of the followers from their paths, to the left [m]."""
-        return self._ahead.own_d
+        return self._ahead[2]
 
     @cached_property
     def lane(self) -> LanePosition:

@@ -152,7 +152,7 @@ class Sampler:
         Returns:
             the actions before tanh (m, 3), and the logarithms of their densities after tanh (m,).
         """
-        mean = self.network.before_tanh(observation)
+        mean = self.network.outputs(observation)
         raw = mean if noise is None else mean + self.std * noise
         gaussian = -0.5 * ((raw - mean) / self.std) ** 2 - np.log(self.std) - 0.5 * np.log(2.0 * np.pi)
         density = gaussian - np.log(1.0 - np.tanh(raw) ** 2 + SQUASH_FLOOR)

@@ -10,7 +10,7 @@ import argparse
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import yaml
 from pydantic import ValidationError
@@ -28,17 +28,6 @@ SET_HELP = "parameters of the stages, as their nodes declare them, such as confl
 """Help of the option ``--set`` of the command lines that have it."""
 
 
-class ParameterReader(Protocol):
-    """Callable with which a stage reads each of its configurations."""
-
-    def __call__(self, default: Config, prefix: str = "") -> Config:
-        """Return `default` with given values in place of defaults; names of parameters begin with `prefix`.
-
-        Raises:
-            InputError: a value does not fit its field.
-        """
-
-
 class ParameterOverrides:
     """Reads the configurations of `stage` with the given `values`, by name, in place of defaults."""
 
@@ -48,7 +37,11 @@ class ParameterOverrides:
         """Value of each parameter that has been read, given or default, by name."""
 
     def __call__(self, default: Config, prefix: str = "") -> Config:
-        """See :class:`ParameterReader`."""
+        """Return `default` with given values in place of defaults; names of parameters begin with `prefix`.
+
+        Raises:
+            InputError: a value does not fit its field.
+        """
         read: dict[str, Any] = {}
         for field in fields(default):  # type: ignore[arg-type]
             name, value = prefix + field.name, getattr(default, field.name)

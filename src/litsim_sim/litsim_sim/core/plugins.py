@@ -13,7 +13,7 @@ from importlib.metadata import EntryPoint, distributions
 from typing import Any, ClassVar
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import ParameterReader, not_among
+from litsim_sim.core.parameters import ParameterOverrides, not_among
 
 STAGES = "litsim.stages"
 """Functions that read the parameters of a stage; see :mod:`litsim_sim.core.stage_registry`."""
@@ -62,7 +62,7 @@ class Configured:
     prefix: ClassVar[str] = ""
 
     @classmethod
-    def read(cls, read: ParameterReader) -> Callable[..., Any]:
+    def read(cls, read: ParameterOverrides) -> Callable[..., Any]:
         """Read the parameters; the result makes the plug-in from its base class's arguments and its configuration."""
         if cls.defaults is None:
             return cls

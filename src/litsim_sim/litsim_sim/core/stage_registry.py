@@ -1,7 +1,7 @@
 """The stages of installed packages, and the check of their parameters before a run.
 
 A package registers each of its stages as an entry point of ``litsim.stages``: a function that reads the stage's
-configurations with a :class:`~litsim_sim.core.parameters.ParameterReader`, and returns a factory of the stage for a
+configurations with a :class:`~litsim_sim.core.parameters.ParameterOverrides`, and returns a factory of the stage for a
 scenario. The ego's stage is that of its driver, a plug-in of ``litsim.egos``. The launcher, which imports no package
 above its own, thus checks parameters with the same functions as the nodes and the in-process runner.
 """
@@ -13,22 +13,22 @@ from typing import Any
 
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import ParameterOverrides, ParameterReader, Parameters, not_among
+from litsim_sim.core.parameters import ParameterOverrides, Parameters, not_among
 from litsim_sim.core.stages import EGO
 
 
-def stage_reader(stage: str, ego: str = "") -> Callable[[ParameterReader], Any]:
+def stage_reader(stage: str, ego: str = "") -> Callable[[ParameterOverrides], Any]:
     """Returns the registered function of `stage`; of the ego's stage, that of the driver called `ego`.
 
     Raises:
         InputError: no installed package has it.
     """
     if stage == EGO:
-        read: Callable[[ParameterReader], Any] = plugins.load(plugins.EGOS, ego).read
+        read: Callable[[ParameterOverrides], Any] = plugins.load(plugins.EGOS, ego).read
         return read
     if stage not in plugins.installed(plugins.STAGES):
         raise InputError(f"no installed package has a stage {stage}; build the workspace (make build)")
-    registered: Callable[[ParameterReader], Any] = plugins.load(plugins.STAGES, stage)
+    registered: Callable[[ParameterOverrides], Any] = plugins.load(plugins.STAGES, stage)
     return registered
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from enum import IntEnum
 from typing import Any
 
@@ -78,7 +78,8 @@ class Takeover:
     @classmethod
     def of_message(cls, message: Any) -> Takeover:
         """Returns the takeover of a ``Takeover``, of ROS or decoded from a recording."""
-        of_fields = {field.name: getattr(message, field.name) for field in fields(cls) if hasattr(message, field.name)}
+        names = [field.name for field in fields(cls) if field.default is MISSING or hasattr(message, field.name)]
+        of_fields = {name: getattr(message, name) for name in names}
         of_fields |= {name: (pose.x, pose.y, pose.theta) for name, pose in of_fields.items() if name.endswith("_pose")}
         return cls(
             **of_fields

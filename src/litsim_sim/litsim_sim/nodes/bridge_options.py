@@ -10,7 +10,7 @@ import yaml
 from pydantic import Field, model_validator
 
 from litsim_sim.core.dynamics import VehicleLimits
-from litsim_sim.core.parameters import ParameterReader, Parameters
+from litsim_sim.core.parameters import ParameterOverrides, Parameters
 from litsim_sim.core.quantities import (
     Duration,
     Flag,
@@ -132,6 +132,6 @@ def _by_stage(text: str) -> Parameters:
     return parameters
 
 
-def bridge_stage(read: ParameterReader) -> BridgeOptions:
+def bridge_stage(read: ParameterOverrides) -> BridgeOptions:
     """Read the parameters of the bridge."""
     return read(BridgeOptions())

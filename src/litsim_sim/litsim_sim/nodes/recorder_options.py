@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from litsim_sim.core.parameters import ParameterReader
+from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.quantities import Flag, configuration
 
 
@@ -21,6 +21,6 @@ class RecorderOptions:
     topics: str = ""
 
 
-def recorder_stage(read: ParameterReader) -> RecorderOptions:
+def recorder_stage(read: ParameterOverrides) -> RecorderOptions:
     """Read the parameters of the recorder."""
     return read(RecorderOptions())

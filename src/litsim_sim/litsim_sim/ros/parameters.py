@@ -11,7 +11,7 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import ParameterOverrides, ParameterReader
+from litsim_sim.core.parameters import ParameterOverrides
 
 OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
 """Parameters that rclpy declares itself."""
@@ -19,7 +19,7 @@ OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
 Configuration = TypeVar("Configuration")
 
 
-def read_parameters(node: Node, stage: Callable[[ParameterReader], Configuration]) -> Configuration:
+def read_parameters(node: Node, stage: Callable[[ParameterOverrides], Configuration]) -> Configuration:
     """Let `stage` read its configurations from the parameters of `node`, and declare these as read-only.
 
     The node must be made with ``automatically_declare_parameters_from_overrides``: ROS would refuse an integer for a

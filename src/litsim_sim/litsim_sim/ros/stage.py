@@ -14,7 +14,7 @@ from rclpy.publisher import Publisher
 
 from litsim_sim.core.errors import InputError, reason
 from litsim_sim.core.lockstep import Joiner
-from litsim_sim.core.parameters import ParameterReader
+from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.stage_registry import stage_reader
 from litsim_sim.core.stages import BRIDGE
 from litsim_sim.core.step_marks import step_marks
@@ -82,7 +82,7 @@ class StageNode(Node):
         """Entry point of the stage alone, such as ``ros2 run litsim_policy policy``."""
         run_stages(cls)
 
-    def reader(self) -> Callable[[ParameterReader], Callable[..., Any]]:
+    def reader(self) -> Callable[[ParameterOverrides], Callable[..., Any]]:
         """Returns the function that reads the parameters; what it returns makes the core for a run."""
         return stage_reader(self.stage)
 

@@ -78,16 +78,10 @@ class Log:
             values[agent, step] = table[column]
             return values
 
-        yaw = dense("yaw")
-        rate = np.zeros(valid.shape)
-        both = valid[:, 1:] & valid[:, :-1]
-        rate[:, 1:] = np.where(both, wrap_angle(yaw[:, 1:] - yaw[:, :-1]) / STEP_S, 0.0)
+        yaw, rate = dense("yaw"), np.zeros(valid.shape)
+        rate[agent, step] = _yaw_rates(agent, step, table["yaw"])
         first_step = np.argmax(valid, axis=1)
-        rows = np.arange(len(ids))
         last_step = first_step + valid.sum(axis=1) - 1  # recordings have no holes
-        rate[rows, first_step] = np.where(
-            last_step > first_step, rate[rows, np.minimum(first_step + 1, steps - 1)], 0.0
-        )
         return cls(
             ids=ids,
             kind=table["kind"][first_row],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from litsim_sim.core.scene import (
     ControlTable,
     EgoCommand,
     EgoMode,
-    FloatArray,
 )
 from litsim_sim.scenario.setting import Setting
 from litsim_sim.world.actors import Actors
@@ -25,21 +24,11 @@ from litsim_sim.world.driven import DrivenVehicles, check_answers
 from litsim_sim.world.entries import Entries
 from litsim_sim.world.log_policy import LogPolicy
 
+if TYPE_CHECKING:
+    from litsim_sim.world.sumo import SumoMirror  # most runs in process have none, and libsumo takes a moment to load
+
 EGO, LATE = int(Controller.EGO), int(ControlSource.LATE)  # plain numbers: numpy compares them much faster
 DEVIATION_STEPS = 10  # [steps] period of checks of the mirror's positions
-
-
-class Mirror(Protocol):
-    """A display of the agents: SUMO, or none."""
-
-    def show(self, table: AgentTable) -> None:
-        """Place the agents of `table` and advance by one step."""
-
-    def deviation(self, table: AgentTable) -> FloatArray:
-        """Returns the distance (n,) [m] between where the agents are shown and where `table` has them."""
-
-    def close(self) -> None:
-        """End the simulation."""
 
 
 class World:
@@ -58,7 +47,7 @@ class World:
     Batched scenarios are stepped together, each scene as if it were alone: see :meth:`step_batch`.
     """
 
-    def __init__(self, scenario: Setting, mirror: Mirror | None = None, *, guard_entries: bool = True) -> None:
+    def __init__(self, scenario: Setting, mirror: SumoMirror | None = None, *, guard_entries: bool = True) -> None:
         """The world of `scenario`, at step 0, with a display of its agents.
 
         Unless entries are guarded, agents appear where and when their logs begin, also where they collide: pure replay.
