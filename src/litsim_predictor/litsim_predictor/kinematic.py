@@ -90,12 +90,9 @@ class KinematicPredictor(PredictorPlugin):
 
 
 def roll_out(yaw: FloatArray, speed: FloatArray, rate: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns headings (..., T) [rad] and displacements (..., T, 2) [m] at the times `t` (T,), equally spaced [s].
+    """Returns headings (..., T) [rad] and displacements (..., T, 2) [m] at times `t` (T,), multiples of the first.
 
-    Args:
-        yaw, speed: (...) now [rad], [m/s].
-        rate: (...) of turn now [rad/s]; it decays.
-        t: multiples of the first [s].
+    The `rate` (...) of turn [rad/s] decays.
     """
     yaws = yaw[..., None] + rate[..., None] * RATE_DECAY * (1.0 - np.exp(-t / RATE_DECAY))
     middle = np.concatenate([yaw[..., None], yaws], axis=-1)

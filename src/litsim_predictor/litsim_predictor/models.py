@@ -131,18 +131,10 @@ def make_predictor(
     modes: int = 0,
     parameters: Mapping[str, Any] | None = None,
 ) -> Predictor:
-    """Returns the predictor called `model`, for a run of `scenario`.
+    """Returns the predictor called `model`, or that in a file of weights or of a graph, for a run of `scenario`.
 
-    Args:
-        model: one of :func:`model_names`, or the path of a file of weights or of a graph.
-        scenario: of the run.
-        wanted: the agents that it forecasts.
-        roi_m: in place of the scenario's, where it is not 0 [m].
-        modes: greatest number of manoeuvres of each besides the most probable one.
-        parameters: of the predictor, by name within the stage.
-
-    Raises:
-        InputError: there is none of that name, a parameter is unknown, or its weights cannot be used.
+    `roi_m` [m] replaces the scenario's, where it is not 0; `parameters` are by name within the stage. Raises an
+    InputError if there is none of that name, a parameter is unknown, or its weights cannot be used.
     """
     try:
         known_model(model)

@@ -54,11 +54,7 @@ class Motions(NamedTuple):
 def may_overlap(pairs: IntArray, a: PredictedMotion, b: PredictedMotion, boxes: Boxes, tail: float) -> BoolArray:
     """Returns the mask (m,) of `pairs` (m, 2) that can overlap: an agent by `a`, and one by `b` or straight on.
 
-    Args:
-        pairs: rows of the n agents.
-        a, b: motions of the agents; those of `a` have no alternatives.
-        boxes: of the agents.
-        tail: number of spreads by which the centres may deviate from their means.
+    The motions `a` have no alternatives. Centres may deviate from their means by `tail` spreads.
     """
     mixture = b.alternatives.row, b.alternatives.weight
     return _may_overlap(pairs, Motions.of(a), Motions.of(b), Motions.of(b.alternatives), mixture, boxes, tail)
@@ -119,13 +115,7 @@ def _meet(a: Floats2, b: Floats2, la: float, wa: float, lb: float, wb: float) ->
 def _may_overlap(
     pairs: Ints2, a: Motions, b: Motions, further: Motions, mixture: tuple[Ints, Floats], boxes: Boxes, tail: float
 ) -> Bools:
-    """See :func:`may_overlap`.
-
-    Args:
-        pairs, a, b, boxes, tail: likewise.
-        further: alternative motions of b.
-        mixture: row of the agent and weight of each of them.
-    """
+    """See :func:`may_overlap`; `further` are alternative motions of b, and `mixture` their agents' rows and weights."""
     count, others, horizon = len(boxes.x), len(mixture[0]), a.states.shape[1]
     begin, following, _ = listed(mixture[0], mixture[1], count)
     # of a motion on its log, and of others: first ones, alternatives, and those straight on, made where they are needed

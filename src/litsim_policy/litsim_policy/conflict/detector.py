@@ -248,10 +248,7 @@ class ConflictDetector:
 def in_region(dx: float, dy: float, faster_x: float, faster_y: float, radius: float, time: float) -> bool:
     """Whether an agent is within `radius` [m], or will be within `time` [s] at its present rate of approach.
 
-    Args:
-        dx, dy: its position relative to the observer [m].
-        faster_x, faster_y: its velocity relative to the observer [m/s].
-        radius, time: of the region.
+    Its position [m] and velocity [m/s] are relative to the observer.
     """
     square = dx * dx + dy * dy
     if square <= radius * radius:

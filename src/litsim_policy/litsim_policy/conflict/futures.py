@@ -102,15 +102,9 @@ class Futures:
     ) -> None:
         """Begin a step, with no agent covered.
 
-        Args:
-            log: of all agents.
-            config: of detection.
-            table: all n agents.
-            forecast: of the same step.
-            lag: (n,) steps by which the replay of each log lags; None for no lag.
-            keep_to_log: mask (n,) of agents that are expected to follow their logs, lag included: those on lagged logs,
-                and pedestrians and cyclists; None for none.
-            planned: returns those in a mask (n,) of the agents under control by now, and their paths; None for none.
+        Replays of logs lag by `lag` (n,) steps, and agents `keep_to_log` (mask (n,)) are expected to follow
+        them: those on lagged logs, and pedestrians and cyclists. `planned` returns those in a mask (n,) of the
+        agents under control by now, and their paths. None stands for no lag, and none.
         """
         self._log, self._config, self.table, self._forecast = log, config, table, forecast
         self._lag = np.zeros(len(table), np.int64) if lag is None else lag
@@ -169,11 +163,9 @@ class Futures:
         return motions
 
     def _alternatives(self, forecast_rows: IntArray, hard: BoolArray) -> AlternativeMotions:
-        """Returns other manoeuvres of the covered agents, by the forecast.
+        """Returns other manoeuvres of the covered agents, by the forecast, of which those `hard` (k,) brake hard.
 
-        Args:
-            forecast_rows: (k,) of the agents in the forecast; -1 for those not wanted.
-            hard: mask (k,) of those that brake hard.
+        `forecast_rows` (k,) are those of the agents in the forecast; -1 for those not wanted.
         """
         forecast, table = self._forecast, self.covered
         modes, known = forecast.modes, (forecast_rows >= 0).nonzero()[0]
@@ -192,15 +184,11 @@ class Futures:
         return AlternativeMotions(agent, probability / total, states, valid)
 
     def _interpolated(self, motions: Forecast | Modes, rows: IntArray, now: Poses) -> tuple[FloatArray, BoolArray]:
-        """Returns states (k, T, 6) and validity (k, T) of motions, every 0.1 s, for any `dt` of the forecast.
+        """Returns states (k, T, 6) and validity (k, T) of `motions` in `rows` (k,), -1 for none, every 0.1 s.
 
-        Between its instants, and from the present pose to the first of them, centres, headings and covariances are
-        interpolated linearly; now, the covariance is zero. Nothing is valid beyond its last instant.
-
-        Args:
-            motions: the most probable motions of the forecast, or its alternatives.
-            rows: (k,) of the motions in `motions`; -1 for none.
-            now: poses (k,) from which they begin.
+        Between the instants of the forecast, and from the pose `now` to the first of them, centres, headings
+        and covariances are interpolated linearly; now, the covariance is zero. Nothing is valid beyond its last
+        instant.
         """
         mean, yaw, covariance = map(np.ascontiguousarray, (motions.mean, motions.yaw, motions.covariance))
         gaussians, scale = (mean, yaw, covariance), self._config.sigma_scale
@@ -224,12 +212,8 @@ def planned_motion(
 ) -> PredictedMotion:
     """Returns the motion of the agents (r,) of `planned` along their reference paths; it has one mode.
 
-    Args:
-        planned: the agents under control, and their paths.
-        table: all agents.
-        forecast: of the agents (r,), by a predictor; ignored where it is not valid. The motion of a fresh agent is
-            valid only where its forecast is.
-        sigma_scale: factor on the standard deviations.
+    The `forecast` (r,) of these agents is ignored where it is not valid. The motion of a fresh agent is valid only
+    where its forecast is. Standard deviations are multiplied by `sigma_scale`.
     """
     rows, fresh = planned.rows, planned.fresh
     now = (table.x[rows], table.y[rows], table.speed[rows], table.acceleration[rows])
@@ -247,15 +231,10 @@ def follow_logs(
     y: Floats,
     on_log: Bools,
 ) -> tuple[Floats3, Bools2]:
-    """Return `states` (n, T, 6) and `valid` (n, T) of agents by their logs.
+    """Return `states` (n, T, 6) and `valid` (n, T) of agents by their logs, for T = `count` steps.
 
-    Args:
-        log: x, y [m], yaw [rad] and validity (N, S).
-        rows: (n,) of the agents in the log.
-        now: (n,) present step of each agent's log.
-        count: number T of steps.
-        x, y: (n,) of the agents now [m].
-        on_log: (n,) whether the agent follows its log, and keeps its residual.
+    The `log` is x, y [m], yaw [rad] and validity (N, S). Agents are in its `rows` (n,), at steps `now` (n,), and
+    those `on_log` (n,) keep their residual, by which they are at `x`, `y` (n,) [m].
     """
     log_x, log_y, log_yaw, log_valid = log
     last = log_x.shape[1] - 1
@@ -283,15 +262,10 @@ def interpolate(
     sigma_scale: float,
     now: tuple[Floats, Floats, Floats],
 ) -> tuple[Floats3, Bools2]:
-    """Return `states` (n, T, 6) and `valid` (n, T) of agents by forecast, linear between its instants.
+    """Return `states` (n, T, 6) and `valid` (n, T) by forecast, for T = `count` steps, linear between its instants.
 
-    Args:
-        motions: mean (N, F, 2), yaw (N, F) and covariance (N, F, 3) as in :class:`litsim_predictor.forecast.Forecast`.
-        dt: between instants of the forecast [s].
-        rows: (n,) of the agents in the forecast, -1 for agents without one.
-        count: number T of steps.
-        sigma_scale: factor on the standard deviations.
-        now: (n,) x, y [m] and yaw [rad] of the agents now.
+    Mean (N, F, 2), yaw (N, F) and covariance (N, F, 3) are those of :class:`litsim_predictor.forecast.Forecast`, in
+    which agents are in `rows` (n,), -1 for none. They begin at x, y [m] and yaw [rad] `now` (n,).
     """
     mean, yaw, sigmas = motions
     x_now, y_now, yaw_now = now
@@ -325,14 +299,9 @@ def interpolate(
 
 @kernel
 def hold_back(states: OutFloats2, x: float, y: float, speed: float, braking: float, braking_time: float) -> None:
-    """Limit a forecast, in place, to the distance that a vehicle covers if it continues to brake.
+    """Limit a forecast (T, 6), in place, to the distance that a vehicle covers if it continues to brake.
 
-    Args:
-        states: (T, 6) of one agent.
-        x, y: present position [m].
-        speed: present speed [m/s].
-        braking: deceleration [m/s2].
-        braking_time: for which it continues [s], unless it stands sooner.
+    It is at `x`, `y` [m], and goes on `braking` [m/s2] for `braking_time` [s], unless it stands sooner.
     """
     count = len(states)
     places, travelled = np.empty((count + 1, 2)), np.zeros(count + 1)
@@ -386,12 +355,8 @@ def _along_paths(
 ) -> Floats3:
     """Return `states` (r, T, 6); see :func:`planned_motion`.
 
-    Args:
-        paths: r paths.
-        now: (r,) x, y, speed and acceleration of the agents.
-        forecast: states (r, T, 6) and validity (r, T) of the agents by a predictor, for their progress.
-        fresh: (r,) whether an agent's policy has not acted yet, so that the forecast's progress counts from now on.
-        sigma_scale: factor on the standard deviations.
+    Now are (r,) x, y, speed and acceleration. The forecast, states (r, T, 6) and validity (r, T), gives the
+    progress: of those `fresh` (r,), whose policy has not acted yet, from now on.
     """
     (x, y, speed, acceleration), (predicted, valid) = now, forecast
     states = np.zeros(predicted.shape)

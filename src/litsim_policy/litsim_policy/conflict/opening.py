@@ -26,12 +26,7 @@ def by_conflict(scenario: Setting, router: Router, table: AgentTable, conflict: 
 def by_late_entry(scenario: Setting, table: AgentTable, diverged: BoolArray) -> Iterator[DivergedAgents]:
     """Yields each agent that has entered late, because its log began where the road was not free, on its logged path.
 
-    Its opponent is the nearest agent off its log, including those that entered late before it.
-
-    Args:
-        scenario: of the run.
-        table: all agents.
-        diverged: mask (n,) of agents off their logs so far, the ego included.
+    Its opponent is the nearest agent off its log (mask `diverged`), including those that entered late before it.
     """
     rows = (table.of_policy & ~diverged).nonzero()[0]
     diverged = diverged.copy()

@@ -96,11 +96,7 @@ def can_reach(
 ) -> bool:
     """Whether each strip alone holds at least the required share of the Gaussian around (dx, dy) [m].
 
-    Args:
-        normal_x, normal_y, half: of :func:`strips`.
-        dx, dy: mean distance [m].
-        covariance: of the distance: xx, yy, xy [m2].
-        quantile: of the standard Gaussian, for the required probability.
+    The covariance is xx, yy, xy [m2], `quantile` that of the standard Gaussian for the required probability.
     """
     xx, yy, xy = covariance
     for k in range(4):
@@ -184,13 +180,9 @@ def overlap_probability(
 ) -> float:
     """Return the probability that two boxes overlap, where it is at least `least`; else 0.
 
-    Args:
-        dx, dy: mean distance, centre of b minus centre of a, frame map [m].
-        yaw_a, yaw_b: headings [rad].
-        sizes: length and width of a, and of b [m].
-        covariance: of the distance: xx, yy, xy [m2]; without variance, the distance is certain.
-        least: probability below which none is computed.
-        quantile: of the standard Gaussian, for `least`.
+    `dx`, `dy` are the mean distance, centre of b minus centre of a [m], and its covariance xx, yy, xy [m2]; without
+    variance, it is certain. `sizes` are length and width of a, and of b [m], and `quantile` is that of the standard
+    Gaussian for `least`.
     """
     normal_x, normal_y, edge, half = strips(yaw_a, yaw_b, sizes[0], sizes[1], sizes[2], sizes[3])
     if covariance[0] + covariance[1] <= 0.0:
@@ -219,21 +211,11 @@ def write_overlaps(  # noqa: PLR0917 - a kernel takes arrays and numbers
     first: bool,
     probability: OutFloats,
 ) -> bool:
-    """Write into `probability` (T,) that of an overlap of two boxes, where it is at least `least`.
+    """Write the `probability` (T,) that two boxes overlap where it is at least `least`; return whether it is anywhere.
 
-    Steps at which it cannot be are excluded first by circles around the boxes, then by each strip of the boxes alone.
-
-    Args:
-        a, valid_a: (T, 6), (T,) of one agent; see :class:`PredictedMotion`.
-        b, valid_b: of the other.
-        sizes: length and width of a, and of b [m].
-        least: least probability that is computed.
-        quantile: of the standard Gaussian, for `least`.
-        first: whether to stop at the first step that reaches `least`.
-        probability: zeros.
-
-    Returns:
-        whether the probability reaches `least` at any step.
+    Steps at which it cannot be are excluded first by circles around the boxes, then by each strip of the boxes
+    alone. States are (T, 6), see :class:`PredictedMotion`, sizes length and width of a, and of b [m], and
+    `quantile` is that of the standard Gaussian for `least`. If `first`, it stops at the first step that reaches it.
     """
     reach = touching(sizes[0], sizes[1], sizes[2], sizes[3])
     matters, tail = False, max(0.0, -quantile)
@@ -256,11 +238,8 @@ def write_overlaps(  # noqa: PLR0917 - a kernel takes arrays and numbers
 def closing_overlaps(pairs: Ints2, motions: Motions, boxes: Boxes, first: bool) -> Floats2:
     """Return an array (m, T): 1 where boxes overlap if the second continues straight on for its `time`; else 0.
 
-    Args:
-        pairs: (m, 2) of an agent that moves by `motions`, and of one that keeps its acceleration until it stands.
-        motions: states (n, T, 6) without any spread, and validity (n, T).
-        boxes: of all agents.
-        first: as in :func:`mixture_overlap_probability`.
+    The first of each pair moves by `motions`, states (n, T, 6) without any spread and validity (n, T); the second
+    keeps its acceleration until it stands. `first` is as in :func:`mixture_overlap_probability`.
     """
     (states, valid), length, width = motions, boxes.length, boxes.width
     overlaps, done = np.zeros((len(pairs), states.shape[1])), NONE
@@ -305,17 +284,12 @@ def mixture_overlap_probability(
 ) -> FloatArray:
     """Probability (m, T) that the boxes of each pair overlap, over all motions of b; 0 where it does not reach `least`.
 
-    A weighted mean reaches `least` only where one of its terms does. So each motion is first compared with that bound,
-    which is cheap, and all motions are integrated only for pairs of which one reaches it.
+    A weighted mean reaches `least` only where one of its terms does. So each motion is first compared with that
+    bound, which is cheap, and all motions are integrated only for pairs of which one reaches it. Agents in `a` have
+    one known motion; sizes are lengths and widths (n,) [m].
 
-    Args:
-        pairs: (m, 2) of rows: an agent in `a`, with one known motion, and one in `b`.
-        a, b: motions of the same n agents.
-        sizes: length and width (n,) of their boxes [m].
-        least: least probability that is computed.
-        first: whether one pair of each agent in `a` is enough that reaches `least` at one step. All later pairs of
-            that agent are then 0, and so are later steps, except of pairs with several motions. The pairs of an agent
-            stand together.
+    If `first`, one pair of each agent in `a` is enough that reaches `least` at one step. All later pairs of that
+    agent, which stand together, are then 0, and so are later steps, except of pairs with several motions.
     """
     further = b.alternatives
     return _mixture_overlaps(
@@ -332,15 +306,10 @@ def mixture_overlap_probability(
 
 @kernel
 def listed(row: Ints, weight: Floats, count: int) -> tuple[Ints, Ints, Floats]:
-    """Return the alternative motions of n = `count` agents as linked lists.
+    """Return the alternative motions (q,) of n = `count` agents as linked lists.
 
-    Args:
-        row, weight: (q,) agent and weight of each motion.
-        count: number of agents.
-
-    Returns:
-        the first alternative motion of each agent (n,), and the one that follows each motion (q,), or NONE; and the
-        sum of each agent's weights (n,).
+    These are the first one of each agent (n,), and the one that follows each motion (q,), or NONE; and the sum of
+    each agent's weights (n,).
     """
     begin, following, taken = np.full(count, NONE), np.full(len(row), NONE), np.zeros(count)
     for q in range(len(row)):
@@ -373,14 +342,10 @@ def _mixture_overlaps(
     limits: Three,
     first: bool,
 ) -> Floats2:
-    """See :func:`mixture_overlap_probability`.
+    """See :func:`mixture_overlap_probability`; `further` are the alternative motions of b.
 
-    Args:
-        pairs, sizes, first: likewise.
-        a, b: states and validity of :class:`PredictedMotion`.
-        further: those of the alternative motions of b.
-        mixture: row of the agent and weight of each alternative motion.
-        limits: `least`, and the quantiles of the standard Gaussian for it and for NEGLIGIBLE.
+    `mixture` are their agents' rows and weights, and `limits` `least`, and the quantiles of the standard Gaussian
+    for it and for NEGLIGIBLE.
     """
     (states_a, valid_a), (states_b, valid_b), (states, valid) = a, b, further
     length, width = sizes

@@ -144,10 +144,8 @@ class Passing:
 def _chosen(now: DivergedNow, at: IntArray, gain: FloatArray, worth: BoolArray) -> list[int]:
     """Returns which of k lane changes are made: the best of each agent, and one of agents within ABREAST of each other.
 
-    Args:
-        now: the agents off their logs.
-        at: (k,) positions of the agents in `now`.
-        gain, worth: (k,) gain [m/s2], and mask of the changes that are safe and worth it.
+    The agents are at positions `at` (k,) in `now`; changes `worth` (k,) it are safe, too, and have a `gain` (k,)
+    [m/s2].
     """
     x, y, scene = now.x[at], now.y[at], now.table.scene[now.rows[at]]
     chosen: list[int] = []

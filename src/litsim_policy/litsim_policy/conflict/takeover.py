@@ -91,18 +91,10 @@ class TakeoverManager:
         return PlannedPaths(rows[at], diverged.paths_of(at), diverged.detected_step[at] == table.step)
 
     def _take_over(self, futures: Futures, before: BoolArray, lagged: BoolArray) -> BoolArray:
-        """Take over agents with confirmed conflicts; record the number of iterations and whether they converged.
+        """Take over agents with confirmed conflicts; return the mask (n,) of agents off their logs now, as `before`.
 
-        The first iteration compares with all agents off their logs or on lagged ones, each further one with those that
-        the previous one has taken over. Pedestrians and cyclists are never taken over.
-
-        Args:
-            futures: of the agents of the step.
-            before: mask (n,) of agents off their logs, the ego included.
-            lagged: mask (n,) of agents that follow a lagged log.
-
-        Returns:
-            mask (n,) of agents off their logs now.
+        The first iteration compares with all agents off their logs or on `lagged` ones, each further one with
+        those that the previous one has taken over. Pedestrians and cyclists are never taken over.
         """
         table, suspected = futures.table, dict[int, int]()
         barred = table.obstacle
@@ -132,13 +124,9 @@ class TakeoverManager:
         return diverged
 
     def _review(self, now: DivergedNow, known: BoolArray, futures: Futures, opponents: BoolArray) -> None:
-        """Move agents that were off their logs before this step on to their next states.
+        """Move agents that were `known` (mask (r,)) to be off their logs before this step on to their next states.
 
-        Args:
-            now: all agents off their logs.
-            known: mask (r,) of those that were so before this step.
-            futures: of the agents of the step.
-            opponents: mask (n,) of the agents with which they may be in conflict.
+        They may be in conflict with `opponents` (mask (n,)).
         """
         if not known.any():
             return
@@ -155,17 +143,11 @@ class TakeoverManager:
 
 
 def move_on(config: ConflictConfig, now: DivergedNow, known: BoolArray, free: BoolArray, needless: BoolArray) -> None:
-    """Move agents off their logs on to their next states, in place.
+    """Move agents off their logs, those of the mask `known` (r,), on to their next states, in place.
 
-    An agent that is not free is HELD. One that has been free for long enough is handed back along its logged path, and
-    released as soon as the residuals allow it. A needless one is released.
-
-    Args:
-        config: when that is.
-        now: r agents.
-        known: mask (r,) of those that move on.
-        free: (r,) whether it is in no conflict and the way back to its log is free.
-        needless: (r,) whether its log is over and no agent nearby needs it.
+    An agent that is not `free` (r,), as it is in conflict or its way back is taken, is HELD. One that has been free
+    for long enough is handed back along its logged path, and released as soon as the residuals allow it. A
+    `needless` one (r,) is released: its log is over and no agent nearby needs it.
     """
     agents, least = now.agents, now.table.step - config.held_steps_min
     clear = np.where(free, agents.clear + 1, 0)

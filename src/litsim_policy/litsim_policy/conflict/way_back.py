@@ -15,17 +15,9 @@ OBSTACLE_SIGHT = 30.0  # [m] range, beyond the distance to the place in the log,
 
 
 def obstructed(now: DivergedNow, at: IntArray, log_overlaps: LogOverlaps) -> BoolArray:
-    """Whether other agents block the way of agents to their places in the log.
+    """Returns the mask (k,) of agents at positions `at` (k,) whose way to their places in the log others block.
 
     Background agents that overlap them there in the log itself do not.
-
-    Args:
-        now: the agents off their logs.
-        at: (k,) positions of the agents in `now`.
-        log_overlaps: of the log.
-
-    Returns:
-        mask (k,).
     """
     if not len(at):
         return np.zeros(0, np.bool_)

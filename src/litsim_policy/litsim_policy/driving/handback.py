@@ -36,14 +36,9 @@ def catch_up(
     log_speed: float | FloatArray,
     log_acceleration: float | FloatArray,
 ) -> FloatArray:
-    """Returns accelerations (...) [m/s2] with which agents catch up with their logs.
+    """Returns accelerations (...) [m/s2] with which agents catch up with their logs, `behind` [m] along their paths.
 
     Slower than their logs, they brake less than these: as much as changes their speed as fast along the way.
-
-    Args:
-        behind: distance along the path to the log's position [m].
-        speed: of the agents [m/s].
-        log_speed, log_acceleration: of their logs [m/s], [m/s2].
     """
     approach = POSITION_GAIN * behind / SPEED_GAIN
     approach = np.minimum(np.maximum(approach, -SPEED_EXCESS), SPEED_EXCESS)

@@ -29,16 +29,9 @@ def steps_of(seconds: float) -> int:
 
 
 def rolled_out(table: AgentTable, rows: IntArray, commands: FloatArray, instants: int) -> FloatArray:
-    """Future poses of agents under commands.
+    """Returns future poses (3, m, c, T), x, y [m], yaw [rad], of agents in `rows` (m,) at T = `instants` of 0.1 s.
 
-    Args:
-        table: all agents.
-        rows: (m,) of the agents that are commanded.
-        commands: (m, c, 2) accelerations [m/s2] and yaw rates [rad/s], c for each agent.
-        instants: number T of instants, 0.1 s apart.
-
-    Returns:
-        (3, m, c, T) x, y [m] and yaw [rad].
+    The `commands` (m, c, 2) are accelerations [m/s2] and yaw rates [rad/s], c for each agent.
     """
     return _rolled_out(table.arrays, rows, commands, _turned(instants))
 
@@ -50,18 +43,10 @@ def _turned(instants: int) -> FloatArray:
 
 
 def first_touch(table: AgentTable, rows: IntArray, poses: FloatArray, margin: float) -> FloatArray:
-    """Times at which agents' boxes first touch another's; existing contacts and followers do not count.
+    """Returns times (m, c) [s] at which agents at `poses` of :func:`rolled_out` first touch another; inf for none.
 
-    The margin is left out for boxes that are already nearer than that.
-
-    Args:
-        table: all agents; those not in `rows` drive straight on, and keep braking if they brake.
-        rows: (m,) of the agents.
-        poses: (3, m, c, T) x, y [m] and yaw [rad] of the agents at T instants of 0.1 s, under c commands each.
-        margin: kept around other boxes [m].
-
-    Returns:
-        (m, c) times [s], infinite where none is touched.
+    Existing contacts and followers do not count. A `margin` [m] is kept around other boxes, except around those
+    that are already nearer than that.
     """
     return _first_touch(sorted_by_place(table, rows), table.arrays, rows, poses, margin)
 

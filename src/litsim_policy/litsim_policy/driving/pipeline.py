@@ -26,14 +26,7 @@ class Pipeline:
         scenario: Setting,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
-        """Build the stages.
-
-        Args:
-            stages: constructors by stage.
-            policy: name of the policy.
-            scenario: of the run, or the batched one.
-            clock: by which the stages are timed [s].
-        """
+        """Build the stages by their constructors, for `policy` and `scenario`; `clock` [s] times them."""
         self._history_steps, self._clock = scenario.history_steps, clock
         self._predictor = stages["predictor"](policy, scenario)
         self.manager = stages["conflict"](policy, scenario)

@@ -108,17 +108,7 @@ class DrivingScene:
         poses: Poses | None = None,
         logs: OwnLogs | None = None,
     ) -> DrivingScene:
-        """Returns the scene of m agents on paths.
-
-        Args:
-            lane_map: the road.
-            table: all agents, including these.
-            points: (k, 2) of each agent's path [m].
-            goals: (2,) of each.
-            numbers: id, due step, opponent and lag of each.
-            poses: as in :class:`PathFollowers`.
-            logs: as in the class.
-        """
+        """Returns the scene of m agents on paths to goals; `numbers` are id, due step, opponent and lag of each."""
         ids, due, opponent, lag = np.array(numbers, np.int64).reshape(-1, 4).T
         agents = PathFollowers(lane_map, table, table.rows(ids), PathBatch.of(points), poses)
         return cls(ids, agents, np.array(goals, np.float64).reshape(-1, 2), due, opponent, lag, logs)

@@ -42,15 +42,9 @@ def keep_distance(wanted: Floats, speed: Floats, length: Floats, leaders: Leader
     They drive no faster than is safe behind the leader (:func:`litsim_policy.motion.car_following.safe_speed`), and
     slow down to that speed by at most comfortable braking.
 
-    Once keeping the standstill gap takes more than comfortable braking, they brake constantly as that requires: harder
-    than by the courtesy deceleration only for a quarter of that gap. Nearer than the standstill gap they slow down to
-    the leader's speed.
-
-    Args:
-        wanted: (m,) accelerations [m/s2].
-        speed, length: (m,) of the agents [m/s], [m].
-        leaders: of the agents.
-        model: standstill gap and comfortable braking of the car following.
+    Once keeping the standstill gap takes more than comfortable braking, they brake constantly as that requires:
+    harder than by the courtesy deceleration only for a quarter of that gap. Nearer than the standstill gap they
+    slow down to the leader's speed.
     """
     standstill_gap, comfortable = model.standstill_gap, model.deceleration
     gap, leads, first = leaders.gap, leaders.leads, leaders.first
@@ -82,11 +76,7 @@ def keep_distance(wanted: Floats, speed: Floats, length: Floats, leaders: Leader
 def side_is_taken(agents: AgentArrays, rows: Ints, lane_heading: Floats, target: Floats2) -> Bools:
     """Mask (m,) of agents that move to a side of their lanes where another agent is alongside, or soon will be.
 
-    Args:
-        agents: all agents.
-        rows: (m,) of the agents.
-        lane_heading: (m,) of their lanes [rad].
-        target: (m, 2) points that they pursue [m].
+    They are in `rows` (m,), and pursue points `target` (m, 2) [m].
     """
     taken, (begin, end) = np.zeros(len(rows), np.bool_), within_scenes(agents.scene, rows)
     for i in range(len(rows)):
@@ -123,14 +113,8 @@ def _goes_first(agents: AgentArrays, j: int, own: int) -> bool:
 def make_room(wanted: Floats, paths: PathBatch, own_s: Floats, agents: AgentArrays, rows: Ints) -> Floats:
     """Accelerations (m,) [m/s2] with which agents let others in that are alongside, if less than they want.
 
-    Of two of these agents that are alongside and whose paths meet ahead, the one that is behind falls back, by no more
-    than the courtesy deceleration.
-
-    Args:
-        wanted: (m,) accelerations [m/s2].
-        paths, own_s: (m,) paths of the agents, and arc lengths of the agents on them [m].
-        agents: all agents.
-        rows: (m,) of the agents.
+    Of two of these agents that are alongside and whose paths meet ahead, the one that is behind falls back, by no
+    more than the courtesy deceleration. They are in `rows` (m,), at `own_s` (m,) [m] on their paths.
     """
     eased = wanted.copy()
     for i in range(len(rows)):
@@ -178,15 +162,9 @@ def _runs_into(pedal: float, paths: PathBatch, p: int, own_s: float, agents: Age
 def wait_for_crossing(wanted: Floats, paths: PathBatch, own_s: Floats, agents: AgentArrays, rows: Ints) -> Floats:
     """Accelerations (m,) [m/s2] with which agents wait for others that cross their paths, if less than they want.
 
-    Others are assumed to continue along their arcs with their present acceleration. An agent that would run into the
-    side of one brakes as little as necessary: by a third of the courtesy deceleration, two thirds, or all of it. Agents
-    on their logs are the concern of the conflict stage.
-
-    Args:
-        wanted: (m,) accelerations [m/s2].
-        paths, own_s: (m,) paths of the agents, and arc lengths of the agents on them [m].
-        agents: all agents.
-        rows: (m,) of the agents.
+    Others are assumed to continue along their arcs with their present acceleration. An agent that would run into
+    the side of one brakes as little as necessary: by a third of the courtesy deceleration, two thirds, or all of
+    it. Agents on their logs are the concern of the conflict stage. Arguments are those of :func:`make_room`.
     """
     eased, (begin, end) = wanted.copy(), within_scenes(agents.scene, rows)
     speed, acceleration, length, width = agents.speed, agents.acceleration, agents.length, agents.width
@@ -215,16 +193,9 @@ def give_way(
 ) -> Floats:
     """Accelerations (m,) [m/s2] with which agents follow others on their paths, and give way.
 
-    They give way to their opponents, and to those alongside that are ahead: by the car following, but no harder than
-    by the courtesy deceleration for those that are not in the way.
-
-    Args:
-        view: all agents relative to the agents (m).
-        agents: all agents.
-        rows: (m,) of the agents.
-        wanted_speed: (m,) that they would drive on a free road [m/s].
-        opponent: (m,) ids of their opponents.
-        model: of the car following.
+    They give way to their opponents, by id, and to those alongside that are ahead: by the car following, but no
+    harder than by the courtesy deceleration for those that are not in the way. On a free road they would drive at
+    `wanted_speed`.
     """
     acceleration = np.empty(len(rows))
     gap, ahead, in_path, count = view.gap, view.ahead, view.in_path, view.gap.shape[1]

@@ -56,24 +56,15 @@ class FollowingEgo(Ego):
     def following(self, table: AgentTable, row: int) -> Following | EgoCommand:
         """How the ego drives, or its command if it follows no path; called once per step, in order.
 
-        Args:
-            table: all agents, possibly of several scenes and with ids other than the recording's.
-            row: of the ego; -1 if it is not on the road.
+        It is in `row` of `table`, -1 if it is not on the road, which may be of several scenes with ids other
+        than the recording's.
         """
 
 
 def commands(
     paths: PathBatch, table: AgentTable, rows: IntArray, drivers: Sequence[Following], stop_lines: StopLines
 ) -> list[EgoCommand]:
-    """Returns commands of m egos that drive along paths, independent of each other.
-
-    Args:
-        paths: m paths, those of `drivers`.
-        table: all agents.
-        rows: (m,) of the egos.
-        drivers: m, one per ego.
-        stop_lines: of the road.
-    """
+    """Returns commands of m egos that drive along `paths`, those of `drivers`, independent of each other."""
     x, y, yaw, speed = (getattr(table, name)[rows] for name in ("x", "y", "yaw", "speed"))
     target = paths.point(paths.project(paths.each, x, y).s + pursuit_reach(speed))
     yaw_rate = towards(target, x, y, yaw, speed)

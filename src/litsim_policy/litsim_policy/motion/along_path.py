@@ -90,19 +90,11 @@ def along_paths(
     poses: Poses | None = None,
     path: IntArray | None = None,
 ) -> AlongPath:
-    """Returns agents relative to those in `rows`, each along a path of its own; no vehicle is ahead of itself.
+    """Returns agents relative to those in `rows` (m,), each along a path of its own; no vehicle is ahead of itself.
 
-    Args:
-        paths: m paths.
-        agents: all agents.
-        rows: (m,) of the vehicles.
-        margin: lateral distance kept to the agents' boxes [m].
-        sight: (m,) or one for all: range of sight [m]; at most SIGHT.
-        poses: assumed poses of the vehicles; None for their actual ones.
-        path: (m,) positions of the vehicles' paths in `paths`; None for one path per vehicle, in order.
-
-    Returns:
-        arrays (m, w).
+    `margin` [m] is kept to their boxes, and they are seen up to `sight`, (m,) or one for all, at most SIGHT [m].
+    None stands for actual poses, and for one path per vehicle, in order; else `path` (m,) are positions in `paths`.
+    Arrays are (m, w).
     """
     reach = np.minimum(sight, SIGHT) if isinstance(sight, np.ndarray) else np.full(len(rows), min(sight, SIGHT))
     own = PoseArrays(*(poses or (agents.x[rows], agents.y[rows], agents.yaw[rows])))
@@ -197,21 +189,13 @@ def _projected(
 ) -> tuple[Ints, int, Ints2, Floats2]:
     """Pairs of vehicles and agents within sight of each other, and the agents' positions along the vehicles' paths.
 
-    Args:
-        agents: all agents; only agents of one scene form pairs.
-        rows: (m,) of the vehicles.
-        own: (m,) their poses.
-        sight: (m,) their range of sight [m].
-        path: (m,) positions of their paths in `paths`.
-        paths: the paths.
-        margin: lateral distance to boxes [m] beyond which agents are certain not to be in the path, and are left out;
-            infinite for none.
+    The vehicles are in `rows` (m,), at poses `own`, and have the paths at positions `path` (m,). Only agents of one
+    scene form pairs. Agents that are certain not to be in the path, widened by `margin` [m], are left out; infinite
+    for none.
 
-    Returns:
-        the first row (m,) of each vehicle's scene, and the number of agents in the largest of these;
-        k pairs, ordered by the vehicle: (2, k) position of the vehicle in `rows`, and row of the agent;
-        (5, k) arc length and offset of the agent on the path [m], its heading [rad], and x and y of the path's
-        direction there.
+    Returns the first row (m,) of each vehicle's scene, and the number of agents in the largest of these; k pairs,
+    ordered by the vehicle: (2, k) position of the vehicle in `rows`, and row of the agent; (5, k) arc length and
+    offset of the agent on the path [m], its heading [rad], and x and y of the path's direction there.
     """
     begin, end = within_scenes(agents.scene, rows)
     most, pairs = 0, 0
@@ -313,16 +297,9 @@ def _leading(
 def _along(
     pairs: ProjectedPairs, agents: AgentArrays, rows: Ints, first: Ints, most: int, margin: float
 ) -> tuple[Bools3, Floats3, Floats2]:
-    """Return the fields of :class:`AlongPath`.
+    """Return the fields of :class:`AlongPath`; arguments as returned by :func:`_projected`.
 
     These are ahead and in_path (2, m, w); s, d, gap, speed and aside (5, m, w); own_s and own_d (2, m).
-
-    Args:
-        pairs: from :func:`_projected`.
-        agents: all agents.
-        rows: (m,) of the vehicles.
-        first, most: first rows (m,) of their scenes, and the number w of agents of the largest of these.
-        margin: as in :func:`along_paths`.
     """
     shape, own = (len(rows), most), _own(pairs, rows)
     seen, where = np.zeros((2, *shape), np.bool_), np.empty((5, *shape))

@@ -83,12 +83,8 @@ def idm_acceleration(
 ) -> FloatArray:
     """Returns the acceleration (...) [m/s2] of vehicles, each behind the most demanding of its leaders.
 
-    Args:
-        config: parameters of all vehicles, or a sequence with those of each.
-        speed, desired_speed: (...) of the vehicles [m/s].
-        gap: (..., n) to each leader, bumper to bumper [m].
-        leader_speed: (..., n) [m/s].
-        leads: (..., n) mask of the leaders; None for all.
+    Gaps (..., n) are from bumper to bumper [m]; `leads` (..., n) is the mask of the leaders, None for all. `config`
+    is that of all vehicles, or of each.
     """
     gap = np.asarray(gap, np.float64)
     shape, pairs = gap.shape[:-1], (math.prod(gap.shape[:-1]), gap.shape[-1])
@@ -106,14 +102,7 @@ def idm_acceleration(
 
 @kernel
 def idm(speed: float, desired_speed: float, gap: Floats, leader_speed: Floats, leads: Bools, model: IdmValues) -> float:
-    """Acceleration [m/s2] of one vehicle behind the most demanding of its leaders; see :func:`idm_acceleration`.
-
-    Args:
-        speed, desired_speed: of the vehicle [m/s].
-        gap, leader_speed: (n,) to and of all agents [m], [m/s].
-        leads: (n,) whether an agent is a leader.
-        model: the parameters.
-    """
+    """Acceleration [m/s2] of one vehicle behind the most demanding of its leaders; see :func:`idm_acceleration`."""
     free = model.acceleration * (1.0 - math.pow(speed / max(desired_speed, DESIRED_MIN), 4.0))
     interaction = 0.0
     for j in range(len(gap)):
@@ -128,12 +117,7 @@ def idm(speed: float, desired_speed: float, gap: Floats, leader_speed: Floats, l
 def safe_speed(room: float, leader_speed: float, own_braking: float, leader_braking: float) -> float:
     """Speed [m/s] from which `own_braking` stops an agent behind its leader, if the leader brakes by `leader_braking`.
 
-    The safe speed of Krauss (1997), with a reaction time of one step.
-
-    Args:
-        room: to the leader [m]; negative values count as 0.
-        leader_speed: along the path [m/s].
-        own_braking, leader_braking: [m/s2].
+    The safe speed of Krauss (1997), with a reaction time of one step. Negative `room` [m] counts as 0.
     """
     lag = own_braking * STEP_S
     stop = 2.0 * own_braking * max(room, 0.0) + leader_speed**2 * own_braking / leader_braking
@@ -144,13 +128,9 @@ def safe_speed(room: float, leader_speed: float, own_braking: float, leader_brak
 def braking_behind(
     speed: float, leader_speed: float, leader_acceleration: float, room: float, leader_brakes: float
 ) -> float:
-    """Constant braking [m/s2] with which an agent does not reach a leader that keeps its speed or brakes to a stop.
+    """Constant braking [m/s2] with which an agent does not reach a leader, `room` [m] ahead, that drives on or brakes.
 
-    Args:
-        speed, leader_speed: along the path [m/s].
-        leader_acceleration: [m/s2].
-        room: to the leader [m].
-        leader_brakes: a leader that brakes harder is assumed to brake until it stands [m/s2].
+    A leader that brakes harder than `leader_brakes` [m/s2] is assumed to brake until it stands.
     """
     needed = max(speed - leader_speed, 0.0) ** 2 / (2.0 * max(room, GAP_MIN))
     braking = max(-leader_acceleration, BRAKING_MIN)

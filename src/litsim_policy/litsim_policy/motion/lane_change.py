@@ -53,16 +53,11 @@ def weigh_changes(
     claimed: BoolArray,
     reach: FloatArray,
 ) -> LaneChanges:
-    """Weigh one lane change for each of k agents.
+    """Weigh one lane change for each of the k agents in `rows`, which want to drive at speeds `wanted` [m/s].
 
-    Args:
-        table: all agents.
-        rows: (k,) of the agents.
-        wanted: (k,) their speeds on a free road [m/s].
-        view: (2 k, w) agents of the scenes: first relative to each agent on the centre line of its own lane, then
-            relative to it as if it were on that of the target lane.
-        claimed: mask (k, w) of agents that are changing to the target lane, and count as being in it.
-        reach: (k,) length of road that the change takes [m].
+    The `view` (2 k, w) is first relative to each agent on the centre line of its own lane, then as if it were on
+    that of the target lane. Agents `claimed` (mask (k, w)) are changing to the target lane, and count as being in
+    it. A change takes `reach` (k,) of road [m].
     """
     return LaneChanges(*_weigh(table.arrays, rows, wanted, view, claimed, reach))
 

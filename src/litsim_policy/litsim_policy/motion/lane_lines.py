@@ -88,12 +88,8 @@ class LaneLines:
     ) -> BoolArray:
         """Returns the mask (k, w) of agents that are between the edges of each of `lanes` (k,).
 
-        Args:
-            lanes: positions in `LaneMap.lanes`.
-            rows: (r,) of the agents, ascending.
-            places: their x and y (r,) [m].
-            first: (k,) row of the agent of column 0, for each lane.
-            most: number w of columns.
+        Agents are in `rows` (r,), ascending, at `places` x, y (r,) [m]. Column 0 is the agent in row `first`
+        (k,), of w = `most`.
         """
         line = self.rows(lanes)  # which may change `batch`
         return _inside(self.batch, line, 0.5 * self.width(lanes), rows, places, first, most)
@@ -148,14 +144,7 @@ def _inside(
     first: Ints,
     most: int,
 ) -> Bools2:
-    """See :meth:`LaneLines.inside`.
-
-    Args:
-        line, half_width: (k,) position of the line of each lane, and half the width of the lane [m].
-        rows, places: (r,) rows of the agents, ascending, and x and y of their positions [m].
-        first: (k,) row of the agent of column 0, for each lane.
-        most: number w of columns.
-    """
+    """See :meth:`LaneLines.inside`; lanes have their lines at positions `line` (k,), and half widths (k,) [m]."""
     x, y = places
     inside = np.zeros((len(line), most), np.bool_)
     for k in range(len(line)):

@@ -97,12 +97,7 @@ class PathBatch(NamedTuple):
 
 @kernel
 def _laid_out(points: Floats2, counts: Ints) -> tuple[Floats3, Floats3]:
-    """Return the `segments` and `circles` of a :class:`PathBatch`.
-
-    Args:
-        points: (N, 2) of all polylines, one after the other, in frame map [m].
-        counts: (m,) number of points of each.
-    """
+    """Return `segments` and `circles` of a :class:`PathBatch` of `points` (N, 2) [m], `counts` (m,) in each path."""
     longest = 2
     for n in counts:
         longest = max(longest, n)
@@ -288,15 +283,7 @@ def windows(paths: PathBatch, s: Floats, behind: float, ahead: float) -> tuple[I
 
 @kernel
 def directions_ahead(paths: PathBatch, s: Floats, reach: Floats) -> tuple[Floats2, Floats2]:
-    """Return directions of m paths where agents are, and half a reach and one and a half ahead.
-
-    Args:
-        paths: of the agents.
-        s, reach: (m,) arc lengths of the agents and their pursuit reaches [m].
-
-    Returns:
-        x and y (m, 3) of unit vectors.
-    """
+    """Return x, y (m, 3) of directions of paths at arc lengths `s` (m,), half a `reach` and one and a half ahead."""
     unit_x, unit_y = np.empty((len(s), 3)), np.empty((len(s), 3))
     for i in range(len(s)):
         for k, share in enumerate((0.0, 0.5, 1.5)):

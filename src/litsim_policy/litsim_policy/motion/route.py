@@ -82,12 +82,8 @@ class Router:
     def beside(self, pose: FloatArray, reach: float, lane: int) -> ReferencePath | None:
         """Returns the drivable path from `pose` (3,) onto the centre line of an adjacent lane and on along it, or None.
 
-        It keeps the vehicle's curvature limit, and stays on the road if it starts there.
-
-        Args:
-            pose: of the agent.
-            reach: length of road for the lane change [m]; longer if it would bend too much or leave the road.
-            lane: row of the lane.
+        It keeps the vehicle's curvature limit, and stays on the road if it starts there. The change takes
+        `reach` [m] of road; longer if it would bend too much or leave the road.
         """
         on_road = bool(self._lanes.inside_road(pose[:1], pose[1:2])[0])
         for share in BESIDE_SHARES:

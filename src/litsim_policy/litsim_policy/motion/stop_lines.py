@@ -42,11 +42,7 @@ class StopLines:
     def gaps(self, table: AgentTable, rows: IntArray, paths: PathBatch, s: FloatArray) -> FloatArray:
         """Distances (m,) [m] from the agents' fronts to the lines at which they must stop; infinite without a stop.
 
-        Args:
-            table: all agents, at the step of the signals.
-            rows: (m,) of the agents.
-            paths: m paths, one per agent.
-            s: (m,) arc lengths of the agents' centres on these [m].
+        They are in `rows` (m,), at arc lengths `s` (m,) [m] on their paths.
         """
         distance = np.full(len(rows), FREE)
         if self._signals is None or not len(rows):
@@ -81,14 +77,7 @@ class StopLines:
 def idm_at_signals(
     config: IdmConfig, speed: FloatArray, desired_speed: FloatArray, acceleration: FloatArray, gap: FloatArray
 ) -> FloatArray:
-    """Returns acceleration (m,) [m/s2]: the lesser of `acceleration` and that of the model for a stop after `gap`.
-
-    Args:
-        config: of the Intelligent Driver Model.
-        speed, desired_speed: (m,) [m/s].
-        acceleration: (m,) [m/s2] behind the agent ahead.
-        gap: (m,) to the stop line [m]; infinite without a stop.
-    """
+    """Returns the lesser of `acceleration` (m,) [m/s2] and that of the model for a stop after `gap` [m]."""
     at = (gap < FREE).nonzero()[0]
     if not len(at):
         return acceleration

@@ -122,12 +122,9 @@ def turn_gaussians(
 
 
 def headings(mean: FloatArray, start: FloatArray, yaw: FloatArray) -> FloatArray:
-    """Returns the headings (n, T) [rad] along trajectories.
+    """Returns the headings (n, T) [rad] along trajectories `mean` (n, T, 2) [m] from `start` (n, 2) on.
 
-    Args:
-        mean: (n, T, 2) positions [m].
-        start: (n, 2) positions before [m].
-        yaw: (n,) headings before [rad], kept while a vehicle does not move.
+    While a vehicle does not move, the heading before, `yaw` (n,), is kept.
     """
     mean, start, yaw = (np.ascontiguousarray(array, np.float64) for array in (mean, start, yaw))
     dx, dy = np.empty(mean.shape[:2]), np.empty(mean.shape[:2])

@@ -69,15 +69,10 @@ class LaneFrameFinder:
         self._known = np.zeros(len(lane_map.lanes), np.bool_)
 
     def ahead(self, at: LanePosition, along: BoolArray, speed: FloatArray) -> LaneFrames:
-        """Returns the frames of those of n agents whose lanes bend.
+        """Returns the frames of those of n agents whose lanes bend, of those that drive `along` (n,) their lanes.
 
-        An agent too fast for a bend, even if it brakes until there, goes straight on where it begins: diverging lanes
-        of a junction overlap at first.
-
-        Args:
-            at: where the agents are.
-            along: (n,) whether they drive along their lanes; the others have no frames.
-            speed: (n,) [m/s].
+        An agent too fast for a bend, even if it brakes until there, goes straight on where it begins: diverging
+        lanes of a junction overlap at first.
         """
         known = self._known[at.lane]
         if not known.all():

@@ -63,13 +63,7 @@ class Traffic(NamedTuple):
         return cls(frame, speed[:, -1], speed[:, ago], observed[:, ago], np.zeros(len(frame), np.int64))
 
     def ahead_of(self, frame: FloatArray, speed: Float32Array, scene: IntArray | None = None) -> Float32Array:
-        """Returns features (n, TRAFFIC_CHANNELS) of the traffic ahead of n agents; see :func:`look_ahead`.
-
-        Args:
-            frame: (n, 3) of the agents.
-            speed: (n,) [m/s].
-            scene: (n,) in which they are; None for the first.
-        """
+        """Returns features (n, TRAFFIC_CHANNELS) of traffic ahead of agents in `scene` (n,); see :func:`look_ahead`."""
         scene = np.zeros(len(frame), np.int64) if scene is None else scene
         ahead = np.empty((len(frame), TRAFFIC_CHANNELS), np.float32)
         first, end = self.scene.searchsorted(scene), self.scene.searchsorted(scene, "right")

@@ -77,11 +77,9 @@ def program(main: Callable[P, int | None]) -> Callable[P, None]:
 
 
 def run_status(metrics: Mapping[str, Any], what: object) -> int:
-    """Exit status of a program that has measured a run: EXIT_FAILED, with an error on stderr, if it is not valid.
+    """Returns the exit status of a program that has measured a run: EXIT_FAILED if its `metrics` say it is not valid.
 
-    Args:
-        metrics: the tree of `metrics.json`.
-        what: name of the run in the error.
+    An error on stderr then says why, of the run called `what`.
     """
     if metrics["valid"]:
         return 0

@@ -8,13 +8,9 @@ import numpy as np
 
 
 def check_columns(columns: Mapping[str, np.ndarray]) -> None:
-    """Check that columns have equal lengths, that ids ascend, and that all numbers are finite.
+    """Check that `columns`, by name, have equal lengths, that ids (n,) ascend, and that all numbers are finite.
 
-    Args:
-        columns: arrays by name: `id` (n,), the others (n, ...).
-
-    Raises:
-        ValueError: a check fails; the message names the column.
+    Raises a ValueError that names the column where a check fails.
     """
     ids = columns["id"]
     for name, values in columns.items():

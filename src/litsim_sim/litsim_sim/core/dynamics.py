@@ -70,13 +70,8 @@ def bicycle_step(
 ) -> Motion:
     """Moves vehicles by one step of 0.1 s; rear axles along the heading, at rest nothing rotates, no one reverses.
 
-    Args:
-        motion: state at the start of the step.
-        length: (n,) [m], places the rear axle.
-        acceleration, yaw_rate: (n,) commands [m/s2], [rad/s], cut to `limits`.
-
-    Returns:
-        state at the end of the step, with the acceleration and yaw rate that were really applied.
+    `length` (n,) [m] places the rear axle. The commands (n,) [m/s2], [rad/s] are cut to `limits`, and the result
+    has what was really applied.
     """
     return Motion(*_bicycle_step(motion, length, acceleration, yaw_rate, limits.values))
 

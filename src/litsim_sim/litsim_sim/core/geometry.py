@@ -39,10 +39,7 @@ def boxes_overlap(
 ) -> BoolArray:
     """Returns whether boxes a and b share interior points; separating-axis test, touching edges do not count.
 
-    Args:
-        dx, dy: (...) centre of b minus centre of a [m].
-        yaw_a, yaw_b: (...) headings [rad].
-        size_a, size_b: lengths and widths, broadcastable to (...) [m].
+    `dx`, `dy` (...) are the centre of b minus that of a [m], sizes lengths and widths that broadcast to (...) [m].
     """
     cos_a, sin_a, cos_b, sin_b = np.cos(yaw_a), np.sin(yaw_a), np.cos(yaw_b), np.sin(yaw_b)
     half_la, half_wa, half_lb, half_wb = 0.5 * size_a[0], 0.5 * size_a[1], 0.5 * size_b[0], 0.5 * size_b[1]

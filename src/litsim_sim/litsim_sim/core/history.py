@@ -87,10 +87,8 @@ class History:
 def copy_window(values: Floats3, present: Bools2, rows: Ints, columns: Ints, out: OutFloats3, valid: OutBools2) -> None:
     """Copy the values of m agents at h steps to `out` (m, h, f), and set `valid` (m, h) where there are any.
 
-    Args:
-        values, present: (s, a, f) and (s, a) values of all steps and agents that are held, and their mask of presence.
-        rows, columns: (h,) rows of the steps and (m,) columns of the agents; below 0 for none.
-        out, valid: not changed where there is no value.
+    `values` (s, a, f) and `present` (s, a) are of all steps and agents that are held, `rows` (h,) and `columns`
+    (m,) those of the steps and agents asked for, below 0 for none.
     """
     for i in range(len(columns)):
         for t in range(len(rows)):

@@ -15,10 +15,7 @@ def overlap(
 ) -> bool:
     """Returns whether boxes a and b share interior points, like :func:`litsim_sim.core.geometry.boxes_overlap`.
 
-    Args:
-        dx, dy: centre of b minus centre of a [m].
-        yaw_a, yaw_b: headings [rad].
-        length_a, width_a, length_b, width_b: extents [m].
+    `dx`, `dy` are the centre of b minus that of a [m].
     """
     cos_a, sin_a, cos_b, sin_b = math.cos(yaw_a), math.sin(yaw_a), math.cos(yaw_b), math.sin(yaw_b)
     half_la, half_wa, half_lb, half_wb = 0.5 * length_a, 0.5 * width_a, 0.5 * length_b, 0.5 * width_b

@@ -66,12 +66,9 @@ class ParameterOverrides:
 
 
 def problems(error: ValidationError, config: type, values: Mapping[str, Any]) -> list[str]:
-    """Returns the descriptions of invalid fields of a configuration: name, value, and what was expected.
+    """Returns what is wrong with the fields of a configuration: name, value, and what was expected.
 
-    Args:
-        error: error that the constructor raised.
-        config: class of the configuration.
-        values: arguments of the constructor.
+    The constructor of its class `config` has raised `error` for the arguments `values`.
     """
     texts = []
     for problem in error.errors():

@@ -35,13 +35,8 @@ def stage_reader(stage: str, ego: str = "") -> Callable[[ParameterOverrides], An
 def configured(stages: Iterable[str], parameters: Parameters, ego: str = "") -> dict[str, Any]:
     """Read the parameters of the stages of a run; return the result of each stage's registered function, by stage.
 
-    Args:
-        stages: the stages of the run.
-        parameters: given parameters; others have their defaults.
-        ego: name of the ego's driver, if the ego is among the stages.
-
-    Raises:
-        InputError: a stage takes no part in the run or is not installed; or a parameter is unknown or does not fit.
+    `ego` is the name of the ego's driver, if the ego is among the stages. Raises an InputError if a stage takes no
+    part in the run or is not installed, or a parameter is unknown or does not fit.
     """
     taking_part = tuple(stages)
     if absent := sorted(set(parameters) - set(taking_part)):

@@ -132,14 +132,9 @@ class Steps(Sequence[AgentTable]):
         return order, agent[order] * len(self) + self.stacked.number[order]
 
     def rows_until(self, number: IntArray, ids: IntArray) -> IntArray:
-        """Returns the rows (q,) in :attr:`stacked` of agents at their last steps up to some.
+        """Returns the rows (q,) in :attr:`stacked` of `ids` (q,) at their last steps up to those of indices `number`.
 
-        Args:
-            number: (q,) indices of steps.
-            ids: (q,) agents.
-
-        Returns:
-            The rows; -1 for agents that have not been on the road by then.
+        -1 stands for agents that have not been on the road by then.
         """
         if self._whole is not None:
             whole, first = self._whole

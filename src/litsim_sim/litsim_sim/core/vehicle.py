@@ -95,15 +95,9 @@ class Actuators:
     def apply(
         self, acceleration: float, yaw_rate: float, moving: tuple[float, float], speed: float
     ) -> tuple[float, float]:
-        """Apply the actuators to a command for one step of 0.1 s.
+        """Returns the acceleration and yaw rate that the actuators make of a command in one step, before any limits.
 
-        Args:
-            acceleration, yaw_rate: commanded [m/s2], [rad/s].
-            moving: acceleration and yaw rate of the vehicle now, which the actuators begin with.
-            speed: now [m/s].
-
-        Returns:
-            Effective acceleration and yaw rate, before the limits of :func:`litsim_sim.core.dynamics.bicycle_step`.
+        They begin with those of the vehicle now, `moving`. Units are [m/s2], [rad/s] and [m/s].
         """
         if self._ideal:
             return acceleration, yaw_rate

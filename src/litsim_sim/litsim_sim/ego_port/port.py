@@ -101,12 +101,9 @@ class EgoPort:
         return self._owed.get(self._step - 1, 0) if self.missing else 0
 
     def open(self, step: int, ego: EgoState | None, *, driven: bool) -> None:
-        """Wait for the answer to `step`.
+        """Wait for the answer to `step`; `ego` is None if it is not on the road.
 
-        Args:
-            step: current step.
-            ego: state of the ego; None if it is not on the road.
-            driven: whether the answer counts: not before the history is over, nor once the ego has left.
+        Unless it is `driven`, the answer does not count: before the history is over, or once the ego has left.
         """
         if self._asked > max(1, self._offered):
             self._owed[self._step] = self._asked - self._offered

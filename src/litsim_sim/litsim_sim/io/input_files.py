@@ -51,13 +51,8 @@ def require_file(path: Path, what: str = "file", hint: str = "", *, where: str =
 def open_input(path: Path, what: str = "file", *, size_max: float = inf) -> BinaryIO:
     """Opens a file for reading, and unpacks it if it is packed.
 
-    Args:
-        path: see :func:`require_file`.
-        what: see there.
-        size_max: most bytes, once unpacked.
-
-    Raises:
-        InputError: as there; or once more is read than such a file may hold.
+    Raises an InputError as :func:`require_file` with these arguments, or once more than `size_max` bytes are read,
+    unpacked.
     """
     require_file(path, what, size_max=size_max)
     try:

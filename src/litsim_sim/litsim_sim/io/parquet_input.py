@@ -64,12 +64,7 @@ def read_arrow(path: Path) -> pa.Table:
 def parse_arrow(source: Path | pa.NativeFile, where: str) -> pa.Table:
     """Returns all columns of the Parquet content in `source`, with its metadata; checksums of pages are checked.
 
-    Args:
-        source: a file, or its content as pyarrow reads it.
-        where: name of the source in errors.
-
-    Raises:
-        InputError: it is no Parquet, or damaged.
+    Raises an InputError, in which `where` names the source, if it is no Parquet, or damaged.
     """
     try:
         with pq.ParquetFile(source, page_checksum_verification=True) as file:  # read_table would import pandas
@@ -97,12 +92,7 @@ def check_unpacked(content: pq.FileMetaData, packed: int, where: str) -> None:
 def read_table(path: Path, needed: Sequence[str] = ()) -> pd.DataFrame:
     """Read all columns of the Parquet file at `path`.
 
-    Args:
-        path: the file.
-        needed: columns that it must have.
-
-    Raises:
-        InputError: it is missing, no Parquet, or lacks columns.
+    Raises an InputError if it is missing, no Parquet, or lacks one of the `needed` columns.
     """
     arrow = read_arrow(path)
     missing = [name for name in needed if name not in arrow.column_names]

@@ -80,13 +80,8 @@ class TableFile:
     def read(self, wanted: list[str], *, whose: str = "", may_be_empty: bool = False) -> pd.DataFrame:
         """Returns the columns `wanted`, and `row`, the number for :meth:`at`; empty lines of a CSV file are skipped.
 
-        Args:
-            wanted: names of columns.
-            whose: added to the error about missing columns, such as "of the mapping".
-            may_be_empty: whether a table without rows is accepted.
-
-        Raises:
-            InputError: it cannot be read, lacks a column, or holds no rows.
+        Raises an InputError if the file cannot be read, lacks a column (`whose`, such as "of the mapping", is
+        added then), or holds no rows and not `may_be_empty`.
         """
         import pandas as pd
 
@@ -166,13 +161,7 @@ class TableFiles:
     def read(self, wanted: list[str], *, needed: set[str] | None = None, whose: str = "") -> pd.DataFrame:
         """Returns the columns `wanted` of all files, one after the other, and `row`, by which :meth:`at` names a place.
 
-        Args:
-            wanted: names of columns.
-            needed: those of them that every file must have; the others may be missing in some files. None for all.
-            whose: added to the error about missing columns, such as "of the mapping".
-
-        Raises:
-            InputError: a file cannot be read, lacks a column, or holds no rows.
+        Raises an InputError as :meth:`TableFile.read`. Only those `needed` must be in every file; None for all.
         """
         import pandas as pd
 

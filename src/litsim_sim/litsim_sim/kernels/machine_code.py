@@ -51,12 +51,9 @@ def box_arrays_quickly() -> None:
 
 
 def keep(path: Path, dispatcher: Any, signature: Any) -> None:
-    """Write to `path` the machine code of a function for a signature from numba's cache, if it is there.
+    """Write to `path`, in an existing folder, machine code for `signature` from numba's cache, if it is there.
 
-    Args:
-        path: the file, in an existing folder.
-        dispatcher: numba's dispatcher of the function, with a cache.
-        signature: numba's signature, for which the function has been compiled.
+    The `dispatcher` is numba's, with a cache, and has been compiled for that.
     """
     cached = dispatcher._cache  # noqa: SLF001 - numba has no public access to it
     entry = cached._cache_file.load(cached._index_key(signature, cpu_target.target_context.codegen()))  # noqa: SLF001

@@ -113,14 +113,10 @@ class LaneMap:
         return self._row[lane_id]
 
     def nearest(self, x: FloatArray, y: FloatArray, yaw: FloatArray | None = None) -> LanePosition:
-        """Finds the lane that each pose is on or nearest to.
+        """Finds the lane that each pose, of `x`, `y` [m] and `yaw` [rad] (n,), is on or nearest to.
 
-        Distance decides, with handicaps for lanes inside junctions and, where `yaw` is given, for lanes that lead
-        elsewhere. Equal lanes are decided by id.
-
-        Args:
-            x, y: (n,) [m].
-            yaw: (n,) headings [rad].
+        Distance decides, with handicaps for lanes inside junctions and, where `yaw` is given, for lanes that
+        lead elsewhere. Equal lanes are decided by id.
         """
         x, y = _column(x), _column(y)
         # without a heading, all directions are alike
@@ -148,17 +144,10 @@ class LaneMap:
         return np.column_stack([self.pose_at(lane, at)[2] for at in (s - reach, s + reach)])
 
     def poses_along(self, lane: IntArray, s: FloatArray, steps: int, step: float = 1.0) -> FloatArray:
-        """Returns poses along the centre lines from arc lengths `s` (n,) [m] of the lanes at positions `lane` (n,) on.
+        """Returns poses (n, steps, 3) x, y [m], yaw [rad] on centre lines, from arc lengths `s` of lanes `lane` on.
 
-        They go on as :meth:`path_from` without a route: straightest, and straight on where the net ends.
-
-        Args:
-            lane, s: where the first poses are.
-            steps: number of poses.
-            step: distance from one to the next along the lanes [m].
-
-        Returns:
-            (n, steps, 3) x, y [m] and heading [rad], frame map.
+        They are `step` [m] apart, and go on as :meth:`path_from` without a route: straightest, and straight on
+        where the net ends.
         """
         lanes, lengths = np.ascontiguousarray(lane), np.ascontiguousarray(s)
         return poses_along(lanes, lengths, self._straightest_rows, steps, step, self._segments)

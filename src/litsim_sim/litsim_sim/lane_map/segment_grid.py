@@ -149,18 +149,9 @@ def nearest_segments(
 ) -> tuple[Ints, Floats2]:
     """Returns the segments of least cost: distance, handicap, and `turn` times 1 - cos of the angle to the heading.
 
-    Of segments that cost the same, the first is taken. Off the grid all segments are looked at.
-
-    Args:
-        x, y: (n,) of poses [m].
-        cos, sin: (n,) of their headings.
-        turn: [m].
-        grid, segments: to search.
-        handicap: (k,) of the segments [m].
-
-    Returns:
-        segments (n,); (2, n) arc lengths of their lanes at the poses, no farther than the segments go, and how far
-        poses are to the left [m].
+    Of segments that cost the same, the first is taken. Off the grid all segments are looked at. Poses are (n,),
+    handicaps (k,) [m] of the segments. The results are segments (n,), and (2, n) arc lengths of their lanes at the
+    poses, no farther than the segments go, and how far poses are to the left [m].
     """
     nearest, place = np.zeros(len(x), np.int64), np.empty((2, len(x)))
     for i in range(len(x)):

@@ -172,18 +172,12 @@ class Crossings:
 def crossings(
     links: Sequence[SignalLink], x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, valid: BoolArray
 ) -> Crossings:
-    """Finds the passages of the stop lines of `links`.
+    """Finds the passages of the stop lines of `links` by boxes (n, steps), `valid` where they are on the road.
 
-    A line is passed when the front centre gets `PASSED` beyond it, in the direction of the lane. Recorded vehicles that
-    stand there rock back and forth: one passes the last time that it does so without being back at the line. The
-    connection is determined after the junction; for a vehicle that is not seen there, by the exit that it came nearest
-    to.
-
-    Args:
-        links: connections.
-        x, y, yaw: (n, steps) box centres [m] and headings [rad].
-        length: (n,) of the boxes [m].
-        valid: (n, steps) where an agent is on the road.
+    A line is passed when the front centre gets `PASSED` beyond it, in the direction of the lane. Recorded vehicles
+    that stand there rock back and forth: one passes the last time that it does so without being back at the line.
+    The connection is determined after the junction; for a vehicle that is not seen there, by the exit that it came
+    nearest to.
     """
     half = 0.5 * length[:, None]
     front_x, front_y = x + half * np.cos(yaw), y + half * np.sin(yaw)

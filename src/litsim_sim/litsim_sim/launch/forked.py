@@ -51,14 +51,10 @@ class ForkedProcess:
         stderr: IO[str] | int,
         preloaded: bool = False,
     ) -> None:
-        """Start the program in file ``argv[0]`` in this folder.
+        """Start the program in file ``argv[0]`` in this folder, with `environment` as its whole environment.
 
-        Args:
-            argv: its command line.
-            environment: its whole environment.
-            stdout, stderr: where its output goes; a file, ``PIPE`` or ``DEVNULL`` of :mod:`subprocess`.
-            preloaded: whether it is a copy of the process of :func:`preload`, to which no file can be given, rather
-                than of this one.
+        Its output goes to a file, ``PIPE`` or ``DEVNULL`` of :mod:`subprocess`. A `preloaded` one is a copy of
+        the process of :func:`preload`, to which no file can be given, rather than of this one.
         """
         self.stdout, out = _end_of(stdout)
         self.stderr, err = _end_of(stderr)

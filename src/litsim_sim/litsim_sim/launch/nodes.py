@@ -87,19 +87,12 @@ def nodes_of(
 ) -> list[GraphNode]:
     """Returns the nodes of a run in the order to start them in.
 
-    The bridge is the first: it takes longest to get ready, and stages that are late wait for its next greeting.
+    The bridge is the first: it takes longest to get ready, and stages that are late wait for its next greeting. It
+    loads `scenario`, a name or file, and has the parameters `bridge` beside those of the plan. Topics `record` of
+    the ego's stack are recorded, too, to folder `out`.
 
-    Args:
-        plan: the run.
-        scenario: name or file of the scenario, as the bridge is to load it.
-        out: folder of the recording.
-        overwrite: whether a recording in `out` may be replaced.
-        record: topics of the ego's stack that are recorded as well.
-        bridge: parameters of :class:`litsim_sim.nodes.bridge_options.BridgeOptions` that are not part of the plan.
-
-    Raises:
-        InputError: a parameter is set of a node that takes no part in this run or does not know it, or does not fit, or
-            that the options of the run decide; or the interface of an ego that is not external.
+    Raises an InputError if a parameter is set of a node that takes no part in this run or does not know it, or does
+    not fit, or that the options of the run decide; or the interface of an ego that is not external.
     """
     interface = bridge.get("ego_interface", AUTO)
     if plan.ego != EXTERNAL and interface != AUTO:

@@ -64,14 +64,10 @@ class Graph:
         forked: bool = False,
         several: Sequence[str] = (),
     ) -> None:
-        """Start the executable at `path` as node `name`.
+        """Start the executable at `path`, in Python, as node `name`, with ROS parameters by name, or by NODE:NAME.
 
-        Args:
-            name: name of the node.
-            path: its program, in Python.
-            parameters: ROS parameters by name, or by NODE:NAME.
-            forked: whether to run it in a copy of this process, see :mod:`litsim_sim.launch.forked`.
-            several: names of the nodes, if the program has several; they are its arguments.
+        If `forked`, it runs in a copy of this process, see :mod:`litsim_sim.launch.forked`. `several` are the
+        names of its nodes if it has several, and its arguments.
         """
         argv = [str(path), *several, "--ros-args"]
         for key, value in parameters.items():  # a text in quotes: YAML would find numbers and worse in it

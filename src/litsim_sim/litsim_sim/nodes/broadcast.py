@@ -58,13 +58,10 @@ class Broadcast:
     """Publishes a run step by step."""
 
     def __init__(self, node: Node, plan: RunPlan, *, clock: bool = True, factor: float = 1.0) -> None:
-        """Make the publishers of `node`.
+        """Make the publishers of the bridge's `node`.
 
-        Args:
-            node: that of the bridge.
-            plan: the run.
-            clock: whether it publishes /clock and /tf; else an adapter of the ego's stack does.
-            factor: simulated time per wall time, of the clock while a step waits.
+        Without `clock`, an adapter of the ego's stack publishes /clock and /tf. While a step waits, its time
+        passes by `factor`.
         """
         self._plan = plan
         topics = PUBLISHED if plan.scenario.signals is None else (*PUBLISHED, *PUBLISHED_OF_SIGNALS)
@@ -172,14 +169,7 @@ def route(scenario: Scenario) -> Path:
 
 
 def run_info(plan: RunPlan, mode: str, configuration: dict[str, dict[str, Any]], *, clock: bool = True) -> RunInfo:
-    """Returns ``RunInfo`` of a run.
-
-    Args:
-        plan: the run.
-        mode: lockstep or realtime.
-        configuration: parameters of its stages, by stage and name.
-        clock: whether the bridge publishes the clock.
-    """
+    """Returns ``RunInfo`` of a run; `configuration` are parameters by stage and name."""
     per_step = (
         (*((CLOCK,) if clock else ()), AGENTS, EGO_STATE)
         + (() if plan.scenario.signals is None else (SIGNALS,))

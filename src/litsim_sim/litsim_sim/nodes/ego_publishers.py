@@ -40,11 +40,7 @@ def absence(
 ) -> str:
     """Returns a text that says why an external ego has not answered the current step, as far as known.
 
-    Args:
-        port: port of the ego.
-        publishers: its currently announced publishers.
-        known_nodes: names of all nodes with publishers ever announced.
-        domain: description of the domain in which it should be.
+    `publishers` are announced now, `known_nodes` had some at any time, and `domain` describes where it should be.
     """
     name = ", ".join(dict.fromkeys([p.node for p in publishers if p.node] or known_nodes))
     prefix = f"{name}: " if name else ""
@@ -72,14 +68,10 @@ def absence(
 
 
 def rivalry(port: EgoPort, publishers: Sequence[EgoPublisher]) -> str:
-    """Returns a text that says that several publishers answer for the ego; empty if it is one.
+    """Returns a text that says that several of the announced `publishers` answer for the ego; empty if it is one.
 
-    Several are no matter as long as every answer was asked for. Answers on a second input are no matter if they are the
-    same process's, or if the user has chosen the input.
-
-    Args:
-        port: port of the ego.
-        publishers: those that are announced.
+    Several are no matter as long as every answer was asked for. Answers on a second input are no matter if they are
+    the same process's, or if the user has chosen the input.
     """
     heard = [p for p in publishers if not p.unheard]
     drivers = [p for p in heard if p.topic in port.topics]
@@ -117,15 +109,9 @@ class EgoPublishers:
         return bool(self._known)
 
     def note(self, port: EgoPort, publishers: Sequence[EgoPublisher], names: Sequence[str]) -> list[str]:
-        """Note the announced publishers. The first call is made when step 0 is answered: none of these has joined.
+        """Note the announced publishers; return a text about each that has joined since the first call, at step 0.
 
-        Args:
-            port: port of the ego, which counts those that have joined since.
-            publishers: those that are announced.
-            names: names of the nodes, of publishers whose node is unknown.
-
-        Returns:
-            For each that has joined, a text that says so.
+        The `port` counts them. `names` stand for nodes that are unknown.
         """
         heard = {p.gid: p for p in publishers if p.topic in port.topics and not p.unheard}
         joined = [p for gid, p in heard.items() if gid not in self._known] if self._known else []

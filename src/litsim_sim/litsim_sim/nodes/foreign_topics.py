@@ -18,13 +18,9 @@ class ForeignTopics:
     """Subscribes a node to topics as soon as they have a publisher, and hands on their messages as they are."""
 
     def __init__(self, node: Node, writer: BagWriter, names: Sequence[str], take: Callable[[str, bytes], None]) -> None:
-        """Look for the topics `names`; call :meth:`look` every :data:`LOOK_S`.
+        """Look for the topics `names` whenever :meth:`look` is called, every :data:`LOOK_S`.
 
-        Args:
-            node: gets the subscriptions.
-            writer: gets the topics.
-            names: of the topics.
-            take: called with the topic and the serialised form of every message.
+        Their serialised messages go to `take`, with the topic.
         """
         self._node, self._writer, self._take = node, writer, take
         self._left = set(names)

@@ -34,12 +34,7 @@ Owners = Mapping[Topic, tuple[str, ...]]
 def owners(stages: Sequence[str], *, external: bool, signals: bool) -> Owners:
     """Returns the internal topics with their owners; the ego's commands are internal unless the ego is `external`.
 
-    Args:
-        stages: those of the run beside the bridge.
-        external: whether a stack of the user's drives the ego.
-        signals: whether the scenario has signals.
-
-    A topic that the run does without has no owners.
+    A topic that the run does without has no owners, such as those of signals.
     """
     of_stages = {FORECASTS: PREDICTOR, TAKEOVERS: CONFLICT, CONTROLS: POLICY, RECORDED: RECORDER}
     of_stages |= {} if external else {EGO_CONTROL: EGO}
@@ -66,14 +61,10 @@ def check_publishers(node: Node, internal: Owners) -> None:
 
 
 def surplus(topic: str, names: Sequence[str], nodes: Sequence[str]) -> str:
-    """Returns a text that tells of publishers on `topic` beyond its owners; empty for none.
+    """Returns a text that tells of publishers on `topic` beyond its owners `names`; empty for none.
 
-    A stage that takes no part in the run may be there, idle: LitSim's own ego, say, beside an external one.
-
-    Args:
-        topic: its name.
-        names: of the owners.
-        nodes: full names of the nodes of all its publishers, empty where unknown.
+    A stage that takes no part in the run may be there, idle: LitSim's own ego, say, beside an external one. Full
+    names of all their `nodes` are empty where unknown.
     """
     idle = {f"/{stage}" for stage in {*STAGES} - {*names} if len(names) != 1}
     taking_part = [node for node in nodes if node not in idle]

@@ -164,15 +164,9 @@ class ResponseCollector:
     ) -> None:
         """Prepare to collect the answers of a run.
 
-        Args:
-            port: port of the ego.
-            liveness: states of the stages.
-            convert: converts the policy's message; raises ValueError if it is malformed.
-            run_id: id of the run; answers to other runs are stale.
-            ego_id: id of the ego, which no policy controls.
-            with_policy: whether a policy answers; else the background follows the log.
-            stop_on_missing: whether a missing answer ends the run; else the newest one stays in force. Answers to
-                step 0 are always required.
+        `convert` reads the policy's message, and raises ValueError if it is malformed. Without a policy, the
+        background follows the log. Unless `stop_on_missing`, the newest answer stays in force; those to step 0
+        are always required.
         """
         self._port = port
         self._liveness = liveness
@@ -233,12 +227,8 @@ class ResponseCollector:
     def settle(self, waited_s: float, silent: Callable[[], str]) -> list[str]:
         """Stop waiting: count missing answers, or end the run. Returns the topics without an answer.
 
-        Args:
-            waited_s: time waited [s].
-            silent: returns a text that names the silent stages; called only if the run ends.
-
-        Raises:
-            RunFailed: a required answer is missing, or the recorder is too far behind.
+        Raises RunFailed if a required answer is missing, with the text of `silent`, or the recorder is too far
+        behind.
         """
         missing = self.missing
         if not missing:

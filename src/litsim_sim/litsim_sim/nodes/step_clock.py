@@ -24,13 +24,7 @@ class StepClock:
     """
 
     def __init__(self, publish: Callable[[int], None], is_heard: Callable[[], bool], factor: float) -> None:
-        """Make the clock of a run.
-
-        Args:
-            publish: publishes a time [ns].
-            is_heard: whether anybody listens to ticks.
-            factor: simulated time per wall time while a step waits.
-        """
+        """Make a clock that calls `publish` with times [ns]; it ticks while it `is_heard`, `factor` times as fast."""
         self._publish, self._is_heard, self._factor = publish, is_heard, factor
         self._time = 0  # [ns] last published
         self._begin = 0.0  # [s] of the performance counter, of the current step

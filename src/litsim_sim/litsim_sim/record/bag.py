@@ -98,17 +98,10 @@ class BagWriter:
     """
 
     def __init__(self, folder: Path, name: str, metadata: dict[str, str], *, overwrite: bool = False) -> None:
-        """Create the file and write `metadata` as its first record.
+        """Create the file `name`, and write `metadata` of the run, which `metadata.yaml` repeats, as its first record.
 
-        Args:
-            folder: folder of the bag; created if missing.
-            name: stem of the MCAP file.
-            metadata: metadata of the run (git hash, seeds, versions), for a metadata record and for `custom_data` of
-                `metadata.yaml`.
-            overwrite: replace an existing bag in `folder`, and the files computed from it.
-
-        Raises:
-            InputError: `folder` holds a bag already, is not a folder, or cannot be written.
+        Raises an InputError if `folder` holds a bag already and not `overwrite`, is not a folder, or cannot be
+        written.
         """
         self.path = folder / f"{name}_0.mcap"
         self._custom = dict(metadata)

@@ -56,13 +56,10 @@ class StepBuffer:
     """
 
     def __init__(self, run: BufferedRun, write: Write, confirm: Callable[[int], None]) -> None:
-        """Buffer the messages of `run`.
+        """Buffer the messages of `run`; `write` every message that is due, steps ascending.
 
-        Args:
-            run: the run to record.
-            write: called for every message that is due, steps ascending.
-            confirm: called with the newest step up to which the recording is complete, every :data:`CONFIRM_EVERY`
-                steps, at the first and the last, and whenever the bridge shows a step again.
+        `confirm` is called with the newest step up to which the recording is complete, every
+        :data:`CONFIRM_EVERY` steps, at the first and the last, and whenever the bridge shows a step again.
         """
         self.newest = -1
         self._run = run

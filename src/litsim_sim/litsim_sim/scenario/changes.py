@@ -209,14 +209,7 @@ def changes_of(values: Sequence[Mapping[str, Any]]) -> list[Change]:
 def changed_recording(
     recording: Recording, changes: Sequence[Change], start_frame: int, history_steps: int
 ) -> Recording:
-    """Returns a recording in which the ego starts, and agents enter, as `changes` say; `recording` itself without any.
-
-    Args:
-        recording: sorted by frame and vehicle.
-        changes: of a scenario.
-        start_frame: frame of step 0.
-        history_steps: step from which on the ego is free.
-    """
+    """Returns a recording in which the ego starts, and agents enter, as `changes` say; the same without any."""
     columns = dict(recording.columns)
     columns["frame"] = shifted_frames(recording, changes)
     for change in changes:

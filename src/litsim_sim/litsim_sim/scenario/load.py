@@ -33,14 +33,9 @@ class RecordingFormat(ABC):
 
     @abstractmethod
     def load(self, path: Path, crop: Crop | None) -> Recording:
-        """Read the recording at `path`.
+        """Read the recording at `path`; raises an InputError if the content, or the crop, cannot be used.
 
-        Args:
-            path: file of this format.
-            crop: the [low, high] to keep, both inclusive, by column of the file; None for all.
-
-        Raises:
-            InputError: the content, or the crop, cannot be used.
+        `crop` is the [low, high] to keep, both inclusive, by column of the file; None for all.
         """
 
 

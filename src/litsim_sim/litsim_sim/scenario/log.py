@@ -129,9 +129,7 @@ class Log:
     def table(self, step: int, lag: IntArray | None = None) -> AgentTable:
         """Returns all agents on the road at `step`, controller LOG, as arrays of their own; empty outside of the steps.
 
-        Args:
-            step: integer step of the scenario.
-            lag: (n,) lag of the replay of each agent [steps]; None for no lag.
+        `lag` (n,) is that of the replay of each agent [steps]; None for no lag.
         """
         at = np.full(len(self.ids), step) if lag is None else step - lag
         rows = _on_road(self.valid, at)
@@ -180,10 +178,7 @@ class Log:
 def logged_steps(parts: Iterable[Mapping[str, np.ndarray]], start_frame: int, wanted: IntArray) -> Steps:
     """Returns the tables of :meth:`Log.table` for the steps `wanted` (S,), ascending; long ones are in a file.
 
-    Args:
-        parts: columns of a recording, one part after the other; sorted by frame and vehicle.
-        start_frame: frame of step 0.
-        wanted: steps.
+    `parts` are columns of a recording, one part after the other; sorted by frame and vehicle.
     """
     builder, last = StepsBuilder(), int(wanted[-1]) if len(wanted) else -1
     first: dict[int, tuple[Any, ...]] = {}  # kind, length and width in the first row of each agent

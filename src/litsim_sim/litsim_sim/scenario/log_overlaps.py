@@ -38,13 +38,10 @@ class LogOverlaps:
         return [self._steps[key] for key in keys]
 
     def exempt(self, a: int, b: int, now: IntArray, x: FloatArray, y: FloatArray, later: int = ABOUT_THEN) -> BoolArray:
-        """Returns whether the log has an overlap of both agents near steps `now`, with b at its logged position (m,).
+        """Returns whether rows a and b of the log overlap near steps `now` (m,), with b at its logged position (m,).
 
-        Args:
-            a, b: rows of the log.
-            now: (m,) steps of the log at which a is.
-            x, y: (m,) positions of b at these steps [m].
-            later: largest number of steps by which the overlap may be later than `now`; it may be ABOUT_THEN earlier.
+        `x`, `y` (m,) are positions of b [m]. The overlap may be `later` by so many steps, and ABOUT_THEN
+        earlier.
         """
         at = self.steps(a, b)
         if not len(at):
@@ -54,13 +51,7 @@ class LogOverlaps:
         return np.asarray((then & (off <= IN_PLACE)).any(axis=1))
 
     def meets(self, a: int, b: int, now: int, x: float, y: float) -> bool:
-        """Returns whether agent a, on the way to its logged position at step `now`, meets b there as in the log.
-
-        Args:
-            a, b: rows of the log.
-            now: step of the log at which a is.
-            x, y: position of b [m].
-        """
+        """Returns whether row a, on the way to its place at step `now`, meets row b at `x`, `y` [m] as in the log."""
         if not len(self.steps(a, b)):
             return False
         return bool(self.exempt(a, b, np.array([now]), np.array([x]), np.array([y]), ON_THE_WAY)[0])

@@ -10,15 +10,9 @@ from litsim_sim.scenario.scenario import packaged, packaged_nets
 
 
 def net_of(header: RecordingHeader, recording: Path, named: str | None = None) -> Path:
-    """Returns the net of a recording.
+    """Returns the net of a recording: the one that is `named`, packaged or a file, or that of its header.
 
-    Args:
-        header: header of the recording; its field `net` names a packaged net or a file.
-        recording: path of the recording; a net in the header lies in the same folder.
-        named: packaged net or file that is to be taken instead.
-
-    Raises:
-        InputError: there is no such net, or none is named.
+    The latter is packaged, or lies in the folder of the `recording`. Raises an InputError if there is none.
     """
     name = named or header.net
     plain = name.removesuffix(".net.xml")

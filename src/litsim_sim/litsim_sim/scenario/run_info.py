@@ -62,18 +62,8 @@ class RunPlan:
     ) -> RunPlan:
         """Returns the run with the given options; None stands for the scenario's value, or the stage's default.
 
-        Args:
-            scenario: name of a packaged scenario, or a YAML file.
-            ego, policy: see the attributes.
-            predictor: model of the predictor; ignored in a replay.
-            ego_id: id of the recorded vehicle that the ego replaces.
-            seed: seed of all randomness in the run.
-            end_after_contact_s: time after the ego's first contact at which the run ends [s].
-            vehicle: fields of the ego's vehicle model.
-            settings: stage, name and value of parameters.
-
-        Raises:
-            InputError: the scenario cannot be used.
+        `settings` are stage, name and value of parameters; the `predictor` is ignored in a replay. Raises an
+        InputError if the scenario, a name or a YAML file, cannot be used.
         """
         overrides: dict[str, Any] = {
             "ego": ego_id,

@@ -66,16 +66,10 @@ class Scenario:
     """
 
     def __init__(self, file: ScenarioFile, where: str, sources: Sources | None = None) -> None:
-        """Read and check all files that `file`, with resolved paths, names.
+        """Read and check all files that `file`, with resolved paths, names; `sources` are those that are read already.
 
-        Args:
-            file: the fields.
-            where: name of the scenario file in errors.
-            sources: the cropped recording and the net, if read already.
-
-        Raises:
-            InputError: a file or its content cannot be used; an :class:`UnmetDemandError` if the fields do not fit
-                the recording, or the net does not.
+        Raises an InputError, in which `where` names the scenario file, if a file or its content cannot be used;
+        an :class:`UnmetDemandError` if the fields do not fit the recording, or the net does not.
         """
         self.net_path = Path(file.net)
         if sources is not None:
@@ -124,16 +118,11 @@ class Scenario:
 
     @classmethod
     def load(cls, name_or_path: str | Path, *, sources: Sources | None = None, **overrides: Any) -> Scenario:
-        """Load a packaged scenario by name, or a scenario file by path.
+        """Load a packaged scenario by name, such as ``demo``, or a scenario file by path.
 
-        Args:
-            name_or_path: such as ``demo``, or a path of a YAML file.
-            sources: recording and net that it names, if read already.
-            overrides: fields of the file to replace, such as `ego`, `seed`, `roi_m`; None leaves a field as it is.
-                Of `vehicle`, only the values given are replaced.
-
-        Raises:
-            InputError: the scenario does not exist, or cannot be used.
+        `overrides` replace fields of the file, such as `ego`, `seed`, `roi_m`, unless they are None; of
+        `vehicle`, only the values given. `sources` are recording and net, if read already. Raises an InputError
+        if the scenario does not exist, or cannot be used.
         """
         path = Path(name_or_path)
         if not path.suffix and str(path) == path.name and str(path) in packaged_scenarios():

@@ -26,14 +26,9 @@ class _Conflict:
 def green_conflicts(file: SignalsFile, signals: Signals, start_frame: int) -> list[str]:
     """Returns a sentence for each junction and pair of groups with green at once though their connections conflict.
 
-    States of which some are permissive tell which group gives way: then no two whose connections conflict may be green.
-    Others are plain colours, and a group has one state for all of its connections: then pairs are left out of which one
-    usually gives way, see :func:`.green_conflicts.may_give_way`.
-
-    Args:
-        file: resolved signals.
-        signals: their states from `start_frame` on.
-        start_frame: frame of the recording at step 0.
+    States of which some are permissive tell which group gives way: then no two whose connections conflict may be
+    green. Others are plain colours, and a group has one state for all of its connections: then pairs are left out
+    of which one usually gives way, see :func:`.green_conflicts.may_give_way`.
     """
     tells_who_gives_way = _tells_who_gives_way(file)
     conflicts: dict[tuple[str, int, int], _Conflict] = {}

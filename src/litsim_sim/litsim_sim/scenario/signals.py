@@ -234,19 +234,11 @@ def on_clock(file: SignalsFile, zero_s: float, slower: float = 1.0) -> SignalsFi
 
 
 def build(file: SignalsFile, net: Path, log: Log, start_frame: int, where: str, *, as_recorded: bool = True) -> Signals:
-    """Returns the signals of a scenario.
+    """Returns the signals of a scenario, of a resolved `file`.
 
-    Args:
-        file: resolved signals.
-        net: SUMO net of the scenario.
-        log: log of the scenario.
-        start_frame: frame of the recording at step 0.
-        where: names the scenario in errors.
-        as_recorded: whether they are those that the vehicles of the log saw.
-
-    Raises:
-        InputError: a connection is not in the net, or is in two groups; or most vehicles pass the stop lines of a
-            group at red, `as_recorded`, so that groups or times must be wrong.
+    Raises an InputError, in which `where` names the scenario, if a connection is not in the net, or is in two
+    groups; or most vehicles of the log pass the stop lines of a group at red though they saw the signals,
+    `as_recorded`, so that groups or times must be wrong.
     """
     signals = signals_of(file, read_links(net), log.steps, start_frame, where)
     if as_recorded:
@@ -259,15 +251,8 @@ def signals_of(
 ) -> Signals:
     """Returns the signals for `steps` steps from `start_frame` on, without the check that vehicles heed them.
 
-    Args:
-        file: resolved signals.
-        net_links: the controlled connections of the net, see :func:`litsim_sim.lane_map.signal_links.read_links`.
-        steps: number of steps.
-        start_frame: frame of the recording at step 0.
-        where: names the scenario in errors.
-
-    Raises:
-        InputError: a connection is not in the net, or is in two groups; or a group of a program is unknown.
+    Raises an InputError, in which `where` names the scenario, if a connection is not in the net, or is in two
+    groups; or a group of a program is unknown.
     """
     members = _members(file.groups, net_links, f"{where}: signals, field groups")
     groups = tuple(sorted(set(members.values())))
@@ -341,10 +326,7 @@ def _states(
 def count_passages(signals: Signals, log: Log, until: int | None = None) -> dict[str, tuple[int, int]]:
     """Returns the numbers of vehicles of the log that pass the stop lines, in total and at red, by group.
 
-    Args:
-        signals: signals over the steps of `log`.
-        log: log of the vehicles.
-        until: last step at which passages count, so that later steps show the way taken; None for the last of the log.
+    Passages after step `until` do not count, so that later steps show the way taken; None for the last of the log.
     """
     passages = crossings(signals.links, log.x, log.y, log.yaw, log.length, log.valid & ~log.obstacle[:, None])
     counted = passages.step <= (log.steps if until is None else until)
@@ -354,16 +336,9 @@ def count_passages(signals: Signals, log: Log, until: int | None = None) -> dict
 
 
 def check_known(file: SignalsFile, known: bool, frames: tuple[int, int], where: str) -> None:
-    """Refuse signals whose states are never known.
+    """Refuse signals of which no group's state is `known` within `frames`, first and last, of the recording.
 
-    Args:
-        file: resolved signals.
-        known: whether the state of any group is known within `frames`.
-        frames: first and last frame of the recording.
-        where: names the signals in errors.
-
-    Raises:
-        InputError: no state is known.
+    Raises an InputError, in which `where` names the signals.
     """
     if known:
         return

@@ -79,16 +79,10 @@ class DrivenVehicles:
         self._actuators[scene].reset()
 
     def step(self, table: AgentTable, controls: ControlTable, egos: Sequence[EgoCommand | None]) -> AgentTable:
-        """Returns the agents under control one step after `table`.
+        """Returns the agents under control one step after `table` that were on the road, ids ascending.
 
-        Args:
-            table: the agents of the step that is answered.
-            controls: commands for the background; those with source LATE follow their log and are left out.
-            egos: command for the ego of each scene; None where it follows its log.
-
-        Returns:
-            The agents of these that were on the road, ids ascending; agents that left the net after the end of their
-            logs are gone, except egos.
+        Controls with source LATE are left out, as their agents follow their logs, and so are egos without a
+        command. Agents that left the net after the end of their logs are gone, except egos.
         """
         stay = controls.source != LATE
         ids, acceleration, yaw_rate = controls.id[stay], controls.acceleration[stay], controls.yaw_rate[stay]

@@ -36,17 +36,11 @@ class Entries:
         self.never_entered: set[int] = set()
 
     def may_follow(self, logged: AgentTable, before: AgentTable, driven: AgentTable, displaced: BoolArray) -> BoolArray:
-        """Returns the mask (n,) of who may be at their logged poses; agents that enter and may not, wait from now on.
+        """Returns the mask (n,) of who may be at their `logged` poses; agents that enter and may not, wait from now on.
 
-        Pedestrians and cyclists always may.
-
-        Args:
-            logged: the (n) agents of the log at the step that is made.
-            before: the agents on the road one step earlier; they may follow.
-            driven: the agents under control, one step on; an entry must not collide with them.
-            displaced: mask (n,) of those on their logs, but not at the time or at the place of the recording: with a
-                lag, or with a residual that fades. An entry must not collide with them either, unless it would in the
-                recording, too.
+        Pedestrians and cyclists always may, and so may those that were there `before`. An entry must not
+        collide with agents under control, `driven` one step on, nor with those `displaced` (n,): on their logs,
+        but not at the time or place of the recording. With the latter it may if it would in the recording, too.
         """
         here = (before.rows(logged.id) >= 0) | logged.obstacle
         off = displaced & (driven.rows(logged.id) < 0)
@@ -59,14 +53,9 @@ class Entries:
         return here
 
     def admit(self, table: AgentTable, logged: AgentTable) -> AgentTable:
-        """Let agents that wait enter where their log begins, under POLICY, as soon as the road is free.
+        """Returns `table` with the agents that wait and can enter now, under POLICY, where their log begins.
 
-        Args:
-            table: the agents of the step that is made.
-            logged: the agents of the log at that step; agents that have left it will never enter.
-
-        Returns:
-            `table` with the agents that have entered.
+        Agents that have left the log by now, whose agents of the step are `logged`, will never enter.
         """
         for agent, began in sorted(self.waiting.items()):
             if logged.row(agent) < 0:
@@ -114,10 +103,7 @@ class Entries:
 def _entry_speed(others: AgentArrays, begin: int, end: int, entry: AgentArrays, row: int) -> float:
     """Returns the speed [m/s], at most its own, at which an agent can enter among others; below 0 if it cannot.
 
-    Args:
-        others: all agents.
-        begin, end: row of the first of the others, and row after the last.
-        entry, row: agents as they are logged, and the row of this one.
+    It is in `row` of `entry`, and the others are in the rows from `begin` to `end`.
     """
     own_x, own_y, own_yaw = entry.x[row], entry.y[row], entry.yaw[row]
     own_speed, own_length, own_width = entry.speed[row], entry.length[row], entry.width[row]

@@ -107,10 +107,7 @@ class LogPolicy:
     def release(self, table: AgentTable, agent: int, with_lag: bool = False) -> None:
         """Let `agent`, as it moves in `table`, follow its log again from the next step on.
 
-        Args:
-            table: the agents of the step.
-            agent: its id.
-            with_lag: whether to replay with the lag of :meth:`litsim_sim.scenario.log.Log.lags`, or without any.
+        It is replayed with the lag of :meth:`litsim_sim.scenario.log.Log.lags` if `with_lag`, else without any.
         """
         row, log_row = table.row(agent), self.log.row(agent)
         self._prepared = None

@@ -52,15 +52,9 @@ class LaneFeatures:
 def _write(
     at: LanePosition, around: Floats2, yaw: Floats, widths: RoadWidths, first: int, features: OutFloats2
 ) -> None:
-    """Write the ROAD features of m agents.
+    """Write the ROAD features of m agents with headings `yaw` into `features` (m, size), from the position `first` on.
 
-    Args:
-        at: their positions on lanes.
-        around: (m, 2) heading of the lane half of CURVE_LENGTH behind and ahead [rad].
-        yaw: (m,) of the agents [rad].
-        widths: of all lanes.
-        first: position of the first feature.
-        features: (m, size) written to.
+    `around` (m, 2) are headings of the lane half of CURVE_LENGTH behind and ahead [rad].
     """
     for i in range(len(yaw)):
         lane, d, half_width = at.lane[i], at.d[i], widths.half_width[at.lane[i]]

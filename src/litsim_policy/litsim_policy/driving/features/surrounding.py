@@ -49,15 +49,9 @@ class Slots(NamedTuple):
 def write_surrounding(
     agents: PathFollowers, sight: float, slots: int, first: int, features: FloatArray, *, by_sector: bool
 ) -> None:
-    """Write the features of the agents within `sight` [m] of each of `agents` into `features` (m, size).
+    """Write features of the agents within `sight` [m] of each of `agents` into `features` (m, size), from `first` on.
 
-    Args:
-        agents: the m observers.
-        sight: range beyond which agents are ignored [m].
-        slots: number of slots.
-        first: position of the first feature.
-        features: written to.
-        by_sector: whether each slot is a sector; otherwise slots hold the nearest agents, nearest first.
+    If `by_sector`, each slot is a sector; otherwise slots hold the nearest agents, nearest first.
     """
     table, rows = agents.table.arrays, agents.rows
     observer, agent, ahead, left = _pairs_in_sight(table, rows, agents.own, sight)
@@ -69,17 +63,7 @@ def write_surrounding(
 def _pairs_in_sight(
     agents: AgentArrays, rows: Ints, own: PoseArrays, sight: float
 ) -> tuple[Ints, Ints, Floats, Floats]:
-    """Pairs of observing agents and agents within their sight.
-
-    Args:
-        agents: all agents; only agents of one scene form pairs.
-        rows: (m,) of the observers.
-        own: (m,) poses of the observers.
-        sight: range of sight [m].
-
-    Returns:
-        the fields of :class:`SeenPairs`, except the bearing.
-    """
+    """Returns the fields of :class:`SeenPairs`, except the bearing, of observers in `rows` (m,) at poses `own`."""
     begin, end = within_scenes(agents.scene, rows)
     most = (end - begin).sum()
     observer, agent, ahead, left = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most), np.empty(most)
@@ -99,15 +83,7 @@ def _pairs_in_sight(
 def _write(
     pairs: SeenPairs, agents: AgentArrays, rows: Ints, own_yaw: Floats, slots: Slots, features: OutFloats2
 ) -> None:
-    """Write the surrounding agents: the nearest per sector, or the nearest of all; of equally near ones the lower row.
-
-    Args:
-        pairs: all pairs.
-        agents: all agents.
-        rows, own_yaw: (m,) of the observers, and their headings [rad].
-        slots: where the features are written.
-        features: (m, size) written to.
-    """
+    """Write the surrounding agents: the nearest per sector, or of all; of equally near ones the lower row."""
     observer, agent, ahead, left, bearing = pairs
     chosen = np.full((len(rows), slots.number), -1, np.int64)
     near = np.full((len(rows), slots.number), np.inf)

@@ -91,16 +91,11 @@ def write_way(scene: DrivingScene, sight: float, features: FloatArray) -> None:
 def _write_path(
     d: Floats, heading: Floats2, yaw: Floats, yaw_rate: Floats, to_goal: Floats, steps_left: Ints, features: OutFloats2
 ) -> None:
-    """Write the features of m agents on the way to their goals.
+    """Write the features of m agents on the way to their goals into `features` (m, size).
 
-    Args:
-        d: (m,) offsets from the paths [m].
-        heading: (m, 3) of the paths, at the positions of :func:`.directions_ahead` [rad].
-        yaw: (m,) of the agents [rad].
-        yaw_rate: (m,) of a pure pursuit of the paths [rad/s].
-        to_goal: (m,) distance along the paths [m].
-        steps_left: (m,) until the agents were expected at their goals.
-        features: (m, size) written to.
+    `d` (m,) are offsets from the paths [m], `heading` (m, 3) [rad] those of the paths at the positions of
+    :func:`.directions_ahead`, and `yaw_rate` (m,) [rad/s] that of a pure pursuit. The goals are `to_goal` (m,) [m]
+    along the paths, where agents were expected in `steps_left` (m,).
     """
     first = features.shape[1] - WAY
     for i in range(len(d)):
@@ -126,15 +121,9 @@ def _next_on_path(leaders: Leaders, i: int, beyond: float, sight: float) -> int:
 def _write_ahead(
     leaders: Leaders, length: Floats, speed: Floats, sight: float, first: int, features: OutFloats2
 ) -> None:
-    """Write the acceleration of the leader, and the features of the second leader.
+    """Write the acceleration of the leader, and features of the second one, into `features` (m, size) from `first` on.
 
-    Args:
-        leaders: of the agents.
-        length: (n,) of all agents [m].
-        speed: (m,) of the agents [m/s].
-        sight: range of sight [m].
-        first: position of the first feature.
-        features: (m, size) written to.
+    `length` (n,) [m] is that of all agents, `speed` (m,) [m/s] that of those that look up to `sight` [m].
     """
     for i in range(len(speed)):
         leader = _next_on_path(leaders, i, -np.inf, sight)
@@ -165,14 +154,7 @@ def _write_leader(leaders: Leaders, speed: Floats, sight: float, features: OutFl
 def _write_opponent(
     agents: AgentArrays, opponent: Ints, own: PoseArrays, own_speed: Floats, features: OutFloats2
 ) -> None:
-    """Write the features of the opponents.
-
-    Args:
-        agents: all agents.
-        opponent: (m,) rows of the opponents; -1 for none.
-        own, own_speed: (m,) poses and speeds [m/s] of the agents that observe them.
-        features: (m, size) written to.
-    """
+    """Write the features of the opponents, in the rows `opponent` (m,), -1 for none, into `features` (m, size)."""
     first = features.shape[1] - 4
     for i in range(len(opponent)):
         j = opponent[i]

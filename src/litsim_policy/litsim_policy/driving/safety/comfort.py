@@ -23,17 +23,10 @@ SAME = 1e-9  # [m/s2], [rad/s] up to which a command counts as unchanged
 
 @kernel
 def limited(acceleration: Floats, yaw_rate: Floats, agents: AgentArrays, rows: Ints) -> tuple[Floats2, Bools]:
-    """Commands within the comfort bounds, those on the rates of change included.
+    """Returns commands (m, 2) within the comfort bounds, those on the rates of change included, and which changed (m,).
 
-    If the motion in the last step was out of bounds, it returns at the largest rate of change.
-
-    Args:
-        acceleration, yaw_rate: (m,) requested [m/s2], [rad/s].
-        agents: all agents.
-        rows: (m,) of the agents that are commanded.
-
-    Returns:
-        the commands (m, 2), and which of them differ from the request (m,).
+    If the motion in the last step was out of bounds, it returns at the largest rate of change. The agents are in
+    `rows` (m,); requests are (m,) [m/s2], [rad/s].
     """
     limited, changed = np.empty((len(rows), 2)), np.empty(len(rows), np.bool_)
     rise, fall = JERK_MAX * STEP_S, BRAKING_JERK_MAX * STEP_S

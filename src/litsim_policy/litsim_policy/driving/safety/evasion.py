@@ -23,15 +23,8 @@ def evasive_commands(
     either side, as fast as turns may begin, are the last resort for an agent beside which another moves over: no
     braking takes it out of the way in time.
 
-    Args:
-        commands: (k, 2) accelerations [m/s2] and yaw rates [rad/s].
-        speed, yaw_rate: (k,) now [m/s], [rad/s].
-        path_yaw_rate, lane_yaw_rate: (k,) yaw rates along the path and along the lane [rad/s].
-        braking_max: hardest braking [m/s2].
-
-    Returns:
-        (k, 35, 2) accelerations and yaw rates: as commanded, along the path, along the lane; then with other
-        accelerations; then, with each of them, to the right and to the left.
+    Commands are (k, 2) accelerations [m/s2] and yaw rates [rad/s]. Returns (k, 35, 2): as commanded, along the
+    path, along the lane; then with other accelerations; then, with each of them, to the right and to the left.
     """
     turn_step = YAW_ACCELERATION_MAX * STEP_S  # most by which a yaw rate changes in a step [rad/s]
     strengths = len(BRAKING) + 3
@@ -61,13 +54,9 @@ def evasive_commands(
 
 @kernel
 def best_choice(choices: Floats3, touch: Floats2) -> Ints:
-    """Positions (k,) of the choices to take.
+    """Positions (k,) of the `choices` (k, c, 2) to take, which lead to a first contact after `touch` (k, c) [s].
 
     The first that touches no agent; if there is none, of those that touch latest, the one that brakes hardest.
-
-    Args:
-        choices: (k, c, 2) accelerations [m/s2] and yaw rates [rad/s].
-        touch: (k, c) times of the first contact [s], infinite for none.
     """
     best = np.zeros(len(choices), np.int64)
     for i in range(len(choices)):

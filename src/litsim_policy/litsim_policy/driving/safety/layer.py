@@ -60,12 +60,7 @@ class SafetyLayer:
         self.config = config or SafetyConfig()
 
     def guard(self, scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray) -> SafeCommands:
-        """Returns the commands of the m agents of `scene`, with the least changes needed.
-
-        Args:
-            scene: the agents, their paths, and all other agents.
-            acceleration, yaw_rate: (m,) requested [m/s2], [rad/s].
-        """
+        """Returns the requested commands (m,) [m/s2], [rad/s] of agents of `scene`, with the least changes needed."""
         agents, guarded = scene.agents, np.zeros(len(scene), np.bool_)
         safe, is_limited = limited(acceleration, yaw_rate, agents.table.arrays, agents.rows)
         if self.config.contact and len(scene):
@@ -73,16 +68,9 @@ class SafetyLayer:
         return SafeCommands(safe[:, 0], safe[:, 1], is_limited, guarded)
 
     def _guarded(self, agents: PathFollowers, commands: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Returns the least changes to `commands` (m, 2) with which agents touch no other.
+        """Returns the least changes to `commands` (m, 2) with which agents touch no other, and which were changed (m,).
 
         If no choice does, the one that touches latest, and of these the one that brakes hardest.
-
-        Args:
-            agents: m agents.
-            commands: accelerations [m/s2] and yaw rates [rad/s].
-
-        Returns:
-            the commands (m, 2), and which of them were changed (m,).
         """
         rows = agents.rows
         touches = self._first_touch(agents.table, rows, commands[:, None])[:, 0] < np.inf
