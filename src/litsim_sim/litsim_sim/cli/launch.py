@@ -40,11 +40,7 @@ STATUS_HELP = (
 
 
 def launch(arguments: argparse.Namespace) -> int:
-    """Run the graph; return the exit status.
-
-    Raises:
-        InputError: an input cannot be used; raised before anything is started.
-    """
+    """Run the graph; return the exit status. An InputError is raised before anything is started."""
     with without_collection():  # the first step comes 1.07 times as late without this (1.01 to 1.10, 5 pairs)
         check_security(os.environ)
         check_logging(os.environ)
@@ -137,11 +133,7 @@ def _recorded(out: Path, arguments: argparse.Namespace, criteria: str | None, *,
 
 
 def _analyses(criteria: str | None) -> list[Callable[..., int]]:
-    """Returns the plug-ins of ``litsim.recorded``, which judge by `criteria`.
-
-    Raises:
-        InputError: the criteria cannot be used.
-    """
+    """Returns the plug-ins of ``litsim.recorded``, which judge by `criteria`; raises InputError if these do not fit."""
     return [plugins.load(plugins.RECORDED, name)(criteria) for name in plugins.names(plugins.RECORDED)]
 
 

@@ -114,11 +114,7 @@ def print_how_to_resume() -> None:
 
 
 def at_least_one(text: str) -> int:
-    """Returns a number of processes from the text of an option.
-
-    Raises:
-        argparse.ArgumentTypeError: the text is no such number.
-    """
+    """Returns a number of processes from the text of an option; raises ArgumentTypeError if it is none."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r}, expected a whole number of at least 1")
     return int(text)

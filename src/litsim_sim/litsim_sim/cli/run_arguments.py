@@ -42,11 +42,7 @@ def add_run_arguments(p: argparse.ArgumentParser, egos: Sequence[str]) -> None:
 
 
 def plan_of(arguments: argparse.Namespace) -> RunPlan:
-    """Returns the run defined by arguments of :func:`add_run_arguments`.
-
-    Raises:
-        InputError: the scenario cannot be used.
-    """
+    """Returns the run of arguments of :func:`add_run_arguments`; raises InputError if its scenario cannot be used."""
     return RunPlan.load(
         arguments.scenario,
         arguments.ego,

@@ -80,11 +80,7 @@ def bicycle_step(
 def _bicycle_step(
     motion: Motion, length: Floats, acceleration: Floats, yaw_rate: Floats, limits: LimitValues
 ) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
-    """See :func:`bicycle_step`.
-
-    Returns:
-        what :class:`Motion` holds.
-    """
+    """See :func:`bicycle_step`; returns what :class:`Motion` holds."""
     x, y, yaw, speed, n = motion.x, motion.y, motion.yaw, motion.speed, len(length)
     new_x, new_y, new_yaw, new_speed = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     applied, turned = np.empty(n), np.empty(n)

@@ -56,11 +56,7 @@ class ParameterOverrides:
         return config
 
     def check(self) -> None:
-        """Refuse given values that no configuration has; to be called after all have been read.
-
-        Raises:
-            InputError: there are such values.
-        """
+        """Raise InputError if values are given that no configuration has; to be called after all have been read."""
         if unknown := sorted(set(self._given) - set(self.values)):
             raise InputError(f"{self._stage}: unknown parameter {not_among(unknown, self.values)}")
 
@@ -116,11 +112,7 @@ def setting(text: str) -> tuple[str, str, list[Any]]:
 
 
 def one_setting(text: str) -> tuple[str, str, Any]:
-    """Like :func:`setting`, for exactly one value.
-
-    Raises:
-        argparse.ArgumentTypeError: the text is not of that form.
-    """
+    """Like :func:`setting`, for exactly one value."""
     stage, name, values = setting(text)
     if len(values) != 1:
         raise argparse.ArgumentTypeError(f"{text!r}: expected one value, found {len(values)}")

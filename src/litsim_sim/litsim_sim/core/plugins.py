@@ -72,11 +72,7 @@ class Configured:
 
 
 def installed(group: str) -> Mapping[str, EntryPoint]:
-    """Returns the entry points of `group`, by name in alphabetical order.
-
-    Raises:
-        InputError: two packages have one of the same name.
-    """
+    """Returns the entry points of `group`, in alphabetical order; raises InputError if two have one name."""
     by_name: dict[str, EntryPoint] = {}
     for entry in _entry_points().get(group, ()):
         other = by_name.setdefault(entry.name, entry)
@@ -110,11 +106,7 @@ def load(group: str, name: str) -> Any:
 
 
 def package_of(group: str, name: str) -> str:
-    """Returns the name of the package that has the plug-in `name` of `group`, as ROS knows it.
-
-    Raises:
-        InputError: there is none of that name.
-    """
+    """Returns the package, as ROS knows it, of plug-in `name` of `group`; raises InputError if there is none."""
     entry = installed(group).get(name)
     if entry is None or entry.dist is None:
         raise InputError(f"no installed package has {group} {name}; build the workspace (make build)")

@@ -93,11 +93,7 @@ def configuration(cls: type[_T]) -> type[_T]:
 
 
 def at_most(config: object, field: str, bound: str) -> None:
-    """Check that a field of `config` does not exceed another, its bound.
-
-    Raises:
-        ValueError: it does.
-    """
+    """Raise ValueError if a field of `config` exceeds another, its bound."""
     value, most = getattr(config, field), getattr(config, bound)
     if value > most:
         raise ValueError(f"{field} is {value!r}, expected at most {bound}, which is {most!r}")

@@ -19,11 +19,7 @@ ROW = np.dtype([(name, DTYPES[name]) for name in ARRAY_FIELDS])  # of such a fil
 
 
 def write_temporary(file: IO[bytes], data: bytes) -> None:
-    """Writes `data` to a temporary file.
-
-    Raises:
-        InputError: it cannot be written.
-    """
+    """Writes `data` to a temporary file; raises InputError if it cannot be written."""
     try:
         file.write(data)
     except OSError as error:
@@ -311,11 +307,7 @@ class StepsBuilder:
         return len(self._sizes)
 
     def add(self, table: AgentTable) -> None:
-        """Adds the table of a step; of several for one step, the first counts.
-
-        Raises:
-            InputError: the temporary file cannot be written.
-        """
+        """Adds the table of a step; of several for one step, the first counts. Raises as :func:`write_temporary`."""
         if table.step in self._sizes:
             return
         self._sizes[table.step] = len(table)

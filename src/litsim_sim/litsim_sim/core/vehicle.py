@@ -42,11 +42,7 @@ class VehicleModel(VehicleLimits):
 
     @classmethod
     def of(cls, values: dict[str, float]) -> VehicleModel:
-        """Returns the default vehicle with `values`, by the names of the fields, in place of defaults.
-
-        Raises:
-            ValueError: a name is unknown, or a value is out of range.
-        """
+        """Returns the default vehicle with `values`, by name, in place of defaults; raises ValueError if unfit."""
         if unknown := sorted(values.keys() - set(VEHICLE_FIELDS)):
             raise ValueError(f"{', '.join(unknown)} is unknown, expected some of {', '.join(VEHICLE_FIELDS)}")
         try:

@@ -44,11 +44,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def make_folder(path: Path) -> None:
-    """Make the folder `path`, with those above it, unless it exists.
-
-    Raises:
-        Unwritable: it cannot be made.
-    """
+    """Make the folder `path`, with those above it, unless it exists; raises Unwritable if it cannot be made."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -56,11 +52,7 @@ def make_folder(path: Path) -> None:
 
 
 def refuse_input_as_output(out: Path, *inputs: Path) -> None:
-    """Check that writing `out` does not replace one of the `inputs` that it is made from.
-
-    Raises:
-        InputError: it would.
-    """
+    """Raise InputError if writing `out` replaces one of the `inputs` that it is made from."""
     for source in inputs:
         with suppress(OSError):  # a missing file: nothing is lost
             if out.samefile(source):

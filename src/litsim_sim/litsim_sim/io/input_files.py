@@ -23,17 +23,10 @@ TREE_MAX = 256 * 2**20  # [B] of a text that is read whole into a tree, which is
 
 
 def require_file(path: Path, what: str = "file", hint: str = "", *, where: str = "", size_max: float = inf) -> None:
-    """Check that `path` is a regular file, for a reader that opens it itself.
+    """Check that `path` is a regular file of at most `size_max` bytes, for a reader that opens it itself.
 
-    Args:
-        path: the path that the user names.
-        what: what it should be, such as "net", for errors.
-        hint: added to the error about a missing file, such as "; shipped are ...".
-        where: put before errors, such as "a.yaml: field net: ".
-        size_max: most bytes.
-
-    Raises:
-        InputError: it is missing, something else than a file, too large, or cannot be reached.
+    Raises an InputError if it is not, or cannot be reached. `what` it should be, such as "net", and a `hint`, such
+    as "; shipped are ...", are added to that; `where`, such as "a.yaml: field net: ", is put before.
     """
     try:
         status = path.stat()
@@ -71,11 +64,7 @@ def packing_of(path: Path) -> str:
 
 
 def read_head(path: Path, size: int = 4000) -> bytes:
-    """Returns the first `size` bytes of a file, unpacked, by which formats are recognised.
-
-    Raises:
-        InputError: the file cannot be opened, as by :func:`open_input`, or not be unpacked.
-    """
+    """Returns the first `size` bytes, unpacked, by which formats are recognised; raises as :func:`open_input`."""
     try:
         with open_input(path) as file:
             return file.read(size)
@@ -92,11 +81,7 @@ def unpacked_max(packed: int) -> int:
 
 
 def read_xml(path: Path, what: str) -> ET.Element:
-    """Returns the root element of an XML file; `what` says what is expected, such as "Lanelet2 file".
-
-    Raises:
-        InputError: the file cannot be opened, as by :func:`open_input`, or is no XML.
-    """
+    """Returns the root element of an XML file; raises InputError if it is no `what`, such as "Lanelet2 file"."""
     try:
         with open_input(path, what, size_max=TREE_MAX) as file:
             root: ET.Element = ET.parse(file).getroot()  # noqa: S314  by a parser without network, that bounds entities
@@ -106,11 +91,7 @@ def read_xml(path: Path, what: str) -> ET.Element:
 
 
 def read_json(path: Path, what: str) -> Any:
-    """Returns the content of a JSON file; `what` says what is expected.
-
-    Raises:
-        InputError: the file cannot be opened, as by :func:`open_input`, or is no JSON.
-    """
+    """Returns the content of a JSON file; raises InputError if it is none, and says that `what` is expected."""
     require_file(path, hint=f", expected {what}")
     try:
         with open_input(path, size_max=TREE_MAX) as file:

@@ -28,20 +28,12 @@ UNREADABLE = (pa.ArrowException, OSError, UnicodeError)
 
 
 def is_parquet(path: Path) -> bool:
-    """Returns whether the file at `path` begins like a Parquet file.
-
-    Raises:
-        InputError: it cannot be read.
-    """
+    """Returns whether a file begins like a Parquet file; raises InputError if it cannot be read."""
     return read_head(path, len(MAGIC)) == MAGIC
 
 
 def read_schema(path: Path) -> pa.Schema:
-    """Returns the columns of the file at `path`, and its metadata.
-
-    Raises:
-        InputError: it is missing, or no Parquet.
-    """
+    """Returns the columns of a file, and its metadata; raises InputError if it is missing, or no Parquet."""
     require_file(path)
     try:
         schema = pq.read_schema(path)
@@ -52,11 +44,7 @@ def read_schema(path: Path) -> pa.Schema:
 
 
 def read_arrow(path: Path) -> pa.Table:
-    """Returns all columns of the file at `path`, with its metadata.
-
-    Raises:
-        InputError: it is missing, or no Parquet.
-    """
+    """Returns all columns of a file, with its metadata; raises InputError if it is missing, or no Parquet."""
     require_file(path)
     return parse_arrow(path, str(path))
 
@@ -78,11 +66,7 @@ def parse_arrow(source: Path | pa.NativeFile, where: str) -> pa.Table:
 
 
 def check_unpacked(content: pq.FileMetaData, packed: int, where: str) -> None:
-    """Check that a file of `packed` bytes does not hold far more than such files do; `where` names it in errors.
-
-    Raises:
-        InputError: it does.
-    """
+    """Raise InputError about `where` if a file of `packed` bytes holds far more than such files do."""
     numbers = CELL_BYTES * content.num_rows * content.num_columns
     size = max(numbers, sum(content.row_group(k).total_byte_size for k in range(content.num_row_groups)))
     if size > (most := unpacked_max(packed)):

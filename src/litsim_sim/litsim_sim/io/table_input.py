@@ -47,11 +47,7 @@ class TableFile:
 
     @classmethod
     def open(cls, path: Path) -> TableFile:
-        """Open the file at `path`, and read the names of its columns.
-
-        Raises:
-            InputError: it is neither CSV nor Parquet.
-        """
+        """Read the names of the columns of a file; raises InputError if it is neither CSV nor Parquet."""
         require_file(path)
         parquet, separator = False, ","
         try:
@@ -124,11 +120,7 @@ class TableFiles:
 
     @classmethod
     def open(cls, paths: Path | Sequence[Path]) -> TableFiles:
-        """Open the files at `paths`.
-
-        Raises:
-            InputError: one is neither CSV nor Parquet, or given twice.
-        """
+        """Open the files at `paths`; raises InputError if one is neither CSV nor Parquet, or given twice."""
         every = [paths] if isinstance(paths, Path) else list(paths)
         for number, path in enumerate(every):
             if path.resolve() in [other.resolve() for other in every[:number]]:

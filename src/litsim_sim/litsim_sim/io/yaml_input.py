@@ -35,11 +35,7 @@ def read_yaml(path: Path, model: type[_Model]) -> _Model:
 
 
 def read_text(path: Path) -> str:
-    """Read the text of a file in UTF-8.
-
-    Raises:
-        InputError: it cannot be read, is not text in UTF-8, or is larger than `TEXT_MAX`.
-    """
+    """Read a text in UTF-8 of at most `TEXT_MAX` bytes; raises InputError if it is none."""
     try:
         with io.TextIOWrapper(open_input(path, size_max=TEXT_MAX), encoding="utf-8") as file:
             return file.read()

@@ -364,11 +364,7 @@ def _kernels_of(function: FunctionType) -> tuple[Kernel, ...]:
 
 
 def _constant(name: str, value: object) -> str:
-    """Returns a text that identifies a global `value`, which is frozen into the machine code of kernels that use it.
-
-    Raises:
-        TypeError: a kernel cannot use such a value.
-    """
+    """Returns a text that identifies a global `value`, which is frozen into kernels; raises TypeError if it cannot."""
     if isinstance(value, Kernel):
         return value.stamp
     if isinstance(value, type) and issubclass(value, tuple):

@@ -70,11 +70,7 @@ def keep(path: Path, dispatcher: Any, signature: Any) -> None:
 
 
 def load(path: Path, function: FunctionType, signature: Any, options: dict[str, Any]) -> Any:
-    """Load the machine code at `path` into a numba dispatcher of `function`, for calls only, not for compiling callers.
-
-    Returns:
-        the dispatcher; None if `path` does not exist or is for another signature.
-    """
+    """Load machine code into a dispatcher of `function`, for calls only; None if there is none for `signature`."""
     try:
         text, code, entry, environments = pickle.loads(path.read_bytes())  # noqa: S301 - as numba's own cache
     except FileNotFoundError:

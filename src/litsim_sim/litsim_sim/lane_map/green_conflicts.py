@@ -37,11 +37,7 @@ def and_more(number: int) -> str:
 
 
 def program_conflicts(net: Path) -> tuple[str, ...]:
-    """Returns a sentence for each phase of a program in which connections that conflict both have priority green (G).
-
-    Raises:
-        InputError: the file is missing, or is no SUMO net.
-    """
+    """Returns a sentence for each phase of a program in which connections that conflict both have priority (G)."""
     links = read_links(net)
     pairs = [(links[i], links[j]) for i, j in conflicting_pairs(links) if links[i].light == links[j].light]
     if not pairs:

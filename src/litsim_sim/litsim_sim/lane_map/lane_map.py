@@ -101,11 +101,7 @@ class LaneMap:
 
     @classmethod
     def from_net(cls, path: Path) -> LaneMap:
-        """Read a SUMO net.
-
-        Raises:
-            InputError: the file is missing, is no SUMO net, or holds no lanes.
-        """
+        """Read a SUMO net; raises InputError if the file is missing, is no SUMO net, or holds no lanes."""
         return cls(read_lanes(path))
 
     def row(self, lane_id: str) -> int:

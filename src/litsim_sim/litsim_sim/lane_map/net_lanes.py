@@ -70,11 +70,7 @@ def lanes_from_left(lanes: Sequence[Lane]) -> list[int]:
 
 
 def read_lanes(path: Path) -> list[Lane]:
-    """Returns the lanes of a SUMO net that cars may use, those inside junctions included.
-
-    Raises:
-        InputError: the file is missing, is no SUMO net, or holds no lanes.
-    """
+    """Returns the lanes of a SUMO net that cars may use, inside junctions, too; raises as :func:`read_net`."""
     return read_net(path)[1]
 
 
@@ -104,11 +100,7 @@ def parse_net(path: Path, *, programs: bool = False) -> Any:
 
 
 def read_net(path: Path) -> tuple[Any, list[Lane]]:
-    """Returns a SUMO net as sumolib has read it, and the lanes of :func:`read_lanes`.
-
-    Raises:
-        InputError: as there.
-    """
+    """Returns a SUMO net as sumolib reads it, and its lanes for cars; raises InputError if it is none, or has none."""
     try:
         net = parse_net(path)
         edges = net.getEdges(withInternal=True)
@@ -152,11 +144,7 @@ def _root(path: Path) -> ET.Element:
 
 
 def _lane(lane: Any, left_hand: bool, path: Path) -> Lane:
-    """Returns a lane as sumolib has read it from the net at `path`.
-
-    Raises:
-        InputError: its shape or its width is none.
-    """
+    """Returns a lane as sumolib reads it from `path`; raises InputError if its shape or its width is none."""
     shape = lane.getShape3D()
     centerline = np.array([point[:2] for point in shape], np.float64)
     heights = np.array([point[2] for point in shape], np.float64)

@@ -60,11 +60,7 @@ class SignalLink:
 
 
 def read_links(path: Path) -> tuple[SignalLink, ...]:
-    """Returns the controlled connections of a net that cars may use, sorted by name; empty where there are no lights.
-
-    Raises:
-        InputError: the file is missing, or is no SUMO net.
-    """
+    """Returns the controlled connections of a net that cars may use, by name; empty where there are no lights."""
     net, every = read_net(path)
     lanes = {lane.id: lane for lane in every}
     try:

@@ -30,11 +30,7 @@ class EgoAdapter:
     ready_s: float = 60.0
 
     def command(self, stack: Sequence[str]) -> list[str]:
-        """The command that starts the program and, by it, the `stack`.
-
-        Raises:
-            InputError: its package is not built or not sourced.
-        """
+        """Returns the command that starts program and `stack`; raises InputError as :func:`find_executable`."""
         program = str(find_executable(self.package, self.executable))
         return [program, *self.arguments, *(["--", *stack] if stack else [])]
 
@@ -45,11 +41,7 @@ def adapter_names() -> tuple[str, ...]:
 
 
 def adapter_of(ego: str) -> EgoAdapter | None:
-    """The adapter called `ego`; None if it is no adapter.
-
-    Raises:
-        InputError: it cannot be imported.
-    """
+    """Returns the adapter called `ego`; None if it is no adapter. Raises InputError if it cannot be imported."""
     if ego not in adapter_names():
         return None
     adapter: EgoAdapter = plugins.load(plugins.ADAPTERS, ego)

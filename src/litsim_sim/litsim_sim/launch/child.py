@@ -139,20 +139,12 @@ def start_process(argv: Sequence[str], **options: Any) -> subprocess.Popen[str]:
 
 
 def start_supervised(command: Sequence[str], **options: Any) -> subprocess.Popen[str]:
-    """Start a stack's command by a :mod:`.supervisor`; `options` are those of ``Popen``.
-
-    Raises:
-        InputError: there is no such program.
-    """
+    """Start a stack's command by a :mod:`.supervisor`, with `options` of ``Popen``; raises as :func:`check_program`."""
     check_program(command)
     return start_process([sys.executable, "-I", "-S", supervisor.__file__, *command], **options)
 
 
 def check_program(command: Sequence[str]) -> None:
-    """Check that the command that starts a stack begins with a program.
-
-    Raises:
-        InputError: there is no such program.
-    """
+    """Raise InputError if the command that starts a stack does not begin with a program."""
     if shutil.which(command[0]) is None:
         raise InputError(f"{command[0]}: no such program, expected the command that starts a driving stack")

@@ -122,11 +122,7 @@ def _locked(descriptor: int) -> bool:
 
 
 def hold_for_this_process(domain_id: int) -> None:
-    """Hold a domain until this process ends, for the nodes that it starts.
-
-    Raises:
-        DomainInUse: another graph is on it.
-    """
+    """Hold a domain until this process ends, for the nodes that it starts; raises as :func:`held_domain`."""
     _held.enter_context(held_domain(domain_id))
     os.environ[HOLDER] = str(os.getpid())
 
@@ -155,17 +151,13 @@ def _free_domain() -> Iterator[int]:
 def is_known_empty(domain_id: int, environment: Mapping[str, str], tables: Sequence[Path] = TABLES) -> bool:
     """Returns whether it is certain that no participant is in a domain that nodes started in `environment` could hear.
 
-    If the nodes are to stay on this machine, they hear only participants on it, each of which has a socket at a port of
-    the domain. For other nodes, or where the system's list of sockets is unreliable, nothing is certain.
+    If the nodes are to stay on this machine, they hear only participants on it, each of which has a socket at a
+    port of the domain, as in one of `tables`. For other nodes, or where these lists are unreliable, nothing is
+    certain.
 
-    The bridge would have to listen for a second instead: a participant that joins announces itself, and is answered at
-    once, but before Fast DDS accepts the answer; it learns of the others when they announce themselves next, once a
-    second. Without this the first step comes 1.43 times as late (1.41 to 1.66, 5 pairs).
-
-    Args:
-        domain_id: the domain.
-        environment: variables of the processes that the nodes are started in.
-        tables: lists of sockets; that of a protocol that the machine does without is absent.
+    The bridge would have to listen for a second instead: a participant that joins announces itself, and is answered
+    at once, but before Fast DDS accepts the answer; it learns of the others when they announce themselves next,
+    once a second. Without this the first step comes 1.43 times as late (1.41 to 1.66, 5 pairs).
     """
     if middleware_settings(environment).get(PROFILES[0]) != str(LOOPBACK):
         return False

@@ -76,11 +76,7 @@ def check_security(environment: Mapping[str, str]) -> None:
 
 
 def check_logging(environment: Mapping[str, str]) -> None:
-    """Check that ROS finds a folder for its logs, without which no node starts.
-
-    Raises:
-        InputError: no variable names one, as in containers without HOME.
-    """
+    """Raise InputError if no variable names a folder for the logs of ROS, without which no node starts."""
     if not any(environment.get(name) for name in LOG_FOLDERS):
         raise InputError(f"none of {', '.join(LOG_FOLDERS)} is set; set ROS_LOG_DIR to a folder for the logs of ROS")
 

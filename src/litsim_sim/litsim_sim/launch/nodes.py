@@ -48,12 +48,7 @@ class GraphNode:
 
 
 def find_executable(package: str, executable: str) -> Path:
-    """Returns the file of an executable that ``ros2 run PACKAGE EXECUTABLE`` starts.
-
-    Raises:
-        InputError: the package is not built, not sourced, or has no such executable.
-        ModuleNotFoundError: there is no ROS.
-    """
+    """Returns the file that ``ros2 run PACKAGE EXECUTABLE`` starts; raises InputError if its package is not built."""
     from ament_index_python.packages import PackageNotFoundError, get_package_prefix  # campaigns need it over DDS only
 
     try:
@@ -69,9 +64,6 @@ def program_of(stage: str) -> tuple[str, str]:
     """Returns package and executable of the node of a stage: the package registers the stage, and names it so.
 
     The ego's node and the program of several stages are in the policy's package, whichever plug-in drives.
-
-    Raises:
-        InputError: no installed package has the stage.
     """
     return plugins.package_of(plugins.STAGES, POLICY if stage in (EGO, STAGES_PROGRAM) else stage), stage
 

@@ -15,11 +15,7 @@ OF_MANY_RUNS = "campaign.json"
 
 
 def check_output(out: Path, overwrite: bool) -> None:
-    """Make the folder `out` if it is missing, and check that it can take a recording.
-
-    Raises:
-        InputError: it holds a recording already and not `overwrite`, or it cannot be written.
-    """
+    """Make `out` if it is missing; raises InputError if it holds a recording and not `overwrite`, or cannot be."""
     if out.is_dir() and any(out.glob("*.mcap")) and not overwrite:
         raise InputError(f"{out}: holds a recording already; give another folder (out), or overwrite it")
     if (out / OF_MANY_RUNS).exists():

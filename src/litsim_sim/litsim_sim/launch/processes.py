@@ -84,11 +84,7 @@ class Graph:
             self.children[name] = Child(name, process, Path(log.name), nodes=several)
 
     def start_stack(self, command: Sequence[str]) -> None:
-        """Start the user's command that drives the ego, in the domain of the graph.
-
-        Raises:
-            InputError: there is no such program.
-        """
+        """Start the command that drives the ego, in the domain of the graph; raises as :func:`.check_program`."""
         environment = self._environment | enclave_setting(self._environment, STACK, command)
         with self._log(STACK) as log, signals_deferred():
             process = start_supervised(command, env=environment, stdout=log, stderr=log)
@@ -106,11 +102,7 @@ class Graph:
         return (self._log_folder / f"{name}.log").open("a")  # which was removed; the supervisor may shorten it
 
     def watch(self, quiet: bool) -> None:
-        """Wait for the run to end.
-
-        Raises:
-            GraphFailed: a node died before the run was over, the bridge reports a failure, or shows no sign of life.
-        """
+        """Wait for the run to end; raises GraphFailed if a node dies before, or the bridge fails or goes quiet."""
         bridge, recorder = self.children[BRIDGE], self.children[RECORDER]
         assert bridge.process.stdout is not None
         self._progress = Progress(bridge.process.stdout, quiet)
@@ -136,11 +128,7 @@ class Graph:
                 raise GraphFailed(child.obituary())
 
     def _check_alive(self, bridge: Child, progress: Progress) -> None:
-        """Check that the bridge, which watches all others, shows signs of life itself.
-
-        Raises:
-            GraphFailed: it has shown none for too long.
-        """
+        """Raise GraphFailed if the bridge, which watches all others, has shown no sign of life for too long."""
         quiet_s = time.monotonic() - progress.heard
         if quiet_s > min(self._stopped_s, QUIET_S) and quiet_s > (self._stopped_s if bridge.stopped else QUIET_S):
             how = "it is stopped, by a signal or a debugger" if bridge.stopped else "it runs, but does not go on"

@@ -117,11 +117,7 @@ class BridgeNode(Node):
         self._executor = executor_of(self)
 
     def run(self) -> None:
-        """Run; return when the run is over and recorded.
-
-        Raises:
-            RunFailed: a stage failed or did not answer; all stages have been told.
-        """
+        """Run to the end of the record; raises RunFailed, of which all stages are told, if one does not answer."""
         loop = RunLoop(self)
         try:
             loop.run()
@@ -235,11 +231,7 @@ class BridgeNode(Node):
             self.get_logger().info(text)
 
     def check_publishers(self) -> None:
-        """Check that nobody else publishes on the graph's internal topics.
-
-        Raises:
-            RunFailed: somebody does.
-        """
+        """Raise RunFailed if somebody else publishes on the graph's internal topics."""
         self._watched, begin = time.monotonic(), time.perf_counter()
         check_publishers(self, self._owners)
         self.watch_marks = {"watch": begin, "watched": time.perf_counter()}

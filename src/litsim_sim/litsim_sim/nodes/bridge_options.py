@@ -106,11 +106,7 @@ class BridgeOptions:
         return {name: value for name, value in asdict(self.vehicle).items() if value != OF_THE_SCENARIO}
 
     def plan(self) -> RunPlan:
-        """Load the run, as a new execution.
-
-        Raises:
-            InputError: the scenario cannot be used, or not with these options.
-        """
+        """Load the run, as a new execution; raises InputError if its scenario cannot be used."""
         chosen = {"ego": self.ego_id, "seed": self.seed, "end_after_contact_s": self.end_after_contact_s}
         overrides: dict[str, Any] = {name: value for name, value in chosen.items() if value != OF_THE_SCENARIO}
         scenario = Scenario.load(self.scenario, **overrides, vehicle=self._own_vehicle or None)
@@ -118,11 +114,7 @@ class BridgeOptions:
 
 
 def _by_stage(text: str) -> Parameters:
-    """Parse parameters by stage and name from YAML (the launcher sends JSON).
-
-    Raises:
-        ValueError: the text holds something else.
-    """
+    """Parse parameters by stage and name from YAML (the launcher sends JSON); raises ValueError if it holds others."""
     try:
         parameters = load_yaml(text) or {}
     except yaml.YAMLError:

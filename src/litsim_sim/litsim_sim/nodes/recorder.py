@@ -235,11 +235,7 @@ def add_topic(writer: BagWriter, topic: Topic) -> None:
 
 
 def describe(writer: BagWriter, info: RunInfo) -> None:
-    """Write the run's description to a bag, with all files needed to repeat it.
-
-    Raises:
-        InputError: the scenario in `info` cannot be read, or the file not be written.
-    """
+    """Write the run's description to a bag, with all files needed to repeat it."""
     scenario = Scenario.from_yaml(info.scenario_yaml, f"{RUN_INFO.name} of run {info.run_id}")
     fields = ("run_id", "scenario", "ego", "policy", "seed", "configuration", "versions")
     writer.add_metadata("run", {FORMAT_KEY: str(FORMAT)} | {name: str(getattr(info, name)) for name in fields})

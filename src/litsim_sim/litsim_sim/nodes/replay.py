@@ -42,11 +42,7 @@ class ReplayNode(Node):
     """
 
     def __init__(self, bag: Path, topics: Sequence[str] = (), **options: Any) -> None:
-        """Open `bag` to play `topics` (default: all); `options` are those of :class:`litsim_sim.record.player.Player`.
-
-        Raises:
-            InputError: the bag cannot be played with these options.
-        """
+        """Open `bag` to play `topics` (default: all); raises as :class:`.player.Player`, which has the `options`."""
         super().__init__(NAME, automatically_declare_parameters_from_overrides=True)
         names = undeclare_set(self)
         reader = BagReader(bag)

@@ -95,11 +95,7 @@ class StageLiveness:
         return RECORDER in self._ready and not self.recorder_done
 
     def check(self) -> None:
-        """Check that no stage has failed, and that there is no other run.
-
-        Raises:
-            RunFailed: stages have failed, with the reason of each; or another bridge or a replay publishes.
-        """
+        """Raise RunFailed if stages have failed, with the reason of each, or another bridge or a replay publishes."""
         if self._foreign:
             raise RunFailed(
                 f"another bridge or a replay publishes run {shown(self._foreign)} on {RUN_INFO} in the same domain; "
@@ -109,20 +105,12 @@ class StageLiveness:
             raise RunFailed("; ".join(self._failures))
 
     def check_recorded(self, last: int) -> None:
-        """Check that the recorder has confirmed step `last`.
-
-        Raises:
-            RunFailed: it has not.
-        """
+        """Raise RunFailed if the recorder has not confirmed step `last`."""
         if self.recorded < last:
             raise RunFailed(f"{RECORDER}: has confirmed {self._confirmed} of {last} on {RECORDED}")
 
     def check_recorder_keeps_up(self, step: int) -> None:
-        """Check that the recorder is not too far behind `step`.
-
-        Raises:
-            RunFailed: the recorder is too far behind.
-        """
+        """Raise RunFailed if the recorder is too far behind `step`."""
         if not self.recorder_keeps_up(step):
             raise RunFailed(
                 f"{RECORDER}: has confirmed {self._confirmed} on {RECORDED} at step {step}, expected at most "
@@ -212,11 +200,7 @@ class ResponseCollector:
         self._gate.offer(CONTROLS, run_id, step, message)
 
     def command(self) -> EgoCommand:
-        """Returns the ego's command for the current step; the newest one if its answer is missing.
-
-        Raises:
-            RunFailed: its answer cannot be used.
-        """
+        """Returns the ego's command for this step, or the newest one; raises RunFailed if its answer cannot be used."""
         if not self.commanded:
             try:
                 self._command = self._port.take()
@@ -240,11 +224,7 @@ class ResponseCollector:
         return missing
 
     def controls(self) -> ControlTable:
-        """Returns the controls for the current step; if the answer is missing, the newest ones, or none.
-
-        Raises:
-            RunFailed: they cannot be used.
-        """
+        """Returns the controls for this step, the newest ones, or none; raises RunFailed if they cannot be used."""
         newest = self._gate.newest.get(CONTROLS)
         if newest is None:
             return ControlTable.empty(self.step)
@@ -265,11 +245,7 @@ class ResponseCollector:
 
 
 def check_controls(controls: ControlTable, ego_id: int) -> None:
-    """Check controls of a policy, whichever it is.
-
-    Raises:
-        ValueError: columns differ in length, ids do not ascend or include the ego, or values are not finite.
-    """
+    """Raise ValueError if controls do not pass :func:`check_columns`, or list the ego."""
     columns = [field.name for field in fields(controls) if field.name != "step"]
     check_columns({name: getattr(controls, name) for name in columns})
     if ego_id in controls.id:

@@ -52,11 +52,7 @@ class RunLoop:
         self._marks: dict[str, float] = {}  # marks of the last step shown
 
     def run(self) -> None:
-        """Wait for all stages, run every step, and let the recorder finish.
-
-        Raises:
-            RunFailed: a stage failed or did not answer.
-        """
+        """Wait for all stages, run every step, and let the recorder finish; raises RunFailed if one does not answer."""
         alone = self._bridge.alone
         if alone:
             self._bridge.begin()  # the stages get ready while the world is set up
@@ -106,11 +102,7 @@ class RunLoop:
             self._bridge.serve_until(lambda: liveness.all_ready, time.perf_counter() + HELLO_PERIOD)
 
     def _all_steps(self, total: int) -> tuple[int, float]:
-        """Run steps 0 to `total`, or until the ego has left.
-
-        Returns:
-            The last step, and the wall time since step 0 was answered [s].
-        """
+        """Run steps 0 to `total`, or until the ego left; return the last one, and the wall time since step 0 [s]."""
         bridge = self._bridge
         step_s = STEP_S / self._options.real_time_factor  # wall time of a step in real time [s]
         due = start = 0.0  # in real time, the step is due then [s]; lost time is not made up for

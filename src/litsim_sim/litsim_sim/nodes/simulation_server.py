@@ -29,11 +29,7 @@ class SimulationServer(Node):
     """Starts and ends launches as its services are asked to."""
 
     def __init__(self, options: Sequence[str], command: Sequence[str], out: Path) -> None:
-        """Make it, to launch with `options` and the `command` of a stack, and to record into folders in `out`.
-
-        Raises:
-            InputError: simulation_interfaces is not installed.
-        """
+        """Make it, to launch with `options` and the `command` of a stack, and to record into folders in `out`."""
         if srv is None:
             raise not_installed("simulation_interfaces")
         super().__init__(NAME)

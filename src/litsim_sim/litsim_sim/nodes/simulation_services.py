@@ -275,11 +275,7 @@ class SimulationServices:
 
 
 def _area(bounds: Any) -> Any:
-    """The area of some bounds in the plane; None if they are empty.
-
-    Raises:
-        ValueError: they have too few points, or a type that is unknown.
-    """
+    """Returns the area of some bounds; None if they are empty. Raises ValueError if they have too few points."""
     kinds, points = msg.Bounds, [(point.x, point.y) for point in bounds.points]
     if bounds.type == kinds.TYPE_EMPTY:
         return None

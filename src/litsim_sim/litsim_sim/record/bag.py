@@ -266,11 +266,7 @@ def _dump(tree: dict[str, Any]) -> str:
 
 
 def make_room(folder: Path, overwrite: bool) -> None:
-    """Create `folder` for a bag; an existing bag is removed, with the files computed from it.
-
-    Raises:
-        InputError: it holds a bag and not `overwrite`, or it is not a folder.
-    """
+    """Make a folder for a bag, in place of an old one and what came of it; raises InputError unless `overwrite`."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: exists and is not a folder; give another --out")
     folder.mkdir(parents=True, exist_ok=True)
@@ -324,11 +320,7 @@ class BagReader:
             )
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
-        """Yields messages in the order of the file, of `topics` or of all.
-
-        Raises:
-            InputError: the file is damaged.
-        """
+        """Yields messages in the order of the file, of `topics` or of all; raises InputError if the file is damaged."""
         for record in self._records(self._survey.data, {Opcode.MESSAGE, Opcode.CHUNK}):
             if isinstance(record, Message):
                 topic = self._channels.get(record.channel_id)
@@ -372,11 +364,7 @@ class BagReader:
 
 
 def find_mcap(path: Path) -> Path:
-    """Returns the MCAP file of a bag given as its folder or as the file itself.
-
-    Raises:
-        InputError: there is none, or more than one.
-    """
+    """Returns the MCAP file of a bag given as its folder or as the file itself; raises InputError if it is not one."""
     if not path.is_dir():
         require_file(path, "bag")
         return path

@@ -27,11 +27,7 @@ UNDECODABLE = (
 
 
 def decoded(topic: BagTopic, data: bytes) -> Any:
-    """Returns a message of `topic` from its CDR.
-
-    Raises:
-        UNDECODABLE: the definition of its type, or the message, cannot be read.
-    """
+    """Returns a message of `topic` from its CDR; raises one of UNDECODABLE if that or its definition cannot be read."""
     return typestore(topic.definition, topic.type_name).deserialize_cdr(data, topic.type_name)
 
 

@@ -10,21 +10,13 @@ from litsim_sim.record.bag import FAILURE_FILE
 
 
 def write_failure(folder: Path, reason: str) -> None:
-    """Write the reason, one line, to the `folder` of a failed run, for :func:`read_failure`.
-
-    Raises:
-        Unwritable: it cannot be written.
-    """
+    """Write the reason, one line, to the `folder` of a failed run, for :func:`read_failure`; raises Unwritable."""
     with replacing(folder / FAILURE_FILE) as new:
         new.write_text(" ".join(reason.split()) + "\n", encoding="utf-8")
 
 
 def read_failure(mcap: Path) -> str:
-    """Returns why the run recorded in the file `mcap` has failed; empty if no reason was written.
-
-    Raises:
-        InputError: the file that says so cannot be read.
-    """
+    """Returns why the run recorded in the file `mcap` has failed; empty if no reason was written."""
     file = mcap.parent / FAILURE_FILE
     if not file.is_file() or len(list(mcap.parent.glob("*.mcap"))) > 1:  # of several, it is not known whose it is
         return ""

@@ -12,11 +12,7 @@ from litsim_sim.record.run import NET_FILE, Run
 
 
 def lane_map_of(run: Run) -> LaneMap | None:
-    """Returns the lanes of the attached net; None without a net.
-
-    Raises:
-        InputError: the attachment is not a SUMO net.
-    """
+    """Returns the lanes of the attached net; None without a net. Raises InputError if it is none."""
     try:
         return _read(run.net_xml) if run.net_xml else None
     except InputError as error:

@@ -80,11 +80,7 @@ class Survey:
 
 
 def survey(path: Path) -> Survey:
-    """Find the records of the file at `path` and check its bytes, except the inside of chunks.
-
-    Raises:
-        InputError: it cannot be read, is not an MCAP file, or is damaged.
-    """
+    """Find the records of a file and check its bytes, except inside of chunks; raises InputError if it is damaged."""
     try:
         with path.open("rb") as stream:
             if stream.read(len(MAGIC)) != MAGIC:
@@ -110,11 +106,7 @@ def places(content: mmap.mmap | bytes) -> Iterator[Place]:
 
 
 def parse(place: Place, content: bytes) -> McapRecord | None:
-    """Returns a record from its content; None for kinds that are not needed to read a bag.
-
-    Raises:
-        one of DAMAGE: it is not a valid record of its kind.
-    """
+    """Returns a record from its content; None for kinds that bags do not need. Raises one of DAMAGE if it is none."""
     stream = ReadDataStream(BytesIO(content))
     if place.opcode == Opcode.MESSAGE:
         return Message.read(stream, len(content))

@@ -138,11 +138,7 @@ class Player:
         self._go(round(min(max(position_s, 0.0), self.duration_s) * SECOND_NS))
 
     def set_rate(self, rate: float, now: float) -> None:
-        """Play at `rate` from now on.
-
-        Raises:
-            InputError: it cannot be played at.
-        """
+        """Play at `rate` from now on; raises as :func:`checked_rate`."""
         checked = checked_rate(rate)
         self._anchor(now)
         self.rate = checked
@@ -188,22 +184,14 @@ class Player:
 
 
 def checked_rate(rate: float) -> float:
-    """Return `rate` if it can be played at.
-
-    Raises:
-        InputError: it cannot.
-    """
+    """Returns `rate`; raises InputError if nothing can be played at it."""
     if not (isfinite(rate) and RATE_MIN <= rate <= RATE_MAX):
         raise InputError(f"rate is {rate:g}, expected {RATE_MIN:g} to {RATE_MAX:g}")
     return rate
 
 
 def selected(reader: BagReader, names: Sequence[str] = ()) -> list[BagTopic]:
-    """Returns the topics of the bag called `names`, or all; the clock is always among them, from the bag or made.
-
-    Raises:
-        InputError: the bag holds no topic of a name.
-    """
+    """Returns the topics called `names`, or all, and the clock, in the bag or not; raises InputError for others."""
     unknown = sorted(set(names) - reader.topics.keys())
     if unknown:
         raise InputError(
@@ -228,11 +216,7 @@ def clock(time_ns: int) -> BagMessage:
 
 
 def offered_qos(topic: BagTopic) -> dict[str, Any]:
-    """Returns the QoS profile that a topic was recorded with, policies by name; empty if the bag has none.
-
-    Raises:
-        InputError: it is not a YAML list of profiles.
-    """
+    """Returns the QoS policies that a topic was recorded with, by name; raises InputError if they are no YAML list."""
     where = f"topic {topic.name}: offered_qos_profiles"
     profiles = load_yaml(topic.qos_yaml or "[]", where)
     if not isinstance(profiles, list) or not all(isinstance(profile, dict) for profile in profiles):

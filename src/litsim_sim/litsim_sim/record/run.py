@@ -264,11 +264,7 @@ class StoredMessages(Mapping[int, T]):
 
 
 def read_run(path: Path) -> Run:
-    """Read a run from the folder of its bag or from the MCAP file; a truncated one is read as far as possible.
-
-    Raises:
-        InputError: no such file, not an MCAP file, or it does not hold a LitSim run.
-    """
+    """Read a run from a folder or MCAP file, as far as it reaches; raises InputError if that holds no LitSim run."""
     reader = BagReader(path)
     content = _Content(reader.topics)
     for message in reader.messages():
@@ -482,11 +478,7 @@ def _scenario_fields(scenario_yaml: str) -> Mapping[str, Any]:
 
 
 def start_frame(scenario_yaml: str, bag: Path) -> int:
-    """Frame of the recording at step 0, by the text of the scenario in `bag`.
-
-    Raises:
-        InputError: the text is not YAML, or lacks the field.
-    """
+    """Frame of the recording at step 0, by the text of the scenario in `bag`; raises InputError if it lacks one."""
     where = f"{bag}: scenario of the run"
     scenario = load_yaml(scenario_yaml, where)
     start = scenario.get(START_FIELD) if isinstance(scenario, dict) else None

@@ -28,21 +28,13 @@ _Walk = Callable[[bytearray, int], int]
 
 
 def stamp_ns(data: bytes) -> int:
-    """Returns the stamp [ns] of a serialised message that begins with a ``std_msgs/Header``, or of a ``Clock``.
-
-    Raises:
-        struct.error: the data end before the stamp does.
-    """
+    """Returns the stamp [ns] of serialised data that begin with a ``std_msgs/Header``, or of a ``Clock``."""
     seconds, nanoseconds = struct.unpack_from("<iI", data, _HEADER)
     return int(seconds) * 10**9 + int(nanoseconds)
 
 
 def run_id_of(data: bytes) -> str:
-    """Returns the run of a serialised message that begins with a ``std_msgs/Header`` and a ``run_id``.
-
-    Raises:
-        struct.error: the data end before these do.
-    """
+    """Returns the run of serialised data that begin with a ``std_msgs/Header`` and a ``run_id``."""
     _, at = _text(data, _HEADER + 8)
     run_id, _ = _text(data, at + (_HEADER - at) % 4)
     return run_id

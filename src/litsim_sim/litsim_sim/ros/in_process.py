@@ -60,11 +60,7 @@ class InProcessTransport:
             self._catch_up()
 
     def scenario(self, info: RunInfo) -> Scenario:
-        """Returns the scenario of a run, read once.
-
-        Raises:
-            InputError: it cannot be read.
-        """
+        """Returns the scenario of a run, read once; raises InputError if it cannot be read."""
         if self._scenario is None or self._scenario[0] != info.run_id:
             scenario = Scenario.from_yaml(info.scenario_yaml, f"{RUN_INFO.name} of run {info.run_id}")
             self._scenario = (info.run_id, scenario)

@@ -61,11 +61,7 @@ def agents_to_message(table: AgentTable, run_id: str, total_steps: int, ego_id: 
 
 
 def received_agents(message: AgentStates) -> AgentTable:
-    """Returns the table of an ``AgentStates`` received by a stage, checked.
-
-    Raises:
-        InputError: columns differ in length, ids do not ascend, or values are not finite.
-    """
+    """Returns the table of an ``AgentStates`` received by a stage; raises InputError as :func:`check_columns`."""
     table = AgentTable.of_message(message)
     with refused(topic_names.AGENTS):
         check_columns({name: getattr(table, name) for name in ARRAY_FIELDS})
@@ -74,11 +70,7 @@ def received_agents(message: AgentStates) -> AgentTable:
 
 @contextmanager
 def refused(topic: str) -> Iterator[None]:
-    """Convert ValueErrors about a message into errors that name its topic.
-
-    Raises:
-        InputError: a ValueError was raised in the context.
-    """
+    """Turn a ValueError about a message into an InputError that names its topic."""
     try:
         yield
     except ValueError as error:

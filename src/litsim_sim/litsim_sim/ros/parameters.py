@@ -51,11 +51,7 @@ def undeclare_set(node: Node) -> frozenset[str]:
 
 
 def check_set(node: Node, names: frozenset[str]) -> None:
-    """Refuse those of the parameters `names` that `node` has not declared, which ROS would ignore.
-
-    Raises:
-        InputError: there are such parameters.
-    """
+    """Raise InputError if `node` has not declared some of the parameters `names`, which ROS would ignore."""
     declared = parameters(node)
     if unknown := sorted(names - declared.keys()):
         raise InputError(

@@ -36,11 +36,7 @@ TOGETHER_S = 0.5  # [s] signals within this time count as one
 
 
 def spin(node: Node, done: Callable[[], bool] = lambda: False) -> None:
-    """Serve the callbacks of `node` until `done`, which is called between them.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C or SIGTERM.
-    """
+    """Serve the callbacks of `node` until `done`, which is called between them; raises as :func:`serve`."""
     executor = executor_of(node)
     while not done():
         serve(executor)

@@ -35,11 +35,7 @@ ALLOW = "ALLOW"
 
 
 def stack_endpoints(node: str, interface: Interface) -> Endpoints:
-    """Endpoints of node `node` of a stack under test: its answers by `interface`, and the topics for it to read.
-
-    Raises:
-        InputError: the name is not a valid name of a node.
-    """
+    """Endpoints of node `node` of a stack under test: its answers by `interface`, and the topics for it to read."""
     try:
         namespace, name = _split(node)
         validate_namespace(namespace)

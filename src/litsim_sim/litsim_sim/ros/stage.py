@@ -87,11 +87,7 @@ class StageNode(Node):
         return stage_reader(self.stage)
 
     def configure(self, info: RunInfo, scenario: Scenario) -> Any:
-        """Returns the core for a run.
-
-        Raises:
-            InputError: the run cannot be served; the message goes to the bridge, which ends the run.
-        """
+        """Returns the core for a run; raises InputError if it cannot be served, by which the bridge ends the run."""
         return self._make(info.policy, scenario)
 
     def answer(self, core: Any, *inputs: Any) -> Any:

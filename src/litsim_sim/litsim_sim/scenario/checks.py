@@ -37,11 +37,7 @@ class UnmetDemandError(InputError):
 
 
 def check_agents(file: ScenarioFile, log: Log, history_steps: int, where: str) -> None:
-    """Check that every ego that `file` names is present from step 0 to the first simulated step.
-
-    Raises:
-        UnmetDemandError: one is not, or is in both `tuning` and `egos`; `where` names the scenario.
-    """
+    """Raise UnmetDemandError if an ego is not there up to the first simulated step, or in both `tuning` and `egos`."""
     both = sorted(set(file.egos) & set(file.tuning))
     if both:
         raise UnmetDemandError(
@@ -69,11 +65,7 @@ def check_agents(file: ScenarioFile, log: Log, history_steps: int, where: str) -
 
 
 def check_changes(file: ScenarioFile, log: Log, history_steps: int, where: str) -> None:
-    """Check that the agents of the changes are there, and may change.
-
-    Raises:
-        UnmetDemandError: one is not in the recording, is the ego or not as it has to be, or would begin in the history.
-    """
+    """Raise UnmetDemandError if an agent of the changes is not there, may not change, or would in the history."""
     for number, change in enumerate(file.changes):
         if isinstance(change, OfAll):
             continue

@@ -21,11 +21,7 @@ NUMBERS = "biuf"
 
 
 def cropped(table: pd.DataFrame, crop: Crop | None, where: str) -> pd.DataFrame:
-    """Returns the rows of `table` within every range of `crop`; `where` names the table in errors.
-
-    Raises:
-        InputError: as :func:`within`.
-    """
+    """Returns the rows of `table`, called `where`, within every range of `crop`; raises as :func:`within`."""
     return table[within({str(name): column for name, column in table.items()}, len(table), crop, where)]
 
 

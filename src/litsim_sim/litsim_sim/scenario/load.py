@@ -40,16 +40,12 @@ class RecordingFormat(ABC):
 
 
 def load_recording(path: Path, crop: Crop | None = None) -> Recording:
-    """Read a recording, whatever its format.
+    """Read a recording: neutral-schema Parquet, or a file of an installed :class:`RecordingFormat`.
 
-    Args:
-        path: neutral-schema Parquet, or a file of an installed :class:`RecordingFormat`.
-        crop: the [low, high] to keep, both inclusive, by column OF THE FILE; for official NGSIM files by the names and
-            in the units of their reader.
-
-    Raises:
-        InputError: the file is missing or of an unknown format; `crop` names an unknown column, is malformed or keeps
-            nothing; or the content fails a check of :meth:`Recording.from_table`.
+    `crop` is the [low, high] to keep, both inclusive, by column OF THE FILE; for official NGSIM files by the names
+    and in the units of their reader. Raises an InputError if the file is missing or of an unknown format, `crop`
+    names an unknown column, is malformed or keeps nothing, or the content fails a check of
+    :meth:`Recording.from_table`.
     """
     require_file(path, "recording")
     schema = read_schema(path) if path.suffix == ".parquet" or is_parquet(path) else None

@@ -146,11 +146,7 @@ class Recording:
     def _checked(
         cls, header: RecordingHeader, raw: Mapping[str, Any], numbers: Callable[[str], FloatArray], where: str
     ) -> Recording:
-        """Check the columns, `raw` and as `numbers` by their names, and make the recording of them.
-
-        Raises:
-            InputError: as :meth:`from_table`.
-        """
+        """Check the columns, `raw` and as `numbers`, and make the recording of them; raises as :meth:`from_table`."""
         if header.rate_hz != RATE_HZ:
             raise InputError(f"{where}: header field rate_hz is {header.rate_hz}, expected {RATE_HZ}")
         if not len(raw["frame"]):
@@ -183,11 +179,7 @@ class Recording:
 
     @classmethod
     def read(cls, path: Path) -> Recording:
-        """Read a neutral-schema Parquet file.
-
-        Raises:
-            InputError: as :meth:`from_arrow`, or the file is missing or not Parquet.
-        """
+        """Read a neutral-schema Parquet file; raises InputError as :meth:`from_arrow`."""
         return cls.from_arrow(read_arrow(path), str(path))
 
     @classmethod
@@ -216,11 +208,7 @@ class Recording:
 
     @classmethod
     def parts(cls, data: bytes, where: str) -> Iterator[Mapping[str, np.ndarray]]:
-        """Yields the columns of the recording in the content `data` of a file, part by part if it is long.
-
-        Raises:
-            InputError: as :meth:`from_arrow`.
-        """
+        """Yields the columns of the recording in the content `data` of a file, part by part if it is long."""
         if _is_long_and_sound(data, where):
             with pq.ParquetFile(pa.BufferReader(data)) as file:
                 for batch in file.iter_batches(PART_ROWS):
@@ -229,11 +217,7 @@ class Recording:
             yield cls.from_arrow(parse_arrow(pa.BufferReader(data), where), where).columns
 
     def write(self, path: Path) -> None:
-        """Write as Parquet, with the header in the metadata.
-
-        Raises:
-            InputError: `path` cannot be written.
-        """
+        """Write as Parquet, with the header in the metadata; raises InputError if `path` cannot be written."""
         with replacing(path) as new:
             new.write_bytes(self.to_parquet())
 

@@ -141,11 +141,7 @@ def policy_names() -> tuple[str, ...]:
 
 
 def drives_by_region(policy: str) -> bool:
-    """Returns whether the policy takes over, for good and without forecasts, every agent that comes near the ego.
-
-    Raises:
-        InputError: there is no such policy, or it cannot be imported.
-    """
+    """Returns whether the policy takes over, for good and without forecasts, every agent that comes near the ego."""
     return policy != REPLAY and bool(plugins.load(plugins.POLICIES, policy).by_region)
 
 

@@ -132,20 +132,14 @@ class Scenario:
 
     @classmethod
     def from_yaml(cls, text: str, where: str) -> Scenario:
-        """Build from the text of a scenario file; `where` names it in errors; paths are relative to the current folder.
-
-        Raises:
-            InputError: the scenario cannot be used.
-        """
+        """Build from the text of a scenario file, called `where` in errors; paths are relative to this folder."""
         return cls._build(text, where, Path.cwd(), {})
 
     def around(self, ego: int | None, seed: int | None, end_after_contact_s: float | None = None) -> Scenario:
-        """Returns the scenario with another ego, seed and end; recording, log and lane map are shared.
+        """Returns the scenario with another ego, seed and end, unless None; recording, log and lane map are shared.
 
-        None leaves a field unchanged.
-
-        Raises:
-            InputError: the ego is not present from step 0 to the first simulated step, or a value does not fit.
+        Raises InputError if the ego is not present from step 0 to the first simulated step, or a value does not
+        fit.
         """
         changes = {"ego": ego, "seed": seed, "end_after_contact_s": end_after_contact_s}
         changes = {name: value for name, value in changes.items() if value is not None}

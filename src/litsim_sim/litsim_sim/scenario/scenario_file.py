@@ -16,11 +16,7 @@ SEEDS = 2**64  # range of the field in RunInfo
 
 
 def usable_name(name: str) -> str:
-    """Return `name` if it is a valid name of a scenario.
-
-    Raises:
-        ValueError: it is not; the message says what is expected.
-    """
+    """Returns `name`; raises ValueError, with what is expected, if it is no valid name of a scenario."""
     if not re.fullmatch(r"\w[\w.+=-]{0,99}", name):
         raise ValueError(
             "expected up to 100 letters, digits and . _ + = -, the first a letter or digit: folders are named so"

@@ -204,11 +204,7 @@ def read_signals(path: Path) -> SignalsFile:
 
 
 def resolved(file: SignalsFile, folder: Path, where: str) -> SignalsFile:
-    """Returns `file` with its file of changes, in `folder`, replaced by the changes; `where` names it in errors.
-
-    Raises:
-        InputError: the file cannot be used.
-    """
+    """Returns `file` with its file of changes, in `folder`, replaced by the changes; `where` names it in errors."""
     if file.states is None:
         return file
     changes = _read_changes(file.states, folder / file.states.file)
@@ -352,11 +348,7 @@ def check_known(file: SignalsFile, known: bool, frames: tuple[int, int], where: 
 
 
 def check_passages(counts: Mapping[str, tuple[int, int]], where: str) -> None:
-    """Refuse signals that most vehicles do not heed, by the counts of :func:`count_passages`.
-
-    Raises:
-        InputError: a group is not heeded; `where` names the signals.
-    """
+    """Raise InputError about signals that most vehicles do not heed, by the counts of :func:`count_passages`."""
     for name, (passed, at_red) in counts.items():
         if passed >= PASSED_MIN and at_red > AT_RED_MAX * passed:
             raise InputError(

@@ -31,11 +31,10 @@ BACKGROUND = VehicleLimits()  # of all vehicles but the egos, whose model is the
 def check_answers(
     step: int, ego_ids: IntArray, controls: ControlTable, egos: Sequence[EgoCommand], table: AgentTable
 ) -> None:
-    """Check that the answers to a step, whose agents are in `table`, can be applied.
+    """Raise ValueError if the answers to a step, whose agents are in `table`, cannot be applied.
 
-    Raises:
-        ValueError: `controls` or one of `egos`, whose ids are `ego_ids`, answer another step or hold non-finite values,
-            or the ids of `controls` do not ascend, list an ego, or list a pedestrian or cyclist, which follow logs.
+    They answer another step or hold non-finite values, or the ids of `controls` do not ascend, list an ego, or list
+    a pedestrian or cyclist, which follow logs.
     """
     for ego in egos:
         if controls.step != step or ego.step != step:

@@ -23,11 +23,7 @@ class SumoMirror:
     """One SUMO simulation (libsumo: one per process) that shows the agents of an :class:`AgentTable`."""
 
     def __init__(self, net_path: Path, seed: int = 0, signals: Signals | None = None) -> None:
-        """Load `net_path`; its traffic lights show `signals`, and are off where these are unknown.
-
-        Raises:
-            InputError: SUMO cannot load the net.
-        """
+        """Load `net_path`; its traffic lights show `signals`, and are off where these are unknown."""
         own = str(seed % 2**31)  # SUMO's are 32 bits wide
         try:
             libsumo.start(

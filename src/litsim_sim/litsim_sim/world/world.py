@@ -74,12 +74,7 @@ class World:
         return self._table
 
     def step(self, controls: ControlTable, ego: EgoCommand) -> AgentTable:
-        """Apply the answers to the current step and return the next one.
-
-        Raises:
-            ValueError: `controls` or `ego` answer another step or hold non-finite values, or the ids of `controls` do
-                not ascend or list the ego.
-        """
+        """Apply the answers to the current step and return the next one; raises as :func:`.check_answers`."""
         return self.step_batch(controls, (ego,))
 
     def step_batch(self, controls: ControlTable, egos: Sequence[EgoCommand]) -> AgentTable:
