@@ -17,7 +17,7 @@ from scipy.spatial import KDTree
 from litsim_data.generic.mapping import FACTORS, Mapping
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import to_body, wrap_angle
-from litsim_sim.core.scene import FloatArray, IntArray, Kind
+from litsim_sim.core.scene import FloatArray, Kind
 
 STEP_RANGE_S = (0.005, 0.6)  # time between rows of a vehicle: 200 to 2 rows per second, and longer ones are holes
 SPAN_S = 0.1  # least time between the positions that motion is judged by: nearer ones differ by noise above all
@@ -392,13 +392,20 @@ def sides(table: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
     every = max(1, len(np.unique(instant)) // INSTANTS)
     moving = moving.assign(instant=instant, course=np.arctan2(moving["dy"], moving["dx"]))  # to the next row [rad]
     moving = moving[instant % every == 0].drop_duplicates(["vehicle_id", "instant"])
-    oncoming, next_lane = [], []
-    for _, rows in moving.groupby("instant", sort=True):
-        one, other = KDTree(rows[["x", "y"]]).query_pairs(NEAR, output_type="ndarray").T
-        pairs = _pairs(rows, one, other)
-        oncoming.append(pairs[0])
-        next_lane.append(pairs[1])
-    return _medians(oncoming), _medians(next_lane)
+    ids, x, y, instant, course, lane = (
+        moving[name].to_numpy() for name in ("vehicle_id", "x", "y", "instant", "course", "lane")
+    )
+    apart = 2.0 * NEAR * instant  # a third coordinate, by which those of another instant are not near
+    one, other = KDTree(np.column_stack([x, y, apart])).query_pairs(NEAR, output_type="ndarray").T
+    swap = lane[one] > lane[other]
+    one, other = np.where(swap, other, one), np.where(swap, one, other)
+    ahead, left = to_body(x[other] - x[one], y[other] - y[one], course[one])
+    turn, ahead, beside = np.abs(wrap_angle(course[other] - course[one])), np.abs(ahead), np.abs(left)
+    oncoming = (turn > ONCOMING) & (ahead < ABREAST) & (beside > BESIDE[0]) & (beside < APART)
+    adjacent = (turn < SAME_WAY) & (ahead < ALONG) & (beside > BESIDE[0]) & (beside < BESIDE[1])
+    adjacent &= (lane[one] >= 1) & (lane[other] == lane[one] + 1)
+    pairs = pd.DataFrame({"one": ids[one], "other": ids[other], "left": left})
+    return _medians(pairs[oncoming]), _medians(pairs[adjacent])
 
 
 def _mirrored(table: pd.DataFrame) -> str:
@@ -423,25 +430,6 @@ def _mirrored(table: pd.DataFrame) -> str:
     return "; ".join(findings)
 
 
-def _pairs(rows: pd.DataFrame, one: IntArray, other: IntArray) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Returns the oncoming pairs of `rows` of an instant, and those in adjacent lanes.
-
-    Each has two ids, and the distance of the second to the left of the first [m].
-    """
-    ids, x, y, course, lane = (rows[name].to_numpy() for name in ("vehicle_id", "x", "y", "course", "lane"))
-    swap = lane[one] > lane[other]
-    one, other = np.where(swap, other, one), np.where(swap, one, other)
-    ahead, left = to_body(x[other] - x[one], y[other] - y[one], course[one])
-    turn, ahead, beside = np.abs(wrap_angle(course[other] - course[one])), np.abs(ahead), np.abs(left)
-    oncoming = (turn > ONCOMING) & (ahead < ABREAST) & (beside > BESIDE[0]) & (beside < APART)
-    adjacent = (turn < SAME_WAY) & (ahead < ALONG) & (beside > BESIDE[0]) & (beside < BESIDE[1])
-    adjacent &= (lane[one] >= 1) & (lane[other] == lane[one] + 1)
-    pairs = pd.DataFrame({"one": ids[one], "other": ids[other], "left": left})
-    return pairs[oncoming], pairs[adjacent]
-
-
-def _medians(pairs: list[pd.DataFrame]) -> FloatArray:
+def _medians(pairs: pd.DataFrame) -> FloatArray:
     """Returns the median distance to the left (k,) [m] of each pair of vehicles."""
-    if not pairs:
-        return np.zeros(0)
-    return np.asarray(pd.concat(pairs).groupby(["one", "other"])["left"].median().to_numpy(), np.float64)
+    return np.asarray(pairs.groupby(["one", "other"])["left"].median().to_numpy(), np.float64)

@@ -91,7 +91,7 @@ def convert(tables: Path | Sequence[Path] | TableFiles, mapping: Mapping) -> tup
         ahead = -AHEAD[mapping.reference]
         cleaned = smoothed(raw, ahead=ahead, measured="yaw" in table)
         counts.moved = _moved(raw, cleaned, ahead)
-        moving = pd.concat([cleaned, moving[walking]])
+        moving = pd.concat([cleaned.sort_values(["vehicle_id", "frame"]), moving[walking]])
     else:
         harsh = np.abs(moving["acceleration"].to_numpy()[~obstacle_rows(moving)]) > HARSH
         counts.harsh = float(harsh.mean())
