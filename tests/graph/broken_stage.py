@@ -1,38 +1,18 @@
-"""A conflict stage that is ready, and fails at step 5."""
+"""An ego that is ready, and fails at step 5."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from litsim_msgs.msg import AgentStates, JointForecast, RunInfo, Takeovers
-
-from litsim_sim.ros.messages import header
-from litsim_sim.ros.stage import StageNode, run_stages
-from litsim_sim.ros.topics import AGENTS, FORECASTS, TAKEOVERS
-from litsim_sim.scenario.scenario import Scenario
+from litsim_policy.ego.node import EgoNode
+from litsim_sim.core.scene import AgentTable, EgoCommand
+from litsim_sim.ros.stage import run_stages
 
 
-def itself(message: Any) -> Any:
-    return message
-
-
-def as_it_is(message: Any, run_id: str) -> Any:
-    del run_id
-    return message
-
-
-class BrokenStage(StageNode):
-    stage = "conflict"
-    inputs = ((AGENTS, itself), (FORECASTS, itself))
-    output = (TAKEOVERS, as_it_is)
-
-    def configure(self, info: RunInfo, scenario: Scenario) -> str:
-        return info.run_id
-
-    def answer(self, core: str, agents: AgentStates, forecast: JointForecast) -> Takeovers:
-        step = agents.step
-        return Takeovers(header=header(step), run_id=core, step=step * (5 - step) // (5 - step))
+class BrokenEgo(EgoNode):
+    def answer(self, core: Any, agents: AgentTable) -> EgoCommand:
+        return EgoCommand(agents.step * (5 - agents.step) // (5 - agents.step))
 
 
 if __name__ == "__main__":
-    run_stages(BrokenStage)
+    run_stages(BrokenEgo)

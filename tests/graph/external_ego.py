@@ -6,7 +6,6 @@ Brakes gently on a straight line, in LitSim's frame and units. Options make it f
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from pathlib import Path
 
@@ -25,8 +24,6 @@ class ExternalEgo(Node):
 
     def on_agents(self, agents: AgentStates) -> None:
         options = self.options
-        if agents.step == options.die_at:
-            sys.exit(3)
         if agents.step in options.skip:
             return
         while agents.step == options.hold_at and not options.until.exists():
@@ -46,7 +43,6 @@ def steps(text: str) -> range:
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--die-at", type=int, default=-1)
     parser.add_argument("--nan-at", type=int, default=-1)
     parser.add_argument("--skip", type=steps, default=range(0), metavar="FIRST-LAST")
     parser.add_argument("--late", type=steps, default=range(0), metavar="FIRST-LAST")

@@ -18,8 +18,7 @@ STEP_NS = 100_000_000
 LEAVING_S = 3.0
 """[s] for which it is still there: the name of its node reaches a busy machine's bridge after what it publishes."""
 RELIABILITY = {"reliable": ReliabilityPolicy.RELIABLE, "best_effort": ReliabilityPolicy.BEST_EFFORT}
-FAULTS = ("none", "flood", "silence", "death", "slow", "steady")
-SLOW_S, SLOW_STEPS = 1.3, 2  # [s] for an answer, and the number of steps, from 0 on, for which it takes so long
+FAULTS = ("none", "flood", "silence", "death", "steady")
 STEADY_S = 0.1  # [s] for every step, but not for its repetitions
 
 
@@ -44,8 +43,6 @@ class StandardEgo(Node):
     def on_state(self, state: Odometry) -> None:
         step = Time.from_msg(state.header.stamp).nanoseconds // STEP_NS
         fault = self.options.fault if step >= self.options.at else "none"
-        if self.options.fault == "slow" and step < SLOW_STEPS:
-            time.sleep(SLOW_S)
         if self.options.fault == "steady" and step > self.seen:
             time.sleep(STEADY_S)
         self.seen = step

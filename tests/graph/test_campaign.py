@@ -132,13 +132,3 @@ def test_what_a_killed_campaign_has_started_ends_and_it_goes_on(graph: Any) -> N
     (result,) = read_campaign(graph.folder / "out").results
     assert result.verdict == Verdict.PASSED
     assert [path.name for path in (graph.folder / "out/runs").iterdir()] == [result.case.id]
-
-
-def test_an_interrupted_campaign_ends_its_graphs_in_good_order(graph: Any) -> None:
-    slow = {"name": "slow", "kind": "external", "command": [*STACK, "--late", "10-30", "--late-by", "0.5"]}
-    interrupted = start(graph, suite(graph, [slow], [13]))
-    graph.wait("the run", lambda: list(graph.folder.glob("out/runs/*/run/*.mcap")))
-    status, said = graph.end(interrupted)
-    assert status == 130 and "Traceback" not in said
-    assert not graph.running()
-    assert json.loads((graph.folder / "out/results.json").read_text())["runs"] == []

@@ -17,19 +17,13 @@ from litsim_sim.record.run import Run, read_run
 STACK = Path(__file__).parent / "timer_ego.py"
 
 
-@pytest.mark.parametrize(
-    ("mode", "period_s", "options"),
-    [("lockstep", 0.1, ("--real-time-factor", 5)), ("realtime", 0.03, ())],
-)
-def test_a_timer_on_simulation_time_drives(graph: Any, mode: str, period_s: float, options: tuple[object, ...]) -> None:
+def test_a_timer_on_simulation_time_drives(graph: Any) -> None:
     bag, heard = graph.folder / "run", graph.folder / "times.json"
-    stack = ("--", sys.executable, STACK, period_s, heard)
-    setup = ("--scenario", graph.scenario(), "--ego", "external", "--policy", "replay", "--mode", mode, *options)
-    done = graph.launch(*setup, "--out", bag, *stack)
+    setup = ("--scenario", graph.scenario(), "--ego", "external", "--policy", "replay", "--real-time-factor", 5)
+    done = graph.launch(*setup, "--out", bag, "--", sys.executable, STACK, 0.1, heard)
     lockstep = json.loads((bag / "metrics.json").read_text())["lockstep"]
-    if mode == "lockstep":
-        assert done.returncode == 0, done.stderr
-        assert (lockstep["missed"], lockstep["ego_port"]["answered"]) == (0, 36)
+    assert done.returncode == 0, done.stderr
+    assert (lockstep["missed"], lockstep["ego_port"]["answered"]) == (0, 36)
     run = read_run(bag)
     speed = [table.speed[table.row(run.info.ego_id)] for table in run.tables]
     assert speed == pytest.approx(np.full(36, 15.0), abs=0.01)

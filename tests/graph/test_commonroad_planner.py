@@ -14,7 +14,7 @@ from campaigns import scenario_file
 
 EXAMPLE = Path(__file__).parents[2] / "examples/commonroad_planner"
 PYTHON = EXAMPLE / ".venv/bin/python"
-STEPS = 130  # of 3 s of history and 10 s of simulation
+STEPS = 80  # of 3 s of history and 5 s of simulation
 
 pytestmark = pytest.mark.skipif(
     not (EXAMPLE / ".venv/.made-from").is_file(),
@@ -35,7 +35,7 @@ def test_it_drives_the_demo(graph: Any) -> None:
     with subprocess.Popen(command, env=environment, cwd=graph.folder) as planner:
         try:
             options = ("--ego", "external", "--policy", "litsim", "--answer-timeout", 60, "--domain-id", graph.domain)
-            demo = scenario_file(graph.folder, "demo", simulation_s=10.0)  # its first seconds
+            demo = scenario_file(graph.folder, "demo", simulation_s=5.0)  # its first seconds
             done = graph.launch("--scenario", demo, "--out", bag, *options)
             assert done.returncode == 0, done.stderr
             assert planner.wait(timeout=120) == 0  # it has heard that the run is over
@@ -49,4 +49,4 @@ def test_it_drives_the_demo(graph: Any) -> None:
     assert (told["steps"], told["plans"], told["without_solution"]) == (STEPS + 1, STEPS + 1, 0)
     assert metrics["collision"]["ego_contacts"] == []
     assert metrics["ego_motion"]["off_road"] == 0.0
-    assert metrics["ade_ego_m"]["10"] > 0.5  # it does not follow the log
+    assert metrics["ade_ego_m"]["5"] > 0.1  # it does not follow the log

@@ -37,15 +37,6 @@ def test_interrupted_run_is_recorded_up_to_there(graph: Any) -> None:
     assert not [name for name, text in logs.items() if "Traceback" in text or "ERROR" in text]
 
 
-def test_children_of_a_killed_launcher_end_by_themselves(graph: Any) -> None:
-    bag = graph.folder / "run"
-    launcher = graph.start_launch("--mode", "realtime", "--scenario", graph.scenario(**LONG), "--out", bag)
-    graph.wait_under_way(bag)
-    graph.end(launcher, signal.SIGKILL)
-    graph.wait("the nodes to end", lambda: not graph.running())
-    graph.wait("the end of the record", lambda: read_run(bag).complete)
-
-
 def test_interrupt_before_the_run_has_begun(graph: Any) -> None:
     launcher = graph.start_launch("--scenario", graph.scenario(), "--out", graph.folder / "run")
     graph.wait("the first node", lambda: len(graph.running()) > 2)

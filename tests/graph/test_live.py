@@ -122,7 +122,7 @@ def test_a_live_view_that_hangs_or_dies_does_not_touch_the_run(graph: Any, recor
         launcher = graph.start_launch(*words, "--answer-timeout", 30)
         viewer.wait("markers", viewer.boxes)
         first = viewer.boxes().keys()
-        graph.start_script("external_ego.py", "--late", "5-5", "--late-by", 4)
+        graph.start_script("external_ego.py", "--late", "5-5", "--late-by", 2)
         viewer.wait("markers of a later step", lambda: viewer.boxes().keys() != first)
         live[1].kill()
         done = graph.finish(launcher)

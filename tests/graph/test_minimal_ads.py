@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from campaigns import scenario_file
 from litsim_sim.core.scene import Controller
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.scenario import Scenario
@@ -42,13 +43,13 @@ def test_its_environment_does_not_know_us(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("example", "wanted", "lanes"),
+    ("example", "simulation_s", "wanted", "lanes"),
     [
-        ("minimal_ads.py", 12.0, 1),
-        ("lane_changing_ads.py", 15.0, 3),
+        ("minimal_ads.py", 10.0, 12.0, 1),
+        ("lane_changing_ads.py", 25.0, 15.0, 3),
     ],
 )
-def test_it_drives_the_demo(graph: Any, example: str, wanted: float, lanes: int) -> None:
+def test_it_drives_the_demo(graph: Any, example: str, simulation_s: float, wanted: float, lanes: int) -> None:
     environment = bare_environment() | {
         "ROS_DOMAIN_ID": str(graph.domain),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
@@ -57,15 +58,17 @@ def test_it_drives_the_demo(graph: Any, example: str, wanted: float, lanes: int)
     with subprocess.Popen([sys.executable, EXAMPLES / example], env=environment, cwd=graph.folder) as ads:
         try:
             options = ("--ego", "external", "--policy", "litsim", "--out", bag, "--domain-id", graph.domain)
-            done = graph.launch("--scenario", "demo", *options)
+            demo = scenario_file(graph.folder, simulation_s=simulation_s)  # its first seconds
+            done = graph.launch("--scenario", demo, *options)
             assert done.returncode == 0, done.stderr
             assert ads.wait(timeout=120) == 0  # it has heard that the run is over
         finally:
             ads.kill()
     metrics = json.loads((bag / "metrics.json").read_text())
-    assert (metrics["valid"], metrics["steps"]) == (True, 280)
+    steps = round(10 * (3.0 + simulation_s))
+    assert (metrics["valid"], metrics["steps"]) == (True, steps)
     port = metrics["lockstep"]["ego_port"]
-    assert (port["interface"], port["answered"], port["invalid"], port["late"]) == ("twist", 281, 0, 0)
+    assert (port["interface"], port["answered"], port["invalid"], port["late"]) == ("twist", steps + 1, 0, 0)
     assert metrics["collision"]["ego_at_fault"] == 0
     run = read_run(bag)
     egos = [table.take(table.id == run.info.ego_id) for table in run.tables[run.info.history_steps :]]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -13,25 +12,6 @@ def start(graph: Any, out: Path) -> Any:
     """A launched run that waits for its ego."""
     words = ("--scenario", graph.scenario(), "--out", out, "--domain-id", graph.domain)
     return graph.start_launch(*words, *EXTERNAL)
-
-
-def is_valid(out: Path) -> bool:
-    return bool(json.loads((out / "metrics.json").read_text())["valid"])
-
-
-def test_a_second_launcher_is_refused_and_the_first_run_goes_on(graph: Any) -> None:
-    first = start(graph, graph.folder / "first")
-    graph.wait("the first run", lambda: "waiting for " in log(graph.folder / "first"))
-    second = graph.finish(start(graph, graph.folder / "second"))
-    assert second.returncode == 2
-    expected = f"error: ROS_DOMAIN_ID {graph.domain}: another run of yours is on there (process {first.pid}); "
-    assert second.stderr.startswith(expected)
-    assert second.stderr.count("\n") == 1
-    assert not (graph.folder / "second").exists()
-    graph.start_script("standard_ego.py")
-    done = graph.finish(first)
-    assert done.returncode == 0, done.stderr
-    assert is_valid(graph.folder / "first")
 
 
 def test_of_two_bridges_on_a_domain_one_refuses(graph: Any, tmp_path: Path) -> None:

@@ -93,9 +93,6 @@ def test_each_node_of_a_run_is_in_an_enclave_of_its_own(graph: Any) -> None:
     assert done.returncode == 2
     assert "ROS_SECURITY_STRATEGY is '', expected 'Enforce'" in done.stderr
     assert not bag.exists()
-    checked = graph.finish(graph.start_program("litsim_eval", "check_ads", "--out", bag, **secured))
-    assert (checked.returncode, checked.stderr) == (2, done.stderr)
-    assert not bag.exists()
 
     secured["ROS_SECURITY_STRATEGY"] = "Enforce"
     done = graph.launch(*words, **secured)

@@ -103,12 +103,12 @@ def test_a_stack_is_in_an_enclave_of_its_own_where_runs_are_secured(
 WAIT = "until [ -e {0} ]; do sleep 0.01; done"
 
 
-def failure(folder: Path, stack: str, bridge: str) -> str:
-    """Why a run fails, by the scripts of its stack and of its bridge."""
-    graph = Graph(folder / "out", 7)
+def failure(folder: Path, bridge: str, stack: str = "sleep 600", recorder: str = "sleep 600") -> str:
+    """Why a run fails whose steps wait for half a second, by the scripts of its bridge, stack and recorder."""
+    graph = Graph(folder / "out", 7, answer_timeout_s=0.5)
     try:
         graph.start_stack(["sh", "-c", stack])
-        for name, script in ((BRIDGE, bridge), (RECORDER, "sleep 600")):
+        for name, script in ((BRIDGE, bridge), (RECORDER, recorder)):
             program = folder / name
             program.write_text(f"#!/bin/sh\n{script}\n")
             program.chmod(0o755)
@@ -134,15 +134,25 @@ def test_a_stack_that_ends_on_hearing_that_the_run_has_failed_did_not_quit(
     heard, gone = tmp_path / "heard", tmp_path / "gone"
     say = f"{sys.executable} -c \"import time; print('failed at', time.monotonic(), 's')\""
     failing = f"{say}; touch {heard}; {WAIT.format(gone)}; sleep 1.5; echo 'error: no answer' >&2; exit 1"
-    said = failure(tmp_path, f"{WAIT.format(heard)}; {stack.format(gone)}", failing)
+    said = failure(tmp_path, failing, f"{WAIT.format(heard)}; {stack.format(gone)}")
     assert said.startswith("no answer; the stack (sh -c ")
     assert said.endswith(how)
 
 
 @pytest.mark.parametrize("status", [0, 6])
 def test_a_stack_that_quits_is_told_before_the_bridge_misses_its_answers(tmp_path: Path, status: int) -> None:
-    said = failure(tmp_path, f"echo bye; exit {status}", "sleep 15; echo 'error: no answer' >&2; exit 1")
+    said = failure(tmp_path, "sleep 15; echo 'error: no answer' >&2; exit 1", f"echo bye; exit {status}")
     assert said == f"the stack (sh -c 'echo bye; exit {status}') ended with exit status {status}: bye"
+
+
+def test_who_is_stopped_for_good_is_named(tmp_path: Path) -> None:
+    said = failure(tmp_path, "echo alive at step 7; (sleep 30; kill -KILL $$) & kill -STOP $$")
+    assert said == "node bridge: no sign of life for 1 s, at step 7; it is stopped, by a signal or a debugger"
+    pid = tmp_path / "pid"
+    until_stopped = f"until grep -q 'State:.T' /proc/$(cat {pid})/status; do sleep 0.01; done"
+    failing = f"{until_stopped}; echo 'error: recorder: has confirmed only step 3' >&2; exit 1"
+    said = failure(tmp_path, failing, recorder=f"echo $$ > {pid}; kill -STOP $$")
+    assert said.startswith("recorder: has confirmed only step 3; stopped, by a signal or a debugger: node recorder;")
 
 
 @pytest.mark.parametrize(("quiet", "said"), [(False, "waiting for Godot\nwaiting for one\n"), (True, "")])
