@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-import os
 import re
+import shlex
 import subprocess
 from collections.abc import Iterator
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
+from io import StringIO
 from pathlib import Path
 
 import pytest
 
+from litsim_data.cli import main as data
 from litsim_data.maps.netconvert import find_netconvert
+from litsim_eval.cli import compare, evaluate, report
 from litsim_sim.core.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "your-own-recording.md"
 BLOCK = re.compile(r"^```(bash|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+HERE = {"data": data, "compare": compare.main, "report": report.main, "evaluate": evaluate.main}
 STATUS = re.compile(r"\s+# status (\d)$")
 
 
@@ -63,15 +68,23 @@ def checkout(tmp_path: Path) -> Path:
 
 
 def run(command: str, folder: Path) -> tuple[int, str]:
-    environment = os.environ | {"COLUMNS": "100"}
-    done = subprocess.run(
-        ["bash", "-c", command], cwd=folder, env=environment, capture_output=True, text=True, check=False
-    )
+    """Exit status and output of a command, of one of LitSim without a graph in this process."""
+    program, _, arguments = command.partition(" ")
+    if program == "./litsim" and (verb := arguments.partition(" ")[0]) in HERE:
+        said = StringIO()
+        with chdir(folder), redirect_stdout(said), redirect_stderr(said):
+            try:
+                HERE[verb](shlex.split(arguments, comments=True)[1:])
+            except SystemExit as ended:
+                return int(ended.code or 0), said.getvalue()
+        return 0, said.getvalue()
+    done = subprocess.run(["bash", "-c", command], cwd=folder, capture_output=True, text=True, check=False)
     return done.returncode, done.stdout + done.stderr
 
 
 @pytest.mark.graph
-def test_every_command_of_the_page(checkout: Path) -> None:
+def test_every_command_of_the_page(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
     for step in steps():
         printed = ""
         for command in step.commands:
