@@ -118,8 +118,9 @@ def leaving_a_bend(radius: float, speed: float, waits: float = 0.0) -> tuple[np.
     return (axle + VehicleLimits.rear_axle * LENGTH * towards)[:-1:fine], yaw[:-1:fine]
 
 
-@pytest.mark.parametrize("ahead", [0.5, 0.0, -0.29])
-@pytest.mark.parametrize(("radius", "speed", "waits"), [(12, 6, 0), (8, 4, 0), (6, 3, 0), (-8, 1.5, 0), (8, 6, 5)])
+@pytest.mark.parametrize(
+    ("radius", "speed", "waits", "ahead"), [(12, 6, 0, 0.5), (6, 3, 0, 0.0), (-8, 1.5, 0, -0.29), (8, 6, 5, 0.0)]
+)
 def test_measured_headings_hold_the_ends_of_tracks_in_bends(
     radius: float, speed: float, waits: float, ahead: float
 ) -> None:
@@ -220,7 +221,7 @@ def test_an_outlier_does_not_move_the_track() -> None:
 
 @pytest.mark.parametrize(
     ("size", "lasts", "position", "speed", "acceleration", "yaw"),
-    [(0.1, 0.5, 0.12, 0.12, 0.28, 0.012), (0.2, 0.05, 0.11, 0.13, 0.30, 0.015), (0.3, 0.5, 0.34, 0.28, 0.42, 0.032)],
+    [(0.2, 0.05, 0.11, 0.13, 0.30, 0.015), (0.3, 0.5, 0.34, 0.28, 0.42, 0.032)],
 )
 def test_cleaned_tracks_are_near_the_truth(
     size: float, lasts: float, position: float, speed: float, acceleration: float, yaw: float

@@ -102,3 +102,5 @@ def test_who_turns_or_stands_is_nobodys_opposite() -> None:
     standing = table["vehicle_id"] >= 100
     parked = table.assign(x=table["x"].where(~standing, 20.0), y=table["y"].where(~standing, 10.0))
     assert not len(sides(parked)[0])
+    later = table.assign(t=table["t"] + np.where(standing, 60.0, 0.0))
+    assert not len(sides(later)[0]), "when the others come, they have gone"

@@ -123,42 +123,6 @@ def test_leader_in_contact(table: Make) -> None:
     assert (found.gap[0], found.drac[0], found.time_to_leader[0]) == (0.0, 0.0, np.inf)
 
 
-def test_nearest_of_two_leaders_counts_and_neighbours_do_not(table: Make) -> None:
-    scene = table(
-        0,
-        {"id": 1, "x": 0.0, "y": 0.0},
-        {"id": 2, "x": 54.0, "y": 0.0},
-        {"id": 3, "x": 24.0, "y": 0.0},
-        {"id": 4, "x": 9.0, "y": 3.5},
-    )
-    found = following(scene, np.arange(4))
-    assert found.leader.tolist() == [2, -1, 1, -1]
-    assert found.headway[0] == pytest.approx(2.0)
-
-
-def test_the_gap_ends_where_the_leader_reaches_into_the_strip(table: Make) -> None:
-    """The tail of a vehicle that turns away lies beside the strip: only its front is in the way."""
-    turning = table(
-        0,
-        {"id": 1, "x": 0.0, "y": 0.0},
-        {"id": 2, "x": 20.0, "y": 3.0, "yaw": -np.pi / 4, "length": 8.0, "width": 2.0, "speed": 0.0},
-    )
-    found = following(turning, np.array([0]))
-    nose = np.array([20.0, 3.0]) + (4.0 * np.array([1.0, -1.0]) - np.array([1.0, 1.0])) / np.sqrt(2.0)  # its right side
-    assert found.gap[0] == pytest.approx(nose[0] + nose[1] - 1.0 - 2.0)  # that side goes up at 45 degrees to the strip
-
-
-def test_who_turns_away_beside_leads_nobody_though_its_tail_swings_in_behind(table: Make) -> None:
-    own = {"id": 1, "x": 0.0, "y": 0.0, "speed": 5.0}
-    truck = {"id": 2, "x": 1.0, "y": 3.5, "yaw": 0.2, "length": 18.0, "width": 2.5, "speed": 4.0}
-    alone = following(table(0, own, truck), np.array([0]))
-    assert (alone.leader[0], alone.gap[0], alone.headway[0], alone.drac[0]) == (-1, np.inf, np.inf, 0.0)
-    ahead = following(table(0, own, truck, {"id": 3, "x": 24.0, "y": 0.0}), np.array([0]))
-    assert (ahead.leader[0], ahead.gap[0]) == (2, pytest.approx(20.0))
-    touched = following(table(0, own, truck | {"y": 2.5}), np.array([0]))
-    assert (touched.leader[0], touched.gap[0]) == (1, 0.0), "it reaches into the strip beside the own box, too"
-
-
 def test_gaps_are_those_of_polygons(table: Make) -> None:
     """Random boxes against the intersection of polygons with the strip."""
     random = np.random.default_rng(11)
@@ -183,19 +147,6 @@ def test_gaps_are_those_of_polygons(table: Make) -> None:
             assert measured.leader[k] == (int(np.argmin(gaps)) if np.isfinite(gap) else -1)
             found += np.isfinite(gap)
     assert found > 50
-
-
-def test_all_at_once_is_one_by_one(table: Make) -> None:
-    random = np.random.default_rng(7)
-    columns = ("x", "y", "yaw", "speed")
-    values = random.uniform((-40.0, -10.0, -3.0, 0.0), (40.0, 10.0, 3.0, 20.0), (30, 4))
-    scene = table(0, *({"id": i} | dict(zip(columns, row, strict=True)) for i, row in enumerate(values.tolist())))
-    together, apart = times_to_collision(scene, np.arange(30)), [time_to_collision(scene, row) for row in range(30)]
-    assert together.tolist() == apart
-    assert 0 < np.isfinite(together).sum() < 30
-    assert following(scene, np.arange(30)).headway.tolist() == [
-        following(scene, np.array([row])).headway[0] for row in range(30)
-    ]
 
 
 def test_series_covers_the_steps_on_the_road(table: Make) -> None:

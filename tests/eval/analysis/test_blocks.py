@@ -83,14 +83,11 @@ def results(run: Run, folder: Path) -> tuple[str, list[dict[str, Any]], bytes]:
     return json.dumps(compute_metrics(run)), series, (folder / "overview.png").read_bytes()
 
 
-@pytest.mark.parametrize("rows", [1, 333])
-def test_results_by_blocks_are_those_of_all_steps(
-    bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: int
-) -> None:
-    bags = (bag, FORMAT_1) if rows == 333 else (bag,)
+def test_results_by_blocks_are_those_of_all_steps(bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bags = (bag, FORMAT_1)
     expected = [results(read_run(path), tmp_path) for path in bags]
-    monkeypatch.setattr(steps, "BLOCK_ROWS", rows)
-    monkeypatch.setattr(recording, "PART_ROWS", rows)
+    monkeypatch.setattr(steps, "BLOCK_ROWS", 333)
+    monkeypatch.setattr(recording, "PART_ROWS", 333)
     for path, whole in zip(bags, expected, strict=True):
         run = read_run(path)
         assert isinstance(run.steps, steps.StoredSteps) and isinstance(run.logged, steps.StoredSteps)

@@ -15,7 +15,6 @@ import pytest
 from litsim_eval.benchmark import steps as benchmark
 from litsim_eval.benchmark.steps import (
     LANES,
-    SPACING,
     SPEED,
     execute,
     graph_sample,
@@ -32,7 +31,7 @@ from litsim_sim.record.bag import BagReader, BagWriter
 from litsim_sim.scenario.scenario import Scenario
 
 
-@pytest.mark.parametrize("agents", [10, 50, 250, 1000])
+@pytest.mark.parametrize("agents", [10, 250])
 def test_columns_of_traffic_are_a_valid_scenario(tmp_path: Path, agents: int) -> None:
     scenario = Scenario.load(write_scenario(tmp_path, agents, seconds=13.0))
     log = scenario.log
@@ -44,14 +43,6 @@ def test_columns_of_traffic_are_a_valid_scenario(tmp_path: Path, agents: int) ->
         assert len(overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width)) == 0
     assert len(np.unique(np.round(log.y[:, 0], 2))) == min(agents, LANES)
     assert (log.x[:, -1] - log.x[:, 0]) == pytest.approx(np.full(agents, 13.0 * SPEED))
-
-
-def test_the_ego_of_the_benchmark_has_followers_close_behind(tmp_path: Path) -> None:
-    scenario = Scenario.load(write_scenario(tmp_path, 50, seconds=5.0))
-    table = scenario.log.table(0)
-    ego = table.row(scenario.ego_id)
-    behind = table.x[ego] - table.x[np.abs(table.y - table.y[ego]) < 0.1]
-    assert SPACING in np.round(behind, 6)
 
 
 def test_an_ego_that_keeps_more_distance_makes_the_benchmark_work(tmp_path: Path, drive) -> None:
@@ -68,15 +59,6 @@ def test_figures_are_said_as_median_and_range_of_the_repetitions() -> None:
     assert rows == [
         ["in process, ms", "2.00 (1.00 to 4.00)", "1.00 (1.00 to 1.00)"],
         ["graph / in process", "4.00 (3.00 to 5.00)", "-"],
-    ]
-
-
-def test_the_parts_of_the_way_through_the_graph_have_rows_of_their_own_in_its_order() -> None:
-    samples = [{"graph: hop to predictor": 0.5, "graph: policy": 3.0, "graph with recording": 9.0}]
-    assert [row[0] for row in table_rows({50: samples})] == [
-        "graph with recording, ms",
-        "graph: hop to predictor, ms",
-        "graph: policy, ms",
     ]
 
 

@@ -48,17 +48,6 @@ class Told:
         return lambda figure, amount: {figure: amount / 2.0, figure + CPU: amount / 1.0}
 
 
-def test_a_program_is_timed_by_the_clock_and_by_the_processor() -> None:
-    rates = Side.here().rates("timeit", "-n", "1", "-r", "1", "import time; time.sleep(0.3)")
-    found = rates("runs", 1.0)
-    assert found["runs"] < 1.0 / 0.3 and found["runs" + CPU] > 0.0
-
-
-def test_a_program_that_fails_ends_the_measurement() -> None:
-    with pytest.raises(InputError, match=f"{Path(sys.executable).name} ended with status 1.*no_such_module"):
-        Side.here().rates("no_such_module")
-
-
 def test_what_is_no_checkout_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="not a checkout of LitSim"):
         Side.beside(tmp_path)

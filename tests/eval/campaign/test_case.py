@@ -37,11 +37,6 @@ def test_every_ego_policy_seed_and_value_is_a_case() -> None:
     ]
 
 
-def test_a_replay_has_no_variants_of_the_stages_of_the_policy() -> None:
-    made = cases(policies=["replay"], parameters={"conflict.horizon": [2.0, 3.0], "ego.headway": [1.0]})
-    assert [case.parameters for case in made] == [(("ego.headway", 1.0),)]
-
-
 def test_a_model_is_named_by_its_value_alone() -> None:
     assert one(parameters={"predictor.model": ["kinematic"]}).label == "kinematic"
 

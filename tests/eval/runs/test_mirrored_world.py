@@ -23,8 +23,8 @@ from litsim_sim.scenario.recording import Recording
 from litsim_sim.scenario.scenario import packaged
 from litsim_sim.world.sumo import SumoMirror
 
-SIMULATION_S = 12.0
-BRAKING = ["ego.kind=brake", "ego.deceleration=3", "ego.duration=3", "ego.time=[4.0, 4.0]"]
+SIMULATION_S = 6.0
+BRAKING = ["ego.kind=brake", "ego.deceleration=3", "ego.duration=3", "ego.time=[0.5, 0.5]"]
 
 
 def write(folder: Path, *, left_hand: bool) -> Path:

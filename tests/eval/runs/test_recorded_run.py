@@ -11,7 +11,6 @@ import yaml
 from litsim_msgs.msg import RunInfo, StageStatus
 from rclpy.serialization import serialize_message
 
-from damage import FLIP, REFUSED, damages, outcomes
 from litsim_eval.runs.recorded_run import open_record
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_NS, EgoCommand
@@ -145,30 +144,6 @@ def test_a_record_that_is_cut_short_is_read_as_far_as_it_goes(write: Any, run_id
     with open_record(bag) as record:
         assert record.notes[0].startswith("the recording is not complete (cut short at byte ")
         assert record.messages[topics.EGO_CONTROL.name].keys() == {0}
-
-
-def test_a_damaged_record_is_refused_and_what_is_cut_off_is_not_made_up(write: Any, run_id: str) -> None:
-    said = [ego(step, float(step), run_id) for step in range(STEPS)]
-    path = write(*said, ready("policy", "{yield: 1}", run_id)) / "bag_0.mcap"
-
-    def read(path: Path) -> tuple[Any, str, Any, Any, list[str]]:
-        with open_record(path) as record:
-            values = yaml.safe_load(record.scenario.to_yaml())
-            scenario = str(values | {"recording": "", "net": ""})  # which lie in another folder each time
-            return record.info, scenario, record.messages, record.parameters, record.notes
-
-    info, _, answers, *_ = read(path)
-    found = outcomes(
-        path,
-        damages(path.read_bytes(), 400, 0),
-        read,
-        lambda got: (
-            got[0] == info
-            and got[2][topics.EGO_CONTROL.name].items() <= answers[topics.EGO_CONTROL.name].items()
-            and got[4][0].startswith("the recording is not complete (cut short at byte ")
-        ),
-    )
-    assert {kind for way, kind in found if way == FLIP} == {REFUSED}
 
 
 def test_a_message_that_cannot_be_read_is_named(write: Any, run_id: str) -> None:

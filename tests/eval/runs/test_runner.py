@@ -134,20 +134,17 @@ def test_litsim_mends_what_replay_runs_into(demo: Scenario, recorded: Run) -> No
     assert mended["replay_error_max_m"] < 1e-6, "and exactly where it was"
 
 
-def test_a_run_is_the_same_twice(demo: Scenario, recorded: Run) -> None:
+def test_a_run_is_the_same_twice(recorded: Run) -> None:
     again = record(Runner(RunPlan(Scenario.load("demo"), "idm", "litsim")))
     assert digest(again) == digest(recorded)
-    other = run_of(Scenario.load("demo", ego=demo.egos[1]), "idm", "litsim")
-    assert digest(other) != digest(recorded)
 
 
-@pytest.mark.parametrize(("ego", "model"), [("perturbed", "default"), ("idm", "kinematic")])
-def test_forecasts_that_nobody_reads_change_nothing(ego: str, model: str) -> None:
+def test_forecasts_that_nobody_reads_change_nothing() -> None:
     """Who is taken over, when and why, and where everybody goes: with all forecasts as with those that are read."""
     runs, scenario = [], Scenario.load("demo", simulation_s=12.0)
     for everybody in (False, True):
-        parameters = {"predictor": {"model": model, "forecast_all": everybody}}
-        runs.append(record(Runner(RunPlan(scenario, ego, "litsim", parameters=parameters))))
+        parameters = {"predictor": {"forecast_all": everybody}}
+        runs.append(record(Runner(RunPlan(scenario, "perturbed", "litsim", parameters=parameters))))
     read, everything = runs
     assert any(read.takeovers.values())
     assert digest(read) == digest(everything)
@@ -168,26 +165,11 @@ def test_replay_with_the_ego_on_its_log_is_the_recording(demo: Scenario) -> None
     assert len(errors(run)) > 10_000 and errors(run).max() < 1e-6
 
 
-def test_with_the_ego_on_its_log_almost_nobody_is_taken_over(demo: Scenario) -> None:
-    metrics = compute_metrics(run_of(demo, "log", "litsim"))
-    assert metrics["relevant_ratio"] <= 0.05 and metrics["collision"]["excess"] == 0
-
-
 def test_nobody_moves_as_no_vehicle_can(litsim, beyond_limits) -> None:
     assert beyond_limits(litsim.results, DRIVEN) == []
 
 
-def test_even_where_agents_change_hands_nobody_jumps(demo: Scenario, drive, beyond_limits) -> None:
-    """The generated recording itself respects the limits, and so do the ways back onto it."""
-    run = drive(Scenario.load("demo", ego=3), "idm")
-    states = {t.state for r in run.results for t in r.takeovers.takeovers}
-    assert states == {TakeoverState.HELD, TakeoverState.HANDBACK, TakeoverState.RELEASED}
-    assert beyond_limits(run.results, EVERYBODY) == beyond_limits(
-        drive(demo, "log", policy="replay").results, EVERYBODY
-    )
-
-
-@settings(max_examples=3, phases=(Phase.explicit, Phase.reuse, Phase.generate))  # a run is too long to be shrunk
+@settings(max_examples=2, phases=(Phase.explicit, Phase.reuse, Phase.generate))  # a run is too long to be shrunk
 @example(ego=4, handback="time_shift", kind="brake", deceleration=3.5, duration=4.0)
 @given(
     st.sampled_from(EGOS),
@@ -234,14 +216,6 @@ def test_agents_do_not_flicker_between_holding_and_handing_back(litsim, demo: Sc
     assert begun and max(begun) <= 3 and np.mean(begun) <= 2.0, times
 
 
-def test_how_eagerly_is_taken_over_can_be_chosen(demo: Scenario, recorded: Run) -> None:
-    blind = {"conflict": {"confirm_steps": 1000, "urgent_time": 0.0, "closing_time": 0.0}}
-    never = record(Runner(RunPlan(demo, "idm", "litsim", blind)))
-    metrics = compute_metrics(never)
-    assert metrics["takeovers"] == 0 and metrics["collision"]["excess"] > 0
-    assert digest(never) != digest(recorded)
-
-
 # Real traffic
 
 
@@ -252,9 +226,8 @@ def real(real_data) -> Scenario:
 
 
 @pytest.mark.data
-@pytest.mark.parametrize("position", [3, 11])
-def test_real_traffic_reacts(real: Scenario, drive, beyond_limits, position: int) -> None:
-    scenario = Scenario.load("us101_0750", ego=real.egos[position])
+def test_real_traffic_reacts(real: Scenario, drive, beyond_limits) -> None:
+    scenario = Scenario.load("us101_0750", ego=real.egos[3])
     replay = compute_metrics(run_of(scenario, "idm", "replay"))
     run = drive(scenario, "idm")
     log = pairs(scenario.log.table(step) for step in range(scenario.total_steps + 1))
@@ -266,11 +239,9 @@ def test_real_traffic_reacts(real: Scenario, drive, beyond_limits, position: int
 
 @pytest.mark.data
 def test_real_traffic_is_left_alone_when_the_ego_is_on_its_log(real: Scenario) -> None:
-    for ego in real.egos[:2]:
-        scenario = Scenario.load("us101_0750", ego=ego)
-        metrics = compute_metrics(run_of(scenario, "log", "litsim"))
-        assert metrics["relevant_ratio"] <= 0.05 and metrics["collision"]["excess"] == 0
-        assert errors(run_of(scenario, "log", "replay")).max() < 1e-6
+    metrics = compute_metrics(run_of(real, "log", "litsim"))
+    assert metrics["relevant_ratio"] <= 0.05 and metrics["collision"]["excess"] == 0
+    assert errors(run_of(real, "log", "replay")).max() < 1e-6
 
 
 @pytest.mark.parametrize("policy", ["replay", "yield"])

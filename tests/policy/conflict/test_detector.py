@@ -116,10 +116,6 @@ def test_a_follower_whose_log_runs_into_a_slower_ego_is_in_conflict(look, lane_c
     assert conflict.pose == pytest.approx([85.0 + 18.0, lane_centres[1], 0.0])
 
 
-def test_a_follower_as_slow_as_the_ego_is_in_none(look) -> None:
-    assert look({"id": 2, "x": 85.0, "speed": 4.0}, ego={"speed": 4.0}).conflicts() == []
-
-
 def test_a_leader_that_the_ego_runs_into_is_in_none(look) -> None:
     scene = look({"id": 2, "x": 112.0, "speed": 4.0}, ego={"speed": 12.0})
     assert scene.probability(0.5).max() == 1.0, "they would touch, if nobody did anything"
@@ -185,11 +181,6 @@ def test_an_ego_without_a_forecast_is_in_none(look) -> None:
     unknown = straight_on(found.table)
     unknown.valid[found.table.row(1)] = False
     assert len(found.conflicts()) == 1 and replace(found, forecast=unknown).conflicts() == []
-
-
-def test_an_empty_forecast_is_no_conflict(look) -> None:
-    found = look({"id": 2, "x": 85.0, "speed": 10.0}, ego={"speed": 4.0})
-    assert not replace(found, forecast=straight_on(AgentTable.empty(NOW))).futures.expected.valid.any()
 
 
 def test_the_soonest_conflict_comes_first_and_every_agent_once(look, lane_centres) -> None:
@@ -261,28 +252,6 @@ def plain_log(table: AgentTable, steps: int = 60) -> Log:
 
 
 @settings(max_examples=60)
-@given(crowd, st.randoms(use_true_random=False))
-def test_conflicts_do_not_depend_on_the_order_of_the_agents(agent_table, crowd: list[tuple], random) -> None:
-    """Other ids, and so other rows: the same agents at the same times and places."""
-
-    def found(names: list[int]) -> set[tuple]:
-        agents = [
-            {"id": name, "x": x, "y": y, "yaw": yaw, "speed": speed}
-            for name, (x, y, yaw, speed, _) in zip(names, crowd, strict=True)
-        ]
-        table = agent_table(0, *agents)
-        off = [name for name, (*_, is_off) in zip(names, crowd, strict=True) if is_off]
-        original = {name: i for i, name in enumerate(names)}
-        conflicts = situation(plain_log(table), table, *off).conflicts()
-        return {(original[c.agent], c.time_to_conflict, tuple(c.pose)) for c in conflicts}
-
-    names = list(range(1, len(crowd) + 1))
-    shuffled = names.copy()
-    random.shuffle(shuffled)
-    assert found(names) == found(shuffled)
-
-
-@settings(max_examples=60)
 @given(crowd)
 def test_every_conflict_is_an_overlap_that_shapely_sees_and_none_comes_earlier(agent_table, crowd: list[tuple]) -> None:
     agents = [{"id": i, "x": x, "y": y, "yaw": yaw, "speed": v} for i, (x, y, yaw, v, _) in enumerate(crowd)]
@@ -298,15 +267,6 @@ def test_every_conflict_is_an_overlap_that_shapely_sees_and_none_comes_earlier(a
 
 
 # thresholds
-
-
-def test_the_mean_alone_is_the_limit_of_a_sharp_forecast(look) -> None:
-    near = {"id": 2, "x": 85.0, "speed": 10.0}
-    (mean,) = look(near, ego={"speed": 4.0}).conflicts()
-    for threshold in (0.21, 0.5, 0.9):
-        (sharp,) = look(near, ego={"speed": 4.0}, sigma_scale=1e-4, probability_threshold=threshold).conflicts()
-        assert sharp.time_to_conflict == mean.time_to_conflict
-    assert mean.overlap_probability == 1.0
 
 
 def test_a_lower_threshold_sees_a_conflict_sooner(look) -> None:
@@ -427,15 +387,6 @@ def test_whoever_brakes_in_an_emergency_is_seen_for_twice_as_long(look, placed, 
     assert all(1.0 < one.time_to_conflict < 2.0 for one in conflicts)
 
 
-def test_whoever_brakes_in_an_emergency_is_taken_to_go_on(look, placed) -> None:
-    scene = look({"id": 2, "x": 100.0, "speed": 14.0})
-    table, time = placed(scene.table, 2, acceleration=-5.0), 0.1 * np.arange(1, 31)
-    braked = 14.0 * time - 2.5 * np.minimum(time, 1.0) ** 2 - 5.0 * np.maximum(time - 1.0, 0.0)
-    row = table.row(2)
-    expected = replace(scene, table=table, forecast=straight_on(table)).futures.expected
-    assert expected.x[row] - table.x[row] == pytest.approx(braked)
-
-
 # Which pairs are compared
 
 seeds, radii = st.integers(0, 2**32), st.floats(0.0, 60.0)
@@ -492,27 +443,6 @@ def crowd60(make_scenario, track) -> tuple[ConflictDetector, AgentTable]:
     ]
     log = make_scenario(*tracks).log
     return ConflictDetector(log, 30.0, ConflictConfig()), log.table(NOW)
-
-
-def test_conflicts_among_those_in_the_region_are_those_among_everybody(crowd60) -> None:
-    detector, table = crowd60
-    lag, rng = np.zeros(len(table), np.int64), np.random.default_rng(12)
-    lag[rng.choice(len(table), 5, replace=False)] = 3
-    everybody, count = np.ones(len(table), np.bool_), 0
-    for _ in range(10):
-        off = rng.random(len(table)) < 0.1
-        some, whole = (
-            Futures(detector.log, detector.config, table, straight_on(table), lag, lag > 0) for _ in range(2)
-        )
-        whole.cover(everybody, everybody)
-        for fresh in (off | (lag > 0), rng.random(len(table)) < 0.05):
-            one, other = detector.conflicts(some, ~off, fresh), detector.conflicts(whole, ~off, fresh)
-            assert [replace(c, pose=None) for c in one] == [replace(c, pose=None) for c in other]
-            assert all((a.pose == b.pose).all() for a, b in zip(one, other, strict=True))
-            count += len(one)
-        still = (detector.still_in_conflict(futures, off, off | (lag > 0)).tolist() for futures in (some, whole))
-        assert next(still) == next(still)
-    assert count > 0, "the crowd holds conflicts"
 
 
 def test_futures_are_made_only_in_the_region_and_once(crowd60) -> None:

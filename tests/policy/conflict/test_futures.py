@@ -33,31 +33,10 @@ def everybody(log: Log, table: AgentTable, forecast: Forecast, config: ConflictC
     return futures
 
 
-def by_log(log: Log, table: AgentTable, lag=None) -> PredictedMotion:
-    return everybody(log, table, Forecast.empty(table.step), ConflictConfig(), lag).by_log
-
-
 def forecast_of(
     log: Log, table: AgentTable, forecast: Forecast, config: ConflictConfig | None = None
 ) -> PredictedMotion:
     return everybody(log, table, forecast, config or ConflictConfig()).expected
-
-
-def test_an_agent_that_rejoins_its_log_keeps_its_residual_in_the_future(make_scenario, track, placed) -> None:
-    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
-    logged = by_log(log, log.table(NOW))
-    shifted = by_log(log, placed(log.table(NOW), 2, x=log.x[1, NOW] - 3.0, y=log.y[1, NOW] + 0.5))
-    assert shifted.x[1] == pytest.approx(logged.x[1] - 3.0) and shifted.y[1] == pytest.approx(logged.y[1] + 0.5)
-    held = placed(log.table(NOW), 2, x=log.x[1, NOW] - 3.0, controller=1)
-    assert by_log(log, held).x[1] == pytest.approx(logged.x[1]), "put back at once"
-
-
-def test_a_log_that_is_late_goes_on_late(make_scenario, track) -> None:
-    log = make_scenario(track(1, x=100.0, last=20), track(2, x=80.0, last=40)).log
-    lag = np.array([0, 4])
-    table = log.table(NOW, lag)
-    future = by_log(log, table, lag)
-    assert table.x[1] == pytest.approx(81.0) and future.x[1, :3] == pytest.approx([82.0, 83.0, 84.0])
 
 
 def test_an_ego_that_brakes_hard_is_expected_to_go_on_for_a_second(make_scenario, track, placed) -> None:

@@ -67,14 +67,13 @@ class Braking:
         return EgoCommand(table.step, float(np.clip(wanted, -3.0, 2.0)))
 
 
-@pytest.mark.parametrize("policy", ["yield", "litsim"])
-def test_an_overlap_of_the_log_holds_nobody_while_the_queue_stands(queue, policy: str) -> None:
+def test_an_overlap_of_the_log_holds_nobody_while_the_queue_stands(queue) -> None:
     """They had been held for 20 s and longer: each waited for the other to leave its place in the log.
 
     Nobody passes: who does has left the queue.
     """
     scenario = queue(-0.5)
-    plan = RunPlan(scenario, "log", policy, parameters={"conflict": {"passing": False}})
+    plan = RunPlan(scenario, "log", "yield", parameters={"conflict": {"passing": False}})
     metrics = compute_metrics(record(Runner(plan, ego=Braking(scenario))))
     early = [entry for entry in metrics["ledger"] if entry["detected_step"] < 200]
     assert {entry["agent"] for entry in early} == {2, 3, 4, 5}, "all of them have to brake"

@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 
 from litsim_policy.driving.handback import ACCELERATION_MAX, COMFORTABLE, DECELERATION_MAX, SPEED_EXCESS
-from litsim_policy.driving.registry import make_policy
 from litsim_policy.driving.yield_policy import YieldPolicy
 from litsim_policy.driving.yielding_rules import COURTESY_DECELERATION
 from litsim_policy.motion.reference_path import logged_path
-from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, EgoCommand, EgoMode
 from litsim_sim.core.takeover import TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
@@ -87,13 +85,6 @@ def test_those_released_and_those_on_their_logs_are_not_driven(make_scenario, tr
     assert controls.step == 5 and controls.id.tolist() == [2, 3]
     assert controls.source.tolist() == [ControlSource.POLICY, ControlSource.HANDBACK]
     assert controls.lateral_acceleration == pytest.approx(10.0 * controls.yaw_rate)
-
-
-def test_policies_have_names(make_scenario, track) -> None:
-    scenario = make_scenario(track(1, x=200.0))
-    assert isinstance(make_policy("yield", scenario), YieldPolicy)
-    with pytest.raises(InputError, match="politeness"):
-        make_policy("politeness", scenario)
 
 
 # Following
@@ -260,20 +251,6 @@ def test_on_the_way_back_it_brakes_no_harder_than_it_has_to(
 
 
 # Who gives way to whom
-
-
-@pytest.mark.parametrize(("ahead", "apart"), [(0.0, 2.4), (0.1, 2.4), (0.0, 2.6)])
-def test_two_whose_paths_cross_side_by_side_do_not_wait_for_each_other_forever(
-    make_scenario, track, placed, lane_centres, ahead: float, apart: float
-) -> None:
-    """Each is ahead of the other on the other's path."""
-    middle = 0.5 * (lane_centres[1] + lane_centres[2])
-    upper = track(2, x=60.0, y=middle + 0.5 * apart, yaw=-0.05, last=130)
-    lower = track(3, x=60.0 + ahead, y=middle - 0.5 * apart, yaw=0.05, last=130)
-    scenario = make_scenario(track(1, x=400.0, last=130), upper, lower)
-    tables = simulate(scenario, {}, {2: 1, 3: 2}, TakeoverState.HELD, 120, placed)
-    for agent in (2, 3):
-        assert series(tables, agent, "speed")[-1] > 9.0
 
 
 @pytest.mark.parametrize("ahead", [-3.0, -1.0, 1.0, 3.0])

@@ -24,12 +24,6 @@ def test_the_log_ego_asks_to_follow_the_log_at_every_step(make_scenario, track) 
     assert {c.mode for c in commands} == {EgoMode.FOLLOW_LOG}
 
 
-def test_the_log_ego_is_where_its_log_has_it(make_scenario, track, drive) -> None:
-    scenario = make_scenario(track(1, x=100.0, yaw=-0.03, acceleration=0.5), track(2, x=85.0))
-    run = drive(scenario, "log")
-    assert max(run.from_log(1, step) for step in range(scenario.total_steps + 1)) < 1e-9
-
-
 # idm
 
 

@@ -45,18 +45,6 @@ def test_golden_scenes_on_a_path(
     assert view.gap[row] == pytest.approx(gap, abs=0.01) and view.speed[row] == pytest.approx(speed, abs=0.01)
 
 
-def test_one_that_looks_sees_itself_nowhere_ahead(agent_table) -> None:
-    view, _ = seen(agent_table, {"x": 20.0})
-    assert not view.ahead[0]
-
-
-def test_someone_farther_away_than_sight_is_not_in_the_path(agent_table) -> None:
-    near, row = seen(agent_table, {"x": SIGHT - 1.0})
-    far, _ = seen(agent_table, {"x": SIGHT + 1.0})
-    assert near.ahead[row] and near.in_path[row]
-    assert not far.ahead[row] and not far.in_path[row]
-
-
 def test_someone_beside_the_path_is_in_the_way_of_a_vehicle_that_is_off_it(agent_table) -> None:
     on_path, row = seen(agent_table, {"x": 8.0, "y": 3.5})
     off_path, _ = seen(agent_table, {"x": 8.0, "y": 3.5}, y=3.5)

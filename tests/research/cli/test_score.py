@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import os
 import sys
@@ -201,14 +199,6 @@ def test_the_command_writes_json_and_a_picture_and_prints_the_table(
     assert "RMSE@5 s" in printed and "5.000" in printed and "6 forecasts in 6 scenes" in printed
 
 
-def test_comma_separated_values(write: Write, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
-    run(monkeypatch, "--models", *NAMES, "--recording", write(0.4), "--csv")
-    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
-    assert [row["model"] for row in rows] == NAMES
-    assert float(rows[0]["rmse_5"]) == pytest.approx(5.0, abs=1e-3)
-    assert float(rows[0]["calibration_90"]) == 1.0
-
-
 def test_by_default_all_models_that_come_with_the_package_are_compared() -> None:
     assert list(load_models(COMPARED, "cpu", along_lanes=True)) == [*NAMES, *SHIPPED]
 
@@ -248,14 +238,6 @@ def test_a_recording_of_less_than_eight_seconds_is_refused(write: Write) -> None
     assert measure("--recording", write(0.0, last=80))["kinematic"]["scenes"] == 1
     with pytest.raises(InputError, match=r"made\.parquet: the recording is too short: 80 frames"):
         measure("--recording", write(0.0, last=79))
-
-
-def test_a_recording_without_a_long_track_is_refused(track: Any, tmp_path: Path) -> None:
-    rows = pd.concat([track(1, x=0.0, last=50).rows(), track(2, x=0.0, first=51, last=120).rows()])
-    path = tmp_path / "short.parquet"
-    Recording.from_table(RecordingHeader("short"), rows, "short").write(path)
-    with pytest.raises(InputError, match="no agent to score"):
-        measure("--recording", path)
 
 
 def test_a_part_without_vehicles_is_refused(write: Write) -> None:

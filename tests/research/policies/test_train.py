@@ -17,7 +17,7 @@ from safetensors import safe_open
 from litsim_policy.driving.policy_network import PolicyNetwork, shipped_weights
 from litsim_research.policies import checkpoint, train
 from litsim_research.policies.config import TrainConfig
-from litsim_research.policies.data import REPORTED, DataConfig, Generated, RealWindow, prepare
+from litsim_research.policies.data import REPORTED, DataConfig, RealWindow, prepare
 from litsim_research.policies.expert import expert_pairs
 from litsim_research.policies.network import GaussianPolicy
 from litsim_research.policies.ppo import tensor
@@ -81,6 +81,8 @@ def test_drivers_are_imitated(file: Path) -> None:
     shown = experts.demonstrations(0.5)[1]
     clone(policy, shown, WarmStart(epochs=40), config.seed, shown.error)
     assert error() < 0.5 * before
+    with pytest.raises(InputError, match=r"field warm_start.learning_rate is 1e\+30, .*expected a smaller one"):
+        clone(policy, shown, WarmStart(epochs=1, learning_rate=1e30), config.seed, shown.error)
 
 
 def test_a_training_that_diverges_ends(file: Path, tmp_path: Path) -> None:
@@ -131,8 +133,6 @@ def test_training_scenarios_never_stand_in_for_missing_ones_to_validate_on(file:
     data = read_yaml(file, TrainConfig).data
     with pytest.raises(InputError, match="no scenario to validate on"):
         prepare(data.model_copy(update={"validation": ()}), tmp_path)
-    with pytest.raises(InputError, match="no scenario to validate on"):
-        prepare(DataConfig(generated=(Generated(net="us101_like", segments=1, seed=4000),)), tmp_path)
     with pytest.raises(ValueError, match="in both scenarios and validation"):
         DataConfig(scenarios=("demo",), validation=("demo",))
     with pytest.raises(ValueError, match=r"a/../b.yaml in both scenarios and validation"):

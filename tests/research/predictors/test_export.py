@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -34,7 +33,6 @@ from litsim_sim.scenario.scenario import Scenario
 WITHIN_M = 1e-4
 # Who is on the border of two cells of a grid is in either of them, by the last bit.
 APART = {"default": 0.0, "paper": 0.0, "cs_lstm": 0.05, "bat": 0.05}
-WINDOW = Path(os.environ.get("LITSIM_DATA", ".")) / "ngsim" / "us101_0750_frames_0126_1149.parquet"
 
 
 def scenes(scenario: Scenario) -> Iterator[AgentInputs]:
@@ -71,16 +69,6 @@ def assert_answers_agree(a: Network, b: Network, scenario: Scenario, apart: floa
 def test_graphs_answer_as_torch_does(name: str) -> None:
     assert_answers_agree(
         compiled_network(name), EagerNetwork(load_model(name)[0], name), Scenario.load("demo"), APART[name]
-    )
-
-
-@pytest.mark.data
-@pytest.mark.parametrize("name", SHIPPED)
-def test_graphs_answer_as_torch_does_on_real_traffic(name: str) -> None:
-    if not WINDOW.is_file():
-        pytest.skip("LITSIM_DATA names no folder with the US-101 windows")
-    assert_answers_agree(
-        compiled_network(name), EagerNetwork(load_model(name)[0], name), Scenario.load("us101_0750"), APART[name]
     )
 
 

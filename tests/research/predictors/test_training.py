@@ -112,18 +112,11 @@ def test_what_validates_a_training_is_what_evaluate_measures(trained: Path) -> N
     assert measured["protocol"]["split"] == "val"
 
 
-@pytest.mark.parametrize("options", ["", "averaging: 0.5\n"])
-def test_equal_seeds_give_equal_weights_and_resuming_changes_nothing(
-    config: Path, tmp_path: Path, options: str
-) -> None:
+def test_equal_seeds_give_equal_weights_and_resuming_changes_nothing(config: Path, tmp_path: Path) -> None:
     """One that was interrupted after the first epoch ends where another one does that was not."""
-    config.write_text(SMALL + options)
-    whole_run, cut = tmp_path / ("whole" if options else "a"), tmp_path / "cut"
-    if options:
-        run(config, whole_run)
-    else:
-        run(config, tmp_path / "other", "--seed", "1")
-        assert not same(whole_run, tmp_path / "other")
+    config.write_text(SMALL + "averaging: 0.5\n")
+    whole_run, cut = tmp_path / "whole", tmp_path / "cut"
+    run(config, whole_run)
     whole = torch.load(whole_run / CHECKPOINT, weights_only=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("litsim_research.predictors.training.training.Training._learning_rate", interrupt_at(1))
@@ -140,13 +133,13 @@ def test_equal_seeds_give_equal_weights_and_resuming_changes_nothing(
 def test_the_number_of_workers_that_make_batches_changes_nothing(config: Path, tmp_path: Path) -> None:
     settings = read_yaml(config, TrainingConfig).model_copy(update={"agents_per_batch": 20})
     trainings = []
-    for workers in (0, 1, 2):
+    for workers in (0, 2):
         (tmp_path / str(workers)).mkdir()
         training = Training(settings, tmp_path / str(workers), Locator(tmp_path), "", "cpu", workers)
         training.run()
         trainings.append(training)
-    assert trainings[0].history == trainings[1].history == trainings[2].history
-    assert same(tmp_path / "0", tmp_path / "1") and same(tmp_path / "0", tmp_path / "2")
+    assert trainings[0].history == trainings[1].history
+    assert same(tmp_path / "0", tmp_path / "2")
 
 
 def test_averaged_weights_lag_behind_those_that_are_trained(config: Path, tmp_path: Path) -> None:
@@ -229,9 +222,8 @@ def test_a_training_begins_with_other_weights_of_the_same_model(
 
 def test_a_training_with_teachers_learns_from_the_mean_of_their_forecasts(config: Path, tmp_path: Path) -> None:
     """The further loss is the squared distance from it; with nothing to compare it is zero, and it moves the model."""
-    for seed in ("1", "2"):
-        run(config, tmp_path / f"teacher{seed}", "--seed", seed, "--epochs", "1")
-    names = [f"teacher{seed}/weights.safetensors" for seed in (1, 2)]
+    run(config, tmp_path / "other", "--seed", "1", "--epochs", "1")
+    names = [f"{folder}/weights.safetensors" for folder in ("a", "other")]
     config.write_text(f"{SMALL}teachers: {names}\nteacher_weight: 10\n".replace("'", ""))
     settings, locate = read_yaml(config, TrainingConfig), Locator(tmp_path)
     training = Training(settings, tmp_path, locate, "", "cpu")

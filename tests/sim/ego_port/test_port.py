@@ -14,7 +14,7 @@ from litsim_sim.core.errors import DIGITS_MAX, LONGEST
 from litsim_sim.core.scene import STEP_NS, EgoCommand, EgoMode
 from litsim_sim.core.topic_names import Interface
 from litsim_sim.core.vehicle import VehicleModel
-from litsim_sim.ego_port.answer import Answer, problem
+from litsim_sim.ego_port.answer import Answer
 from litsim_sim.ego_port.port import COUNTS, AnswerInvalid, EgoPort, Level
 from litsim_sim.ego_port.tracking import EgoState, Trajectory, TwistTarget
 
@@ -100,16 +100,6 @@ def test_answers_to_other_steps(kind: Any) -> None:
     at.offer(kind(20))
     assert at.counts["surplus"] == 2
     assert at.take().step == 20
-
-
-def test_being_asked_twice_two_answers_are_no_surplus() -> None:
-    at = port()
-    at.ask()
-    at.offer(twist(20))
-    at.offer(twist(20))
-    assert counts(at) == {"answered": 1}
-    at.offer(twist(20))
-    assert at.counts["surplus"] == 1
 
 
 def test_answers_to_repetitions_of_the_step_before_are_still_to_come() -> None:
@@ -332,7 +322,3 @@ def test_the_same_thing_is_said_now_and_then() -> None:
     assert future == [20, 30, 40]
     assert at.counts["future"] == 25 * 50
     assert "(1001 so far)" in at.remarks[-1].text
-
-
-def test_finite_answers_have_no_problem() -> None:
-    assert [problem(answer) for answer in (control(3), twist(3), twist(3, frame=""), trajectory(3))] == [""] * 4

@@ -62,7 +62,7 @@ def test_what_is_too_large_is_not_read(tmp_path: Path) -> None:
 
 def test_a_huge_value_is_shown_in_short(tmp_path: Path) -> None:
     assert len(refusal(tmp_path / "car.yaml", f"name: a\ndoors: {'x' * 100_000}\n")) < 300
-    assert len(refusal(tmp_path / "car.yaml", "[" + "[1, 2]," * 10_000 + "]")) < 300
+    assert len(refusal(tmp_path / "car.yaml", "[" + "[1, 2]," * 1_000 + "]")) < 300
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mcap.writer import Writer
 
 from damage import CUT, FLIP, REFUSED, SAME, SHORTER, WAYS, Counts, Measured, damage_record, damages, outcomes
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller, ControlTable, EgoCommand
-from litsim_sim.record import bag
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.player import messages_of, offered_qos, selected
 from litsim_sim.record.repair import repair
@@ -41,12 +39,6 @@ def record(table: Make, make_run: Make, moved: Make, write_run: Make, tmp_path: 
     return path
 
 
-@pytest.fixture
-def old_writer(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Records as they were written before: without a checksum of the data section."""
-    monkeypatch.setattr(bag, "Writer", lambda *args, **given: Writer(*args, **given | {"enable_data_crcs": False}))
-
-
 def by_kind(counts: Counts, *ways: str) -> Counter[str]:
     found: Counter[str] = Counter()
     for (way, kind), number in counts.items():
@@ -61,14 +53,6 @@ def test_every_damage_of_a_record_is_refused_and_every_cut_is_said(record: Path)
     assert by_kind(counts).keys() <= {REFUSED, SHORTER}  # what is done to the very end may cut it off
     assert by_kind(counts, *WAYS)[REFUSED] > 900
     assert by_kind(counts, CUT)[SHORTER] > 5
-
-
-@pytest.mark.usefixtures("old_writer")
-def test_damage_of_an_older_record_gives_the_same_measures_or_is_refused(record: Path) -> None:
-    counts = damage_record(record, 120, 0)
-    found = by_kind(counts, FLIP)
-    assert found.keys() == {REFUSED, SAME}  # bytes that nothing is read from have no checksum there
-    assert found[REFUSED] > found[SAME] > 0
 
 
 def test_what_is_played_is_what_was_recorded_or_nothing(record: Path) -> None:

@@ -55,10 +55,6 @@ def test_none_is_left_out_when_nobody_has_asked_for_long() -> None:
     assert playing.finished
 
 
-def test_within_a_step_the_order_is_that_of_the_file() -> None:
-    assert [m.topic for m in player().take(0.0)] == ["/clock", "/a", "/map"]
-
-
 @pytest.mark.parametrize("rate", [0.5, 1.0, 4.0])
 def test_rate_scales_time(rate: float) -> None:
     playing = player(rate=rate)
@@ -280,13 +276,6 @@ def test_keys_of_a_terminal() -> None:
 
 
 # The command
-
-
-def test_repair_of_a_complete_bag_loses_nothing(tmp_path: Path, capsys) -> None:
-    path = write(tmp_path / "bag")
-    command.main([str(path), "--repair", "--out", str(tmp_path / "copy")])
-    assert "lost: nothing" in capsys.readouterr().out
-    assert list(BagReader(tmp_path / "copy").messages()) == list(BagReader(path).messages())
 
 
 def refused(*words: object) -> int:

@@ -147,15 +147,6 @@ def test_kinds_of_gaps(steps: list[int], expected: TopicGaps) -> None:
     assert bool(expected) == (steps != [0, 1, 2])
 
 
-def test_killed_recording_is_read_up_to_its_last_chunk(run: Any, write_run: Make, tmp_path: Path) -> None:
-    back = read_run(write_run(run, tmp_path / "bag", finish=False))
-    assert not back.complete
-    assert "cut short" in back.problem
-    assert [t.step for t in back.tables] == list(range(20))
-    assert back.gaps["/litsim/agents"].missing == tuple(range(20, STEPS + 1))
-    assert len(back.log) == 20
-
-
 def test_other_bags_are_refused(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag", "run", {}) as writer:
         writer.add_topic("/text", "std_msgs/msg/String", "string data\n", qos_yaml(1), "")

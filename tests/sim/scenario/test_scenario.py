@@ -315,11 +315,6 @@ def test_log_holds_what_was_recorded(demo: Scenario) -> None:
     assert len(log.table(-1)) == len(log.table(log.steps)) == 0
 
 
-def test_tables_are_copies(demo: Scenario) -> None:
-    demo.log.table(3).x[:] = 0.0
-    assert demo.log.table(3).x.min() > 0.0
-
-
 def test_yaw_rate_does_not_jump_where_the_heading_wraps() -> None:
     frames = np.arange(5)
     yaw = np.array([3.0, 3.1, -3.0832, -2.9832, -2.8832])  # half a turn at 1 rad/s, over pi

@@ -272,28 +272,6 @@ def test_whom_the_ego_touches_in_its_log_ends_no_run(make_scenario: Any, track: 
 # Controlled agents
 
 
-def test_a_controlled_agent_moves_by_the_bicycle_model_and_nobody_else_does(three: Scenario) -> None:
-    world = World(three)
-    before = world.reset()
-    for step in range(20):
-        command = (1.0 - 0.2 * step, 0.02 * (step - 10))
-        after = world.step(controls(step, {OTHER: command}), follow(step))
-        assert_moved(before, after, OTHER, *command)
-        assert value(after, OTHER, "controller") == Controller.POLICY
-        assert_as_logged(after, three, EGO)
-        if step >= 9:
-            assert_as_logged(after, three, THIRD)
-        before = after
-
-
-def test_controls_of_agents_that_are_not_on_the_road_do_nothing(three: Scenario) -> None:
-    world = World(three)
-    world.reset()
-    table = world.step(controls(0, {THIRD: (1.0, 0.0), 99: (1.0, 0.0)}), follow(0))
-    assert table.id.tolist() == [EGO, OTHER]
-    assert (table.controller == Controller.LOG).all()
-
-
 def test_who_is_no_longer_listed_rejoins_its_log_without_a_jump(three: Scenario) -> None:
     world = World(three)
     tables = [world.reset()]
@@ -376,16 +354,6 @@ def test_a_blocked_agent_waits_and_enters_late_under_policy(blocked: Scenario) -
     assert (world.summary()["late_entries"], world.summary()["never_entered"]) == ([OTHER], [])
 
 
-def test_unguarded_it_appears_on_top_as_pure_replay_has_it(blocked: Scenario) -> None:
-    world = World(blocked, guard_entries=False)
-    tables = advance(world, world.reset(), 30, ego=(-8.0, 0.0))
-    assert next(table.step for table in tables if table.row(OTHER) >= 0) == 20
-    for table in tables[19:]:
-        assert_as_logged(table, blocked, OTHER)
-    assert world.contacts == {(EGO, OTHER): 20}
-    assert world.entries.late == set()
-
-
 def test_a_log_that_begins_at_a_standstill_waits_as_well(entry: Callable[..., Scenario]) -> None:
     """And enters once the road is free, although it stands."""
     world = World(entry(speed=0.0))
@@ -413,14 +381,6 @@ def test_who_would_be_run_into_from_behind_waits_until_it_is_passed(
     entered = next(table for table in tables if table.row(OTHER) >= 0)
     assert value(entered, EGO, "x") > 109.0 + 4.5
     assert world.contacts == {}
-
-
-def test_the_neighbouring_lane_blocks_nobody(entry: Callable[..., Scenario], lane_centres: tuple[float, ...]) -> None:
-    scenario = entry(y=lane_centres[2])
-    world = World(scenario)
-    tables = advance(world, world.reset(), 25, ego=(-8.0, 0.0))
-    assert_as_logged(tables[-1], scenario, OTHER)
-    assert world.entries.waiting == {}
 
 
 def test_two_that_wait_for_one_place_enter_one_after_the_other(make_scenario: Any, track: Any) -> None:

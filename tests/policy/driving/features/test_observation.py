@@ -169,17 +169,6 @@ def test_where_nobody_is_ahead_nobody_brakes(scenario, agent_table, lane_centres
     assert seen.tolist() == [0.0, comfort.ACCELERATION_MAX / ACCELERATION, 0.0, 0.0, 0.0, 0.0]
 
 
-def test_agents_are_observed_as_if_each_were_alone(scenario, agent_table, lane_centres) -> None:
-    rows = [{"id": i, "x": 100.0 + 9.0 * i, "y": lane_centres[i % 5], "speed": 3.0 * i} for i in range(1, 6)]
-    table = agent_table(NOW, *rows)
-    tasks = [task(i, lane_centres[i % 5]) for i in (1, 3, 4)]
-    observer = Observer(scenario.lane_map)
-    together = observer.observe(table, tasks)
-    assert together.shape == (3, ObservationConfig().size)
-    for row, one in zip(together, tasks, strict=True):
-        assert (observer.observe(table, [one])[0] == row).all()
-
-
 def test_features_are_cut(scenario, agent_table, lane_centres) -> None:
     y = lane_centres[2]
     table = agent_table(NOW, {"id": 2, "x": 100.0, "y": y, "speed": 90.0, "length": 40.0})

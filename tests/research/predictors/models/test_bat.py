@@ -31,7 +31,6 @@ from litsim_research.predictors.models.centrality import (
     centralities,
     mean_rates,
     proximity_graph,
-    shortest_ways,
 )
 from litsim_research.predictors.models.model import negative_log_likelihood
 
@@ -102,18 +101,6 @@ def test_power_is_by_bonacichs_definition(graph: nx.Graph) -> None:
     """c(alpha, beta) = sum of (alpha + beta c_j) w_ij, with alpha 1 and a negative beta; networkx has none."""
     power = measured(graph)["power"]
     np.testing.assert_allclose(power, nx.to_numpy_array(graph) @ (1.0 - ATTENUATION * power), atol=1e-9)
-
-
-@given(graphs())
-def test_shortest_ways_are_those_of_networkx(graph: nx.Graph) -> None:
-    distance, ways = (each[0] for each in shortest_ways(lengths(graph)[None]))
-    for one, other in itertools.permutations(graph, 2):
-        if nx.has_path(graph, one, other):
-            paths = list(nx.all_shortest_paths(graph, one, other, weight="length"))
-            assert ways[one, other] == len(paths)
-            assert distance[one, other] == nx.path_weight(graph, paths[0], "length")
-        else:
-            assert ways[one, other] == 0 and torch.isinf(distance[one, other])
 
 
 @given(st.lists(graphs(), min_size=1, max_size=4))
