@@ -139,15 +139,6 @@ def test_seeds_of_one_vehicle_have_no_interval(tmp_path: Path) -> None:
     assert (change.pairs, change.interval, change.clear) == (3, None, False)
 
 
-def test_the_interval_covers_the_true_mean_about_as_often_as_it_says() -> None:
-    draw = np.random.default_rng(4)
-    alone = [paired_interval(draw.normal(0.3, 1.0, 60), np.arange(60)) for _ in range(200)]
-    seeds = [paired_interval(np.repeat(draw.normal(0.3, 1.0, 60), 5), np.repeat(np.arange(60), 5)) for _ in range(200)]
-    for bounds in (alone, seeds):
-        covered = np.mean([low <= 0.3 <= high for low, high in bounds if low is not None])
-        assert 0.90 <= covered <= 0.98
-
-
 def test_the_interval_is_the_same_every_time() -> None:
     values, vehicles = np.random.default_rng(2).normal(size=30), np.arange(30)
     assert paired_interval(values, vehicles) == paired_interval(values, vehicles)

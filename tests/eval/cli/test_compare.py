@@ -50,17 +50,6 @@ def test_better_or_equal_is_status_0(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "0 of 2 newly passing" in capsys.readouterr().out
 
 
-def test_clear_changes_are_shown_and_the_others_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = by_faults(tmp_path / "a", [0, 0, 0], by_vehicle(3), progress_m=10.0)
-    after = by_faults(tmp_path / "b", [0, 0, 0], by_vehicle(3), progress_m=12.0)
-    main([before, after])
-    out = capsys.readouterr().out
-    row = next(line for line in out.splitlines() if "progress_m" in line)
-    assert row.split() == ["*", "progress_m", "3", "11", "13", "+2", "2", "..", "2"]
-    assert "of fewer than 20 vehicles it is too narrow" in out
-    assert max(map(len, out[out.index("mean over") :].splitlines())) <= 100
-
-
 def test_names_of_measures_stay_whole_at_100_columns(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     name = "comfort.ego.within.longitudinal_acceleration"
     folders = []

@@ -264,9 +264,7 @@ def short_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def whole(tmp_path_factory: pytest.TempPathFactory, short_demo: Path) -> tuple[int, list[Any]]:
     """Exit status and results of the campaign that nothing ends."""
     out = tmp_path_factory.mktemp("whole")
-    process = start(short_demo, out)
-    process.communicate(timeout=2 * PATIENCE_S)
-    return process.returncode, told(out)
+    return called("--scenario", short_demo, *DEMO, "--out", out), told(out)
 
 
 def start(scenario: Path, out: Path) -> subprocess.Popen[str]:
@@ -312,9 +310,8 @@ def test_what_was_ended_midway_goes_on_to_the_result_of_one_that_was_not(
     while any(Path(f"/proc/{worker}").exists() for worker in workers):
         assert time.monotonic() < end, "processes are left behind"
         time.sleep(0.05)
-    went_on = start(short_demo, tmp_path / "ended")
-    went_on.communicate(timeout=2 * PATIENCE_S)
-    assert (went_on.returncode, told(tmp_path / "ended")) == whole
+    status = called("--scenario", short_demo, *DEMO, "--out", tmp_path / "ended")
+    assert (status, told(tmp_path / "ended")) == whole
     assert len(whole[1]) == 6 and len(before) < 6
     assert all(path.stat().st_mtime_ns == when for path, when in before.items()), "no run twice"
 

@@ -16,6 +16,7 @@ import campaigns
 from campaigns import told
 from litsim_eval.campaign.case import code_versions
 from litsim_eval.campaign.folder import CampaignFolder
+from litsim_eval.cli import evaluate
 from litsim_eval.runs import ray_runs
 from litsim_eval.runs.case_run import RunOutcome, run_in_process
 from litsim_eval.runs.ray_runs import RayRuns, run_task
@@ -69,9 +70,18 @@ def test_files_on_another_nodes_disk_are_not_named(tmp_path: Path) -> None:
 
 
 def start(scenario: str, out: Path, *words: str) -> subprocess.Popen[str]:
-    given = ("--scenario", scenario, *WORDS, *words, "--out", str(out))
-    command = [sys.executable, "-m", "litsim_eval.cli.evaluate", *given]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    command = [sys.executable, "-m", "litsim_eval.cli.evaluate", "--scenario", scenario, *WORDS, *words]
+    pipe = subprocess.PIPE
+    return subprocess.Popen([*command, "--out", str(out)], stdout=pipe, stderr=pipe, text=True, start_new_session=True)
+
+
+def status_here(scenario: str, out: Path) -> int:
+    """Exit status of the same campaign in this process."""
+    try:
+        evaluate.main(["--scenario", scenario, *WORDS, "--out", str(out)])
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return 0
 
 
 def tree(of: int) -> dict[int, str]:
@@ -111,13 +121,9 @@ def test_runs_of_a_worker_that_is_lost_are_done_again_and_none_twice(tmp_path: P
         said = on_ray.communicate(timeout=PATIENCE_S)[1]
     finally:
         on_ray.kill()
-    here = start(demo, tmp_path / "here")
-    here.communicate(timeout=PATIENCE_S)
-    assert on_ray.returncode == here.returncode, said
+    assert on_ray.returncode == status_here(demo, tmp_path / "here"), said
     assert told(tmp_path / "ray") == told(tmp_path / "here") and len(told(tmp_path / "ray")) == 3
 
     before = {path: path.stat().st_mtime_ns for path in tmp_path.glob("ray/runs/*/result.json")}
-    again = start(demo, tmp_path / "ray")
-    again.communicate(timeout=PATIENCE_S)
-    assert again.returncode == here.returncode
+    assert status_here(demo, tmp_path / "ray") == on_ray.returncode
     assert {path: path.stat().st_mtime_ns for path in tmp_path.glob("ray/runs/*/result.json")} == before
