@@ -98,7 +98,7 @@ class Work:
         campaign = self._campaign(experiment)
         egos = self._egos(experiment)
         records = _rows(campaign, experiment, egos, self._sets if experiment.by_set else (None,))
-        self._write(experiment.name, records, tables.summary(records))
+        self._write(experiment.name, records, tables.summary(records, counts_alone=experiment.counts_alone))
         if experiment.aimed:
             reached = [row for ego in egos for row in tables.goals(tables.methods_of(campaign, ego, None), ego)]
             self._write(GOALS, reached, tables.goals_table(reached))

@@ -99,6 +99,7 @@ class Experiment:
         own_egos: whether other egos cannot be requested.
         by_set: whether each set of roads has its own tables; otherwise they cover all sets together.
         aimed: whether the goals are reported.
+        counts_alone: whether its short table has contacts, takeovers and hard brakes only.
         published: the paper's figures, shown with the runs of its ego.
     """
 
@@ -109,6 +110,7 @@ class Experiment:
     own_egos: bool = False
     by_set: bool = True
     aimed: bool = False
+    counts_alone: bool = False
     published: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def suite(self, sets: tuple[str, ...], egos: tuple[str, ...], folder: Path, *, quick: bool) -> Suite:
@@ -162,6 +164,7 @@ REGIONS = Experiment(
     ),
     egos=("idm",),
     own_egos=True,
+    counts_alone=True,
 )
 DEVIATING = Experiment(
     name="deviating",
@@ -169,5 +172,6 @@ DEVIATING = Experiment(
     policies=(REPLAY, "idm", OURS, PAPER_SETUP),
     egos=(DEVIATING_EGO.name,),
     own_egos=True,
+    counts_alone=True,
 )
 EXPERIMENTS = {each.name: each for each in (TABLE, ABLATIONS, CHANGED, REGIONS, DEVIATING)}

@@ -283,13 +283,14 @@ def read_csv(path: Path, kind: type[R]) -> list[R]:
         return [kind(**record) for record in csv.DictReader(stream)]
 
 
-def summary(records: Sequence[Row]) -> list[str]:
+def summary(records: Sequence[Row], *, counts_alone: bool = False) -> list[str]:
     """Returns lines of a short table: a line for each ego and method, with the sets of roads side by side in a cell.
 
-    Clear differences from LitSim are marked; counts are summed over the sets.
+    Clear differences from LitSim are marked; counts are summed over the sets. With `counts_alone`, it has no measures.
     """
+    measures = () if counts_alone else SUMMARY
     sets = [name for name in _different(row.set for row in records) if name != PUBLISHED]
-    headings = ["ego", "method", "runs", *(measure.heading for measure in SUMMARY), *SUMMED.values()]
+    headings = ["ego", "method", "runs", *(measure.heading for measure in measures), *SUMMED.values()]
     cells: list[list[str]] = []
     for ego, method, published in _different((row.ego, row.method, row.set == PUBLISHED) for row in records):
         of_method = {
@@ -298,11 +299,11 @@ def summary(records: Sequence[Row]) -> list[str]:
             if (row.ego, row.method, row.set == PUBLISHED) == (ego, method, published)
         }
         if published:
-            values = [_cell(of_method.get((PUBLISHED, measure.key)), "") for measure in SUMMARY]
+            values = [_cell(of_method.get((PUBLISHED, measure.key)), "") for measure in measures]
             label = f"{method}: {OTHER_DATA}".replace("*", "\\*")
             cells.append([f"`{ego}`", label, "", *values, *[""] * len(SUMMED)])
             continue
-        values = [", ".join(_cell(of_method.get((tag, measure.key))) for tag in sets) for measure in SUMMARY]
+        values = [", ".join(_cell(of_method.get((tag, measure.key))) for tag in sets) for measure in measures]
         sums = [str(sum(int(of_method[tag, key].value) for tag in sets)) for key in SUMMED]
         counts = [of_method[tag, "takeovers"] for tag in sets]
         runs, failed = (sum(int(getattr(row, name)) for row in counts) for name in ("runs", "failed"))
@@ -310,7 +311,9 @@ def summary(records: Sequence[Row]) -> list[str]:
         cells.append([f"`{ego}`", f"`{method}`", number, *values, *sums])
     lines = markdown(headings, cells, right=len(headings) - 2)
     names = [SET_NAMES[tag] for tag in sets if tag in SET_NAMES]
-    return [f"Where a cell has several values: {', '.join(names)}.", "", *lines] if len(names) > 1 else lines
+    return (
+        [f"Where a cell has several values: {', '.join(names)}.", "", *lines] if len(names) > 1 and measures else lines
+    )
 
 
 def goals_table(records: Sequence[GoalRow]) -> list[str]:
