@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from litsim_research.cli.paper import CLAIMS, GOALS, SHOWN
+from litsim_research.cli.paper import CLAIMS, GOALS, SHOWN, short_table
 from litsim_research.paper.claims import claim_rows, claims_table
 from litsim_research.paper.experiments import EXPERIMENTS
 from litsim_research.paper.page import END, begin
@@ -106,6 +106,14 @@ def test_the_short_table_has_sets_side_by_side_and_sums_of_counts(methods: dict[
     assert cells(summary(records, counts_alone=True), "`idm`") == ["`bat`", "`idm`", "20, 2 failed", "18", "54", "72"]
 
 
+@pytest.mark.parametrize(("egos", "shown"), [(("bat", "perturbed"), "`bat`"), (("perturbed",), "`perturbed`")])
+def test_a_short_table_may_leave_egos_out_unless_there_are_no_others(
+    methods: dict[str, Any], egos: tuple[str, ...], shown: str
+) -> None:
+    lines = short_table(EXPERIMENTS["table"], [row for ego in egos for row in rows(methods, ego, "real")])
+    assert {line.split("|")[1].strip() for line in lines[2:]} == {shown}
+
+
 def test_files_give_back_what_was_written(methods: dict[str, Any], tmp_path: Path) -> None:
     records = rows(methods, "bat", "real")
     write_csv(tmp_path / "new/table.csv", records)
@@ -173,7 +181,7 @@ def test_the_page_of_the_documentation_agrees_with_its_files(name: str) -> None:
     elif name == GOALS:
         lines = goals_table(read_csv(file, GoalRow))
     else:
-        lines = summary(read_csv(file, Row), counts_alone=EXPERIMENTS[name].counts_alone)
+        lines = short_table(EXPERIMENTS[name], read_csv(file, Row))
     mark = begin(f"paper {name}").removesuffix(" -->")
     (shown,) = (part.split(END)[0] for part in PAGE.read_text().split(mark)[1:])
     assert shown.partition(" -->\n")[2] == "".join(f"{line}\n" for line in lines)

@@ -79,6 +79,12 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
+def short_table(experiment: Experiment, records: Sequence[tables.Row]) -> list[str]:
+    """Returns lines of the table that stands for the `records` of `experiment` on a page."""
+    short = [row for row in records if row.ego in experiment.short_egos] or records
+    return tables.summary(short, counts_alone=experiment.counts_alone)
+
+
 class Work:
     """Runs the experiments and writes tables and figures, as the arguments ask."""
 
@@ -98,7 +104,7 @@ class Work:
         campaign = self._campaign(experiment)
         egos = self._egos(experiment)
         records = _rows(campaign, experiment, egos, self._sets if experiment.by_set else (None,))
-        self._write(experiment.name, records, tables.summary(records, counts_alone=experiment.counts_alone))
+        self._write(experiment.name, records, short_table(experiment, records))
         if experiment.aimed:
             reached = [row for ego in egos for row in tables.goals(tables.methods_of(campaign, ego, None), ego)]
             self._write(GOALS, reached, tables.goals_table(reached))

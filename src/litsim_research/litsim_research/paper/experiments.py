@@ -100,6 +100,7 @@ class Experiment:
         by_set: whether each set of roads has its own tables; otherwise they cover all sets together.
         aimed: whether the goals are reported.
         counts_alone: whether its short table has contacts, takeovers and hard brakes only.
+        short_egos: those of `egos` that its short table has, if they were run; empty: all.
         published: the paper's figures, shown with the runs of its ego.
     """
 
@@ -111,6 +112,7 @@ class Experiment:
     by_set: bool = True
     aimed: bool = False
     counts_alone: bool = False
+    short_egos: tuple[str, ...] = ()
     published: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def suite(self, sets: tuple[str, ...], egos: tuple[str, ...], folder: Path, *, quick: bool) -> Suite:
@@ -136,6 +138,7 @@ TABLE = Experiment(
     policies=(REPLAY, *BASELINES, OURS, PAPER_SETUP),
     egos=EGOS,
     aimed=True,
+    short_egos=EGOS[:2],
     published=published.TABLE,
 )
 ABLATIONS = Experiment(
