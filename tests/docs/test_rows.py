@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from markdown_it import MarkdownIt
 
 from documentation import PAGES, ROOT
 
@@ -22,6 +24,22 @@ def uneven_rows(text: str) -> Iterator[str]:
         head = (head or count) if count else 0
         if count != head:
             yield line
+
+
+def rows_outside_tables(text: str) -> list[str]:
+    """Returns rows of a page that are shown as text, such as those after an empty line within a table."""
+    tokens = MarkdownIt("commonmark").enable("table").parse(text)
+    paragraphs = (token for before, token in pairwise(tokens) if before.type == "paragraph_open")
+    return [token.content for token in paragraphs if token.content.startswith("|")]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_rows_belong_to_a_table(page: Path) -> None:
+    assert rows_outside_tables(page.read_text(encoding="utf-8")) == []
+
+
+def test_rows_outside_tables_are_found() -> None:
+    assert rows_outside_tables("| a |\n|---|\n| b |\n\n| lost |\n\n```\n| code\n```\n") == ["| lost |"]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
