@@ -5,8 +5,8 @@
 Prints a table in Markdown. A weakness is found by a failure that the ego without it does not have with the same
 changes. `first` is the number of runs until then, `near` that until a failure within 1.25 times the least distance of
 all searches of the weakness, `margin` the least distance itself: medians over the seeds, with the budget where there
-was none. With --careful it prints instead what the same searches find of an ego that brakes as the careful driver of UN
-Regulation 157.
+was none. `any` is the least distance of a failure that the ego without the weakness may have, too. With --careful it
+prints instead what the same searches find of an ego that brakes as the careful driver of UN Regulation 157.
 
 Runs are made in this process, with policy `replay`; what became of them is kept, and not run again. As what random
 search tries does not depend on what became of it, only those of its runs are made that the table needs.
@@ -19,8 +19,10 @@ import hashlib
 import json
 import sys
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import product
 from math import inf
 from pathlib import Path
 from statistics import median
@@ -80,11 +82,6 @@ class Road:
         outcome, group, near = self._outcomes[key]
         return Outcome(outcome), group, near
 
-    def fails_alone(self, proposal: Proposal, weakness: str) -> bool:
-        """Returns whether the ego fails with a weakness, and does not without it."""
-        with_it, without = (self.outcome(proposal, each)[0] == Outcome.FAILED for each in (weakness, HEALTHY))
-        return with_it and not without
-
     def _run(self, text: str, proposal: Proposal, weakness: str) -> tuple[Outcome, str, float]:
         self._changed.write_text(text)
         try:
@@ -100,21 +97,30 @@ class Road:
 
 @dataclass
 class Searched:
-    """What a search has tried; `fails` says of changes whether they make the weakness alone fail."""
+    """What a search of a weakness has tried; what became of it is asked for once it matters."""
 
+    road: Road
+    weakness: str
     tried: Sequence[Tried]
-    fails: Callable[[Proposal], bool]
+
+    def fails(self, tried: Tried, weakness: str) -> bool:
+        """Returns whether the ego fails with a weakness."""
+        return self.road.outcome(tried.proposal, weakness)[0] == Outcome.FAILED
+
+    def fails_alone(self, tried: Tried) -> bool:
+        """Returns whether the ego fails with the weakness, and does not without it."""
+        return self.fails(tried, self.weakness) and not self.fails(tried, HEALTHY)
 
     def until(self, distance: float, budget: int) -> int:
-        """Returns the number of runs until a failure within `distance`; the budget if there is none."""
+        """Returns the number of runs until the weakness alone fails within `distance`; the budget if it never does."""
         near = (each for each in self.tried if each.distance <= distance)
-        return next((each.number for each in near if self.fails(each.proposal)), budget)
+        return next((each.number for each in near if self.fails_alone(each)), budget)
 
-    @property
-    def margin(self) -> float:
-        """Least distance of a failure; infinite for none."""
+    def margins(self) -> tuple[float, float]:
+        """Returns the least distance of a failure of the weakness alone, and of any; infinite for none."""
         ordered = sorted(self.tried, key=lambda each: (each.distance, each.number))
-        return next((each.distance for each in ordered if self.fails(each.proposal)), inf)
+        alone = next((each.distance for each in ordered if self.fails_alone(each)), inf)
+        return alone, next((each.distance for each in ordered if self.fails(each, self.weakness)), inf)
 
 
 def searched(road: Road, weakness: str, sampler: str, seed: int, runs: int) -> Searched:
@@ -122,36 +128,35 @@ def searched(road: Road, weakness: str, sampler: str, seed: int, runs: int) -> S
     exploration = Exploration(road.space)
     searching = explore(exploration, runs, sampler, seed)
     asked = next(searching)
-    lazy = sampler == "random"
-    while True:
-        tried = []
-        for number, (how, proposal) in enumerate(asked, len(exploration.tried)):
-            outcome, group, near = (Outcome.PASSED, "", 0.0) if lazy else road.outcome(proposal, weakness)
-            distance = road.space.distance(proposal)
-            tried.append(Tried(number, how, proposal, distance, outcome, "", group=group, near=near))
-        try:
+    with suppress(StopIteration):
+        while True:
+            tried = []
+            for number, (how, proposal) in enumerate(asked, len(exploration.tried)):
+                lazy = sampler == "random"
+                outcome, group, near = (Outcome.PASSED, "", 0.0) if lazy else road.outcome(proposal, weakness)
+                distance = road.space.distance(proposal)
+                tried.append(Tried(number, how, proposal, distance, outcome, "", group=group, near=near))
             asked = searching.send(tried)
-        except StopIteration:
-            return Searched(exploration.tried, lambda proposal: road.fails_alone(proposal, weakness))
+    return Searched(road, weakness, exploration.tried)
 
 
 def print_planted(roads: dict[str, Road], seeds: int, budget: int) -> None:
     """Prints a row for each weakness and sampler."""
-    print("| case | weakness | search | found | first | near | margin |\n|---|---|---|---:|---:|---:|---:|", flush=True)
+    names = ("case", "weakness", "search", "found", "first", "near", "margin", "any")
+    print(f"| {' | '.join(names)} |\n|---|---|---|{'---:|' * 5}", flush=True)
     for case, weakness, _ in PLANTED:
-        searches: dict[str, list[Searched]] = {sampler: [] for sampler in SAMPLERS}
-        for seed in range(seeds):
-            for sampler, some in searches.items():
-                some.append(searched(roads[case], weakness, sampler, seed, budget))
-                text = f"{some[-1].until(inf, budget)} runs, margin {some[-1].margin:.2f}"
-                print(f"{case}, {sampler}, seed {seed}: {text}", file=sys.stderr, flush=True)
-        least = min(each.margin for some in searches.values() for each in some)
+        searches, margins = dict[str, list[Searched]](), dict[str, list[tuple[float, float]]]()
+        for seed, sampler in product(range(seeds), SAMPLERS):
+            one = searched(roads[case], weakness, sampler, seed, budget)
+            searches.setdefault(sampler, []).append(one)
+            margins.setdefault(sampler, []).append(one.margins())
+            print(f"{case}, {sampler}, seed {seed}: {margins[sampler][-1]}", file=sys.stderr, flush=True)
+        least = min(alone for some in margins.values() for alone, _ in some)
         for sampler, some in searches.items():
-            count = sum(each.margin < inf for each in some)
-            first, near = (median(each.until(d, budget) for each in some) for d in (inf, NEAR * least))
-            margin = median(each.margin for each in some)
-            text = "none" if margin == inf else f"{margin:.2f}"
-            cells = (case, f"`{weakness}`", sampler, f"{count} of {len(some)}", f"{first:g}", f"{near:g}", text)
+            count = sum(alone < inf for alone, _ in margins[sampler])
+            until = (f"{median(each.until(d, budget) for each in some):g}" for d in (inf, NEAR * least))
+            medians = (f"{median(each):.2f}" for each in zip(*margins[sampler], strict=True))  # infinite for none
+            cells = (case, f"`{weakness}`", sampler, f"{count} of {seeds}", *until, *medians)
             print(f"| {' | '.join(cells)} |", flush=True)
 
 

@@ -20,7 +20,9 @@ from litsim_sim.scenario.scenario import Scenario
 
 RED = (SignalState.RED, SignalState.RED_AMBER, SignalState.AMBER)
 LANE_M = 1.8  # [m] to the side up to which agents are in the way
+CROSSING_M = 5.5  # [m] the same of agents that stand or drive across, for the careful driver
 RISKS_M = 40.0  # [m] within which the careful driver looks for risks
+CALM_STEPS = 10  # steps after a risk for which it goes on braking
 BLIND_STEPS = 25  # steps for which one that comes from the side remains unknown
 DELAY_STEPS = 4
 GROUP_ENDS_IN = "2"
@@ -33,8 +35,8 @@ class PlantedConfig:
     Attributes:
         weakness: `none`; `side`, blind to the lanes beside: what comes from there is known 2.5 s later; `delay`, 0.4 s
             late; `ramp`, blind to vehicles that enter from a ramp; `red`, red is green for signal groups whose names
-            end in 2. With `careful` it has none, and brakes as the careful driver of UN Regulation 157 where that
-            driver perceives a risk.
+            end in 2. With `careful` it has none, brakes as the careful driver of UN Regulation 157 where that driver
+            perceives a risk, and waits for those who stand or drive across ahead: that regulation knows no junctions.
     """
 
     weakness: Literal["none", "side", "delay", "ramp", "red", "careful"] = "none"
@@ -48,7 +50,7 @@ class PlantedEgo(Ego):
     def __init__(self, scenario: Scenario, config: PlantedConfig | None = None) -> None:
         self._weakness, self._scenario = (config or PlantedConfig()).weakness, scenario
         self._delayed: deque[EgoCommand] = deque()
-        self._risky_steps = 0
+        self._risky_steps, self._calm_steps = 0, CALM_STEPS
         self._inside: dict[int, int] = {}  # for how many steps each agent has been in the ego's lane
         log, lane_map = scenario.log, scenario.lane_map
         row = np.array([log.row(scenario.ego_id)])
@@ -76,7 +78,8 @@ class PlantedEgo(Ego):
         at = complex(ego.x, ego.y)
         ahead, left = to_body(table.x - ego.x, table.y - ego.y, np.array(ego.yaw))
         apart = ahead - 0.5 * (table.length + ego.length)  # [m] bumper to bumper
-        in_way = self._known(table, left) & (ahead > 0.0) & (np.abs(left) < LANE_M)
+        across = (np.abs(np.sin(table.yaw - ego.yaw)) > 0.5) & (self._weakness == "careful")
+        in_way = self._known(table, left) & (ahead > 0.0) & (np.abs(left) < np.where(across, CROSSING_M, LANE_M))
         gap = float(np.min(apart[in_way], initial=100.0)) - 2.5
         here = int(np.argmin(np.abs(self._line[:-10] - at)))
         gap = min(gap, self._to_red(table.step, here, ego.length, ego.speed))
@@ -93,13 +96,14 @@ class PlantedEgo(Ego):
         return replace(late, step=table.step)
 
     def _braked(self, table: AgentTable, command: EgoCommand) -> EgoCommand:
-        """Returns the command, with the braking of the careful driver where a risk has lasted for its reaction time."""
+        """Returns the command, with the braking of the careful driver once its reaction time to a risk is over."""
         row, time = table.row(self._scenario.ego_id), self._risky_steps * STEP_S
         near = np.hypot(table.x - table.x[row], table.y - table.y[row]) < RISKS_M
         near[row] = False
         own, lane_map = np.array([row]), self._scenario.lane_map
         risk = any(risky(table, own, other, lane_map)[0] for other in near.nonzero()[0][:, None])
-        self._risky_steps = self._risky_steps + 1 if risk else 0
+        self._calm_steps = 0 if risk else self._calm_steps + 1
+        self._risky_steps = self._risky_steps + 1 if self._calm_steps < CALM_STEPS else 0
         braking = (speed_lost(time + STEP_S) - speed_lost(time)) / STEP_S
         return replace(command, acceleration=min(command.acceleration, -braking)) if braking else command
 

@@ -76,7 +76,7 @@ def test_finds_the_nearest_failure_and_leaves_out_what_it_does_not_need(space: S
     (failure,) = exploration.failures
     assert failure.proposal.act == "brake" and failure.proposal.agent == LEADER
     assert 2.0 <= failure.distance < 2.8
-    assert set(space.distances(failure.proposal)) <= {"brake.deceleration", "brake.duration_s"}
+    assert set(space.distances(failure.proposal)) <= {"brake.deceleration", "brake.duration_s", "brake.occurs"}
     assert len(exploration.tried) <= 120
     assert [each.number for each in exploration.tried] == list(range(len(exploration.tried)))
 

@@ -16,7 +16,19 @@ OTHER = 7
 CUT_IN, BRAKE = Proposal("cut_in", OTHER, 4.0), Proposal("brake", OTHER, 4.0)
 
 
-def result(*, fault: bool, avoided: bool, contact: bool = True, off_road: float = 0.0) -> RunResult:
+HIT = {"agent": 9, "ego_at_fault": False, "in_log": False, "verdict": "rear", "delta_v_mps": 2.0}
+
+
+def result(
+    *,
+    fault: bool,
+    avoided: bool,
+    contact: bool = True,
+    off_road: float = 0.0,
+    hit_at: int | None = None,
+    red_at: int | None = None,
+) -> RunResult:
+    """Returns a run with a contact at step 50, one by which the ego is hit from behind, and a red light."""
     verdict = {
         "agent": OTHER,
         "step": 50,
@@ -28,7 +40,16 @@ def result(*, fault: bool, avoided: bool, contact: bool = True, off_road: float 
     careful = {"agent": OTHER, "step": 50, "avoided": avoided}
     metrics: dict[str, Any] = {
         "valid": True,
-        "collision": {"ego_contacts": [verdict] if contact else [], "ego_at_fault": int(fault and contact)},
+        "collision": {
+            "ego_contacts": sorted(
+                [verdict] * contact + [HIT | {"step": hit_at}] * (hit_at is not None), key=lambda each: each["step"]
+            ),
+            "ego_at_fault": int(fault and contact),
+        },
+        "signals": {
+            "red_ego": int(red_at is not None),
+            "reds": [{"by": "ego", "step": red_at}] * (red_at is not None),
+        },
         "safety": {
             "careful_driver": [careful] if contact else [],
             "avoidable_contacts": int(avoided and contact),
@@ -59,6 +80,17 @@ def test_contacts(fault: bool, avoided: bool, proposal: Proposal, outcome: Outco
 def test_what_follows_a_forced_contact_is_forced() -> None:
     assert outcome_of(result(fault=False, avoided=False, off_road=0.1), BRAKE) == Outcome.FORCED
     assert outcome_of(result(fault=False, avoided=False, off_road=0.1, contact=False), BRAKE) == Outcome.FAILED
+
+
+def test_what_follows_when_it_was_hit_is_forced() -> None:
+    assert outcome_of(result(fault=True, avoided=True, hit_at=30), BRAKE) == Outcome.FORCED
+    hit_later = result(fault=True, avoided=True, hit_at=70)
+    assert outcome_of(hit_later, BRAKE) == Outcome.FAILED and missed_by(hit_later) == "no contact at fault, front"
+
+
+@pytest.mark.parametrize(("red_at", "outcome"), [(40, Outcome.FAILED), (60, Outcome.FORCED)])
+def test_a_red_light_counts_unless_a_forced_contact_came_before(red_at: int, outcome: Outcome) -> None:
+    assert outcome_of(result(fault=False, avoided=False, red_at=red_at), BRAKE) == outcome
 
 
 def test_groups_and_errors() -> None:

@@ -32,7 +32,7 @@ def test_every_proposal_can_be_loaded(space: Space) -> None:
         scenario = Scenario.from_yaml(text, "text")
         assert scenario.file.changes == space.changes(proposal)
         assert all(change.text in scenario.file.description for change in scenario.file.changes)
-        assert scenario.ego_id == EGO and space.distance(proposal) > 0.0
+        assert scenario.ego_id == EGO and (space.distance(proposal) > 0.0) == bool(scenario.file.changes)
     assert acts == {NOTHING, "brake", "cut_in", "cut_out", "pace", "enter"}
 
 
@@ -48,6 +48,25 @@ def test_what_is_declared_is_named_in_the_scenario(space: Space, name: str) -> N
     habit = DECLARED[next(each.habit for each in PARAMETERS if each.name == name)]
     assert change.kind == kind and getattr(change, field) == pytest.approx(habit.value(2.0))
     assert change.text in scenario.file.description
+
+
+@pytest.mark.parametrize("name", ["brake.deceleration", "pace.factor", "enter.later_s", "hide.duration_s"])
+def test_an_act_as_recorded_is_none(space: Space, name: str) -> None:
+    kind = name.partition(".")[0]
+    named = Space.of(space.scenario, space.people, [kind])
+    agent = LATE if kind == "enter" else LEADER
+    for z, acts in ((0.04, False), (2.0, True)):
+        proposal = Proposal(kind, agent, 1.0, {name: z})
+        assert bool(named.changes(proposal)) == acts == (named.distance(proposal) > 0.0)
+    assert named.within(Proposal(kind, agent, 1.0, {name: 2.0}), 0.01) is None  # nor is it proposed
+
+
+@pytest.mark.parametrize("act", ["brake", "cut_in", "cut_out"])
+def test_that_an_agent_acts_at_all_is_as_far_as_it_is_rare(space: Space, act: str) -> None:
+    agent = BESIDE if act == "cut_in" else LEADER
+    far = space.distances(Proposal(act, agent, 1.0, {f"{act}.duration_s": 1.0}))
+    first, last = space.steps
+    assert far[f"{act}.occurs"] == space.people.rates[act].distance(0.1 * (last - first + 1)) > 0.0
 
 
 def test_a_cut_in_is_as_far_as_the_headway_that_it_leaves(space: Space) -> None:

@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import Any
 
 from litsim_eval.campaign.criteria import Verdict
-from litsim_eval.campaign.reasons import at_fault, avoidable
+from litsim_eval.campaign.reasons import avoidable, red_lights
 from litsim_eval.campaign.results import RunResult
 from litsim_eval.search.space import Proposal
 
@@ -28,30 +28,36 @@ class Outcome(StrEnum):
 def outcome_of(result: RunResult, proposal: Proposal) -> Outcome:
     """Returns what became of a run.
 
-    A contact counts if the ego is at fault, or if the careful driver of UN Regulation 157 avoids it in the ego's place.
-    One with the agent that cuts in counts only if the careful driver avoids it: the metric of fault does not know who
-    came into whose way. A run that misses criteria, but only has contacts that do not count, is forced.
+    Of contacts the first decides: what follows, such as contacts of a vehicle that was hit, is a consequence. It counts
+    if the ego is at fault, or if the careful driver of UN Regulation 157 avoids it in the ego's place. One with the
+    agent that cuts in counts only if the careful driver avoids it: the metric of fault does not know who came into
+    whose way. A run whose first contact does not count is forced, unless the ego passed a red light before.
     """
     if result.verdict == Verdict.ERROR:
         return Outcome.ERROR
     if result.verdict == Verdict.PASSED:
         return Outcome.PASSED
     metrics = result.metrics or {}
+    first, reds = first_contacts(metrics), red_lights(metrics) if metrics.get("signals") else ()
+    if not first or any(each["step"] <= first[0]["step"] for each in reds):
+        return Outcome.FAILED
     careful = {each["agent"] for each in avoidable(metrics)}
     cutting_in = proposal.agent if proposal.act == "cut_in" else None
-    counts = careful | {each["agent"] for each in at_fault(metrics) if each["agent"] != cutting_in}
+    counts = any(each["agent"] in careful or (each["ego_at_fault"] and each["agent"] != cutting_in) for each in first)
+    return Outcome.FAILED if counts else Outcome.FORCED
+
+
+def first_contacts(metrics: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Returns the ego's contacts at the first step with any that the log has not."""
     new = [each for each in metrics["collision"]["ego_contacts"] if not each["in_log"]]
-    if new and not counts:
-        return Outcome.FORCED
-    return Outcome.FAILED
+    return [each for each in new if each["step"] == new[0]["step"]]
 
 
 def missed_by(result: RunResult) -> str:
     """Returns what happened first in a run that failed, for its group: the criterion, and the kind of contact."""
     criterion = next(each for each in result.criteria if not each.passed)
-    contacts = [*at_fault(result.metrics or {})]
-    kind = contacts[0]["verdict"] if contacts and criterion.field in OF_CONTACTS else ""
-    return ", ".join(part for part in (criterion.name, str(kind).replace("_", " ")) if part)
+    first = first_contacts(result.metrics or {}) if criterion.field in OF_CONTACTS else []
+    return ", ".join([criterion.name, *(str(each["verdict"]).replace("_", " ") for each in first[:1])])
 
 
 def closeness(metrics: Mapping[str, Any] | None) -> float:

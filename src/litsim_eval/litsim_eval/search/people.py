@@ -2,11 +2,13 @@
 
 A distance is in standard deviations: a value that a share p of the recorded moments exceeds has the distance at which
 a normal distribution has p beyond it, on both sides. So 2 is what one moment in 22 exceeds, 3 one in 370. Beyond that
-the quantiles from 1.5 to 3 are prolonged by a straight line.
+the quantiles from 1.5 to 3 are prolonged by a straight line. That an agent does something at all is as far as the
+share p of the agents in such a place that do so in the time in which the search lets it begin.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,10 +22,12 @@ from scipy.stats import norm
 
 from litsim_data.mining.events import EventKind, Situation
 from litsim_data.mining.mine import events_in
+from litsim_eval.search.places import Places
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import RATE_HZ, STEP_S, FloatArray
+from litsim_sim.core.scene import RATE_HZ, STEP_S, FloatArray, IntArray
 from litsim_sim.io.files import replacing
 from litsim_sim.io.yaml_input import read_yaml
+from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import Scenario, packaged
 
 PACKAGE, FILE = "litsim_eval", "search/people.yaml"
@@ -31,6 +35,7 @@ DISTANCES = np.arange(0.0, 3.01, 0.5)
 """Distances at which the quantiles of a habit are kept."""
 PROLONGED_FROM = 3  # position in DISTANCES of the first of the two quantiles whose line is prolonged
 MOMENTS_MIN = 10  # fewest moments of which quantiles are taken
+BEGUN_MIN = 10  # fewest acts by which their rate is measured
 AHEAD_S = 2.0  # [s] over which braking is measured
 BRAKING, SMOOTHING = 0.5, 11  # [m/s2] from which on one brakes, of the mean over so many steps
 NEARBY_M = 60.0  # [m] within which a leader is followed
@@ -80,6 +85,25 @@ class Habit(BaseModel):
     def _slope(self) -> float:
         """Slope by which the values go on beyond the last."""
         return (self.values[-1] - self.values[PROLONGED_FROM]) / float(DISTANCES[-1] - DISTANCES[PROLONGED_FROM])
+
+
+class Rate(BaseModel):
+    """How often agents that were in the place of an act began to do so, all pairs of ego and agent together.
+
+    Attributes:
+        seconds: time for which agents were there.
+        begun: number of acts that began there.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    seconds: Annotated[int, Field(gt=0)]
+    begun: Annotated[int, Field(gt=0)]
+
+    def distance(self, seconds: float) -> float:
+        """Returns how far it is that an agent that is there for so long does so, if it may at any time as well."""
+        share = -np.expm1(-self.begun / self.seconds * seconds)
+        return float(norm.isf(0.5 * share))
 
 
 DECLARED = {
@@ -138,12 +162,14 @@ class People(BaseModel):
     Attributes:
         source: the recordings.
         habits: by name.
+        rates: by kind of act; others need none, as every agent has some pace and some time of entry.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     source: str
     habits: dict[str, Habit]
+    rates: dict[str, Rate]
 
     @classmethod
     def load(cls) -> People:
@@ -157,15 +183,25 @@ class People(BaseModel):
         Raises:
             InputError: a scenario cannot be used.
         """
-        measured = [_moments(Scenario.load(name)) for name in scenarios]
-        habits = dict(cls.load().habits) if packaged(FILE, PACKAGE).is_file() else {}
+        loaded = [Scenario.load(name) for name in scenarios]
+        situations = [Situation.of(each.log, each.lane_map) for each in loaded]
+        known = cls.load() if packaged(FILE, PACKAGE).is_file() else cls(source="", habits={}, rates={})
+        habits, rates = dict(known.habits), dict(known.rates)
+        measured = [_moments(situation) for situation in situations]
         for name, (unit, small) in QUANTITIES.items():
             moments = np.concatenate([each[name] for each in measured])
             if len(moments) >= MOMENTS_MIN:
                 habits[name] = Habit.of(moments, unit, small=small)
             elif name not in habits:
                 raise InputError(f"{', '.join(scenarios)}: {len(moments)} moments of {name}, expected {MOMENTS_MIN}")
-        return cls(source=", ".join(scenarios), habits=habits)
+        counted = [_counts(situation) for situation in situations]
+        for act in counted[0]:
+            seconds, begun = (sum(numbers) for numbers in zip(*(each[act] for each in counted), strict=True))
+            if begun >= BEGUN_MIN:
+                rates[act] = Rate(seconds=seconds, begun=begun)
+            elif act not in rates:
+                raise InputError(f"{', '.join(scenarios)}: {act} began {begun} times, expected {BEGUN_MIN}")
+        return cls(source=", ".join(each.file.name for each in loaded), habits=habits, rates=rates)
 
     def habit(self, parameter: Parameter) -> Habit:
         """Returns the habit by which a parameter is measured."""
@@ -178,7 +214,9 @@ class People(BaseModel):
             Unwritable: `path` cannot be written.
         """
         with replacing(path) as new:
-            new.write_text(yaml.safe_dump(self.model_dump(), sort_keys=False, width=120), encoding="utf-8")
+            new.write_text(
+                yaml.safe_dump(self.model_dump(), sort_keys=False, default_flow_style=None, width=120), encoding="utf-8"
+            )
 
 
 QUANTITIES: Mapping[str, tuple[str, bool]] = {
@@ -194,8 +232,8 @@ QUANTITIES: Mapping[str, tuple[str, bool]] = {
 """Quantities of :func:`_moments`: unit, and whether small values are the unusual ones."""
 
 
-def _moments(scenario: Scenario) -> dict[str, FloatArray]:
-    """Returns values (k,) of each of the :data:`QUANTITIES` in the log of a scenario.
+def _moments(situation: Situation) -> dict[str, FloatArray]:
+    """Returns values (k,) of each of the :data:`QUANTITIES` in a log.
 
     - `deceleration`: mean over 2 s, of every vehicle once a second while it is slowing down.
     - `braking_s`: duration of each stretch with a deceleration of 0.5 m/s2 or more.
@@ -204,16 +242,13 @@ def _moments(scenario: Scenario) -> dict[str, FloatArray]:
     - `entry_s`: how far the time between two vehicles that enter the same lane is from the median of that lane.
     - `lane_offset`: distance of the middle of a vehicle from that of its lane.
     """
-    log = scenario.log
-    situation = Situation.of(log, scenario.lane_map)
+    log, lane_map = situation.log, situation.lane_map
     vehicle = ~log.obstacle
     valid, second = log.valid & vehicle[:, None], round(RATE_HZ)
     ahead = round(AHEAD_S / STEP_S)
     both = valid[:, :-ahead] & valid[:, ahead:]
     loss = np.where(both, log.speed[:, :-ahead] - log.speed[:, ahead:], 0.0)[:, ::second] / AHEAD_S
-    braking = uniform_filter1d(log.acceleration, SMOOTHING, axis=1) <= -BRAKING
-    edges = np.diff(np.pad((braking & valid).astype(np.int8), ((0, 0), (1, 1))), axis=1)
-    stretches = (edges == -1).nonzero()[1] - (edges == 1).nonzero()[1]
+    _, begin, end = _brakings(log)
     changes = [event.numbers for event in events_in(situation, [EventKind.LANE_CHANGE])]
     follow = situation.following
     following = (valid & (follow.leader >= 0) & (follow.gap < NEARBY_M))[:, ::second]
@@ -222,21 +257,59 @@ def _moments(scenario: Scenario) -> dict[str, FloatArray]:
     entries = []
     first = log.first_step
     rows = (vehicle & (first > 0)).nonzero()[0]
-    lane = scenario.lane_map.nearest(log.x[rows, first[rows]], log.y[rows, first[rows]], log.yaw[rows, first[rows]])
+    lane = lane_map.nearest(log.x[rows, first[rows]], log.y[rows, first[rows]], log.yaw[rows, first[rows]])
     for one in np.unique(lane.lane):
         between = np.diff(np.sort(first[rows][lane.lane == one])) * STEP_S
         entries.append(np.abs(between - np.median(between)) if len(between) > 1 else np.empty(0))
     x, y, yaw = (values[:, ::second][valid[:, ::second]] for values in (log.x, log.y, log.yaw))
     return {
         "deceleration": loss[loss > 0.0],
-        "braking_s": stretches * STEP_S,
+        "braking_s": (end - begin) * STEP_S,
         "lane_change_s": _numbers(changes, "duration_s"),
         "headway_left_s": _numbers(changes, "behind_headway_s"),
         "pace": np.abs(closing / np.maximum(of_leader, DRIVING))[of_leader > DRIVING],
         "entry_s": np.concatenate([np.empty(0), *entries]),
         "speed": np.abs(closing),
-        "lane_offset": np.abs(scenario.lane_map.nearest(x, y, yaw).d),
+        "lane_offset": np.abs(lane_map.nearest(x, y, yaw).d),
     }
+
+
+def _counts(situation: Situation) -> dict[str, tuple[int, int]]:
+    """Returns by kind of act for how many seconds agents were in its place, and how many acts began there.
+
+    Each second and each act counts for every ego to which the agent is in that place. An agent cuts in if it begins to
+    change to the side where the ego is, and cuts out if it begins to change to any side.
+    """
+    log, counts = situation.log, Counter[str]()
+    vehicle = log.valid & ~log.obstacle[:, None]
+    everyone = np.arange(len(log.ids))
+
+    def seen(step: int) -> Places:
+        egos = everyone[vehicle[:, step]]
+        return Places.of(log, egos, np.full(len(egos), step))
+
+    for step in range(0, log.steps, round(RATE_HZ)):
+        place = seen(step)
+        counts["leading"] += int(place.leading.sum())
+        counts["beside"] += int(place.beside.sum())
+    for row, begin, _ in np.transpose(_brakings(log)).tolist():
+        counts["brake"] += int(seen(begin).leading[row].sum())
+    for change in situation.changes:
+        place = seen(change.begin)
+        to_ego = (place.left[change.agent] < 0.0) == change.left
+        counts["cut_in"] += int((place.beside[change.agent] & to_ego).sum())
+        counts["cut_out"] += int(place.leading[change.agent].sum())
+    places = {"brake": "leading", "cut_in": "beside", "cut_out": "leading"}
+    return {act: (counts[place], counts[act]) for act, place in places.items()}
+
+
+def _brakings(log: Log) -> tuple[IntArray, IntArray, IntArray]:
+    """Returns rows, first steps and ends (k,) of the stretches in which vehicles brake."""
+    braking = uniform_filter1d(log.acceleration, SMOOTHING, axis=1) <= -BRAKING
+    braking &= log.valid & ~log.obstacle[:, None]
+    edges = np.diff(np.pad(braking.astype(np.int8), ((0, 0), (1, 1))), axis=1)
+    rows, begin = (edges == 1).nonzero()
+    return rows, begin, (edges == -1).nonzero()[1]
 
 
 def _numbers(events: Sequence[Mapping[str, object]], name: str) -> FloatArray:

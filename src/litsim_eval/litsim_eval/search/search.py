@@ -21,7 +21,7 @@ from litsim_data.exports.reading import run_content
 from litsim_eval.campaign.case import Case, cases_of
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.part import write_suite
-from litsim_eval.campaign.reasons import at_fault, avoidable
+from litsim_eval.campaign.reasons import avoidable
 from litsim_eval.campaign.results import RunResult, read_results, rerun_command
 from litsim_eval.campaign.suite import CaseEntry, EgoSetup, Suite
 from litsim_eval.report.margins import write_margins_page
@@ -29,7 +29,7 @@ from litsim_eval.runs.campaign import LocalRuns, conclude
 from litsim_eval.runs.case_run import RECORDING, plan_of
 from litsim_eval.runs.runner import Runner, record
 from litsim_eval.search.explore import Asked, Exploration, Tried, explore, promising
-from litsim_eval.search.judging import Outcome, closeness, missed_by, outcome_of
+from litsim_eval.search.judging import Outcome, closeness, first_contacts, missed_by, outcome_of
 from litsim_eval.search.margins import (
     FAILURES_FILE,
     PAGE_FILE,
@@ -363,8 +363,7 @@ class Search:
 
     def _critical(self, one: _One, tried: Tried, again: RunResult) -> CriticalChange:
         space, metrics = one.exploration.space, one.results[tried.number].metrics or {}
-        contact = next(iter(at_fault(metrics)), None) or next(iter(avoidable(metrics)), None)
-        careful = {each["agent"] for each in avoidable(metrics)}
+        contact, careful = first_contacts(metrics)[:1], {each["agent"] for each in avoidable(metrics)}
         return CriticalChange(
             name=f"{one.stem}_{tried.number:04d}",
             act=tried.proposal.act,
@@ -373,7 +372,7 @@ class Search:
             changes=[change.text for change in space.changes(tried.proposal)] or ["as recorded"],
             reason=tried.reason,
             holds=outcome_of(again, tried.proposal) == Outcome.FAILED and missed_by(again) == tried.group,
-            careful_driver=None if contact is None else contact["agent"] in careful,
+            careful_driver=contact[0]["agent"] in careful if contact else None,
             digest=tried.digest,
             rerun=rerun_command(self._folder.path, one.cases[tried.number]),
         )

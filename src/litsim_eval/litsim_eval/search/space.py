@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 
 from litsim_eval.search.people import PARAMETERS, Habit, Parameter, People
-from litsim_sim.core.geometry import to_body
+from litsim_eval.search.places import AHEAD_M, Places
 from litsim_sim.core.scene import STEP_S, IntArray
 from litsim_sim.scenario.changes import Change, changes_of
 from litsim_sim.scenario.scenario import Scenario
@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 DISTANCE_MAX = 6.0
 """Largest distance of a parameter within which a search looks, unless the parameter's bounds are nearer."""
 AGENTS_MAX = 6  # most agents of a kind of act
-AHEAD_M, ENTER_M = 80.0, 60.0  # [m] ahead of the ego within which agents act, and around it those that enter
-BESIDE = (1.8, 5.5)  # [m] to the side of the ego, where agents can cut in
-SAME_LANE = 1.8  # [m] to the side of the ego up to which an agent is in its lane
+ENTER_M = 60.0  # [m] around the ego within which agents enter
 LOOK_S = 12.0  # [s] after the history within which an agent begins to act
 LAST_S = 2.0  # [s] before the end after which none begins
 PACE_S = 6.0  # [s] for which an agent keeps another pace
@@ -46,6 +44,8 @@ USUAL = {
 """What agents do where a parameter of the act does not vary."""
 UNTIMED = (NOTHING, "enter", "inattentive")
 """Acts without a time of their own."""
+ALWAYS_ACTS = ("cut_in", "cut_out")
+"""Acts that are some even if all their parameters are as usual."""
 
 
 @dataclass(frozen=True)
@@ -91,20 +91,24 @@ class Space:
         agents: by kind of act, the agents that may act so, the nearest to the ego first, each with the steps at which
             it is where such an act concerns the ego.
         people: what people did.
+        steps: first and last step at which an agent begins to act.
     """
 
     scenario: Scenario
     parameters: Mapping[str, Parameter]
     agents: Mapping[str, Mapping[int, IntArray]]
     people: People
+    steps: tuple[int, int]
 
     @classmethod
     def of(cls, scenario: Scenario, people: People, only: Sequence[str] = ()) -> Space:
         """Returns the space of a scenario; `only` names kinds of change, or parameters, none for all."""
+        first = scenario.history_steps
+        last = max(first, min(first + round(LOOK_S / STEP_S), scenario.total_steps - round(LAST_S / STEP_S)))
         taken = {act.agent for _, act in scenario.actors}  # their changes stay, one more would contradict them
         agents = {
             act: {agent: steps for agent, steps in of_act.items() if agent not in taken}
-            for act, of_act in _agents(scenario).items()
+            for act, of_act in _agents(scenario, np.arange(first, min(last + 1, scenario.log.steps))).items()
         }
         possible = {"start", "delay", "noise", *(act for act in agents if agents[act])}
         possible |= {"signals"} if scenario.signals else set()
@@ -114,7 +118,8 @@ class Space:
             if each.kind in possible and (each.name in only or each.kind in only or not (only or each.declared))
         }
         acts = {each.kind for each in usable.values()}
-        return cls(scenario, usable, {act: of_act for act, of_act in agents.items() if act in acts}, people)
+        agents = {act: of_act for act, of_act in agents.items() if act in acts}
+        return cls(scenario, usable, agents, people, (first, last))
 
     def habit(self, name: str) -> Habit:
         """Returns the habit by which a parameter is measured."""
@@ -173,11 +178,11 @@ class Space:
         return self._proposal(act, agent, begin, z)
 
     def within(self, proposal: Proposal, distance: float) -> Proposal | None:
-        """Returns the same, made smaller until it is within `distance`; None where that is impossible."""
-        for _ in range(WITHIN_TRIES if distance > 0.0 else 0):
+        """Returns the same, made smaller until it is within `distance`; None where that takes all of it."""
+        for _ in range(WITHIN_TRIES):
             far = self.distance(proposal)
             if far <= distance:
-                return proposal
+                return proposal if far > 0.0 else None
             proposal = proposal.scaled(min(0.95, distance / far))
         return None
 
@@ -203,21 +208,26 @@ class Space:
         of_act = [name for name, each in self.parameters.items() if each.kind == act and name != "cut_in.headway_s"]
         return of_act + [name for name in OF_ALL if name in self.parameters]
 
-    @property
-    def steps(self) -> tuple[int, int]:
-        """First and last step at which an agent begins to act."""
-        return _steps(self.scenario)
-
     def distances(self, proposal: Proposal) -> dict[str, float]:
-        """Returns how far a proposal is from reality by parameter, without those that are as recorded."""
-        far = {name: abs(z) for name, z in proposal.z.items() if abs(z) >= SMALLEST}
+        """Returns how far a proposal is from reality by parameter, without those that are as recorded.
+
+        Where an agent acts, `KIND.occurs` is how far it is that an agent does such a thing at all.
+        """
+        act, far = proposal.act, {name: abs(z) for name, z in proposal.z.items() if abs(z) >= SMALLEST}
         for name, value in self.values(proposal).items():
             if name in far and self.parameters[name].step >= STEP_S:  # as it is rounded
                 far[name] = self.habit(name).distance(abs(value))
-        far = {name: distance for name, distance in far.items() if distance > 0.0}
-        if proposal.act == "cut_in" and (left := self._headway_left(proposal)) > 0.0:
-            far["cut_in.headway_s"] = left
-        return far
+        if act in ALWAYS_ACTS or any(far.get(name) for name in proposal.z if name not in OF_ALL):
+            if act in self.people.rates:
+                first, last = self.steps
+                far[f"{act}.occurs"] = self.people.rates[act].distance((last - first + 1) * STEP_S)
+            if act == "cut_in":
+                far["cut_in.headway_s"] = self._headway_left(proposal)
+        return {name: distance for name, distance in far.items() if distance > 0.0}
+
+    def acts_in(self, proposal: Proposal) -> bool:
+        """Returns whether an agent acts; where its act is as recorded it does not, and stays on its log."""
+        return any(name.startswith(f"{proposal.act}.") for name in self.distances(proposal))
 
     def distance(self, proposal: Proposal) -> float:
         """Returns how far a proposal is from reality: the norm of its distances."""
@@ -238,7 +248,7 @@ class Space:
         small = {name for name, z in proposal.z.items() if abs(z) < SMALLEST}
         value = {name: 0.0 if name in small and name in OF_ALL else v for name, v in self.values(proposal).items()}
         act, fields = proposal.act, list[dict[str, Any]]()
-        if act != NOTHING:
+        if self.acts_in(proposal):
             own = {name.partition(".")[2]: v for name, v in value.items() if self.parameters[name].kind == act}
             when = {} if act in UNTIMED else {"begin_s": proposal.begin_s}
             fields.append({"kind": act, "agent": proposal.agent} | when | USUAL.get(act, {}) | own)
@@ -275,48 +285,32 @@ class Space:
         """Returns the distance of the headway that a cut-in leaves to the ego, as both are recorded when it begins."""
         log, step = self.scenario.log, round(proposal.begin_s / STEP_S)
         ego, other = log.row(self.scenario.ego_id), log.row(proposal.agent)
-        if not (log.valid[ego, step] and log.valid[other, step]):
+        place = Places.of(log, np.array([ego]), np.array([step]))
+        if not place.there[other, 0]:
             return 0.0
-        dx, dy = log.x[other, step] - log.x[ego, step], log.y[other, step] - log.y[ego, step]
-        ahead, _ = to_body(np.array(dx), np.array(dy), log.yaw[ego, [step]])
-        room = float(ahead[0]) - 0.5 * float(log.length[ego] + log.length[other])
+        room = float(place.ahead[other, 0]) - 0.5 * float(log.length[ego] + log.length[other])
         return self.people.habits["headway_left_s"].distance(max(room, 0.0) / max(float(log.speed[ego, step]), 1.0))
 
 
-def _agents(scenario: Scenario) -> dict[str, dict[int, IntArray]]:
-    """Returns by kind of act the vehicles that may act so, the nearest first, each with the steps at which it may."""
-    log, ego = scenario.log, scenario.log.row(scenario.ego_id)
-    first, last = _steps(scenario)
-    steps = np.arange(first, min(last + 1, log.steps))
-    valid = log.valid[:, steps] & log.valid[ego, steps]
-    valid[ego] = False
-    valid &= ~log.obstacle[:, None]
-    dx, dy = log.x[:, steps] - log.x[ego, steps], log.y[:, steps] - log.y[ego, steps]
-    ahead, left = to_body(dx, dy, np.broadcast_to(log.yaw[ego, steps], dx.shape))
-    with_ego = np.cos(log.yaw[:, steps] - log.yaw[ego, steps]) > 0.7
-    away = np.hypot(ahead, 3.0 * left)
-    in_front = valid & with_ego & (ahead > 0.0) & (ahead < AHEAD_M)
-    leading = in_front & (np.abs(left) < SAME_LANE)
-    around = valid & (np.abs(ahead) < AHEAD_M)
+def _agents(scenario: Scenario, steps: IntArray) -> dict[str, dict[int, IntArray]]:
+    """Returns by kind of act the vehicles that may act so, the nearest first, each with those of `steps` at which."""
+    log = scenario.log
+    place = Places.of(log, np.full(len(steps), log.row(scenario.ego_id)), steps)
+    around = place.there & (np.abs(place.ahead) < AHEAD_M)
+    late = (log.first_step > scenario.history_steps)[:, None]
     may = {
-        "brake": leading,
-        "cut_in": in_front & (np.abs(left) > BESIDE[0]) & (np.abs(left) < BESIDE[1]),
-        "cut_out": leading,
+        "brake": place.leading,
+        "cut_in": place.beside,
+        "cut_out": place.leading,
         "pace": around,
-        "enter": valid & (log.first_step > scenario.history_steps)[:, None] & (np.hypot(dx, dy) < ENTER_M),
+        "enter": place.there & late & (np.hypot(place.ahead, place.left) < ENTER_M),
         "inattentive": around,
-        "hide": around & (ahead > 0.0),
+        "hide": around & (place.ahead > 0.0),
     }
+    away = np.hypot(place.ahead, 3.0 * place.left)
     agents = {}
     for act, mask in may.items():
         least = np.where(mask, away, np.inf).min(axis=1, initial=np.inf)
         nearest = np.argsort(least, kind="stable")[: min(AGENTS_MAX, int(np.isfinite(least).sum()))]
         agents[act] = {int(log.ids[row]): steps[mask[row]] for row in nearest}
     return agents
-
-
-def _steps(scenario: Scenario) -> tuple[int, int]:
-    """Returns the first and last step at which an agent begins to act."""
-    first = scenario.history_steps
-    last = min(first + round(LOOK_S / STEP_S), scenario.total_steps - round(LAST_S / STEP_S))
-    return first, max(first, last)
