@@ -135,7 +135,7 @@ def searched(road: Road, weakness: str, sampler: str, seed: int, runs: int) -> S
                 lazy = sampler == "random"
                 outcome, group, near = (Outcome.PASSED, "", 0.0) if lazy else road.outcome(proposal, weakness)
                 distance = road.space.distance(proposal)
-                tried.append(Tried(number, how, proposal, distance, outcome, "", group=group, near=near))
+                tried.append(Tried(number, how, proposal, distance, outcome, group, near))
             asked = searching.send(tried)
     return Searched(road, weakness, exploration.tried)
 

@@ -36,7 +36,7 @@ def searched(space: Space, rule: Rule, runs: int = 120, sampler: str = "tpe", se
             group = "contact" if outcome == Outcome.FAILED else ""
             near = min(1.0, 0.1 * sum(map(abs, proposal.z.values())))
             distance = space.distance(proposal)
-            tried.append(Tried(number, how, proposal, distance, outcome, str(number), group=group, near=near))
+            tried.append(Tried(number, how, proposal, distance, outcome, group, near))
         assert len(tried) <= BATCH
         try:
             asked = searching.send(tried)
@@ -119,7 +119,7 @@ def test_what_a_screen_found_is_tried_first(space: Space) -> None:
     exploration = Exploration(space)
     searching = explore(exploration, 20, "tpe", 1, best)
     next(searching)
-    asked = searching.send([Tried(0, "recorded", Proposal(), 0.0, Outcome.PASSED, "")])
+    asked = searching.send([Tried(0, "recorded", Proposal(), 0.0, Outcome.PASSED)])
     assert [how for how, _ in asked] == ["screened"] * BATCH
     for proposal, (_, again) in zip(best, asked, strict=True):
         assert space.changes(again) == space.changes(proposal)
@@ -134,9 +134,9 @@ def test_time_that_is_over_ends_it(space: Space) -> None:
     exploration = Exploration(space)
     searching = explore(exploration, 100, "tpe", 0, expired=lambda: len(exploration.tried) > BATCH)
     asked = next(searching)
-    asked = searching.send([Tried(0, "recorded", asked[0][1], 0.0, Outcome.PASSED, "")])
+    asked = searching.send([Tried(0, "recorded", asked[0][1], 0.0, Outcome.PASSED)])
     with pytest.raises(StopIteration):
-        searching.send([Tried(k, how, each, 1.0, Outcome.PASSED, "") for k, (how, each) in enumerate(asked, 1)])
+        searching.send([Tried(k, how, each, 1.0, Outcome.PASSED) for k, (how, each) in enumerate(asked, 1)])
 
 
 def test_draws_are_of_the_declared_distribution(space: Space) -> None:

@@ -53,11 +53,8 @@ class Tried:
         proposal: the changes.
         distance: of these from reality.
         outcome: what became of it.
-        case: id of its case.
-        reason: why it has not passed, in one line.
         group: what failures are grouped by, together with their cause: what happened.
         near: how near to a contact it came, from 0 to 1.
-        digest: of the run.
     """
 
     number: int
@@ -65,11 +62,8 @@ class Tried:
     proposal: Proposal
     distance: float
     outcome: Outcome
-    case: str
-    reason: str = ""
     group: str = ""
     near: float = 0.0
-    digest: str = ""
 
     @property
     def key(self) -> tuple[str, str]:

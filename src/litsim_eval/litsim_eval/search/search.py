@@ -76,22 +76,20 @@ class Settings:
     time_limit_s: float
     graph: bool
 
-    @property
-    def deciding(self) -> dict[str, Any]:
-        """Those by which a search is another one, as they decide what it proposes."""
-        return {"sampler": self.sampler, "seed": self.seed, "only": list(self.only)}
-
 
 @dataclass
 class _One:
-    """The search in one case of the suite; of its runs, by number, the case, the entry of a suite and the result."""
+    """The search in one case of the suite; of its runs, by number, the entry of a suite, the case and the result.
+
+    Those whose scenario cannot be loaded, such as one with an agent that would enter before the recording begins, have
+    a result alone.
+    """
 
     case: Case
     exploration: Exploration
-    cases: dict[int, Case] = field(default_factory=dict)
     entries: dict[int, CaseEntry] = field(default_factory=dict)
+    cases: dict[int, Case] = field(default_factory=dict)
     results: dict[int, RunResult] = field(default_factory=dict)
-    refused: dict[int, str] = field(default_factory=dict)
 
     @property
     def stem(self) -> str:
@@ -178,7 +176,9 @@ class Search:
     def _check_folder(self) -> None:
         """Notes in the folder what is searched; refuses that of another search."""
         path = self._out / SEARCH_FILE
-        note = {"cases": [one.case.key for one in self.all], "people": self._people.source, **self._settings.deciding}
+        settings = {name: getattr(self._settings, name) for name in ("sampler", "seed")}
+        settings["only"] = list(self._settings.only)
+        note = {"cases": [one.case.key for one in self.all], "people": self._people.source} | settings
         if path.is_file() and json.loads(path.read_text(encoding="utf-8")) != note:
             raise InputError(f"{self._out}: holds another search; expected another --out, or --overwrite")
         with replacing(path) as new:
@@ -257,31 +257,18 @@ class Search:
         suite = self._suite.model_copy(update={"cases": [entry], "seeds": []})
         try:
             cases = cases_of(suite, graph=self._settings.graph, with_versions=self._versions)
-        except InputError as error:  # such as an agent that would enter before the recording begins
-            one.refused[number] = str(error)
+        except InputError as error:
+            one.results[number] = RunResult.error(one.case, str(error))
         else:
             one.cases[number] = next(case for case in cases if case.variant == one.case.variant)
 
     @staticmethod
     def _tried(one: _One, number: int, how: str, proposal: Proposal) -> Tried:
         """Returns what became of a proposal."""
-        distance = round(one.exploration.space.distance(proposal), 4)
-        if number in one.refused:
-            return Tried(number, how, proposal, distance, Outcome.ERROR, "", one.refused[number])
-        result = one.results[number]
+        result, distance = one.results[number], round(one.exploration.space.distance(proposal), 4)
         outcome = outcome_of(result, proposal)
-        return Tried(
-            number,
-            how,
-            proposal,
-            distance,
-            outcome,
-            case=result.case.id,
-            reason=result.reason,
-            group=missed_by(result) if outcome == Outcome.FAILED else "",
-            near=closeness(result.metrics),
-            digest=(result.metrics or {}).get("digest") or "",
-        )
+        group = missed_by(result) if outcome == Outcome.FAILED else ""
+        return Tried(number, how, proposal, distance, outcome, group, closeness(result.metrics))
 
     def _conclude(self) -> Margins:
         """Repeats the failures, and writes what the search leaves."""
@@ -350,7 +337,7 @@ class Search:
             name=one.case.name,
             margin=failures[0].distance if failures else None,
             recorded=tried[0].outcome,
-            reason=tried[0].reason,
+            reason=one.results[0].reason,
             runs=len(tried),
             failed=count[Outcome.FAILED],
             forced=count[Outcome.FORCED],
@@ -358,11 +345,12 @@ class Search:
             drawn=len(drawn),
             drawn_failed=bad,
             rate=None if bounds is None else (round(float(bounds.low), 4), round(float(bounds.high), 4)),
-            failures=[self._critical(one, each, repeated[each.case]) for each in failures],
+            failures=[self._critical(one, each, repeated[one.cases[each.number].id]) for each in failures],
         )
 
     def _critical(self, one: _One, tried: Tried, again: RunResult) -> CriticalChange:
-        space, metrics = one.exploration.space, one.results[tried.number].metrics or {}
+        space, result = one.exploration.space, one.results[tried.number]
+        metrics = result.metrics or {}
         contact, careful = first_contacts(metrics)[:1], {each["agent"] for each in avoidable(metrics)}
         return CriticalChange(
             name=f"{one.stem}_{tried.number:04d}",
@@ -370,24 +358,30 @@ class Search:
             distance=tried.distance,
             distances={name: round(z, 3) for name, z in space.distances(tried.proposal).items()},
             changes=[change.text for change in space.changes(tried.proposal)] or ["as recorded"],
-            reason=tried.reason,
+            reason=result.reason,
             holds=outcome_of(again, tried.proposal) == Outcome.FAILED and missed_by(again) == tried.group,
             careful_driver=contact[0]["agent"] in careful if contact else None,
-            digest=tried.digest,
+            digest=metrics["digest"],
             rerun=rerun_command(self._folder.path, one.cases[tried.number]),
         )
 
     @staticmethod
     def _row(one: _One, tried: Tried) -> dict[str, Any]:
         """Returns a run as a row of the table: what it was, its changes in their units, and their distances."""
-        space, proposal = one.exploration.space, tried.proposal
-        row: dict[str, Any] = {"case": one.case.name, "scenario": f"{one.stem}_{tried.number:04d}"}
-        row |= {name: getattr(tried, name) for name in ("number", "how", "distance", "reason", "digest")}
-        row |= {
+        space, proposal, result = one.exploration.space, tried.proposal, one.results[tried.number]
+        distances = {f"distance.{name}": round(z, 4) for name, z in space.distances(proposal).items()}
+        return {
+            "case": one.case.name,
+            "scenario": f"{one.stem}_{tried.number:04d}",
+            "number": tried.number,
+            "how": tried.how,
+            "distance": tried.distance,
+            "reason": result.reason,
+            "digest": (result.metrics or {}).get("digest") or "",
             "outcome": tried.outcome.value,
             "act": proposal.act,
             "agent": proposal.agent,
             "begin_s": proposal.begin_s,
+            **space.values(proposal),
+            **distances,
         }
-        distances = {f"distance.{name}": round(z, 4) for name, z in space.distances(proposal).items()}
-        return row | space.values(proposal) | distances

@@ -245,26 +245,32 @@ class Space:
 
     def changes(self, proposal: Proposal) -> list[Change]:
         """Returns the changes of the scenario that a proposal stands for."""
-        small = {name for name, z in proposal.z.items() if abs(z) < SMALLEST}
-        value = {name: 0.0 if name in small and name in OF_ALL else v for name, v in self.values(proposal).items()}
+        small = {name for name, z in proposal.z.items() if abs(z) < SMALLEST and name in OF_ALL}
+        value = {name: 0.0 if name in small else v for name, v in self.values(proposal).items()}
+
+        def of_kind(kind: str) -> dict[str, float]:
+            return {name.partition(".")[2]: v for name, v in value.items() if self.parameters[name].kind == kind}
+
         act, fields = proposal.act, list[dict[str, Any]]()
         if self.acts_in(proposal):
-            own = {name.partition(".")[2]: v for name, v in value.items() if self.parameters[name].kind == act}
             when = {} if act in UNTIMED else {"begin_s": proposal.begin_s}
-            fields.append({"kind": act, "agent": proposal.agent} | when | USUAL.get(act, {}) | own)
+            change: dict[str, Any] = {
+                "kind": act,
+                "agent": proposal.agent,
+                **when,
+                **USUAL.get(act, {}),
+                **of_kind(act),
+            }
             if act == "pace":
-                fields[0]["factor"] = round(1.0 + own["factor"], 3)
+                change["factor"] = round(1.0 + change["factor"], 3)
             if act == "enter":
                 log = self.scenario.log
                 earliest = (self.scenario.history_steps + 1 - int(log.first_step[log.row(proposal.agent)])) * STEP_S
-                fields[0]["later_s"] = round(max(own["later_s"], earliest), 1)
-        start = {name: value.get(f"start.{name}", 0.0) for name in ("faster", "left")}
-        if any(start.values()):
-            fields.append({"kind": "start", "agent": self.scenario.ego_id, **start})
-        for name in ("signals.later_s", "delay.later_s", "noise.sigma_m"):
-            if value.get(name):
-                kind, _, field = name.partition(".")
-                fields.append({"kind": kind, field: value[name]})
+                change["later_s"] = round(max(change["later_s"], earliest), 1)
+            fields.append(change)
+        for kind in dict.fromkeys(name.partition(".")[0] for name in OF_ALL):
+            if any((own := of_kind(kind)).values()):
+                fields.append({"kind": kind} | ({"agent": self.scenario.ego_id} if kind == "start" else {}) | own)
         return changes_of(fields)
 
     def scenario_file(self, proposal: Proposal, name: str) -> str:
