@@ -15,6 +15,7 @@ search tries does not depend on what became of it, only those of its runs are ma
 from __future__ import annotations
 
 import argparse
+import gc
 import hashlib
 import json
 import sys
@@ -89,6 +90,7 @@ class Road:
         except InputError:
             return Outcome.ERROR, "", 0.0
         ego = PlantedEgo(scenario, PlantedConfig(weakness=weakness))
+        gc.collect()  # the run before: it refers to itself, and the collector does not know how large arrays are
         run = record(Runner(replace(self._plan, scenario=scenario), ego=ego))
         result = RunResult.judged(self._case, compute_metrics(run), self._criteria)
         outcome = outcome_of(result, proposal)
@@ -189,6 +191,7 @@ def main() -> None:
     suite = Suite.load("small").model_copy(update={"policies": ["replay"]})
     cases = {"/".join(case.name.split("/")[:2]): case for case in cases_of(suite)}
     roads = {case: Road(cases[case], changes, arguments.out) for case, _, changes in PLANTED}
+    gc.freeze()
     (print_careful if arguments.careful else print_planted)(roads, arguments.seeds, arguments.runs)
 
 
