@@ -20,6 +20,7 @@ from litsim_eval.search.explore import SAMPLERS
 from litsim_eval.search.margins import FAILURES_FILE, JUNIT_FILE, PAGE_FILE, Margins, told, write_junit
 from litsim_eval.search.people import PARAMETERS, People
 from litsim_eval.search.search import RUNS, SCENARIOS, SCREEN, SEARCH_FILE, Search, Settings
+from litsim_eval.search.space import LOOK_S
 from litsim_sim.cli.arguments import Parser, number, positive
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
@@ -160,6 +161,8 @@ def _print_parameters(people: People) -> None:
         moments = str(habit.moments) if habit.moments else "declared"
         table.add_row(each.name, each.unit, f"{each.low:g} to {each.high:g}", *at, moments, each.about)
     Console(width=None if sys.stdout.isatty() else WIDTH).print(table)
+    rare = ", ".join(f"{act} {rate.distance(LOOK_S):.2f}" for act, rate in people.rates.items())
+    print(f"distance of that an agent does it at all within {LOOK_S:g} s: {rare}")
 
 
 @program
