@@ -236,6 +236,9 @@ class Search:
         tried = iter([self._tried(*each) for each in batch])
         return {k: list(islice(tried, len(asked[k]))) for k in asked}
 
+    def _suite_of(self, entries: Sequence[CaseEntry]) -> Suite:
+        return self._suite.model_copy(update={"cases": list(entries), "seeds": []})
+
     def _runs(self, folder: CampaignFolder) -> LocalRuns:
         return LocalRuns(folder, self._suite.criteria, self._settings.processes, self._settings.time_limit_s)
 
@@ -254,9 +257,8 @@ class Search:
             tags=list(dict.fromkeys(event["kind"] for event in events)),
             events=events,
         )
-        suite = self._suite.model_copy(update={"cases": [entry], "seeds": []})
         try:
-            cases = cases_of(suite, graph=self._settings.graph, with_versions=self._versions)
+            cases = cases_of(self._suite_of([entry]), graph=self._settings.graph, with_versions=self._versions)
         except InputError as error:
             one.results[number] = RunResult.error(one.case, str(error))
         else:
@@ -273,12 +275,9 @@ class Search:
     def _conclude(self) -> Margins:
         """Repeats the failures, and writes what the search leaves."""
         repeated = self._repeat()
-        everything = [(one, number) for one in self.all for number in one.cases]
-        suite = self._suite.model_copy(
-            update={"cases": [one.entries[number] for one, number in everything], "seeds": []}
-        )
-        cases = [one.cases[number] for one, number in everything]
-        self._folder.begin(suite, cases, self._versions)
+        everything = [(one.entries[number], case) for one in self.all for number, case in one.cases.items()]
+        suite = self._suite_of([entry for entry, _ in everything])
+        self._folder.begin(suite, [case for _, case in everything], self._versions)
         conclude(self._folder)
         margins = Margins(
             ego=self.all[0].case.ego.name,
@@ -296,17 +295,14 @@ class Search:
         for one in self.all:
             if one.exploration.failures:
                 self._export(one, one.exploration.failures[0])
-        shown = [(one, each) for one in self.all for each in one.exploration.failures if each.number]
-        if shown:
-            failed = [
-                one.entries[each.number].model_copy(
-                    update={"events": [{"kind": "margin", "distance": each.distance}, *one.entries[each.number].events]}
-                )
-                for one, each in shown
-            ]
-            write_suite(self._suite.model_copy(update={"cases": failed, "seeds": []}), self._out / FAILURES_FILE)
-        else:
-            (self._out / FAILURES_FILE).unlink(missing_ok=True)
+        shown = [(one.entries[e.number], e.distance) for one in self.all for e in one.exploration.failures if e.number]
+        failed = [
+            entry.model_copy(update={"events": [{"kind": "margin", "distance": distance}, *entry.events]})
+            for entry, distance in shown
+        ]
+        (self._out / FAILURES_FILE).unlink(missing_ok=True)
+        if failed:
+            write_suite(self._suite_of(failed), self._out / FAILURES_FILE)
         margins.write(self._out)
         return margins
 
