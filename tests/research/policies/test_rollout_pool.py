@@ -81,20 +81,11 @@ def test_what_several_processes_drive_is_what_one_drives(data, config, pool) -> 
         assert not np.array_equal(first.tracks[0].raw, second.tracks[0].raw)
 
 
-def test_every_process_gets_something_and_groups_stay_whole_where_they_can() -> None:
-    assert shared_out([[0, 3], [1, 2, 4, 5, 6]], 2) == [[1, 2, 4, 5, 6], [0, 3]]
-    assert shared_out([[1], [0, 2, 3, 4, 5]], 3) == [[3, 4, 5], [0, 2], [1]]
+def test_groups_are_cut_where_one_process_would_be_busy_for_long() -> None:
+    assert shared_out([[1], [0, 2, 3, 4, 5]], 3) == [[0, 2], [3, 4], [1], [5]]
     assert shared_out([[0], [1]], 4) == [[0], [1]], "there are no more"
-    assert shared_out([range(5), range(5, 13)], 2) == [range(5, 13), range(5)], "cut, all would take longer"
-
-
-def test_a_group_that_would_keep_one_process_busy_for_long_is_cut() -> None:
-    assert shared_out([range(11), range(11, 13)], 2) == [range(3, 11), range(3), range(11, 13)]
     assert shared_out([range(12)], 2) == [range(6), range(6, 12)]
-
-
-def test_no_more_than_can_be_stepped_together_is_a_share() -> None:
-    assert shared_out([range(BATCH_MAX + 1)], 1) == [range(24, 49), range(24)], "so many are not stepped together"
+    assert shared_out([range(BATCH_MAX + 1)], 1) == [range(48), range(48, 49)], "so many are not stepped together"
 
 
 def test_processes_begin_before_they_are_asked_for_an_episode(config, pool, monkeypatch) -> None:

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import torch
 from safetensors import safe_open
-from safetensors.torch import load_file
 
 from litsim_research.policies import checkpoint, train
 from litsim_research.policies.config import TrainConfig
@@ -89,33 +88,6 @@ def left(out: Path) -> tuple[Any, ...]:
 
 
 # Validation
-
-
-def test_a_policy_is_validated_as_it_was_while_the_next_iteration_changes_it(
-    config, tmp_path: Path, monkeypatch
-) -> None:
-    """It waits behind that iteration's episodes, and its result is asked for once the policy has learned from them."""
-    learning = config.ppo.__class__(**{**vars(config.ppo), "value_first": 0})
-    first = count(config, 1, ppo=learning)
-    train.run(first, tmp_path / "first", progress=False)
-    said: list[str] = []
-
-    def noted(name: str, instead: Any = None) -> None:
-        module = checkpoint if name == "update_policy" else train
-        real = getattr(module, name)
-        monkeypatch.setattr(module, name, lambda *a, **k: said.append(name) or (instead or real)(*a, **k))
-
-    scores = iter([-1.0, -2.0])
-    for name in ("begin", "begin_validation", "update_policy"):
-        noted(name)
-    noted("validate", lambda episodes, _: list(episodes) and {"validation_score": next(scores)})
-    train.run(count(first, 2), tmp_path / "longer", progress=False)
-    validation = ["begin_validation", "validate"]
-    assert said == ["begin", "update_policy", "begin", validation[0], "update_policy", validation[1], *validation]
-    with safe_open(tmp_path / "longer" / checkpoint.BEST, "pt") as best:
-        assert best.metadata()["iterations"] == "1"
-        for name, values in load_file(tmp_path / "first" / checkpoint.LAST).items():
-            assert torch.equal(values, best.get_tensor(name)), name
 
 
 def test_the_best_weights_are_those_of_the_best_validation_before_and_after_an_interruption(

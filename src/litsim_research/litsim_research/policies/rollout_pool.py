@@ -9,7 +9,6 @@ import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from heapq import heapreplace
 from itertools import chain
 from pathlib import Path
 from typing import Literal
@@ -25,7 +24,6 @@ from litsim_research.policies.rollout import BATCH_MAX, Driving, Episode, HereDr
 
 Part = Literal["train", "validation"]
 PARTS: tuple[Part, ...] = ("train", "validation")
-STEPS_COST = 2.0  # fixed cost of driving episodes together, in units of the cost of one more episode; measured 1.5 to 3
 Weights = dict[str, np.ndarray]
 
 
@@ -70,33 +68,14 @@ class PoolDriving:
 
 
 def shared_out(groups: Iterable[Sequence[int]], processes: int) -> list[Sequence[int]]:
-    """Return `groups` as shares for the pool, largest first; each share goes to the process that is free first.
+    """Returns `groups` as shares for the pool, largest first; each share goes to the process that is free first.
 
-    A group is cut if that is expected to end the work sooner, or if it exceeds BATCH_MAX episodes.
+    A group is cut where it exceeds an equal part of all episodes, or BATCH_MAX episodes.
     """
-    shares = sorted(groups, key=len, reverse=True)
-    while len(shares[0]) > BATCH_MAX:
-        shares = _cut(shares, len(shares[0]) // 2)
-    while True:
-        cuts = (_cut(shares, size) for size in range(1, len(shares[0]) // 2 + 1))
-        sooner = min(cuts, key=lambda cut: _expected_end(cut, processes), default=shares)
-        if _expected_end(sooner, processes) >= _expected_end(shares, processes):
-            return shares
-        shares = sooner
-
-
-def _cut(shares: list[Sequence[int]], size: int) -> list[Sequence[int]]:
-    """`shares` with the first one cut in two after `size` episodes; largest first."""
-    largest, *others = shares
-    return sorted([largest[:size], largest[size:], *others], key=len, reverse=True)
-
-
-def _expected_end(shares: list[Sequence[int]], processes: int) -> float:
-    """Time at which the last of `processes` ends, in units of the cost of one more episode."""
-    free_at = [0.0] * processes
-    for share in shares:
-        heapreplace(free_at, free_at[0] + STEPS_COST + len(share))
-    return max(free_at)
+    every = list(groups)
+    most = min(BATCH_MAX, -(-sum(map(len, every)) // processes))
+    shares = [group[first : first + most] for group in every for first in range(0, len(group), most)]
+    return sorted(shares, key=len, reverse=True)
 
 
 _courses: dict[Part, Course] = {}

@@ -15,8 +15,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Iterator
-from copy import deepcopy
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +27,7 @@ from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.critic import driven_pairs, expert_and_policy_pairs, update_critic
 from litsim_research.policies.data import TrainingData, prepare
 from litsim_research.policies.expert import expert_pairs
-from litsim_research.policies.network import driving_network, save
+from litsim_research.policies.network import driving_network
 from litsim_research.policies.ppo import Demonstrations
 from litsim_research.policies.rollout import Driving, Episode, begin, begin_validation, collect, validate
 from litsim_research.policies.rollout_pool import rollouts
@@ -70,50 +69,26 @@ def _train(
         for iteration in range(len(training.history), config.iterations):
             started = time.perf_counter()
             episodes = begin(driving, training.policy, config, training.history)
-            finish = _begin_validation(training, validation, out) if _is_validation_due(training) else None
             figures = _iterate(training, episodes, recorded, shown, iteration)
-            if finish:
-                finish()
-            training.history.append(figures | {"seconds": time.perf_counter() - started})
+            training.history.append(figures)
+            due = iteration % config.validate_every == 0 or iteration == config.iterations - 1
+            if due:
+                figures |= _validated(training, validation, out)
+            figures["seconds"] = time.perf_counter() - started
             training.keep(out)
-            if finish:
+            if due:
                 training.write(out)
             bar.set_postfix({"penalty": f"{figures['penalty']:.3f}", "collisions/1000": f"{figures['collisions']:.2f}"})
             bar.update()
-    if _is_validation_due(training):
-        started = time.perf_counter()
-        _begin_validation(training, validation, out)()
-        training.history[-1]["seconds"] += time.perf_counter() - started
-        training.keep(out)
-        training.write(out)
 
 
-def _is_validation_due(training: Training) -> bool:
-    """Whether the last iteration made is to be validated and has not been."""
-    last = training.iterations - 1
-    due = last % training.config.validate_every == 0 or last == training.config.iterations - 1
-    return last >= 0 and due and "validation_score" not in training.history[-1]
-
-
-def _begin_validation(training: Training, validation: Driving, out: Path) -> Callable[[], None]:
-    """Begin to validate a copy of the present policy; its episodes are queued after those that have begun.
-
-    Processes that have finished those thus do not idle, even while the policy learns from them.
-
-    Returns:
-        a function that waits for the validation, adds its results to the entry of the last iteration, and saves the
-        weights if they are the best so far.
-    """
-    policy, about, entry = deepcopy(training.policy), training.about, training.history[-1]
-    episodes = begin_validation(validation, policy, training.config)
-
-    def finish() -> None:
-        entry.update(validate(episodes, training.config))
-        if entry["validation_score"] > training.best:
-            training.best = entry["validation_score"]
-            save(policy, out / BEST, about)
-
-    return finish
+def _validated(training: Training, validation: Driving, out: Path) -> dict[str, float]:
+    """Validates the policy, saves its weights if they are the best so far, and returns the results."""
+    results = validate(begin_validation(validation, training.policy, training.config), training.config)
+    if results["validation_score"] > training.best:
+        training.best = results["validation_score"]
+        training.save(out / BEST)
+    return results
 
 
 def _iterate(
