@@ -5,24 +5,25 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
-from litsim_research.policies.plots import PANELS, SIMNET_PANELS, plot_curves
+from litsim_research.policies.plots import PANELS, SIMNET_PANELS
+from litsim_research.predictors.training.curves import plot_curves
 
 
 @pytest.fixture
 def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     """Figures that have been drawn."""
-    found: list[Figure] = []
-    monkeypatch.setattr(plt, "close", found.append)
-    return found
+    figures: list[Figure] = []
+    save = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda self, *a, **k: figures.append(self) or save(self, *a, **k))
+    return figures
 
 
 def test_validations_are_drawn_where_they_were_made(tmp_path: Path, drawn: list[Figure]) -> None:
     usual = {name: 0.5 for lines in PANELS.values() for name in lines if not name.startswith("validation")}
     history = [usual, usual | {"validation_penalty": 0.25}, usual]
-    plot_curves(history, tmp_path / "curves.png")
+    plot_curves(history, tmp_path / "curves.png", PANELS)
     assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
     (figure,) = drawn
     assert [axis.get_title() for axis in figure.axes] == list(PANELS)

@@ -19,9 +19,9 @@ from litsim_research.imitation import network as imitation_network
 from litsim_research.policies import network, simnet_network
 from litsim_research.policies.checkpoint import CHECKPOINT, ResumableTraining, write_history
 from litsim_research.policies.data import DataConfig, TrainingData, prepare
-from litsim_research.policies.plots import plot_curves
 from litsim_research.policies.training_program import training_program
 from litsim_research.predictors.checkpoint import save_checkpoint
+from litsim_research.predictors.training.curves import PANELS, plot_curves
 from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.recording import Recording
 
@@ -197,7 +197,7 @@ ENTRIES = [{"validation_score": 0.5}] * 50
     [
         lambda path: save_checkpoint(path, {"part": torch.nn.Linear(30, 30).state_dict()}),
         lambda path: write_history(ENTRIES, path),
-        lambda path: plot_curves(ENTRIES, path.with_suffix(".png")),
+        lambda path: plot_curves(ENTRIES, path.with_suffix(".png"), PANELS),
         lambda path: network.save(network.GaussianPolicy(ObservationConfig()), path),
         lambda path: imitation_network.save(imitation_network.TrafficPolicy(), path, {}),
         lambda path: simnet_network.save(simnet_network.SimNet("small"), path, {}),

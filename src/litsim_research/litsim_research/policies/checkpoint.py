@@ -16,9 +16,10 @@ from litsim_research.policies.critic import Critic
 from litsim_research.policies.data import TrainingData
 from litsim_research.policies.data_state import DataState
 from litsim_research.policies.network import GaussianPolicy, StochasticPolicy, multilayer, save
-from litsim_research.policies.plots import PANELS, Lines, plot_curves
+from litsim_research.policies.plots import PANELS
 from litsim_research.policies.ppo import Demonstrations, Track, make_batch, update_policy
 from litsim_research.predictors.checkpoint import checkpoint, save_checkpoint
+from litsim_research.predictors.training.curves import Lines, plot_curves
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.files import replacing

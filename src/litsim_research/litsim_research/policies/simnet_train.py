@@ -25,12 +25,13 @@ from tqdm import tqdm
 from litsim_research.baselines.simnet.output import FUTURE
 from litsim_research.policies.checkpoint import CHECKPOINT, CURVES, HISTORY, ResumableTraining, write_history
 from litsim_research.policies.data import DataConfig, TrainingData, prepare
-from litsim_research.policies.plots import SIMNET_PANELS, plot_curves
+from litsim_research.policies.plots import SIMNET_PANELS
 from litsim_research.policies.ppo import refuse_divergence
 from litsim_research.policies.simnet_data import Moments, PerturbationConfig, Samples
 from litsim_research.policies.simnet_network import SHAPES, Backbone, SimNet, ending, save
 from litsim_research.policies.training_program import training_parser, training_program
 from litsim_research.predictors.device import check_device
+from litsim_research.predictors.training.curves import plot_curves
 from litsim_sim.cli.program import program
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.yaml_input import read_yaml

@@ -1,28 +1,66 @@
-"""The picture of a training: error, likelihood and recognised manoeuvres, by epoch."""
+"""Pictures of learning curves, of all trainings."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
-PANELS: tuple[tuple[str, str, dict[str, str]], ...] = (
-    ("Error", "RMSE [m]", {"rmse": "training, all steps"} | {f"val_rmse_{k}": f"{k} s" for k in (1, 3, 5)}),
-    ("Likelihood", "negative log-likelihood [nats]", {"nll": "training", "val_nll": "validation"}),
-    ("Manoeuvres", "share right (validation)", {"val_maneuver": "predicted"}),
-)
-"""Title, unit, and the labels of the lines by the figures of an epoch that they show."""
+from litsim_sim.io.files import replacing
+
+Lines = Mapping[str, str]
+"""The lines of a panel: labels by the names of the history's entries."""
+
+COLUMNS = 3
+TRAINING, VALIDATION = "training", "validation"
+STYLE: Mapping[str, Mapping[str, Any]] = {
+    VALIDATION: {"marker": "o", "markersize": 3},
+    TRAINING: {"alpha": 0.7, "linewidth": 1.0},
+}
+PANELS: Mapping[str, Lines] = {
+    "RMSE [m]": {"rmse": "training, all steps"} | {f"val_rmse_{k}": f"{k} s" for k in (1, 3, 5)},
+    "negative log-likelihood [nats]": {"nll": TRAINING, "val_nll": VALIDATION},
+    "share of manoeuvres predicted right": {"val_maneuver": VALIDATION},
+}
+"""Those of a predictor's training."""
 
 
-def plot_curves(history: Sequence[Mapping[str, float]], path: Path) -> None:
-    """Draw the figures of the epochs in `history` into the image `path`."""
-    figure = Figure(figsize=(10, 3.2), layout="constrained")
-    epochs = [entry["epoch"] for entry in history]
-    for axes, (title, unit, lines) in zip(figure.subplots(1, len(PANELS)), PANELS, strict=True):
-        for key, label in lines.items():
-            axes.plot(epochs, [entry[key] for entry in history], marker=".", label=label)
-        axes.set(title=title, xlabel="epoch", ylabel=unit)
-        axes.grid(visible=True, alpha=0.3)
-        axes.legend(fontsize=8)
-    figure.savefig(path, dpi=110)
+def plot_curves(
+    history: Sequence[Mapping[str, float]],
+    path: Path,
+    panels: Mapping[str, Lines],
+    *,
+    along: str | None = None,
+    log: bool = False,
+) -> None:
+    """Writes a PNG of `history`; a value is drawn for the entries that contain it.
+
+    Args:
+        history: one entry per iteration, epoch or validation.
+        path: of the picture.
+        panels: lines that are drawn together, by title.
+        along: name of the entry on the horizontal axis; None for the number of the entry.
+        log: whether vertical axes are logarithmic.
+
+    Raises:
+        Unwritable: the picture cannot be written; what was there is kept.
+    """
+    rows = -(-len(panels) // COLUMNS)
+    figure = Figure(figsize=(13, 3.25 * rows), layout="constrained")
+    axes = figure.subplots(rows, COLUMNS, sharex=True, squeeze=False)
+    for axis, (title, lines) in zip(axes.ravel(), panels.items(), strict=True):
+        for name, label in lines.items():
+            at = [i for i, entry in enumerate(history) if name in entry]
+            counted = at if along is None else [history[i][along] for i in at]
+            axis.plot(counted, [history[i][name] for i in at], label=label, **STYLE.get(label, {}))
+        axis.set_title(title, fontsize=10)
+        axis.set_yscale("log" if log else "linear")
+        axis.grid(alpha=0.3)
+        if len(lines) > 1:
+            axis.legend(fontsize=8)
+    for axis in axes[-1]:
+        axis.set_xlabel("iteration" if along is None else along)
+    with replacing(path) as new:
+        figure.savefig(new, dpi=110, format="png")

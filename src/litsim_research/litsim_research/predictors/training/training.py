@@ -24,7 +24,7 @@ from litsim_research.predictors.models.model import SceneModel, negative_log_lik
 from litsim_research.predictors.models.registry import build
 from litsim_research.predictors.models.weights import load_model, save_model
 from litsim_research.predictors.training.config import TrainingConfig
-from litsim_research.predictors.training.curves import plot_curves
+from litsim_research.predictors.training.curves import PANELS, plot_curves
 from litsim_research.predictors.training.data import Locator, load_parts, targets_of
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
@@ -254,5 +254,4 @@ class Training:
         summary = {"best": self._best, "manifest": self._manifest, "epochs": self.history, "maneuvers": list(MANEUVERS)}
         with replacing(self._folder / HISTORY_FILE) as new:
             new.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
-        with replacing(self._folder / CURVES) as new:
-            plot_curves(self.history, new)
+        plot_curves(self.history, self._folder / CURVES, PANELS, along="epoch")
