@@ -30,6 +30,7 @@ setup(
             "train = litsim_research.cli.training:main",
             "score = litsim_research.cli.score:main",
             "export = litsim_research.cli.export:main",
+            "calibrate = litsim_research.cli.calibrate:main",
             "paper = litsim_research.cli.paper:main",
         ],
         # See litsim_sim.core.plugins for the groups.
