@@ -13,8 +13,8 @@ from litsim_policy.conflict.diverged import DivergedAgents, DivergedNow
 from litsim_policy.motion.reference_path import ReferencePath
 from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverState
 
-STRAIGHT = ReferencePath.of(np.column_stack([np.arange(300.0), np.zeros(300)]))
-ROUTE = ReferencePath.of(np.column_stack([np.arange(20.0, 260.0), np.full(240, 1.0)]))
+STRAIGHT = ReferencePath(np.column_stack([np.arange(300.0), np.zeros(300)]))
+ROUTE = ReferencePath(np.column_stack([np.arange(20.0, 260.0), np.full(240, 1.0)]))
 
 
 def opened(agent: int, path: ReferencePath = ROUTE, x: float = 50.0) -> DivergedAgents:

@@ -23,7 +23,7 @@ CONFIG = ConflictConfig(held_steps_min=5, clear_steps=5)
 
 
 def lane(y: float) -> ReferencePath:
-    return ReferencePath.of(np.column_stack([np.arange(500.0), np.full(500, y)]))
+    return ReferencePath(np.column_stack([np.arange(500.0), np.full(500, y)]))
 
 
 def diverged(count: int) -> DivergedAgents:

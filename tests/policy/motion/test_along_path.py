@@ -10,7 +10,7 @@ from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
 from litsim_sim.core.scene import AgentTable
 
-STRAIGHT = ReferencePath.of(np.column_stack([np.arange(-50.0, 400.0), np.zeros(450)]))
+STRAIGHT = ReferencePath(np.column_stack([np.arange(-50.0, 400.0), np.zeros(450)]))
 
 
 def along_path(path: ReferencePath, table: AgentTable, row: int, **options: float) -> AlongPath:
@@ -55,7 +55,7 @@ def test_someone_beside_the_path_is_in_the_way_of_a_vehicle_that_is_off_it(agent
 
 def test_gaps_run_along_a_bend(agent_table) -> None:
     angle = np.arange(0.0, 1.5, 0.01)
-    bend = ReferencePath.of(50.0 * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)]))
+    bend = ReferencePath(50.0 * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)]))
     at = {"x": 50.0 * np.sin(1.0), "y": 50.0 * (1.0 - np.cos(1.0)), "yaw": 1.0, "speed": 5.0}
     view = along_path(bend, agent_table(0, {"id": 1}, {"id": 2, **at}), 0)
     assert view.ahead[1] and view.in_path[1]
@@ -66,7 +66,7 @@ def test_gaps_run_along_a_bend(agent_table) -> None:
 def test_what_is_seen_is_what_each_agents_place_on_the_path_gives(agent_table, seed: int) -> None:
     random = np.random.default_rng(seed)
     turns = np.cumsum(random.normal(0.0, 0.05, 200))
-    path = ReferencePath.of(np.cumsum(np.column_stack([np.cos(turns), np.sin(turns)]), axis=0))
+    path = ReferencePath(np.cumsum(np.column_stack([np.cos(turns), np.sin(turns)]), axis=0))
     places = path.points[random.integers(0, 200, 30)] + random.normal(0.0, 4.0, (30, 2))
     agents = [
         {"id": k, "x": x, "y": y, "yaw": random.normal(0.0, 2.0), "speed": 10.0 * random.random()}

@@ -15,7 +15,7 @@ from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable
 from litsim_sim.lane_map.lane_map import LaneMap
 from polylines import polylines
 
-several_paths = polylines().map(lambda lines: [ReferencePath.of(line) for line in lines])
+several_paths = polylines().map(lambda lines: [ReferencePath(line) for line in lines])
 
 
 def test_no_paths_and_no_places() -> None:

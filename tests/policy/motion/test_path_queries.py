@@ -104,7 +104,7 @@ def test_windows_hold_what_is_around_an_arc_length_and_the_segments_there(lines,
 
 def test_a_window_of_a_road_that_goes_straight_on_for_long_begins_where_the_agent_is() -> None:
     """Between two vertices that are farther apart than a window is long, before a bend."""
-    path = ReferencePath.of(np.array([[0.0, 0.0], [10.0, 0.0], [500.0, 0.0], [510.0, 8.0]]))
+    path = ReferencePath(np.array([[0.0, 0.0], [10.0, 0.0], [500.0, 0.0], [510.0, 8.0]]))
     seen = window(path, 250.0, 1.0)
     assert seen.points.tolist() == [[10.0, 0.0], [500.0, 0.0]]
     s, d = seen.project(np.array([250.0]), np.array([1.0]))

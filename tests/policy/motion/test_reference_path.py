@@ -32,7 +32,7 @@ def winding_paths(draw: st.DrawFn) -> ReferencePath:
     heading = draw(st.floats(-3.0, 3.0)) + np.cumsum(turns)
     steps = sizes[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
     start = np.array([draw(st.floats(-100, 100)), draw(st.floats(-100, 100))])
-    return ReferencePath.of(start + np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]))
+    return ReferencePath(start + np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]))
 
 
 def project(path: ReferencePath, x: float, y: float) -> tuple[float, float]:
@@ -118,10 +118,8 @@ def test_a_lane_path_is_the_centre_line_from_a_pose_on(make_scenario, track, lan
 
 # pursuit_yaw_rate
 
-STRAIGHT = ReferencePath.of(np.column_stack([np.arange(0.0, 400.0), np.zeros(400)]))
-ARC = ReferencePath.of(
-    200.0 * np.column_stack([np.sin(np.arange(0, 1.5, 0.005)), 1 - np.cos(np.arange(0, 1.5, 0.005))])
-)
+STRAIGHT = ReferencePath(np.column_stack([np.arange(0.0, 400.0), np.zeros(400)]))
+ARC = ReferencePath(200.0 * np.column_stack([np.sin(np.arange(0, 1.5, 0.005)), 1 - np.cos(np.arange(0, 1.5, 0.005))]))
 
 
 def follow(path: ReferencePath, x: float, y: float, yaw: float, speed: float, steps: int) -> np.ndarray:

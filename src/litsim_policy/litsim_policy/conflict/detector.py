@@ -265,16 +265,15 @@ def pairs_in_region(agents: AgentArrays, of: Bools, others: Bools, radius: float
     """
     x, y = agents.x, agents.y
     count, pairs = 0, np.empty((of.sum() * others.sum(), 2), np.int64)
-    begin, end = 0, 0
+    seconds, begin, behind, end = others.nonzero()[0], 0, 0, 0
     vx, vy = agents.speed * np.cos(agents.yaw), agents.speed * np.sin(agents.yaw)
     for i in range(len(x)):
         if i == end:
-            begin, end = i, behind_scene(agents.scene, i)
+            end = behind_scene(agents.scene, i)
+            begin, behind = behind, int(np.searchsorted(seconds, end))
         if of[i]:
-            for j in range(begin, end):
-                if not others[j] or i == j:
-                    continue
-                if in_region(x[j] - x[i], y[j] - y[i], vx[j] - vx[i], vy[j] - vy[i], radius, time):
+            for j in seconds[begin:behind]:
+                if i != j and in_region(x[j] - x[i], y[j] - y[i], vx[j] - vx[i], vy[j] - vy[i], radius, time):
                     pairs[count, 0], pairs[count, 1] = i, j
                     count += 1
     return pairs[:count].copy()

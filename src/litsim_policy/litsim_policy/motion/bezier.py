@@ -7,6 +7,7 @@ import numpy as np
 from litsim_sim.core.scene import FloatArray
 
 HANDLE = 1.0 / 3.0  # length of a handle relative to the chord, between poses with equal headings
+LOOKS = np.linspace(0.0, 1.0, 33)[:, None]  # parameters at which the curvature is looked at
 
 
 def between(start: FloatArray, end: FloatArray) -> FloatArray:
@@ -40,8 +41,8 @@ def points(control: FloatArray, spacing: float) -> FloatArray:
 
 def curvature_max(control: FloatArray) -> float:
     """Returns the largest absolute curvature [1/m] at 33 parameters of the cubic; infinite at a cusp."""
-    t = np.linspace(0.0, 1.0, 33)[:, None]
-    a, b, c = np.diff(control, axis=0)
+    t = LOOKS
+    a, b, c = control[1:] - control[:-1]
     first = 3 * ((1 - t) ** 2 * a + 2 * t * (1 - t) * b + t**2 * c)
     second = 6 * ((1 - t) * (b - a) + t * (c - b))
     speed = np.hypot(first[:, 0], first[:, 1])

@@ -27,11 +27,9 @@ class ReferencePath:
 
     Attributes:
         points: (m, 2) in frame map [m], m >= 2, no two neighbours equal.
-        s: (m,) arc length from the first point [m].
     """
 
     points: FloatArray
-    s: FloatArray
 
     @classmethod
     def through(cls, points: FloatArray) -> ReferencePath:
@@ -43,12 +41,12 @@ class ReferencePath:
         rows = thinned(points, 0.5 * SPACING)
         if len(rows) < 2:
             raise ValueError("a path needs two points that differ")
-        return cls.of(points[rows])
+        return cls(points[rows])
 
-    @classmethod
-    def of(cls, points: FloatArray) -> ReferencePath:
-        """Returns path through exactly `points` (m, 2); no two neighbours may be equal."""
-        return cls(points, arc_lengths(points))
+    @cached_property
+    def s(self) -> FloatArray:
+        """Arc length (m,) of each point from the first [m]."""
+        return arc_lengths(self.points)
 
     def project(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the arc length s (n,) and offset d (n,), positive to the left, of the nearest point of the path [m].
@@ -69,7 +67,7 @@ class ReferencePath:
     def followed_by(self, other: ReferencePath) -> ReferencePath:
         """Returns this path, continued from its end along `other`."""
         s, _ = other.project(self.points[-1:, 0], self.points[-1:, 1])
-        return ReferencePath.of(np.concatenate([self.points, other.points[other.s > s[0] + 0.5 * SPACING]]))
+        return ReferencePath(np.concatenate([self.points, other.points[other.s > s[0] + 0.5 * SPACING]]))
 
     @cached_property
     def batch(self) -> PathBatch:
@@ -134,7 +132,7 @@ def lane_change_path(lane_map: LaneMap, pose: FloatArray, lane: Lane, reach: flo
 
 def lane_change(lane_map: LaneMap, pose: FloatArray, lane: Lane, reach: float) -> tuple[FloatArray, FloatArray]:
     """Control points (4, 2) of the curve of a :func:`lane_change_path`, and points (m, 2) of the lane beyond it."""
-    beside, _ = ReferencePath.of(lane.centerline).project(pose[:1], pose[1:2])
+    beside, _ = ReferencePath(lane.centerline).project(pose[:1], pose[1:2])
     far = max(reach, CHANGE_MIN)
     guide = ReferencePath.through(lane_map.path_from(lane_map.row(lane.id), float(beside[0]), far + LANE_LENGTH))
     end = np.array([*guide.point(far), guide.heading(np.array([far]))[0]])
@@ -143,7 +141,7 @@ def lane_change(lane_map: LaneMap, pose: FloatArray, lane: Lane, reach: float) -
 
 def _shifted(points: FloatArray, left: float) -> FloatArray:
     """Returns a polyline moved to the left by `left` [m], which fades to zero in proportion to the arc length."""
-    travelled = ReferencePath.of(points).s
+    travelled = arc_lengths(points)
     direction = np.gradient(points, axis=0)
     direction /= np.hypot(direction[:, 0], direction[:, 1])[:, None]
     normal = np.column_stack([-direction[:, 1], direction[:, 0]])
@@ -173,4 +171,4 @@ def window(path: ReferencePath, x: float, y: float) -> ReferencePath:
     """The part of `path` around a position in frame map [m] that takeovers contain (:meth:`.PathBatch.window`)."""
     s, _ = path.project(np.array([x]), np.array([y]))
     (begin,), (end,) = path.batch.window(s)
-    return ReferencePath.of(path.points[begin:end])
+    return ReferencePath(path.points[begin:end])

@@ -76,7 +76,7 @@ class Router:
             parts = [bezier.points(curve, SPACING) for curve in curves]
             points = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
             if not on_road or self._lanes.inside_road(points[:, 0], points[:, 1]).all():
-                return ReferencePath.of(points)
+                return ReferencePath(points)
         return None
 
     def beside(self, pose: FloatArray, reach: float, lane: int) -> ReferencePath | None:

@@ -98,7 +98,10 @@ def _overlapping(scene: Ints, x: Floats, y: Floats, yaw: Floats, length: Floats,
 
 def arc_lengths(points: FloatArray) -> FloatArray:
     """Returns the distances (m,) [m] along a polyline (m, 2) from its first point to each."""
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    step = points[1:] - points[:-1]
+    travelled = np.zeros(len(points))
+    np.cumsum(np.hypot(step[:, 0], step[:, 1]), out=travelled[1:])
+    return travelled
 
 
 def smooth_step(u: FloatArray | float) -> FloatArray:
