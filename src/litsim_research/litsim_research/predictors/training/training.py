@@ -58,7 +58,7 @@ class Training:
         )
         self._random = np.random.default_rng(config.seed)
         self._optimizer = torch.optim.AdamW(
-            self.model.parameters(), config.learning_rate, weight_decay=config.weight_decay
+            self.model.parameters(), config.learning_rate, weight_decay=config.weight_decay, fused=True
         )
         self._parts = load_parts(config, locate)
         teacher_paths = [weights_path(name) if name in SHIPPED else locate(name) for name in config.teachers]
@@ -142,7 +142,7 @@ class Training:
             group["lr"] = rate
         self.model.train()
         self.model.forcing = max(0.0, 1.0 - epoch / config.forcing_epochs) if config.forcing_epochs else 0.0
-        sums, count = np.zeros(3), 0
+        sums, count = torch.zeros(3, dtype=torch.float64, device=self._device), 0  # read once: a GPU need not wait
         batches = training_batches(
             self._parts["train"],
             config.agents_per_batch,
@@ -164,9 +164,9 @@ class Training:
             if self._averaged is not None:
                 self._averaged.update_parameters(self.model)
             agents = int(batch.target.sum())
-            sums += agents * np.array([float(part.detach()) for part in losses])
+            sums += agents * torch.stack(losses).detach().double()
             count += agents
-        nll_mean, error_mean, maneuver_mean = sums / max(count, 1)
+        nll_mean, error_mean, maneuver_mean = (sums / max(count, 1)).tolist()
         figures = {"nll": nll_mean, "rmse": error_mean**0.5, "maneuver": maneuver_mean, "learning_rate": rate}
         return {"epoch": epoch + 1, "agents": count} | figures | self._validate()
 
