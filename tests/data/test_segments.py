@@ -1,4 +1,4 @@
-"""Segments: where recordings are cut, who can be the ego, and what a manifest says of it."""
+"""Segments: where recordings are cut, who can be the ego, and that a manifest reproduces all of it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 
 from litsim_data import cli as data
 from litsim_data import segments
@@ -144,10 +145,10 @@ def test_the_digest_is_of_the_content(tmp_path: Path) -> None:
     assert segments.content_digest(Recording.of_table(made.header, table)) != segments.content_digest(made)
 
 
-def test_the_command_writes_scenarios_that_load_and_a_manifest(
+def test_the_command_writes_scenarios_that_load_and_a_manifest_that_reproduces_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file, out = tmp_path / "data" / "made.parquet", tmp_path / "cut"
+    file, out, again = tmp_path / "data" / "made.parquet", tmp_path / "cut", tmp_path / "elsewhere" / "again"
     long_recording(600).write(file)
     data.main(["segments", str(file), "--out", str(out), "--ego-min", "4", "--seed", "5"])
     assert "2 segments of 1 recordings" in capsys.readouterr().out
@@ -157,6 +158,12 @@ def test_the_command_writes_scenarios_that_load_and_a_manifest(
     assert (scenario.start_frame, scenario.total_steps, scenario.history_steps) == (480, 119, 30)
     assert not scenario.shortened
     assert str(tmp_path) not in (out / "manifest.yaml").read_text() + (out / "made_test_00.yaml").read_text()
+
+    data.main(["segments", "--manifest", str(out / "manifest.yaml"), "--out", str(again)])
+    assert [path.name for path in sorted(again.iterdir())] == names
+    assert Manifest.read(again / "manifest.yaml").segments == Manifest.read(out / "manifest.yaml").segments
+    Scenario.load(again / "made_train_00.yaml")
+    data.main(["segments", "--manifest", str(again / "manifest.yaml"), "--out", str(out)])
     assert Manifest.read(out / "manifest.yaml").recordings[0].file == "../data/made.parquet"
 
 
@@ -175,6 +182,8 @@ def test_scenarios_that_cannot_be_loaded_are_told(tmp_path: Path, capsys: pytest
     data.main([*command, "--coverage-min", "0.5"])
     assert "4 of 4 scenarios can be loaded" in capsys.readouterr().out
     assert 0.5 < Scenario.load(tmp_path / "cut" / "made_train_03.yaml").coverage < 0.9
+    data.main(["segments", "--manifest", str(tmp_path / "cut" / "manifest.yaml"), "--out", str(tmp_path / "b")])
+    assert "4 of 4" in capsys.readouterr().out
     table["y"] += 60.0
     Recording.of_table(made.header, table).write(tmp_path / "made.parquet")
     with pytest.raises(SystemExit) as stopped:
@@ -183,9 +192,36 @@ def test_scenarios_that_cannot_be_loaded_are_told(tmp_path: Path, capsys: pytest
     assert "0 of 4 scenarios can be loaded" in capsys.readouterr().out
 
 
+def test_manifests_refuse_other_recordings_and_edits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, out = tmp_path / "made.parquet", tmp_path / "cut"
+    long_recording(600).write(file)
+    data.main(["segments", str(file), "--out", str(out)])
+    again = ["segments", "--manifest", str(out / "manifest.yaml"), "--out", str(tmp_path / "again")]
+
+    def refused(message: str) -> None:
+        with pytest.raises(SystemExit) as stopped:
+            data.main(again)
+        assert stopped.value.code == 2
+        assert message in capsys.readouterr().err
+
+    text = (out / "manifest.yaml").read_text()
+    fields = yaml.safe_load(text)
+    fields["segments"][0]["ego"] += 1
+    (out / "manifest.yaml").write_text(yaml.safe_dump(fields))
+    refused("was it edited?")
+    (out / "manifest.yaml").write_text("litsim_segments: 2")
+    refused("field litsim_segments")
+    (out / "manifest.yaml").write_text(text)
+    long_recording(610).write(file)
+    refused("the digest of its content differs")
+    file.unlink()
+    refused("no such recording")
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        ([], "either recordings or --manifest"),
         (["absent.parquet"], "no such recording"),
         (["my run (1).parquet"], "my run (1).parquet: scenarios are named after the file: expected up to 100 letters"),
         ([str(packaged("scenarios/us101_like.parquet")), "--net", "absent.net.xml"], "expected a file there"),
@@ -215,3 +251,4 @@ def test_real_data_is_named_by_its_variable(tmp_path: Path, monkeypatch: pytest.
     manifest = Manifest.read(tmp_path / "cut" / "manifest.yaml")
     assert manifest.recordings[0].file == "${LITSIM_DATA}/site/made.parquet"
     assert Scenario.load(tmp_path / "cut" / "made_train_00.yaml").total_steps == 280
+    data.main(["segments", "--manifest", str(tmp_path / "cut" / "manifest.yaml"), "--out", str(tmp_path / "b" / "c")])

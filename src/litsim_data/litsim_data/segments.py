@@ -8,6 +8,7 @@ vehicles are split by id, as in the protocol of conv-social-pooling.
 from __future__ import annotations
 
 import hashlib
+import os
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, FloatArray, IntArray, Kind, is_obstacle
 from litsim_sim.io.yaml_input import read_yaml
+from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.recording import Recording
 
 Part = Literal["train", "val", "test"]
@@ -210,6 +212,25 @@ def _source(file: str, net: str, crop: dict[str, list[float]] | None, recording:
     ids = last_ids(recording.columns["vehicle_id"][vehicles])
     span = int(frames.min()), int(frames.max())
     return Source(file=file, crop=crop, digest=content_digest(recording), net=net, frames=span, vehicles=ids)
+
+
+def reproduce(manifest: Manifest, folder: Path) -> tuple[Manifest, list[Recording]]:
+    """Cuts the recordings of `manifest`, which lies in `folder`, again.
+
+    Returns:
+        The new manifest, and its recordings, cropped.
+
+    Raises:
+        InputError: a recording is missing, or its content has changed.
+    """
+    sources = []
+    for source in manifest.recordings:
+        path = folder / os.path.expandvars(source.file)
+        recording = load_recording(path, source.crop)
+        if content_digest(recording) != source.digest:
+            raise InputError(f"{path}: not the recording that the manifest names: the digest of its content differs")
+        sources.append((source.file, source.net, source.crop, recording))
+    return cut(sources, manifest.settings), [recording for *_, recording in sources]
 
 
 def content_digest(recording: Recording) -> str:

@@ -24,7 +24,8 @@ from litsim_sim.scenario.usability import Usability, describe, survey
 def add(subparsers: Any) -> None:
     """Adds the parser of the command."""
     command = subparsers.add_parser("segments", help="cut recordings into scenarios of 28 s, split 70/10/20")
-    command.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING", help="of any known format")
+    command.add_argument("recordings", nargs="*", type=Path, metavar="RECORDING", help="of any known format")
+    command.add_argument("--manifest", type=Path, help="instead: reproduce this manifest and its scenario files")
     command.add_argument("--out", type=Path, required=True, metavar="DIR")
     command.add_argument("--net", help="packaged net or file; default: the one that the recording names")
     command.add_argument("--crop", nargs=3, action="append", metavar=("COLUMN", "LOW", "HIGH"), help="as for convert")
@@ -54,21 +55,26 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         InputError: a recording, its net or OUT cannot be used, or the arguments do not fit each other.
     """
-    crop = parse_crop(arguments.crop)
-    try:
-        settings = segments.Settings(
-            seed=arguments.seed,
-            history_s=arguments.history,
-            simulation_s=arguments.simulation,
-            stride_s=arguments.stride,
-            ego_min_s=arguments.ego_min,
-            split=tuple(arguments.split),
-            coverage_min=arguments.coverage_min,
-        )
-    except ValidationError as error:
-        problem = error.errors()[0]
-        raise InputError(f"{'.'.join(map(str, problem['loc']))} is {problem['input']}: {problem['msg']}") from error
-    manifest, recordings = _cut_files(arguments.recordings, arguments.out, arguments.net, crop or None, settings)
+    if bool(arguments.recordings) == bool(arguments.manifest):
+        raise InputError("expected either recordings or --manifest")
+    if arguments.manifest:
+        manifest, recordings = _reproduce(arguments.manifest, arguments.out)
+    else:
+        crop = parse_crop(arguments.crop)
+        try:
+            settings = segments.Settings(
+                seed=arguments.seed,
+                history_s=arguments.history,
+                simulation_s=arguments.simulation,
+                stride_s=arguments.stride,
+                ego_min_s=arguments.ego_min,
+                split=tuple(arguments.split),
+                coverage_min=arguments.coverage_min,
+            )
+        except ValidationError as error:
+            problem = error.errors()[0]
+            raise InputError(f"{'.'.join(map(str, problem['loc']))} is {problem['input']}: {problem['msg']}") from error
+        manifest, recordings = _cut_files(arguments.recordings, arguments.out, arguments.net, crop or None, settings)
     usability = _usability(manifest, arguments.out, recordings)
     print(segments.describe(manifest))
     print(describe(usability))
@@ -91,6 +97,30 @@ def _cut_files(
     manifest = segments.cut(sources, settings)
     segments.write(manifest, out)
     return manifest, [recording for *_, recording in sources]
+
+
+def _reproduce(path: Path, out: Path) -> tuple[segments.Manifest, list[Recording]]:
+    """Cuts again by the manifest at `path`, writes to `out`, and returns the same as :func:`_cut_files`."""
+    manifest = segments.Manifest.read(path)
+    again, cropped = segments.reproduce(manifest, path.parent)
+    if again != manifest:
+        raise InputError(f"{path}: its recordings and settings give other segments than it lists: was it edited?")
+
+    def moved(name: str, *, stays: bool) -> str:
+        return name if stays else _stored(path.parent / name, out)
+
+    recordings = [
+        source.model_copy(
+            update={
+                "file": moved(source.file, stays=source.file.startswith("$")),
+                "net": moved(source.net, stays=source.net in packaged_nets()),
+            }
+        )
+        for source in again.recordings
+    ]
+    again = again.model_copy(update={"recordings": recordings})
+    segments.write(again, out)
+    return again, cropped
 
 
 def _stored(path: Path, folder: Path) -> str:
