@@ -16,13 +16,7 @@ import numpy as np
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.run_end import RunEnd
-from litsim_sim.core.scene import (
-    AgentTable,
-    ByteArray,
-    ControlTable,
-    EgoCommand,
-    IntArray,
-)
+from litsim_sim.core.scene import AgentTable, ByteArray, ControlTable, EgoCommand, IntArray
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.step_marks import marks_of
@@ -357,14 +351,10 @@ class _Content:
 
     def by_step(self) -> dict[str, Any]:
         """Returns the attributes of a :class:`Run` with what was published at each step."""
-        of_topics = {
-            "controls": (CONTROLS, ControlTable.of_message),
-            "ego_commands": (self._ego_topic, EgoCommand.of_message),
-            "takeovers": (TAKEOVERS, _takeovers),
-            "detections": (TAKEOVERS, _detection),
-        }
         views: dict[str, Any] = {
-            name: self._view(topic, self._places.get(topic, {}), read) for name, (topic, read) in of_topics.items()
+            name: self._view(topic, self._places.get(topic, {}), read)
+            for topic in (CONTROLS, TAKEOVERS, self._ego_topic)
+            for name, read in OF_STEP[topic].items()
         }
         for name, read in (("timing", attrgetter("compute_time")), ("marks", _marks)):
             views[name] = {stage: self._view(TIMING, places, read) for stage, places in self._stages.items()}
@@ -400,7 +390,8 @@ class _Content:
         if topic == AGENTS:
             self.tables.add(AgentTable.of_message(message))
         elif topic in {CONTROLS, TAKEOVERS, self._ego_topic}:
-            CHECKS[topic](message)
+            for read in OF_STEP[topic].values():  # to find now what cannot be read when it is asked for
+                read(message)
             self._store(self._places.setdefault(topic, {}), step, data)
         elif topic == TIMING:
             self._store(self._stages.setdefault(message.stage, {}), step, data)
@@ -444,13 +435,13 @@ def _marks(message: Any) -> dict[str, float]:
     return marks_of(message.text)
 
 
-CHECKS: dict[str, Callable[[Any], object]] = {
-    CONTROLS: ControlTable.of_message,
-    EGO_CONTROL: EgoCommand.of_message,
-    EGO_APPLIED: EgoCommand.of_message,
-    TAKEOVERS: lambda message: (_takeovers(message), _detection(message)),
+OF_STEP: dict[str, dict[str, Callable[[Any], Any]]] = {
+    CONTROLS: {"controls": ControlTable.of_message},
+    TAKEOVERS: {"takeovers": _takeovers, "detections": _detection},
+    EGO_CONTROL: {"ego_commands": EgoCommand.of_message},
+    EGO_APPLIED: {"ego_commands": EgoCommand.of_message},
 }
-"""What is made of the messages of a topic when they are asked for; made once before, to find what cannot be."""
+"""Attributes of a :class:`Run` by step, by the topic of the messages that they are read from."""
 
 
 def _log(reader: BagReader, scenario_yaml: str, steps: IntArray) -> Sequence[AgentTable]:
