@@ -2,11 +2,11 @@
 
     ./litsim exec python benchmarks/search/compare.py [--careful] [--runs 200] [--seeds 5] [--out bags/planted]
 
-Prints a table in Markdown. A weakness is found by a failure that the ego without it does not have with the same
-changes. `first` is the number of runs until then, `near` that until a failure within 1.25 times the least distance of
-all searches of the weakness, `margin` the least distance itself: medians over the seeds, with the budget where there
-was none. `any` is the least distance of a failure that the ego without the weakness may have, too. With --careful it
-prints instead what the same searches find of an ego that brakes as the careful driver of UN Regulation 157.
+Prints a table in Markdown, for TPE and for random search: `tpe / random`. A weakness is found by a failure that the ego
+without it does not have with the same changes. `found` is the number of searches that do, `first` the number of runs
+until then, `near` that until a failure within 1.25 times the least distance of all searches of the weakness, `margin`
+the least distance itself, `any` that of all failures: medians over the seeds, with the budget where there was none.
+With --careful it prints instead what the same searches find of an ego that drives as a careful driver.
 
 Runs are made in this process, with policy `replay`; what became of them is kept, and not run again. As what random
 search tries does not depend on what became of it, only those of its runs are made that the table needs.
@@ -23,7 +23,6 @@ from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import product
 from math import inf
 from pathlib import Path
 from statistics import median
@@ -143,23 +142,24 @@ def searched(road: Road, weakness: str, sampler: str, seed: int, runs: int) -> S
 
 
 def print_planted(roads: dict[str, Road], seeds: int, budget: int) -> None:
-    """Prints a row for each weakness and sampler."""
-    names = ("case", "weakness", "search", "found", "first", "near", "margin", "any")
-    print(f"| {' | '.join(names)} |\n|---|---|---|{'---:|' * 5}", flush=True)
+    """Prints a row for each weakness, with a number for each sampler in each cell."""
+    print("| case | weakness | found | first | near | margin | any |\n|---|---|---:|---:|---:|---:|---:|", flush=True)
     for case, weakness, _ in PLANTED:
-        searches, margins = dict[str, list[Searched]](), dict[str, list[tuple[float, float]]]()
-        for seed, sampler in product(range(seeds), SAMPLERS):
-            one = searched(roads[case], weakness, sampler, seed, budget)
-            searches.setdefault(sampler, []).append(one)
-            margins.setdefault(sampler, []).append(one.margins())
-            print(f"{case}, {sampler}, seed {seed}: {margins[sampler][-1]}", file=sys.stderr, flush=True)
+        searches = {
+            sampler: [searched(roads[case], weakness, sampler, seed, budget) for seed in range(seeds)]
+            for sampler in SAMPLERS
+        }
+        margins = {sampler: [each.margins() for each in some] for sampler, some in searches.items()}
+        print(f"{case}: {margins}", file=sys.stderr, flush=True)
         least = min(alone for some in margins.values() for alone, _ in some)
+        columns = []
         for sampler, some in searches.items():
-            count = sum(alone < inf for alone, _ in margins[sampler])
-            until = (f"{median(each.until(d, budget) for each in some):g}" for d in (inf, NEAR * least))
-            medians = (f"{median(each):.2f}" for each in zip(*margins[sampler], strict=True))  # infinite for none
-            cells = (case, f"`{weakness}`", sampler, f"{count} of {seeds}", *until, *medians)
-            print(f"| {' | '.join(cells)} |", flush=True)
+            alone, anyway = zip(*margins[sampler], strict=True)
+            runs = [median(each.until(distance, budget) for each in some) for distance in (inf, NEAR * least)]
+            counts = [sum(each < inf for each in alone), *runs]
+            columns.append([f"{each:g}" for each in counts] + [f"{median(each):.2f}" for each in (alone, anyway)])
+        cells = (case, f"`{weakness}`", *map(" / ".join, zip(*columns, strict=True)))
+        print(f"| {' | '.join(cells)} |", flush=True)
 
 
 def print_careful(roads: dict[str, Road], seeds: int, budget: int) -> None:
