@@ -76,7 +76,7 @@ def test_figures_are_of_what_has_been_run(out: Path, monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize(
     ("what", "egos", "rows"),
     [
-        ("ablation", ["--ego", "idm"], ("M0", "M1", "M2", "litsim")),
+        ("ablation", ["--ego", "idm"], ("M0", "M1", "M2", "paper", "litsim")),
         ("deviating", [], ("replay", "idm", "litsim", "paper")),
     ],
 )
