@@ -92,7 +92,7 @@ class Road:
         gc.collect()  # the run before: it refers to itself, and the collector does not know how large arrays are
         run = record(Runner(replace(self._plan, scenario=scenario), ego=ego))
         result = RunResult.judged(self._case, compute_metrics(run), self._criteria)
-        outcome = outcome_of(result, proposal)
+        outcome = outcome_of(result, proposal, scenario.history_steps)
         return outcome, missed_by(result) if outcome == Outcome.FAILED else "", closeness(result.metrics)
 
 

@@ -16,6 +16,7 @@ OTHER = 7
 CUT_IN, BRAKE = Proposal("cut_in", OTHER, 4.0), Proposal("brake", OTHER, 4.0)
 
 
+FREE = 10
 HIT = {"agent": 9, "ego_at_fault": False, "in_log": False, "verdict": "rear", "delta_v_mps": 2.0}
 
 
@@ -27,6 +28,7 @@ def result(
     off_road: float = 0.0,
     hit_at: int | None = None,
     red_at: int | None = None,
+    perceived_at: int = 40,
 ) -> RunResult:
     """Returns a run with a contact at step 50, one by which the ego is hit from behind, and a red light."""
     verdict = {
@@ -37,7 +39,7 @@ def result(
         "verdict": "front",
         "delta_v_mps": 2.0,
     }
-    careful = {"agent": OTHER, "step": 50, "avoided": avoided}
+    careful = {"agent": OTHER, "step": 50, "avoided": avoided, "perceived_step": perceived_at}
     metrics: dict[str, Any] = {
         "valid": True,
         "collision": {
@@ -74,29 +76,50 @@ def result(
     ],
 )
 def test_contacts(fault: bool, avoided: bool, proposal: Proposal, outcome: Outcome) -> None:
-    assert outcome_of(result(fault=fault, avoided=avoided), proposal) == outcome
+    assert outcome_of(result(fault=fault, avoided=avoided), proposal, FREE) == outcome
 
 
 def test_what_follows_a_forced_contact_is_forced() -> None:
-    assert outcome_of(result(fault=False, avoided=False, off_road=0.1), BRAKE) == Outcome.FORCED
-    assert outcome_of(result(fault=False, avoided=False, off_road=0.1, contact=False), BRAKE) == Outcome.FAILED
+    assert outcome_of(result(fault=False, avoided=False, off_road=0.1), BRAKE, FREE) == Outcome.FORCED
+    assert outcome_of(result(fault=False, avoided=False, off_road=0.1, contact=False), BRAKE, FREE) == Outcome.FAILED
 
 
 def test_what_follows_when_it_was_hit_is_forced() -> None:
-    assert outcome_of(result(fault=True, avoided=True, hit_at=30), BRAKE) == Outcome.FORCED
+    assert outcome_of(result(fault=True, avoided=True, hit_at=30), BRAKE, FREE) == Outcome.FORCED
     hit_later = result(fault=True, avoided=True, hit_at=70)
-    assert outcome_of(hit_later, BRAKE) == Outcome.FAILED and missed_by(hit_later) == "no contact at fault, front"
+    assert outcome_of(hit_later, BRAKE, FREE) == Outcome.FAILED and missed_by(hit_later) == "no contact at fault, front"
 
 
 @pytest.mark.parametrize(("red_at", "outcome"), [(40, Outcome.FAILED), (60, Outcome.FORCED)])
 def test_a_red_light_counts_unless_a_forced_contact_came_before(red_at: int, outcome: Outcome) -> None:
-    assert outcome_of(result(fault=False, avoided=False, red_at=red_at), BRAKE) == outcome
+    assert outcome_of(result(fault=False, avoided=False, red_at=red_at), BRAKE, FREE) == outcome
+
+
+@pytest.mark.parametrize(
+    ("avoided", "perceived_at", "free", "outcome"),
+    [
+        (False, 50, 40, Outcome.FORCED),
+        (True, 45, 40, Outcome.FAILED),
+        (True, 35, 40, Outcome.FORCED),  # before the ego drove
+        (False, 50, 30, Outcome.FAILED),
+    ],
+)
+def test_a_risk_that_was_there_when_the_ego_began_to_drive(
+    avoided: bool, perceived_at: int, free: int, outcome: Outcome
+) -> None:
+    run = result(fault=True, avoided=avoided, perceived_at=perceived_at)
+    assert outcome_of(run, Proposal(z={"start.faster": 3.0}), free) == outcome
+
+
+def test_a_red_light_just_ahead_when_the_ego_began_to_drive_is_forced() -> None:
+    run = result(fault=False, avoided=False, contact=False, red_at=50)
+    assert [outcome_of(run, BRAKE, free) for free in (20, 45)] == [Outcome.FAILED, Outcome.FORCED]
 
 
 def test_groups_and_errors() -> None:
     assert missed_by(result(fault=True, avoided=True)) == "no contact at fault, front"
     assert missed_by(result(fault=False, avoided=False, contact=False, off_road=0.1)) == "on the road"
-    assert outcome_of(RunResult.error(cases()[0], "it crashed"), BRAKE) == Outcome.ERROR
+    assert outcome_of(RunResult.error(cases()[0], "it crashed"), BRAKE, FREE) == Outcome.ERROR
 
 
 def test_closeness_is_by_the_time_to_a_collision_of_its_own() -> None:

@@ -6,14 +6,17 @@ from collections.abc import Mapping
 from enum import StrEnum
 from typing import Any
 
+from litsim_eval.analysis.careful_driver import TTC_S
 from litsim_eval.campaign.criteria import Verdict
 from litsim_eval.campaign.reasons import avoidable, red_lights
 from litsim_eval.campaign.results import RunResult
 from litsim_eval.search.space import Proposal
+from litsim_sim.core.scene import STEP_S
 
 OF_CONTACTS = {"collision.ego_at_fault", "safety.avoidable_contacts", "safety.min_own_ttc_s"}
 """Criteria that a run misses because of contacts."""
-TTC_S, HEADWAY_S = 3.0, 3.0  # [s] from which on a run is not near to a contact
+RED = "signals.red_ego"
+NEAR_TTC_S, NEAR_HEADWAY_S = 3.0, 3.0  # from which on a run is not near to a contact
 
 
 class Outcome(StrEnum):
@@ -25,26 +28,37 @@ class Outcome(StrEnum):
     ERROR = "error"  # not judged
 
 
-def outcome_of(result: RunResult, proposal: Proposal) -> Outcome:
-    """Returns what became of a run.
+def outcome_of(result: RunResult, proposal: Proposal, free_step: int) -> Outcome:
+    """Returns what became of a run in which the ego drives from `free_step` on.
 
     Of contacts the first decides: what follows, such as contacts of a vehicle that was hit, is a consequence. It counts
-    if the ego is at fault, or if the careful driver of UN Regulation 157 avoids it in the ego's place. One with the
-    agent that cuts in counts only if the careful driver avoids it: the metric of fault does not know who came into
-    whose way. A run whose first contact does not count is forced, unless the ego passed a red light before.
+    if the ego is at fault, or if the careful driver of UN Regulation 157 avoids it in the ego's place. Two kinds count
+    only if the careful driver avoids them, by braking while the ego is free: those within the time to collision at
+    which that driver perceives a risk, which was there when the ego began to drive; and those with the agent that cuts
+    in, as the metric of fault does not know who came into whose way. A run whose first contact does not count is
+    forced, and so is one with nothing but red lights in that first time.
     """
     if result.verdict == Verdict.ERROR:
         return Outcome.ERROR
     if result.verdict == Verdict.PASSED:
         return Outcome.PASSED
-    metrics = result.metrics or {}
-    first, reds = first_contacts(metrics), red_lights(metrics) if metrics.get("signals") else ()
-    if not first or any(each["step"] <= first[0]["step"] for each in reds):
+    metrics, own_from = result.metrics or {}, free_step + round(TTC_S / STEP_S)
+    first = first_contacts(metrics)
+    reds = [each["step"] for each in (red_lights(metrics) if metrics.get("signals") else ())]
+    if any(step >= own_from and (not first or step <= first[0]["step"]) for step in reds):
         return Outcome.FAILED
-    careful = {each["agent"] for each in avoidable(metrics)}
+    if not first:
+        only_reds = {each.field for each in result.criteria if not each.passed} == {RED}
+        return Outcome.FORCED if only_reds else Outcome.FAILED
+    careful = {each["agent"]: each["perceived_step"] for each in avoidable(metrics)}
     cutting_in = proposal.agent if proposal.act == "cut_in" else None
-    counts = any(each["agent"] in careful or (each["ego_at_fault"] and each["agent"] != cutting_in) for each in first)
-    return Outcome.FAILED if counts else Outcome.FORCED
+
+    def counts(contact: Mapping[str, Any]) -> bool:
+        if contact["step"] < own_from or contact["agent"] == cutting_in:
+            return bool(careful.get(contact["agent"], -1) >= free_step)
+        return contact["ego_at_fault"] or contact["agent"] in careful
+
+    return Outcome.FAILED if any(map(counts, first)) else Outcome.FORCED
 
 
 def first_contacts(metrics: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -65,6 +79,6 @@ def closeness(metrics: Mapping[str, Any] | None) -> float:
     if metrics is None:
         return 0.0
     ttc, headway = metrics["safety"]["min_own_ttc_s"], metrics["safety"]["min_headway_s"]
-    by_ttc = 0.0 if ttc is None else 1.0 - min(ttc, TTC_S) / TTC_S
-    by_headway = 0.0 if headway is None else 0.3 * (1.0 - min(headway, HEADWAY_S) / HEADWAY_S)
+    by_ttc = 0.0 if ttc is None else 1.0 - min(ttc, NEAR_TTC_S) / NEAR_TTC_S
+    by_headway = 0.0 if headway is None else 0.3 * (1.0 - min(headway, NEAR_HEADWAY_S) / NEAR_HEADWAY_S)
     return max(by_ttc, by_headway)

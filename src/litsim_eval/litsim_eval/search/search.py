@@ -268,7 +268,7 @@ class Search:
     def _tried(one: _One, number: int, how: str, proposal: Proposal) -> Tried:
         """Returns what became of a proposal."""
         result, distance = one.results[number], round(one.exploration.space.distance(proposal), 4)
-        outcome = outcome_of(result, proposal)
+        outcome = outcome_of(result, proposal, one.exploration.space.scenario.history_steps)
         group = missed_by(result) if outcome == Outcome.FAILED else ""
         return Tried(number, how, proposal, distance, outcome, group, closeness(result.metrics))
 
@@ -355,7 +355,8 @@ class Search:
             distances={name: round(z, 3) for name, z in space.distances(tried.proposal).items()},
             changes=[change.text for change in space.changes(tried.proposal)] or ["as recorded"],
             reason=result.reason,
-            holds=outcome_of(again, tried.proposal) == Outcome.FAILED and missed_by(again) == tried.group,
+            holds=outcome_of(again, tried.proposal, space.scenario.history_steps) == Outcome.FAILED
+            and missed_by(again) == tried.group,
             careful_driver=contact[0]["agent"] in careful if contact else None,
             digest=metrics["digest"],
             rerun=rerun_command(self._folder.path, one.cases[tried.number]),
