@@ -24,7 +24,7 @@ class Outcome(StrEnum):
 
     PASSED = "passed"
     FAILED = "failed"  # by the stack
-    FORCED = "forced"  # a contact that the background forces
+    FORCED = "forced"  # by the background, or by how the ego started
     ERROR = "error"  # not judged
 
 
