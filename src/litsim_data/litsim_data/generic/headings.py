@@ -51,8 +51,8 @@ def direction_of_motion(vehicle: IntArray, x: FloatArray, y: FloatArray, least: 
         least: way [m] below which a vehicle stands.
     """
     index = np.arange(len(vehicle))
-    first = np.flatnonzero(np.r_[True, vehicle[1:] != vehicle[:-1]])
-    track = np.cumsum(np.r_[True, vehicle[1:] != vehicle[:-1]]) - 1
+    begins = np.r_[True, vehicle[1:] != vehicle[:-1]]
+    first, track = np.flatnonzero(begins), np.cumsum(begins) - 1
     last = np.r_[first[1:], len(vehicle)] - 1
     before, after = np.maximum(index - SMOOTHED, first[track]), np.minimum(index + SMOOTHED, last[track])
     dx, dy = x[after] - x[before], y[after] - y[before]

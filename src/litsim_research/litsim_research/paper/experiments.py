@@ -31,16 +31,16 @@ def _row(name: str, kind: str, **parameters: Any) -> PolicySetup:
     return PolicySetup(name=name, kind=kind, parameters={k.replace("__", "."): v for k, v in parameters.items()})
 
 
-def _of_paper(name: str, kind: str = OURS, **parameters: Any) -> PolicySetup:
+def _of_paper(name: str, kind: str = OURS, parameters: Mapping[str, Any] | None = None) -> PolicySetup:
     """Returns the paper's configuration with a ROI of 15 m and other `parameters`; only `OURS` reads its policy's."""
     paper = setup_of(PAPER_SETUP).parameters
     inherited = {key: value for key, value in paper.items() if kind == OURS or not key.startswith("policy.")}
-    row = _row(name, kind, predictor__roi_m=15.0, conflict__roi_m=15.0, **parameters)
-    return row.model_copy(update={"parameters": inherited | row.parameters})
+    small = {"predictor.roi_m": 15.0, "conflict.roi_m": 15.0}
+    return PolicySetup(name=name, kind=kind, parameters={**inherited, **small, **(parameters or {})})
 
 
 ABLATION: tuple[Policy, ...] = (
-    _of_paper("M0", "yield", predictor__model="kinematic"),
+    _of_paper("M0", "yield", {"predictor.model": "kinematic"}),
     _of_paper("M1", "yield"),
     _of_paper("M2"),
     PAPER_SETUP,

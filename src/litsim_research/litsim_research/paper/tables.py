@@ -311,9 +311,9 @@ def summary(records: Sequence[Row], *, counts_alone: bool = False) -> list[str]:
         cells.append([f"`{ego}`", f"`{method}`", number, *values, *sums])
     lines = markdown(headings, cells, right=len(headings) - 2)
     names = [SET_NAMES[tag] for tag in sets if tag in SET_NAMES]
-    return (
-        [f"Where a cell has several values: {', '.join(names)}.", "", *lines] if len(names) > 1 and measures else lines
-    )
+    if len(names) > 1 and measures:
+        lines = [f"Where a cell has several values: {', '.join(names)}.", "", *lines]
+    return lines
 
 
 def goals_table(records: Sequence[GoalRow]) -> list[str]:
