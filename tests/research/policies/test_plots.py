@@ -31,6 +31,15 @@ def test_validations_are_drawn_where_they_were_made(tmp_path: Path, drawn: list[
     assert lines == {"training": [[0, 0.5], [1, 0.5], [2, 0.5]], "validation": [[1, 0.25]]}
 
 
+def test_what_was_not_measured_is_not_drawn(tmp_path: Path, drawn: list[Figure]) -> None:
+    """A training without a critic used to have two empty panels."""
+    history = [{"penalty": -0.5, "collisions": 1.0, "off_road": 0.0, "guard": 0.1}] * 2
+    plot_curves(history, tmp_path / "curves.png", PANELS)
+    assert [axis.get_title() for axis in drawn[0].axes] == [
+        title for title in PANELS if "guard" in title or "1000" in title or "penalty" in title
+    ]
+
+
 def test_curves_along_what_was_learned(tmp_path: Path, drawn: list[Figure]) -> None:
     names = [name for lines in SIMNET_PANELS.values() for name in lines]
     history = [{"batches": 500.0 * k} | dict.fromkeys(names, 10.0**-k) for k in (1, 2)]

@@ -14,13 +14,17 @@ import torch
 import yaml
 from safetensors import safe_open
 
+from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.policy_network import PolicyNetwork, shipped_weights
 from litsim_research.policies import checkpoint, train
 from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.data import REPORTED, DataConfig, RealWindow, prepare
+from litsim_research.policies.episodes import Course, EnvironmentConfig
 from litsim_research.policies.expert import expert_pairs
-from litsim_research.policies.network import GaussianPolicy
+from litsim_research.policies.network import GaussianPolicy, driving_network
 from litsim_research.policies.ppo import tensor
+from litsim_research.policies.rollout import HereDriving, collect
+from litsim_research.policies.rules import learn_rules
 from litsim_research.policies.warm_start import WarmStart, clone
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import read_yaml
@@ -56,11 +60,36 @@ def test_a_residual_policy_is_trained_without_drivers(file: Path, tmp_path: Path
     given = yaml.safe_load(file.read_text()) | {"observation": {"residual": True}}
     with pytest.raises(ValueError, match=r"observation.residual is true, expected critic_reward"):
         TrainConfig(**given)
-    given |= {"critic_reward": 0.0, "warm_start": {"epochs": 0}, "penalty": {"displacement": 1.0, "control": 0.1}}
+    given |= {"critic_reward": 0.0, "rule_rounds": 1, "penalty": {"displacement": 1.0, "control": 0.1}}
     config = TrainConfig(**(given | {"ppo": {"epochs": 2, "batch": 32, "imitation_weight": 0.0, "value_first": 0}}))
+    with pytest.raises(ValueError, match=r"rule_rounds are given, expected observation.residual"):
+        TrainConfig(**(given | {"observation": {}}))
     training = train.run(config, tmp_path, progress=False)
     assert PolicyNetwork.load(tmp_path / checkpoint.LAST).observation.residual
     assert len(training.history) == 2 and "critic_accuracy" not in training.history[0]
+
+
+def test_a_residual_policy_learns_to_keep_the_rules_where_it_comes(make_scenario, track) -> None:
+    """Agents behind one that brakes: without the rules they drive into it, and half of their braking is learned."""
+    tracks = [track(k, x=200.0 - 22.0 * k, speed=15.0, last=120) for k in range(5)]
+    scenario, observation = make_scenario(*tracks, ego=0), ObservationConfig(ahead=True, residual=True)
+    given = {"data": {}, "critic_reward": 0.0, "rule_rounds": 3, "warm_start": {"epochs": 20}, "transitions": 600}
+    config = TrainConfig(observation=observation, ppo={"imitation_weight": 0.0}, **given)
+    driving = HereDriving(Course([scenario], EnvironmentConfig(sampled=4), observation))
+
+    def error(policy: GaussianPolicy) -> tuple[float, float]:
+        tracks = collect(driving.episodes(policy, range(100, 110), draws=False))[0]
+        seen = np.concatenate([track.observation[:-1] for track in tracks])
+        advice = np.concatenate([track.advice for track in tracks])
+        assert (advice[:, 0] <= 0.0).all() and (advice[:, 1:] == 0.0).all()
+        return float(np.square(driving_network(policy).mean(seen) - advice)[:, 0].mean()), float(advice[:, 0].min())
+
+    torch.manual_seed(0)
+    policy = GaussianPolicy(observation)
+    before, hardest = error(policy)
+    assert hardest < -0.3
+    learn_rules(policy, driving, config, progress=False)
+    assert error(policy)[0] < 0.5 * before
 
 
 def test_drivers_are_imitated(file: Path) -> None:
@@ -184,15 +213,10 @@ def test_what_is_reported_on_is_never_learned_from(frames: tuple[int, int], *, f
 
 
 def test_the_packaged_weights_say_how_they_were_made() -> None:
-    """By the packaged configuration, iterations apart: a training may be ended where its validation is best.
-
-    Trainings had more settings when these weights were made.
-    """
+    """By the packaged configuration; they are those of the iteration whose validation is best."""
     config = read_yaml(CONFIG / "policy_c.yaml", TrainConfig)
     with safe_open(shipped_weights("residual"), "np") as file:
         about = file.metadata()
-    made = json.loads(about["config"])
-    for part, setting in config.model_dump(mode="json").items():
-        assert setting == ({name: made[part][name] for name in setting} if isinstance(setting, dict) else made[part])
+    assert json.loads(about["config"]) == config.model_dump(mode="json")
     assert about["seed"] == str(config.seed) and re.fullmatch("[0-9a-f]{64}", about["data"])
     assert 0 < int(about["iterations"]) <= config.iterations

@@ -60,10 +60,7 @@ def along_log(log: Log, agents: PathFollowers, lag: IntArray) -> FloatArray:
 
 
 class OwnLogs:
-    """Logs as something that drives: on as the own log does, with a lag.
-
-    Unless `rules` is off, agents keep their distance to those ahead, make room for merging ones and wait for crossing
-    ones (:mod:`.yielding_rules`). They stop at red lights.
+    """Logs as something that drives: on as the own log does, with a lag, and within the rules.
 
     Attributes:
         log: of all agents.
@@ -74,16 +71,18 @@ class OwnLogs:
 
     def onwards(self, agents: PathFollowers, lag: IntArray) -> FloatArray:
         """Returns accelerations (m,) [m/s2] of agents whose logs lag by `lag` (m,) steps."""
-        wanted, table, rows = along_log(self.log, agents, lag), agents.table, agents.rows
-        if self._rules:
-            wanted = keep_distance(wanted, agents.speed, table.length[rows], agents.leaders, COMFORTABLE.values)
-            wanted = make_room(wanted, agents.paths, agents.s, table.arrays, rows)
-        return self.waiting(agents, wanted)
+        return along_log(self.log, agents, lag)
 
-    def waiting(self, agents: PathFollowers, wanted: FloatArray) -> FloatArray:
-        """Returns `wanted` (m,) [m/s2], or less where agents wait for crossing ones or at red lights."""
+    def yielding(self, agents: PathFollowers, wanted: FloatArray) -> FloatArray:
+        """Returns `wanted` (m,) [m/s2], or less where a rule or a red light demands it.
+
+        Unless `rules` is off, agents keep their distance to those ahead, make room for merging ones and wait for
+        crossing ones (:mod:`.yielding_rules`).
+        """
         if self._rules:
-            paths, table = agents.paths, agents.table.arrays
-            wanted = wait_for_crossing(wanted, paths, agents.s, table, agents.rows)
+            paths, table, rows = agents.paths, agents.table, agents.rows
+            wanted = keep_distance(wanted, agents.speed, table.length[rows], agents.leaders, COMFORTABLE.values)
+            wanted = make_room(wanted, paths, agents.s, table.arrays, rows)
+            wanted = wait_for_crossing(wanted, paths, agents.s, table.arrays, rows)
         free = np.full(len(agents), COMFORTABLE.desired_speed)
         return idm_at_signals(COMFORTABLE, agents.speed, free, wanted, self._stop_lines.of(agents))

@@ -32,8 +32,8 @@ class PolicyCConfig:
         weights: `none` for no network: agents drive on as their logs do, with the present lag. `residual` is a packaged
             network that adds to that, `critic` one that drives alone, trained with a critic after the paper. Else a
             file that ``litsim_research train policy`` has written.
-        rules: whether agents wait for crossing ones, and driving on as the log does keeps its distance and makes room;
-            see :class:`.handback.OwnLogs`.
+        rules: whether agents keep their distance, make room, and wait for crossing ones, whatever drives them; see
+            :meth:`.handback.OwnLogs.yielding`.
         safety: the guard.
     """
 
@@ -74,8 +74,8 @@ def guarded(scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray,
 class PolicyC(Policy):
     """The policy called `litsim`: agents that are held drive on as their logs do, or as a network says.
 
-    Whatever a network asks for, agents wait for crossing ones and at red lights. Agents that pass or return are driven
-    by the rules of policy `yield`; passing ones behind the same safety layer.
+    Whatever drives them, agents keep to the rules and stop at red lights. Agents that pass or return are driven by
+    policy `yield`; passing ones behind the same safety layer.
     """
 
     batched = True
@@ -110,11 +110,12 @@ class PolicyC(Policy):
         if not len(scene):
             return ControlTable.empty(table.step)
         if self._driving is None:
-            return guarded(scene, scene.onwards, scene.agents.path_yaw_rate, self._safety)
-        network, observer = self._driving
-        action = network.mean(observer.features(scene))
-        acceleration, yaw_rate = executed(scene, action, residual=network.observation.residual)
-        return guarded(scene, self._logs.waiting(scene.agents, acceleration), yaw_rate, self._safety)
+            acceleration, yaw_rate = scene.onwards, scene.agents.path_yaw_rate
+        else:
+            network, observer = self._driving
+            action = network.mean(observer.features(scene))
+            acceleration, yaw_rate = executed(scene, action, residual=network.observation.residual)
+        return guarded(scene, self._logs.yielding(scene.agents, acceleration), yaw_rate, self._safety)
 
     def _by_rules(self, table: AgentTable, takeovers: Sequence[Takeover]) -> ControlTable:
         """Returns controls of agents that policy `yield` drives."""

@@ -139,11 +139,17 @@ def make_room(wanted: Floats, paths: PathBatch, own_s: Floats, agents: AgentArra
 
 
 @kernel
-def _runs_into(pedal: float, paths: PathBatch, p: int, own_s: float, agents: AgentArrays, own: int, j: int) -> bool:
-    """Whether agent `own`, at acceleration `pedal` on path `p`, runs into agent `j` with the centre of `j` ahead."""
+def contact_time(
+    pedal: float, paths: PathBatch, p: int, own_s: float, agents: AgentArrays, own: int, j: int, horizon: float
+) -> float:
+    """Time [s] until agent `own`, at acceleration `pedal` on path `p`, runs into agent `j`; `horizon` [s] for never.
+
+    It runs into `j` if the centre of `j` is ahead when the boxes meet, that of `j` with a margin around it. Agent `j`
+    is assumed to continue along its arc with its present acceleration.
+    """
     s, other_x, other_y, other_yaw = own_s, agents.x[j], agents.y[j], agents.yaw[j]
     bend = agents.yaw_rate[j] / max(agents.speed[j], TURNING_MIN)
-    for k in range(round(CROSSING_HORIZON / STEP_S)):
+    for k in range(round(horizon / STEP_S)):
         s += STEP_S * max(agents.speed[own] + pedal * STEP_S * (k + 1), 0.0)
         gone = STEP_S * max(agents.speed[j] + agents.acceleration[j] * STEP_S * (k + 1), 0.0)
         other_yaw += bend * gone
@@ -154,34 +160,39 @@ def _runs_into(pedal: float, paths: PathBatch, p: int, own_s: float, agents: Age
         heading = math.atan2(unit_y, unit_x)
         long, wide = agents.length[j] + 2.0 * CROSSING_MARGIN, agents.width[j] + 2.0 * CROSSING_MARGIN
         if overlap(dx, dy, heading, other_yaw, agents.length[own], agents.width[own], long, wide):
-            return dx * unit_x + dy * unit_y > 0.0
-    return False
+            return STEP_S * k if dx * unit_x + dy * unit_y > 0.0 else horizon
+    return horizon
+
+
+@kernel
+def in_reach(pedal: float, agents: AgentArrays, own: int, j: int, horizon: float) -> bool:
+    """Whether agent `own`, at acceleration `pedal`, and agent `j` can meet within `horizon` [s], wherever they head."""
+    dx, dy = agents.x[j] - agents.x[own], agents.y[j] - agents.y[own]
+    reach = 0.5 * (agents.length[j] + agents.length[own]) + agents.width[j] + agents.width[own] + 2.0 * CROSSING_MARGIN
+    faster = max(pedal, 0.0) + max(agents.acceleration[j], 0.0)
+    reach += horizon * (agents.speed[own] + agents.speed[j] + 0.5 * horizon * faster)
+    return dx * dx + dy * dy < reach * reach
 
 
 @kernel
 def wait_for_crossing(wanted: Floats, paths: PathBatch, own_s: Floats, agents: AgentArrays, rows: Ints) -> Floats:
     """Accelerations (m,) [m/s2] with which agents wait for others that cross their paths, if less than they want.
 
-    Others are assumed to continue along their arcs with their present acceleration. An agent that would run into
-    the side of one brakes as little as necessary: by a third of the courtesy deceleration, two thirds, or all of
-    it. Agents on their logs are the concern of the conflict stage. Arguments are those of :func:`make_room`.
+    An agent that would run into the side of one (:func:`contact_time`) brakes as little as necessary: by a third of
+    the courtesy deceleration, two thirds, or all of it. Agents on their logs are the concern of the conflict stage.
+    Arguments are those of :func:`make_room`.
     """
     eased, (begin, end) = wanted.copy(), within_scenes(agents.scene, rows)
-    speed, acceleration, length, width = agents.speed, agents.acceleration, agents.length, agents.width
     for i in range(len(rows)):
         own = rows[i]
         for j in range(begin[i], end[i]):
             if j == own or agents.controller[j] == LOG or math.cos(agents.yaw[j] - agents.yaw[own]) > SAME_WAY:
                 continue
-            dx, dy = agents.x[j] - agents.x[own], agents.y[j] - agents.y[own]
-            reach = 0.5 * (length[j] + length[own]) + width[j] + width[own] + 2.0 * CROSSING_MARGIN
-            faster = max(eased[i], 0.0) + max(acceleration[j], 0.0)
-            reach += CROSSING_HORIZON * (speed[own] + speed[j] + 0.5 * CROSSING_HORIZON * faster)
-            if not dx * dx + dy * dy < reach * reach:
+            if not in_reach(eased[i], agents, own, j, CROSSING_HORIZON):
                 continue
             for k in range(PEDALS + 1):
                 pedal = eased[i] if k == 0 else min(eased[i], -COURTESY_DECELERATION * k / PEDALS)
-                if not _runs_into(pedal, paths, i, own_s[i], agents, own, j):
+                if contact_time(pedal, paths, i, own_s[i], agents, own, j, CROSSING_HORIZON) == CROSSING_HORIZON:
                     break
             eased[i] = pedal
     return eased

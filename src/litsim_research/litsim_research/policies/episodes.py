@@ -15,7 +15,7 @@ from gymnasium.utils import seeding
 
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.takeover import TakeoverManager
-from litsim_policy.driving.action import consistent, normalised
+from litsim_policy.driving.action import ACTIONS, consistent, normalised
 from litsim_policy.driving.features.observation import ObservationConfig, Observer
 from litsim_policy.driving.handback import OwnLogs
 from litsim_policy.driving.policy_c import executed, guarded
@@ -106,6 +106,7 @@ class Outcome:
         penalty: (m,) weighted sum, at most 0.
         terms: the penalties before weights, of the agents in `present`.
         present: ids of the agents that are still in the scene.
+        advice: (m, 3) actions in [-1, 1] with which a residual policy would have kept to the rules; zeros for others.
         terminated: (m,) whether no penalties can follow: the agent has collided, or, with `off_road_ends`, left the
             road, or, with `handback_ends`, is handed back or at the end of its log.
         driven_on: (m,) whether the agent is driven in the next step.
@@ -114,6 +115,7 @@ class Outcome:
     agents: IntArray
     following: FloatArray
     executed: FloatArray
+    advice: FloatArray
     penalty: FloatArray
     terms: Penalties
     present: IntArray
@@ -165,7 +167,7 @@ class Episodes:
         self._world = World(self.batch)
         self.safety = SafetyLayer(course.safety)
         self._guard = SafetyLayer()  # for the penalty only
-        self._logs = OwnLogs(self.batch)
+        self._logs, self._rules = OwnLogs(self.batch, rules=False), OwnLogs(self.batch)
         self._observer = Observer(self.batch.lane_map, course.observation)
         self._predictor = make_predictor("kinematic", self.batch)
         self._manager = TakeoverManager(self.batch, ConflictConfig())
@@ -200,15 +202,17 @@ class Episodes:
         """Drive the :attr:`driven` agents by `action` (m, 3) in [-1, 1], others off their logs by policy yield."""
         before, tasks, scene = self._table, self._tasks, self._scene
         acceleration, yaw_rate = executed(scene, action, residual=self._course.observation.residual)
+        advice = np.zeros((len(scene), len(ACTIONS)))
         if self._course.observation.residual:
-            acceleration = self._logs.waiting(scene.agents, acceleration)
+            acceleration = self._logs.yielding(scene.agents, acceleration)
+            advice[:, 0] = self._rules.yielding(scene.agents, scene.onwards) - scene.onwards
         command = acceleration, yaw_rate
         needed = self._guard.guard(scene, *command).guarded
         controls = ControlTable.merged(guarded(scene, *command, self.safety), self._others_controls())
         commands = self._egos.plan(before, self.running.nonzero()[0].tolist())
         self._see(self._world.step_batch(controls, commands))
         self._choose()
-        outcome = self._outcome(before, scene.id, tasks, needed)
+        outcome = self._outcome(before, scene.id, tasks, needed, normalised(advice))
         over = self.step_number >= self._end
         over[self.batch.log.scene[outcome.present[self._ends(outcome.terms)]]] = True
         self._leave_out(over)
@@ -249,7 +253,9 @@ class Episodes:
         others = tuple(t for t in self._takeovers if t.agent not in driven)
         return self._rule.act(self._table, TakeoverTable(self.step_number, others))
 
-    def _outcome(self, before: AgentTable, driven: IntArray, tasks: list[_Task], needed: BoolArray) -> Outcome:
+    def _outcome(
+        self, before: AgentTable, driven: IntArray, tasks: list[_Task], needed: BoolArray, advice: FloatArray
+    ) -> Outcome:
         """The outcome of the step from `before` to now.
 
         Args:
@@ -257,6 +263,7 @@ class Episodes:
             driven: (m,) ids of the agents that were driven.
             tasks: of these.
             needed: (m,) whether the guard would have changed the command.
+            advice: (m, 3) as in the outcome.
         """
         after = self._table
         rows = after.rows(driven)
@@ -286,7 +293,7 @@ class Episodes:
             held = {t.agent for t in self._takeovers if t.state == TakeoverState.HELD}
             back = np.array([agent not in held for agent in driven.tolist()], np.bool_)
             terminated |= (back & ~still) | ~here
-        return Outcome(driven, following, motion, penalty, terms, driven[here], terminated, driven_on)
+        return Outcome(driven, following, motion, advice, penalty, terms, driven[here], terminated, driven_on)
 
     def _ends(self, terms: Penalties) -> BoolArray:
         """Returns whether what happened to agents in a step ends the episode (m,)."""

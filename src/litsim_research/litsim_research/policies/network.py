@@ -21,7 +21,7 @@ from litsim_research.predictors.checkpoint import save_weights
 from litsim_sim.core.scene import STEP_S, FloatArray
 
 LOG_STD_START = (-1.2, -2.5, -2.5)  # of the actions before tanh: accelerations vary more than steering
-RESIDUAL_LOG_STD_START = (-1.6, -3.0, -3.0)  # of residual policies, which begin as something that drives
+RESIDUAL_LOG_STD_START = (-2.3, -3.7, -3.7)  # of residual policies, which begin as something that drives
 BOUND_MAX = 0.999  # largest action for which the inverse of tanh is taken
 SQUASH_FLOOR = 1e-6  # keeps the density finite where an action is close to +-1
 

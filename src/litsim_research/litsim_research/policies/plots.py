@@ -18,7 +18,9 @@ PANELS: Mapping[str, Lines] = {
     "off the road per 1000 agent-steps": _both("off_road"),
     "critic: accuracy": {"critic_accuracy": TRAINING},
     "critic: mean logit of the policy": {"critic_reward": TRAINING},
-    "share of agent-steps that a guard would have changed": _both("guard"),
+    "share of steps that the guard would change": _both("guard"),
+    "growth of the distance from the log [m]": {"displacement": TRAINING},
+    "hard braking, mean per step": _both("hard_brake"),
 }
 IMITATION_PANELS: Mapping[str, Lines] = {
     "share of agents with a contact": _both("contact"),

@@ -68,6 +68,7 @@ class Track:
         penalty: (T,) at most 0.
         terminated: whether the track ended in a collision or off the road, rather than with a hand-over or the end of
             the episode.
+        advice: (T, 3) actions in [-1, 1] that the rules would have taken; None where nothing is learned from rules.
     """
 
     observation: FloatArray
@@ -76,6 +77,7 @@ class Track:
     executed: FloatArray
     penalty: FloatArray
     terminated: bool
+    advice: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.raw)

@@ -2,7 +2,7 @@
 
 1. Scenarios: generated segments and real windows, on none of which results are reported.
 2. Experts, if anything is learned from them: observations and actions of the recorded drivers in them.
-3. Warm start: behaviour cloning of these drivers, and of the way back to the path from displaced poses.
+3. Warm start: behaviour cloning of these drivers, and of the way back to the path from displaced poses; or of rules.
 4. Iterations: drive episodes; train the critic on recorded and policy actions at recorded moments; reward the policy
    by the critic, less penalties for collisions and the like; update it by PPO.
 
@@ -31,6 +31,7 @@ from litsim_research.policies.network import driving_network
 from litsim_research.policies.ppo import Demonstrations
 from litsim_research.policies.rollout import Driving, Episode, begin, begin_validation, collect, validate
 from litsim_research.policies.rollout_pool import rollouts
+from litsim_research.policies.rules import learn_rules
 from litsim_research.policies.training_program import training_parser, training_program
 from litsim_research.policies.warm_start import clone
 from litsim_sim.cli.program import at_least_one, program
@@ -65,6 +66,8 @@ def _train(
         recorded, shown = experts.demonstrations(config.expert.real_share)
         if not training.history:
             clone(training.policy, shown, config.warm_start, config.seed, shown.error)
+    elif not training.history:
+        learn_rules(training.policy, driving, config, progress=progress)
     with tqdm(total=config.iterations, initial=len(training.history), unit="iteration", disable=not progress) as bar:
         for iteration in range(len(training.history), config.iterations):
             started = time.perf_counter()

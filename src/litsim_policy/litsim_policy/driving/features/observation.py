@@ -7,7 +7,7 @@ groups:
 - surrounding (7 per slot): see :mod:`.surrounding`.
 - road (7): see :mod:`.lanes`.
 - ahead (6, optional): agents ahead on the path, see :data:`.way.AHEAD_FEATURES`.
-- log (4, of residual policies): see :data:`.way.LOG_FEATURES`.
+- log (7, of residual policies): see :data:`.way.LOG_FEATURES`.
 - way (14): see :data:`.way.WAY_FEATURES`; in the paper the policy drives along the reference path to the goal,
   but the paper does not describe these features.
 """

@@ -35,7 +35,7 @@ def plot_curves(
     along: str | None = None,
     log: bool = False,
 ) -> None:
-    """Writes a PNG of `history`; a value is drawn for the entries that contain it.
+    """Writes a PNG of `history`; a value is drawn for the entries that contain it, and a panel if one of its values is.
 
     Args:
         history: one entry per iteration, epoch or validation.
@@ -47,10 +47,14 @@ def plot_curves(
     Raises:
         Unwritable: the picture cannot be written; what was there is kept.
     """
-    rows = -(-len(panels) // COLUMNS)
+    measured = {name for entry in history for name in entry}
+    drawn = {title: lines for title, lines in panels.items() if not measured.isdisjoint(lines)}
+    rows = max(-(-len(drawn) // COLUMNS), 1)
     figure = Figure(figsize=(13, 3.25 * rows), layout="constrained")
     axes = figure.subplots(rows, COLUMNS, sharex=True, squeeze=False)
-    for axis, (title, lines) in zip(axes.ravel(), panels.items(), strict=True):
+    for axis in axes.ravel()[len(drawn) :]:
+        axis.remove()
+    for axis, (title, lines) in zip(axes.ravel(), drawn.items(), strict=False):
         for name, label in lines.items():
             at = [i for i, entry in enumerate(history) if name in entry]
             counted = at if along is None else [history[i][along] for i in at]
@@ -60,7 +64,8 @@ def plot_curves(
         axis.grid(alpha=0.3)
         if len(lines) > 1:
             axis.legend(fontsize=8)
-    for axis in axes[-1]:
+    for axis in figure.axes[-COLUMNS:]:
         axis.set_xlabel("iteration" if along is None else along)
+        axis.tick_params(labelbottom=True)
     with replacing(path) as new:
         figure.savefig(new, dpi=110, format="png")
