@@ -32,8 +32,7 @@ class PolicyCConfig:
         weights: `none` for no network: agents drive on as their logs do, with the present lag. `residual` is a packaged
             network that adds to that, `critic` one that drives alone, trained with a critic after the paper. Else a
             file that ``litsim_research train policy`` has written.
-        rules: whether agents keep their distance, make room, and wait for crossing ones, whatever drives them; see
-            :meth:`.handback.OwnLogs.yielding`.
+        rules: whether agents keep their distance, make room, and wait for crossing ones, whatever drives them.
         safety: the guard.
     """
 

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from litsim_policy.driving.look_ahead import ROUNDING
 from litsim_policy.motion.along_path import AlongPath
 from litsim_policy.motion.car_following import LEADER_BRAKES, IdmValues, Leaders, braking_behind, idm, safe_speed
 from litsim_policy.motion.path_batch import PathBatch, nearest, place_at
@@ -149,6 +150,9 @@ def contact_time(
     """
     s, other_x, other_y, other_yaw = own_s, agents.x[j], agents.y[j], agents.yaw[j]
     bend = agents.yaw_rate[j] / max(agents.speed[j], TURNING_MIN)
+    length, width = agents.length[own], agents.width[own]
+    long, wide = agents.length[j] + 2.0 * CROSSING_MARGIN, agents.width[j] + 2.0 * CROSSING_MARGIN
+    radius = 0.5 * (math.hypot(long, wide) + math.hypot(length, width)) + ROUNDING
     for k in range(round(horizon / STEP_S)):
         s += STEP_S * max(agents.speed[own] + pedal * STEP_S * (k + 1), 0.0)
         gone = STEP_S * max(agents.speed[j] + agents.acceleration[j] * STEP_S * (k + 1), 0.0)
@@ -157,9 +161,9 @@ def contact_time(
         other_y += gone * math.sin(other_yaw)
         x, y, unit_x, unit_y = place_at(paths, p, s)
         dx, dy = other_x - x, other_y - y
-        heading = math.atan2(unit_y, unit_x)
-        long, wide = agents.length[j] + 2.0 * CROSSING_MARGIN, agents.width[j] + 2.0 * CROSSING_MARGIN
-        if overlap(dx, dy, heading, other_yaw, agents.length[own], agents.width[own], long, wide):
+        if dx * dx + dy * dy < radius**2 and overlap(
+            dx, dy, math.atan2(unit_y, unit_x), other_yaw, length, width, long, wide
+        ):
             return STEP_S * k if dx * unit_x + dy * unit_y > 0.0 else horizon
     return horizon
 

@@ -59,8 +59,8 @@ class TrainConfig(BaseModel):
     def _check(self) -> TrainConfig:
         if self.observation.residual and self.imitates:
             raise ValueError(
-                "observation.residual is true, expected critic_reward and ppo.imitation_weight of 0, and so "
-                "warm_start.epochs or some rule_rounds: what drivers did is what a residual is added to"
+                "observation.residual is true, expected critic_reward and ppo.imitation_weight of 0, and "
+                "rule_rounds or warm_start.epochs of 0: what drivers did is what a residual is added to"
             )
         if self.rule_rounds and not self.observation.residual:
             raise ValueError("rule_rounds are given, expected observation.residual: rules add to driving along the log")

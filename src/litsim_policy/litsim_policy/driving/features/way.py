@@ -120,18 +120,13 @@ def _write_path(
 def _times_to_contact(wanted: Floats, paths: PathBatch, own_s: Floats, agents: AgentArrays, rows: Ints) -> Floats2:
     """Times (m, 3) [s] until agents run into others, with accelerations `wanted` (m,) [m/s2] capped by PEDAL_CAPS.
 
-    They are in `rows` (m,), at `own_s` (m,) [m] on their `paths`. Agents behind in the same lane do not count.
+    They are in `rows` (m,), at `own_s` (m,) [m] on their `paths`.
     """
     times, (begin, end) = np.full((len(rows), len(PEDAL_CAPS)), CONTACT_HORIZON), within_scenes(agents.scene, rows)
     for i in range(len(rows)):
         own = rows[i]
-        cos, sin = math.cos(agents.yaw[own]), math.sin(agents.yaw[own])
         for j in range(begin[i], end[i]):
-            dx, dy = agents.x[j] - agents.x[own], agents.y[j] - agents.y[own]
-            ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
-            behind = ahead < -0.5 * (agents.length[j] + agents.length[own])
-            behind = behind and abs(left) < 0.5 * (agents.width[j] + agents.width[own])
-            if j == own or behind or not in_reach(wanted[i], agents, own, j, CONTACT_HORIZON):
+            if j == own or not in_reach(wanted[i], agents, own, j, CONTACT_HORIZON):
                 continue
             for c in range(len(PEDAL_CAPS)):
                 pedal = min(wanted[i], PEDAL_CAPS[c])
