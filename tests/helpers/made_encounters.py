@@ -1,0 +1,72 @@
+"""Encounters made by hand, on the packaged net us101_like: a leader brakes, and its follower does so 1 s later."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from litsim_sim.core.scene import STEP_S
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.scenario.recording import Recording, RecordingHeader
+from litsim_sim.scenario.scenario import Scenario, Sources, packaged
+from litsim_sim.scenario.scenario_file import ScenarioFile
+
+OPPONENT, AGENT = 1, 2
+HISTORY, STEPS = 40, 101  # steps
+SPEED, GAP, LENGTH, LANE_Y = 12.0, 10.0, 4.5, -5.49
+NET = packaged("nets/us101_like.net.xml")
+
+
+def braking(begin: int, lost: float = 4.0, duration: int = 20) -> dict[str, Any]:
+    """Way [m] and speed [m/s] of a vehicle that loses speed evenly from step `begin` on."""
+    since = np.clip(np.arange(STEPS) - begin, 0, duration)
+    speed = SPEED - lost / duration * since
+    return {"x": np.concatenate([[0.0], np.cumsum(0.5 * STEP_S * (speed[1:] + speed[:-1]))]), "speed": speed}
+
+
+def track_note(x: float, begin: int) -> dict[str, list[float]]:
+    """A vehicle in one lane from `x` on that brakes from step `begin` on."""
+    motion = braking(begin)
+    still = [0.0] * STEPS
+    return {"x": (x + motion["x"]).tolist(), "y": [LANE_Y] * STEPS, "yaw": still, "speed": motion["speed"].tolist()}
+
+
+def encounter_note() -> dict[str, Any]:
+    """The note of the encounter."""
+    return {
+        "kind": "leader_brakes",
+        "site": "made",
+        "agent": AGENT,
+        "opponent": OPPONENT,
+        "onset_step": HISTORY,
+        "split": "tuning",
+        "truth": {
+            "agent": track_note(50.0, HISTORY + 10),
+            "opponent": track_note(50.0 + GAP + LENGTH, HISTORY),
+        },
+    }
+
+
+def encounter_scenario(note: dict[str, Any] | None) -> Scenario:
+    """The scenario of the encounter, with a `note` in its header unless that is None: the log keeps both at pace."""
+    at = np.arange(STEPS)
+    columns: dict[str, Any] = {
+        "vehicle_id": np.repeat([OPPONENT, AGENT], STEPS),
+        "frame": np.tile(at, 2),
+        "x": np.concatenate([x + SPEED * STEP_S * at for x in (50.0 + GAP + LENGTH, 50.0)]),
+        "y": LANE_Y,
+        "yaw": 0.0,
+        "speed": SPEED,
+        "acceleration": 0.0,
+        "length": LENGTH,
+        "width": 1.9,
+        "kind": 0,
+        "lane": 2,
+    }
+    columns = {name: np.broadcast_to(values, (2 * STEPS,)) for name, values in columns.items()}
+    header = RecordingHeader("made", licence="made", notes={} if note is None else {"encounter": note})
+    recording = Recording.from_columns(header, columns, "made")
+    seconds = {"history_s": HISTORY * STEP_S, "simulation_s": (STEPS - 1 - HISTORY) * STEP_S}
+    file = ScenarioFile(name="made", recording="made.parquet", net=str(NET), ego=OPPONENT, **seconds)
+    return Scenario(file, "made", Sources(recording, LaneMap.from_net(NET)))
