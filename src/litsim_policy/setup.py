@@ -46,6 +46,7 @@ setup(
             "idm = litsim_policy.ego.idm:IdmEgo",
             "log = litsim_policy.ego.log:LogEgo",
             "perturbed = litsim_policy.ego.perturbed:PerturbedEgo",
+            "track = litsim_policy.ego.track:TrackEgo",
         ],
     },
 )

@@ -48,16 +48,19 @@ def encounter_note() -> dict[str, Any]:
     }
 
 
-def encounter_scenario(note: dict[str, Any] | None) -> Scenario:
-    """The scenario of the encounter, with a `note` in its header unless that is None: the log keeps both at pace."""
+def encounter_scenario(note: dict[str, Any] | None, x: float = 50.0 + GAP + LENGTH, speed: float = SPEED) -> Scenario:
+    """The scenario of the encounter, with a `note` in its header unless that is None: the log keeps both at pace.
+
+    `x` and `speed` are the place of the opponent at step 0 and its speed.
+    """
     at = np.arange(STEPS)
     columns: dict[str, Any] = {
         "vehicle_id": np.repeat([OPPONENT, AGENT], STEPS),
         "frame": np.tile(at, 2),
-        "x": np.concatenate([x + SPEED * STEP_S * at for x in (50.0 + GAP + LENGTH, 50.0)]),
+        "x": np.concatenate([x + speed * STEP_S * at, 50.0 + SPEED * STEP_S * at]),
         "y": LANE_Y,
         "yaw": 0.0,
-        "speed": SPEED,
+        "speed": np.repeat([speed, SPEED], STEPS),
         "acceleration": 0.0,
         "length": LENGTH,
         "width": 1.9,

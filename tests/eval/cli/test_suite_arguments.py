@@ -108,7 +108,10 @@ def test_a_command_starts_the_external_ego() -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--ego", "drunk"], "--ego drunk; expected autoware, autoware_universe, bat, external, idm, log, perturbed"),
+        (
+            ["--ego", "drunk"],
+            "--ego drunk; expected autoware, autoware_universe, bat, external, idm, log, perturbed, track",
+        ),
         (["--ego", "bta"], "--ego bta (near: bat)"),
         (["--ego", "idm", "--", "my_stack", "-x"], "my_stack -x: external egos: none; expected one"),
         (["--ego", "idm", "idm"], "idm more than once"),
