@@ -92,14 +92,14 @@ def test_nobody_passes_where_there_is_no_room(behind_slow_ego, lane_centres) -> 
 
 def test_who_comes_back_waits_for_room_in_its_own_lane(behind_slow_ego, lane_centres) -> None:
     """Two pass one after the other; nobody is touched, and both are back on their logs."""
-    found = run(behind_slow_ego({"id": 3, "x": 10.0, "y": lane_centres[1]}), "yield")
+    found = run(behind_slow_ego({"id": 3, "x": 5.0, "y": lane_centres[1]}), "yield")
     metrics = compute_metrics(found)
     assert metrics["collision"]["pairs"] == 0 and on_lane_paths(found) == {HELD, 3}
     assert all(entry["released_step"] is not None for entry in metrics["ledger"])
 
 
 def test_scenes_that_are_joined_pass_as_alone(behind_slow_ego, lane_centres) -> None:
-    scenes = [behind_slow_ego(), behind_slow_ego({"id": 3, "x": 40.0, "y": lane_centres[2]})]
+    scenes = [behind_slow_ego(), behind_slow_ego({"id": 3, "x": 5.0, "y": lane_centres[2]})]
     plans = [RunPlan(scene, "idm", "litsim", parameters=KINEMATIC) for scene in scenes]
     alone, together = [record(Runner(plan)) for plan in plans], record_batch(plans)
     assert [compute_metrics(each)["digest"] for each in alone] == [compute_metrics(each)["digest"] for each in together]

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from litsim_policy.conflict.config import ConflictConfig
 from litsim_sim.core.dynamics import SPEED_MIN, VehicleLimits
 from litsim_sim.core.geometry import overlapping_pairs, wrap_angle
 from litsim_sim.core.scene import AgentTable, BoolArray, Controller
@@ -17,6 +18,7 @@ from litsim_sim.core.takeover import Takeover, TakeoverState
 from litsim_sim.record.run import Run
 
 SETTLED = 1e-3  # [m] distance from the log below which the return is over
+BACK_WITHIN = 1.0  # [m] of the log, lag included, within which a released agent is back on it
 SETTLING_MAX = 100  # longest return that is examined [steps]
 
 
@@ -28,6 +30,7 @@ class Outcome(StrEnum):
     """How a takeover ended."""
 
     BACK_ON_LOG = "back_on_log"
+    OFF_LOG = "off_log"  # released more than BACK_WITHIN from its log
     LOG_OVER = "log_over"  # released, and removed at the end of its log
     LEFT_NET = "left_net"  # removed under control: it left the net after the end of its log
     OUTLIVED_LOG = "outlived_log"  # under control at the last step, after the end of its log
@@ -53,7 +56,10 @@ class LedgerEntry:
             would have had a contact with the ego, or with another agent off its log or on it with a lag, as they
             actually moved.
         replay_step, replay_opponent: step and other agent of the first such contact; None without one.
-        false_alarm: whether a predicted conflict is the reason, and the agent could have stayed on its log.
+        least_log_ratio: the least logarithm of how much less likely a person would do what the log does, compared with
+            the recorded scene; see ``litsim_msgs/Takeover``.
+        false_alarm: whether a predicted conflict is the reason, and the agent could have stayed on its log: it would
+            have hit nobody, and its log never became unlikely.
         residual_m: distance from the log, delayed by its lag, at the last step of the takeover [m]; None if the log is
             over by then.
         residual_mps: speed minus that of the delayed log at the last step of the takeover [m/s]; None likewise.
@@ -76,6 +82,7 @@ class LedgerEntry:
     replay_would_collide: bool
     replay_step: int | None
     replay_opponent: int | None
+    least_log_ratio: float
     false_alarm: bool
     residual_m: float | None
     residual_mps: float | None
@@ -126,7 +133,11 @@ def ledger(run: Run) -> list[LedgerEntry]:
     """Returns the takeovers of a run, sorted by step of detection and agent."""
     episodes = list(_episodes(run))
     contacts = _replay_contacts(run, episodes)
-    entries = (_entry(run, episode, contact) for episode, contact in zip(episodes, contacts, strict=True))
+    least = _least_log_ratios(run)
+    entries = (
+        _entry(run, episode, contact, least[episode[0][1].agent, episode[0][1].detected_step])
+        for episode, contact in zip(episodes, contacts, strict=True)
+    )
     return sorted(entries, key=lambda entry: (entry.detected_step, entry.agent))
 
 
@@ -232,7 +243,17 @@ def _episodes(run: Run) -> Iterator[Episode]:
     yield from open_episodes.values()
 
 
-def _entry(run: Run, episode: Episode, contact: tuple[int, int] | None) -> LedgerEntry:
+def _least_log_ratios(run: Run) -> dict[tuple[int, int], float]:
+    """Returns the least log-ratio of each takeover, by agent and step of detection."""
+    least: dict[tuple[int, int], float] = {}
+    for records in run.takeovers.values():
+        for record in records:
+            key = record.agent, record.detected_step
+            least[key] = min(least.get(key, 0.0), record.log_ratio)
+    return least
+
+
+def _entry(run: Run, episode: Episode, contact: tuple[int, int] | None, least: float) -> LedgerEntry:
     (first_step, first), (last_step, last) = episode[0], episode[-1]
     released = last.state == TakeoverState.RELEASED
     logged = last.residual_position >= 0  # -1 stands for no logged pose
@@ -244,7 +265,7 @@ def _entry(run: Run, episode: Episode, contact: tuple[int, int] | None) -> Ledge
         detected_step=first.detected_step,
         handback_step=next((step for step, record in episode if record.state == TakeoverState.HANDBACK), None),
         released_step=last_step if released else None,
-        outcome=_outcome(run, first.agent, last_step, released=released),
+        outcome=_outcome(run, last, last_step),
         held_s=round((min(last_step + 1, run.tables[-1].step) - first_step) * run.info.dt, 6),
         time_to_conflict_s=first.time_to_conflict if first.predicted else None,
         overlap_probability=first.overlap_probability if first.predicted else None,
@@ -252,7 +273,8 @@ def _entry(run: Run, episode: Episode, contact: tuple[int, int] | None) -> Ledge
         replay_would_collide=contact is not None,
         replay_step=step,
         replay_opponent=opponent,
-        false_alarm=contact is None and first.predicted,
+        least_log_ratio=least,
+        false_alarm=contact is None and first.predicted and least >= -ConflictConfig().unlikely,
         residual_m=last.residual_position if logged else None,
         residual_mps=last.residual_speed if logged else None,
         time_shift_s=last.time_shift,
@@ -270,15 +292,17 @@ def _ego_distance(run: Run, agent: int, step: int) -> float | None:
     return float(np.hypot(table.x[i] - table.x[j], table.y[i] - table.y[j])) if min(i, j) >= 0 else None
 
 
-def _outcome(run: Run, agent: int, last_step: int, *, released: bool) -> Outcome | None:
-    """Returns the outcome of the takeover of `agent` with its last record at `last_step`."""
+def _outcome(run: Run, last: Takeover, last_step: int) -> Outcome | None:
+    """Returns the outcome of the takeover with its `last` record at `last_step`."""
+    agent, released = last.agent, last.state == TakeoverState.RELEASED
+    on_log = Outcome.BACK_ON_LOG if last.residual_position <= BACK_WITHIN else Outcome.OFF_LOG
     after = int(run.steps.step.searchsorted(last_step, "right"))
     if after == len(run.steps):
         outlived = bool(run.log) and run.log[-1].row(agent) < 0
-        return Outcome.BACK_ON_LOG if released else Outcome.OUTLIVED_LOG if outlived else None
+        return on_log if released else Outcome.OUTLIVED_LOG if outlived else None
     there = run.steps[after].row(agent) >= 0
     if released:
-        return Outcome.BACK_ON_LOG if there else Outcome.LOG_OVER
+        return on_log if there else Outcome.LOG_OVER
     return None if there else Outcome.LEFT_NET
 
 

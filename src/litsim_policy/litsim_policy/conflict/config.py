@@ -56,6 +56,9 @@ class ConflictConfig:
             alone.
         planned_motion: whether agents under control are expected on their paths; otherwise they are forecast as other
             agents are.
+        unlikely: logarithm of the ratio of probabilities below whose negative a log is unlikely, and its agent taken
+            over: a person would not do what it does behind an agent that is elsewhere than recorded; 0 for overlaps
+            alone.
         confirm_steps: steps in a row that must predict a conflict before a takeover.
         urgent_time: time to a conflict within which the takeover is immediate.
         held_steps_min: least number of steps for which an agent is held.
@@ -80,6 +83,7 @@ class ConflictConfig:
     baselines: Literal["ego", "conflict", "all"] = "ego"
     closing_time: NonNegative[Duration] = 1.0
     planned_motion: Flag = True
+    unlikely: NonNegative[Number] = 3.0
     confirm_steps: Positive[Steps] = 3
     urgent_time: NonNegative[Duration] = 1.0
     held_steps_min: NonNegative[Steps] = 5

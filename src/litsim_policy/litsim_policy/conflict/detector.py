@@ -17,6 +17,7 @@ from litsim_policy.conflict.overlap import Boxes, closing_overlaps, mixture_over
 from litsim_policy.conflict.predicted_motion import PredictedMotion
 from litsim_sim.core.pair_geometry import behind_scene
 from litsim_sim.core.scene import STEP_S, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.takeover import TakeoverReason
 from litsim_sim.kernels.compiled import Bools, Ints2, kernel
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
@@ -35,6 +36,7 @@ class Conflict:
         pose: (3,) x, y, yaw of the agent then: the crossing point.
         overlap_probability: the largest within the horizon.
         urgent: whether both close fast; see `ConflictConfig.closing_time`.
+        reason: CONFLICT for a predicted overlap, UNLIKELY for a log that a person would not follow behind the opponent.
     """
 
     agent: int
@@ -43,6 +45,7 @@ class Conflict:
     pose: FloatArray
     overlap_probability: float
     urgent: bool = False
+    reason: TakeoverReason = TakeoverReason.CONFLICT
 
 
 def soonest(*conflicts: list[Conflict]) -> list[Conflict]:

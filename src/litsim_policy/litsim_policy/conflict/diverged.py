@@ -49,6 +49,7 @@ class DivergedAgents:
         slowed: steps in a row for which it has been slower than its log.
         beside: row in `LaneMap.lanes` of the lane that it has taken to pass; NO_LANE for none.
         changed_step: of its last lane change; -1 for none.
+        log_ratio: of its log at this step; see :mod:`.likelihood`.
     """
 
     agent: IntArray
@@ -68,6 +69,7 @@ class DivergedAgents:
     slowed: IntArray
     beside: IntArray
     changed_step: IntArray
+    log_ratio: FloatArray
 
     def __len__(self) -> int:
         return len(self.agent)
@@ -78,7 +80,8 @@ class DivergedAgents:
         whole, real, byte = np.empty(0, np.int64), np.empty(0), np.empty(0, np.uint8)
         flags, paths = np.empty(0, np.bool_), np.empty(0, object)
         poses, passing = np.empty((0, 3)), (whole, whole, whole)
-        return cls(whole, whole, byte, byte, whole, real, real, poses, flags, whole, paths, paths, byte, real, *passing)
+        state, rest = (whole, whole, byte, byte, whole, real, real, poses), (flags, whole, paths, paths, byte, real)
+        return cls(*state, *rest, *passing, real)
 
     @classmethod
     def opened(
@@ -112,6 +115,7 @@ class DivergedAgents:
             slowed=np.array([0]),
             beside=np.array([NO_LANE]),
             changed_step=np.array([-1]),
+            log_ratio=np.array([0.0]),
         )
 
     def kept(self, which: BoolArray) -> DivergedAgents:
@@ -254,5 +258,6 @@ class DivergedNow:
             "residual_speed": np.where(self.recorded, self.residual_speed, 0.0).tolist(),
             "path_source": [SOURCES[source] for source in agents.source.tolist()],
             "time_shift": [steps * STEP_S for steps in self.lag.tolist()],
+            "log_ratio": agents.log_ratio.tolist(),
         }
         return tuple(map(Takeover, *(columns[field.name] for field in fields(Takeover))))

@@ -16,11 +16,15 @@ from litsim_sim.scenario.setting import Setting
 
 
 def by_conflict(scenario: Setting, router: Router, table: AgentTable, conflict: Conflict) -> DivergedAgents:
-    """Returns the agent of `conflict`, on a route to the crossing point, or on its logged path if there is none."""
+    """Returns the agent of `conflict`, on a route to the crossing point.
+
+    It keeps to its logged path if there is no such route, or if only its log has become unlikely.
+    """
     row, logged = table.row(conflict.agent), logged_path(scenario.log, scenario.lane_map, conflict.agent)
-    route = router.path(_pose(table, row), float(table.speed[row]), conflict.pose)
+    crosses = conflict.reason == TakeoverReason.CONFLICT
+    route = router.path(_pose(table, row), float(table.speed[row]), conflict.pose) if crosses else None
     path, source = (logged, PathSource.LOGGED) if route is None else (route.followed_by(logged), PathSource.ROUTE)
-    return DivergedAgents.opened(conflict, table.step, TakeoverReason.CONFLICT, path, source, logged)
+    return DivergedAgents.opened(conflict, table.step, conflict.reason, path, source, logged)
 
 
 def by_late_entry(scenario: Setting, table: AgentTable, diverged: BoolArray) -> Iterator[DivergedAgents]:

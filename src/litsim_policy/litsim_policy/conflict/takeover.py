@@ -10,6 +10,7 @@ from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.detector import ConflictDetector, soonest
 from litsim_policy.conflict.diverged import HANDBACK, HELD, RELEASED, DivergedAgents, DivergedNow
 from litsim_policy.conflict.futures import Futures, PlannedPaths
+from litsim_policy.conflict.likelihood import LogLikelihood, LogRatios, unlikely_logs, with_changed
 from litsim_policy.conflict.opening import by_conflict, by_late_entry
 from litsim_policy.conflict.passing import Passing
 from litsim_policy.conflict.way_back import obstructed, unneeded
@@ -21,6 +22,8 @@ from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.scenario.setting import Setting
 
 ITERATIONS_MAX = 10  # bound on the iterations of detection within a step; queues of four need four
+
+UNLIKELY_STILL = 0.5  # of `ConflictConfig.unlikely`, at which the log of an agent that is off it is still unlikely
 
 # Largest residuals with which a hand-back ends. The speed is the highest at which queues do not keep growing lags: the
 # last of a queue of four has a lag of 6.8 s, with 2 m/s 11.6 s.
@@ -39,6 +42,7 @@ class TakeoverManager:
         self._scenario, self._config = scenario, config
         self._roi_m = config.roi_m or scenario.roi_m
         self._detector = ConflictDetector(scenario.log, self._roi_m, config, scenario.log_overlaps)
+        self._likelihood = LogLikelihood(scenario.log) if config.unlikely > 0.0 else None
         self._router = Router(scenario.lane_map)
         self._passing = Passing(scenario.lane_map, self._router) if config.passing else None
         self.iterations: IntArray = np.zeros(len(scenario.ego_ids), np.int64)
@@ -49,6 +53,8 @@ class TakeoverManager:
 
     def update(self, table: AgentTable, forecast: Forecast) -> TakeoverTable:
         """Returns the agents off their logs at this step, and why."""
+        if self._likelihood is not None:
+            self._likelihood.observe(table)
         if table.step < self._scenario.history_steps:
             return TakeoverTable(table.step)
         self._diverged = self._diverged.kept(table.rows(self._diverged.agent) >= 0)
@@ -59,7 +65,9 @@ class TakeoverManager:
         keep_to_log = lagged | table.obstacle
         planned = partial(self._planned_paths, table)
         futures = Futures(self._scenario.log, self._config, table, forecast, lag, keep_to_log, planned)
-        opponents = self._take_over(futures, before, lagged) | keep_to_log
+        ratios = self._judge_logs(table, lag)
+        opponents = self._take_over(futures, before, lagged, ratios) | keep_to_log
+        self._diverged.log_ratio = ratios.ratio[table.rows(self._diverged.agent)]
         now = DivergedNow.at(self._scenario.log, self._diverged, table, lag)
         self._review(now, before[now.rows], futures, opponents)
         if self._passing is not None and len(self._diverged):
@@ -83,6 +91,12 @@ class TakeoverManager:
             self._lag[log_rows] = log.lags(log_rows, table.step, table.x[rows], table.y[rows])
         return self._lag[log.ids.searchsorted(table.id)]
 
+    def _judge_logs(self, table: AgentTable, lag: IntArray) -> LogRatios:
+        """Returns how likely logs are, which lag by `lag` (n,) steps; all are equal if overlaps alone count."""
+        if self._likelihood is None:
+            return LogRatios.equal(lag)
+        return self._likelihood.at(table, lag, ~(table.of_ego | table.obstacle))
+
     def _planned_paths(self, table: AgentTable, among: BoolArray) -> PlannedPaths:
         """Returns those in the mask `among` (n,) of the agents under control so far at this step, and their paths."""
         diverged = self._diverged
@@ -90,11 +104,12 @@ class TakeoverManager:
         at = among[rows].nonzero()[0]
         return PlannedPaths(rows[at], diverged.paths_of(at), diverged.detected_step[at] == table.step)
 
-    def _take_over(self, futures: Futures, before: BoolArray, lagged: BoolArray) -> BoolArray:
+    def _take_over(self, futures: Futures, before: BoolArray, lagged: BoolArray, ratios: LogRatios) -> BoolArray:
         """Take over agents with confirmed conflicts; return the mask (n,) of agents off their logs now, as `before`.
 
-        The first iteration compares with all agents off their logs or on `lagged` ones, each further one with
-        those that the previous one has taken over. Pedestrians and cyclists are never taken over.
+        So are agents whose logs have become unlikely, by their `ratios`. The first iteration compares with all agents
+        off their logs or on `lagged` ones, each further one with those that the previous one has taken over.
+        Pedestrians and cyclists are never taken over.
         """
         table, suspected = futures.table, dict[int, int]()
         barred = table.obstacle
@@ -106,9 +121,12 @@ class TakeoverManager:
             done += 1
             self.iterations[table.scene[fresh]] = done
             known, diverged = diverged, diverged.copy()
-            conflicts = self._detector.conflicts(futures, ~known & ~barred, fresh)
+            conflicts = with_changed(self._detector.conflicts(futures, ~known & ~barred, fresh), ratios, table)
             if done == 1 and lagged.any():
                 conflicts = soonest(conflicts, *self._detector.conflicts_of_lagged(futures, before, lagged, barred))
+            if done == 1:
+                unlikely = (ratios.ratio < -self._config.unlikely) & ~known & ~barred
+                conflicts = soonest(conflicts, unlikely_logs(ratios, table, self._scenario.log, unlikely))
             opened = []
             for conflict in conflicts:
                 count = suspected[conflict.agent] = self._suspected.get(conflict.agent, 0) + 1
@@ -133,6 +151,7 @@ class TakeoverManager:
         mine = np.zeros(len(now.table), np.bool_)
         mine[now.rows[known]] = True
         in_conflict = self._detector.still_in_conflict(futures, mine, opponents)[now.rows]
+        in_conflict |= now.agents.log_ratio < -UNLIKELY_STILL * self._config.unlikely
         now.agents.in_conflict[known] = in_conflict[known]
         free = known & now.recorded & ~in_conflict
         if self._passing is not None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from litsim_policy.driving.action import ACTIONS
 from litsim_policy.driving.features.observation import ObservationConfig
-from litsim_policy.driving.network_file import Perceptron, layer_arrays, read_network
+from litsim_policy.motion.network_file import Perceptron, layer_arrays, read_network
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 

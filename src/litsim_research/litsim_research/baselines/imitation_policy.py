@@ -13,9 +13,9 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from litsim_policy.driving.features.traffic_observation import SIZE, TrafficObserver
-from litsim_policy.driving.network_file import Perceptron, layer_arrays, read_network
 from litsim_policy.driving.policy import Policy
 from litsim_policy.motion.followers import PathFollowers
+from litsim_policy.motion.network_file import Perceptron, layer_arrays, read_network
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import configuration
 from litsim_sim.core.scene import AgentTable, ControlTable, FloatArray

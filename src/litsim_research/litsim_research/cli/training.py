@@ -13,6 +13,7 @@ TRAININGS = {
     "predictor": ("litsim_research.cli.train_predictor", "a predictor of traffic"),
     "policy": ("litsim_research.policies.train", "policy C"),
     "imitation": ("litsim_research.imitation.train", "the baselines gail and rail"),
+    "reactions": ("litsim_research.reactions.train", "by how much people change their speed behind a leader"),
     "simnet": ("litsim_research.policies.simnet_train", "the baseline simnet"),
 }
 """Modules of the trainings, which are imported on call, so that a lack of torch is reported."""

@@ -28,6 +28,7 @@ class TakeoverReason(IntEnum):
     CONFLICT = 0
     BLOCKED_ENTRY = 1
     REGION = 2
+    UNLIKELY = 3
 
 
 class PathSource(IntEnum):
@@ -57,6 +58,8 @@ class Takeover:
             [m/s]; -1 and 0 without a logged pose `time_shift` before this step.
         path_source: origin of the reference path.
         time_shift: lag of the log that the agent returns to [s].
+        log_ratio: how much less likely a person would do what the log does next than in the recorded scene, as the
+            logarithm of the ratio of both probabilities; 0 where the scene is as recorded.
     """
 
     agent: int
@@ -74,6 +77,7 @@ class Takeover:
     residual_speed: float
     path_source: PathSource = PathSource.ROUTE
     time_shift: float = 0.0
+    log_ratio: float = 0.0
 
     @classmethod
     def of_message(cls, message: Any) -> Takeover:

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from litsim_policy.driving.network_file import read_network
+from litsim_policy.motion.network_file import read_network
 from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.dense_kernels import linear, rectified_product, rectify
 from litsim_research.baselines.simnet.output import FORMAT, OUTPUTS, SMALL_HIDDEN, SMALL_WIDTHS

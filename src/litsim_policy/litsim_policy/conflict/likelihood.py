@@ -1,0 +1,240 @@
+"""How likely logs still are: would a person do what the log does, in the scene as it is?
+
+A log says by how much an agent changes its speed within the next second, now and in one second. Its log-ratio compares
+the probability that a person gains at least that much behind the leader as it is now, with that behind the leader of
+the recorded scene. Both are taken alike, so the ratio is 0 for whoever has the leader of the record.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from litsim_policy.conflict.detector import Conflict
+from litsim_policy.motion.habits import Habits, usual_headway
+from litsim_policy.motion.log_leaders import (
+    BACK,
+    VERTICES,
+    Leader,
+    LogColumns,
+    lay_way,
+    leader_now,
+    logged_leader,
+    may_lead,
+)
+from litsim_policy.motion.speed_change import (
+    FAR,
+    LOOK_S,
+    Situation,
+    SpeedChange,
+    log_chance,
+    packaged_speed_change,
+)
+from litsim_sim.core.pair_geometry import within_scenes
+from litsim_sim.core.scene import STEP_S, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.takeover import TakeoverReason
+from litsim_sim.kernels.compiled import Bools, Floats, Ints, OutFloats2, kernel
+from litsim_sim.scenario.log import Log
+
+LOOK = round(LOOK_S / STEP_S)
+AHEAD = 20  # [steps] on the log, at which an agent whose log is unlikely has its goal
+SMOOTHING = 2  # [steps] before and after, over which the speeds of logs are averaged: recorded speeds are noisy
+SAME_POSITION, SAME_SPEED = 0.5, 0.5  # [m], [m/s] deviations up to which an agent is where its log is
+
+
+@dataclass(frozen=True)
+class LogRatios:
+    """How likely the logs of all agents of a step are; arrays (n,).
+
+    Attributes:
+        ratio: logarithm of the ratio of both probabilities: 0 where the leader is that of the record, negative where
+            the log has become less likely.
+        leader: row of the leader behind which the log is judged; -1 where it is not.
+        lag: steps by which the log lags.
+        as_recorded: whether the agent is where its log is, without a lag.
+    """
+
+    ratio: FloatArray
+    leader: IntArray
+    lag: IntArray
+    as_recorded: BoolArray
+
+    @classmethod
+    def equal(cls, lag: IntArray) -> LogRatios:
+        """Returns the ratios of agents with these lags (n,) whose logs are not judged."""
+        return cls(np.zeros(len(lag)), np.full(len(lag), -1), lag, np.zeros(len(lag), np.bool_))
+
+
+class Judged(NamedTuple):
+    """m agents whose logs are judged: rows in the table and in the log, the present step of the log, and how.
+
+    Attributes:
+        row, log_row, step: (m,).
+        lagged: (m,) whether the log lags, so that it does not know who is ahead.
+        driven: (m,) whether the agent is off its log: its present speed counts in place of that of its log.
+    """
+
+    row: Ints
+    log_row: Ints
+    step: Ints
+    lagged: Bools
+    driven: Bools
+
+
+@dataclass
+class LogLikelihood:
+    """The likelihood of all logs of a scenario, in runs of which each step is shown once, in order.
+
+    Attributes:
+        log: of all agents.
+        density: of people's changes of speed.
+    """
+
+    log: Log
+    density: SpeedChange = field(default_factory=packaged_speed_change)
+
+    def __post_init__(self) -> None:
+        self._past = deque[AgentTable](maxlen=BACK + 1)
+        self._habits = Habits(self.log)
+
+    def observe(self, table: AgentTable) -> None:
+        """Take note of a step."""
+        self._past.append(table)
+
+    def at(self, table: AgentTable, lag: IntArray, judged: BoolArray) -> LogRatios:
+        """Returns the ratios at a step of the agents in the mask `judged` (n,), whose logs lag by `lag` (n,) steps.
+
+        They are judged behind leaders that are not where they were recorded; those with a lag behind any.
+        """
+        as_recorded = self._as_recorded(table)
+        row = judged.nonzero()[0]
+        log_row = self.log.ids.searchsorted(table.id[row])
+        step = np.minimum(table.step - lag[row], self.log.last_step[log_row])
+        known = step >= self.log.first_step[log_row]
+        row, log_row, step = row[known], log_row[known], step[known]
+        which = Judged(row, log_row, step, lag[row] > 0, table.off_log[row])
+        agents = table.arrays._replace(acceleration=self._accelerations(table))
+        off_record = (table.off_log & ~as_recorded).nonzero()[0]
+        habits = self._habits
+        ratio, leader = _log_ratios(which, agents, off_record, habits.columns, habits.seen, self.density)
+        return LogRatios(ratio, leader, lag, as_recorded)
+
+    def _as_recorded(self, table: AgentTable) -> BoolArray:
+        """Returns the mask (n,) of agents that are where their logs are at this step, without a lag."""
+        log = self.log
+        at = log.ids.searchsorted(table.id), min(table.step, log.steps - 1)
+        apart = np.hypot(table.x - log.x[at], table.y - log.y[at])
+        near = (apart <= SAME_POSITION) & (np.abs(table.speed - log.speed[at]) <= SAME_SPEED)
+        return np.asarray(near & log.valid[at] & (table.step < log.steps))
+
+    def _accelerations(self, table: AgentTable) -> FloatArray:
+        """Returns accelerations (n,) [m/s2] over the last BACK steps; those of the step where an agent is new."""
+        before = self._past[0]
+        rows, elapsed = before.rows(table.id), (table.step - before.step) * STEP_S
+        if elapsed <= 0.0:
+            return table.acceleration
+        return np.where(rows >= 0, (table.speed - before.speed[rows]) / elapsed, table.acceleration)
+
+
+def unlikely_logs(ratios: LogRatios, table: AgentTable, log: Log, which: BoolArray) -> list[Conflict]:
+    """Returns conflicts of the agents in the mask `which` (n,) with their leaders: their logs have become unlikely.
+
+    The goal of such an agent is AHEAD on its log.
+    """
+    conflicts = []
+    for row in (which & (ratios.leader >= 0)).nonzero()[0].tolist():
+        at = log.row(int(table.id[row]))
+        then = min(table.step - int(ratios.lag[row]) + AHEAD, int(log.last_step[at]))
+        pose = np.array([log.x[at, then], log.y[at, then], log.yaw[at, then]])
+        opponent = int(table.id[ratios.leader[row]])
+        conflicts.append(
+            Conflict(int(table.id[row]), opponent, AHEAD * STEP_S, pose, 0.0, reason=TakeoverReason.UNLIKELY)
+        )
+    return conflicts
+
+
+def with_changed(conflicts: list[Conflict], ratios: LogRatios, table: AgentTable) -> list[Conflict]:
+    """Returns the `conflicts` but those of agents and opponents that both are where they were recorded.
+
+    What the forecast expects of them is not what happened. Urgent conflicts remain.
+    """
+
+    def changed(conflict: Conflict) -> bool:
+        row, opponent = table.row(conflict.agent), table.row(conflict.opponent)
+        return bool(conflict.urgent or ratios.lag[row] > 0 or not ratios.as_recorded[opponent])
+
+    return [conflict for conflict in conflicts if changed(conflict)]
+
+
+@kernel
+def _may_be_led(agents: AgentArrays, row: int, leaders: Ints) -> bool:
+    """Returns whether one of the agents in the rows `leaders` may lead the one in `row`."""
+    for j in leaders:
+        dx, dy = agents.x[j] - agents.x[row], agents.y[j] - agents.y[row]
+        if j != row and agents.scene[j] == agents.scene[row] and may_lead(dx, dy, agents.yaw[row]):
+            return True
+    return False
+
+
+@kernel
+def _planned_speed(log: LogColumns, row: int, step: int) -> float:
+    """Returns the speed [m/s] of a log at `step`, smoothed; before its first and after its last step, that then."""
+    total = 0.0
+    for t in range(step - SMOOTHING, step + SMOOTHING + 1):
+        total += log.speed[row, min(max(t, log.first_step[row]), log.last_step[row])]
+    return total / (2 * SMOOTHING + 1)
+
+
+@kernel
+def _log_chance_of_plan(
+    log: LogColumns, row: int, step: int, speed: float, leader: Leader, usual: float, density: SpeedChange
+) -> float:
+    """Returns the log-probability of at least the gains of a log within the second from `step`, and in the next one.
+
+    The vehicle begins at `speed` [m/s], and the leader keeps its acceleration for one second.
+    """
+    planned, later = _planned_speed(log, row, step + LOOK), _planned_speed(log, row, step + 2 * LOOK)
+    if leader.row < 0:
+        soon = log_chance(planned - speed, Situation(speed, FAR, 0.0, 0.0, usual), density)
+        return soon + log_chance(later - planned, Situation(planned, FAR, 0.0, 0.0, usual), density)
+    now = Situation(speed, leader.gap, speed - leader.speed, leader.acceleration, usual)
+    travelled = 0.0
+    for k in range(LOOK):
+        travelled += _planned_speed(log, row, step + k) * STEP_S
+    braking = -min(leader.acceleration, -1e-3)
+    until = min(LOOK_S, max(leader.speed, 0.0) / braking) if leader.acceleration < 0.0 else LOOK_S
+    reached = leader.speed + leader.acceleration * until
+    gap = leader.gap + leader.speed * until + 0.5 * leader.acceleration * until**2 - travelled
+    then = Situation(planned, gap, planned - reached, 0.0, usual)
+    return log_chance(planned - speed, now, density) + log_chance(later - planned, then, density)
+
+
+@kernel
+def _log_ratios(
+    judged: Judged, agents: AgentArrays, off_record: Ints, log: LogColumns, habits: OutFloats2, density: SpeedChange
+) -> tuple[Floats, Ints]:
+    """See :meth:`LogLikelihood.at`; `off_record` are the rows of agents that are not where they were recorded."""
+    ratio, leaders = np.zeros(len(agents.x)), np.full(len(agents.x), -1, np.int64)
+    changed = np.zeros(len(agents.x), np.bool_)
+    changed[off_record] = True
+    begin, end = within_scenes(agents.scene, judged.row)
+    way = np.empty((VERTICES, 5))
+    for k in range(len(judged.row)):
+        i, row, step = judged.row[k], judged.log_row[k], judged.step[k]
+        if not (judged.lagged[k] or _may_be_led(agents, i, off_record)):
+            continue
+        count = lay_way(log, row, step, way)
+        leader = leader_now(way, count, agents, i, (begin[k], end[k]))
+        if leader.row < 0 or not (judged.lagged[k] or changed[leader.row]):
+            continue
+        recorded = logged_leader(way, count, log, row, step)
+        usual = usual_headway(log, row, step, habits, way)
+        planned = _planned_speed(log, row, step)
+        speed = agents.speed[i] if judged.driven[k] else planned
+        now = _log_chance_of_plan(log, row, step, speed, leader, usual, density)
+        then = _log_chance_of_plan(log, row, step, planned, recorded, usual, density)
+        ratio[i], leaders[i] = now - then, leader.row
+    return ratio, leaders

@@ -1,0 +1,1 @@
+"""Training of reactions: by how much people change their speed behind a leader."""
