@@ -6,7 +6,7 @@ from setuptools import find_packages, setup
 
 PACKAGE = ET.parse("package.xml").getroot()
 NAME, MAINTAINER = PACKAGE.findtext("name"), PACKAGE.find("maintainer")
-ENDINGS = ("j2", "json")
+ENDINGS = ("csv", "j2", "json", "xml")
 """Endings of the files that code opens with importlib.resources."""
 
 setup(

@@ -1,4 +1,4 @@
-"""Encounters made by hand, on the packaged net us101_like: a leader brakes, and its follower does so 1 s later."""
+"""Encounters made by hand: a leader brakes, and its follower does so 1 s later. Scenarios are on the net us101_like."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from litsim_data.encounters.following import FollowingTrack
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.recording import Recording, RecordingHeader
@@ -18,10 +19,9 @@ SPEED, GAP, LENGTH, LANE_Y = 12.0, 10.0, 4.5, -5.49
 NET = packaged("nets/us101_like.net.xml")
 
 
-def braking(begin: int, lost: float = 4.0, duration: int = 20) -> dict[str, Any]:
-    """Way [m] and speed [m/s] of a vehicle that loses speed evenly from step `begin` on."""
-    since = np.clip(np.arange(STEPS) - begin, 0, duration)
-    speed = SPEED - lost / duration * since
+def braking(begin: int, steps: int = STEPS) -> dict[str, Any]:
+    """Way [m] and speed [m/s] of a vehicle that loses 4 m/s within 2 s from step `begin` on."""
+    speed = SPEED - 0.2 * np.clip(np.arange(steps) - begin, 0, 20)
     return {"x": np.concatenate([[0.0], np.cumsum(0.5 * STEP_S * (speed[1:] + speed[:-1]))]), "speed": speed}
 
 
@@ -73,3 +73,21 @@ def encounter_scenario(note: dict[str, Any] | None, x: float = 50.0 + GAP + LENG
     seconds = {"history_s": HISTORY * STEP_S, "simulation_s": (STEPS - 1 - HISTORY) * STEP_S}
     file = ScenarioFile(name="made", recording="made.parquet", net=str(NET), ego=OPPONENT, **seconds)
     return Scenario(file, "made", Sources(recording, LaneMap.from_net(NET)))
+
+
+def following_track(begin: int = 60, late: int = 10, steps: int = 150) -> FollowingTrack:
+    """Car following of `steps` samples: the leader brakes from `begin` on, its follower `late` samples later."""
+    leader, follower = (braking(sample, steps=steps) for sample in (begin, begin + late))
+    return FollowingTrack(
+        site="i80",
+        period=1600,
+        source="made",
+        follower=AGENT,
+        leader=OPPONENT,
+        leader_length=LENGTH,
+        first_frame=1000,
+        front=follower["x"],
+        speed=follower["speed"],
+        leader_rear=leader["x"] + GAP,
+        leader_speed=leader["speed"],
+    )

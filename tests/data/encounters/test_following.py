@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from litsim_data.encounters.following import CAR_LENGTH, LANES, PAIRS, VEHICLES, following_tracks, lanes, trailing_fit
+from litsim_data.encounters.following import CAR_LENGTH, LANES, PAIRS, VEHICLES, following_tracks, lanes
 from litsim_sim.core.errors import InputError
 
 
@@ -22,23 +22,6 @@ def lane_file(data: Path, **changes: object) -> None:
     table = table.assign(period=1600, lane=1, speed_mps=10.0, **{"class": 2}).assign(**changes)
     (data / LANES).parent.mkdir()
     table.to_parquet(data / LANES)
-
-
-def test_trailing_fit_follows_a_steady_change_without_lag() -> None:
-    ramp = 3.0 + 0.2 * np.arange(100)
-    assert np.allclose(trailing_fit(ramp), ramp)
-
-
-def test_trailing_fit_never_looks_ahead() -> None:
-    values = np.random.default_rng(0).normal(size=100)
-    assert np.allclose(trailing_fit(values)[:60], trailing_fit(values[:60]))
-
-
-def test_trailing_fit_is_the_end_of_the_weighted_line() -> None:
-    values = np.random.default_rng(1).normal(size=41)
-    time = 0.1 * np.arange(-40, 1)
-    line = np.polyfit(time, values, 1, w=np.exp(0.5 * time / 0.8))
-    assert trailing_fit(values)[-1] == pytest.approx(line[1])
 
 
 def test_a_vehicle_of_a_lane_follows_the_rear_of_its_leader(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from litsim_data.encounters.reaction import Reaction, reaction
 from litsim_sim.scenario.encounter_note import EncounterKind, EncounterNote, Split, Track
 from litsim_sim.scenario.scenario import Scenario
 
@@ -61,3 +62,18 @@ class Encounter:
             truth=note.truth.agent.track,
             opponent_truth=note.truth.opponent.track,
         )
+
+    def reaction(self, agent: Track, opponent: Track) -> Reaction:
+        """Returns what an `agent` in place of the recorded one did, while the `opponent` drove like this."""
+        return reaction(self.kind, agent, opponent, self.onset_step, self._size(self.agent), self._size(self.opponent))
+
+    @property
+    def people(self) -> Reaction:
+        """What the agent truly did."""
+        return self.reaction(self.truth, self.opponent_truth)
+
+    def _size(self, vehicle: int) -> tuple[float, float]:
+        """Returns the length and width [m] of a vehicle of the log."""
+        log = self.scenario.log
+        row = log.row(vehicle)
+        return float(log.length[row]), float(log.width[row])

@@ -7,8 +7,8 @@ Three files below LITSIM_DATA hold NGSIM's tracks:
 - single vehicles of US-101, with the distance from front to front of an unnamed leader.
 
 In the latter two, fronts are taken as recorded. NGSIM's speeds swing by several m/s2, so the speed of a vehicle is a
-:func:`trailing_fit` to its recorded speeds, and that of its leader one to the changes of the leader's front. Neither
-looks ahead: at no step does a track depend on later samples of these files.
+:func:`.smoothing.trailing_fit` to its recorded speeds, and that of its leader one to the changes of the leader's
+front. Neither looks ahead: at no step does a track depend on later samples of these files.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from litsim_data.encounters.smoothing import trailing_fit
 from litsim_data.encounters.split import split_of
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 from litsim_sim.io.parquet_input import read_table
@@ -34,8 +35,6 @@ VEHICLES = "ngsim/us101_vehicle_tracks.parquet"
 """Files, relative to LITSIM_DATA."""
 CAR_LENGTH = 4.7  # [m] of leaders whose length is not recorded: NGSIM's mean of cars
 CAR_CLASS = 2  # NGSIM's class of cars; the length of other leaders is not even known roughly
-FIT_TIME = 0.8  # [s] in which weights of a trailing fit fall by e; 0.2 s of lag, half of NGSIM's swing is left
-FIT_SAMPLES = 41  # of a trailing fit; earlier ones weigh less than 1 %
 JUMP = 1.0  # [m] by which a leader's front moves otherwise than its follower within a step: another leader
 HEADWAY_MAX = 100.0  # [m] between fronts; farther leaders are none
 SHORTEST = 40  # frames of a track
@@ -137,24 +136,6 @@ def vehicles(data: Path) -> Iterator[FollowingTrack]:
     ahead = table.assign(leader=-1, leader_front=table["local_y_m"] + table["space_headway_m"])
     for _, group in ahead.sort_values("frame").groupby(["period", "vehicle_id"]):
         yield from _behind("us101", VEHICLES, group)
-
-
-def trailing_fit(values: FloatArray) -> FloatArray:
-    """Returns at each step the end of the line through all `values` (T,) up to there, of which later ones weigh more.
-
-    Weights fall by e within :data:`FIT_TIME` (Brown's double exponential smoothing): a steady change has no lag.
-    """
-    back = np.arange(min(FIT_SAMPLES, len(values)))
-    weight = np.exp(-back * STEP_S / FIT_TIME)
-
-    def moment(power: int, of: FloatArray) -> FloatArray:
-        return np.convolve(of, weight * back**power)[: len(values)]
-
-    once = np.ones(len(values))
-    one, time, square = (moment(power, once) for power in range(3))
-    spread = one * square - time**2
-    ends = square * moment(0, values) - time * moment(1, values)
-    return np.divide(ends, spread, out=values.astype(np.float64), where=spread > 0.0)
 
 
 def _behind(site: str, source: str, group: pd.DataFrame) -> Iterator[FollowingTrack]:

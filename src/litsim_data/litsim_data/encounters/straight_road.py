@@ -1,0 +1,119 @@
+"""Encounters of recorded car following as scenarios, on a straight road of one lane.
+
+What can be seen looks at no later sample: the log has the follower where it was recorded, with the speeds of
+:mod:`.following`, and the ego drives a :func:`.smoothing.drivable` motion of its leader. What the follower truly did is
+in :func:`.smoothing.centred_place`.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from litsim_data.encounters.encounter import Encounter
+from litsim_data.encounters.following import CAR_LENGTH
+from litsim_data.encounters.leader_brakes import AFTER, Braking
+from litsim_data.encounters.smoothing import centred_place, centred_speed, drivable
+from litsim_sim.core.scene import STEP_S, FloatArray, Kind
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.scenario.encounter_note import NOTE, EncounterNote, Track, TrackNote, Truth
+from litsim_sim.scenario.recording import Recording, RecordingHeader
+from litsim_sim.scenario.scenario import Scenario, Sources
+from litsim_sim.scenario.scenario_file import ScenarioFile
+
+WIDTH = 1.9  # [m] of all vehicles
+REACH = 60.0  # [m] field roi_m: followers at the largest headway are in it
+UNKNOWN_LEADER = 0  # id of a leader whose NGSIM id is not known; those begin at 1
+ACCELERATION_STEPS = 5  # back to the speed from which an acceleration is measured
+DATA = {"i80": "NGSIM I-80, 2005-04-13", "us101": "NGSIM US-101, 2005-06-15"}
+PUBLISHED = "US DOT / FHWA, doi 10.21949/1504477"
+LICENCE = "CC BY-SA"
+
+
+def encounter(braking: Braking) -> Encounter:
+    """Returns the encounter of a `braking` leader without a lack."""
+    track, onset = braking.track, braking.history
+    part, half = slice(braking.onset - onset, braking.onset + AFTER + 1), 0.5 * CAR_LENGTH
+    opponent = _straight(*drivable(track.leader_rear[part] + 0.5 * track.leader_length, track.leader_speed[part]))
+    agent = _straight(centred_place(track.front)[part] - half, centred_speed(track.front)[part])
+    note = EncounterNote(
+        kind="leader_brakes",
+        site=track.site,
+        agent=track.follower,
+        opponent=max(track.leader, UNKNOWN_LEADER),
+        onset_step=onset,
+        split=track.split,
+        truth=Truth(agent=TrackNote.of(agent), opponent=TrackNote.of(opponent)),
+    )
+    seen = _straight(track.front[part] - half, track.speed[part])
+    frame = braking.frame - onset
+    columns = [
+        _columns(note.opponent, frame, _at_pace(opponent, onset), track.leader_length),
+        _columns(note.agent, frame, _at_pace(seen, onset), CAR_LENGTH),
+    ]
+    both = {name: np.concatenate([each[name] for each in columns]) for name in columns[0]}
+    return Encounter.of_scenario(_scenario(braking.name, note, both))
+
+
+def _scenario(name: str, note: EncounterNote, columns: dict[str, np.ndarray]) -> Scenario:
+    """Returns the scenario `name` of an encounter whose log has these `columns`."""
+    header = RecordingHeader(
+        name=name,
+        source=f"{DATA[note.site]} ({PUBLISHED})",
+        licence=LICENCE,
+        net=_road().name,
+        notes={NOTE: note.model_dump(mode="json")},
+    )
+    file = ScenarioFile(
+        name=name,
+        description="The ego brakes, where its log keeps its pace, as does that of its follower.",
+        recording=f"{name}.parquet",
+        net=str(_road()),
+        history_s=note.onset_step * STEP_S,
+        simulation_s=AFTER * STEP_S,
+        ego=note.opponent,
+        roi_m=REACH,
+    )
+    return Scenario(file, name, Sources(Recording.from_columns(header, columns, name), _lane_map()))
+
+
+def _straight(x: FloatArray, speed: FloatArray) -> Track:
+    return Track(x, np.zeros(len(x)), np.zeros(len(x)), speed)
+
+
+def _at_pace(track: Track, onset: int) -> Track:
+    """Returns a straight `track` that keeps its speed from step `onset` on."""
+    step = np.arange(len(track))
+    kept = np.minimum(step, onset)
+    return _straight(track.x[kept] + STEP_S * (step - kept) * track.speed[onset], track.speed[kept])
+
+
+def _columns(vehicle: int, frame: int, track: Track, length: float) -> dict[str, np.ndarray]:
+    """Returns the columns of a recording that begins at `frame`, of one `vehicle` of a `length` [m]."""
+    step = np.arange(len(track))
+    before = track.speed[np.maximum(step - ACCELERATION_STEPS, 0)]
+    values: dict[str, Any] = {
+        "vehicle_id": vehicle,
+        "frame": frame + step,
+        **vars(track),
+        "acceleration": (track.speed - before) / (ACCELERATION_STEPS * STEP_S),
+        "length": length,
+        "width": WIDTH,
+        "kind": int(Kind.CAR),
+        "lane": 1,
+    }
+    return {name: np.broadcast_to(value, len(track)) for name, value in values.items()}
+
+
+@cache
+def _road() -> Path:
+    return Path(str(resources.files("litsim_data.encounters").joinpath("road.net.xml")))
+
+
+@cache
+def _lane_map() -> LaneMap:
+    return LaneMap.from_net(_road())
