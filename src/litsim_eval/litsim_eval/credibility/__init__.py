@@ -1,0 +1,1 @@
+"""Credibility: how simulated agents react in recorded encounters, beside what people did."""
