@@ -1,7 +1,7 @@
 """Statistics of encounters drawn with repetition: each is computed for many draws at once, for bootstrap intervals.
 
 `times` (d, n) is how often each of n encounters is in each of d draws; :func:`once` is the sample itself. Values are
-(n,), or (n, k) where an encounter was driven k times; values that are not finite count as absent.
+(n,), or (n, k) where an encounter was driven k times; NaN stands for an absent one.
 """
 
 from __future__ import annotations
@@ -9,9 +9,6 @@ from __future__ import annotations
 import numpy as np
 
 from litsim_sim.core.scene import BoolArray, FloatArray
-
-LEVELS = (0.5, 0.9)
-"""Central shares of drawn values, for :func:`covered`."""
 
 
 def once(count: int) -> FloatArray:
@@ -21,15 +18,14 @@ def once(count: int) -> FloatArray:
 
 def means(values: FloatArray | BoolArray, times: FloatArray) -> FloatArray:
     """Returns the mean of the present `values` in each draw (d,); nan where a draw has none."""
-    values, weights = _flat(values, times)
-    present = np.isfinite(values)
-    total, count = weights @ np.where(present, values, 0.0), weights @ present
+    values, weights = _present(values, times)
+    total, count = weights @ values, weights.sum(axis=1)
     return np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0)
 
 
 def medians(values: FloatArray, times: FloatArray) -> FloatArray:
     """Returns the median of the present `values` in each draw (d,); nan where a draw has none."""
-    values, weights = _present(*_flat(values, times))
+    values, weights = _present(values, times)
     if not len(values):
         return np.full(len(times), np.nan)
     order = values.argsort(kind="stable")
@@ -45,13 +41,16 @@ def ks_distances(simulated: FloatArray, people: FloatArray, times: FloatArray) -
     It is the largest difference of their cumulative shares; an absent value counts as greater than all others, so that
     those who never react count. `simulated` is (n,) or (n, k), `people` (n,).
     """
-    values, weights = zip(_flat(simulated, times), _flat(people, times), strict=True)
-    both = np.concatenate([np.where(np.isfinite(each), each, np.inf) for each in values])
+    (own, own_times), (other, other_times) = _flat(simulated, times), _flat(people, times)
+    both = np.concatenate([own, other])
+    both = np.where(np.isnan(both), np.inf, both)
     order = both.argsort(kind="stable")
     ranked = both[order]
     last = np.append(ranked[1:] != ranked[:-1], True)  # of equal values
-    signed = np.concatenate([_shares(weights[0]), -_shares(weights[1])], axis=1)
-    return np.asarray(np.abs(signed[:, order].cumsum(axis=1)[:, last]).max(axis=1))
+    totals = own_times.sum(axis=1, keepdims=True), other_times.sum(axis=1, keepdims=True)
+    signed = np.concatenate([own_times * totals[1], -other_times * totals[0]], axis=1)  # whole numbers: exact sums
+    apart = np.abs(signed[:, order].cumsum(axis=1)[:, last]).max(axis=1)
+    return np.asarray(apart / (totals[0] * totals[1])[:, 0])
 
 
 def areas_under_curve(scores: FloatArray, positive: BoolArray, times: FloatArray) -> FloatArray:
@@ -97,7 +96,8 @@ def covered(drawn: FloatArray, truth: FloatArray, level: float) -> FloatArray:
     """
     k = drawn.shape[1]
     rank = (drawn < truth[:, None]).sum(axis=1) + 0.5 * (drawn == truth[:, None]).sum(axis=1)
-    return np.asarray(np.clip(level * (k + 1) / 2 + 0.5 - np.abs(rank - k / 2), 0.0, 1.0))
+    inside = np.clip(level * (k + 1) / 2 + 0.5 - np.abs(rank - k / 2), 0.0, 1.0)
+    return np.where(np.isnan(drawn).any(axis=1), np.nan, inside)
 
 
 def _flat(values: FloatArray | BoolArray, times: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -106,12 +106,8 @@ def _flat(values: FloatArray | BoolArray, times: FloatArray) -> tuple[FloatArray
     return values.astype(np.float64).ravel(), np.repeat(times, repeats, axis=1)
 
 
-def _present(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns the finite `values` (m,), with their columns of `weights` (d, m)."""
-    there = np.isfinite(values)
-    return values[there], weights[:, there]
-
-
-def _shares(weights: FloatArray) -> FloatArray:
-    """Returns `weights` (d, m) as shares of each draw."""
-    return weights / weights.sum(axis=1, keepdims=True)
+def _present(values: FloatArray | BoolArray, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Returns the present `values` (m,), and how often each is in each draw (d, m)."""
+    flat, weights = _flat(values, times)
+    there = ~np.isnan(flat)
+    return flat[there], weights[:, there]

@@ -154,7 +154,7 @@ def batches(cases: Sequence[Case], processes: int) -> list[tuple[Case, ...]]:
     return [
         portion
         for group in groups.values()
-        for portion in _portions(sorted(group, key=lambda case: case.scenario), most)
+        for portion in portions(sorted(group, key=lambda case: case.scenario), most)
     ]
 
 
@@ -170,7 +170,7 @@ def run_batch(cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Met
             plans[k] = plan_of(case)
         except Exception as error:  # noqa: BLE001 - any error: the other runs go on, and the table reports it
             outcomes[k] = reason(error)
-    for together in _batchable(plans):
+    for together in batchable(plans):
         outcomes |= _run_batched({k: plans[k] for k in together}, folders)
     for k, case in enumerate(cases):
         if k not in outcomes:
@@ -178,12 +178,12 @@ def run_batch(cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Met
     return [outcomes[k] for k in range(len(cases))]
 
 
-def _portions(of: Sequence[T], most: int) -> Iterator[tuple[T, ...]]:
+def portions(of: Sequence[T], most: int) -> Iterator[tuple[T, ...]]:
     """Yields `of` in order, in portions of `most` items; the last one may be smaller."""
     return (tuple(of[begin : begin + most]) for begin in range(0, len(of), most))
 
 
-def _batchable(plans: dict[int, RunPlan]) -> Iterator[tuple[int, ...]]:
+def batchable(plans: dict[int, RunPlan]) -> Iterator[tuple[int, ...]]:
     """Yields groups of two or more of the keys of `plans` that can be stepped together."""
     groups: dict[Hashable, list[int]] = {}
     for k, plan in plans.items():
@@ -193,7 +193,7 @@ def _batchable(plans: dict[int, RunPlan]) -> Iterator[tuple[int, ...]]:
         groups.setdefault(alike, []).append(k)
     for group in groups.values():
         longest = max(plans[k].scenario.total_steps for k in group)
-        yield from (some for some in _portions(group, max(1, min(BATCH_MAX, STEPS_MAX // longest))) if len(some) > 1)
+        yield from (some for some in portions(group, max(1, min(BATCH_MAX, STEPS_MAX // longest))) if len(some) > 1)
 
 
 def _run_batched(plans: dict[int, RunPlan], folders: Sequence[Path | None]) -> dict[int, MetricsOrReason]:
