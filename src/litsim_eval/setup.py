@@ -27,6 +27,7 @@ setup(
         "console_scripts": [
             "run = litsim_eval.cli.run:main",
             "evaluate = litsim_eval.cli.evaluate:main",
+            "credibility = litsim_eval.cli.credibility:main",
             "search = litsim_eval.cli.search:main",
             "rerun = litsim_eval.cli.rerun:main",
             "analyze = litsim_eval.cli.analyze:main",

@@ -180,7 +180,7 @@ def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, s
     roads = [road for entry in suite.cases for road in _roads(entry, load)]
     seeds: list[int | None] = [*suite.seeds] or [None]
     cases: dict[str, Case] = {}
-    for variant, seed, road in product(_variants(suite), seeds, roads):
+    for variant, seed, road in product(variants(suite), seeds, roads):
         case = _case(variant, seed, suite.end_after_contact_s, road, graph=graph, deciding=deciding)
         same = cases.get(case.id)
         if same is not None and same.variant != case.variant:
@@ -225,7 +225,7 @@ def code_versions() -> dict[str, str]:
 
 
 @dataclass(frozen=True)
-class _Variant:
+class Variant:
     """The common properties of all runs of a variant."""
 
     ego: EgoSetup
@@ -245,7 +245,7 @@ class _Road:
     content: Mapping[str, Any]
 
 
-def _variants(suite: Suite) -> Iterator[_Variant]:
+def variants(suite: Suite) -> Iterator[Variant]:
     """Yields every variant: each ego with each policy and combination of parameters.
 
     Parameters of the policy's stages make no variants of a replay, which has none of these stages. Labels tell the
@@ -267,7 +267,7 @@ def _variants(suite: Suite) -> Iterator[_Variant]:
                 if len(varied_by[name]) > 1 or short == MODEL or own.get(name, value) != value
             ]
             label = ", ".join(part for part in (setup.label, *labels) if part)
-            yield _Variant(ego, setup.kind, tuple({**setup.parameters, **varied}.items()), label)
+            yield Variant(ego, setup.kind, tuple({**setup.parameters, **varied}.items()), label)
 
 
 def _roads(entry: CaseEntry, load: Callable[[str], Scenario]) -> list[_Road]:
@@ -289,7 +289,7 @@ def _roads(entry: CaseEntry, load: Callable[[str], Scenario]) -> list[_Road]:
 
 
 def _case(
-    variant: _Variant, seed: int | None, end: float | None, road: _Road, *, graph: bool, deciding: Mapping[str, str]
+    variant: Variant, seed: int | None, end: float | None, road: _Road, *, graph: bool, deciding: Mapping[str, str]
 ) -> Case:
     short, ego = Path(road.entry.scenario).stem, variant.ego
     seed = road.entry.seed if seed is None else seed

@@ -46,22 +46,9 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
         nargs="+",
         help=f"what drives the ego: {', '.join(_usual_egos())}, or a name of the suite (default: idm)",
     )
-    p.add_argument(
-        "--policy",
-        nargs="+",
-        help=f"what moves the background: {', '.join(_usual_policies())}, or one of the suite (default: replay litsim)",
-    )
-    p.add_argument("--predictor", nargs="+", metavar="MODEL", help="forecasting model; a variant for each")
+    add_policy_arguments(p, also=", or one of the suite (default: replay litsim)")
     p.add_argument("--seeds", nargs="+", type=int, help="a run for each seed; default: the scenario's")
     p.add_argument("--end-after-contact", **END_AFTER_CONTACT)
-    p.add_argument(
-        "--set",
-        type=setting,
-        nargs="+",
-        default=[],
-        metavar="STAGE.NAME=VALUE[,VALUE]",
-        help=f"{SET_HELP}; a variant for each of several values",
-    )
     part = p.add_argument_group("part of the suite", "cases that are run; all options together choose them")
     part.add_argument(
         "--case", nargs="+", default=[], metavar="NAME", help="names, their beginnings, or patterns of them"
@@ -89,6 +76,21 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
     )
 
 
+def add_policy_arguments(p: argparse.ArgumentParser, default: list[str] | None = None, also: str = "") -> None:
+    """Adds the arguments that define what moves the background; `also` ends the help on the policies."""
+    policies = f"what moves the background: {', '.join(_usual_policies())}{also}"
+    p.add_argument("--policy", nargs="+", default=default, help=policies)
+    p.add_argument("--predictor", nargs="+", metavar="MODEL", help="forecasting model; a variant for each")
+    p.add_argument(
+        "--set",
+        type=setting,
+        nargs="+",
+        default=[],
+        metavar="STAGE.NAME=VALUE[,VALUE]",
+        help=f"{SET_HELP}; a variant for each of several values",
+    )
+
+
 def suite_of(arguments: argparse.Namespace) -> Suite:
     """Returns the suite that the arguments describe.
 
@@ -106,12 +108,26 @@ def suite_of(arguments: argparse.Namespace) -> Suite:
         "end_after_contact_s": arguments.end_after_contact,
     }
     fields |= {name: value for name, value in options.items() if value is not None}
-    varied = {"predictor.model": arguments.predictor} if arguments.predictor else {}
-    varied |= {f"{stage}.{name}": values for stage, name, values in arguments.set}
-    fields["parameters"] = (base.parameters if base else {}) | varied
+    fields["parameters"] = (base.parameters if base else {}) | _varied(arguments)
     if arguments.criteria is not None:
         fields["criteria"] = Criteria.load(arguments.criteria)
     return validate_yaml((base.model_dump() if base else {}) | fields, Suite, arguments.suite or "options", "")
+
+
+def background_suite(arguments: argparse.Namespace, ego: str) -> Suite:
+    """Returns a suite of one case in which `ego` meets what the arguments of :func:`add_policy_arguments` describe.
+
+    Raises:
+        InputError: a policy is unknown, or the arguments do not fit together.
+    """
+    fields = {
+        "name": "background",
+        "cases": [CaseEntry(scenario=DEFAULTS["scenario"][0])],
+        "egos": [EgoSetup(name=ego, kind=ego)],
+        "policies": _policies(arguments.policy, None),
+        "parameters": _varied(arguments),
+    }
+    return validate_yaml(fields, Suite, "options", "")
 
 
 def part_of(arguments: argparse.Namespace) -> Part | None:
@@ -159,6 +175,12 @@ def refuse_unusable(arguments: argparse.Namespace, cases: Sequence[Case]) -> Non
     except CaseRefused as error:  # for a parameter that only its stage can check
         where = f"{place_of(arguments.suite, error.setting)}: " if arguments.suite else ""
         raise InputError(f"{where}{error}") from error
+
+
+def _varied(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Returns the values of each parameter that the arguments give, by `stage.name`."""
+    models = {"predictor.model": arguments.predictor} if arguments.predictor else {}
+    return models | {f"{stage}.{name}": values for stage, name, values in arguments.set}
 
 
 def _cases(arguments: argparse.Namespace, base: Suite | None) -> list[CaseEntry]:

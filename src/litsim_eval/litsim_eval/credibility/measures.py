@@ -64,14 +64,14 @@ QUANTITIES = {
 """Units in names, and meanings, of the quantities whose distributions are compared."""
 
 
-def measured(responses: Responses) -> dict[str, Any]:
-    """Returns all measures of a setup by name, with their 95 % intervals as NAME_interval, and those by kind.
+def measured(responses: Responses, *, bounds: bool = True) -> dict[str, Any]:
+    """Returns all measures of a setup by name, with 95 % `bounds` as NAME_interval, and those by kind.
 
     The bootstrap is over the vehicles that react: all encounters of one are drawn together. What cannot be told, such
     as the median onset where nobody reacts, is None, and so are intervals with fewer than two vehicles.
     """
-    kinds = {name: _figures(responses.take(rows)) for name, rows in responses.kinds.items()}
-    return {**_figures(responses), "kinds": kinds}
+    kinds = {name: _figures(responses.take(rows), bounds=bounds) for name, rows in responses.kinds.items()}
+    return {**_figures(responses, bounds=bounds), "kinds": kinds}
 
 
 def measures() -> Iterator[Measure]:
@@ -97,7 +97,7 @@ def floor(people: FloatArray) -> float | None:
     return float(np.mean([ks_distances(people[a], people[b], once(count // 2))[0] for a, b in halves]))
 
 
-def _figures(responses: Responses) -> dict[str, Any]:
+def _figures(responses: Responses, *, bounds: bool) -> dict[str, Any]:
     """Returns the measures of `responses`, without those by kind."""
     own, vehicles = responses.vehicles, int(responses.vehicles.max()) + 1
     figures: dict[str, Any] = {
@@ -109,7 +109,7 @@ def _figures(responses: Responses) -> dict[str, Any]:
         if measure.drawn and responses.drivers < 2:
             continue
         figures[measure.name] = _plain(measure.figure(responses, once(len(own)))[0])
-        if not measure.name.endswith("_people"):
+        if bounds:
             figures[f"{measure.name}_interval"] = _interval(measure, responses, vehicles)
     for quantity in QUANTITIES:
         figures[f"{quantity}_ks_people"] = floor(getattr(responses.people, quantity))
@@ -131,7 +131,7 @@ def _plain(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _mean_distance(offsets: FloatArray) -> FloatArray:
+def mean_distance(offsets: FloatArray) -> FloatArray:
     """Returns the mean distance over 5 s (n,) [m] of the median of drivers from the record, by `offsets` (n, k, t)."""
     away = np.abs(np.median(offsets[:, :, : ERROR_STEPS + 1], axis=1))
     there = ~np.isnan(away)
@@ -213,17 +213,17 @@ _OF_POSITION = (
     Measure(
         "position_error_m",
         "distance along the road between the median path and the record over 5 s; mean of encounters' means",
-        _mean_of(lambda r: _mean_distance(r.along)),
+        _mean_of(lambda r: mean_distance(r.along)),
     ),
     Measure(
         "position_error_median_m",
         "the same; median of encounters' means",
-        _median_of(lambda r: _mean_distance(r.along)),
+        _median_of(lambda r: mean_distance(r.along)),
     ),
     Measure(
         "across_error_m",
         "distance across the road over 5 s; mean of encounters' means",
-        _mean_of(lambda r: _mean_distance(r.across)),
+        _mean_of(lambda r: mean_distance(r.across)),
     ),
     Measure("position_error_at_5s_m", "distance along the road after 5 s; mean", _mean_of(_away)),
 )

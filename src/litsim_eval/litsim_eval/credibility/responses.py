@@ -74,6 +74,7 @@ class Responses:
 
     Attributes:
         encounters: the encounters.
+        drives: what was driven in each, by each driver.
         people: what people did (n,).
         simulated: what simulated drivers did (n, k).
         taken_over_s: time from the onset until the agent left its log (n, k) [s]; NaN if it never did.
@@ -83,6 +84,7 @@ class Responses:
     """
 
     encounters: tuple[Encounter, ...]
+    drives: tuple[tuple[Drive, ...], ...]
     people: Reactions
     simulated: Reactions
     taken_over_s: FloatArray
@@ -100,6 +102,7 @@ class Responses:
         simulated = Reactions.of([reaction_of(encounter, own.track) for encounter, own in pairs]).reshaped(*shape)
         return cls(
             encounters=tuple(encounters),
+            drives=tuple(map(tuple, drives)),
             people=Reactions.of([reaction_of(encounter, encounter.truth) for encounter in encounters]),
             simulated=simulated,
             taken_over_s=np.array(late, np.float64).reshape(shape),
@@ -111,8 +114,9 @@ class Responses:
     def take(self, rows: IntArray) -> Self:
         """Returns the responses in the encounters `rows`."""
         arrays = (getattr(self, name)[rows] for name in ("taken_over_s", "touched", "along", "across"))
-        own = tuple(self.encounters[row] for row in rows.tolist())
-        return type(self)(own, self.people.take(rows), self.simulated.take(rows), *arrays)
+        order = rows.tolist()
+        encounters, drives = tuple(self.encounters[row] for row in order), tuple(self.drives[row] for row in order)
+        return type(self)(encounters, drives, self.people.take(rows), self.simulated.take(rows), *arrays)
 
     @property
     def kinds(self) -> dict[str, IntArray]:
@@ -125,6 +129,10 @@ class Responses:
         """(n,) number of the vehicle that reacts, from 0 on: encounters of one vehicle resemble each other."""
         return numbered((encounter.site, encounter.agent) for encounter in self.encounters)
 
+    def row(self, encounter: Encounter) -> int | None:
+        """Returns the row of an encounter; None if it is not among these."""
+        return next((row for row, own in enumerate(self.encounters) if own is encounter), None)
+
     @property
     def drivers(self) -> int:
         """Number of drivers in each encounter."""
@@ -133,11 +141,15 @@ class Responses:
 
 def reaction_of(encounter: Encounter, track: Track) -> Reaction:
     """Returns the reaction of the agent of `encounter` that drives `track`."""
+    return reaction(encounter.kind, track, encounter.opponent_truth, encounter.onset_step, *sizes(encounter))
+
+
+def sizes(encounter: Encounter) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Returns lengths and widths of the boxes of agent and opponent [m]."""
     log = encounter.scenario.log
-    agent, opponent = (
-        (float(log.length[row]), float(log.width[row])) for row in map(log.row, (encounter.agent, encounter.opponent))
-    )
-    return reaction(encounter.kind, track, encounter.opponent_truth, encounter.onset_step, agent, opponent)
+    rows = map(log.row, (encounter.agent, encounter.opponent))
+    agent, opponent = ((float(log.length[row]), float(log.width[row])) for row in rows)
+    return agent, opponent
 
 
 def numbered(keys: Iterable[Any]) -> IntArray:

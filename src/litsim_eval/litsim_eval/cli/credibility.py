@@ -1,0 +1,144 @@
+"""`credibility`: how agents react in recorded encounters whose outcome is hidden, beside what people did there."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from pathlib import Path
+
+from rich.console import Console
+from tqdm import tqdm
+
+from litsim_data.encounters.encounter import Encounter
+from litsim_eval.campaign.case import variants
+from litsim_eval.cli.evaluate import ExamplesFormatter
+from litsim_eval.cli.suite_arguments import add_policy_arguments, background_suite
+from litsim_eval.credibility.page import PAGE_FILE, write_page
+from litsim_eval.credibility.reading import chosen, encounters_at
+from litsim_eval.credibility.results import CSV_FILE, JSON_FILE, Results, write_csv, write_json
+from litsim_eval.credibility.running import EGO, Setup, Task, run_task
+from litsim_eval.credibility.table import LEGEND, table_of
+from litsim_eval.runs.runner import configured
+from litsim_sim.cli.arguments import Parser
+from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
+from litsim_sim.core.errors import EXIT_FAILED, print_error
+from litsim_sim.core.parameters import by_stage
+from litsim_sim.scenario.encounter_note import SPLITS
+
+STATUS_HELP = "Exit status: 0; 1, no run of a policy could be made; 2, bad input; 130, interrupted."
+EXAMPLES = """examples:
+  credibility
+      the packaged encounters, with policies litsim, yield and idm
+  credibility --recording mine.yaml --policy litsim --out bags/credibility
+      encounters in a recording of yours, with a page
+  credibility --policy litsim --set policy.weights=critic policy.rules=false
+      a network without the rules
+
+"""
+POLICIES = ["litsim", "yield", "idm"]
+REASONS_MAX = 5  # most runs without a result that are printed with their reasons
+WIDTH = 150  # characters per line of what is not printed to a terminal
+
+
+def parser() -> argparse.ArgumentParser:
+    """Returns the parser of ``ros2 run litsim_eval credibility``."""
+    p = Parser(
+        prog="credibility", description=__doc__, epilog=EXAMPLES + STATUS_HELP, formatter_class=ExamplesFormatter
+    )
+    p.add_argument(
+        "--recording",
+        type=Path,
+        metavar="PATH",
+        help="folder of encounters, one of them, or a scenario or recording in which to find some; default: the "
+        "packaged ones, built from LITSIM_DATA",
+    )
+    p.add_argument(
+        "--split",
+        choices=SPLITS,
+        help="encounters of this part; default: reported ones of the packaged, all of a recording",
+    )
+    p.add_argument("--limit", type=at_least_one, metavar="N", help="only so many, spread evenly")
+    add_policy_arguments(p, POLICIES)
+    p.add_argument("--drivers", type=at_least_one, default=1, metavar="N", help="drivers in each encounter, by seed")
+    p.add_argument("--json", type=Path, metavar="FILE", help="write the measures to this file")
+    p.add_argument("--out", type=Path, metavar="DIR", help=f"write a page, {JSON_FILE} and {CSV_FILE} to this folder")
+    p.add_argument("--processes", type=at_least_one, default=2, help="number of processes")
+    return p
+
+
+def credibility(arguments: argparse.Namespace) -> int:
+    """Drives the encounters that the arguments describe, tells how, and returns the exit status.
+
+    Raises:
+        InputError: an argument or a file cannot be used; raised before the first run.
+    """
+    setups = setups_of(arguments)
+    task = Task(encounters_of(arguments), setups, arguments.drivers)
+    with tqdm(total=len(task), unit="run", dynamic_ncols=True) as bar:
+        outcomes = []
+        for each in run_task(task, arguments.processes):
+            outcomes.append(each)
+            bar.update()
+    results = Results.of(task, outcomes)
+    _print(results)
+    values = results.to_json()
+    if arguments.json is not None:
+        write_json(values, arguments.json)
+    if arguments.out is not None:
+        write_json(values, arguments.out / JSON_FILE)
+        write_csv(results, arguments.out / CSV_FILE)
+        write_page(results, shlex.join(["./litsim", "credibility", *sys.argv[1:]]), arguments.out / PAGE_FILE)
+        print(f"page: {arguments.out / PAGE_FILE}")
+    return EXIT_FAILED if len(results.responses) < len(setups) else 0
+
+
+def encounters_of(arguments: argparse.Namespace) -> list[Encounter]:
+    """Returns the encounters that the arguments describe.
+
+    Raises:
+        InputError: there is none, or a file cannot be used.
+    """
+    return chosen(encounters_at(arguments.recording), arguments.split, arguments.limit, str(arguments.recording))
+
+
+def setups_of(arguments: argparse.Namespace) -> tuple[Setup, ...]:
+    """Returns what drives: each policy with each combination of parameters.
+
+    Raises:
+        InputError: a policy or a parameter is unknown, or a value is invalid.
+    """
+    setups = []
+    for variant in variants(background_suite(arguments, EGO)):
+        name = ", ".join(part for part in (variant.policy, variant.label) if part)
+        parameters = by_stage((*each.split(".", 1), value) for each, value in variant.parameters)
+        configured(EGO, variant.policy, parameters)
+        setups.append(Setup(name, variant.policy, parameters))
+    return tuple(setups)
+
+
+def _print(results: Results) -> None:
+    """Prints the table, and runs without a result with their reasons."""
+    console = Console(width=None if sys.stdout.isatty() else WIDTH)
+    console.print(table_of(results))
+    console.print(LEGEND, soft_wrap=False, highlight=False)
+    for failure in results.failures[:REASONS_MAX]:
+        print_error(f"{failure.setup}, {failure.encounter}: {failure.reason}")
+    if len(results.failures) > REASONS_MAX:
+        print_error(f"and {len(results.failures) - REASONS_MAX} more runs without a result")
+
+
+@program
+def main(argv: list[str] | None = None) -> int:
+    """Runs ``ros2 run litsim_eval credibility``."""
+    arguments = parser().parse_args(argv)
+    interrupt_on_signals()
+    try:
+        return credibility(arguments)
+    except KeyboardInterrupt:
+        print("\ninterrupted: nothing is written", file=sys.stderr)
+        raise
+
+
+if __name__ == "__main__":
+    main()

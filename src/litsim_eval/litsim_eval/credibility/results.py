@@ -1,0 +1,138 @@
+"""Results of encounters driven by several setups, as values for JSON and as a table of every run."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from litsim_data.encounters.encounter import Encounter
+from litsim_eval.campaign.bootstrap import LEVEL, RESAMPLES, SEED
+from litsim_eval.campaign.case import code_versions
+from litsim_eval.credibility.measures import QUANTITIES, mean_distance, measured
+from litsim_eval.credibility.responses import Responses
+from litsim_eval.credibility.running import Drive, Outcome, Run, Setup, Task
+from litsim_sim.io.files import replacing
+
+JSON_FILE, CSV_FILE = "credibility.json", "credibility.csv"
+PEOPLE = "people"
+DIGITS = 4  # decimals in the table
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A run without a result, and the reason in one line."""
+
+    setup: str
+    encounter: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Results:
+    """Encounters and how setups drove in them.
+
+    Attributes:
+        encounters: all that were driven.
+        setups: what drove.
+        drivers: number of drivers in each encounter.
+        responses: of each setup, by name, in the encounters in which no run failed; none if there is no such encounter.
+        failures: runs without a result.
+    """
+
+    encounters: tuple[Encounter, ...]
+    setups: tuple[Setup, ...]
+    drivers: int
+    responses: Mapping[str, Responses]
+    failures: tuple[Failure, ...]
+
+    @classmethod
+    def of(cls, task: Task, outcomes: Iterable[tuple[Run, Outcome]]) -> Results:
+        """Returns the results of `task`, of which all `outcomes` are given, in any order."""
+        of_run, responses, failures = dict(outcomes), {}, []
+        for number, setup in enumerate(task.setups):
+            rows, drives = [], []
+            for at, encounter in enumerate(task.encounters):
+                own = [of_run[Run(number, at, driver)] for driver in range(task.drivers)]
+                failures += [Failure(setup.name, encounter.name, each) for each in own if isinstance(each, str)]
+                driven = [each for each in own if not isinstance(each, str)]
+                if len(driven) == task.drivers:
+                    rows.append(encounter)
+                    drives.append(driven)
+            if rows:
+                responses[setup.name] = Responses.of(rows, drives)
+        return cls(tuple(task.encounters), tuple(task.setups), task.drivers, responses, tuple(failures))
+
+    @cached_property
+    def people(self) -> Responses:
+        """What people did, as if a setup had driven exactly so."""
+        return Responses.of(self.encounters, [[Drive(each.truth, None, contact=False)] for each in self.encounters])
+
+    @property
+    def drives(self) -> dict[str, Responses]:
+        """Responses of people, then of all setups, by name."""
+        return {PEOPLE: self.people, **self.responses}
+
+    @cached_property
+    def versions(self) -> dict[str, str]:
+        """Versions of LitSim and of what it is built on."""
+        return code_versions()
+
+    @cached_property
+    def measures(self) -> dict[str, dict[str, Any]]:
+        """Measures by setup; see :func:`litsim_eval.credibility.measures.measured`."""
+        return {name: measured(own) for name, own in self.responses.items()}
+
+    def to_json(self) -> dict[str, Any]:
+        """Returns the results as values for JSON."""
+        errors = Counter(failure.setup for failure in self.failures)
+        return {
+            "encounters": len(self.encounters),
+            "kinds": dict(Counter(encounter.kind for encounter in self.encounters)),
+            "sites": dict(Counter(encounter.site for encounter in self.encounters)),
+            "splits": dict(Counter(encounter.split for encounter in self.encounters)),
+            "drivers": self.drivers,
+            "policies": {
+                setup.name: self.measures[setup.name]
+                | {"policy": setup.policy, "parameters": setup.parameters, "errors": errors[setup.name]}
+                for setup in self.setups
+                if setup.name in self.measures
+            },
+            "bootstrap": {"level": LEVEL, "resamples": RESAMPLES, "seed": SEED, "over": "vehicles that react"},
+            "versions": self.versions,
+        }
+
+
+def write_json(values: Mapping[str, Any], path: Path) -> None:
+    """Writes `values` to `path` atomically; raises InputError if that is impossible."""
+    with replacing(path) as new:
+        new.write_text(json.dumps(values, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def write_csv(results: Results, path: Path) -> None:
+    """Writes a line for each run, and for people in each encounter; raises InputError if that is impossible."""
+    rows = [row for name, own in results.drives.items() for row in _rows(name, own)]
+    with replacing(path) as new, new.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _rows(name: str, responses: Responses) -> Iterator[dict[str, object]]:
+    """Yields a line for each run of the setup `name`; what is not known is empty."""
+    error = {"position_error_m": responses.along, "across_error_m": responses.across}
+    for n, encounter in enumerate(responses.encounters):
+        about = {field: getattr(encounter, field) for field in ("kind", "site", "split", "agent", "opponent")}
+        for k in range(responses.drivers):
+            own = {"taken_over_s": responses.taken_over_s[n, k], "contact": float(responses.touched[n, k])}
+            own |= {field: mean_distance(values[n : n + 1, k : k + 1])[0] for field, values in error.items()}
+            own |= {f"{q}_{unit}": getattr(responses.simulated, q)[n, k] for q, (unit, _) in QUANTITIES.items()}
+            figures = {field: round(float(value), DIGITS) if np.isfinite(value) else "" for field, value in own.items()}
+            yield {"encounter": encounter.name, **about, "driven_by": name, "driver": k, **figures}
