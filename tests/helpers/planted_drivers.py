@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
 
 from litsim_data.encounters.encounter import Encounter
 from litsim_sim.core.scene import STEP_S, FloatArray
@@ -65,3 +69,14 @@ def straight(x: float, speed: FloatArray) -> Track:
     """A track along a lane from `x` on."""
     way = np.concatenate([[0.0], np.cumsum(0.5 * STEP_S * (speed[1:] + speed[:-1]))])
     return Track(x + way, np.full(len(speed), LANE_Y), np.zeros(len(speed)), speed)
+
+
+def encounter_files(folder: Path, note: dict[str, Any] | None, names: Sequence[str] = ("made",)) -> Path:
+    """The made encounter in files of a folder, once by each name, with a `note` in its header unless that is None."""
+    scenario = encounter_scenario(note)
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        scenario.recording.write(folder / f"{name}.parquet")
+        fields = scenario.file.model_copy(update={"name": name, "recording": f"{name}.parquet"})
+        (folder / f"{name}.yaml").write_text(yaml.safe_dump(fields.model_dump(mode="json")))
+    return folder

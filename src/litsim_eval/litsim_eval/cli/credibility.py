@@ -11,11 +11,12 @@ from rich.console import Console
 from tqdm import tqdm
 
 from litsim_data.encounters.encounter import Encounter
-from litsim_eval.campaign.case import variants
+from litsim_eval.campaign.case import file_digest, variants
 from litsim_eval.cli.evaluate import ExamplesFormatter
 from litsim_eval.cli.suite_arguments import add_policy_arguments, background_suite
+from litsim_eval.credibility.evidence import SUMS_FILE, TEXT_FILE, changes, write_evidence
 from litsim_eval.credibility.page import PAGE_FILE, write_page
-from litsim_eval.credibility.reading import chosen, encounters_at
+from litsim_eval.credibility.reading import chosen, data_files, encounters_at
 from litsim_eval.credibility.results import CSV_FILE, JSON_FILE, Results, write_csv, write_json
 from litsim_eval.credibility.running import EGO, Setup, Task, run_task
 from litsim_eval.credibility.table import LEGEND, table_of
@@ -26,7 +27,10 @@ from litsim_sim.core.errors import EXIT_FAILED, print_error
 from litsim_sim.core.parameters import by_stage
 from litsim_sim.scenario.encounter_note import SPLITS
 
-STATUS_HELP = "Exit status: 0; 1, no run of a policy could be made; 2, bad input; 130, interrupted."
+STATUS_HELP = (
+    "Exit status: 0; 1, a policy has no run with a result, or an evidence pack has changed; 2, bad input; 130, "
+    "interrupted."
+)
 EXAMPLES = """examples:
   credibility
       the packaged encounters, with policies litsim, yield and idm
@@ -63,6 +67,10 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--drivers", type=at_least_one, default=1, metavar="N", help="drivers in each encounter, by seed")
     p.add_argument("--json", type=Path, metavar="FILE", help="write the measures to this file")
     p.add_argument("--out", type=Path, metavar="DIR", help=f"write a page, {JSON_FILE} and {CSV_FILE} to this folder")
+    p.add_argument(
+        "--evidence", type=Path, metavar="DIR", help="write an evidence pack for an assessment of credibility there"
+    )
+    p.add_argument("--check", type=Path, metavar="DIR", help="only say what has changed in an evidence pack")
     p.add_argument("--processes", type=at_least_one, default=2, help="number of processes")
     return p
 
@@ -73,6 +81,8 @@ def credibility(arguments: argparse.Namespace) -> int:
     Raises:
         InputError: an argument or a file cannot be used; raised before the first run.
     """
+    if arguments.check is not None:
+        return _check(arguments.check)
     setups = setups_of(arguments)
     task = Task(encounters_of(arguments), setups, arguments.drivers)
     with tqdm(total=len(task), unit="run", dynamic_ncols=True) as bar:
@@ -82,14 +92,17 @@ def credibility(arguments: argparse.Namespace) -> int:
             bar.update()
     results = Results.of(task, outcomes)
     _print(results)
-    values = results.to_json()
     if arguments.json is not None:
-        write_json(values, arguments.json)
-    if arguments.out is not None:
-        write_json(values, arguments.out / JSON_FILE)
-        write_csv(results, arguments.out / CSV_FILE)
-        write_page(results, shlex.join(["./litsim", "credibility", *sys.argv[1:]]), arguments.out / PAGE_FILE)
-        print(f"page: {arguments.out / PAGE_FILE}")
+        write_json(results.to_json(), arguments.json)
+    command = shlex.join(["./litsim", "credibility", *sys.argv[1:]])
+    for folder in filter(None, (arguments.out, arguments.evidence)):
+        write_json(results.to_json(), folder / JSON_FILE)
+        write_csv(results, folder / CSV_FILE)
+        write_page(results, command, folder / PAGE_FILE)
+        print(f"page: {folder / PAGE_FILE}")
+    if arguments.evidence is not None:
+        digest = write_evidence(results, data_files(task.encounters), command, arguments.evidence)
+        print(f"evidence: {arguments.evidence / TEXT_FILE}; SHA-256 of {SUMS_FILE}, to be kept elsewhere: {digest}")
     return EXIT_FAILED if len(results.responses) < len(setups) else 0
 
 
@@ -115,6 +128,16 @@ def setups_of(arguments: argparse.Namespace) -> tuple[Setup, ...]:
         configured(EGO, variant.policy, parameters)
         setups.append(Setup(name, variant.policy, parameters))
     return tuple(setups)
+
+
+def _check(folder: Path) -> int:
+    """Says what has changed in the evidence pack in `folder`, and returns the exit status."""
+    different = changes(folder)
+    for change in different:
+        print(f"{folder}: {change}", file=sys.stderr)
+    if not different:
+        print(f"{folder}: all files are as written; SHA-256 of {SUMS_FILE}: {file_digest(folder / SUMS_FILE)}")
+    return EXIT_FAILED if different else 0
 
 
 def _print(results: Results) -> None:

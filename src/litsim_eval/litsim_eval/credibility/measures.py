@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from litsim_eval.campaign.bootstrap import SEED, percentile_bounds, times_drawn
-from litsim_eval.credibility.responses import Responses
+from litsim_eval.credibility.responses import Reactions, Responses
 from litsim_eval.credibility.statistics import (
     areas_under_curve,
     covered,
@@ -182,6 +182,11 @@ def _median_of(values: Callable[[Responses], Any]) -> Statistic:
     return lambda responses, times: medians(values(responses), times)
 
 
+def _excess(flags: Callable[[Reactions], Any]) -> Statistic:
+    """Returns the statistic of the share of drivers for which `flags` hold, minus that of people."""
+    return lambda responses, times: means(flags(responses.simulated), times) - means(flags(responses.people), times)
+
+
 def _at(responses: Responses, seconds: float) -> FloatArray:
     """Returns positions along the road relative to the record so long after the onset (n, k) [m]."""
     return responses.along[:, :, round(seconds * RATE_HZ)]
@@ -236,8 +241,10 @@ _OF_TAKEOVERS = (
 _OF_CLOSENESS = (
     Measure("ttc_below_2", "share below 2 s", _mean_of(lambda r: r.simulated.least_ttc < TTC_SHORT)),
     Measure("ttc_below_2_people", "people's share", _mean_of(lambda r: r.people.least_ttc < TTC_SHORT)),
+    Measure("ttc_below_2_excess", "share minus people's", _excess(lambda each: each.least_ttc < TTC_SHORT)),
     Measure("near_misses", "share with a gap below 1 m or a TTC below 1 s", _mean_of(lambda r: r.simulated.near_miss)),
     Measure("near_misses_people", "people's share", _mean_of(lambda r: r.people.near_miss)),
+    Measure("near_misses_excess", "share minus people's", _excess(lambda each: each.near_miss)),
     Measure(
         "near_miss_auc",
         "how well people's near misses are ranked by the simulated least gap and time to collision",
@@ -247,6 +254,11 @@ _OF_CLOSENESS = (
         "wide_kappa",
         "Cohen's kappa of: time to collision below 2.5 s, gap below 2 m, or braking above 2.5 m/s2",
         lambda r, times: kappas(r.simulated.wide.mean(axis=1) > 0.5, r.people.wide, times),
+    ),
+    Measure(
+        "least_gap_ratio",
+        "median least gap over people's",
+        lambda r, times: medians(r.simulated.least_gap, times) / medians(r.people.least_gap, times),
     ),
     Measure(
         "politeness_m",

@@ -11,6 +11,7 @@ import numpy as np
 
 from litsim_data.encounters.encounter import Encounter
 from litsim_data.encounters.reaction import BY_BOXES, box_gaps, path_gaps
+from litsim_eval.credibility.bars import judged
 from litsim_eval.credibility.charts import Chart, Line, shares_up_to, span
 from litsim_eval.credibility.measures import QUANTITIES, mean_distance
 from litsim_eval.credibility.responses import Responses, sizes
@@ -18,6 +19,7 @@ from litsim_eval.credibility.results import Results
 from litsim_eval.credibility.table import COLUMNS, LEGEND, sections, words
 from litsim_eval.report.pages import render_page
 from litsim_eval.report.run_report import save
+from litsim_eval.report.wording import leaf
 from litsim_sim.core.scene import STEP_S, FloatArray
 from litsim_sim.scenario.encounter_note import Track
 
@@ -39,6 +41,7 @@ def write_page(results: Results, command: str, path: Path) -> None:
         heads=[column.head for column in COLUMNS],
         sections=list(sections(results)),
         legend=LEGEND,
+        bars=_bars(results),
         names=[(name, colour) for colour, name in enumerate(drives)],
         distributions=[_distribution(quantity, drives).drawn() for quantity in QUANTITIES],
         pictures=list(_pictures(results)),
@@ -55,6 +58,15 @@ def _subtitle(results: Results) -> str:
     texts = [", ".join(f"{count} {name}" for name, count in each.items()) for each in (kinds, sites)]
     drivers = f" · {results.drivers} drivers in each" if results.drivers > 1 else ""
     return f"{len(results.encounters)} encounters: {texts[0]} · {texts[1]}{drivers}"
+
+
+def _bars(results: Results) -> list[dict[str, Any]]:
+    """Returns a row for each bar, with its verdicts on all setups."""
+    verdicts = [judged(own) for own in results.measures.values()]
+    return [
+        {"name": row[0].name, "limit": row[0].limit, "cells": [(leaf(each.value), each.passed) for each in row]}
+        for row in zip(*verdicts, strict=True)
+    ]
 
 
 def _distribution(quantity: str, drives: Mapping[str, Responses]) -> Chart:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from litsim_data.encounters.encounter import Encounter
+from litsim_eval.campaign.case import file_digest
+from litsim_eval.credibility.evidence import DataFile
 from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.encounter_note import Split
 from litsim_sim.scenario.scenario import Scenario
@@ -23,6 +26,13 @@ def encounters_at(path: Path) -> list[Encounter]:
     if not files:
         raise InputError(f"{path}: no scenario in this folder, expected encounters by `data encounters`")
     return [Encounter.of_scenario(Scenario.load(file)) for file in files]
+
+
+def data_files(encounters: Sequence[Encounter]) -> list[DataFile]:
+    """Returns the recordings and nets of `encounters`, sorted by path."""
+    count = Counter((Path(each.scenario.file.recording), each.licence) for each in encounters)
+    count += Counter((each.scenario.net_path, "") for each in encounters)
+    return [DataFile(path.name, licence, count[path, licence], file_digest(path)) for path, licence in sorted(count)]
 
 
 def chosen(encounters: Sequence[Encounter], split: Split | None, limit: int | None, where: str) -> list[Encounter]:

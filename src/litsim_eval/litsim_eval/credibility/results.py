@@ -6,7 +6,7 @@ import csv
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ import numpy as np
 from litsim_data.encounters.encounter import Encounter
 from litsim_eval.campaign.bootstrap import LEVEL, RESAMPLES, SEED
 from litsim_eval.campaign.case import code_versions
+from litsim_eval.credibility.bars import judged
 from litsim_eval.credibility.measures import QUANTITIES, mean_distance, measured
 from litsim_eval.credibility.responses import Responses
 from litsim_eval.credibility.running import Drive, Outcome, Run, Setup, Task
@@ -101,6 +102,7 @@ class Results:
             "drivers": self.drivers,
             "policies": {
                 setup.name: self.measures[setup.name]
+                | {"bars": [asdict(each) for each in judged(self.measures[setup.name])]}
                 | {"policy": setup.policy, "parameters": setup.parameters, "errors": errors[setup.name]}
                 for setup in self.setups
                 if setup.name in self.measures
@@ -118,11 +120,16 @@ def write_json(values: Mapping[str, Any], path: Path) -> None:
 
 def write_csv(results: Results, path: Path) -> None:
     """Writes a line for each run, and for people in each encounter; raises InputError if that is impossible."""
-    rows = [row for name, own in results.drives.items() for row in _rows(name, own)]
+    write_rows((row for name, own in results.drives.items() for row in _rows(name, own)), path)
+
+
+def write_rows(rows: Iterable[Mapping[str, object]], path: Path) -> None:
+    """Writes `rows`, one at least, all with the same fields, as CSV; raises InputError if that is impossible."""
+    first, *others = rows
     with replacing(path) as new, new.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer = csv.DictWriter(file, list(first), lineterminator="\n")
         writer.writeheader()
-        writer.writerows(rows)
+        writer.writerows([first, *others])
 
 
 def _rows(name: str, responses: Responses) -> Iterator[dict[str, object]]:

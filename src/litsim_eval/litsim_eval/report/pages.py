@@ -21,6 +21,11 @@ def render_page(template: str, **values: Any) -> str:
     return _environment().get_template(template).render(values)
 
 
+def render_text(template: str, **values: Any) -> str:
+    """Returns a text that is no page, such as Markdown, as :func:`render_page` does, without escapes."""
+    return _environment().overlay(autoescape=False).get_template(template).render(values)
+
+
 def asset(name: str) -> Markup:
     """Returns the text of a file in `assets`: style or script of our own, which goes into a page as it is."""
     return Markup((files("litsim_eval.report") / "assets" / name).read_text(encoding="utf-8"))  # noqa: S704  no data

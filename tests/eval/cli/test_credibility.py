@@ -1,0 +1,89 @@
+"""`credibility`: measures, page and evidence of encounters in files, and what is wrong in one line."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from litsim_eval.cli import credibility
+from made_encounters import encounter_note
+from planted_drivers import encounter_files
+
+ASKED = (
+    *("position_error_m", "onset_error_s", "least_gap_m", "least_gap_people_m", "ttc_below_2", "ttc_below_2_people"),
+    *("strongest_braking_mps2", "strongest_braking_people_mps2", "contacts", "near_misses", "near_misses_people"),
+    "near_miss_auc",
+)
+
+
+def called(*words: object) -> int:
+    """Exit status of `credibility` with these words, in this process."""
+    try:
+        credibility.main([str(word) for word in words])
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return 0
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return encounter_files(tmp_path_factory.mktemp("encounters"), encounter_note(), ("one", "two"))
+
+
+def test_measures_table_page_and_rows_are_written(folder: Path, tmp_path: Path, capsys) -> None:
+    out, words = tmp_path / "out", ("--policy", "idm", "replay", "--json", tmp_path / "own.json")
+    assert called("--recording", folder, "--out", out, *words) == 0
+    values = json.loads((out / "credibility.json").read_text())
+    assert values == json.loads((tmp_path / "own.json").read_text())
+    assert values["encounters"] == 2 and list(values["policies"]) == ["idm", "replay"]
+    assert all(name in own for own in values["policies"].values() for name in ASKED)
+    assert values["policies"]["replay"]["contacts"] == 2 > values["policies"]["idm"]["contacts"]
+    rows = list(csv.DictReader((out / "credibility.csv").open()))
+    assert [row["driven_by"] for row in rows] == ["people"] * 2 + ["idm"] * 2 + ["replay"] * 2
+    page = (out / "credibility.html").read_text()
+    assert "src=" not in page and page.count("<figure>") == 8
+    assert capsys.readouterr().out.splitlines()[-1] == f"page: {out / 'credibility.html'}"
+
+
+def test_drawn_drivers_are_scored(folder: Path, tmp_path: Path) -> None:
+    words = ("--policy", "idm", "--limit", 1, "--drivers", 2, "--json", tmp_path / "own.json")
+    assert called("--recording", folder, *words) == 0
+    own = json.loads((tmp_path / "own.json").read_text())["policies"]["idm"]
+    assert own["crps_4s_m"] > 0.0 and own["coverage_50"] is not None
+
+
+def test_a_changed_byte_of_the_evidence_is_found(folder: Path, tmp_path: Path, capsys) -> None:
+    pack = tmp_path / "pack"
+    assert called("--recording", folder / "one.yaml", "--policy", "idm", "--evidence", pack) == 0
+    assert called("--check", pack) == 0
+    text = (pack / "credibility.csv").read_bytes()
+    (pack / "credibility.csv").write_bytes(text[:-2] + b"9\n")
+    (pack / "bars.yaml").unlink()
+    (pack / "more").touch()
+    assert called("--check", pack) == 1
+    said = capsys.readouterr().err
+    assert all(words in said for words in ("credibility.csv: has changed", "bars.yaml: is missing", "more: is not of"))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--policy", "idn"], "--policy idn (near: idm)"),
+        (["--set", "conflict.horizon=-1"], "parameter horizon is -1"),
+        (["--split", "reported"], "no encounter of part reported"),
+        (["--recording", "nowhere"], "nowhere"),
+        (["--check", "nowhere"], "nowhere/SHA256SUMS: no such file"),
+    ],
+)
+def test_what_is_wrong_is_said_before_the_first_run(folder: Path, words: list[str], said: str, capsys) -> None:
+    given = words if words[0] == "--recording" else ["--recording", folder, *words]
+    assert called(*given) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_folder_without_encounters_is_refused(tmp_path: Path, capsys) -> None:
+    assert called("--recording", tmp_path) == 2
+    assert "no scenario in this folder" in capsys.readouterr().err
