@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from litsim_sim.core.scene import ARRAY_FIELDS, Controller
+from litsim_sim.core.steps import Steps
 from litsim_sim.scenario.log import LAG_TOLERANCE, REPLAYS, Log, logged_steps
 from litsim_sim.scenario.recording import COLUMNS
 
@@ -61,6 +62,17 @@ def test_logged_steps_are_the_tables_of_the_log(seed: int, with_gaps: bool, part
     for table in steps:
         for name in ARRAY_FIELDS:
             assert getattr(table, name).tolist() == getattr(log.table(table.step), name).tolist(), name
+
+
+def test_a_log_of_rows_has_them_at_their_steps_and_holes_between(log: Log) -> None:
+    steps = Steps(log.table(step) for step in range(log.steps))
+    kept = steps.stacked.take(steps.stacked.number % 4 != 2)
+    part = Log.from_rows(kept, log.steps)
+    shown = log.valid & (np.arange(log.steps) % 4 != 2)
+    rows = shown.any(axis=1)
+    assert part.ids.tolist() == log.ids[rows].tolist() and np.array_equal(part.valid, shown[rows])
+    assert np.array_equal(part.x[part.valid], log.x[shown])
+    assert part.last_step.tolist() == [int(np.flatnonzero(row)[-1]) for row in shown[rows]]
 
 
 def test_tables_are_copies(log: Log) -> None:

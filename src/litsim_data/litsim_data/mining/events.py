@@ -10,7 +10,7 @@ from math import isfinite
 import numpy as np
 
 from litsim_data.mining.lane_changes import LaneChange, lane_changes
-from litsim_data.mining.lane_tracks import NOWHERE, LaneTracks, Ways
+from litsim_data.mining.lane_tracks import NOWHERE, LaneTracks, Ways, ways_of
 from litsim_data.mining.leaders import leaders
 from litsim_data.mining.passages import Passage, Turn, passages, turns
 from litsim_data.mining.signals import WaySignals
@@ -135,7 +135,7 @@ class Situation:
         return cls(
             log=log,
             lane_map=lane_map,
-            ways=Ways(lane_map.lanes),
+            ways=ways_of(lane_map),
             tracks=tracks,
             following=leaders(log, tracks, lane_map),
             changes=lane_changes(tracks),

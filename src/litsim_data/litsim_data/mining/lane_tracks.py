@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -66,7 +67,7 @@ class LaneTracks:
             lane[some] = np.where(np.abs(at.d) <= 0.5 * width[at.lane] + OFF_LANE_M, at.lane, NOWHERE)
             s[some], d[some] = at.s, at.d
             along[some] = log.speed[some] * np.cos(log.yaw[some] - at.heading)
-        ways = Ways(lane_map.lanes)
+        ways = ways_of(lane_map)
         stretch, level = np.full(valid.shape, NOWHERE), np.zeros(valid.shape, np.int64)
         following = np.tile(np.array(ways.straightest, np.int64), (len(log.ids), 1))
         for row in range(len(log.ids)):
@@ -157,6 +158,12 @@ class Ways:
                 waiting += self.successors[lane_after]
             else:
                 yield lane_after
+
+
+@lru_cache(maxsize=2)
+def ways_of(lane_map: LaneMap) -> Ways:
+    """Returns the connections between the lanes of `lane_map`, which are found once for the runs on a net."""
+    return Ways(lane_map.lanes)
 
 
 def runs(values: IntArray | BoolArray) -> list[tuple[int, int]]:

@@ -23,7 +23,7 @@ from litsim_sim.core.scene import (
     IntArray,
     is_obstacle,
 )
-from litsim_sim.core.steps import Steps, StepsBuilder
+from litsim_sim.core.steps import StackedTable, Steps, StepsBuilder
 from litsim_sim.kernels.compiled import Bools2, Floats, Floats2, Ints, kernel
 from litsim_sim.scenario.recording import Recording
 
@@ -68,34 +68,41 @@ class Log:
         """Returns the log of `steps` steps from `start_frame`, with the agents that appear in them."""
         step = recording.columns["frame"] - start_frame
         inside = (step >= 0) & (step < steps)
-        table, step = recording.take(inside).columns, step[inside]
-        ids, first_row, agent = np.unique(table["vehicle_id"], return_index=True, return_inverse=True)
+        table = recording.take(inside).columns
+        return cls._of_columns(table, table["vehicle_id"], step[inside], steps)
+
+    @classmethod
+    def from_rows(cls, table: StackedTable, steps: int) -> Log:
+        """Returns the motion in the rows of `table`, also of a run, over `steps` tables; tracks may have holes."""
+        columns = {name: getattr(table, name) for name in ARRAY_FIELDS}
+        return cls._of_columns(columns, table.id, table.number, steps)
+
+    @classmethod
+    def _of_columns(cls, columns: Mapping[str, np.ndarray], agents: IntArray, step: IntArray, steps: int) -> Log:
+        """Returns the log of `steps` steps whose states are in `columns`, of `agents` (m,) at each `step` (m,)."""
+        ids, first_row, agent = np.unique(agents, return_index=True, return_inverse=True)
         valid = np.zeros((len(ids), steps), np.bool_)
         valid[agent, step] = True
 
-        def dense(column: str) -> FloatArray:
+        def dense(column: FloatArray) -> FloatArray:
             values = np.zeros(valid.shape)
-            values[agent, step] = table[column]
+            values[agent, step] = column
             return values
 
-        yaw, rate = dense("yaw"), np.zeros(valid.shape)
-        rate[agent, step] = _yaw_rates(agent, step, table["yaw"])
-        first_step = np.argmax(valid, axis=1)
-        last_step = first_step + valid.sum(axis=1) - 1  # recordings have no holes
         return cls(
             ids=ids,
-            kind=table["kind"][first_row],
-            length=table["length"][first_row],
-            width=table["width"][first_row],
-            first_step=first_step,
-            last_step=last_step,
+            kind=columns["kind"][first_row],
+            length=columns["length"][first_row],
+            width=columns["width"][first_row],
+            first_step=np.argmax(valid, axis=1),
+            last_step=steps - 1 - np.argmax(valid[:, ::-1], axis=1),
             valid=valid,
-            x=dense("x"),
-            y=dense("y"),
-            yaw=np.where(valid, wrap_angle(yaw), 0.0),
-            speed=dense("speed"),
-            acceleration=dense("acceleration"),
-            yaw_rate=rate,
+            x=dense(columns["x"]),
+            y=dense(columns["y"]),
+            yaw=dense(wrap_angle(columns["yaw"])),
+            speed=dense(columns["speed"]),
+            acceleration=dense(columns["acceleration"]),
+            yaw_rate=dense(_yaw_rates(agent, step, columns["yaw"])),
         )
 
     @property
