@@ -104,5 +104,21 @@ def test_of_runs_of_which_nothing_is_known_nothing_is_said_to_be_zero() -> None:
     lost = {name: value for name, value in summarise([], failed=3).items() if name not in known}
     assert set(lost.pop("ade_runs").values()) == {0}
     assert lost.pop("added") == {}
-    by_horizon = [*lost.pop("ade_controlled_m").values(), *lost.pop("ade_all_m").values()]
-    assert {*lost.values(), *by_horizon} == {None}
+    branches = [name for name, value in lost.items() if isinstance(value, dict)]
+    of_branches = [value for name in branches for value in lost.pop(name).values()]
+    assert len(branches) == 5 and {*lost.values(), *of_branches} == {None}
+
+
+def test_driven_traffic_is_pooled_over_agent_steps_and_its_medians_over_runs() -> None:
+    def run(**driven: Any) -> dict[str, Any]:
+        return metrics(traffic={"driven": {"following": 0, "headway_below_half_s": None, "headway_s": None} | driven})
+
+    long, short = (
+        run(following=n, headway_below_half_s=share, headway_s=s) for n, share, s in ((90, 0.1, 1.0), (10, 1.0, 0.4))
+    )
+    total = summarise([long, short, run()])
+    assert total["traffic_driven"]["headway_below_half_s"] == pytest.approx(0.19)
+    assert total["traffic_driven"]["headway_s"] == pytest.approx(0.7)
+    assert summarise([run()])["traffic_driven"]["headway_below_half_s"] is None
+    older = summarise([long, metrics()])
+    assert older["traffic_driven"]["headway_below_half_s"] is None, "one did not measure it"

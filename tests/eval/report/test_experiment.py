@@ -71,6 +71,14 @@ def test_a_displacement_that_not_all_runs_went_on_for_says_so(campaign: Write, t
     assert cells(html, "ADE@10 s m, all")[0] == f"2.00 (1 of {len(files)})"
 
 
+def test_driven_traffic_is_beside_its_logs_and_all_logs(campaign: Write, tmp_path: Path) -> None:
+    html = page_of(campaign(tmp_path)).read_text()
+    gaps = [cells(html, f"median gap m, {whose}")[0] for whose in ("driven", "of their logs", "of all logs")]
+    assert len(set(gaps)) == 3 and "-" not in gaps
+    fields = {field["path"]: field["label"] for field in packed(tmp_path / "experiment.html")["fields"]}
+    assert fields["traffic.driven.headway_s"] == "driven: median headway [s]"
+
+
 def test_who_left_no_measures_is_best_in_nothing(campaign: Write, tmp_path: Path) -> None:
     html = page_of(campaign(tmp_path)).read_text()
     starred = re.findall(r'<td class="number( best)?">[^<]*\*</td>', html)

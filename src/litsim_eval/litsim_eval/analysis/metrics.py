@@ -16,6 +16,7 @@ from litsim_data.surrogates.safety import TTC_CRITICAL_S, safety_series, shortes
 from litsim_eval.analysis.collision import Collisions, collisions
 from litsim_eval.analysis.comfort import comfort, hard_brakes_in_log
 from litsim_eval.analysis.displacement import Displacements, displacements
+from litsim_eval.analysis.driven_traffic import driven_traffic
 from litsim_eval.analysis.ego import ego_motion, minimum_risk_s
 from litsim_eval.analysis.fault import ContactVerdict, contact_verdicts, count_faults
 from litsim_eval.analysis.lockstep import lockstep, problems
@@ -110,6 +111,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "comfort": _comfort(run, hits),
         "realism": _realism(natural, hits.controlled, signals=run.signals is not None),
         "realism_near": None if (near_ego := natural.of(beside)) is None else near_ego.score,
+        "traffic": driven_traffic(run, hits.controlled),
         "signals": _signals(run),
         "minimum_risk_s": minimum_risk_s(run),
         "standoffs": [asdict(each) for each in standoffs(run)],

@@ -186,6 +186,32 @@ class RealismMetrics(TypedDict):
     agent_steps: int
 
 
+class DriversMetrics(TypedDict):
+    """How closely, hard and steadily some vehicles drive, and over how much of their time."""
+
+    minutes: float
+    following: int
+    headway_s: float | None
+    gap_m: float | None
+    headway_below_half_s: Share | None
+    ttc_below_3_s: Share | None
+    accelerations: int
+    braking_beyond_2_mps2: Share | None
+    jerks: int
+    jerk_mps3: float | None
+    lane_changes: int | None
+    lane_changes_per_minute: float | None
+
+
+class TrafficMetrics(TypedDict):
+    """Agents while a policy drives them, the logs of the same agents, and all of the log."""
+
+    driven: DriversMetrics
+    same_log: DriversMetrics
+    log: DriversMetrics
+    headway_ratio: float | None
+
+
 class LockstepMetrics(TypedDict):
     """Completeness of a run."""
 
@@ -268,6 +294,7 @@ class Metrics(TypedDict):
     comfort: ComfortMetrics
     realism: RealismMetrics | None
     realism_near: float | None
+    traffic: TrafficMetrics
     signals: SignalMetrics | None
     minimum_risk_s: float | None
     standoffs: list[dict[str, Any]]

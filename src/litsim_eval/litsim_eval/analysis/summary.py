@@ -47,6 +47,11 @@ def largest(values: Sequence[float | None]) -> float | None:
     return max(_known(values), default=None)
 
 
+def middle(values: Sequence[float | None]) -> float | None:
+    """Returns the median of the known `values`; None if there are none."""
+    return float(np.median(known)) if (known := _known(values)) else None
+
+
 def _known(values: Sequence[float | None]) -> list[float]:
     return [value for value in values if value is not None]
 
@@ -126,6 +131,17 @@ def _least_kept(run: Metrics) -> float | None:
     return min((share for share in ego.get("within", {}).values() if share is not None), default=None)
 
 
+def _sum_of(mean_or_share: str, count: str) -> Figure:
+    """Returns the figure of the sum that a mean or share was made of, both by their paths; 0 over nothing."""
+    value, number = _if_there(mean_or_share), _if_there(count)
+
+    def figure(run: Metrics) -> float | None:
+        known, over = value(run), number(run)
+        return 0.0 if over == 0 else None if known is None or over is None else known * over
+
+    return figure
+
+
 def _released(run: Metrics) -> float:
     return sum(each["released_step"] is not None for each in run["ledger"])
 
@@ -184,6 +200,40 @@ OF_SIMULATION = (
 )
 """Measures of the simulation, which are shown on request."""
 
+_WHOSE = {"driven": "driven", "same_log": "of their logs", "log": "of all logs"}
+"""Whose driving the branches of `traffic` tell of."""
+
+
+def _drivers(name: str, title: str, over: str | None = None, *, share: bool = False) -> Iterator[Measure]:
+    """Yields a measure of how agents drive, by whose driving: the mean over what `over` counts, or median of the runs'.
+
+    The mean is over all agent-steps of all runs.
+    """
+    for whose, named in _WHOSE.items():
+        at = f"traffic.{whose}"
+        figure = _if_there(f"{at}.{name}") if over is None else _sum_of(f"{at}.{name}", f"{at}.{over}")
+        yield Measure(
+            f"traffic_{whose}.{name}",
+            f"{title}, {named}",
+            figure,
+            middle if over is None else total,
+            below=None if over is None else _if_there(f"{at}.{over}"),
+            share=share,
+            of_control=whose != "log",
+        )
+
+
+TRAFFIC = (
+    *_drivers("headway_s", "median headway s"),
+    *_drivers("headway_below_half_s", "headway below 0.5 s", "following", share=True),
+    *_drivers("gap_m", "median gap m"),
+    *_drivers("ttc_below_3_s", "TTC below 3 s", "following", share=True),
+    *_drivers("braking_beyond_2_mps2", "braking beyond 2 m/s²", "accelerations", share=True),
+    *_drivers("jerk_mps3", "mean jerk m/s³", "jerks"),
+    *_drivers("lane_changes_per_minute", "lane changes per minute", "minutes"),
+)
+"""How agents drive under control, beside the same agents' logs and all of the log."""
+
 NOT_SHOWN = (
     Measure("excess_pairs", "", _at("collision.excess")),
     Measure("realtime_factor", "", _at("timing.realtime_factor"), mean),
@@ -215,7 +265,7 @@ def added() -> Iterator[Measure]:
 
 def measures() -> list[Measure]:
     """Returns all measures that are made of figures of the runs."""
-    every = (*OF_SIMULATION, *NOT_SHOWN, *OF_EGO, *DISPLACEMENTS, *added())
+    every = (*OF_SIMULATION, *TRAFFIC, *NOT_SHOWN, *OF_EGO, *DISPLACEMENTS, *added())
     return [measure for measure in every if measure.figure is not None]
 
 

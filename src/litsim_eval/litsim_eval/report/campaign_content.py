@@ -41,6 +41,10 @@ NAMED: dict[str, tuple[str, int | None]] = {
     "signals.red_ego": ("ego: red lights passed", 0),
     "takeovers": ("takeovers", 0),
     "timing.realtime_factor": ("× real time", 1),
+    "traffic.driven.headway_below_half_s": ("driven: headway below 0.5 s [share]", 3),
+    "traffic.driven.headway_s": ("driven: median headway [s]", 2),
+    "traffic.driven.ttc_below_3_s": ("driven: TTC below 3 s [share]", 3),
+    "traffic.headway_ratio": ("driven: headway over their logs'", 2),
 }
 """Title and digits after the point of measures; others are called by their path."""
 

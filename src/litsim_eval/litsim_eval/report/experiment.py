@@ -12,7 +12,7 @@ from typing import Any
 from tqdm import tqdm
 
 from litsim_eval.analysis.metrics_tree import leaves
-from litsim_eval.analysis.summary import DISPLACEMENTS, OF_EGO, OF_SIMULATION, Measure, added
+from litsim_eval.analysis.summary import DISPLACEMENTS, OF_EGO, OF_SIMULATION, TRAFFIC, Measure, added
 from litsim_eval.campaign.criteria import Verdict
 from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RUNS_FOLDER, Campaign, RunResult
 from litsim_eval.campaign.variant_summary import variant_summary
@@ -82,6 +82,7 @@ def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Pat
         tags=_tags(by_variant),
         summary=_side_by_side(summary, (*OF_EGO, *added())),
         simulation=_side_by_side(summary, OF_SIMULATION, with_zeros=False),
+        traffic=_side_by_side(summary, TRAFFIC),
         displacement=_side_by_side(summary, DISPLACEMENTS),
         unmeasured=any(variant["failed"] for variant in summary.values()),
         about=[("begun", campaign.begun_at), *((name, str(version)) for name, version in campaign.versions.items())],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from rich.console import Console
@@ -145,8 +145,24 @@ def _driving_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "comfort", kept
     guarded = others["guarded"]
     yield "guarded", f"{guarded['count']} of the policy's agent-steps ({_percent(guarded['share'])})"
+    traffic = metrics.get("traffic")
+    if traffic and traffic["driven"]["following"]:
+        yield from _traffic_rows(traffic["driven"], traffic["same_log"])
     realism = metrics["realism"]
     yield "realism", f"{realism['score']:.3f} of the log's own likelihood" if realism else NOTHING
+
+
+def _traffic_rows(driven: dict[str, Any], log: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yields how the policy drives, with how the same agents do in their logs in brackets."""
+
+    def both(name: str, text: Callable[[float | None], str]) -> str:
+        return f"{text(driven[name])} ({text(log[name])})"
+
+    close, short = both("headway_below_half_s", _percent), both("ttc_below_3_s", _percent)
+    headway = f"median headway {both('headway_s', _plain)} s, {close} below 0.5 s, TTC {short} below 3 s"
+    yield "driven (in their logs)", headway
+    braking = f"{both('braking_beyond_2_mps2', _percent)} of accelerations below -2 m/s²"
+    yield "", f"{braking}, {both('lane_changes_per_minute', _plain)} lane changes per minute"
 
 
 def _plain(value: float | None) -> str:

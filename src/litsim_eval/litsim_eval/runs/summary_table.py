@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from litsim_eval.analysis.metrics_tree import leaves
-from litsim_eval.analysis.summary import DISPLACEMENTS, MARK, OF_EGO, OF_SIMULATION, Measure, added
+from litsim_eval.analysis.summary import DISPLACEMENTS, MARK, OF_EGO, OF_SIMULATION, TRAFFIC, Measure, added
 from litsim_eval.campaign.variant_summary import Bounds
 
 Lines = Mapping[str, Mapping[str, str]]
@@ -41,7 +41,7 @@ def print_summary(
         everything: whether measures of the simulation are shown, not only those of the ego.
         bounds: of the figures, by variant, printed behind them.
     """
-    shown = (*OF_EGO, *((*OF_SIMULATION, *DISPLACEMENTS) if everything else ()), *added())
+    shown = (*OF_EGO, *((*OF_SIMULATION, *TRAFFIC, *DISPLACEMENTS) if everything else ()), *added())
     rows = {variant: leaves(values) for variant, values in summary.items()}
     lines = {
         f"{measure.title} %" if measure.share else measure.title: {
