@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from litsim_eval.analysis.realism import FEATURES, Naturalness, Realism
+from litsim_eval.analysis.motion_features import FEATURES
+from litsim_eval.analysis.realism import Naturalness, Realism
 from litsim_eval.analysis.signals import Passage
 from litsim_sim.core.scene import Controller
 from litsim_sim.core.signals import SignalState

@@ -18,7 +18,7 @@ from litsim_data.mining.lane_changes import STAYED_S, lane_changes
 from litsim_data.mining.lane_tracks import LaneTracks
 from litsim_data.surrogates.safety import following
 from litsim_eval.analysis.metrics_tree import DriversMetrics, TrafficMetrics
-from litsim_eval.analysis.realism import SAMPLE
+from litsim_eval.analysis.motion_features import SAMPLE
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 from litsim_sim.core.steps import StackedTable, Steps
 from litsim_sim.lane_map.lane_map import LaneMap

@@ -33,8 +33,10 @@ from litsim_eval.analysis.metrics_tree import (
     SignalMetrics,
 )
 from litsim_eval.analysis.progress import mean_progress
+from litsim_eval.analysis.reactsim import reactsim
 from litsim_eval.analysis.realism import Naturalness
 from litsim_eval.analysis.signals import log_passages, run_passages
+from litsim_eval.analysis.sim_agents import sim_agents
 from litsim_eval.analysis.standoff import standoffs
 from litsim_eval.analysis.takeover import Handback, Jump, handbacks, ledger
 from litsim_eval.analysis.timing import timing
@@ -111,6 +113,8 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "comfort": _comfort(run, hits),
         "realism": _realism(natural, hits.controlled, signals=run.signals is not None),
         "realism_near": None if (near_ego := natural.of(beside)) is None else near_ego.score,
+        "sim_agents": sim_agents(run, hits, natural.run, natural.log),
+        "reactsim": reactsim(run, hits),
         "traffic": driven_traffic(run, hits.controlled),
         "signals": _signals(run),
         "minimum_risk_s": minimum_risk_s(run),

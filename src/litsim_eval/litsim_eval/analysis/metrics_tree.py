@@ -18,7 +18,7 @@ from litsim_data.surrogates.safety import TTC_CRITICAL_S
 from litsim_eval.analysis.comfort import BOUNDS
 from litsim_eval.analysis.displacement import HORIZONS_S
 from litsim_eval.analysis.metric import ADDED
-from litsim_eval.analysis.realism import FEATURES
+from litsim_eval.analysis.motion_features import FEATURES, SIM_AGENTS
 from litsim_sim.core import plugins
 from litsim_sim.core.scene import Kind
 from litsim_sim.ego_port.port import COUNTS
@@ -212,6 +212,29 @@ class TrafficMetrics(TypedDict):
     headway_ratio: float | None
 
 
+class SimAgentsMetrics(TypedDict):
+    """Likelihood of the log under the run, by groups of features and by feature."""
+
+    score: float
+    kinematic: float | None
+    interaction: float | None
+    map: float | None
+    features: Annotated[dict[str, float | None], Keys(tuple(SIM_AGENTS))]
+    agents: int
+
+
+class ReactSimMetrics(TypedDict):
+    """How safely and feasibly the background responds to the ego."""
+
+    ego_contacts: int
+    ego_short_ttc: int
+    contact_share: Share | None
+    off_road: Share | None
+    wrong_way: Share | None
+    acceleration_infeasible: Share | None
+    curvature_infeasible: Share | None
+
+
 class LockstepMetrics(TypedDict):
     """Completeness of a run."""
 
@@ -294,6 +317,8 @@ class Metrics(TypedDict):
     comfort: ComfortMetrics
     realism: RealismMetrics | None
     realism_near: float | None
+    sim_agents: SimAgentsMetrics | None
+    reactsim: ReactSimMetrics
     traffic: TrafficMetrics
     signals: SignalMetrics | None
     minimum_risk_s: float | None
