@@ -19,6 +19,7 @@ import numpy as np
 
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.runs.runner import Runner, record
+from litsim_sim.cli.program import program
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller, FloatArray
 from litsim_sim.record.run import Run
@@ -96,6 +97,7 @@ def _measures(run: Run) -> dict[str, float]:
     return {heading: metrics[branch][leaf] for heading, (branch, leaf) in MEASURES.items()}
 
 
+@program
 def main(argv: list[str] | None = None) -> None:
     """Prints the table."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)

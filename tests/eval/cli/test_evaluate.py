@@ -146,6 +146,17 @@ def test_the_table_tells_of_takeovers_where_there_can_be_any(capsys, tmp_path, s
     assert ("takeovers per run" in capsys.readouterr().out) == (policy == "yield")
 
 
+def test_driven_traffic_is_told_beside_its_log_and_can_be_judged(capsys, tmp_path, criteria) -> None:
+    """Behind this ego, agents are under control that follow more closely than in their logs."""
+    criteria.write_text(yaml.safe_dump({"runs": [{"field": "traffic.headway_ratio", "min": 0.95}]}))
+    words = ["--policy", "yield", "--ego-id", "ego", "--criteria", criteria, "--out", tmp_path / "out"]
+    assert called(*words, "--all") == 1
+    said = capsys.readouterr()
+    assert "median headway s, of their logs" in said.out and "traffic.headway_ratio is 0." in said.err
+    (variant,) = results(tmp_path / "out")["variants"].values()
+    assert 0.0 < variant["traffic_driven"]["headway_s"] < variant["traffic_same_log"]["headway_s"]
+
+
 def test_intervals_stand_behind_the_figures_on_demand(capsys, tmp_path) -> None:
     words = ["--policy", "replay", "--ego-id", "7", "20", "24", "--out", tmp_path / "out"]
     called(*words, "--all", "--intervals")
