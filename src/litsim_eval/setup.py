@@ -6,7 +6,7 @@ from setuptools import find_packages, setup
 
 PACKAGE = ET.parse("package.xml").getroot()
 NAME, MAINTAINER = PACKAGE.findtext("name"), PACKAGE.find("maintainer")
-ENDINGS = ("css", "j2", "js", "parquet", "yaml")
+ENDINGS = ("css", "j2", "js", "json", "parquet", "yaml")
 """Endings of the files that code opens with importlib.resources."""
 
 setup(

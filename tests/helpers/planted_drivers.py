@@ -13,7 +13,7 @@ import yaml
 from litsim_data.encounters.encounter import Encounter
 from litsim_sim.core.scene import STEP_S, FloatArray
 from litsim_sim.scenario.encounter_note import Track
-from made_encounters import GAP, HISTORY, LANE_Y, LENGTH, braking, encounter_note, encounter_scenario
+from made_encounters import GAP, HISTORY, LANE_Y, LENGTH, SPEED, STEPS, encounter_note, encounter_scenario
 
 LATE_STEPS = 10  # 1 s
 SUPERHUMAN = 8.0  # [m/s2]
@@ -26,8 +26,8 @@ def made_encounters(count: int) -> list[Encounter]:
     encounters = []
     for number in range(count):
         lost, begin, duration = rng.uniform(3.0, 5.0), HISTORY + int(rng.integers(5, 13)), int(rng.integers(15, 20))
-        opponent = straight(50.0 + GAP + LENGTH, braking(HISTORY, lost, 15)["speed"])
-        agent = straight(50.0, braking(begin, lost, duration)["speed"])
+        opponent = straight(50.0 + GAP + LENGTH, braking(HISTORY, lost, 15))
+        agent = straight(50.0, braking(begin, lost, duration))
         encounters.append(
             replace(one, name=f"made_{number}", site=f"site_{number}", truth=agent, opponent_truth=opponent)
         )
@@ -63,6 +63,11 @@ def onward(encounter: Encounter, speed: FloatArray) -> Track:
     """The record up to the onset, from there on straight on at these speeds."""
     truth = encounter.truth
     return straight(truth.x[0], np.concatenate([truth.speed[: encounter.onset_step], speed]))
+
+
+def braking(begin: int, lost: float, duration: int) -> FloatArray:
+    """Speeds of a vehicle that loses this much evenly from step `begin` on, within `duration` steps."""
+    return SPEED - lost / duration * np.clip(np.arange(STEPS) - begin, 0, duration)
 
 
 def straight(x: float, speed: FloatArray) -> Track:

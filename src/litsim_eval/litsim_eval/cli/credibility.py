@@ -10,13 +10,12 @@ from pathlib import Path
 from rich.console import Console
 from tqdm import tqdm
 
-from litsim_data.encounters.encounter import Encounter
 from litsim_eval.campaign.case import file_digest, variants
 from litsim_eval.cli.evaluate import ExamplesFormatter
 from litsim_eval.cli.suite_arguments import add_policy_arguments, background_suite
 from litsim_eval.credibility.evidence import SUMS_FILE, TEXT_FILE, changes, write_evidence
 from litsim_eval.credibility.page import PAGE_FILE, write_page
-from litsim_eval.credibility.reading import chosen, data_files, encounters_at
+from litsim_eval.credibility.reading import Selection, packaged_ones, those_at
 from litsim_eval.credibility.results import CSV_FILE, JSON_FILE, Results, write_csv, write_json
 from litsim_eval.credibility.running import EGO, Setup, Task, run_task
 from litsim_eval.credibility.table import LEGEND, table_of
@@ -84,7 +83,8 @@ def credibility(arguments: argparse.Namespace) -> int:
     if arguments.check is not None:
         return _check(arguments.check)
     setups = setups_of(arguments)
-    task = Task(encounters_of(arguments), setups, arguments.drivers)
+    selection = selection_of(arguments)
+    task = Task(selection.encounters, setups, arguments.drivers)
     with tqdm(total=len(task), unit="run", dynamic_ncols=True) as bar:
         outcomes = []
         for each in run_task(task, arguments.processes):
@@ -101,18 +101,20 @@ def credibility(arguments: argparse.Namespace) -> int:
         write_page(results, command, folder / PAGE_FILE)
         print(f"page: {folder / PAGE_FILE}")
     if arguments.evidence is not None:
-        digest = write_evidence(results, data_files(task.encounters), command, arguments.evidence)
+        digest = write_evidence(results, selection.files, command, arguments.evidence)
         print(f"evidence: {arguments.evidence / TEXT_FILE}; SHA-256 of {SUMS_FILE}, to be kept elsewhere: {digest}")
     return EXIT_FAILED if len(results.responses) < len(setups) else 0
 
 
-def encounters_of(arguments: argparse.Namespace) -> list[Encounter]:
+def selection_of(arguments: argparse.Namespace) -> Selection:
     """Returns the encounters that the arguments describe.
 
     Raises:
         InputError: there is none, or a file cannot be used.
     """
-    return chosen(encounters_at(arguments.recording), arguments.split, arguments.limit, str(arguments.recording))
+    if arguments.recording is None:
+        return packaged_ones(arguments.split, arguments.limit)
+    return those_at(arguments.recording, arguments.split, arguments.limit)
 
 
 def setups_of(arguments: argparse.Namespace) -> tuple[Setup, ...]:

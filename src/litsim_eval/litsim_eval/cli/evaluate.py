@@ -12,6 +12,7 @@ from pathlib import Path
 from rich.console import Console
 from tqdm import tqdm
 
+from litsim_eval.campaign.background import background_sentences
 from litsim_eval.campaign.case import Case, code_versions
 from litsim_eval.campaign.criteria import Verdict
 from litsim_eval.campaign.folder import CampaignFolder
@@ -176,6 +177,8 @@ def _print(campaign: Campaign, *, everything: bool, intervals: bool) -> None:
     replayed = all(case.policy == REPLAY for case in campaign.cases)
     bounds = {variant: variant_bounds(results) for variant, results in campaign.variants.items()} if intervals else None
     print_summary(campaign.name, summary, Console(), replayed=replayed, everything=everything, bounds=bounds)
+    for sentence in background_sentences(campaign.cases):
+        print(sentence)
     print(f"{_counted(campaign.results)}; every run: {campaign.folder / RESULTS_FILE}")
     for criterion in campaign.judged:
         if not criterion.passed:

@@ -36,5 +36,8 @@ def bars() -> tuple[Limits, ...]:
 
 
 def judged(figures: Mapping[str, Any]) -> list[CriterionResult]:
-    """Returns the verdict of each bar on the measures of a policy, as in `credibility.json`."""
-    return [bar.judge(figures.get(bar.field)) for bar in bars()]
+    """Returns the verdict of each bar on the measures of a policy, as in `credibility.json`.
+
+    Bars on drawn drivers are left out where none were drawn.
+    """
+    return [bar.judge(figures.get(bar.field)) for bar in bars() if bar.field in figures]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from litsim_eval.campaign.case import file_digest
 from litsim_eval.credibility.bars import BARS_FILE, bars_path, judged
 from litsim_eval.credibility.measures import measures
 from litsim_eval.credibility.page import PAGE_FILE
+from litsim_eval.credibility.reading import DataFile
 from litsim_eval.credibility.results import CSV_FILE, JSON_FILE, Results, write_rows
 from litsim_eval.report.pages import render_text
 from litsim_eval.report.wording import leaf
@@ -24,23 +25,6 @@ PACK = (TEXT_FILE, JSON_FILE, CSV_FILE, PAGE_FILE, BARS_FILE, DATA_FILE)
 """Files of a pack; :data:`SUMS_FILE` lists them in the format of the program sha256sum."""
 LISTED_MAX = 20  # most files of data in the text
 _SUM = re.compile(r"(?P<digest>[0-9a-f]{64}) [ *](?P<name>[^/\n]+)")
-
-
-@dataclass(frozen=True)
-class DataFile:
-    """A file that encounters were read from.
-
-    Attributes:
-        file: its name.
-        licence: of its content.
-        encounters: number of encounters from it.
-        sha256: digest, in hexadecimal digits.
-    """
-
-    file: str
-    licence: str
-    encounters: int
-    sha256: str
 
 
 def write_evidence(results: Results, data: Iterable[DataFile], command: str, folder: Path) -> str:

@@ -31,6 +31,7 @@ LEVELS = (0.5, 0.9)
 """Central shares of drawn positions that the record should be within as often."""
 TTC_SHORT = 2.0  # [s] time to collision that people avoid
 HALVES = 200  # random halves of people whose distance is the floor of a distribution's
+DECIMALS = 6  # of figures
 CELLS_MAX = 4_000_000  # numbers in memory at a time, of encounters in draws
 
 Statistic = Callable[[Responses, FloatArray], FloatArray]
@@ -70,8 +71,10 @@ def measured(responses: Responses, *, bounds: bool = True) -> dict[str, Any]:
     The bootstrap is over the vehicles that react: all encounters of one are drawn together. What cannot be told, such
     as the median onset where nobody reacts, is None, and so are intervals with fewer than two vehicles.
     """
-    kinds = {name: _figures(responses.take(rows), bounds=bounds) for name, rows in responses.kinds.items()}
-    return {**_figures(responses, bounds=bounds), "kinds": kinds}
+    whole, kinds = _figures(responses, bounds=bounds), responses.kinds
+    if len(kinds) == 1:
+        return {**whole, "kinds": dict.fromkeys(kinds, whole)}
+    return {**whole, "kinds": {name: _figures(responses.take(rows), bounds=bounds) for name, rows in kinds.items()}}
 
 
 def measures() -> Iterator[Measure]:
@@ -124,11 +127,11 @@ def _interval(measure: Measure, responses: Responses, vehicles: int) -> list[flo
     parts = math.ceil(times.size * responses.drivers / CELLS_MAX)
     figures = [measure.figure(responses, part) for part in np.array_split(times, parts)]
     bounds = percentile_bounds(np.concatenate(figures))
-    return None if bounds is None else list(bounds)
+    return None if bounds is None else [round(bound, DECIMALS) for bound in bounds]
 
 
 def _plain(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+    return round(float(value), DECIMALS) if np.isfinite(value) else None
 
 
 def mean_distance(offsets: FloatArray) -> FloatArray:
@@ -242,7 +245,11 @@ _OF_CLOSENESS = (
     Measure("ttc_below_2", "share below 2 s", _mean_of(lambda r: r.simulated.least_ttc < TTC_SHORT)),
     Measure("ttc_below_2_people", "people's share", _mean_of(lambda r: r.people.least_ttc < TTC_SHORT)),
     Measure("ttc_below_2_excess", "share minus people's", _excess(lambda each: each.least_ttc < TTC_SHORT)),
-    Measure("near_misses", "share with a gap below 1 m or a TTC below 1 s", _mean_of(lambda r: r.simulated.near_miss)),
+    Measure(
+        "near_misses",
+        "share with a gap below 1 m or a time to collision below 1.5 s",
+        _mean_of(lambda r: r.simulated.near_miss),
+    ),
     Measure("near_misses_people", "people's share", _mean_of(lambda r: r.people.near_miss)),
     Measure("near_misses_excess", "share minus people's", _excess(lambda each: each.near_miss)),
     Measure(

@@ -18,7 +18,7 @@ from litsim_sim.scenario.encounter_note import Track
 
 LOOK_STEPS = 60
 """Steps after the onset whose positions are compared: 6 s."""
-NEAR_GAP, NEAR_TTC = 1.0, 1.0
+NEAR_GAP, NEAR_TTC = 1.0, 1.5
 """A near miss has a least gap [m] or a least time to collision [s] below these."""
 WIDE_GAP, WIDE_TTC, WIDE_BRAKING = 2.0, 2.5, -2.5
 """The wide verdict also takes in what is no near miss yet: gap [m], time to collision [s], acceleration [m/s2]."""

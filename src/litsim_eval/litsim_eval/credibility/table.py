@@ -16,7 +16,7 @@ from litsim_eval.report.wording import NOTHING
 Figures = Mapping[str, Any]
 LEGEND = (
     "medians, behind them the distance of the distribution from people's (KS, 0 to 1); position error: mean over the "
-    "5 s after the onset along the road; near misses: gap below 1 m or TTC below 1 s; AUC: how well they are ranked, "
+    "5 s after the onset along the road; near misses: gap below 1 m or TTC below 1.5 s; AUC: how well they are ranked, "
     "0.5 is chance; taken over: of people the share that reacted"
 )
 
@@ -52,22 +52,21 @@ def _nothing(_: Figures) -> str:
     return NOTHING
 
 
-def _with_distance(quantity: str, unit: str, digits: int = 2) -> Column:
+def _with_distance(head: str, quantity: str, unit: str, digits: int) -> Column:
     """Returns the column of a quantity: its median, and the distance of its distribution from people's."""
     median, distance = _number(f"{quantity}_{unit}", digits), _number(f"{quantity}_ks")
-    head = f"{quantity.replace('_', ' ')}, {'m/s2' if unit == 'mps2' else unit}"
-    return Column(head, lambda figures: f"{median(figures)} ({distance(figures)})", median)
+    return Column(head, lambda figures: f"{median(figures)} ({distance(figures).removeprefix('0')})", median)
 
 
 COLUMNS = (
-    Column("taken over, %", _share("taken_over"), _share("reacted")),
-    Column("position error, m", _number("position_error_m"), _nothing),
-    Column("onset error, s", _number("onset_error_s", 1), _nothing),
-    _with_distance("onset", "s", 1),
-    _with_distance("strongest_braking", "mps2"),
-    _with_distance("least_gap", "m", 1),
-    Column("TTC < 2 s, %", _share("ttc_below_2"), _share("ttc_below_2")),
-    Column("near misses, %", _share("near_misses"), _share("near_misses")),
+    Column("taken\nover, %", _share("taken_over"), _share("reacted")),
+    Column("position\nerror, m", _number("position_error_m"), _nothing),
+    Column("onset\nerror, s", _number("onset_error_s", 1), _nothing),
+    _with_distance("onset, s", "onset", "s", 1),
+    _with_distance("braking,\nm/s²", "strongest_braking", "mps2", 2),
+    _with_distance("least\ngap, m", "least_gap", "m", 1),
+    Column("TTC below\n2 s, %", _share("ttc_below_2"), _share("ttc_below_2")),
+    Column("near\nmisses, %", _share("near_misses"), _share("near_misses")),
     Column("AUC", _number("near_miss_auc"), _nothing),
     Column("contacts", lambda figures: str(figures["contacts"]), lambda figures: str(figures["contacts"])),
 )

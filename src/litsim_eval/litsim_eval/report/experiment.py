@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from litsim_eval.analysis.metrics_tree import leaves
 from litsim_eval.analysis.summary import DISPLACEMENTS, OF_EGO, OF_SIMULATION, TRAFFIC, Measure, added
+from litsim_eval.campaign.background import background_sentences
 from litsim_eval.campaign.criteria import Verdict
 from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RUNS_FOLDER, Campaign, RunResult
 from litsim_eval.campaign.variant_summary import variant_summary
@@ -87,6 +88,7 @@ def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Pat
         unmeasured=any(variant["failed"] for variant in summary.values()),
         about=[("begun", campaign.begun_at), *((name, str(version)) for name, version in campaign.versions.items())],
         pictured=bool(pictures),
+        background=background_sentences(campaign.cases),
         footnote=f"Everything on this page comes from the folder {campaign.folder.resolve().name}; a dash stands where "
         "there is nothing to measure.",
         data=pack_campaign(campaign, pictures, beside),
