@@ -95,13 +95,20 @@ def changing(number: int, x: float, speed: float, lanes: Sequence[tuple[float, f
     return Vehicle(number, x + speed * t, lane_y(np.interp(t, *zip(*lanes, strict=True))))
 
 
-def on_path(number: int, lanes: Sequence[str], begin: float, speed: float, seconds: float = 25.0) -> Vehicle:
-    """Drives at constant speed along lanes of the street, from `begin` metres on, until they end."""
+def on_path(
+    number: int, lanes: Sequence[str], begin: float, speed: float | Sequence[tuple[float, float]], seconds: float = 25.0
+) -> Vehicle:
+    """Drives along lanes of the street, from `begin` metres on, until they end.
+
+    Its speed is constant, or runs straight between the (time, speed) given.
+    """
     points = np.concatenate([STREET.lanes[STREET.row(name)].centerline for name in through(lanes)])
     keep = np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > 1e-3])
     points = points[keep]
     s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    way = begin + speed * times(seconds)
+    t = times(seconds)
+    pace = np.interp(t, *zip(*speed, strict=True)) if isinstance(speed, Sequence) else np.full(len(t), speed)
+    way = begin + np.append(0.0, np.cumsum(0.5 * STEP_S * (pace[1:] + pace[:-1])))
     way = way[way <= s[-1]]
     return Vehicle(number, np.interp(way, s, points[:, 0]), np.interp(way, s, points[:, 1]))
 

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from litsim_data.encounters.leader_brakes import Lack, brakings
+from litsim_data.encounters.lack import Lack
+from litsim_data.encounters.leader_brakes import brakings
 from made_encounters import following_track
 
 

@@ -8,14 +8,15 @@ from pathlib import Path
 import pytest
 
 from litsim_data.encounters.following import LANES, PAIRS, VEHICLES
-from litsim_data.encounters.packaged import EncounterRow, build, rows, table, table_text
+from litsim_data.encounters.packaged import WINDOWS, build, made_anew, rows
 from litsim_data.encounters.split import split_of
+from litsim_data.encounters.table import EncounterRow, table_text
 from litsim_sim.core.errors import InputError
 
 
 def data(real_data: Callable[..., Path]) -> Path:
     """The folder of the data; the test is skipped if it lacks one of the files."""
-    folders = {real_data(name).parents[1] for name in (PAIRS, LANES, VEHICLES)}
+    folders = {real_data(name).parents[1] for name in (PAIRS, LANES, VEHICLES, WINDOWS)}
     return folders.pop()
 
 
@@ -32,12 +33,12 @@ def test_rows_of_one_split_are_those_of_the_table() -> None:
 
 @pytest.mark.data
 def test_the_table_is_what_the_command_makes(real_data: Callable[..., Path]) -> None:
-    assert table_text(table(data(real_data))[0]) == table_text(rows())
+    assert table_text(made_anew(data(real_data), Counter())) == table_text(rows())
 
 
 @pytest.mark.data
 def test_encounters_are_built_from_their_rows(real_data: Callable[..., Path]) -> None:
-    some = rows()[::150]
+    some = (*rows()[::150], rows()[-1])
     built = {encounter.name: encounter for encounter in build(some, data(real_data))}
     again = [EncounterRow.of(built[row.name], row.source, row.period) for row in some]
     assert table_text(again) == table_text(some)

@@ -15,4 +15,5 @@ def test_two_of_five_vehicles_are_reported() -> None:
 
 def test_vehicles_of_the_us101_windows_are_reported() -> None:
     assert {split_of("us101", 0, vehicle) for vehicle in (4, 150, 590, 720, 100_016)} == {"reported"}
+    assert {split_of("us101_0750", 0, vehicle) for vehicle in (4, 150)} == {"reported"}
     assert "tuning" in {split_of("us101", 1, vehicle) for vehicle in (4, 150, 590, 720)}

@@ -1,20 +1,23 @@
-"""Leaders that brake, in recorded car following."""
+"""Leaders that brake or come to a stand, in recorded car following."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 
 from litsim_data.encounters.following import FollowingTrack
+from litsim_data.encounters.lack import Lack
 from litsim_data.encounters.smoothing import centred_place, centred_speed
 from litsim_sim.core.scene import STEP_S
+from litsim_sim.scenario.encounter_note import EncounterKind
 
 LOST = 2.0  # [m/s] that the leader loses
 WITHIN = 30  # steps within which it does
-FASTER_THAN = 4.0  # [m/s] before
+FASTER_THAN = 4.0  # [m/s] before; a slower one counts only if it comes to a stand
+MOVES, STANDS = 2.0, 0.3  # [m/s] speeds above and below which a leader moves and stands
+STANDS_FOR = 10  # steps for which it then stands
 BEGUN = 0.3  # [m/s] that it has lost at the onset
 PEAK_WITHIN = 15  # steps in which it is fastest before
 HISTORIES = (100, 50, 30)  # steps of history, of which an encounter has the most that are recorded
@@ -25,28 +28,20 @@ JUMP = 0.5  # [m] of a recorded place from the smooth motion: an error of the re
 ROOM = 0.3  # [m] that is left between the vehicles, in the record as in the log
 
 
-class Lack(StrEnum):
-    """Why a leader that brakes makes no encounter."""
-
-    SHORT = "the record ends within 6 s"
-    FAR = "the leader is too near or too far"
-    JUMP = "the record jumps"
-    RECORD = "the record has an overlap"
-    LOG = "at their pace, the follower runs into its leader"
-
-
 @dataclass(frozen=True)
 class Braking:
-    """A leader that brakes.
+    """A leader that brakes, or comes to a stand.
 
     Attributes:
         track: the vehicle behind it.
         onset: sample of the track at which it has begun.
+        kind: which of the two.
         lack: why it makes no encounter; None if it does.
     """
 
     track: FollowingTrack
     onset: int
+    kind: EncounterKind = "leader_brakes"
     lack: Lack | None = None
 
     @property
@@ -66,23 +61,28 @@ class Braking:
 
 
 def brakings(track: FollowingTrack) -> Iterator[Braking]:
-    """Yields the times at which the leader of `track` brakes, which do not overlap: it loses 2 m/s within 3 s.
+    """Yields the times at which the leader of `track` brakes or comes to a stand, which do not overlap.
 
-    They are searched for in the true motion. The onset is the last step at which the leader has lost less than
-    0.3 m/s, or an earlier one after its peak if the log has more room from there.
+    It brakes if it loses 2 m/s within 3 s from at least 4 m/s; a slower one, from 2 m/s on, comes to a stand if it then
+    stands for 1 s. Both are searched for in the true motion. The onset is the last step at which the leader has lost
+    less than 0.3 m/s, or an earlier one after its peak if the log has more room from there.
     """
-    if len(track) <= HISTORIES[-1] + WITHIN:
+    if len(track) <= HISTORIES[-1] + WITHIN + STANDS_FOR:
         return
     speed = centred_speed(track.leader_rear)
-    brakes = (speed[:-WITHIN] >= FASTER_THAN) & (speed[:-WITHIN] - speed[WITHIN:] >= LOST)
+    before, after = speed[:-WITHIN], speed[WITHIN:]
+    brakes = (before >= FASTER_THAN) & (before - after >= LOST)
+    still = np.convolve(after >= STANDS, np.ones(STANDS_FOR), "full")[STANDS_FOR - 1 :] == 0.0
+    begins = brakes | ((before >= MOVES) & (before < FASTER_THAN) & still)
     step = HISTORIES[-1]
-    while brakes[step:].any():
-        step += int(np.argmax(brakes[step:]))
+    while begins[step:].any():
+        step += int(np.argmax(begins[step:]))
         peak = step + int(np.argmax(speed[step : step + PEAK_WITHIN]))
         begun = peak + int(np.argmax(speed[peak:] < speed[peak] - BEGUN)) - 1
         roomy = [onset for onset in range(begun, peak - 1, -1) if _log_room(track, onset) > ROOM]
         onset = roomy[0] if roomy else begun
-        yield Braking(track, onset, _lack(track, onset, log_is_clear=bool(roomy)))
+        kind: EncounterKind = "leader_brakes" if brakes[step] else "standing"
+        yield Braking(track, onset, kind, _lack(track, onset, log_is_clear=bool(roomy)))
         step = onset + AFTER
 
 

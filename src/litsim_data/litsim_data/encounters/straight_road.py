@@ -17,16 +17,13 @@ import numpy as np
 from litsim_data.encounters.encounter import Encounter
 from litsim_data.encounters.following import CAR_LENGTH
 from litsim_data.encounters.leader_brakes import AFTER, Braking
+from litsim_data.encounters.origin import Origin
 from litsim_data.encounters.smoothing import centred_place, centred_speed, drivable
 from litsim_sim.core.scene import STEP_S, FloatArray, Kind
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.scenario.encounter_note import NOTE, EncounterNote, Track, TrackNote, Truth
-from litsim_sim.scenario.recording import Recording, RecordingHeader
-from litsim_sim.scenario.scenario import Scenario, Sources
-from litsim_sim.scenario.scenario_file import ScenarioFile
+from litsim_sim.scenario.encounter_note import EncounterNote, Track, TrackNote, Truth
 
 WIDTH = 1.9  # [m] of all vehicles
-REACH = 60.0  # [m] field roi_m: followers at the largest headway are in it
 UNKNOWN_LEADER = 0  # id of a leader whose NGSIM id is not known; those begin at 1
 ACCELERATION_STEPS = 5  # back to the speed from which an acceleration is measured
 DATA = {"i80": "NGSIM I-80, 2005-04-13", "us101": "NGSIM US-101, 2005-06-15"}
@@ -41,7 +38,7 @@ def encounter(braking: Braking) -> Encounter:
     opponent = _straight(*drivable(track.leader_rear[part] + 0.5 * track.leader_length, track.leader_speed[part]))
     agent = _straight(centred_place(track.front)[part] - half, centred_speed(track.front)[part])
     note = EncounterNote(
-        kind="leader_brakes",
+        kind=braking.kind,
         site=track.site,
         agent=track.follower,
         opponent=max(track.leader, UNKNOWN_LEADER),
@@ -56,29 +53,7 @@ def encounter(braking: Braking) -> Encounter:
         _columns(note.agent, frame, _at_pace(seen, onset), CAR_LENGTH),
     ]
     both = {name: np.concatenate([each[name] for each in columns]) for name in columns[0]}
-    return Encounter.of_scenario(_scenario(braking.name, note, both))
-
-
-def _scenario(name: str, note: EncounterNote, columns: dict[str, np.ndarray]) -> Scenario:
-    """Returns the scenario `name` of an encounter whose log has these `columns`."""
-    header = RecordingHeader(
-        name=name,
-        source=f"{DATA[note.site]} ({PUBLISHED})",
-        licence=LICENCE,
-        net=_road().name,
-        notes={NOTE: note.model_dump(mode="json")},
-    )
-    file = ScenarioFile(
-        name=name,
-        description="The ego brakes, where its log keeps its pace, as does that of its follower.",
-        recording=f"{name}.parquet",
-        net=str(_road()),
-        history_s=note.onset_step * STEP_S,
-        simulation_s=AFTER * STEP_S,
-        ego=note.opponent,
-        roi_m=REACH,
-    )
-    return Scenario(file, name, Sources(Recording.from_columns(header, columns, name), _lane_map()))
+    return _origin(track.site).encounter(braking.name, note, both)
 
 
 def _straight(x: FloatArray, speed: FloatArray) -> Track:
@@ -110,10 +85,6 @@ def _columns(vehicle: int, frame: int, track: Track, length: float) -> dict[str,
 
 
 @cache
-def _road() -> Path:
-    return Path(str(resources.files("litsim_data.encounters").joinpath("road.net.xml")))
-
-
-@cache
-def _lane_map() -> LaneMap:
-    return LaneMap.from_net(_road())
+def _origin(site: str) -> Origin:
+    net = Path(str(resources.files("litsim_data.encounters").joinpath("road.net.xml")))
+    return Origin(f"{DATA[site]} ({PUBLISHED})", LICENCE, net, LaneMap.from_net(net))

@@ -75,12 +75,17 @@ def pack(chosen: Sequence[Chosen], folder: Path) -> list[Chosen]:
         path = folder / f"{scenario.name}.yaml"
         if str(path) in moved.values():
             raise InputError(f"{name}: a second scenario with the name {scenario.name}: rename one to pack both")
-        _pack(scenario, path)
+        write_scenario(scenario, path)
         moved[name] = str(path)
     return [replace(case, scenario=moved.get(case.scenario, case.scenario)) for case in chosen]
 
 
-def _pack(scenario: Scenario, path: Path) -> None:
+def write_scenario(scenario: Scenario, path: Path) -> None:
+    """Writes a scenario to the file `path`, and beside it its part of the recording, and its net unless packaged.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
     recording, net = path.with_suffix(".parquet"), scenario.net_path
     scenario.recording.write(recording)
     net_name = net.name.removesuffix(".net.xml")
