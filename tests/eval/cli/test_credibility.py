@@ -87,3 +87,18 @@ def test_what_is_wrong_is_said_before_the_first_run(folder: Path, words: list[st
 def test_a_folder_without_encounters_is_refused(tmp_path: Path, capsys) -> None:
     assert called("--recording", tmp_path) == 2
     assert "no scenario in this folder" in capsys.readouterr().err
+
+
+def test_without_data_the_packaged_encounters_are_refused(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    monkeypatch.delenv("LITSIM_DATA", raising=False)
+    assert called("--policy", "idm") == 2
+    assert "LITSIM_DATA is not set, expected the folder with NGSIM's files" in capsys.readouterr().err
+
+
+def test_packaged_encounters_are_built_from_the_data(real_data, tmp_path: Path) -> None:
+    real_data("ngsim/i80_car_following_pairs.parquet")
+    real_data("ngsim/us101_vehicle_tracks.parquet")
+    assert called("--policy", "critic", "--limit", 2, "--evidence", tmp_path) == 0
+    values = json.loads((tmp_path / "credibility.json").read_text())
+    assert list(values["policies"]) == ["critic"] and values["splits"] == {"reported": 2}
+    assert "| ngsim/i80_car_following_pairs.parquet | CC BY-SA | 1 |" in (tmp_path / "evidence.md").read_text()

@@ -11,6 +11,7 @@ from rich.console import Console
 from tqdm import tqdm
 
 from litsim_eval.campaign.case import file_digest, variants
+from litsim_eval.campaign.policy_setup import packaged_setups
 from litsim_eval.cli.evaluate import ExamplesFormatter
 from litsim_eval.cli.suite_arguments import add_policy_arguments, background_suite
 from litsim_eval.credibility.evidence import SUMS_FILE, TEXT_FILE, changes, write_evidence
@@ -125,7 +126,8 @@ def setups_of(arguments: argparse.Namespace) -> tuple[Setup, ...]:
     """
     setups = []
     for variant in variants(background_suite(arguments, EGO)):
-        name = ", ".join(part for part in (variant.policy, variant.label) if part)
+        own = variant.label.split(", ")[0] in packaged_setups()  # the label begins with the name of the setup
+        name = ", ".join(part for part in ("" if own else variant.policy, variant.label) if part)
         parameters = by_stage((*each.split(".", 1), value) for each, value in variant.parameters)
         configured(EGO, variant.policy, parameters)
         setups.append(Setup(name, variant.policy, parameters))
