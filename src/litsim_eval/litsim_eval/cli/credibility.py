@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
+from contextlib import closing
 from pathlib import Path
 
 from rich.console import Console
@@ -86,9 +87,12 @@ def credibility(arguments: argparse.Namespace) -> int:
     setups = setups_of(arguments)
     selection = selection_of(arguments)
     task = Task(selection.encounters, setups, arguments.drivers)
-    with tqdm(total=len(task), unit="run", dynamic_ncols=True) as bar:
+    with (
+        tqdm(total=len(task), unit="run", dynamic_ncols=True) as bar,
+        closing(run_task(task, arguments.processes)) as running,
+    ):
         outcomes = []
-        for each in run_task(task, arguments.processes):
+        for each in running:
             outcomes.append(each)
             bar.update()
     results = Results.of(task, outcomes)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 
@@ -99,7 +99,7 @@ class Task:
         return str(scenario.net_path), scenario.history_steps, scenario.total_steps
 
 
-def run_task(task: Task, processes: int) -> Iterator[tuple[Run, Outcome]]:
+def run_task(task: Task, processes: int) -> Generator[tuple[Run, Outcome], None, None]:
     """Yields each run of `task` with its outcome as soon as it is driven, in any order, by several processes."""
     context = multiprocessing.get_context("fork")  # the copies share the encounters
     with ProcessPoolExecutor(processes, context, _begin, (task,)) as pool:
