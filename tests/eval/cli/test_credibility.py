@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -102,3 +103,33 @@ def test_packaged_encounters_are_built_from_the_data(real_data, tmp_path: Path) 
     values = json.loads((tmp_path / "credibility.json").read_text())
     assert list(values["policies"]) == ["critic"] and values["splits"] == {"reported": 2}
     assert "| ngsim/i80_car_following_pairs.parquet | CC BY-SA | 1 |" in (tmp_path / "evidence.md").read_text()
+
+
+def test_encounters_are_found_in_a_scenario(tmp_path: Path) -> None:
+    assert called("--recording", "demo", "--policy", "replay", "--limit", 2, "--json", tmp_path / "own.json") == 0
+    values = json.loads((tmp_path / "own.json").read_text())
+    assert values["encounters"] == 2 and values["policies"]["replay"]["taken_over"] == 0.0
+
+
+def test_a_recording_in_which_nobody_has_to_react_is_refused(make_scenario, track, tmp_path: Path, capsys) -> None:
+    path = tmp_path / "free.yaml"
+    path.write_text(make_scenario(track(1, x=200.0), track(2, x=60.0)).to_yaml())
+    assert called("--recording", path, "--policy", "idm") == 2
+    assert f"{path}: no moment in which a vehicle had to react" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"onset_step": None}, "field onset_step: Input should be a valid integer"),
+        ({"onset_step": 7}, "onset_step is 7, expected the history, 40"),
+        ({"truth": {}}, "field truth.agent: Field required"),
+    ],
+)
+def test_a_malformed_encounter_is_refused_in_one_line(
+    change: dict[str, Any], said: str, tmp_path: Path, capsys
+) -> None:
+    folder = encounter_files(tmp_path, encounter_note() | change)
+    assert called("--recording", folder) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1

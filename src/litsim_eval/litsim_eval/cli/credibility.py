@@ -53,7 +53,6 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument(
         "--recording",
-        type=Path,
         metavar="PATH",
         help="folder of encounters, one of them, or a scenario or recording in which to find some; default: the "
         "packaged ones, built from LITSIM_DATA",

@@ -12,11 +12,13 @@ from typing import TypeVar
 import numpy as np
 
 from litsim_data.encounters.encounter import Encounter
+from litsim_data.encounters.in_traffic import Traffic
+from litsim_data.encounters.lack import Lack
 from litsim_data.encounters.packaged import build, rows
 from litsim_eval.campaign.case import file_digest
 from litsim_sim.core.errors import InputError
-from litsim_sim.scenario.encounter_note import Split
-from litsim_sim.scenario.scenario import DATA_VARIABLE, Scenario
+from litsim_sim.scenario.encounter_note import NOTE, Split
+from litsim_sim.scenario.scenario import DATA_VARIABLE, Scenario, packaged_scenarios
 
 T = TypeVar("T")
 REPORTED: Split = "reported"
@@ -58,7 +60,7 @@ def packaged_ones(split: Split | None, limit: int | None) -> Selection:
             f"{DATA_VARIABLE} is not set, expected the folder with NGSIM's files from which the packaged encounters "
             "are built (docs/data.md); --recording takes encounters of your own"
         )
-    chosen = spread([row for row in rows() if row.split == (split or REPORTED)], limit)
+    chosen = spread(rows(split or REPORTED), limit)
     encounters = tuple(build(chosen, Path(folder)))
     count = Counter((row.source, row.licence) for row in chosen)
     files = [
@@ -67,24 +69,66 @@ def packaged_ones(split: Split | None, limit: int | None) -> Selection:
     return Selection(encounters, tuple(files))
 
 
-def those_at(path: Path, split: Split | None, limit: int | None) -> Selection:
-    """Returns encounters in the scenario files of a folder, sorted by name, or in one scenario file.
+def those_at(name: str, split: Split | None, limit: int | None) -> Selection:
+    """Returns encounters in a folder, sorted by file, or in a scenario or a recording, of one `split` or of both.
+
+    A scenario that is none, and a recording, are searched for encounters, as by `data encounters`.
 
     Raises:
         InputError: there is none, or none of this `split`, or a file cannot be used.
     """
+    path = Path(name)
     paths = sorted(path.glob("*.yaml")) if path.is_dir() else [path]
     if not paths:
-        raise InputError(f"{path}: no scenario in this folder, expected encounters by `data encounters`")
-    encounters = [Encounter.of_scenario(Scenario.load(each)) for each in paths]
-    of_split = [each for each in encounters if split in (None, each.split)]
+        raise InputError(f"{name}: no scenario in this folder, expected encounters by `data encounters`")
+    sources = [source for each in paths for source in (_told(str(each)) if path.is_dir() else _in_file(name))]
+    of_split = [source for source in sources if split in (None, source.encounter.split)]
     if not of_split:
-        raise InputError(f"{path}: no encounter of part {split}, expected at least one")
-    chosen = spread(of_split, limit)
-    count = Counter((Path(each.scenario.file.recording), each.licence) for each in chosen)
-    count += Counter((each.scenario.net_path, "") for each in chosen)
-    files = [DataFile(each.name, licence, n, file_digest(each)) for (each, licence), n in sorted(count.items())]
-    return Selection(tuple(chosen), tuple(files))
+        raise InputError(f"{name}: no encounter of part {split}, expected at least one")
+    return _selection(spread(of_split, limit))
+
+
+@dataclass(frozen=True)
+class _Source:
+    """An encounter, and the recording that it is from."""
+
+    encounter: Encounter
+    recording: Path
+
+
+def _told(name: str) -> list[_Source]:
+    """Returns the encounter that a scenario is; raises an InputError if it is none."""
+    scenario = Scenario.load(name)
+    return [_Source(Encounter.of_scenario(scenario), Path(scenario.file.recording))]
+
+
+def _in_file(name: str) -> list[_Source]:
+    """Returns the encounter that a scenario is, or those that are found in it or in a recording.
+
+    Raises:
+        InputError: there is none, or the file cannot be used.
+    """
+    recording = Path(name)
+    if name in packaged_scenarios() or recording.suffix in (".yaml", ".yml"):
+        scenario = Scenario.load(name)
+        if NOTE in scenario.recording.header.notes:
+            return _told(name)
+        recording = Path(scenario.file.recording)
+    left_out = Counter[Lack]()
+    traffic = Traffic.of(name, None, left_out)
+    found = [_Source(each, recording) for block in traffic.blocks for each in traffic.encounters(block)]
+    if not found:
+        reasons = "".join(f"; {count} left out: {lack}" for lack, count in sorted(left_out.items()))
+        raise InputError(f"{name}: no moment in which a vehicle had to react to another{reasons}")
+    return found
+
+
+def _selection(sources: Sequence[_Source]) -> Selection:
+    """Returns the encounters of `sources`, with digests of recordings and nets."""
+    count = Counter((source.recording, source.encounter.licence) for source in sources)
+    count += Counter((source.encounter.scenario.net_path, "") for source in sources)
+    files = [DataFile(path.name, licence, n, file_digest(path)) for (path, licence), n in sorted(count.items())]
+    return Selection(tuple(source.encounter for source in sources), tuple(files))
 
 
 def spread(sequence: Sequence[T], limit: int | None) -> list[T]:
