@@ -38,12 +38,12 @@ def background_sentences(cases: Iterable[Case]) -> list[str]:
             name = ", ".join(part for part in (case.policy, case.label) if part)
             kinds = {LIKE[event["kind"]] for event in case.events if event["kind"] in LIKE}
             backgrounds.setdefault(name, (case, set()))[1].update(kinds)
-    return [each for name, (case, kinds) in backgrounds.items() for each in _sentences(name, case, kinds)]
+    return [text for name, (case, kinds) in backgrounds.items() for text in _sentences(name, case, kinds)]
 
 
 def _sentences(name: str, case: Case, kinds: Collection[str]) -> Iterator[str]:
     """Yields sentences on the background called `name`, that of `case`, one for each of the `kinds` of encounters."""
-    figures = _figures(case.policy, by_stage((*each.split(".", 1), value) for each, value in case.parameters))
+    figures = _figures(case.policy, by_stage((*place.split(".", 1), value) for place, value in case.parameters))
     if figures is None:
         yield f"How credible background {name} is was not measured: `./litsim credibility` does ({MORE})."
         return

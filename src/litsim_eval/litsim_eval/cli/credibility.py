@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -17,9 +18,9 @@ from litsim_eval.cli.evaluate import ExamplesFormatter
 from litsim_eval.cli.suite_arguments import add_policy_arguments, background_suite
 from litsim_eval.credibility.evidence import SUMS_FILE, TEXT_FILE, changes, write_evidence
 from litsim_eval.credibility.page import PAGE_FILE, write_page
-from litsim_eval.credibility.reading import Selection, packaged_ones, those_at
+from litsim_eval.credibility.reading import Selection, encounters_in, packaged_encounters
 from litsim_eval.credibility.results import CSV_FILE, JSON_FILE, Results, write_csv, write_json
-from litsim_eval.credibility.running import EGO, Setup, Task, run_task
+from litsim_eval.credibility.running import EGO, Outcome, Run, Setup, Task, run_task
 from litsim_eval.credibility.table import LEGEND, table_of
 from litsim_eval.runs.runner import configured
 from litsim_sim.cli.arguments import Parser
@@ -86,16 +87,25 @@ def credibility(arguments: argparse.Namespace) -> int:
     setups = setups_of(arguments)
     selection = selection_of(arguments)
     task = Task(selection.encounters, setups, arguments.drivers)
+    results = Results.of(task, _driven(task, arguments.processes))
+    _print(results)
+    _write(results, selection, arguments)
+    return EXIT_FAILED if len(results.responses) < len(setups) else 0
+
+
+def _driven(task: Task, processes: int) -> Iterator[tuple[Run, Outcome]]:
+    """Yields the runs of `task` with their outcomes, with a progress bar."""
     with (
         tqdm(total=len(task), unit="run", dynamic_ncols=True) as bar,
-        closing(run_task(task, arguments.processes)) as running,
+        closing(run_task(task, processes)) as running,
     ):
-        outcomes = []
-        for each in running:
-            outcomes.append(each)
+        for outcome in running:
+            yield outcome
             bar.update()
-    results = Results.of(task, outcomes)
-    _print(results)
+
+
+def _write(results: Results, selection: Selection, arguments: argparse.Namespace) -> None:
+    """Writes the files that the arguments ask for."""
     if arguments.json is not None:
         write_json(results.to_json(), arguments.json)
     command = shlex.join(["./litsim", "credibility", *sys.argv[1:]])
@@ -107,7 +117,6 @@ def credibility(arguments: argparse.Namespace) -> int:
     if arguments.evidence is not None:
         digest = write_evidence(results, selection.files, command, arguments.evidence)
         print(f"evidence: {arguments.evidence / TEXT_FILE}; SHA-256 of {SUMS_FILE}, to be kept elsewhere: {digest}")
-    return EXIT_FAILED if len(results.responses) < len(setups) else 0
 
 
 def selection_of(arguments: argparse.Namespace) -> Selection:
@@ -117,8 +126,8 @@ def selection_of(arguments: argparse.Namespace) -> Selection:
         InputError: there is none, or a file cannot be used.
     """
     if arguments.recording is None:
-        return packaged_ones(arguments.split, arguments.limit)
-    return those_at(arguments.recording, arguments.split, arguments.limit)
+        return packaged_encounters(arguments.split, arguments.limit)
+    return encounters_in(arguments.recording, arguments.split, arguments.limit)
 
 
 def setups_of(arguments: argparse.Namespace) -> tuple[Setup, ...]:
@@ -131,7 +140,7 @@ def setups_of(arguments: argparse.Namespace) -> tuple[Setup, ...]:
     for variant in variants(background_suite(arguments, EGO)):
         own = variant.label.split(", ")[0] in packaged_setups()  # the label begins with the name of the setup
         name = ", ".join(part for part in ("" if own else variant.policy, variant.label) if part)
-        parameters = by_stage((*each.split(".", 1), value) for each, value in variant.parameters)
+        parameters = by_stage((*place.split(".", 1), value) for place, value in variant.parameters)
         configured(EGO, variant.policy, parameters)
         setups.append(Setup(name, variant.policy, parameters))
     return tuple(setups)

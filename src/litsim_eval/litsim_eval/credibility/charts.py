@@ -67,8 +67,8 @@ class Chart:
 
     def _points(self, line: Line) -> Iterator[str]:
         """Yields the unbroken pieces of a line as points of an SVG polyline."""
-        known = np.flatnonzero(np.isfinite(line.x) & np.isfinite(line.y))
-        for piece in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):
+        finite = np.flatnonzero(np.isfinite(line.x) & np.isfinite(line.y))
+        for piece in np.split(finite, np.flatnonzero(np.diff(finite) > 1) + 1):
             if len(piece) > 1:
                 yield " ".join(f"{self._x(line.x[k])},{self._y(line.y[k])}" for k in piece.tolist())
 
@@ -91,10 +91,10 @@ def shares_up_to(name: str, colour: int, values: FloatArray, x_range: tuple[floa
 
 def span(values: Sequence[FloatArray], share: float = 0.02) -> tuple[float, float]:
     """Returns the range that holds all but the outermost `share` of finite `values` at both ends, with some room."""
-    every = np.concatenate([each[np.isfinite(each)].ravel() for each in values])
-    if not len(every):
+    finite = np.concatenate([part[np.isfinite(part)].ravel() for part in values])
+    if not len(finite):
         return 0.0, 1.0
-    low, high = np.quantile(every, [share, 1.0 - share]).tolist()
+    low, high = np.quantile(finite, [share, 1.0 - share]).tolist()
     room = 0.05 * (high - low) or 0.5
     return low - room, high + room
 

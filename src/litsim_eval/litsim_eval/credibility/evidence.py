@@ -44,7 +44,7 @@ def write_evidence(results: Results, data: Iterable[DataFile], command: str, fol
         data=files[:LISTED_MAX],
         more=max(len(files) - LISTED_MAX, 0),
         policies={name: list(_rows(own)) for name, own in results.measures.items()},
-        measures=[(each.name, each.text) for each in measures() if not each.drawn or results.drivers > 1],
+        measures=[(measure.name, measure.text) for measure in measures() if not measure.drawn or results.drivers > 1],
     )
     with replacing(folder / TEXT_FILE) as new:
         new.write_text(text, encoding="utf-8")
@@ -64,13 +64,13 @@ def changes(folder: Path) -> list[str]:
         if (match := _SUM.fullmatch(line)) is None:
             raise InputError(f"{path}: line {number}: {line[:80]!r}, expected a SHA-256 and a file name")
         expected[match["name"]] = match["digest"]
-    there = {each.name for each in folder.iterdir()} - {SUMS_FILE}
+    present = {path.name for path in folder.iterdir()} - {SUMS_FILE}
     return [
-        *(f"{name}: is missing" for name in sorted(expected.keys() - there)),
-        *(f"{name}: is not of this pack" for name in sorted(there - expected.keys())),
+        *(f"{name}: is missing" for name in sorted(expected.keys() - present)),
+        *(f"{name}: is not of this pack" for name in sorted(present - expected.keys())),
         *(
             f"{name}: has changed: SHA-256 is {digest}, expected {expected[name]}"
-            for name in sorted(expected.keys() & there)
+            for name in sorted(expected.keys() & present)
             if (digest := file_digest(folder / name)) != expected[name]
         ),
     ]
@@ -78,7 +78,7 @@ def changes(folder: Path) -> list[str]:
 
 def _rows(figures: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     """Yields the bars for a policy: name, value, interval, limit and verdict."""
-    for each in judged(figures):
-        interval = figures.get(f"{each.field}_interval")
+    for result in judged(figures):
+        interval = figures.get(f"{result.field}_interval")
         between = f"{leaf(interval[0])} to {leaf(interval[1])}" if interval else leaf(None)
-        yield each.name, leaf(each.value), between, each.limit, "met" if each.passed else "**not met**"
+        yield result.name, leaf(result.value), between, result.limit, "met" if result.passed else "**not met**"

@@ -211,7 +211,7 @@ def _covering(level: float) -> Measure:
 
     def coverage(responses: Responses) -> FloatArray:
         positions = [_at(responses, seconds) for seconds in SCORED_S]
-        return np.column_stack([covered(each, np.zeros(len(each)), level) for each in positions])
+        return np.column_stack([covered(position, np.zeros(len(position)), level) for position in positions])
 
     text = f"share of positions after 2, 4 and 6 s within the central {100 * level:g} % of drivers"
     return Measure(f"coverage_{100 * level:g}", text, _mean_of(coverage), drawn=True)
@@ -244,14 +244,14 @@ _OF_TAKEOVERS = (
 _OF_CLOSENESS = (
     Measure("ttc_below_2", "share below 2 s", _mean_of(lambda r: r.simulated.least_ttc < TTC_SHORT)),
     Measure("ttc_below_2_people", "people's share", _mean_of(lambda r: r.people.least_ttc < TTC_SHORT)),
-    Measure("ttc_below_2_excess", "share minus people's", _excess(lambda each: each.least_ttc < TTC_SHORT)),
+    Measure("ttc_below_2_excess", "share minus people's", _excess(lambda own: own.least_ttc < TTC_SHORT)),
     Measure(
         "near_misses",
         "share with a gap below 1 m or a time to collision below 1.5 s",
         _mean_of(lambda r: r.simulated.near_miss),
     ),
     Measure("near_misses_people", "people's share", _mean_of(lambda r: r.people.near_miss)),
-    Measure("near_misses_excess", "share minus people's", _excess(lambda each: each.near_miss)),
+    Measure("near_misses_excess", "share minus people's", _excess(lambda own: own.near_miss)),
     Measure(
         "near_miss_auc",
         "how well people's near misses are ranked by the simulated least gap and time to collision",

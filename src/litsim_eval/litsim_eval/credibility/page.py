@@ -27,7 +27,7 @@ PAGE_FILE = "credibility.html"
 BEFORE_STEPS = 30  # of the pictures of encounters over time, before the onset: 3 s
 SLOPE_STEPS = 5  # over which a shown acceleration is a mean: 0.5 s, as for the strongest braking
 SHOWN_TTC_MAX = 12.0  # [s] up to which times to collision are shown
-PICTURED = ((0.5, "a usual one"), (0.9, "a hard one"))
+PICTURED = ((0.5, "usual"), (0.9, "hard"))
 """Encounters of each kind that are pictured: share of those in which people lost less speed, and what that means."""
 
 
@@ -53,9 +53,9 @@ def write_page(results: Results, command: str, path: Path) -> None:
 
 def _subtitle(results: Results) -> str:
     """Returns which encounters there are, in words."""
-    kinds = Counter(words(each.kind) for each in results.encounters)
-    sites = Counter(each.site for each in results.encounters)
-    texts = [", ".join(f"{count} {name}" for name, count in each.items()) for each in (kinds, sites)]
+    kinds = Counter(words(encounter.kind) for encounter in results.encounters)
+    sites = Counter(encounter.site for encounter in results.encounters)
+    texts = [", ".join(f"{count} {name}" for name, count in counts.items()) for counts in (kinds, sites)]
     drivers = f" · {results.drivers} drivers in each" if results.drivers > 1 else ""
     return f"{len(results.encounters)} encounters: {texts[0]} · {texts[1]}{drivers}"
 
@@ -64,7 +64,7 @@ def _bars(results: Results) -> list[dict[str, Any]]:
     """Returns a row for each bar, with its verdicts on all setups."""
     verdicts = [judged(own) for own in results.measures.values()]
     return [
-        {"name": row[0].name, "limit": row[0].limit, "cells": [(leaf(each.value), each.passed) for each in row]}
+        {"name": row[0].name, "limit": row[0].limit, "cells": [(leaf(result.value), result.passed) for result in row]}
         for row in zip(*verdicts, strict=True)
     ]
 
@@ -85,10 +85,10 @@ def _pictures(results: Results) -> Iterator[dict[str, Any]]:
     lost = results.people.people.speed_lost
     for kind, rows in results.people.kinds.items():
         ranked = rows[lost[rows].argsort(kind="stable")].tolist()
-        for at, what in {ranked[int(share * (len(ranked) - 1))]: what for share, what in PICTURED}.items():
-            encounter = results.encounters[at]
+        for row, what in {ranked[int(share * (len(ranked) - 1))]: what for share, what in PICTURED}.items():
+            encounter = results.encounters[row]
             yield {
-                "title": f"{words(kind)}: {what}, {encounter.name}",
+                "title": f"{words(kind)}, {what}: {encounter.name}",
                 "errors": _errors(results, encounter),
                 "charts": [chart.drawn() for chart in _over_time(results, encounter)],
             }
@@ -97,10 +97,10 @@ def _pictures(results: Results) -> Iterator[dict[str, Any]]:
 def _errors(results: Results, encounter: Encounter) -> str:
     """Returns the position errors of all setups in an encounter, in words."""
     errors = {
-        name: mean_distance(own.along[[at]])[0]
+        name: mean_distance(own.along[[row]])[0]
         for name, own in results.responses.items()
-        for at in [own.row(encounter)]
-        if at is not None
+        for row in [own.row(encounter)]
+        if row is not None
     }
     return ", ".join(f"{name} {error:.1f} m" for name, error in errors.items())
 
@@ -108,10 +108,10 @@ def _errors(results: Results, encounter: Encounter) -> str:
 def _over_time(results: Results, encounter: Encounter) -> Iterator[Chart]:
     """Yields the charts of an encounter: gap, speed and acceleration of people and each setup's first driver."""
     series = {
-        name: _series(encounter, own.drives[at][0].track)
+        name: _series(encounter, own.drives[row][0].track)
         for name, own in results.drives.items()
-        for at in [own.row(encounter)]
-        if at is not None
+        for row in [own.row(encounter)]
+        if row is not None
     }
     ends = -BEFORE_STEPS * STEP_S, (len(encounter.truth) - 1 - encounter.onset_step) * STEP_S
     colours = {name: colour for colour, name in enumerate(results.drives)}
@@ -125,8 +125,8 @@ def _series(encounter: Encounter, track: Track) -> tuple[FloatArray, ...]:
     begin = max(encounter.onset_step - BEFORE_STEPS, 0)
     end = min(len(track), len(encounter.opponent_truth))
     own, other = (
-        Track(each.x[begin:end], each.y[begin:end], each.yaw[begin:end], each.speed[begin:end])
-        for each in (track, encounter.opponent_truth)
+        Track(whole.x[begin:end], whole.y[begin:end], whole.yaw[begin:end], whole.speed[begin:end])
+        for whole in (track, encounter.opponent_truth)
     )
     gap, _ = (box_gaps if encounter.kind in BY_BOXES else path_gaps)(own, other, *sizes(encounter))
     speed = own.speed

@@ -49,7 +49,15 @@ class Selection:
     files: tuple[DataFile, ...]
 
 
-def packaged_ones(split: Split | None, limit: int | None) -> Selection:
+@dataclass(frozen=True)
+class _Source:
+    """An encounter, and the recording that it is from."""
+
+    encounter: Encounter
+    recording: Path
+
+
+def packaged_encounters(split: Split | None, limit: int | None) -> Selection:
     """Returns encounters of the packaged table, reported ones unless `split` says otherwise, built from the data.
 
     Raises:
@@ -69,7 +77,7 @@ def packaged_ones(split: Split | None, limit: int | None) -> Selection:
     return Selection(encounters, tuple(files))
 
 
-def those_at(name: str, split: Split | None, limit: int | None) -> Selection:
+def encounters_in(name: str, split: Split | None, limit: int | None) -> Selection:
     """Returns encounters in a folder, sorted by file, or in a scenario or a recording, of one `split` or of both.
 
     A scenario that is none, and a recording, are searched for encounters, as by `data encounters`.
@@ -78,28 +86,24 @@ def those_at(name: str, split: Split | None, limit: int | None) -> Selection:
         InputError: there is none, or none of this `split`, or a file cannot be used.
     """
     path = Path(name)
-    paths = sorted(path.glob("*.yaml")) if path.is_dir() else [path]
-    if not paths:
-        raise InputError(f"{name}: no scenario in this folder, expected encounters by `data encounters`")
-    sources = [source for each in paths for source in (_told(str(each)) if path.is_dir() else _in_file(name))]
+    sources = _in_folder(path) if path.is_dir() else _in_file(name)
     of_split = [source for source in sources if split in (None, source.encounter.split)]
     if not of_split:
         raise InputError(f"{name}: no encounter of part {split}, expected at least one")
     return _selection(spread(of_split, limit))
 
 
-@dataclass(frozen=True)
-class _Source:
-    """An encounter, and the recording that it is from."""
+def _in_folder(folder: Path) -> list[_Source]:
+    """Returns the encounters in a folder of scenarios; raises an InputError without any, or if a scenario is none."""
+    scenarios = [Scenario.load(path) for path in sorted(folder.glob("*.yaml"))]
+    if not scenarios:
+        raise InputError(f"{folder}: no scenario in this folder, expected encounters by `data encounters`")
+    return [_of_scenario(scenario) for scenario in scenarios]
 
-    encounter: Encounter
-    recording: Path
 
-
-def _told(name: str) -> list[_Source]:
+def _of_scenario(scenario: Scenario) -> _Source:
     """Returns the encounter that a scenario is; raises an InputError if it is none."""
-    scenario = Scenario.load(name)
-    return [_Source(Encounter.of_scenario(scenario), Path(scenario.file.recording))]
+    return _Source(Encounter.of_scenario(scenario), Path(scenario.file.recording))
 
 
 def _in_file(name: str) -> list[_Source]:
@@ -112,15 +116,15 @@ def _in_file(name: str) -> list[_Source]:
     if name in packaged_scenarios() or recording.suffix in (".yaml", ".yml"):
         scenario = Scenario.load(name)
         if NOTE in scenario.recording.header.notes:
-            return _told(name)
+            return [_of_scenario(scenario)]
         recording = Path(scenario.file.recording)
     left_out = Counter[Lack]()
     traffic = Traffic.of(name, None, left_out)
-    found = [_Source(each, recording) for block in traffic.blocks for each in traffic.encounters(block)]
-    if not found:
+    sources = [_Source(own, recording) for block in traffic.blocks for own in traffic.encounters(block)]
+    if not sources:
         reasons = "".join(f"; {count} left out: {lack}" for lack, count in sorted(left_out.items()))
         raise InputError(f"{name}: no moment in which a vehicle had to react to another{reasons}")
-    return found
+    return sources
 
 
 def _selection(sources: Sequence[_Source]) -> Selection:
@@ -134,4 +138,4 @@ def _selection(sources: Sequence[_Source]) -> Selection:
 def spread(sequence: Sequence[T], limit: int | None) -> list[T]:
     """Returns at most `limit` of a sequence, all for None, spread evenly over it."""
     count = min(len(sequence), limit or len(sequence))
-    return [sequence[at] for at in np.linspace(0, len(sequence) - 1, count).round().astype(int).tolist()]
+    return [sequence[k] for k in np.linspace(0, len(sequence) - 1, count).round().astype(int).tolist()]

@@ -38,7 +38,7 @@ class Reactions:
     @classmethod
     def of(cls, reactions: Sequence[Reaction]) -> Self:
         """Returns arrays (n,) of `reactions`."""
-        return cls(*(np.array([getattr(each, name) for each in reactions]) for name in _names(cls)))
+        return cls(*(np.array([getattr(own, name) for own in reactions]) for name in _names(cls)))
 
     def reshaped(self, *shape: int) -> Self:
         """Returns the same in another shape."""
@@ -96,7 +96,7 @@ class Responses:
     def of(cls, encounters: Sequence[Encounter], drives: Sequence[Sequence[Drive]]) -> Self:
         """Returns the responses of `drives`, as many for each of `encounters`, one at least."""
         shape = len(encounters), len(drives[0])
-        pairs = [(encounter, own) for encounter, each in zip(encounters, drives, strict=True) for own in each]
+        pairs = [(encounter, own) for encounter, driven in zip(encounters, drives, strict=True) for own in driven]
         offsets = np.array([_offsets(encounter, own.track) for encounter, own in pairs])
         late = [np.nan if own.taken_over_s is None else own.taken_over_s for _, own in pairs]
         simulated = Reactions.of([reaction_of(encounter, own.track) for encounter, own in pairs]).reshaped(*shape)

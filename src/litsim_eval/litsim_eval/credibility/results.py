@@ -60,10 +60,10 @@ class Results:
         of_run, responses, failures = dict(outcomes), {}, []
         for number, setup in enumerate(task.setups):
             rows, drives = [], []
-            for at, encounter in enumerate(task.encounters):
-                own = [of_run[Run(number, at, driver)] for driver in range(task.drivers)]
-                failures += [Failure(setup.name, encounter.name, each) for each in own if isinstance(each, str)]
-                driven = [each for each in own if not isinstance(each, str)]
+            for position, encounter in enumerate(task.encounters):
+                own = [of_run[Run(number, position, driver)] for driver in range(task.drivers)]
+                failures += [Failure(setup.name, encounter.name, why) for why in own if isinstance(why, str)]
+                driven = [drive for drive in own if not isinstance(drive, str)]
                 if len(driven) == task.drivers:
                     rows.append(encounter)
                     drives.append(driven)
@@ -74,7 +74,9 @@ class Results:
     @cached_property
     def people(self) -> Responses:
         """What people did, as if a setup had driven exactly so."""
-        return Responses.of(self.encounters, [[Drive(each.truth, None, contact=False)] for each in self.encounters])
+        return Responses.of(
+            self.encounters, [[Drive(encounter.truth, None, contact=False)] for encounter in self.encounters]
+        )
 
     @property
     def drives(self) -> dict[str, Responses]:
@@ -102,7 +104,7 @@ class Results:
             "drivers": self.drivers,
             "policies": {
                 setup.name: self.measures[setup.name]
-                | {"bars": [asdict(each) for each in judged(self.measures[setup.name])]}
+                | {"bars": [asdict(result) for result in judged(self.measures[setup.name])]}
                 | {"policy": setup.policy, "parameters": setup.parameters, "errors": errors[setup.name]}
                 for setup in self.setups
                 if setup.name in self.measures

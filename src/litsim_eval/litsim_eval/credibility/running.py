@@ -84,7 +84,7 @@ class Task:
         return [
             job
             for setup in range(len(self.setups))
-            for job in portions([Run(setup, at, k) for k in range(self.drivers) for at in order], BATCH_MAX)
+            for job in portions([Run(setup, own, k) for k in range(self.drivers) for own in order], BATCH_MAX)
         ]
 
     def plan(self, run: Run) -> RunPlan:
@@ -116,12 +116,13 @@ def drive(task: Task, runs: Sequence[Run]) -> list[Outcome]:
 
     Runs that were driven together with one that fails are repeated alone.
     """
-    plans = {at: task.plan(run) for at, run in enumerate(runs)}
+    plans = {number: task.plan(run) for number, run in enumerate(runs)}
     encounters = [task.encounters[run.encounter] for run in runs]
     outcomes: dict[int, Outcome] = {}
     for together in batchable(plans):
-        outcomes |= _together({at: plans[at] for at in together}, encounters)
-    return [outcomes[at] if at in outcomes else _alone(plans[at], encounters[at]) for at in range(len(runs))]
+        outcomes |= _together({number: plans[number] for number in together}, encounters)
+    alone = {number: _alone(plans[number], encounters[number]) for number in plans if number not in outcomes}
+    return [(outcomes | alone)[number] for number in plans]
 
 
 class Watch:
@@ -172,15 +173,15 @@ def _touching(table: AgentTable, row: int) -> np.ndarray:
 
 def _together(plans: Mapping[int, RunPlan], encounters: Sequence[Encounter]) -> dict[int, Drive]:
     """Returns what is driven in the runs of `plans`, by their keys; empty if one of them fails."""
-    watches = {at: Watch(encounters[at]) for at in plans}
+    watches = {number: Watch(encounters[number]) for number in plans}
     order = list(plans)
     try:
         for results in BatchedRunner(list(plans.values())).steps():
-            for number, result in results.items():
-                watches[order[number]].look(result.table)
+            for place, result in results.items():
+                watches[order[place]].look(result.table)
     except Exception:  # noqa: BLE001 - alone, each run reports its own error
         return {}
-    return {at: watch.drive for at, watch in watches.items()}
+    return {number: watch.drive for number, watch in watches.items()}
 
 
 def _alone(plan: RunPlan, encounter: Encounter) -> Outcome:
