@@ -112,7 +112,7 @@ def test_who_drives_on_along_its_log_needs_no_guard_behind_somebody_who_stands(
     """It brakes as hard as its bounds allow, with the guard off."""
     y = lane_centres[2]
     scenario = make_scenario(track(1, x=110.0, y=y, speed=0.0), track(2, x=100.0, y=y, speed=5.0))
-    config = PolicyCConfig(rules=rules, safety=SafetyConfig(contact=False))
+    config = PolicyCConfig(rules=rules, drivers="none", safety=SafetyConfig(contact=False))
     path = np.array([[90.0, y], [300.0, y]])
     held = TakeoverTable(0, (takeover(2, reference_path=path),))
     controls = PolicyC(scenario, config).act(scenario.log.table(0), held)

@@ -212,7 +212,7 @@ def test_without_network_and_rules_only_the_guard_brakes(
 ) -> None:
     """The ego ahead brakes to a stand; agent 2 would drive on."""
     scenario = make_scenario(track(1, x=200.0, last=110), track(2, x=170.0, last=110))
-    parameters = {"policy": {"rules": False, "safety.contact": guard}}
+    parameters = {"policy": {"drivers": "none", "rules": False, "safety.contact": guard}}
     run = drive(scenario, lambda *_: (-5.0, 0.0), policy="litsim", parameters=parameters)
     assert ((1, 2) in run.world.contacts) == collides
 

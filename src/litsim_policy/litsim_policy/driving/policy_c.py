@@ -1,14 +1,16 @@
-"""Policy C, called `litsim`: held agents drive on as their logs do, or as a network says, behind one guard."""
+"""Policy C, called `litsim`: held agents drive on as their logs do and follow others as people do, behind one guard."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from litsim_policy.driving.action import executed_yaw_rate, physical
 from litsim_policy.driving.features.observation import Observer
+from litsim_policy.driving.follower import Follower, FollowerConfig
 from litsim_policy.driving.handback import COMFORTABLE, OwnLogs
 from litsim_policy.driving.policy import Policy
 from litsim_policy.driving.policy_network import PACKAGED, PolicyNetwork, shipped_weights
@@ -33,11 +35,16 @@ class PolicyCConfig:
             network that adds to that, `critic` one that drives alone, trained with a critic after the paper. Else a
             file that ``litsim_research train policy`` has written.
         rules: whether agents keep their distance, make room, and wait for crossing ones, whatever drives them.
+        drivers: `median` for agents that follow those ahead as people usually do, whatever drives them; `none` for no
+            car following.
+        follower: the car following.
         safety: the guard.
     """
 
     weights: str = "none"
     rules: Flag = True
+    drivers: Literal["median", "none"] = "median"
+    follower: FollowerConfig = FollowerConfig()
     safety: SafetyConfig = SafetyConfig()
 
     def network(self) -> PolicyNetwork | None:
@@ -73,8 +80,8 @@ def guarded(scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray,
 class PolicyC(Policy):
     """The policy called `litsim`: agents that are held drive on as their logs do, or as a network says.
 
-    Whatever drives them, agents keep to the rules and stop at red lights. Agents that pass or return are driven by
-    policy `yield`; passing ones behind the same safety layer.
+    Whatever drives them, agents follow others as people do, keep to the rules and stop at red lights. Agents that pass
+    or return are driven by policy `yield`; passing ones behind the same safety layer.
     """
 
     batched = True
@@ -92,9 +99,12 @@ class PolicyC(Policy):
         self._yielding, self._lane_map = YieldPolicy(scenario), scenario.lane_map
         self._driving = (network, Observer(self._lane_map, network.observation)) if network else None
         self._safety, self._logs = SafetyLayer(config.safety), OwnLogs(scenario, rules=config.rules)
+        self._follower = None if config.drivers == "none" else Follower(scenario, config.follower)
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
         """Returns controls of every agent that is held or handed back."""
+        if self._follower is not None:
+            self._follower.observe(table)
         held = [t for t in takeovers.takeovers if t.state == TakeoverState.HELD]
         passing = [t for t in held if t.path_source == PathSource.LANE]
         keeping = [t for t in held if t.path_source != PathSource.LANE]
@@ -114,6 +124,8 @@ class PolicyC(Policy):
             network, observer = self._driving
             action = network.mean(observer.features(scene))
             acceleration, yaw_rate = executed(scene, action, residual=network.observation.residual)
+        if self._follower is not None:
+            acceleration = self._follower.limited(scene.agents, acceleration)
         return guarded(scene, self._logs.yielding(scene.agents, acceleration), yaw_rate, self._safety)
 
     def _by_rules(self, table: AgentTable, takeovers: Sequence[Takeover]) -> ControlTable:
