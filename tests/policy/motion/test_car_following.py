@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_policy.motion.car_following import GAP_MIN, IdmConfig, idm_acceleration
+from litsim_policy.motion.car_following import GAP_MIN, IdmConfig, following, headway_kept, idm_acceleration
 
 IDM = IdmConfig(desired_speed=20.0, headway=1.0, standstill_gap=2.0, acceleration=1.5, deceleration=2.0)
 NOBODY = np.empty(0)
@@ -63,3 +63,28 @@ def test_accelerations_of_many_are_the_formula_with_arrays(seed: int) -> None:
     free = IDM.acceleration * (1.0 - np.float_power(speed / np.maximum(desired, 0.1), 4))
     expected = np.clip(free - interaction, -IDM.braking_max, IDM.acceleration)
     assert (idm_acceleration(IDM, speed, desired, gap, leader_speed, leads) == expected).all()
+
+
+@given(st.floats(2.0, 30.0), st.floats(2.0, 80.0), st.floats(0.0, 30.0))
+def test_following_is_the_model_on_a_free_road_unless_that_brakes_more_than_it_takes(
+    speed: float, gap: float, lead: float
+) -> None:
+    config = IdmConfig(desired_speed=1e6)
+    plain = float(idm_acceleration(config, speed, 1e6, np.array([gap]), np.array([lead])))
+    found = following(speed, gap, lead, 0.0, config.values)
+    enough = -(max(speed - lead, 0.0) ** 2) / (2.0 * gap)
+    assert found == pytest.approx(plain) if plain >= enough else plain <= found + 1e-9 and found < enough
+
+
+def test_following_brakes_for_a_leader_that_brakes() -> None:
+    model = IdmConfig().values
+    assert following(15.0, 3.0, 15.0, -4.0, model) < following(15.0, 3.0, 15.0, 0.0, model) - 1.0
+
+
+@given(st.floats(3.0, 30.0), st.floats(-3.0, 3.0), st.floats(0.3, 2.5))
+def test_a_headway_comes_back_from_what_the_driver_does(speed: float, closing: float, headway: float) -> None:
+    config, lead = IdmConfig(headway=headway), speed - max(closing, -2.0 * headway)
+    gap = np.array([config.standstill_gap + 1.5 * headway * speed])
+    acceleration = float(idm_acceleration(config, speed, 1e6, gap, np.array([lead])))
+    if -2.0 < acceleration < 0.8 * config.acceleration:
+        assert headway_kept(speed, acceleration, gap[0], lead, config.values) == pytest.approx(headway, abs=1e-6)

@@ -1,80 +1,99 @@
-"""Car following as people do it: the Intelligent Driver Model, with the time gap that the driver usually keeps."""
+"""Car following as people do it: the Intelligent Driver Model, with the headway that the driver keeps."""
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
-from litsim_policy.motion.car_following import GAP_MIN, Leaders
+from litsim_policy.driving.handback import SPEED_GAIN
+from litsim_policy.motion.car_following import IdmValues, Leaders, following
 from litsim_policy.motion.followers import PathFollowers
-from litsim_policy.motion.usual_gaps import UsualGaps
+from litsim_policy.motion.kept_headways import KeptHeadways
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Number, Positive, configuration
-from litsim_sim.core.scene import AgentTable, FloatArray
-from litsim_sim.kernels.compiled import Floats, kernel
+from litsim_sim.core.scene import FloatArray, IntArray
+from litsim_sim.kernels.compiled import Floats, kernel, tuple_of
 from litsim_sim.scenario.setting import Setting
 
-TIME_GAP_MIN = 0.3  # [s] lower limit on time gaps
+SIGHT = 60.0  # [m] gap beyond which agents do not go along with the one ahead
+FASTER = 1.2  # most by which agents drive faster than their logs, to go along with the one ahead: a factor
 
 
 @configuration
 class FollowerConfig:
-    """How people follow; the time gap of a driver depends on what the driver did while on the log.
+    """How people follow, fitted to recorded drivers by ``litsim_research train followers``.
+
+    The driver's own headway is estimated from what the driver did while on the log.
 
     Attributes:
-        headway: time gap of a driver who usually keeps the typical one.
-        own_share: change of the time gap with the usual one.
-        typical: time gap that drivers usually keep.
-        looks: number of looks, one every half second, after which own and typical time gap count alike.
+        headway: of a driver of whom nothing is known yet.
+        looks: number of looks at a driver, one every half second, after which own and general headway count alike.
         standstill_gap: behind a standing leader.
         acceleration: the maximum.
         deceleration: comfortable braking.
         braking_max: limit on the braking of the model.
     """
 
-    headway: NonNegative[Duration] = 1.0
-    own_share: Number = 0.5
-    typical: NonNegative[Duration] = 1.35
-    looks: Positive[Number] = 2.0
-    standstill_gap: NonNegative[Length] = 2.0
-    acceleration: Positive[Acceleration] = 1.5
-    deceleration: Positive[Acceleration] = 1.7
-    braking_max: Positive[Acceleration] = 4.0
+    headway: NonNegative[Duration] = 0.93
+    looks: Positive[Number] = 6.8
+    standstill_gap: NonNegative[Length] = 2.6
+    acceleration: Positive[Acceleration] = 0.78
+    deceleration: Positive[Acceleration] = 1.35
+    braking_max: Positive[Acceleration] = 3.1
+
+    @cached_property
+    def values(self) -> IdmValues:
+        """The parameters of the model, as kernels take them."""
+        return tuple_of(IdmValues, self)
 
 
 class Follower:
-    """The car following of all agents of a scenario, each with a time gap of its own."""
+    """The car following of all agents of a scenario, each with the headway of its own driver."""
 
     def __init__(self, scenario: Setting, config: FollowerConfig) -> None:
-        self._config, self._usual = config, UsualGaps(scenario.log)
+        self._model = config.values
+        self._headways = KeptHeadways(scenario.log, self._model, config.looks)
 
-    def observe(self, table: AgentTable) -> None:
-        """Take into account how agents drive at the step of `table`; to be called once per step, in order."""
-        self._usual.observe(table)
+    def along(self, agents: PathFollowers, wanted: FloatArray, log_speed: FloatArray) -> FloatArray:
+        """Returns `wanted` (m,) [m/s2], or more where the agents ahead are faster than the agents' logs.
 
-    def limited(self, agents: PathFollowers, wanted: FloatArray) -> FloatArray:
-        """Returns `wanted` (m,) [m/s2], or less where the agents follow others on their paths."""
-        config = self._config
-        usual = self._usual.means(agents.table.id[agents.rows], config.typical, config.looks)
-        headway = np.maximum(config.headway + config.own_share * (usual - config.typical), TIME_GAP_MIN)
-        behind = _behind(
-            agents.speed, headway, agents.leaders, config.standstill_gap, config.acceleration, config.deceleration
-        )
-        return np.minimum(wanted, np.maximum(behind, -config.braking_max))
+        The speed of a log behind others, `log_speed` (m,) [m/s], is not all that its driver wants: people go along.
+        """
+        speed = np.minimum(_next_speed(agents.leaders), FASTER * log_speed)
+        return np.where(speed > log_speed, np.maximum(wanted, SPEED_GAIN * (speed - agents.speed)), wanted)
+
+    def limited(self, agents: PathFollowers, wanted: FloatArray, since: IntArray) -> FloatArray:
+        """Returns `wanted` (m,) [m/s2], or less where the agents follow others on their paths.
+
+        They have been off their logs `since` (m,) these steps.
+        """
+        headway = self._headways.of(agents.table.id[agents.rows], since)
+        return np.minimum(wanted, _behind(agents.speed, headway, agents.leaders, self._model))
 
 
 @kernel
-def _behind(
-    speed: Floats, headway: Floats, leaders: Leaders, standstill: float, acceleration: float, deceleration: float
-) -> Floats:
+def _next_speed(leaders: Leaders) -> Floats:
+    """Speeds (m,) [m/s] of the next of the leaders of m vehicles; 0 for none."""
+    speed = np.zeros(len(leaders.first))
+    for i in range(len(speed)):
+        least = SIGHT
+        for j in range(leaders.gap.shape[1]):
+            if leaders.leads[i, j] and 0.0 < leaders.gap[i, j] < least:
+                least, speed[i] = leaders.gap[i, j], leaders.speed[i, j]
+    return speed
+
+
+@kernel
+def _behind(speed: Floats, headway: Floats, leaders: Leaders, model: IdmValues) -> Floats:
     """Accelerations (m,) [m/s2] behind the most demanding of the leaders; on a free road, the maximum.
 
     `speed` [m/s] and `headway` [s] are (m,).
     """
-    behind = np.full(len(speed), acceleration)
+    behind = np.full(len(speed), model.acceleration)
     for i in range(len(speed)):
+        own = IdmValues(headway[i], model.standstill_gap, model.acceleration, model.deceleration, model.braking_max)
         for j in range(leaders.gap.shape[1]):
             if leaders.leads[i, j] and leaders.gap[i, j] > 0.0:
-                closing = speed[i] - max(leaders.speed[i, j], 0.0)
-                wanted = speed[i] * headway[i] + 0.5 * speed[i] * closing / np.sqrt(acceleration * deceleration)
-                share = (standstill + max(wanted, 0.0)) / max(leaders.gap[i, j], GAP_MIN)
-                behind[i] = min(behind[i], acceleration * (1.0 - share**2))
+                lead, change = max(leaders.speed[i, j], 0.0), leaders.acceleration[leaders.first[i] + j]
+                behind[i] = min(behind[i], following(speed[i], leaders.gap[i, j], lead, change, own))
     return behind

@@ -48,13 +48,18 @@ def catch_up(
     return np.asarray(np.minimum(np.maximum(wanted, -DECELERATION_MAX), ACCELERATION_MAX))
 
 
-def along_log(log: Log, agents: PathFollowers, lag: IntArray) -> FloatArray:
-    """Returns accelerations (m,) [m/s2] with which agents drive on as their logs do, `lag` (m,) steps later.
+def logged(log: Log, agents: PathFollowers, lag: IntArray) -> tuple[IntArray, IntArray]:
+    """Returns rows and steps (m,) of the logs of agents that lag by `lag` (m,) steps.
 
     Where the log is over, its end counts.
     """
     rows = log.ids.searchsorted(agents.table.id[agents.rows])
-    at = rows, np.minimum(agents.table.step - lag, log.last_step[rows])
+    return rows, np.minimum(agents.table.step - lag, log.last_step[rows])
+
+
+def along_log(log: Log, agents: PathFollowers, lag: IntArray) -> FloatArray:
+    """Returns accelerations (m,) [m/s2] with which agents drive on as their logs do, `lag` (m,) steps later."""
+    at = logged(log, agents, lag)
     behind = agents.to_goal(log.x[at], log.y[at])
     return catch_up(behind, agents.speed, log.speed[at], log.acceleration[at])
 
@@ -72,6 +77,10 @@ class OwnLogs:
     def onwards(self, agents: PathFollowers, lag: IntArray) -> FloatArray:
         """Returns accelerations (m,) [m/s2] of agents whose logs lag by `lag` (m,) steps."""
         return along_log(self.log, agents, lag)
+
+    def speed(self, agents: PathFollowers, lag: IntArray) -> FloatArray:
+        """Returns the speeds (m,) [m/s] of these logs."""
+        return self.log.speed[logged(self.log, agents, lag)]
 
     def yielding(self, agents: PathFollowers, wanted: FloatArray) -> FloatArray:
         """Returns `wanted` (m,) [m/s2], or less where a rule or a red light demands it.

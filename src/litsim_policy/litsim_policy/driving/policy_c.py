@@ -103,8 +103,6 @@ class PolicyC(Policy):
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
         """Returns controls of every agent that is held or handed back."""
-        if self._follower is not None:
-            self._follower.observe(table)
         held = [t for t in takeovers.takeovers if t.state == TakeoverState.HELD]
         passing = [t for t in held if t.path_source == PathSource.LANE]
         keeping = [t for t in held if t.path_source != PathSource.LANE]
@@ -119,14 +117,21 @@ class PolicyC(Policy):
         if not len(scene):
             return ControlTable.empty(table.step)
         if self._driving is None:
-            acceleration, yaw_rate = scene.onwards, scene.agents.path_yaw_rate
+            acceleration, yaw_rate = self._onwards(scene), scene.agents.path_yaw_rate
         else:
             network, observer = self._driving
             action = network.mean(observer.features(scene))
             acceleration, yaw_rate = executed(scene, action, residual=network.observation.residual)
         if self._follower is not None:
-            acceleration = self._follower.limited(scene.agents, acceleration)
+            since = np.array([takeover.detected_step for takeover in keeping])
+            acceleration = self._follower.limited(scene.agents, acceleration, since)
         return guarded(scene, self._logs.yielding(scene.agents, acceleration), yaw_rate, self._safety)
+
+    def _onwards(self, scene: DrivingScene) -> FloatArray:
+        """Returns accelerations (m,) [m/s2] with which the agents drive on as their logs do, or with those ahead."""
+        if self._follower is None:
+            return scene.onwards
+        return self._follower.along(scene.agents, scene.onwards, self._logs.speed(scene.agents, scene.lag))
 
     def _by_rules(self, table: AgentTable, takeovers: Sequence[Takeover]) -> ControlTable:
         """Returns controls of agents that policy `yield` drives."""

@@ -18,6 +18,9 @@ DESIRED_MIN = 0.1  # [m/s] lower bound on desired speeds
 GAP_MIN = 0.1  # [m] lower bound on gaps, since the model has a pole at zero
 LEADER_BRAKES = 1.0  # [m/s2] a leader that brakes harder is assumed to brake until it stands
 BRAKING_MIN = 0.1  # [m/s2] lower bound on the braking of such a leader
+RESERVE_MIN = 0.2  # least share of the maximum acceleration that a vehicle does not use, since the model would use all
+COOLNESS = 0.99  # of a driver who knows that a gap that is merely short is no emergency, as published
+BRAKING_SEEN = 2.0  # [m/s2] harder braking says no more about the headway that a driver keeps
 
 
 class IdmValues(NamedTuple):
@@ -111,6 +114,40 @@ def idm(speed: float, desired_speed: float, gap: Floats, leader_speed: Floats, l
             wanted = model.standstill_gap + max(0.0, speed * model.headway + closing)
             interaction = max(interaction, model.acceleration * (wanted / max(gap[j], GAP_MIN)) ** 2)
     return within(free - interaction, -model.braking_max, model.acceleration)
+
+
+@kernel
+def following(speed: float, gap: float, leader_speed: float, leader_acceleration: float, model: IdmValues) -> float:
+    """Acceleration [m/s2] behind one leader on an otherwise free road.
+
+    It is that of :func:`idm`, but where this would brake harder than it takes if the leader keeps its acceleration, it
+    is little less than the latter: nobody brakes hard for a gap that is merely short, as after a cut-in (the ACC model
+    of Kesting, Treiber and Helbing, 2010). `gap` [m] is positive.
+    """
+    room, slows = max(gap, GAP_MIN), min(leader_acceleration, model.acceleration)
+    closing, scale = speed - leader_speed, 2.0 * math.sqrt(model.acceleration * model.deceleration)
+    wanted = model.standstill_gap + max(speed * model.headway + speed * closing / scale, 0.0)
+    plain = model.acceleration * (1.0 - (wanted / room) ** 2)
+    stop = leader_speed**2 - 2.0 * room * slows
+    if leader_speed * closing <= -2.0 * room * slows and stop > 0.0:
+        enough = speed**2 * slows / stop
+    else:
+        enough = slows - max(closing, 0.0) ** 2 / (2.0 * room)
+    if plain < enough:
+        easier = enough + model.deceleration * math.tanh((plain - enough) / model.deceleration)
+        plain = (1.0 - COOLNESS) * plain + COOLNESS * easier
+    return within(plain, -model.braking_max, model.acceleration)
+
+
+@kernel
+def headway_kept(speed: float, acceleration: float, gap: float, leader_speed: float, model: IdmValues) -> float:
+    """Headway [s] with which the model has this `acceleration` [m/s2] behind one leader on an otherwise free road.
+
+    It may be negative; `speed` is more than 0.
+    """
+    reserve = 1.0 - max(acceleration, -BRAKING_SEEN) / model.acceleration
+    closing = speed * (speed - leader_speed) / (2.0 * math.sqrt(model.acceleration * model.deceleration))
+    return (gap * math.sqrt(max(reserve, RESERVE_MIN)) - model.standstill_gap - closing) / speed
 
 
 @kernel

@@ -1,1 +1,1 @@
-"""Training of reactions: by how much people change their speed behind a leader."""
+"""Reactions, fitted to people: by how much they change their speed behind a leader, and how they follow it."""
