@@ -71,7 +71,9 @@ CHANGES = {
     "no confirmation": ("conflict.confirm_steps", "conflict.held_steps_min", "conflict.clear_steps"),
     "no passing": ("conflict.passing",),
     "its hand-back": ("conflict.handback",),
-    "its policy C": ("policy.weights",),
+    "overlaps alone": ("conflict.unlikely",),
+    "its policy C": ("policy.weights", "policy.drivers"),
+    "no car following": ("policy.drivers",),
     "no rules": ("policy.rules",),
     "no guard": ("policy.safety.contact",),
 }
