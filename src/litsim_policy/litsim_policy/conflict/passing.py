@@ -13,7 +13,7 @@ from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.lane_map.lane_map import LaneMap
 
 SLOWER = 0.5  # [m/s] an agent is held back if it is slower than its log, lag included, by more than this
-PATIENCE = 50  # [steps] in a row for which it is held back before it looks for another lane: as many changes as people make
+PATIENCE = 50  # [steps] in a row for which it is held back before it looks for another lane: as often as people change
 AGAIN = 40  # [steps] least time from one lane change to the next
 CHANGE_TIME = 3.5  # [s] duration of a lane change
 LOOK = 150.0  # [m] ahead over which both lanes must lead the same way: changing, passing and changing back at 14 m/s
