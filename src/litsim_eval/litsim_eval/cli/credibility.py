@@ -88,8 +88,10 @@ def credibility(arguments: argparse.Namespace) -> int:
     selection = selection_of(arguments)
     task = Task(selection.encounters, setups, arguments.drivers)
     results = Results.of(task, _driven(task, arguments.processes))
+    written = _write(results, selection, arguments)
     _print(results)
-    _write(results, selection, arguments)
+    for line in written:
+        print(line)
     return EXIT_FAILED if len(results.responses) < len(setups) else 0
 
 
@@ -104,8 +106,9 @@ def _driven(task: Task, processes: int) -> Iterator[tuple[Run, Outcome]]:
             bar.update()
 
 
-def _write(results: Results, selection: Selection, arguments: argparse.Namespace) -> None:
-    """Writes the files that the arguments ask for."""
+def _write(results: Results, selection: Selection, arguments: argparse.Namespace) -> list[str]:
+    """Writes the files that the arguments ask for, and returns lines on where they are."""
+    lines = []
     if arguments.json is not None:
         write_json(results.to_json(), arguments.json)
     command = shlex.join(["./litsim", "credibility", *sys.argv[1:]])
@@ -113,10 +116,13 @@ def _write(results: Results, selection: Selection, arguments: argparse.Namespace
         write_json(results.to_json(), folder / JSON_FILE)
         write_csv(results, folder / CSV_FILE)
         write_page(results, command, folder / PAGE_FILE)
-        print(f"page: {folder / PAGE_FILE}")
+        lines.append(f"page: {folder / PAGE_FILE}")
     if arguments.evidence is not None:
         digest = write_evidence(results, selection.files, command, arguments.evidence)
-        print(f"evidence: {arguments.evidence / TEXT_FILE}; SHA-256 of {SUMS_FILE}, to be kept elsewhere: {digest}")
+        lines.append(
+            f"evidence: {arguments.evidence / TEXT_FILE}; SHA-256 of {SUMS_FILE}, to be kept elsewhere: {digest}"
+        )
+    return lines
 
 
 def selection_of(arguments: argparse.Namespace) -> Selection:
