@@ -47,12 +47,14 @@ class Measure:
         text: what it is, in one line.
         figure: computes it.
         drawn: whether it is for several drivers in each encounter alone.
+        distance: whether it is one, to which the chance of a draw always adds; its bounds are corrected for that.
     """
 
     name: str
     text: str
     figure: Statistic
     drawn: bool = False
+    distance: bool = False
 
 
 QUANTITIES = {
@@ -111,22 +113,25 @@ def _figures(responses: Responses, *, bounds: bool) -> dict[str, Any]:
     for measure in measures():
         if measure.drawn and responses.drivers < 2:
             continue
-        figures[measure.name] = _plain(measure.figure(responses, once(len(own)))[0])
+        value = float(measure.figure(responses, once(len(own)))[0])
+        figures[measure.name] = _plain(value)
         if bounds:
-            figures[f"{measure.name}_interval"] = _interval(measure, responses, vehicles)
+            figures[f"{measure.name}_interval"] = _interval(measure, responses, vehicles, value)
     for quantity in QUANTITIES:
         figures[f"{quantity}_ks_people"] = floor(getattr(responses.people, quantity))
     return figures
 
 
-def _interval(measure: Measure, responses: Responses, vehicles: int) -> list[float] | None:
-    """Returns the bounds of a measure by the bootstrap over so many `vehicles`; None where there are none."""
+def _interval(measure: Measure, responses: Responses, vehicles: int, value: float) -> list[float] | None:
+    """Returns the bounds of a measure of this `value` by the bootstrap over so many `vehicles`; None without any."""
     if vehicles < 2:
         return None
     times = times_drawn(vehicles)[:, responses.vehicles]
     parts = math.ceil(times.size * responses.drivers / CELLS_MAX)
-    figures = [measure.figure(responses, part) for part in np.array_split(times, parts)]
-    bounds = percentile_bounds(np.concatenate(figures))
+    figures = np.concatenate([measure.figure(responses, part) for part in np.array_split(times, parts)])
+    if measure.distance:
+        figures = np.maximum(figures - figures.mean() + value, 0.0)
+    bounds = percentile_bounds(figures)
     return None if bounds is None else [round(bound, DECIMALS) for bound in bounds]
 
 
@@ -174,7 +179,7 @@ def _distribution(name: str, unit: str, text: str) -> Iterator[Measure]:
 
     yield Measure(f"{name}_{unit}", f"{text}; median", simulated)
     yield Measure(f"{name}_people_{unit}", f"{text}; people's median", people)
-    yield Measure(f"{name}_ks", f"{text}; Kolmogorov-Smirnov distance from people", distance)
+    yield Measure(f"{name}_ks", f"{text}; Kolmogorov-Smirnov distance from people", distance, distance=True)
 
 
 def _mean_of(values: Callable[[Responses], Any]) -> Statistic:

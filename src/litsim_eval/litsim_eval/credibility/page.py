@@ -16,7 +16,7 @@ from litsim_eval.credibility.charts import Chart, Line, shares_up_to, span
 from litsim_eval.credibility.measures import QUANTITIES, mean_distance
 from litsim_eval.credibility.responses import Responses, sizes
 from litsim_eval.credibility.results import Results
-from litsim_eval.credibility.table import COLUMNS, LEGEND, sections, words
+from litsim_eval.credibility.table import COLUMNS, LEGEND, MORE_COLUMNS, sections, words
 from litsim_eval.report.pages import render_page
 from litsim_eval.report.run_report import save
 from litsim_eval.report.wording import leaf
@@ -30,17 +30,23 @@ SHOWN_TTC_MAX = 12.0  # [s] up to which times to collision are shown
 PICTURED = ((0.5, "usual"), (0.9, "hard"))
 """Encounters of each kind that are pictured: share of those in which people lost less speed, and what that means."""
 
+MORE = (
+    "kappa: agreement beyond chance on a time to collision below 2.5 s, a gap below 2 m or braking above 2.5 m/s²; "
+    "politeness: least gap minus people's, median; heroism: share that brakes harder than anyone in encounters of "
+    "the kind"
+)
+
 
 def write_page(results: Results, command: str, path: Path) -> None:
     """Writes the page of `results` of a `command`; raises InputError if that is impossible."""
-    drives = results.drives
+    drives, columns = results.drives, (*COLUMNS, *MORE_COLUMNS)
     page = render_page(
         "credibility.html.j2",
         title=f"Credibility of {', '.join(results.responses)}",
         subtitle=_subtitle(results),
-        heads=[column.head for column in COLUMNS],
-        sections=list(sections(results)),
-        legend=LEGEND,
+        heads=[column.head for column in columns],
+        sections=list(sections(results, columns)),
+        legend=f"{LEGEND}; {MORE}",
         bars=_bars(results),
         names=[(name, colour) for colour, name in enumerate(drives)],
         distributions=[_distribution(quantity, drives).drawn() for quantity in QUANTITIES],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,6 +71,15 @@ COLUMNS = (
     Column("contacts", lambda figures: str(figures["contacts"]), lambda figures: str(figures["contacts"])),
 )
 
+MORE_COLUMNS = (
+    _with_distance("speed\nlost, m/s", "speed_lost", "mps", 1),
+    _with_distance("least\nTTC, s", "least_ttc", "s", 1),
+    Column("kappa", _number("wide_kappa"), _nothing),
+    Column("politeness, m", _number("politeness_m", 1), _nothing),
+    Column("heroism, %", _share("heroism"), _nothing),
+)
+"""Columns for which terminals lack the room."""
+
 
 def table_of(results: Results) -> Table:
     """Returns the table of all encounters, then of each kind if there are several."""
@@ -78,7 +87,7 @@ def table_of(results: Results) -> Table:
     table.add_column("driven by", no_wrap=True)
     for column in COLUMNS:
         table.add_column(column.head, justify="right", vertical="bottom")
-    for title, rows in sections(results):
+    for title, rows in sections(results, COLUMNS):
         table.add_section()
         table.add_row(f"[bold]{title}[/bold]")
         for name, cells in rows:
@@ -86,20 +95,23 @@ def table_of(results: Results) -> Table:
     return table
 
 
-def sections(results: Results) -> Iterator[tuple[str, list[tuple[str, list[str]]]]]:
-    """Yields the parts of the table: a title, and the name and the cells of each row."""
+def sections(results: Results, columns: Sequence[Column]) -> Iterator[tuple[str, list[tuple[str, list[str]]]]]:
+    """Yields the parts of a table with these columns: a title, and the name and the cells of each row."""
     figures = {PEOPLE: measured(results.people, bounds=False), **results.measures}
     kinds = list(figures[PEOPLE]["kinds"])
-    yield _section("all encounters" if len(kinds) > 1 else words(kinds[0]), figures)
+    yield _section("all encounters" if len(kinds) > 1 else words(kinds[0]), figures, columns)
     for kind in kinds if len(kinds) > 1 else ():
-        yield _section(words(kind), {name: own["kinds"][kind] for name, own in figures.items() if kind in own["kinds"]})
+        of_kind = {name: own["kinds"][kind] for name, own in figures.items() if kind in own["kinds"]}
+        yield _section(words(kind), of_kind, columns)
 
 
-def _section(title: str, figures: Mapping[str, Figures]) -> tuple[str, list[tuple[str, list[str]]]]:
+def _section(
+    title: str, figures: Mapping[str, Figures], columns: Sequence[Column]
+) -> tuple[str, list[tuple[str, list[str]]]]:
     """Returns the part called `title`, with a row for each setup of `figures`."""
     count = figures[PEOPLE]["encounters"]
     rows = [
-        (name, [(column.of_people if name == PEOPLE else column.text)(own) for column in COLUMNS])
+        (name, [(column.of_people if name == PEOPLE else column.text)(own) for column in columns])
         for name, own in figures.items()
     ]
     return f"{title} ({count})", rows
