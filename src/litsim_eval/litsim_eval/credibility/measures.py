@@ -99,7 +99,7 @@ def floor(people: FloatArray) -> float | None:
         return None
     rng = np.random.default_rng(SEED)
     halves = [rng.permutation(count)[: count // 2 * 2].reshape(2, -1) for _ in range(HALVES)]
-    return float(np.mean([ks_distances(people[a], people[b], once(count // 2))[0] for a, b in halves]))
+    return _plain(np.mean([ks_distances(people[a], people[b], once(count // 2))[0] for a, b in halves]))
 
 
 def _figures(responses: Responses, *, bounds: bool) -> dict[str, Any]:
@@ -135,7 +135,7 @@ def _interval(measure: Measure, responses: Responses, vehicles: int, value: floa
     return None if bounds is None else [round(bound, DECIMALS) for bound in bounds]
 
 
-def _plain(value: float) -> float | None:
+def _plain(value: float | np.floating[Any]) -> float | None:
     return round(float(value), DECIMALS) if np.isfinite(value) else None
 
 
