@@ -61,5 +61,5 @@ def test_intervals_hold_the_figures_and_kinds_are_told_apart(planted: dict[str, 
     low, high = own["position_error_m_interval"]
     assert low < own["position_error_m"] < high
     assert own["kinds"]["leader_brakes"]["position_error_m_interval"] == [low, high]
-    low, high = own["onset_ks_interval"]
-    assert low < own["onset_ks"] < high
+    low, high = own["least_gap_ks_interval"]
+    assert low < own["least_gap_ks"] < high
