@@ -167,9 +167,10 @@ def test_intervals_stand_behind_the_figures_on_demand(capsys, tmp_path) -> None:
 
 
 def test_several_egos_and_values_are_variants(capsys, tmp_path, criteria) -> None:
-    """In this scene those behind the ego are under control for less time if their logs may be shifted."""
+    """Taken over by predicted contacts, those behind the ego are held for less time if their logs may be shifted."""
     waves = {"recording": str(packaged("scenarios/us101_like.parquet")), "ego": 7, "egos": [7]}
-    words = ["--policy", "replay", "yield", "--set", "conflict.handback=catch_up,time_shift", "--ego-id", "ego"]
+    words = ["--policy", "replay", "yield", "--set", "conflict.handback=catch_up,time_shift", "conflict.unlikely=0"]
+    words += ["--ego-id", "ego"]
     words += ["--scenario", scenario_file(tmp_path, "waves", **waves)]
     called("--ego", "idm", "log", *words, "--all", "--out", tmp_path / "out", "--criteria", criteria)
     found = results(tmp_path / "out")["variants"]
