@@ -48,5 +48,6 @@ setup(
             "perturbed = litsim_policy.ego.perturbed:PerturbedEgo",
             "track = litsim_policy.ego.track:TrackEgo",
         ],
+        "litsim.ego_batches": ["ego = litsim_policy.ego.batched:BatchedEgos"],
     },
 )

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from litsim_eval.runs.runner import Runner, StepResult
+from litsim_eval.runs.runner import Runner
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller, EgoCommand
 from litsim_sim.core.takeover import Takeover, TakeoverState
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.simulation import Step
 from litsim_sim.world.world import World
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ class Driven:
     """A run, as far as tests look at it."""
 
     scenario: Scenario
-    results: list[StepResult]
+    results: list[Step]
     world: World
 
     def takeovers(self, agent: int) -> dict[int, Takeover]:
@@ -93,7 +94,7 @@ def farthest(speed: np.ndarray, then: np.ndarray, limits: VehicleLimits) -> np.n
     return 0.5 * (speed + peak) * first + (peak - 0.5 * brake * rest) * rest
 
 
-def beyond_limits(results: list[StepResult], controllers: tuple[Controller, ...]) -> list[tuple[int, int, str]]:
+def beyond_limits(results: list[Step], controllers: tuple[Controller, ...]) -> list[tuple[int, int, str]]:
     """Step, agent and what it did that no vehicle can, of agents under one of `controllers` before and after."""
     limits, found = VehicleLimits(), []
     for before, after in pairwise(r.table for r in results):

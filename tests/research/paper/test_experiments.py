@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from litsim_eval.campaign.policy_setup import PolicySetup, packaged_setups, setup_of
-from litsim_eval.runs.runner import configured
 from litsim_research.paper.experiments import (
     ABLATION,
     ABLATIONS,
@@ -20,6 +19,7 @@ from litsim_research.paper.experiments import (
 from litsim_research.paper.roads import roads
 from litsim_sim.core.parameters import by_stage
 from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.simulation import configured
 
 EXPERIMENTS = (TABLE, ABLATIONS, CHANGED, REGIONS, DEVIATING)
 EVERY = (*packaged_setups(), *(row for each in EXPERIMENTS for row in each.policies))

@@ -163,7 +163,7 @@ def time_in_process(scenario_file: Path, *, sumo: bool) -> Sample:
         steps += 1
         if mirror is None:
             continue
-        shown = mirror.seconds[-1]
+        shown = mirror.seconds[result.table.step]
         for name, seconds in (result.stage_s | {WORLD: result.stage_s["bridge"] - shown, SUMO: shown}).items():
             parts.setdefault(name, []).append(1e3 * seconds)
     whole = 1e3 * (time.perf_counter() - begin) / steps

@@ -22,12 +22,12 @@ from litsim_eval.credibility.reading import Selection, encounters_in, packaged_e
 from litsim_eval.credibility.results import CSV_FILE, JSON_FILE, Results, write_csv, write_json
 from litsim_eval.credibility.running import EGO, Outcome, Run, Setup, Task, run_task
 from litsim_eval.credibility.table import LEGEND, table_of
-from litsim_eval.runs.runner import configured
 from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, print_error
 from litsim_sim.core.parameters import by_stage
 from litsim_sim.scenario.encounter_note import SPLITS
+from litsim_sim.simulation import configured
 
 STATUS_HELP = (
     "Exit status: 0; 1, a policy has no run with a result, or an evidence pack has changed; 2, bad input; 130, "

@@ -13,22 +13,17 @@ from typing import Any, TypeVar
 
 from litsim_eval.campaign.case import GRAPH, Case
 from litsim_eval.runs.case_run import measured, plan_of, run_in_process
-from litsim_eval.runs.runner import StepResult, as_recorded, configured
-from litsim_policy.driving.pipeline import Pipeline
+from litsim_eval.runs.runner import as_recorded
 from litsim_policy.driving.policy import policy_class
-from litsim_policy.ego.batched import BatchedEgos
 from litsim_predictor.models import DEFAULT_MODEL, model_names
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import reason
 from litsim_sim.core.parameters import Parameters
-from litsim_sim.core.scene import ControlTable
-from litsim_sim.core.stages import BRIDGE, EGO, PREDICTOR
-from litsim_sim.core.takeover import TakeoverTable
-from litsim_sim.kernels.compiled import load_kernels
+from litsim_sim.core.stages import EGO, PREDICTOR
 from litsim_sim.record.run import Run as RecordedRun
-from litsim_sim.scenario.batched import BatchedScenario, kind
+from litsim_sim.scenario.batched import kind
 from litsim_sim.scenario.run_info import REPLAY, RunPlan
-from litsim_sim.world.world import World
+from litsim_sim.simulation import Simulation, Step, configured
 
 BATCH_MAX = 16
 """Most runs that are stepped together: eight more take 50 MB, and save less than the previous eight."""
@@ -45,7 +40,6 @@ class BatchedRunner:
 
     Attributes:
         plans: the plans.
-        summaries: the world's summary of each run that is over, by number of the plan; see :meth:`World.summary`.
 
     Raises:
         ValueError: the plans differ in policy or in parameters other than the ego's, or their scenarios in kind
@@ -59,54 +53,20 @@ class BatchedRunner:
         if any((plan.policy, common_parameters(plan)) != (first.policy, common) for plan in plans):
             raise ValueError("runs of different policies or parameters cannot be stepped together")
         self.plans = tuple(plans)
-        self._batch = BatchedScenario.of([plan.scenario for plan in plans])
-        reacts = first.policy != REPLAY
-        self._world = World(self._batch, guard_entries=reacts)
         egos = [configured(plan.ego, plan.policy, plan.parameters)[EGO](plan.scenario) for plan in plans]
-        self._egos = BatchedEgos(self._batch, egos)
-        stages = configured(None, first.policy, common)
-        self._pipeline = Pipeline(stages, first.policy, self._batch) if reacts else None
-        self.summaries: dict[int, dict[str, Any]] = {}
-        load_kernels()
+        self._simulation = Simulation([plan.scenario for plan in plans], egos, first.policy, common)
 
-    def steps(self) -> Iterator[dict[int, StepResult]]:
+    @property
+    def summaries(self) -> dict[int, dict[str, Any]]:
+        """The world's summary of each run that is over, by number of the plan; see :meth:`.World.summary`."""
+        return self._simulation.summaries
+
+    def steps(self) -> Iterator[dict[int, Step]]:
         """Yields each step of the runs that are not over, with its answers, by number of the plan.
 
         Wall times of stages are divided equally among the runs.
         """
-        begin = time.perf_counter()
-        table, batch = self._world.reset(), self._batch
-        while len(self.summaries) < len(self.plans):
-            self._world.catch_up()
-            tables = batch.tables(table)
-            marks = {BRIDGE: time.perf_counter() - begin}
-            takeovers: Sequence[TakeoverTable | None] = [None] * len(tables)
-            controls: Sequence[ControlTable | None] = [None] * len(tables)
-            together = ControlTable.empty(table.step)
-            if self._pipeline is not None:
-                takeover_table, together = self._pipeline.to(table, marks)
-                takeovers, controls = self._apart(takeover_table, self._pipeline), batch.controls(together)
-            begin = time.perf_counter()
-            running = [k for k in range(len(tables)) if k not in self.summaries]
-            commands = self._egos.plan(table, running)
-            marks[EGO] = time.perf_counter() - begin
-            shares = {stage: wall / len(running) for stage, wall in marks.items()}
-            yield {k: StepResult(tables[k], takeovers[k], controls[k], commands[k], shares) for k in running}
-            begin = time.perf_counter()
-            for k in running:
-                if self._world.ends[k] is not None or table.step == self.plans[k].scenario.total_steps:
-                    self.summaries[k] = self._world.summary(k, batch.recorded_id_in(k))
-                    self._world.drop(k)
-            if len(self.summaries) < len(self.plans):
-                table = self._world.step_batch(together, commands)
-
-    def _apart(self, takeovers: TakeoverTable, pipeline: Pipeline) -> list[TakeoverTable]:
-        """Returns the takeovers by scene."""
-        rounds = pipeline.manager.iterations.tolist(), pipeline.manager.converged.tolist()
-        return [
-            TakeoverTable(takeovers.step, own, iterations, converged)
-            for own, iterations, converged in zip(self._batch.takeovers(takeovers.takeovers), *rounds, strict=True)
-        ]
+        return map(self._simulation.apart, self._simulation.steps())
 
 
 def can_batch(policy: str, parameters: Parameters) -> bool:
@@ -131,7 +91,7 @@ def record_batch(plans: Sequence[RunPlan]) -> list[RecordedRun]:
     """
     begin = time.perf_counter()
     runner = BatchedRunner(plans)
-    results: list[list[StepResult]] = [[] for _ in plans]
+    results: list[list[Step]] = [[] for _ in plans]
     for now in runner.steps():
         for k, result in now.items():
             results[k].append(result)

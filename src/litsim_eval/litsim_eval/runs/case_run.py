@@ -21,7 +21,7 @@ from litsim_eval.campaign.criteria import Criteria
 from litsim_eval.campaign.results import RunResult
 from litsim_eval.report.run_report import REPORT_FILE, write_report
 from litsim_eval.report.thumbnails import write_thumbnail
-from litsim_eval.runs.runner import Runner, configured, record
+from litsim_eval.runs.runner import Runner, record
 from litsim_sim.core.errors import InputError
 from litsim_sim.launch.child import how_it_ended
 from litsim_sim.launch.forked import ForkedProcess, preload
@@ -31,6 +31,7 @@ from litsim_sim.record.failure import write_failure
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.simulation import configured
 
 RECORDING = "run"  # folder of the record in the run's folder
 LAUNCHER = ("litsim_sim", "launch")  # package and executable

@@ -1,0 +1,121 @@
+"""The loop by itself: its runs are those of the in-process runner, alone and together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import pytest
+
+from litsim_eval.analysis.metrics import digest
+from litsim_eval.runs.runner import Runner, record
+from litsim_policy.ego.idm import IdmEgo
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import EgoCommand, EgoMode
+from litsim_sim.core.stages import BRIDGE, EGO
+from litsim_sim.record.digest import RunDigest
+from litsim_sim.scenario.run_info import RunPlan
+from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.simulation import Simulation, Step
+
+Made = Callable[..., Any]
+
+
+@pytest.fixture(scope="module")
+def demo() -> Scenario:
+    return Scenario.load("demo", simulation_s=5.0)
+
+
+@pytest.fixture
+def braking(make_scenario: Made, track: Made) -> Scenario:
+    """Two vehicles, the ego ahead; 2 s."""
+    return make_scenario(track(1, x=100.0, speed=8.0, last=20), track(2, x=80.0, speed=8.0, last=20))
+
+
+def driven(simulation: Simulation) -> str:
+    """Steps `simulation` to its end; returns the digest of what its observers see."""
+    run = RunDigest()
+    simulation.observers.append(lambda step: run.update(step.table, step.controls, step.ego))
+    while not simulation.ended:
+        simulation.step()
+    simulation.observers.pop()
+    return run.hexdigest()
+
+
+@pytest.mark.parametrize(
+    ("ego", "policy"), [("idm", "litsim"), ("perturbed", "yield"), ("log", "replay"), ("bat", "litsim")]
+)
+def test_a_run_is_that_of_the_runner_and_the_same_once_more(demo: Scenario, ego: str, policy: str) -> None:
+    simulation, expected = Simulation(demo, ego, policy), digest(record(Runner(RunPlan(demo, ego, policy))))
+    assert driven(simulation) == expected
+    assert simulation.reset().step == 0 and not simulation.ended
+    assert driven(simulation) == expected
+
+
+def test_several_scenarios_together_are_each_what_they_are_alone(demo: Scenario) -> None:
+    scenarios, egos = [demo, demo.around(demo.egos[1], 3)], ["idm", "perturbed"]
+    together = Simulation(scenarios, egos, "yield")
+    digests = [RunDigest() for _ in scenarios]
+    for step in together.steps():
+        for number, own in together.apart(step).items():
+            digests[number].update(own.table, own.controls, own.ego)
+    alone = [driven(Simulation(*given, "yield")) for given in zip(scenarios, egos, strict=True)]
+    assert [each.hexdigest() for each in digests] == alone
+    assert set(together.summaries) == {0, 1}
+
+
+def test_the_caller_may_drive_the_ego(demo: Scenario) -> None:
+    simulation, driver, seen = Simulation(demo), IdmEgo(demo), RunDigest()
+    simulation.observers.append(lambda step: seen.update(step.table, step.controls, step.ego))
+    while not simulation.ended:
+        simulation.step(driver.plan(simulation.table))
+    assert seen.hexdigest() == driven(Simulation(demo, "idm"))
+
+
+def test_observers_see_each_step_before_the_next_one_is_there(braking: Scenario) -> None:
+    seen: list[tuple[int, int]] = []
+    simulation = Simulation(braking, "log", "replay")
+    simulation.observers.append(lambda step: seen.append((step.table.step, simulation.table.step)))
+    steps = list(simulation.steps())
+    assert seen == [(step, step) for step in range(braking.total_steps + 1)]
+    assert all(set(step.stage_s) == {BRIDGE, EGO} and step.running == (0,) for step in steps)
+
+
+def test_the_log_is_followed_where_the_caller_says_so(braking: Scenario) -> None:
+    simulation = Simulation(braking, policy="replay")
+    while not simulation.ended:
+        table = simulation.step(EgoCommand(simulation.table.step, mode=EgoMode.FOLLOW_LOG))
+    assert table.x.tolist() == braking.log.table(braking.total_steps).x.tolist()
+    assert simulation.summaries[0]["ended"]["reason"] == "time"
+
+
+@pytest.mark.parametrize(
+    ("ego", "commands", "expected"),
+    [(None, None, "0 commands of egos were given, expected 1"), ("idm", [EgoCommand(0)], "1 commands .* expected 0")],
+)
+def test_commands_of_egos_are_given_where_none_is_named(
+    braking: Scenario, ego: str | None, commands: Sequence[EgoCommand] | None, expected: str
+) -> None:
+    with pytest.raises(ValueError, match=expected):
+        Simulation(braking, ego, "replay").step(commands)
+
+
+def test_after_the_end_there_is_no_step(braking: Scenario) -> None:
+    simulation = Simulation(braking, "log", "replay")
+    driven(simulation)
+    with pytest.raises(ValueError, match="has ended"):
+        simulation.step()
+
+
+def test_what_cannot_be_run_is_refused(braking: Scenario) -> None:
+    with pytest.raises(InputError, match="nobody"):
+        Simulation(braking, "nobody")
+    with pytest.raises(ValueError, match="3 egos for 1 scenarios"):
+        Simulation(braking, ["idm", "idm", "log"])
+
+
+def test_a_step_of_several_has_no_single_ego(braking: Scenario) -> None:
+    (first, *_) = Simulation([braking, braking.around(2, None)], "log", "replay").steps()
+    assert isinstance(first, Step) and len(first.egos) == 2
+    with pytest.raises(ValueError, match="unpack"):
+        _ = first.ego
