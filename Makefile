@@ -15,7 +15,7 @@ ARGS ?=
 JOBS ?= $(shell expr 2 + $$(nproc))
 
 BIN := .venv/bin
-SOURCES := $(shell printf '%s:' src/litsim_*)
+SOURCES := $(shell printf '%s:' src/litsim*)
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)

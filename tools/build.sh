@@ -46,7 +46,7 @@ compile_kernels() {
 # Bytecode of the workspace's modules, what is not up to date. Python writes it by itself when it imports a module, but not
 # where PYTHONDONTWRITEBYTECODE is set, and then each of a run's processes would compile them anew.
 compile_modules() {
-  .venv/bin/python -m compileall -q src/litsim_*/litsim_* install/litsim_msgs/lib/python*/site-packages/litsim_msgs
+  .venv/bin/python -m compileall -q src/litsim*/litsim* install/litsim_msgs/lib/python*/site-packages/litsim_msgs
 }
 
 if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$key" ]; then

@@ -9,6 +9,7 @@ import pytest
 
 from litsim_eval.analysis.metrics import digest
 from litsim_eval.runs.runner import Runner, record
+from litsim_policy.driving.yield_policy import YieldPolicy
 from litsim_policy.ego.idm import IdmEgo
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import EgoCommand, EgoMode
@@ -70,6 +71,16 @@ def test_the_caller_may_drive_the_ego(demo: Scenario) -> None:
     while not simulation.ended:
         simulation.step(driver.plan(simulation.table))
     assert seen.hexdigest() == driven(Simulation(demo, "idm"))
+
+
+def test_a_class_of_policies_may_stand_for_a_name(demo: Scenario) -> None:
+    assert driven(Simulation(demo, "idm", YieldPolicy)) == driven(Simulation(demo, "idm", "yield"))
+
+
+def test_a_policy_for_one_scenario_is_refused_for_several(braking: Scenario) -> None:
+    alone = type("Alone", (YieldPolicy,), {"batched": False})
+    with pytest.raises(ValueError, match="drives the agents of one scenario"):
+        Simulation([braking, braking.around(2, None)], "log", alone)
 
 
 def test_observers_see_each_step_before_the_next_one_is_there(braking: Scenario) -> None:

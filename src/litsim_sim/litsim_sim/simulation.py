@@ -20,7 +20,7 @@ from litsim_sim.kernels.compiled import load_kernels
 from litsim_sim.kernels.garbage import spared_from_collection
 from litsim_sim.scenario.batched import BatchedScenario
 from litsim_sim.scenario.perception import Perception
-from litsim_sim.scenario.run_info import REPLAY
+from litsim_sim.scenario.run_info import REPLAY, class_of_policy
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.scenario.setting import Setting
 from litsim_sim.world.world import World
@@ -90,14 +90,15 @@ class Simulation:
     Raises:
         InputError: ego or policy are unknown, a parameter is unknown to its stage or invalid, or a stage cannot be
             built.
-        ValueError: the scenarios differ in :func:`litsim_sim.scenario.batched.kind`, or in number from the egos.
+        ValueError: the scenarios differ in :func:`litsim_sim.scenario.batched.kind`, or in number from the egos, or
+            the policy cannot drive the agents of several.
     """
 
     def __init__(
         self,
         scenario: Scenario | Sequence[Scenario],
         ego: str | Driver | Sequence[str | Driver] | None = None,
-        policy: str = "litsim",
+        policy: str | type[Any] = "litsim",
         parameters: Parameters | None = None,
         observers: Iterable[Observer] = (),
         *,
@@ -110,7 +111,7 @@ class Simulation:
             scenario: one, or several of one kind.
             ego: name of an installed driver, or a driver, for each scenario or for all; None if the caller of
                 :meth:`step` gives the egos' commands.
-            policy: of the background.
+            policy: of the background: the name of an installed one, or a class of policies, made as ``cls(scenario)``.
             parameters: of the stages, by stage and name, where they are not the defaults.
             observers: see :attr:`observers`.
             mirror: SUMO's display of a single scenario; the caller closes it.
@@ -120,6 +121,8 @@ class Simulation:
         self.batch = BatchedScenario.of(self.scenarios) if len(self.scenarios) > 1 else None
         self.observers = list(observers)
         self._setting: Setting = self.scenarios[0] if self.batch is None else self.batch
+        if self.batch is not None and policy != REPLAY and not class_of_policy(policy).batched:
+            raise ValueError(f"policy {policy} drives the agents of one scenario, expected one that is `batched`")
         self._policy, self._clock = policy, clock
         self._egos = _egos(ego, len(self.scenarios))
         names = dict.fromkeys(driver if isinstance(driver, str) else None for driver in self._egos or [None])
@@ -247,7 +250,7 @@ class Simulation:
         return self.world.ends[number] is not None or self.table.step == self.scenarios[number].total_steps
 
 
-def configured(ego: str | None, policy: str, parameters: Parameters) -> dict[str, Callable[..., Any]]:
+def configured(ego: str | None, policy: str | type[Any], parameters: Parameters) -> dict[str, Callable[..., Any]]:
     """Returns the constructors of the stages of runs with this policy and this ego, by stage; no ego stage for None.
 
     Raises:
@@ -262,12 +265,12 @@ def configured(ego: str | None, policy: str, parameters: Parameters) -> dict[str
 class Reaction:
     """The reaction of the background to a step: predictor, conflict and policy, one after the other."""
 
-    def __init__(self, stages: Stages, policy: str, scenario: Setting, clock: Callable[[], float]) -> None:
+    def __init__(self, stages: Stages, policy: str | type[Any], scenario: Setting, clock: Callable[[], float]) -> None:
         """Build the stages by their constructors, for `policy` and `scenario`; `clock` [s] times them."""
         self._history_steps, self._clock = scenario.history_steps, clock
         self._predictor = stages[PREDICTOR](policy, scenario)
         self._manager = stages[CONFLICT](policy, scenario)
-        self._policy = stages[POLICY](policy, scenario)
+        self._policy = policy(scenario) if isinstance(policy, type) else stages[POLICY](policy, scenario)
 
     def to(self, table: AgentTable, marks: dict[str, float]) -> tuple[TakeoverTable, ControlTable]:
         """Returns takeovers and controls for the step of `table`; adds the stages' times [s] to `marks`."""

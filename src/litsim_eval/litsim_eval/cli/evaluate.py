@@ -6,14 +6,12 @@ import argparse
 import sys
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import closing
 from pathlib import Path
 
 from rich.console import Console
-from tqdm import tqdm
 
 from litsim_eval.campaign.background import background_sentences
-from litsim_eval.campaign.case import Case, code_versions
+from litsim_eval.campaign.case import code_versions
 from litsim_eval.campaign.criteria import Verdict
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.part import write_suite
@@ -27,14 +25,13 @@ from litsim_eval.campaign.results import (
 )
 from litsim_eval.campaign.variant_summary import variant_bounds, variant_summary
 from litsim_eval.cli.suite_arguments import add_suite_arguments, cases_to_run, refuse_unusable, suite_of
-from litsim_eval.runs.campaign import LocalRuns, conclude
+from litsim_eval.runs.campaign import LocalRuns, conclude, run_the_rest, verdict_counts, verdict_line
 from litsim_eval.runs.case_run import TIME_LIMIT_S
 from litsim_eval.runs.ray_runs import LOCAL, RayRuns
 from litsim_eval.runs.summary_table import print_summary
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser, positive
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
-from litsim_sim.launch.signals import without_interrupts
 from litsim_sim.scenario.run_info import REPLAY
 
 STATUS_HELP = (
@@ -51,8 +48,6 @@ EXAMPLES = """examples:
 
 """
 DEFAULT_OUT = "bags/evaluation"
-VERDICT_NAMES = {Verdict.PASSED: "passed", Verdict.FAILED: "failed", Verdict.ERROR: "errors"}
-SMOOTHING = 0.02  # of tqdm's time left: low, since the durations of runs vary widely
 REASONS_MAX = 20  # most runs that have not passed and are printed with their reasons at the end
 
 
@@ -124,9 +119,8 @@ def evaluate(arguments: argparse.Namespace) -> int:
         if arguments.retry_errors:
             done = _judged(done)
         try:
-            _run_the_rest(runs, cases, done)
-        except BaseException:  # finished runs are kept
-            without_interrupts(lambda: conclude(folder))
+            run_the_rest(runs, cases, done)
+        except BaseException:
             print_error("the campaign ended before all runs were done; the same command resumes it")
             raise
         campaign = conclude(folder)
@@ -135,40 +129,13 @@ def evaluate(arguments: argparse.Namespace) -> int:
     return 0 if campaign.passes else EXIT_FAILED
 
 
-def _run_the_rest(runs: LocalRuns | RayRuns, cases: Sequence[Case], done: Mapping[str, RunResult]) -> None:
-    """Runs those of `cases` that are not `done`, with a progress bar that counts the verdicts."""
-    results = list(done.values())
-    with (
-        tqdm(total=len(cases), initial=len(done), unit="run", dynamic_ncols=True, smoothing=SMOOTHING) as bar,
-        closing(runs.run([case for case in cases if case.id not in done])) as running,
-    ):
-        bar.set_postfix(_counts(results), refresh=False)
-        for result in running:
-            results.append(result)
-            if result.verdict != Verdict.PASSED:
-                bar.write(_line(result), file=sys.stderr)
-            bar.set_postfix(_counts(results), refresh=False)
-            bar.update()
-
-
-def _counts(results: Collection[RunResult]) -> dict[str, int]:
-    """Returns how many runs have passed, failed and were errors."""
-    verdicts = Counter(result.verdict for result in results)
-    return {name: verdicts[verdict] for verdict, name in VERDICT_NAMES.items()}
-
-
 def _judged(results: Mapping[str, RunResult]) -> dict[str, RunResult]:
     """Returns the `results` without those that are errors."""
     return {each: result for each, result in results.items() if result.verdict != Verdict.ERROR}
 
 
 def _counted(results: Collection[RunResult]) -> str:
-    return ", ".join(f"{count} {name}" for name, count in _counts(results).items())
-
-
-def _line(result: RunResult) -> str:
-    """Returns verdict, name and reason of a run."""
-    return f"{result.verdict:8}{result.case.name}: {result.reason}"
+    return ", ".join(f"{count} {name}" for name, count in verdict_counts(results).items())
 
 
 def _print(campaign: Campaign, *, everything: bool, intervals: bool) -> None:
@@ -187,7 +154,7 @@ def _print(campaign: Campaign, *, everything: bool, intervals: bool) -> None:
     most = max(1, REASONS_MAX // max(1, sum(bool(results) for results in bad.values())))
     for variant, results in bad.items():
         for result in results[:most]:
-            print(f"{_line(result)}\n        {rerun_command(campaign.folder, result.case)}", file=sys.stderr)
+            print(f"{verdict_line(result)}\n        {rerun_command(campaign.folder, result.case)}", file=sys.stderr)
         if len(results) > most:
             more = f"and {len(results) - most} more of {variant}: {campaign.folder / RESULTS_FILE}"
             print(f"        {more}", file=sys.stderr)

@@ -2,26 +2,43 @@
 
 from __future__ import annotations
 
+import sys
 import threading
-from collections.abc import Generator, Sequence
+from collections import Counter
+from collections.abc import Collection, Generator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import asdict, dataclass, field
 
-from litsim_eval.campaign.case import GRAPH, Case
+from tqdm import tqdm
+
+from litsim_eval.campaign.case import GRAPH, Case, cases_of, code_versions
 from litsim_eval.campaign.criteria import Criteria, Verdict
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.junit import JUNIT_FILE, write_junit
 from litsim_eval.campaign.results import Campaign, RunResult, read_campaign
+from litsim_eval.campaign.suite import Suite
 from litsim_eval.campaign.variant_summary import variant_summary
 from litsim_eval.report.experiment import write_experiment_report
 from litsim_eval.report.verdict import show_verdicts
 from litsim_eval.runs.batched import batches
-from litsim_eval.runs.case_run import PRELOADED, TIME_LIMIT_S, RunOutcome, RunStopped, is_elsewhere, run_over_graph
+from litsim_eval.runs.case_run import (
+    PRELOADED,
+    TIME_LIMIT_S,
+    RunOutcome,
+    RunStopped,
+    check_cases,
+    is_elsewhere,
+    run_over_graph,
+)
+from litsim_eval.runs.ray_runs import RayRuns
 from litsim_eval.runs.workers import Workers
 from litsim_sim.core.errors import reason
 from litsim_sim.launch.forked import preload
 from litsim_sim.launch.signals import without_interrupts
 
+VERDICT_NAMES = {Verdict.PASSED: "passed", Verdict.FAILED: "failed", Verdict.ERROR: "errors"}
+SMOOTHING = 0.02  # of tqdm's time left: low, since the durations of runs vary widely
 SIGNAL_S = 0.3  # [s] until a run that has failed is an error: a signal to all processes may reach its own first
 
 
@@ -95,6 +112,54 @@ class LocalRuns:
             return run_over_graph(case, where, self._stopped.is_set, self.time_limit_s)
         with self._meeting:  # the stack is in one domain, which takes one run at a time
             return run_over_graph(case, where, self._stopped.is_set, self.time_limit_s)
+
+
+def run_the_rest(runs: LocalRuns | RayRuns, cases: Sequence[Case], done: Mapping[str, RunResult]) -> None:
+    """Runs those of `cases` that are not `done`, with a progress bar that counts the verdicts.
+
+    If that is interrupted, the campaign is concluded with the runs that are finished.
+    """
+    results = list(done.values())
+    try:
+        with (
+            tqdm(total=len(cases), initial=len(done), unit="run", dynamic_ncols=True, smoothing=SMOOTHING) as bar,
+            closing(runs.run([case for case in cases if case.id not in done])) as running,
+        ):
+            bar.set_postfix(verdict_counts(results), refresh=False)
+            for result in running:
+                results.append(result)
+                if result.verdict != Verdict.PASSED:
+                    bar.write(verdict_line(result), file=sys.stderr)
+                bar.set_postfix(verdict_counts(results), refresh=False)
+                bar.update()
+    except BaseException:
+        without_interrupts(lambda: conclude(runs.folder))
+        raise
+
+
+def run_suite(suite: Suite, folder: CampaignFolder, processes: int) -> Campaign:
+    """Runs the cases of `suite`, or the rest of them, `processes` at a time; returns the campaign of the folder.
+
+    Raises:
+        InputError: a case cannot be run, or the folder holds another campaign or cannot be used.
+    """
+    versions = code_versions()
+    cases = cases_of(suite, with_versions=versions)
+    check_cases(cases)
+    with folder.alone():
+        run_the_rest(LocalRuns(folder, suite.criteria, processes), cases, folder.begin(suite, cases, versions))
+        return conclude(folder)
+
+
+def verdict_counts(results: Collection[RunResult]) -> dict[str, int]:
+    """Returns how many runs have passed, failed and were errors."""
+    verdicts = Counter(result.verdict for result in results)
+    return {name: verdicts[verdict] for verdict, name in VERDICT_NAMES.items()}
+
+
+def verdict_line(result: RunResult) -> str:
+    """Returns verdict, name and reason of a run."""
+    return f"{result.verdict:8}{result.case.name}: {result.reason}"
 
 
 def conclude(folder: CampaignFolder) -> Campaign:

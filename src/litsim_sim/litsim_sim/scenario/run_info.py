@@ -140,9 +140,18 @@ def policy_names() -> tuple[str, ...]:
     return (*plugins.names(plugins.POLICIES), REPLAY)
 
 
-def drives_by_region(policy: str) -> bool:
+def drives_by_region(policy: str | type[Any]) -> bool:
     """Returns whether the policy takes over, for good and without forecasts, every agent that comes near the ego."""
-    return policy != REPLAY and bool(plugins.load(plugins.POLICIES, policy).by_region)
+    return policy != REPLAY and bool(class_of_policy(policy).by_region)
+
+
+def class_of_policy(policy: str | type[Any]) -> type[Any]:
+    """Returns the class of the installed policy of that name; a class of policies itself.
+
+    Raises:
+        InputError: there is none of that name, or it cannot be imported.
+    """
+    return policy if isinstance(policy, type) else plugins.load(plugins.POLICIES, policy)
 
 
 def new_execution() -> str:
