@@ -192,7 +192,8 @@ def test_the_ledger_says_why_and_what_pure_replay_would_have_done(make_scenario,
     parameters = {"ego": {"kind": "brake", "time": (0.0, 0.0), "duration": 4.0}}
     replay = Runner(RunPlan(scenario, "perturbed", "replay", parameters))
     assert len(list(replay.steps())) == 201
-    (entry,) = compute_metrics(record(Runner(RunPlan(scenario, "perturbed", "yield", parameters))))["ledger"]
+    by_contacts = parameters | {"conflict": {"unlikely": 0.0}}
+    (entry,) = compute_metrics(record(Runner(RunPlan(scenario, "perturbed", "yield", by_contacts))))["ledger"]
     assert (entry["agent"], entry["opponent"], entry["reason"]) == (2, 1, "conflict")
     assert (entry["replay_opponent"], entry["replay_step"]) == (1, replay.world.contacts[(1, 2)])
     predicted = entry["detected_step"] + 10 * entry["time_to_conflict_s"]
