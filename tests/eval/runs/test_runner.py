@@ -202,7 +202,7 @@ def test_the_ledger_says_why_and_what_pure_replay_would_have_done(make_scenario,
     steps = entry["released_step"] - entry["detected_step"] + 1
     assert entry["held_s"] == pytest.approx(0.1 * steps)
     assert 0.0 < entry["residual_m"] <= 0.5, "from the log that it goes back to"
-    assert entry["time_shift_s"] > 0.5 and abs(entry["residual_mps"]) <= 1.0
+    assert entry["time_shift_s"] > 0.5 and abs(entry["residual_mps"]) <= 1.5
 
 
 def test_agents_off_their_logs_stay_on_the_road(demo: Scenario, litsim) -> None:

@@ -69,6 +69,13 @@ def test_an_unlikely_log_is_a_conflict_with_the_leader_and_its_goal_is_on_the_lo
     assert conflict.pose[0] == scenario.log.x[1, NOW + AHEAD] and not conflict.urgent
 
 
+def test_who_enters_a_road_that_was_empty_is_judged(scenario) -> None:
+    likelihood, table = LogLikelihood(scenario.log), scenario.log.table(NOW)
+    likelihood.observe(AgentTable.empty(NOW - 5))
+    likelihood.observe(table)
+    assert len(likelihood.at(table, np.zeros(2, np.int64), np.ones(2, np.bool_)).ratio) == 2
+
+
 @pytest.mark.parametrize(
     ("behind", "lag", "urgent", "remains"),
     [(0.0, 0, False, False), (0.0, 0, True, True), (0.0, 10, False, True), (4.0, 0, False, True)],

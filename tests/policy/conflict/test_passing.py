@@ -14,7 +14,7 @@ from litsim_eval.runs.batched import record_batch
 from litsim_eval.runs.runner import Runner, record
 from litsim_policy.conflict.detector import Conflict
 from litsim_policy.conflict.diverged import DivergedAgents, DivergedNow
-from litsim_policy.conflict.passing import Passing
+from litsim_policy.conflict.passing import PATIENCE, Passing
 from litsim_policy.motion.reference_path import logged_path
 from litsim_policy.motion.route import Router
 from litsim_sim.core.scene import Controller
@@ -157,6 +157,7 @@ def before_ramp(make_scenario, track, placed) -> Callable[..., Any]:
         off = DivergedAgents.opened(
             Conflict(HELD, EGO, 2.0, pose, 1.0), 0, TakeoverReason.CONFLICT, logged, PathSource.ROUTE, logged
         )
+        off.slowed[:] = PATIENCE
         if passes:
             path = Router(lane_map).beside(pose, 20.0, lane_map.row(lane))
             off.pass_along(0, path, lane_map.row(lane), 0)

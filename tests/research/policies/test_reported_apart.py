@@ -24,6 +24,7 @@ POLICIES = sorted(
     weights
     for package in (litsim_policy, litsim_research)
     for weights in (Path(package.__file__).parent / "weights").glob("*.safetensors")
+    if weights.stem != "speed_change"  # of recorded followers, by the split of encounters
 )
 REAL = yaml.safe_load((Path(litsim_sim.__file__).parent / "scenarios/us101_0750.yaml").read_text())
 

@@ -134,9 +134,10 @@ class LogLikelihood:
         """Returns accelerations (n,) [m/s2] over the last BACK steps; those of the step where an agent is new."""
         before = self._past[0]
         rows, elapsed = before.rows(table.id), (table.step - before.step) * STEP_S
-        if elapsed <= 0.0:
-            return table.acceleration
-        return np.where(rows >= 0, (table.speed - before.speed[rows]) / elapsed, table.acceleration)
+        acceleration, known = table.acceleration.copy(), rows >= 0
+        if elapsed > 0.0:
+            acceleration[known] = (table.speed[known] - before.speed[rows[known]]) / elapsed
+        return acceleration
 
 
 def unlikely_logs(ratios: LogRatios, table: AgentTable, log: Log, which: BoolArray) -> list[Conflict]:

@@ -72,7 +72,7 @@ CHANGES = {
     "no passing": ("conflict.passing",),
     "its hand-back": ("conflict.handback",),
     "overlaps alone": ("conflict.unlikely",),
-    "its policy C": ("policy.weights", "policy.drivers"),
+    "its policy C": ("policy.weights",),
     "no car following": ("policy.drivers",),
     "no rules": ("policy.rules",),
     "no guard": ("policy.safety.contact",),
