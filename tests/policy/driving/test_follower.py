@@ -65,3 +65,8 @@ def test_it_goes_along_with_who_is_faster_than_its_log(behind, lead: float, expe
     assert follower.along(agents, np.zeros(1), np.array([SPEED])) == pytest.approx([expected])
     follower, agents = behind(80.0, lead)
     assert follower.along(agents, np.zeros(1), np.array([SPEED])) == [0.0], "too far ahead"
+
+
+def test_a_leader_far_ahead_does_not_hold_back(acceleration) -> None:
+    assert acceleration(41.0) == 2.0 > acceleration(39.0)
+    assert acceleration(41.0, 0.0) < 0.0, "but it is braked for"

@@ -37,7 +37,7 @@ def kept(wanted: float, speed: float, gap: float, lead: float, braking: float = 
 
 @pytest.mark.parametrize("wanted", [2.0, 0.0, -1.5, -2.9])
 def test_where_comfortable_braking_is_enough_it_drives_as_it_wants(wanted: float) -> None:
-    assert kept(wanted, 12.0, 20.0, 9.0) == wanted
+    assert kept(wanted, 12.0, 25.0, 9.0) == wanted
     assert kept(wanted, 12.0, 4.0, 9.0, leads=False) == wanted, "whoever is beside the path is no leader"
     assert kept(wanted, 12.0, -0.6 * LENGTH, 9.0) == wanted, "nor who is alongside"
 
@@ -82,13 +82,13 @@ def test_who_approaches_somebody_who_stands_stops_behind_him_without_braking_har
 def test_it_comes_down_comfortably_to_a_speed_that_is_safe_should_the_leader_brake() -> None:
     """As fast as the leader, but so near that it could not stop in time if he braked as hard as he can."""
     own, his, _ = SAFE
-    speed, gap = 14.0, STANDS + 1.8
+    speed, gap = 14.0, STANDS + 1.0
     safe = safe_speed(gap - STANDS, speed, own, his)
     stops = (safe + own * STEP_S) ** 2 / (2.0 * own) - 0.5 * own * STEP_S**2
     assert stops == pytest.approx(gap - STANDS + speed**2 / (2.0 * his)), "that of Krauss, who reacts within a step"
     assert kept(1.0, speed, gap, speed) == pytest.approx(safe - speed)
     assert -COMFORTABLE < safe - speed < 0.0
-    assert kept(1.0, speed + 4.0, gap + 20.0, speed) == 1.0, "farther away, that is no question"
+    assert kept(1.0, speed + 4.0, gap + 35.0, speed) == 1.0, "farther away, that is no question"
 
 
 @pytest.mark.parametrize("gap", [-0.4 * LENGTH, 0.0])

@@ -9,7 +9,7 @@ import numpy as np
 from litsim_policy.driving.handback import SPEED_GAIN
 from litsim_policy.motion.car_following import IdmValues, Leaders, following
 from litsim_policy.motion.followers import PathFollowers
-from litsim_policy.motion.kept_headways import KeptHeadways
+from litsim_policy.motion.kept_headways import TIME_GAP_MAX, KeptHeadways
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Number, Positive, configuration
 from litsim_sim.core.scene import FloatArray, IntArray
 from litsim_sim.kernels.compiled import Floats, kernel, tuple_of
@@ -85,15 +85,18 @@ def _next_speed(leaders: Leaders) -> Floats:
 
 @kernel
 def _behind(speed: Floats, headway: Floats, leaders: Leaders, model: IdmValues) -> Floats:
-    """Accelerations (m,) [m/s2] behind the most demanding of the leaders; on a free road, the maximum.
+    """Accelerations (m,) [m/s2] behind the most demanding of the leaders, infinite for none.
 
-    `speed` [m/s] and `headway` [s] are (m,).
+    `speed` [m/s] and `headway` [s] are (m,). Leaders so far ahead that nobody follows them only count where they have
+    to be braked for.
     """
-    behind = np.full(len(speed), model.acceleration)
+    behind = np.full(len(speed), np.inf)
     for i in range(len(speed)):
         own = IdmValues(headway[i], model.standstill_gap, model.acceleration, model.deceleration, model.braking_max)
         for j in range(leaders.gap.shape[1]):
             if leaders.leads[i, j] and leaders.gap[i, j] > 0.0:
                 lead, change = max(leaders.speed[i, j], 0.0), leaders.acceleration[leaders.first[i] + j]
-                behind[i] = min(behind[i], following(speed[i], leaders.gap[i, j], lead, change, own))
+                most = following(speed[i], leaders.gap[i, j], lead, change, own)
+                if most < 0.0 or leaders.gap[i, j] < TIME_GAP_MAX * speed[i]:
+                    behind[i] = min(behind[i], most)
     return behind
