@@ -10,7 +10,7 @@ from litsim_policy.driving.follower import FollowerConfig
 from litsim_policy.motion.car_following import IdmValues, following
 from litsim_policy.motion.log_leaders import BACK
 from litsim_research.reactions.calibrate import errors, fit
-from litsim_research.reactions.starts import STEPS, Starts, headways_of
+from litsim_research.reactions.starts import STEPS, Starts, headway_spread, headways_of
 from litsim_sim.core.scene import STEP_S
 
 TRUE = IdmValues(1.2, 2.5, 0.9, 1.6, 3.0)
@@ -51,6 +51,11 @@ def test_drivers_come_back(starts: Starts) -> None:
     assert known.min() < 1.0 and known.max() > 1.8
 
 
+def test_drivers_who_keep_their_headways_spread_little_around_them(starts: Starts) -> None:
+    unknown = Starts(**{**vars(starts), "looks": np.zeros_like(starts.looks)})
+    assert headway_spread(starts, TRUE, 0.5) < 0.6 * headway_spread(unknown, TRUE, 0.5)
+
+
 def test_the_car_following_that_ships_is_that_of_the_command(real_data) -> None:
     """Rounded, so a little worse."""
     data = real_data(PAIRS).parents[1]
@@ -58,3 +63,4 @@ def test_the_car_following_that_ships_is_that_of_the_command(real_data) -> None:
     found, ships = fit(starts, own_headway=True), FollowerConfig()
     for field, value in found._asdict().items():
         assert getattr(ships, field) == pytest.approx(value, rel=0.02), field
+    assert ships.spread.headway == pytest.approx(headway_spread(starts, found.model, found.looks), rel=0.02)

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from litsim_policy.driving.drawn_drivers import DrawnDrivers, SpreadConfig
 from litsim_policy.driving.handback import SPEED_GAIN
 from litsim_policy.motion.car_following import IdmValues, Leaders, following
 from litsim_policy.motion.followers import PathFollowers
@@ -32,6 +33,7 @@ class FollowerConfig:
         acceleration: the maximum.
         deceleration: comfortable braking.
         braking_max: limit on the braking of the model.
+        spread: between drivers, if they are drawn.
     """
 
     headway: NonNegative[Duration] = 0.93
@@ -40,6 +42,7 @@ class FollowerConfig:
     acceleration: Positive[Acceleration] = 0.78
     deceleration: Positive[Acceleration] = 1.35
     braking_max: Positive[Acceleration] = 3.1
+    spread: SpreadConfig = SpreadConfig()
 
     @cached_property
     def values(self) -> IdmValues:
@@ -50,8 +53,10 @@ class FollowerConfig:
 class Follower:
     """The car following of all agents of a scenario, each with the headway of its own driver."""
 
-    def __init__(self, scenario: Setting, config: FollowerConfig) -> None:
+    def __init__(self, scenario: Setting, config: FollowerConfig, *, drawn: bool = False) -> None:
+        """Make the drivers of `scenario`, each the median one of its headway unless they are `drawn`."""
         self._model = config.values
+        self._drawn = DrawnDrivers(scenario, config.spread) if drawn else None
         self._headways = KeptHeadways(scenario.log, self._model, config.looks)
 
     def along(self, agents: PathFollowers, wanted: FloatArray, log_speed: FloatArray) -> FloatArray:
@@ -67,8 +72,12 @@ class Follower:
 
         They have been off their logs `since` (m,) these steps.
         """
-        headway = self._headways.of(agents.table.id[agents.rows], since)
-        return np.minimum(wanted, _behind(agents.speed, headway, agents.leaders, self._model))
+        who = agents.table.id[agents.rows]
+        headway = self._headways.of(who, since)
+        if self._drawn is None:
+            return np.minimum(wanted, _behind(agents.speed, headway, agents.leaders, self._model))
+        factor, noise = self._drawn.of(who, agents.table.step)
+        return np.minimum(wanted, _behind(agents.speed, headway * factor, agents.leaders, self._model) + noise)
 
 
 @kernel

@@ -35,15 +35,15 @@ class PolicyCConfig:
             network that adds to that, `critic` one that drives alone, trained with a critic after the paper. Else a
             file that ``litsim_research train policy`` has written.
         rules: whether agents keep their distance, make room, and wait for crossing ones, whatever drives them.
-        drivers: `median` for agents that follow those ahead as people usually do, whatever drives them; `none` for no
-            car following.
+        drivers: `median` for agents that follow those ahead as people usually do, whatever drives them; `drawn` for
+            drivers that differ as people do, drawn by the scenario's seed; `none` for no car following.
         follower: the car following.
         safety: the guard.
     """
 
     weights: str = "none"
     rules: Flag = True
-    drivers: Literal["median", "none"] = "median"
+    drivers: Literal["median", "drawn", "none"] = "median"
     follower: FollowerConfig = FollowerConfig()
     safety: SafetyConfig = SafetyConfig()
 
@@ -99,7 +99,8 @@ class PolicyC(Policy):
         self._yielding, self._lane_map = YieldPolicy(scenario), scenario.lane_map
         self._driving = (network, Observer(self._lane_map, network.observation)) if network else None
         self._safety, self._logs = SafetyLayer(config.safety), OwnLogs(scenario, rules=config.rules)
-        self._follower = None if config.drivers == "none" else Follower(scenario, config.follower)
+        drawn = config.drivers == "drawn"
+        self._follower = None if config.drivers == "none" else Follower(scenario, config.follower, drawn=drawn)
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
         """Returns controls of every agent that is held or handed back."""

@@ -26,16 +26,15 @@ from litsim_data.encounters.following import following_tracks
 from litsim_policy.driving.follower import FollowerConfig
 from litsim_policy.driving.handback import COMFORTABLE
 from litsim_policy.motion.car_following import IdmConfig, IdmValues
-from litsim_research.reactions.starts import Starts, driven, headways_of
+from litsim_research.reactions.starts import Starts, driven, headway_spread, headways_of, strongest_braking
 from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import STEP_S, FloatArray
+from litsim_sim.core.scene import FloatArray
 from litsim_sim.scenario.scenario import DATA_VARIABLE
 
 JUDGED = 50  # [steps] of which positions count
 BRAKING_WEIGHT = 10.0  # of moments in which the leader is about to brake
-BRAKING_SPAN = 15  # [steps] over which speeds and their changes are means: positions are noisy
 HARDEST = 0.99  # share of moments with braking leaders in which people brake no harder than `braking_max`
 BRAKING_MAX = FollowerConfig().braking_max
 BEGIN = (1.0, 2.0, 1.0, 1.5, 5.0)  # of the search, in the order of Candidate
@@ -90,7 +89,9 @@ def main(argv: list[str] | None = None) -> None:
     hardest = np.quantile(strongest_braking(starts.front[starts.brakes]), HARDEST)
     print(f"people brake by at most {hardest:.2f} m/s2 in {HARDEST:.0%} of these moments")
     for name, fitted in list(CANDIDATES.items())[-2:]:
-        print(f"{name}:", ", ".join(f"{field} {value:.3g}" for field, value in fitted(starts)._asdict().items()))
+        chosen = fitted(starts)
+        print(f"{name}:", ", ".join(f"{field} {value:.3g}" for field, value in chosen._asdict().items()))
+    print(f"spread of headways around those known: {headway_spread(starts, chosen.model, chosen.looks):.3g}")
 
 
 def judged(starts: Starts, fitted: Callable[[Starts], Candidate]) -> tuple[str, ...]:
@@ -149,10 +150,3 @@ def figures(starts: Starts, front: FloatArray, speed: FloatArray) -> tuple[str, 
     close = ((closing > 0.0) & (gap < 2.0 * closing)).any(axis=1)
     braking = strongest_braking(front[starts.brakes])
     return f"{np.median(braking):.2f}", f"{np.median(gap.min(axis=1)):.1f}", f"{close.mean():.1%}"
-
-
-def strongest_braking(front: FloatArray) -> FloatArray:
-    """Returns the strongest braking (n,) [m/s2] of vehicles with positions `front` (n, STEPS + 1) [m]."""
-    span = BRAKING_SPAN * STEP_S
-    speed = (front[:, BRAKING_SPAN:] - front[:, :-BRAKING_SPAN]) / span
-    return np.asarray(((speed[:, :-BRAKING_SPAN] - speed[:, BRAKING_SPAN:]) / span).max(axis=1))

@@ -19,6 +19,7 @@ from litsim_sim.kernels.compiled import Floats, Floats2, Floats3, kernel
 STEPS = 60  # that a follower is driven
 APART = 20  # [steps] between two starts
 SPEED_MIN = 1.0  # [m/s] slower followers tell little
+BRAKING_SPAN = 15  # [steps] over which speeds and their changes are means: positions are noisy
 BRAKING_STEPS, SPEED_LOST = 30, 2.0  # a leader that loses so much [m/s] within so many steps brakes
 
 
@@ -112,6 +113,30 @@ def driven(starts: Starts, headway: FloatArray, model: IdmValues) -> tuple[Float
     slows = starts.leader_change / (BACK * STEP_S)
     front, speed = _driven(begin, starts.leader_rear, starts.leader_speed, slows, model)
     return front, speed
+
+
+def strongest_braking(front: FloatArray) -> FloatArray:
+    """Returns the strongest braking (n,) [m/s2] of vehicles with positions `front` (n, STEPS + 1) [m]."""
+    span = BRAKING_SPAN * STEP_S
+    speed = (front[:, BRAKING_SPAN:] - front[:, :-BRAKING_SPAN]) / span
+    return np.asarray(((speed[:, :-BRAKING_SPAN] - speed[:, BRAKING_SPAN:]) / span).max(axis=1))
+
+
+def headway_spread(starts: Starts, model: IdmValues, looks: float) -> float:
+    """Returns by how much the headways that drivers go on to keep differ from those that are known of them.
+
+    It is the standard deviation of the logarithm of their ratio, as far as it lasts: from the covariance of what the
+    first and the second half of the steps after the moment tell.
+    """
+    known = headways_of(starts, model, looks)
+    halves = []
+    for last in (STEPS // 2, STEPS):
+        at = np.arange(last, last - STEPS // 2, -STRIDE)
+        change = starts.speed[:, at] - starts.speed[:, at - BACK]
+        seen = np.stack([starts.speed[:, at], change, starts.gap[:, at], starts.leader_speed[:, at]], axis=-1)
+        halves.append(_headways(np.ascontiguousarray(seen), model, 0.0) / known)
+    both = np.log(np.stack(halves)[:, np.isfinite(halves).all(axis=0)])
+    return float(np.sqrt(np.cov(both)[0, 1]))
 
 
 @kernel
