@@ -23,9 +23,10 @@ from litsim_sim.scenario.scenario import Scenario
 ID_LENGTH = 16
 SCENARIOS_KEPT = 4  # most scenarios in memory while cases are made
 MODEL = "model"  # a parameter that labels of variants name by its value alone
+DRAWING, DRIVERS, DRAWN = "litsim", "policy.drivers", "drawn"  # the policy that draws drivers, and how it is told to
 NOT_OF_THE_RESULT = ("commit",)
 """Versions that reports show but that do not affect identities: the digest of the sources does."""
-OF_NO_RUN = {"name", "description", "ego", "egos", "tuning", "seed", "end_after_contact_s"}
+OF_NO_RUN = {"name", "description", "ego", "egos", "tuning", "seed", "draw", "end_after_contact_s"}
 """Fields of a scenario that do not affect its runs, or that a case states itself."""
 
 ExecutionMode = Literal["graph", "process"]
@@ -49,6 +50,7 @@ class Case:
         policy: what moves the background.
         label: distinguishes the variant from others of the same ego and policy; may be empty.
         seed: seed of all randomness; None for the scenario's.
+        draw: number of the draw of the background's drivers; None for the scenario's.
         end_after_contact_s: time after the ego's first contact at which the run ends [s]; None for the scenario's.
         parameters: `stage.name` and value of each parameter set by the variant; those of the ego are in `ego`.
         execution_mode: whether it is run over DDS or in process.
@@ -65,6 +67,7 @@ class Case:
     policy: str
     label: str
     seed: int | None
+    draw: int | None
     end_after_contact_s: float | None
     parameters: Settings
     execution_mode: ExecutionMode
@@ -80,6 +83,11 @@ class Case:
     def vehicle(self) -> tuple[str, int]:
         """The vehicle that is the ego: its scenario and id."""
         return self.scenario, self.ego_id
+
+    @property
+    def of_all_draws(self) -> str:
+        """The name without the number of the draw."""
+        return self.name.removesuffix(_draw_text(self.draw))
 
     @property
     def variant(self) -> str:
@@ -106,6 +114,7 @@ class Case:
             "label": self.label,
             "variant": self.variant,
             "seed": self.seed,
+            "draw": self.draw,
             "end_after_contact_s": self.end_after_contact_s,
             "parameters": dict(self.parameters),
             "execution_mode": self.execution_mode,
@@ -117,10 +126,11 @@ class Case:
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Case:
         """Returns what :meth:`to_json` was made of; raises KeyError or ValueError for other values."""
-        apart = ("ego", "parameters", "end_after_contact_s", "execution_mode", "files")
+        apart = ("ego", "parameters", "draw", "end_after_contact_s", "execution_mode", "files")
         own = {field: values[field] for field in cls.__dataclass_fields__ if field not in apart}
         own |= {
-            "end_after_contact_s": values.get("end_after_contact_s"),  # was not always there
+            "draw": values.get("draw"),  # was not always there
+            "end_after_contact_s": values.get("end_after_contact_s"),  # likewise
             "execution_mode": values.get("execution_mode") or values["shell"],  # its name in format 1
             "files": values.get("files", {}),  # was not always there
             "tags": tuple(values["tags"]),
@@ -160,7 +170,7 @@ def _said(value: Any) -> str:
 
 
 def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, str] | None = None) -> list[Case]:
-    """Returns every case of a suite, sorted by variant, seed and entry.
+    """Returns every case of a suite, sorted by variant, seed, draw and entry.
 
     Entries that give the same run are one case, with the tags and events of all.
 
@@ -180,8 +190,9 @@ def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, s
     roads = [road for entry in suite.cases for road in _roads(entry, load)]
     seeds: list[int | None] = [*suite.seeds] or [None]
     cases: dict[str, Case] = {}
-    for variant, seed, road in product(variants(suite), seeds, roads):
-        case = _case(variant, seed, suite.end_after_contact_s, road, graph=graph, deciding=deciding)
+    runs = [(variant, *run) for variant in variants(suite) for run in product(seeds, variant.draws(suite), roads)]
+    for variant, seed, draw, road in runs:
+        case = _case(variant, seed, draw, suite.end_after_contact_s, road, graph=graph, deciding=deciding)
         same = cases.get(case.id)
         if same is not None and same.variant != case.variant:
             raise InputError(
@@ -233,14 +244,21 @@ class Variant:
     parameters: Settings
     label: str
 
+    def draws(self, suite: Suite) -> list[int | None]:
+        """Returns the numbers of the draws of its drivers: those of `suite` if it draws any, else the scenario's."""
+        if suite.drivers == 1 or DRAWN not in (value for name, value in self.parameters if name.endswith("drivers")):
+            return [None]
+        return list(range(suite.drivers))
+
 
 @dataclass(frozen=True)
 class _Road:
-    """An entry of the suite for one of its egos, with seed, end and other content of its scenario."""
+    """An entry of the suite for one of its egos, with seed, draw, end and other content of its scenario."""
 
     entry: CaseEntry
     ego_id: int
     seed: int
+    draw: int
     end: float | None
     content: Mapping[str, Any]
 
@@ -252,7 +270,8 @@ def variants(suite: Suite) -> Iterator[Variant]:
     parameters that have several values, and those of the ego or the policy that the suite replaces.
     """
     for ego, setup in product(suite.egos, suite.setups):
-        own = {**ego.parameters, **setup.parameters}
+        drawing = {DRIVERS: DRAWN} if suite.drivers > 1 and setup.kind == DRAWING else {}
+        own = {**ego.parameters, **drawing, **setup.parameters}
         varied_by = {
             name: values
             for name, values in suite.parameters.items()
@@ -267,7 +286,7 @@ def variants(suite: Suite) -> Iterator[Variant]:
                 if len(varied_by[name]) > 1 or short == MODEL or own.get(name, value) != value
             ]
             label = ", ".join(part for part in (setup.label, *labels) if part)
-            yield Variant(ego, setup.kind, tuple({**setup.parameters, **varied}.items()), label)
+            yield Variant(ego, setup.kind, tuple({**drawing, **setup.parameters, **varied}.items()), label)
 
 
 def _roads(entry: CaseEntry, load: Callable[[str], Scenario]) -> list[_Road]:
@@ -285,11 +304,18 @@ def _roads(entry: CaseEntry, load: Callable[[str], Scenario]) -> list[_Road]:
     content = file.model_dump(mode="json", exclude=OF_NO_RUN | (set() if file.changes else {"changes"}))
     files = {field: Path(getattr(file, field)) for field in ("recording", "net")}
     content |= {field: [path.name, file_digest(path)] for field, path in files.items()}
-    return [_Road(entry, ego_id, scenario.seed, file.end_after_contact_s, content) for ego_id in egos]
+    return [_Road(entry, ego_id, scenario.seed, file.draw, file.end_after_contact_s, content) for ego_id in egos]
 
 
 def _case(
-    variant: Variant, seed: int | None, end: float | None, road: _Road, *, graph: bool, deciding: Mapping[str, str]
+    variant: Variant,
+    seed: int | None,
+    draw: int | None,
+    end: float | None,
+    road: _Road,
+    *,
+    graph: bool,
+    deciding: Mapping[str, str],
 ) -> Case:
     short, ego = Path(road.entry.scenario).stem, variant.ego
     seed = road.entry.seed if seed is None else seed
@@ -304,6 +330,8 @@ def _case(
     ends = road.end if end is None else end
     if ends is not None:  # questions of before runs could end so stay the same
         question["end_after_contact_s"] = ends
+    if drawn := road.draw if draw is None else draw:  # likewise
+        question["draw"] = drawn
     mode = GRAPH if graph or ego.kind == EXTERNAL else PROCESS
     settings = [*ego.parameters.values(), *dict(variant.parameters).values()]
     files = _files(settings) | _files(ego.command, ego.folder)
@@ -312,13 +340,14 @@ def _case(
     return Case(
         id=_digest({"question": question, "setup": setup, "execution_mode": mode, "versions": deciding}),
         key=_digest(question),
-        name=", ".join(part for part in (name, variant.label) if part),
+        name=", ".join(part for part in (name, variant.label) if part) + _draw_text(draw),
         scenario=road.entry.scenario,
         ego_id=road.ego_id,
         ego=ego,
         policy=variant.policy,
         label=variant.label,
         seed=seed,
+        draw=draw,
         end_after_contact_s=end,
         parameters=variant.parameters,
         execution_mode=mode,
@@ -326,6 +355,11 @@ def _case(
         tags=tuple(road.entry.tags),
         events=tuple(road.entry.events),
     )
+
+
+def _draw_text(draw: int | None) -> str:
+    """Returns the end of the name of a case with this draw."""
+    return "" if draw is None else f", drivers {draw}"
 
 
 def _check_scenario_names(suite: Suite) -> None:

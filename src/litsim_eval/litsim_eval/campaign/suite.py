@@ -204,6 +204,8 @@ class Suite(BaseModel):
         egos: drivers of the ego.
         policies: of :func:`litsim_sim.scenario.run_info.policy_names`, names of packaged setups, or setups.
         seeds: seeds, with a run for each; default: the scenario's seed.
+        drivers: number of draws of the background's drivers, with a run for each, for policies that draw them; with
+            more than one, policy litsim does.
         end_after_contact_s: time after the first contact of its ego at which a run ends [s]; null for the scenario's.
         parameters: values to try, by `stage.name`; several values of one make several variants.
         criteria: criteria for each run, and for the campaign as a whole.
@@ -218,6 +220,7 @@ class Suite(BaseModel):
     egos: Annotated[list[Annotated[EgoSetup, BeforeValidator(_starts_something)]], Field(min_length=1)]
     policies: Annotated[list[PolicyName | PolicySetup], Field(min_length=1)] = [REPLAY, "litsim"]
     seeds: list[Annotated[int, Field(ge=0, lt=SEEDS)]] = []
+    drivers: Annotated[int, Field(ge=1)] = 1
     end_after_contact_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
     parameters: dict[str, Annotated[list[Any], Field(min_length=1)]] = {}
     criteria: Annotated[Criteria, Field(default_factory=Criteria.load)]

@@ -13,6 +13,7 @@ from rich.console import Console
 from litsim_eval.campaign.background import background_sentences
 from litsim_eval.campaign.case import code_versions
 from litsim_eval.campaign.criteria import Verdict
+from litsim_eval.campaign.drawn import drawn_cases
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.part import write_suite
 from litsim_eval.campaign.results import (
@@ -28,7 +29,7 @@ from litsim_eval.cli.suite_arguments import add_suite_arguments, cases_to_run, r
 from litsim_eval.runs.campaign import LocalRuns, conclude, run_the_rest, verdict_counts, verdict_line
 from litsim_eval.runs.case_run import TIME_LIMIT_S
 from litsim_eval.runs.ray_runs import LOCAL, RayRuns
-from litsim_eval.runs.summary_table import print_summary
+from litsim_eval.runs.summary_table import print_drawn, print_summary
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser, positive
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
@@ -146,6 +147,8 @@ def _print(campaign: Campaign, *, everything: bool, intervals: bool) -> None:
     print_summary(campaign.name, summary, Console(), replayed=replayed, everything=everything, bounds=bounds)
     for sentence in background_sentences(campaign.cases):
         print(sentence)
+    if drawn := drawn_cases(campaign.results):
+        print_drawn(drawn, REASONS_MAX, Console())
     print(f"{_counted(campaign.results)}; every run: {campaign.folder / RESULTS_FILE}")
     for criterion in campaign.judged:
         if not criterion.passed:

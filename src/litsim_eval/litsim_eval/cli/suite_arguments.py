@@ -15,6 +15,7 @@ from litsim_eval.campaign.policy_setup import PolicySetup, packaged_setups, setu
 from litsim_eval.campaign.results import is_campaign, read_campaign
 from litsim_eval.campaign.suite import CaseEntry, EgoChoice, EgoSetup, Suite, located, packaged_suites, place_of
 from litsim_eval.runs.case_run import CaseRefused, check_cases
+from litsim_sim.cli.program import at_least_one
 from litsim_sim.cli.run_arguments import END_AFTER_CONTACT
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import SET_HELP, not_among, setting
@@ -48,6 +49,13 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
     )
     add_policy_arguments(p, also=", or one of the suite (default: replay litsim)")
     p.add_argument("--seeds", nargs="+", type=int, help="a run for each seed; default: the scenario's")
+    p.add_argument(
+        "--drivers",
+        type=at_least_one,
+        metavar="N",
+        help="a run with each of N draws of the background's drivers, and the probability that a case fails "
+        "(default: 1; policy litsim draws them from 2 on)",
+    )
     p.add_argument("--end-after-contact", **END_AFTER_CONTACT)
     part = p.add_argument_group("part of the suite", "cases that are run; all options together choose them")
     part.add_argument(
@@ -105,6 +113,7 @@ def suite_of(arguments: argparse.Namespace) -> Suite:
     options = {
         "policies": None if arguments.policy is None else _policies(arguments.policy, base),
         "seeds": arguments.seeds,
+        "drivers": arguments.drivers,
         "end_after_contact_s": arguments.end_after_contact,
     }
     fields |= {name: value for name, value in options.items() if value is not None}

@@ -153,7 +153,7 @@ def _case(result: RunResult) -> dict[str, Any]:
     return {
         "id": case.id,
         "name": case.name,
-        "same": f"{case.scenario}/{case.ego_id}/{case.seed}",
+        "same": f"{case.scenario}/{case.ego_id}/{case.seed}/{case.draw}",
         "verdict": result.verdict.value,
         "reason": result.reason,
         "scenario": case.scenario,

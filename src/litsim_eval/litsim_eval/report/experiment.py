@@ -15,6 +15,7 @@ from litsim_eval.analysis.metrics_tree import leaves
 from litsim_eval.analysis.summary import DISPLACEMENTS, OF_EGO, OF_SIMULATION, TRAFFIC, Measure, added
 from litsim_eval.campaign.background import background_sentences
 from litsim_eval.campaign.criteria import Verdict
+from litsim_eval.campaign.drawn import DrawnCase, drawn_cases
 from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RUNS_FOLDER, Campaign, RunResult
 from litsim_eval.campaign.variant_summary import variant_summary
 from litsim_eval.report.campaign_content import criteria_of, pack_campaign
@@ -78,6 +79,7 @@ def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Pat
         passed=campaign.passes,
         missing=len(campaign.missing),
         variants=[_verdicts(name, results) for name, results in by_variant.items()],
+        drawn=[_drawn(case) for case in drawn_cases(campaign.results)],
         names=list(by_variant),
         criteria=_criteria(campaign, by_variant),
         tags=_tags(by_variant),
@@ -107,6 +109,16 @@ def _subtitle(campaign: Campaign) -> str:
         different = list(dict.fromkeys(names))
         texts.append(f"{one} {', '.join(different)}" if len(different) <= NAMES_MAX else f"{len(different)} {several}")
     return " · ".join(texts)
+
+
+def _drawn(case: DrawnCase) -> dict[str, str]:
+    """Returns with how many draws of the drivers a case fails, and how probable that makes it."""
+    low, high = (percent(bound) for bound in case.bounds)
+    return {
+        "name": case.name,
+        "fails": f"{case.failed} of {case.drivers}",
+        "probability": f"{percent(case.probability)} [{low}, {high}]",
+    }
 
 
 def _verdicts(name: str, results: list[RunResult]) -> dict[str, Any]:

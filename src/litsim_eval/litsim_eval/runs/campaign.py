@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from litsim_eval.campaign.case import GRAPH, Case, cases_of, code_versions
 from litsim_eval.campaign.criteria import Criteria, Verdict
+from litsim_eval.campaign.drawn import drawn_cases
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.junit import JUNIT_FILE, write_junit
 from litsim_eval.campaign.results import Campaign, RunResult, read_campaign
@@ -175,6 +176,7 @@ def conclude(folder: CampaignFolder) -> Campaign:
         verdict=str(Verdict.PASSED if campaign.passes else Verdict.FAILED),
         suite=[asdict(each) for each in campaign.judged],
         variants={variant: variant_summary(results) for variant, results in campaign.variants.items()},
+        drawn=[asdict(case) for case in drawn_cases(campaign.results)],
     )
     write_junit(campaign, folder.path / JUNIT_FILE)
     show_verdicts(campaign)

@@ -147,7 +147,7 @@ def plan_of(case: Case) -> RunPlan:
     Raises:
         InputError: the scenario cannot be used.
     """
-    scenario = _scenario(case.scenario).around(case.ego_id, case.seed, case.end_after_contact_s)
+    scenario = _scenario(case.scenario).around(case.ego_id, case.seed, case.end_after_contact_s, case.draw)
     return RunPlan(scenario, case.ego.kind, case.policy, case.stage_parameters)
 
 
@@ -239,6 +239,7 @@ def _launch(case: Case, out: Path) -> list[str]:
     argv += ["--scenario", case.scenario, "--ego", case.ego.adapter or case.ego.kind, "--policy", case.policy]
     argv += ["--ego-id", str(case.ego_id), "--ego-interface", case.ego.interface]
     argv += [] if case.seed is None else ["--seed", str(case.seed)]
+    argv += [] if case.draw is None else ["--draw", str(case.draw)]
     argv += [] if case.end_after_contact_s is None else ["--end-after-contact", str(case.end_after_contact_s)]
     settings = [
         f"{stage}.{name}={json.dumps(value)}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -13,6 +13,7 @@ from rich.text import Text
 
 from litsim_eval.analysis.metrics_tree import leaves
 from litsim_eval.analysis.summary import DISPLACEMENTS, MARK, OF_EGO, OF_SIMULATION, TRAFFIC, Measure, added
+from litsim_eval.campaign.drawn import DrawnCase
 from litsim_eval.campaign.variant_summary import Bounds
 
 Lines = Mapping[str, Mapping[str, str]]
@@ -63,6 +64,19 @@ def print_summary(
     if lacking:
         parts.append(Text(f"{MARK} over the runs that were measured: " + "; ".join(lacking)))
     console.print(Group(Text(title), *parts))
+
+
+def print_drawn(cases: Sequence[DrawnCase], most: int, console: Console) -> None:
+    """Prints with what probability the first `most` of `cases` fail, of those that fail with any driver."""
+    failing = [case for case in cases if case.failed]
+    table = Table("fails with", "P(fail) %", "case", box=SIMPLE_HEAD, pad_edge=False)
+    for case in failing[:most]:
+        low, high = (100.0 * bound for bound in case.bounds)
+        percent = f"{100.0 * case.probability:.0f} [{low:.0f}, {high:.0f}]"
+        table.add_row(f"{case.failed} of {case.drivers} drivers", percent, case.name)
+    if failing:
+        console.print(table)
+    console.print(Text(f"{len(cases) - len(failing)} of {len(cases)} cases pass with all drivers"))
 
 
 def _numbered(numbers: Mapping[str, str], lines: Lines, console: Console) -> list[Table]:

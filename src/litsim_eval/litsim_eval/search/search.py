@@ -170,7 +170,7 @@ class Search:
         return Search(suite, cases, self._versions, self._people, settings, self._out / SCREEN)
 
     def _space(self, case: Case) -> Space:
-        scenario = Scenario.load(case.scenario).around(case.ego_id, case.seed, case.end_after_contact_s)
+        scenario = Scenario.load(case.scenario).around(case.ego_id, case.seed, case.end_after_contact_s, case.draw)
         return Space.of(scenario, self._people, self._settings.only)
 
     def _check_folder(self) -> None:

@@ -29,6 +29,7 @@ def add_run_arguments(p: argparse.ArgumentParser, egos: Sequence[str]) -> None:
     )
     p.add_argument("--ego-id", type=int, help="vehicle of the recording that is the ego; default: the scenario's")
     p.add_argument("--seed", type=int, help="seed of all randomness; default: the scenario's")
+    p.add_argument("--draw", type=int, help="number of the draw of the background's drivers; default: the scenario's")
     p.add_argument("--end-after-contact", **END_AFTER_CONTACT)
     p.add_argument(
         "--vehicle",
@@ -50,6 +51,7 @@ def plan_of(arguments: argparse.Namespace) -> RunPlan:
         predictor=arguments.predictor,
         ego_id=arguments.ego_id,
         seed=arguments.seed,
+        draw=arguments.draw,
         end_after_contact_s=arguments.end_after_contact,
         vehicle=dict(arguments.vehicle),
         settings=arguments.set,

@@ -23,7 +23,10 @@ DRIVER = "driver"
 """Parameter of the ego's node: name of the plug-in that drives."""
 DECIDED = {
     EGO: (DRIVER,),
-    BRIDGE: ("scenario", "ego", "policy", "ego_id", "seed", "end_after_contact_s", "progress", "stage_parameters"),
+    BRIDGE: (
+        *("scenario", "ego", "policy", "ego_id", "seed", "draw"),
+        *("end_after_contact_s", "progress", "stage_parameters"),
+    ),
     RECORDER: ("output", "overwrite"),
 }
 """Parameters that follow from the options of a run; if set otherwise, they would contradict the other nodes."""
@@ -124,6 +127,7 @@ def _of_bridge(plan: RunPlan) -> dict[str, Any]:
         "policy": plan.policy,
         "ego_id": plan.scenario.ego_id,
         "seed": plan.scenario.seed,
+        "draw": file.draw,
         "stage_parameters": json.dumps(plan.stage_parameters, sort_keys=True),
         **end,
         **{f"vehicle.{name}": value for name, value in file.vehicle.items()},

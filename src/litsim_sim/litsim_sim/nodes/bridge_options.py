@@ -54,6 +54,7 @@ class BridgeOptions:
         policy: what moves the background.
         ego_id: id of the recorded vehicle that the ego replaces; -1 is the scenario's.
         seed: seed of all randomness in the run; -1 is the scenario's.
+        draw: number of the draw of the background's drivers; -1 is the scenario's.
         end_after_contact_s: time after the ego's first contact at which the run ends; -1 is the scenario's.
         mode: whether the bridge waits for answers, or runs in real time.
         on_missing: what happens in lock-step if an answer is missing.
@@ -77,6 +78,7 @@ class BridgeOptions:
     policy: Annotated[str, OneOf(policy_names)] = "litsim"
     ego_id: Annotated[Whole, Field(ge=OF_THE_SCENARIO)] = OF_THE_SCENARIO
     seed: Annotated[Whole, Field(ge=OF_THE_SCENARIO)] = OF_THE_SCENARIO
+    draw: Annotated[Whole, Field(ge=OF_THE_SCENARIO)] = OF_THE_SCENARIO
     end_after_contact_s: Annotated[Duration, Field(ge=OF_THE_SCENARIO)] = float(OF_THE_SCENARIO)
     mode: Literal["lockstep", "realtime"] = "lockstep"
     on_missing: Literal["stop", "hold"] = "stop"
@@ -107,7 +109,12 @@ class BridgeOptions:
 
     def plan(self) -> RunPlan:
         """Load the run, as a new execution; raises InputError if its scenario cannot be used."""
-        chosen = {"ego": self.ego_id, "seed": self.seed, "end_after_contact_s": self.end_after_contact_s}
+        chosen = {
+            "ego": self.ego_id,
+            "seed": self.seed,
+            "draw": self.draw,
+            "end_after_contact_s": self.end_after_contact_s,
+        }
         overrides: dict[str, Any] = {name: value for name, value in chosen.items() if value != OF_THE_SCENARIO}
         scenario = Scenario.load(self.scenario, **overrides, vehicle=self._own_vehicle or None)
         return RunPlan(scenario, self.ego, self.policy, _by_stage(self.stage_parameters), new_execution())

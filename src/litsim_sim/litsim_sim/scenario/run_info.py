@@ -56,6 +56,7 @@ class RunPlan:
         predictor: str | None = None,
         ego_id: int | None = None,
         seed: int | None = None,
+        draw: int | None = None,
         end_after_contact_s: float | None = None,
         vehicle: Mapping[str, float] | None = None,
         settings: Iterable[tuple[str, str, Any]] = (),
@@ -68,6 +69,7 @@ class RunPlan:
         overrides: dict[str, Any] = {
             "ego": ego_id,
             "seed": seed,
+            "draw": draw,
             "end_after_contact_s": end_after_contact_s,
             "vehicle": dict(vehicle or {}) or None,
         }
@@ -88,9 +90,8 @@ class RunPlan:
         names = {name: Path(getattr(file, name)).name for name in ("recording", "net")}
         without = {"coverage_min"}  # affects whether a run is possible, not its result
         # left out at their defaults, so that runs of older versions keep their identities
-        without |= {
-            name for name in ("vehicle", "end_after_contact_s", "changes") if getattr(file, name) in ({}, [], None)
-        }
+        new = ("vehicle", "end_after_contact_s", "changes", "draw")
+        without |= {name for name in new if getattr(file, name) in ({}, [], None, 0)}
         described = file.model_copy(update=names).model_dump_json(exclude=without)
         described = f"{described}\n{self.ego}\n{self.policy}"
         if self.stage_parameters:

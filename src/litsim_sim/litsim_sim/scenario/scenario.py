@@ -135,13 +135,15 @@ class Scenario:
         """Build from the text of a scenario file, called `where` in errors; paths are relative to this folder."""
         return cls._build(text, where, Path.cwd(), {})
 
-    def around(self, ego: int | None, seed: int | None, end_after_contact_s: float | None = None) -> Scenario:
-        """Returns the scenario with another ego, seed and end, unless None; recording, log and lane map are shared.
+    def around(
+        self, ego: int | None, seed: int | None, end_after_contact_s: float | None = None, draw: int | None = None
+    ) -> Scenario:
+        """Returns the scenario with another ego, seed, end and draw, unless None; recording, log and map are shared.
 
         Raises InputError if the ego is not present from step 0 to the first simulated step, or a value does not
         fit.
         """
-        changes = {"ego": ego, "seed": seed, "end_after_contact_s": end_after_contact_s}
+        changes = {"ego": ego, "seed": seed, "end_after_contact_s": end_after_contact_s, "draw": draw}
         changes = {name: value for name, value in changes.items() if value is not None}
         file = validate_yaml(self.file.model_dump() | changes, ScenarioFile, self.name, "")
         check_agents(file, self._on_all_levels[1], self.history_steps, self.name)
@@ -215,8 +217,12 @@ class Scenario:
 
     @property
     def identities(self) -> IntArray:
-        """(N, 2) seed of its scene and id there of each agent of the log; they seed its random draws."""
-        return np.column_stack([np.full(len(self.log.ids), self.seed), self.log.ids])
+        """(N, 2) seed of the drivers of its scene and id there of each agent of the log; they seed its random draws."""
+        seed = self.seed
+        if self.file.draw:
+            mixed = np.random.SeedSequence((self.seed, self.file.draw)).generate_state(1, np.uint64)
+            seed = int(mixed[0] >> np.uint64(1))  # ids are signed
+        return np.column_stack([np.full(len(self.log.ids), seed), self.log.ids])
 
     @property
     def egos(self) -> tuple[int, ...]:

@@ -57,6 +57,8 @@ class ScenarioFile(BaseModel):
         roi_m: radius around the ego, and around every other agent off its log, within which agents are forecast and may
             be taken over [m].
         seed: seed of all randomness.
+        draw: number of the draw of the background's drivers, where a policy draws them: with another number, other
+            drivers meet the same ego.
         signals: file of the signals, relative to the YAML file, or its content, see :class:`SignalsFile`; default:
             those of the recording, if it has signals of this net.
         end_after_contact_s: time after the ego's first contact at which the run ends [s], rounded to a step; null: it
@@ -81,6 +83,7 @@ class ScenarioFile(BaseModel):
     tuning: list[int] = []
     roi_m: Annotated[_Finite, Field(gt=0)] = 30.0
     seed: Annotated[int, Field(ge=0, lt=SEEDS)] = 0
+    draw: Annotated[int, Field(ge=0, lt=SEEDS)] = 0
     signals: _SignalsField | None = None
     end_after_contact_s: Annotated[_Finite, Field(ge=0, le=DAY_S)] | None = None
     coverage_min: Annotated[_Finite, Field(ge=0, le=1)] = 0.9
