@@ -65,7 +65,13 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--limit", type=at_least_one, metavar="N", help="only so many, spread evenly")
     add_policy_arguments(p, POLICIES)
-    p.add_argument("--drivers", type=at_least_one, default=1, metavar="N", help="drivers in each encounter, by seed")
+    p.add_argument(
+        "--drivers",
+        type=at_least_one,
+        default=1,
+        metavar="N",
+        help="draws of the drivers in each encounter; policy litsim draws them from 2 on",
+    )
     p.add_argument("--json", type=Path, metavar="FILE", help="write the measures to this file")
     p.add_argument("--out", type=Path, metavar="DIR", help=f"write a page, {JSON_FILE} and {CSV_FILE} to this folder")
     p.add_argument(

@@ -126,6 +126,8 @@ def suite_of(arguments: argparse.Namespace) -> Suite:
 def background_suite(arguments: argparse.Namespace, ego: str) -> Suite:
     """Returns a suite of one case in which `ego` meets what the arguments of :func:`add_policy_arguments` describe.
 
+    `arguments.drivers` is the number of draws of its drivers.
+
     Raises:
         InputError: a policy is unknown, or the arguments do not fit together.
     """
@@ -134,6 +136,7 @@ def background_suite(arguments: argparse.Namespace, ego: str) -> Suite:
         "cases": [CaseEntry(scenario=DEFAULTS["scenario"][0])],
         "egos": [EgoSetup(name=ego, kind=ego)],
         "policies": _policies(arguments.policy, None),
+        "drivers": arguments.drivers,
         "parameters": _varied(arguments),
     }
     return validate_yaml(fields, Suite, "options", "")

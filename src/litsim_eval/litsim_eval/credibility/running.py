@@ -69,7 +69,7 @@ Outcome = Drive | str
 
 @dataclass(frozen=True)
 class Task:
-    """All runs that are asked for: each encounter by each setup, several times by drivers with seeds of their own."""
+    """All runs that are asked for: each encounter by each setup, several times with other draws of the drivers."""
 
     encounters: Sequence[Encounter]
     setups: Sequence[Setup]
@@ -88,9 +88,9 @@ class Task:
         ]
 
     def plan(self, run: Run) -> RunPlan:
-        """Returns the plan of `run`; its driver adds its number to the seed of the scenario."""
+        """Returns the plan of `run`; its driver is the number of the draw."""
         scenario, setup = self.encounters[run.encounter].scenario, self.setups[run.setup]
-        drawn = scenario.around(None, scenario.seed + run.driver) if run.driver else scenario
+        drawn = scenario.around(None, None, draw=run.driver)
         return RunPlan(drawn, EGO, setup.policy, setup.parameters)
 
     def _alike(self, encounter: int) -> tuple[str, int, int]:
