@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from litsim_eval.analysis.metrics import digest
@@ -12,7 +14,7 @@ from litsim_eval.runs.runner import Runner, record
 from litsim_policy.driving.yield_policy import YieldPolicy
 from litsim_policy.ego.idm import IdmEgo
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import EgoCommand, EgoMode
+from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand, EgoMode
 from litsim_sim.core.stages import BRIDGE, EGO
 from litsim_sim.record.digest import RunDigest
 from litsim_sim.scenario.run_info import RunPlan
@@ -43,6 +45,12 @@ def driven(simulation: Simulation) -> str:
     return run.hexdigest()
 
 
+def apart(simulation: Simulation, step: Step) -> tuple[AgentTable, ControlTable | None, EgoCommand]:
+    """Returns what a digest reads of the first of several scenarios."""
+    own = simulation.apart(step)[0]
+    return own.table, own.controls, own.ego
+
+
 @pytest.mark.parametrize(
     ("ego", "policy"), [("idm", "litsim"), ("perturbed", "yield"), ("log", "replay"), ("bat", "litsim")]
 )
@@ -71,6 +79,60 @@ def test_the_caller_may_drive_the_ego(demo: Scenario) -> None:
     while not simulation.ended:
         simulation.step(driver.plan(simulation.table))
     assert seen.hexdigest() == driven(Simulation(demo, "idm"))
+
+
+def test_the_caller_may_drive_agents_that_are_taken_over(demo: Scenario) -> None:
+    def act(simulation: Simulation) -> ControlTable:
+        assert simulation.takeovers is not None
+        return policy.act(simulation.table, simulation.takeovers)
+
+    simulation, policy, seen = Simulation(demo, "idm", "litsim"), YieldPolicy(demo), RunDigest()
+    simulation.observers.append(lambda step: seen.update(step.table, step.controls, step.ego))
+    while not simulation.ended:
+        simulation.step(controls=act(simulation))
+    assert simulation.table.of_policy.any()
+    assert seen.hexdigest() == driven(Simulation(demo, "idm", "yield"))
+
+
+def test_without_a_policy_nobody_is_off_the_log_but_whom_the_caller_drives(braking: Scenario) -> None:
+    simulation = Simulation(braking, "log", policy=None)
+    assert simulation.takeovers is None
+    while not simulation.ended:
+        controls, row = ControlTable.empty(simulation.table.step), simulation.table.rows(np.array([2]))
+        if simulation.table.step >= braking.history_steps:
+            controls = ControlTable.of_policy(simulation.table, row, np.array([-1.0]), np.zeros(1))
+        table = simulation.step(controls=controls)
+    assert table.of_policy.tolist() == [False, True] and table.speed[1] < 7.0
+
+
+def test_a_scenario_that_is_ended_leaves_the_other_as_it_is_alone(demo: Scenario) -> None:
+    together, seen = Simulation([demo, demo.around(demo.egos[1], 3)], "idm", "yield"), RunDigest()
+    together.observers.append(lambda step: seen.update(*apart(together, step)))
+    while not together.ended:
+        if together.step().step == 40:
+            assert together.takeovers is not None and together.takeovers.takeovers
+            together.end(1)
+            assert set(together.table.scene.tolist()) == {0} == set(together.running)
+    assert together.summaries[1]["ended"] == {"reason": "time", "step": 40, "lane": ""}
+    assert seen.hexdigest() == driven(Simulation(demo, "idm", "yield"))
+
+
+def test_runs_of_full_length_go_on_once_the_ego_has_left(make_scenario: Made, track: Made) -> None:
+    scenario = make_scenario(track(1, x=620.0, speed=20.0, last=4), track(2, x=100.0, last=20))
+    for full_length, last in ((False, 5), (True, scenario.total_steps)):
+        simulation = Simulation(scenario, "log", "replay", full_length=full_length)
+        assert [step.table.step for step in simulation.steps()][-1] == last
+
+
+def test_the_ego_of_one_scenario_in_a_list_is_not_told_of_hidden_agents(make_scenario: Made, track: Made) -> None:
+    changes = [{"kind": "hide", "agent": 2, "begin_s": 0.3, "duration_s": 1.0}]
+    scenario = make_scenario(track(1, x=80.0), track(2, x=100.0, speed=5.0), changes=changes)
+    told: list[list[int]] = []
+    ego = SimpleNamespace(plan=lambda table: told.append(table.id.tolist()) or EgoCommand(table.step))
+    simulation = Simulation([scenario], ego, "replay")
+    for _ in range(4):
+        simulation.step()
+    assert simulation.batch is not None and told == [[1, 2], [1, 2], [1, 2], [1]]
 
 
 def test_a_class_of_policies_may_stand_for_a_name(demo: Scenario) -> None:

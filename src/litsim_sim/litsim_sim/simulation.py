@@ -28,6 +28,8 @@ from litsim_sim.world.world import World
 if TYPE_CHECKING:
     from litsim_sim.world.sumo import SumoMirror
 
+PASSIVE = (REPLAY, None)
+"""Policies with which nobody is taken over."""
 Stages = Mapping[str, Callable[..., Any]]
 """Constructors of stages, by name."""
 
@@ -79,12 +81,14 @@ class Simulation:
         while not simulation.ended:
             table = simulation.step()
 
+    Whoever drives agents or egos by other means, such as a policy in training, gives :meth:`step` their commands.
+
     Attributes:
         scenarios: the scenarios, one at least.
         observers: called with each answered step, in order.
         world: the world that is stepped.
-        table: all agents at the present step; of several scenarios, with the ids of :attr:`batch`.
-        batch: the scenarios as one; None for a single scenario.
+        table: all agents at the present step; of a sequence of scenarios, with the ids of :attr:`batch`.
+        batch: the scenarios as one, where a sequence was given; None for a scenario by itself.
         summaries: summary of each run that is over (:meth:`.World.summary`), by number of its scenario.
 
     Raises:
@@ -98,10 +102,11 @@ class Simulation:
         self,
         scenario: Scenario | Sequence[Scenario],
         ego: str | Driver | Sequence[str | Driver] | None = None,
-        policy: str | type[Any] = "litsim",
+        policy: str | type[Any] | None = "litsim",
         parameters: Parameters | None = None,
         observers: Iterable[Observer] = (),
         *,
+        full_length: bool = False,
         mirror: SumoMirror | None = None,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
@@ -111,23 +116,26 @@ class Simulation:
             scenario: one, or several of one kind.
             ego: name of an installed driver, or a driver, for each scenario or for all; None if the caller of
                 :meth:`step` gives the egos' commands.
-            policy: of the background: the name of an installed one, or a class of policies, made as ``cls(scenario)``.
+            policy: of the background: the name of an installed one, or a class of policies, made as ``cls(scenario)``;
+                None if only those agents are off their logs that the caller of :meth:`step` drives.
             parameters: of the stages, by stage and name, where they are not the defaults.
             observers: see :attr:`observers`.
+            full_length: whether runs go on to the ends of their scenarios, also once their egos have left or collided.
             mirror: SUMO's display of a single scenario; the caller closes it.
             clock: times the stages [s].
         """
         self.scenarios = (scenario,) if isinstance(scenario, Scenario) else tuple(scenario)
-        self.batch = BatchedScenario.of(self.scenarios) if len(self.scenarios) > 1 else None
+        self.batch = None if isinstance(scenario, Scenario) else BatchedScenario.of(self.scenarios)
         self.observers = list(observers)
         self._setting: Setting = self.scenarios[0] if self.batch is None else self.batch
-        if self.batch is not None and policy != REPLAY and not class_of_policy(policy).batched:
+        if self.batch is not None and policy not in PASSIVE and not class_of_policy(policy).batched:
             raise ValueError(f"policy {policy} drives the agents of one scenario, expected one that is `batched`")
-        self._policy, self._clock = policy, clock
+        self._policy, self._full_length, self._clock = policy, full_length, clock
         self._egos = _egos(ego, len(self.scenarios))
         names = dict.fromkeys(driver if isinstance(driver, str) else None for driver in self._egos or [None])
         self._stages = {name: configured(name, policy, parameters or {}) for name in names}
         self.world = World(self._setting, mirror, guard_entries=policy != REPLAY)
+        self._takeovers: TakeoverTable | None = None
         self._begin()
 
     @property
@@ -146,24 +154,42 @@ class Simulation:
             self._begin()
         return self.table
 
-    def step(self, command: EgoCommand | Sequence[EgoCommand] | None = None) -> AgentTable:
+    @property
+    def takeovers(self) -> TakeoverTable | None:
+        """The agents off their logs at the present step, and why; None where nobody is taken over whatever happens."""
+        if self._takeovers is None and self._reaction is not None:
+            self._takeovers = self._reaction.takeovers(self.table, self._marks)
+        return self._takeovers
+
+    def step(
+        self, command: EgoCommand | Sequence[EgoCommand] | None = None, controls: ControlTable | None = None
+    ) -> AgentTable:
         """Answer the present step, show it to the observers, and return the next one; after the last, this once more.
 
         Args:
             command: of the ego, or of the ego of each scenario; only if no driver was named.
+            controls: of agents that the caller drives; the policy drives the other ones of :attr:`takeovers`.
 
         Raises:
-            ValueError: the simulation has ended, a command lacks or is one too many, or it cannot be applied
-                (:func:`litsim_sim.world.driven.check_answers`).
+            ValueError: the simulation has ended, a command lacks or is one too many, or commands or controls cannot be
+                applied (:func:`litsim_sim.world.driven.check_answers`).
         """
-        self._next(command)
+        self._next(command, controls)
         return self.table
+
+    def end(self, number: int) -> None:
+        """End a scenario at the present step, before its last one; its agents leave the road."""
+        self._answered = True
+        self._summarise(number)
+        self.table, before = self.world.drop(number), self.table
+        if self._takeovers is not None:
+            self._takeovers = self._takeovers.without(before.id[before.scene == number])
 
     def steps(self) -> Iterator[Step]:
         """Yields each step that is answered, from the present one to the last; raises as :meth:`step`."""
         with spared_from_collection():
             while not self.ended:
-                yield self._next(None)
+                yield self._next(None, None)
 
     def apart(self, step: Step) -> dict[int, Step]:
         """Returns the newest answered step by scenario, with the ids of the recordings, for scenarios not over in it.
@@ -185,37 +211,43 @@ class Simulation:
         setting = self._setting
         self._drivers = self._made_drivers() if self._egos else None
         stages = next(iter(self._stages.values()))
-        self._reaction = None if self._policy == REPLAY else Reaction(stages, self._policy, setting, self._clock)
+        self._reaction = None if self._policy in PASSIVE else Reaction(stages, self._policy, setting, self._clock)
         load_kernels()
         self.summaries: dict[int, dict[str, Any]] = {}
         self._answered = False
         begin = self._clock()
-        self.table = self.world.reset()
+        self._show(self.world.reset(), begin)
+
+    def _show(self, table: AgentTable, begin: float) -> None:
+        """Make `table` the present step, which the world has worked on since `begin` [s]."""
+        self.table = table
         self.world.catch_up()
-        self._world_s = self._clock() - begin
+        self._takeovers = None
+        self._marks = {BRIDGE: self._clock() - begin}
 
     def _made_drivers(self) -> _Drivers:
         drivers = [
             self._stages[ego][EGO](scenario) if isinstance(ego, str) else ego
             for ego, scenario in zip(self._egos, self.scenarios, strict=True)
         ]
-        if self.batch is None:
-            return _OneDriver(self.scenarios[0], drivers[0])
+        if len(drivers) == 1:
+            return _OneDriver(self.scenarios[0], self.batch, drivers[0])
         together: _Drivers = plugins.load(plugins.EGO_BATCHES, EGO)(self.batch, drivers)
         return together
 
-    def _next(self, command: EgoCommand | Sequence[EgoCommand] | None) -> Step:
+    def _next(self, command: EgoCommand | Sequence[EgoCommand] | None, controls: ControlTable | None) -> Step:
         """Answer the present step and go on; return the answered step."""
         if self.ended:
             raise ValueError("the simulation has ended, expected reset() before another step")
         given = self._given(command)
         self._answered = True
-        marks = {BRIDGE: self._world_s}
-        takeovers, controls = (None, None) if self._reaction is None else self._reaction.to(self.table, marks)
+        takeovers = self.takeovers
+        if self._reaction is not None and takeovers is not None:
+            controls = self._reaction.controls(self.table, takeovers, controls, self._marks)
         begin = self._clock()
         egos = given if self._drivers is None else tuple(self._drivers.plan(self.table, self.running))
-        marks[EGO] = self._clock() - begin
-        step = Step(self.table, takeovers, controls, egos, self.running, marks)
+        self._marks[EGO] = self._clock() - begin
+        step = Step(self.table, takeovers, controls, egos, self.running, self._marks)
         for observe in self.observers:
             observe(step)
         self._advance(step)
@@ -234,30 +266,35 @@ class Simulation:
         begin = self._clock()
         over = [number for number in step.running if self._is_over(number)]
         for number in over:
-            own = () if self.batch is None else (number, self.batch.recorded_id_in(number))
-            self.summaries[number] = self.world.summary(*own)
+            self._summarise(number)
         if self.ended:
             return
         for number in over:
             self.world.drop(number)
         controls = ControlTable.empty(step.table.step) if step.controls is None else step.controls
-        self.table = self.world.step_batch(controls, step.egos)
-        self.world.catch_up()
-        self._world_s = self._clock() - begin
+        self._show(self.world.step_batch(controls, step.egos), begin)
 
     def _is_over(self, number: int) -> bool:
         """Returns whether the present step is the last of a scenario."""
-        return self.world.ends[number] is not None or self.table.step == self.scenarios[number].total_steps
+        is_left = self.world.ends[number] is not None and not self._full_length
+        return is_left or self.table.step == self.scenarios[number].total_steps
+
+    def _summarise(self, number: int) -> None:
+        """Note that a scenario is over at the present step."""
+        own = () if self.batch is None else (number, self.batch.recorded_id_in(number))
+        self.summaries[number] = self.world.summary(*own)
 
 
-def configured(ego: str | None, policy: str | type[Any], parameters: Parameters) -> dict[str, Callable[..., Any]]:
+def configured(
+    ego: str | None, policy: str | type[Any] | None, parameters: Parameters
+) -> dict[str, Callable[..., Any]]:
     """Returns the constructors of the stages of runs with this policy and this ego, by stage; no ego stage for None.
 
     Raises:
         InputError: there are parameters of a stage that takes no part, a parameter is unknown to its stage or invalid,
             or the ego is unknown.
     """
-    taking_part = () if policy == REPLAY else POLICY_STAGES
+    taking_part = () if policy in PASSIVE else POLICY_STAGES
     stages = (*taking_part, *(() if ego is None else (EGO,)))
     return stage_registry.configured(stages, parameters, ego or "")
 
@@ -272,17 +309,26 @@ class Reaction:
         self._manager = stages[CONFLICT](policy, scenario)
         self._policy = policy(scenario) if isinstance(policy, type) else stages[POLICY](policy, scenario)
 
-    def to(self, table: AgentTable, marks: dict[str, float]) -> tuple[TakeoverTable, ControlTable]:
-        """Returns takeovers and controls for the step of `table`; adds the stages' times [s] to `marks`."""
+    def takeovers(self, table: AgentTable, marks: dict[str, float]) -> TakeoverTable:
+        """Returns takeovers at the step of `table`, once for each step; adds the stages' times [s] to `marks`."""
         begin = self._clock()
         forecast = self._forecast(table)
         forecast_at = self._clock()
         takeovers = self._manager.update(table, forecast)
-        taken_at = self._clock()
-        controls = self._policy.act(table, takeovers)
-        marks[PREDICTOR], marks[CONFLICT] = forecast_at - begin, taken_at - forecast_at
-        marks[POLICY] = self._clock() - taken_at
-        return takeovers, controls
+        marks[PREDICTOR], marks[CONFLICT] = forecast_at - begin, self._clock() - forecast_at
+        return takeovers
+
+    def controls(
+        self, table: AgentTable, takeovers: TakeoverTable, given: ControlTable | None, marks: dict[str, float]
+    ) -> ControlTable:
+        """Returns the controls that are `given`, and the policy's of the other agents of `takeovers`; adds its time."""
+        begin = self._clock()
+        if given is None:
+            controls = self._policy.act(table, takeovers)
+        else:
+            controls = ControlTable.merged(given, self._policy.act(table, takeovers.without(given.id)))
+        marks[POLICY] = self._clock() - begin
+        return controls
 
     def apart(self, takeovers: TakeoverTable, batch: BatchedScenario) -> list[TakeoverTable]:
         """Returns the newest `takeovers` by scene of `batch`."""
@@ -310,12 +356,13 @@ class _Drivers(Protocol):
 class _OneDriver(_Drivers):
     """The driver of a single scenario's ego, told of other agents what the scenario's changes let it see."""
 
-    def __init__(self, scenario: Scenario, driver: Driver) -> None:
-        self._perception, self._driver = Perception(scenario), driver
+    def __init__(self, scenario: Scenario, batch: BatchedScenario | None, driver: Driver) -> None:
+        self._perception, self._batch, self._driver = Perception(scenario), batch, driver
 
     def plan(self, table: AgentTable, scenes: Iterable[int]) -> Sequence[EgoCommand]:  # noqa: ARG002 - there is one
         """See :class:`_Drivers`."""
-        return (self._driver.plan(self._perception.of(table)),)
+        own = table if self._batch is None else self._batch.table(0, table)
+        return (self._driver.plan(self._perception.of(own)),)
 
 
 def _egos(ego: str | Driver | Sequence[str | Driver] | None, count: int) -> tuple[str | Driver, ...]:

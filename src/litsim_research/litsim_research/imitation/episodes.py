@@ -14,10 +14,9 @@ from litsim_policy.motion.reference_path import ReferencePath, route_path
 from litsim_research.baselines.imitation_policy import BOUNDS, commanded
 from litsim_research.policies.draw import STAYS
 from litsim_research.policies.reward import EDGE_FROM, EDGE_FULL, edge_clearance, others_near, ramp
-from litsim_sim.core.scene import AgentTable, BoolArray, ControlTable, EgoCommand, EgoMode, FloatArray, IntArray
-from litsim_sim.scenario.batched import BatchedScenario
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.scenario.scenario import Scenario
-from litsim_sim.world.world import World
+from litsim_sim.simulation import Simulation
 
 BRAKE = 2.0, 3.0  # [m/s2] braking at which RAIL's penalty begins and is full
 
@@ -73,12 +72,14 @@ class TrafficEpisodes:
 
     def __init__(self, scenes: Sequence[Scenario], count: int, radius: float) -> None:
         """Choose up to `count` agents of each of `scenes`, within `radius` [m] of its ego."""
-        self.batch = BatchedScenario.of(scenes)
-        self._world, self._observer = World(self.batch), TrafficObserver(self.batch.lane_map)
+        self._simulation = Simulation(scenes, "log", policy=None, full_length=True)
+        assert self._simulation.batch is not None
+        self.batch = self._simulation.batch
+        self._observer = TrafficObserver(self.batch.lane_map)
         self._paths: dict[int, ReferencePath] = {}
-        table = self._world.reset()
-        while table.step < self.batch.history_steps:
-            table = self._world.step_batch(ControlTable.empty(table.step), self._egos(table.step))
+        while self.step_number < self.batch.history_steps:
+            self._simulation.step()
+        table = self._simulation.table
         for agent in self._near(table, count, radius):
             self._take_over(table, table.row(agent))
         self._see(table)
@@ -86,7 +87,7 @@ class TrafficEpisodes:
     @property
     def step_number(self) -> int:
         """The current step."""
-        return self._table.step
+        return self._simulation.table.step
 
     @property
     def last_step(self) -> int:
@@ -96,9 +97,8 @@ class TrafficEpisodes:
     def step(self, action: FloatArray) -> TrafficStep:
         """Drive :attr:`agents` by `action` (m, 2), in [-1, 1] after clipping."""
         agents = self.agents
-        controls = commanded(self._followers, action)
-        self._see(self._world.step_batch(controls, self._egos(self.step_number)))
-        after = self._table
+        after = self._simulation.step(controls=commanded(self._followers, action))
+        self._see(after)
         rows = after.rows(agents)
         here = rows >= 0
         executed, error = np.zeros((len(agents), len(BOUNDS))), np.full(len(agents), np.nan)
@@ -114,9 +114,6 @@ class TrafficEpisodes:
         x, y = log.x[at[known], after.step], log.y[at[known], after.step]
         error[known] = np.hypot(after.x[rows[known]] - x, after.y[rows[known]] - y)
         return TrafficStep(agents, np.clip(executed, -1.0, 1.0), Faults(contact, off, brake), error)
-
-    def _egos(self, step: int) -> list[EgoCommand]:
-        return [EgoCommand(step, mode=EgoMode.FOLLOW_LOG)] * len(self.batch.scenarios)
 
     def _near(self, table: AgentTable, count: int, radius: float) -> list[int]:
         """Returns ids of up to `count` agents within `radius` [m] of each scene's ego, the nearest first."""
@@ -137,8 +134,7 @@ class TrafficEpisodes:
         self._paths[agent] = route_path(self.batch.log, self.batch.lane_map, agent, pose)
 
     def _see(self, table: AgentTable) -> None:
-        """Make `table` the current step."""
-        self._table = table
+        """Observe the agents at the step of `table`, those too that have entered late."""
         for row in np.flatnonzero(table.of_policy).tolist():
             if int(table.id[row]) not in self._paths:
                 self._take_over(table, row)

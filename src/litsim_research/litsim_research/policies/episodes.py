@@ -13,27 +13,22 @@ from typing import NamedTuple
 import numpy as np
 from gymnasium.utils import seeding
 
-from litsim_policy.conflict.config import ConflictConfig
-from litsim_policy.conflict.takeover import TakeoverManager
 from litsim_policy.driving.action import ACTIONS, consistent, normalised
 from litsim_policy.driving.features.observation import ObservationConfig, Observer
 from litsim_policy.driving.handback import OwnLogs
 from litsim_policy.driving.policy_c import executed, guarded
-from litsim_policy.driving.registry import make_policy
 from litsim_policy.driving.safety.layer import SafetyConfig, SafetyLayer
 from litsim_policy.driving.task import NOBODY, DrivingScene, due_step, opponent_of
-from litsim_policy.ego.batched import BatchedEgos
-from litsim_predictor.models import make_predictor
 from litsim_research.policies.draw import Start, drawn_ego, with_ego
 from litsim_research.policies.reward import Penalties, PenaltyConfig, displacement, passed_on, penalties
 from litsim_research.policies.sampled_agents import SampledAgents
 from litsim_research.policies.task import TaskConfig
 from litsim_sim.core.quantities import Flag, Length, NonNegative, Positive, Steps, Whole, configuration
-from litsim_sim.core.scene import AgentTable, BoolArray, ControlTable, EgoCommand, FloatArray, IntArray
-from litsim_sim.core.takeover import PathSource, TakeoverState, TakeoverTable
-from litsim_sim.scenario.batched import BatchedScenario
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.stages import PREDICTOR
+from litsim_sim.core.takeover import PathSource, Takeover, TakeoverState
 from litsim_sim.scenario.scenario import Scenario
-from litsim_sim.world.world import World
+from litsim_sim.simulation import Simulation
 
 
 @configuration
@@ -156,34 +151,25 @@ class Episodes:
 
     Attributes:
         batch: the scenarios.
-        running: (E,) whether the episode is not over.
         seen: (m, size) observations of the :attr:`driven` agents.
     """
 
     def __init__(self, course: Course, starts: Sequence[Start], *, sampled_only: bool = False) -> None:
         self._course, self._config, self._sampled_only = course, course.config, sampled_only
-        self.batch = BatchedScenario.of([start.scenario for start in starts])
-        self._egos = BatchedEgos(self.batch, [start.ego for start in starts])
-        self._world = World(self.batch)
+        scenarios, egos = [start.scenario for start in starts], [start.ego for start in starts]
+        self._simulation = Simulation(scenarios, egos, "yield", {PREDICTOR: {"model": "kinematic"}}, full_length=True)
+        assert self._simulation.batch is not None
+        self.batch = self._simulation.batch
         self.safety = SafetyLayer(course.safety)
         self._guard = SafetyLayer()  # for the penalty only
         self._logs, self._rules = OwnLogs(self.batch, rules=False), OwnLogs(self.batch)
         self._observer = Observer(self.batch.lane_map, course.observation)
-        self._predictor = make_predictor("kinematic", self.batch)
-        self._manager = TakeoverManager(self.batch, ConflictConfig())
-        self._rule = make_policy("yield", self.batch)
-        history = self.batch.history_steps
-        totals = np.array([scenario.total_steps for scenario in self.batch.scenarios])
-        self._end = np.minimum(totals, history + self._config.steps_max)
-        self.running = np.ones(len(starts), np.bool_)
-        table = self._world.reset()
-        while table.step < history:  # everything follows its log, the ego as well
-            self._predictor.observe(table)
-            commands = [EgoCommand(table.step)] * len(starts)
-            table = self._world.step_batch(ControlTable.empty(table.step), commands)
-        self._see(table)
+        totals = np.array([scenario.total_steps for scenario in scenarios])
+        self._end = np.minimum(totals, self.batch.history_steps + self._config.steps_max)
+        while self.step_number < self.batch.history_steps:  # everything follows its log, the ego as well
+            self._simulation.step()
         sampled, radius = self._config.sampled, self._config.sample_radius
-        self._sampled_agents = SampledAgents(self.batch, starts, table, sampled, radius, course.task)
+        self._sampled_agents = SampledAgents(self.batch, starts, self._table, sampled, radius, course.task)
         self._choose()
         self.seen = self._observer.features(self._scene)
         self._leave_out(self.step_number >= self._end)
@@ -192,6 +178,13 @@ class Episodes:
     def step_number(self) -> int:
         """The current step, the same in all episodes."""
         return self._table.step
+
+    @property
+    def running(self) -> BoolArray:
+        """(E,) whether each episode is not over."""
+        running = np.zeros(len(self._end), np.bool_)
+        running[list(self._simulation.running)] = True
+        return running
 
     @property
     def driven(self) -> IntArray:
@@ -208,9 +201,7 @@ class Episodes:
             advice[:, 0] = self._rules.yielding(scene.agents, scene.onwards) - scene.onwards
         command = acceleration, yaw_rate
         needed = self._guard.guard(scene, *command).guarded
-        controls = ControlTable.merged(guarded(scene, *command, self.safety), self._others_controls())
-        commands = self._egos.plan(before, self.running.nonzero()[0].tolist())
-        self._see(self._world.step_batch(controls, commands))
+        self._simulation.step(controls=guarded(scene, *command, self.safety))
         self._choose()
         outcome = self._outcome(before, scene.id, tasks, needed, normalised(advice))
         over = self.step_number >= self._end
@@ -218,10 +209,16 @@ class Episodes:
         self._leave_out(over)
         return outcome
 
-    def _see(self, table: AgentTable) -> None:
-        """Make `table` the current step: forecast it and update the takeovers."""
-        self._table = table
-        self._takeovers = self._manager.update(table, self._predictor.forecast(table)).takeovers
+    @property
+    def _table(self) -> AgentTable:
+        """All agents at the current step."""
+        return self._simulation.table
+
+    @property
+    def _takeovers(self) -> tuple[Takeover, ...]:
+        """The agents off their logs at the current step."""
+        assert self._simulation.takeovers is not None
+        return self._simulation.takeovers.takeovers
 
     def _choose(self) -> None:
         """Choose the agents driven at the current step: held and sampled ones, up to `slots` in each episode."""
@@ -246,12 +243,6 @@ class Episodes:
             if counts[scene] <= self._config.slots:
                 self._tasks.append(tasks[agent])
         self._scene = self._with_tasks(self._tasks)
-
-    def _others_controls(self) -> ControlTable:
-        """Commands of policy yield at the current step, for the agents that are off their logs and not driven."""
-        driven = {task.agent for task in self._tasks}
-        others = tuple(t for t in self._takeovers if t.agent not in driven)
-        return self._rule.act(self._table, TakeoverTable(self.step_number, others))
 
     def _outcome(
         self, before: AgentTable, driven: IntArray, tasks: list[_Task], needed: BoolArray, advice: FloatArray
@@ -304,11 +295,8 @@ class Episodes:
         ending = np.flatnonzero(self.running & over).tolist()
         if not ending:
             return
-        self.running &= ~over
         for scene in ending:
-            self._world.drop(scene)
-        self._table = self._table.take(self.running[self._table.scene])
-        self._takeovers = tuple(t for t in self._takeovers if self.running[self.batch.log.scene[t.agent]])
+            self._simulation.end(scene)
         stays = self.running[self.batch.log.scene[self.driven]]
         self._tasks = [task for task, is_left in zip(self._tasks, stays.tolist(), strict=True) if is_left]
         self.seen = self.seen[stays]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, replace
 from enum import IntEnum
 from typing import Any
 
 import numpy as np
 
-from litsim_sim.core.scene import FloatArray
+from litsim_sim.core.scene import FloatArray, IntArray
 
 Pose = tuple[float, float, float]
 """x [m], y [m], yaw [rad] in frame map."""
@@ -120,3 +120,8 @@ class TakeoverTable:
         """Returns the table of a ``Takeovers``, of ROS or decoded from a recording."""
         takeovers = tuple(map(Takeover.of_message, message.takeovers))
         return cls(message.step, takeovers, message.iterations, message.converged)
+
+    def without(self, agents: IntArray) -> TakeoverTable:
+        """Returns the takeovers of all agents but `agents` (m,)."""
+        left_out = set(agents.tolist())
+        return replace(self, takeovers=tuple(t for t in self.takeovers if t.agent not in left_out))

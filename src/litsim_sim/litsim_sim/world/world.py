@@ -105,11 +105,12 @@ class World:
         self._end_after_contacts(self._table)
         return self._table
 
-    def drop(self, scene: int) -> None:
-        """Take a scene that is over off the road; no agent enters it any more."""
+    def drop(self, scene: int) -> AgentTable:
+        """Take a scene that is over off the road, which no agent enters any more; return the agents of the others."""
         self.catch_up()
         self._gone[scene] = True
         self._table = self._table.take(~self._gone[self._table.scene])
+        return self._table
 
     def catch_up(self) -> None:
         """Do the work of the current step that needs no answers: note contacts, update the mirror, look ahead.
