@@ -12,7 +12,6 @@ import pytest
 from litsim_eval.analysis.metrics import digest
 from litsim_eval.runs.runner import Runner, record
 from litsim_policy.driving.yield_policy import YieldPolicy
-from litsim_policy.ego.idm import IdmEgo
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand, EgoMode
 from litsim_sim.core.stages import BRIDGE, EGO
@@ -73,11 +72,11 @@ def test_several_scenarios_together_are_each_what_they_are_alone(demo: Scenario)
     assert set(together.summaries) == {0, 1}
 
 
-def test_the_caller_may_drive_the_ego(demo: Scenario) -> None:
-    simulation, driver, seen = Simulation(demo), IdmEgo(demo), RunDigest()
+def test_the_caller_may_answer_in_place_of_ego_and_policy(demo: Scenario) -> None:
+    simulation, seen = Simulation(demo, policy=None), RunDigest()
     simulation.observers.append(lambda step: seen.update(step.table, step.controls, step.ego))
-    while not simulation.ended:
-        simulation.step(driver.plan(simulation.table))
+    for step in Simulation(demo, "idm").steps():
+        simulation.step(step.ego, step.controls)
     assert seen.hexdigest() == driven(Simulation(demo, "idm"))
 
 

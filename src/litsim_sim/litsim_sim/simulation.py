@@ -81,7 +81,8 @@ class Simulation:
         while not simulation.ended:
             table = simulation.step()
 
-    Whoever drives agents or egos by other means, such as a policy in training, gives :meth:`step` their commands.
+    Whoever drives agents or egos by other means, such as a policy in training or nodes of a graph, gives :meth:`step`
+    their commands.
 
     Attributes:
         scenarios: the scenarios, one at least.
@@ -221,7 +222,8 @@ class Simulation:
     def _show(self, table: AgentTable, begin: float) -> None:
         """Make `table` the present step, which the world has worked on since `begin` [s]."""
         self.table = table
-        self.world.catch_up()
+        if self._egos:  # else others answer, and a caller who waits for them has time for the rest of the step's work
+            self.world.catch_up()
         self._takeovers = None
         self._marks = {BRIDGE: self._clock() - begin}
 

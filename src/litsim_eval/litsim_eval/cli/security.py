@@ -62,7 +62,7 @@ def policy(interface: Interface | None = None, stack_nodes: Sequence[str] = ()) 
     from litsim_policy.driving.node import PolicyNode
     from litsim_policy.ego.node import EgoNode
     from litsim_predictor.ros.node import PredictorNode
-    from litsim_sim.nodes.bridge import BridgeNode
+    from litsim_sim.nodes.bridge_node import BridgeNode
     from litsim_sim.nodes.live import NAME as LIVE
     from litsim_sim.nodes.live import LiveNode
     from litsim_sim.nodes.recorder import RecorderNode

@@ -1,306 +1,238 @@
-"""The bridge: steps the world, publishes every step, and waits for the answers to it."""
+"""The bridge of a run: steps the simulation by the answers that the nodes of the graph give to each step."""
 
 from __future__ import annotations
 
-import math
-import os
 import sys
 import time
-from collections.abc import Callable
-from typing import Any
+from contextlib import closing
 
-import yaml
-from litsim_msgs.msg import Hello, StageStatus
-from rclpy.node import Node
-from rclpy.qos import ReliabilityPolicy
+from tqdm import tqdm
 
 from litsim_sim.core.errors import EXIT_FAILED, print_error, reason
-from litsim_sim.core.lockstep import unanswered
-from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
-from litsim_sim.core.stages import BRIDGE, StageState
-from litsim_sim.core.topic_names import Interface
-from litsim_sim.ego_port.port import EgoPort, Level, Remark
-from litsim_sim.kernels.compiled import load_kernels
-from litsim_sim.launch.domain import EMPTY, held_domain
-from litsim_sim.nodes import diagnostics
-from litsim_sim.nodes.bridge_options import bridge_stage
-from litsim_sim.nodes.broadcast import PUBLISHED, PUBLISHED_OF_SIGNALS, Broadcast, run_info
-from litsim_sim.nodes.diagnostics import Diagnostics
-from litsim_sim.nodes.ego_publishers import EgoPublisher, EgoPublishers, absence, rivalry
-from litsim_sim.nodes.publishers import WATCH_S, check_publishers, owners
-from litsim_sim.nodes.responses import ResponseCollector, RunFailed, StageLiveness
-from litsim_sim.nodes.run_loop import Pulse, RunLoop
-from litsim_sim.nodes.simulation_services import SimulationServices
-from litsim_sim.ros import ego_port, messages, standard
-from litsim_sim.ros.definitions import type_name
-from litsim_sim.ros.endpoints import Endpoints, node_of, once_named, publisher_on, subscribe
-from litsim_sim.ros.parameters import parameters, read_parameters
-from litsim_sim.ros.process import executor_of, process, serve, spare_from_collection
-from litsim_sim.ros.topics import (
-    CONTROLS,
-    DIAGNOSTICS,
-    EGO_APPLIED,
-    EGO_INPUTS,
-    FRAMES,
-    HELLO,
-    RECORDED,
-    RUN_INFO,
-    STATUS,
-    TIMING,
-    Topic,
-)
-from litsim_sim.scenario.run_info import EXTERNAL
-from litsim_sim.world.world import World
+from litsim_sim.core.scene import STEP_S, ControlTable, EgoCommand
+from litsim_sim.core.stages import RECORDER, StageState
+from litsim_sim.core.step_marks import step_marks
+from litsim_sim.core.topic_names import RECORDED, STATUS
+from litsim_sim.launch.domain import held_domain
+from litsim_sim.nodes.bridge_node import BridgeNode
+from litsim_sim.nodes.responses import RunFailed
+from litsim_sim.ros.process import process, spare_from_collection
+from litsim_sim.scenario.run_info import EXTERNAL, REPLAY
+from litsim_sim.simulation import Simulation
 
-NOTE_PERIOD = 5.0  # [s] period of repeated lines in the log
-ENDED = {StageState.FINISHED: diagnostics.FINISHED, StageState.FAILED: diagnostics.FAILED}
+LOOK_S = 1.0
+"""[s] Time from its start for which the bridge looks for another run, unless it is known to be alone: participants
+announce themselves once a second. The simulation is set up meanwhile."""
+HELLO_PERIOD = 0.03  # [s] period of the greetings of the handshake, to which stages reply once they are ready
+RESEND_FIRST, RESEND = 0.25, 1.0  # [s] wait for answers after which step 0, or a later step, is published again
+SLACK = 2.0
+"""An external ego is asked again after its longest wait so far, times this, if that is more than RESEND: one that takes
+long for a step would fall further behind with every repetition that it answers."""
+LAST_CALL_S = 1.0
+"""[s] Grace period after a timeout, except after step 0 in real time: the step is published again, and answers are
+taken that arrived while the bridge itself was not scheduled, so that a pause of the machine does not end a run."""
+FAREWELL_S = 10.0  # [s] time limit for the recorder to close its file
 
 
-class BridgeNode(Node):
-    """The bridge of one run, which :meth:`run` makes; all other public methods are for the :class:`RunLoop`.
+class Bridge:
+    """One run: a :class:`.Simulation` whose stages are nodes, which answer through a :class:`.BridgeNode`."""
 
-    Attributes:
-        since: time of the performance counter since which this node listens [s].
-        options: parameters of the node.
-        plan: the run.
-        liveness: states of the other stages.
-        port: port of the ego.
-        responses: answers to the current step.
-        pulse: lines for the launcher.
-    """
-
-    declared = Endpoints(
-        BRIDGE,
-        (HELLO, STATUS, TIMING, EGO_APPLIED, DIAGNOSTICS, *PUBLISHED, *PUBLISHED_OF_SIGNALS, *FRAMES),
-        (*EGO_INPUTS.values(), CONTROLS, STATUS, RECORDED, HELLO, RUN_INFO, TIMING),
-    )
-
-    def __init__(self) -> None:
-        super().__init__(BRIDGE, automatically_declare_parameters_from_overrides=True)
-        self.since = time.perf_counter()
-        self.options = options = read_parameters(self, bridge_stage)
-        plan = self.plan = options.plan()
-        self.liveness = StageLiveness(plan.run_id, plan.stages)
-        external = plan.ego == EXTERNAL
-        interface = options.ego_interface if external else Interface.CONTROL
-        stop_on_invalid = options.on_invalid == "stop"
-        self.port = EgoPort(plan.run_id, plan.scenario.vehicle, interface, stop_on_invalid=stop_on_invalid)
-        self.responses = ResponseCollector(
-            self.port,
-            self.liveness,
-            ControlTable.of_message,
-            run_id=plan.run_id,
-            ego_id=plan.scenario.ego_id,
-            with_policy=plan.policy != "replay",
-            stop_on_missing=options.mode == "lockstep" and options.on_missing == "stop",
-        )
-        self._noted = ("", 0.0)
-        self.pulse = Pulse(options.progress == "lines")
-        self._ego_nodes: list[str] = []
-        self._known_ego_publishers = EgoPublishers()
-        self._ego_publishers_changed = True  # whether a publisher of the ego may have come since they were last noted
-        self._owners = owners(plan.stages, external=external, signals=plan.scenario.signals is not None)
-        self._watched = -WATCH_S
-        self.watch_marks: dict[str, float] = {}  # marks of the last check of publishers, until they are reported
-        published = (HELLO, STATUS, TIMING, *((EGO_APPLIED,) if external else ()))
-        self._outputs = {t: publisher_on(self, t) for t in published}
-        self._broadcast = Broadcast(self, plan, clock=options.clock, factor=options.real_time_factor)
-        self._diagnostics = Diagnostics(self, plan.run_id, plan.scenario.total_steps, self.port)
-        ego_port.subscribe(self, self.port, tuple(Interface) if external else (Interface.CONTROL,))
-        if plan.policy != "replay":
-            subscribe(self, CONTROLS, lambda m: self.responses.offer_controls(m.run_id, m.step, m))
-        subscribe(self, STATUS, lambda m: self.liveness.take_status(m.run_id, m.stage, m.state, m.text))
-        subscribe(self, RECORDED, lambda m: self.liveness.take_confirmation(m.run_id, m.step))
-        for topic in (HELLO, RUN_INFO):
-            subscribe(self, topic, lambda m: self.liveness.take_run(m.run_id))
-        self._simulation = SimulationServices.on(self, plan, served=options.served)
-        self._executor = executor_of(self)
+    def __init__(self, node: BridgeNode) -> None:
+        self._node, self._plan, self._options = node, node.plan, node.options
+        self._port, self._liveness, self._responses = node.port, node.liveness, node.responses
+        self._external = node.plan.ego == EXTERNAL
+        self._realtime = node.options.mode == "realtime"
+        self._reported_missing = False
+        self._longest = 0.0  # [s] longest wait for an external ego since step 0
+        self._compute = 0.0  # [s] compute time of the newest step
+        self._reported = 0.0  # [s] compute time of the step that is reported next
+        self._marks: dict[str, float] = {}  # marks of the last step shown
 
     def run(self) -> None:
         """Run to the end of the record; raises RunFailed, of which all stages are told, if one does not answer."""
-        loop = RunLoop(self)
         try:
-            loop.run()
+            self._run()
         except BaseException as error:
             text = str(error) if isinstance(error, RunFailed) else reason(error)
-            self.pulse.say("failed", f"at {time.monotonic()} s")  # before the stages learn of it and end
-            self.say(StageState.FAILED, self.responses.step, text=text)
-            loop.farewell()
+            self._node.pulse.say("failed", f"at {time.monotonic()} s")  # before the stages learn of it and end
+            self._node.say(StageState.FAILED, self._responses.step, text=text)
+            self._farewell()
             raise
         finally:
-            if self._simulation:
-                self._simulation.close()
+            self._node.end_services()
 
-    def set_up(self) -> World:
-        """Make the world of the run, with its mirror and kernels; called while the stages get ready."""
+    def _run(self) -> None:
+        """Wait for all stages, run every step, and let the recorder finish."""
+        node = self._node
+        if node.alone:
+            node.begin()  # the stages get ready while the simulation is set up
+        self._simulation = self._set_up()
+        with closing(self._simulation.world):
+            if not node.alone:
+                node.serve_until(lambda: False, node.since + LOOK_S)
+                node.begin()
+            self._handshake()
+            node.check_publishers()
+            wall = self._all_steps()
+            node.check_publishers()
+            if self._external:
+                node.note_ego_publishers()
+            self._conclude(wall)
+
+    def _set_up(self) -> Simulation:
+        """Returns the simulation of the run, with its mirror and kernels."""
         from litsim_sim.world.sumo import SumoMirror  # imported here so that the stages know of the run first
 
-        scenario = self.plan.scenario
+        scenario = self._plan.scenario
+        policy = REPLAY if self._plan.policy == REPLAY else None
         mirror = SumoMirror(scenario.net_path, scenario.seed, scenario.signals)
-        world = World(scenario, mirror, guard_entries=self.plan.policy != "replay")
-        load_kernels()
+        simulation = Simulation(scenario, policy=policy, mirror=mirror)
         spare_from_collection()
-        return world
+        return simulation
 
-    @property
-    def alone(self) -> bool:
-        """Whether it is known without listening that there was no other run at the start."""
-        return os.environ.get(EMPTY) == str(self.context.get_domain_id())
+    def _conclude(self, wall: float) -> None:
+        """Wait for the record of all steps, which took `wall` seconds, and report their summary."""
+        last, (summary,) = self._simulation.table.step, self._simulation.summaries.values()
+        until = time.perf_counter() + self._options.answer_timeout_s
+        self._node.serve_until(lambda: self._liveness.recorded >= last, until)
+        self._liveness.check_recorded(last)
+        self._node.finish(last, wall, self._responses.summary() | summary)
+        self._farewell()
+        if self._liveness.recorder_closing:
+            raise RunFailed(f"{RECORDER}: no FINISHED on {STATUS} within {FAREWELL_S:g} s of the end of the run")
+        self._liveness.check()
 
-    @property
-    def domain(self) -> str:
-        """Description of the domain of this graph."""
-        return f"ROS_DOMAIN_ID {self.context.get_domain_id()}"
+    def _farewell(self) -> None:
+        """Wait for the recorder to close its file."""
+        until = time.monotonic() + FAREWELL_S
+        while self._liveness.recorder_closing and time.monotonic() < until:
+            self._node.serve()
 
-    def begin(self) -> None:
-        """Publish the messages for the whole run."""
-        info = run_info(self.plan, self.options.mode, {BRIDGE: parameters(self)}, clock=self.options.clock)
-        self._broadcast.begin(info)
-        if self.plan.ego == EXTERNAL and (text := standard.rounding(self.plan.scenario.log.table(0))):
-            self.pulse.say("note", text)
-            self.port.remarks.append(Remark(0, Level.WARN, text))
+    def _handshake(self) -> None:
+        """Greet until every stage is ready."""
+        liveness, begin = self._liveness, time.monotonic()
+        while not liveness.all_ready:
+            waiting, since = ", ".join(liveness.awaited), time.monotonic() - begin
+            if since > self._options.handshake_timeout_s:
+                raise RunFailed(
+                    f"{waiting}: no READY for run {self._plan.run_id} on {STATUS} within "
+                    f"{self._options.handshake_timeout_s:g} s; is the node running in {self._node.domain}?"
+                )
+            if since > RESEND:
+                self._node.note(f"waiting for READY from {waiting} on {STATUS}")
+            self._node.greet()
+            self._node.serve_until(lambda: liveness.all_ready, time.perf_counter() + HELLO_PERIOD)
 
-    def greet(self) -> None:
-        """Ask all stages to report their state again."""
-        self._outputs[HELLO].publish(Hello(header=messages.header(0), run_id=self.plan.run_id))
+    def _all_steps(self) -> float:
+        """Run all steps; return the wall time since step 0 [s]."""
+        node, simulation, total = self._node, self._simulation, self._plan.scenario.total_steps
+        step_s = STEP_S / self._options.real_time_factor  # wall time of a step in real time [s]
+        due = start = 0.0  # in real time, the step is due then [s]; lost time is not made up for
+        with tqdm(total=total, unit="step", disable=self._options.progress != "bar") as bar:
+            while not simulation.ended:
+                step = simulation.table.step
+                if step > 0:
+                    node.hold()
+                due = max(due + step_s, time.perf_counter() + 0.5 * step_s)
+                self._wait_for_answers(due)
+                if step == 0:  # the wait for all stages at step 0 does not count
+                    due = start = time.perf_counter()
+                command, controls = self._take(step)
+                if self._realtime:
+                    node.serve_until(lambda: False, due)
+                self._advance(command, controls)
+                bar.update(step > 0)
+                if simulation.ended or step % 10 == 0:
+                    node.pulse.say("step", f"{step} of {step if simulation.ended else total}")
+        self._report_time(step)
+        return time.perf_counter() - start
 
-    def show(self, table: AgentTable) -> None:
-        """Publish a step: what the stages wait for."""
-        self._broadcast.show(table)
-        if self._simulation:
-            self._simulation.show(table)
+    def _wait_for_answers(self, due: float) -> None:
+        """Publish the present step and wait for the answers to it, in real time until `due`."""
+        node, responses, table = self._node, self._responses, self._simulation.table
+        step, begin = table.step, time.perf_counter()
+        responses.open(table, driven=self._simulation.world.ego_is_driven)
+        node.show(table)
+        shown = time.perf_counter()
+        node.accompany(table)
+        if step > 0:
+            self._report_time(step - 1)
+        self._simulation.world.catch_up()
+        self._marks = {"begin": begin, "shown": shown, "free": time.perf_counter()}
+        patient = step == 0 or not self._realtime
+        give_up = time.perf_counter() + self._timeout(step) if patient else due
+        behind = self._port.behind if self._external else 0
+        responses.ask()
+        while True:
+            patience = RESEND_FIRST if step == 0 else max(RESEND, SLACK * self._longest)
+            until = min(give_up, time.perf_counter() + patience)
+            if node.serve_until(lambda: not responses.missing, until):
+                self._marks.setdefault("answered", time.perf_counter())
+                if self._external and step > 0:  # it may have been started late for step 0
+                    self._longest = max(self._longest, self._marks["answered"] - shown)
+                node.apply(responses.command())  # the recorder waits for it
+                node.serve_until(lambda: responses.complete, until)
+            if patient and self._port.behind < behind:  # not silent: it still answers repetitions of the step before
+                behind, give_up = self._port.behind, time.perf_counter() + self._timeout(step)
+            over = time.perf_counter() >= give_up
+            if responses.complete or (over and not patient):
+                self._marks["complete"] = time.perf_counter()
+                return
+            if over:
+                give_up, patient = time.perf_counter() + LAST_CALL_S, False
+            self._report_missing(step)
+            if over or not behind:
+                responses.ask()
+                node.show_again()
 
-    def hold(self) -> None:
-        """Wait as long as the run is paused."""
-        if self._simulation:
-            self.serve_until(self._simulation.next_step, math.inf)
+    def _report_missing(self, step: int) -> None:
+        """Report missing answers; the stages repeat their timings, which show which one is silent."""
+        if not self._reported_missing:
+            self._reported_missing = True
+            self._node.listen_to_timings()
+        if step > 0 or self._external:
+            waiting = self._responses.missing or [f"{RECORDED} of the recorder"]
+            self._node.waiting(step, f"waiting for {', '.join(waiting)}")
 
-    def accompany(self, table: AgentTable) -> None:
-        """Publish the other messages of the last step shown: clock, state of the ego, standard types, diagnostics."""
-        self._broadcast.accompany(table)
-        self._diagnostics.step(table.step)
+    def _report_time(self, step: int) -> None:
+        """Publish the times of a step; called after the next step is published, since no node waits for them."""
+        self._node.report_time(step, self._reported, step_marks(self._marks | self._node.watch_marks))
+        self._node.watch_marks = {}
+        self._reported = self._compute
 
-    def show_again(self) -> None:
-        """Publish the last step shown again."""
-        if self.responses.step == 0 and self._ego_nodes:  # a stack is there that may need time to pass for its answer
-            self._broadcast.creep()
-        self._broadcast.repeat()
-        self._diagnostics.step(self.responses.step)
+    def _take(self, step: int) -> tuple[EgoCommand, ControlTable | None]:
+        """Returns the answers to `step`; if one is missing, the newest one stays in force, or the run ends."""
+        missed = self._responses.settle(self._timeout(step), lambda: self._silent(step))
+        if missed:  # the recorder need not wait for them
+            self._node.say(StageState.RUNNING, step, text=f"missed {', '.join(missed)}")
+        if not self._responses.commanded:
+            self._node.apply(self._responses.command())
+        return self._responses.command(), None if self._plan.policy == REPLAY else self._responses.controls()
 
-    def apply(self, command: EgoCommand) -> None:
-        """Publish the command that the answer of an external ego was converted to."""
-        if EGO_APPLIED in self._outputs:
-            if self._ego_publishers_changed or not self._ego_nodes:
-                self.note_ego_publishers()
-            self._outputs[EGO_APPLIED].publish(messages.ego_to_message(command, self.plan.run_id))
+    def _advance(self, command: EgoCommand, controls: ControlTable | None) -> None:
+        """Go on to the next step; if it ends the run early, tell the stages, so that no node waits for more."""
+        simulation, begin = self._simulation, time.perf_counter()
+        try:
+            simulation.step(command, controls)
+        except ValueError as error:
+            raise RunFailed(str(error)) from error
+        self._compute = time.perf_counter() - begin
+        early = simulation.world.ended
+        if early is not None and not simulation.ended and early.step < self._plan.scenario.total_steps:
+            self._node.say(StageState.ENDING, early.step, text=early.sentence)
 
-    def report_time(self, step: int, compute_time: float, marks: str) -> None:
-        """Publish the compute time of the bridge for a step [s], and its marks."""
-        self._outputs[TIMING].publish(self._status(StageState.RUNNING, step, compute_time, marks))
+    def _timeout(self, step: int) -> float:
+        """Returns the time limit for the answers to a step [s]; at step 0 that of an external ego."""
+        if step > 0:
+            return self._options.answer_timeout_s
+        return self._options.external_timeout_s if self._external else self._options.handshake_timeout_s
 
-    def say(self, state: StageState, step: int, compute_time: float = 0.0, text: str = "") -> None:
-        """Publish the state of the run."""
-        level = Level.WARN if state == StageState.RUNNING else Level.OK
-        self._diagnostics.say(step, ENDED.get(state, diagnostics.RUNNING), level, text)
-        self._outputs[STATUS].publish(self._status(state, max(0, step), compute_time, text))
-
-    def finish(self, step: int, wall_s: float, summary: dict[str, Any]) -> None:
-        """Report the end of the run after `step`, which took `wall_s` since step 0, with its `summary`."""
-        if flaws := unanswered(summary):
-            self.pulse.say("invalid", "; ".join(flaws))
-        self.say(StageState.FINISHED, step, wall_s, yaml.safe_dump(summary, sort_keys=False))
-
-    def listen_to_timings(self) -> None:
-        """Start to listen to timings, to find out which stages have answered; not done by default as it costs time."""
-        subscribe(self, TIMING, lambda m: self.liveness.take_timing(m.run_id, m.stage, m.step))
-
-    def waiting(self, step: int, text: str) -> None:
-        """Report to the user and to the ego's driver what a step waits for."""
-        about = self.silent_ego() if EGO_APPLIED in self._outputs else ""  # which also remembers the ego's nodes
-        self._ego_publishers_changed = True
-        self.note(f"step {step}: {text}" + (f": {about}" if about and step == 0 and self.port.missing else ""))
-        self._diagnostics.say(step, diagnostics.RUNNING, Level.WARN, text)
-
-    def note(self, text: str) -> None:
-        """Report the state of the run to the user; repeated texts are throttled."""
-        last, when = self._noted
-        if text != last or time.monotonic() > when + NOTE_PERIOD:
-            if text == last:
-                self.pulse.say("note", text)
-            self._noted = (text, time.monotonic())
-            self.get_logger().info(text)
-
-    def check_publishers(self) -> None:
-        """Raise RunFailed if somebody else publishes on the graph's internal topics."""
-        self._watched, begin = time.monotonic(), time.perf_counter()
-        check_publishers(self, self._owners)
-        self.watch_marks = {"watch": begin, "watched": time.perf_counter()}
-
-    def note_ego_publishers(self) -> None:
-        """Report publishers of an external ego that were not there at step 0, which they have answered now."""
-        for text in self._known_ego_publishers.note(self.port, self._ego_publishers(), self._ego_nodes):
-            self.port.remarks.append(Remark(self.responses.step, Level.WARN, text))
-            self.pulse.say("note", text)
-        self._diagnostics.remarks(self.responses.step)
-        self._ego_publishers_changed = not self._known_ego_publishers.any_known
-
-    def silent_ego(self) -> str:
-        """Returns a text that says why an external ego has not answered the current step."""
-        publishers = self._ego_publishers()  # which also remembers the names of their nodes
-        return absence(self.port, publishers, self._ego_nodes, self.domain, clock=self.options.clock)
-
-    def serve_until(self, done: Callable[[], bool], until: float) -> bool:
-        """Serve messages until `done()`, or until time `until` of the performance counter; return `done()`.
-
-        Raises:
-            RunFailed: a stage has failed, or several stacks answer for the ego.
-        """
-        while not done():
-            self.pulse.beat(self.responses.step)
-            now = time.perf_counter()
-            if now >= until:
-                return False
-            serve(self._executor, min(until - now, self._broadcast.tick(now)))
-            if self.port.remarks:
-                self._diagnostics.remarks(self.responses.step)
-                if EGO_APPLIED in self._outputs and (rivals := rivalry(self.port, self._ego_publishers())):
-                    raise RunFailed(rivalry(self.port, self._named_ego_publishers()) or rivals)  # one may have gone
-            self.liveness.check()
-            if time.monotonic() > self._watched + WATCH_S:
-                self.check_publishers()
-        return True
-
-    def serve(self) -> None:
-        """Serve a message, or wait for one for a short time."""
-        self.pulse.beat(self.responses.step)
-        serve(self._executor)
-
-    def _ego_publishers(self) -> list[EgoPublisher]:
-        """Returns the announced publishers on the ego port's topics; the names of their nodes are remembered."""
-        publishers = [
-            EgoPublisher(topic.name, node_of(info), unheard(topic, info), bytes(info.endpoint_gid))
-            for topic in EGO_INPUTS.values()
-            for info in self.get_publishers_info_by_topic(self.resolve_topic_name(topic.name))
-        ]
-        nodes = (publisher.node for publisher in publishers)
-        self._ego_nodes = list(dict.fromkeys(filter(None, nodes))) or self._ego_nodes
-        return publishers
-
-    def _named_ego_publishers(self) -> list[EgoPublisher]:
-        """Returns the announced publishers on the ego port's topics once the names of their nodes are known."""
-        return once_named(self._ego_publishers, lambda publisher: publisher.node)
-
-    def _status(self, state: StageState, step: int, compute_time: float = 0.0, text: str = "") -> StageStatus:
-        return messages.status(self.plan.run_id, BRIDGE, state, step, compute_time, text)
-
-
-def unheard(topic: Topic, info: Any) -> str:
-    """Returns a text that says why a publisher on an input of the ego port cannot be heard; empty if it can."""
-    if info.topic_type != (expected := type_name(topic.type)):
-        return f"has type {info.topic_type} and cannot be heard, expected {expected}"
-    if info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
-        return "is BEST_EFFORT and cannot be heard, expected RELIABLE"
-    return ""
+    def _silent(self, step: int) -> str:
+        """Returns a text that names the stages that have not answered `step`, as far as known."""
+        silent = self._liveness.silent(step, self._responses.missing)
+        if self._external and self._port.missing:
+            silent.append(f"the external ego ({self._node.silent_ego()})")
+        return f"; silent: {', '.join(silent)}" if silent else ""
 
 
 def main() -> None:
@@ -309,7 +241,7 @@ def main() -> None:
         try:
             node = BridgeNode()
             with held_domain(node.context.get_domain_id()):
-                node.run()
+                Bridge(node).run()
         except RunFailed as error:
             print_error(error)
             sys.exit(EXIT_FAILED)

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from rclpy.qos import ReliabilityPolicy
 
-from litsim_sim.nodes.bridge import unheard
+from litsim_sim.nodes.bridge_node import unheard
 from litsim_sim.ros.topics import EGO_TWIST
 
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
