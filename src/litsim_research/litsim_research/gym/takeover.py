@@ -1,30 +1,21 @@
-"""The Gymnasium environment `litsim/Takeover-v0`: drive one vehicle of the background in the closed loop.
-
-Gymnasium looks up no entry points since version 1.0. Importing this module registers the environment, and so does its
-full name: ``gymnasium.make("litsim_research.gym:litsim/Takeover-v0")``.
-"""
+"""The environment `litsim/Takeover-v0`: drive one vehicle of the background in the closed loop."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
 import numpy as np
-from numpy.typing import NDArray
 
-from litsim_policy.driving.features.scales import LIMIT, SPEED
+from litsim_policy.driving.action import ACTIONS
+from litsim_research.gym.common import Array, Scenarios, action_space, loaded, observation_space, rewards
 from litsim_research.policies.episodes import Course, EnvironmentConfig, Episodes
 from litsim_research.policies.reward import PenaltyConfig
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import STEP_S
 from litsim_sim.scenario.scenario import Scenario
 
 NAME = "litsim/Takeover-v0"
-AT_SPEED = 2  # position of the speed in an observation
 STARTS = 100  # most starts that are drawn for an episode
-
-Array = NDArray[np.float32]
 
 
 class TakeoverEnvironment(gymnasium.Env[Array, Array]):
@@ -37,7 +28,7 @@ class TakeoverEnvironment(gymnasium.Env[Array, Array]):
     truncated when it leaves the net or the time is up.
 
     Args:
-        scenario: name of a packaged scenario, a YAML file, or a scenario; or several, of which each episode draws one.
+        scenario: what an episode draws its scenario from.
         steps_max: most steps of an episode.
         radius: distance from the ego within which the vehicle is drawn [m].
         progress: reward for each metre driven.
@@ -48,20 +39,18 @@ class TakeoverEnvironment(gymnasium.Env[Array, Array]):
 
     def __init__(
         self,
-        scenario: str | Scenario | Sequence[str | Scenario] = "demo",
+        scenario: Scenarios = "demo",
         *,
         steps_max: int = 100,
         radius: float = 50.0,
         progress: float = 0.1,
         penalty: PenaltyConfig | None = None,
     ) -> None:
-        several = [scenario] if isinstance(scenario, str | Scenario) else scenario
         config = EnvironmentConfig(steps_max, slots=1, sampled=1, sample_radius=radius, sample_steps=steps_max)
-        loaded = [one if isinstance(one, Scenario) else Scenario.load(one) for one in several]
-        self._course = Course(loaded, config, penalty=penalty or PenaltyConfig())
+        self._course = Course(loaded(scenario), config, penalty=penalty or PenaltyConfig())
         self._progress = progress
-        self.observation_space = gymnasium.spaces.Box(-LIMIT, LIMIT, (self._course.observation.size,), np.float32)
-        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (3,), np.float32)
+        self.observation_space = observation_space(self._course.observation.size)
+        self.action_space = action_space(len(ACTIONS))
         self._episodes: Episodes
         self._scenario: Scenario
 
@@ -88,7 +77,7 @@ class TakeoverEnvironment(gymnasium.Env[Array, Array]):
         """
         outcome = self._episodes.step(np.asarray(action, np.float64)[None])
         following, terminated = outcome.following[0], bool(outcome.terminated[0])
-        reward = self._progress * float(following[AT_SPEED]) * SPEED * STEP_S + float(outcome.penalty[0])
+        reward = float(rewards(self._progress, outcome.following, outcome.penalty)[0])
         truncated = not terminated and not bool(outcome.driven_on[0])
         info = self._info(int(outcome.agents[0])) | {"outcome": outcome}
         return following.astype(np.float32), reward, terminated, truncated, info
@@ -96,6 +85,3 @@ class TakeoverEnvironment(gymnasium.Env[Array, Array]):
     def _info(self, agent: int) -> dict[str, Any]:
         own = int(self._episodes.batch.log.recorded_ids[agent])
         return {"agent": own, "step": self._episodes.step_number, "scenario": self._scenario.name}
-
-
-gymnasium.register(NAME, f"{__name__}:{TakeoverEnvironment.__name__}")
