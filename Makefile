@@ -19,6 +19,7 @@ SOURCES := $(shell printf '%s:' src/litsim*)
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@echo "  make test-AREA  the tests of one folder of tests/: $(patsubst tests/%/,%,$(filter-out %/__pycache__/ %/soak/,$(wildcard tests/*/)))"
 	@echo "  ./litsim        run one executable; alone, it lists them"
 	@echo "Variables: PYTHON, LITSIM_TORCH=cpu|gpu|none, TORCH_INDEX (tools/bootstrap.sh --help); ARGS, JOBS for pytest"
 
@@ -37,6 +38,8 @@ demo: build ## the embedded scenario, closed loop: the ego brakes, drives on; le
 # Each process reads all tests: half of that time goes into their assertions, where no bytecode of them is kept.
 test: setup-all build ## every test, in JOBS processes; prints the slowest
 	PYTHONDONTWRITEBYTECODE= ./litsim exec python -m pytest -n $(JOBS) --dist worksteal --durations=20 $(ARGS)
+test-%: setup-all build
+	PYTHONDONTWRITEBYTECODE= ./litsim exec python -m pytest -n $(JOBS) --dist worksteal tests/$* $(ARGS)
 
 lint: lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture lint-figures ## ruff, mypy, codespell, import-linter
 lint-rules: setup-all

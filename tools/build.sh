@@ -18,6 +18,11 @@ stamp=install/.litsim-build
 exec 9<tools/build.sh
 flock 9 # one build at a time
 
+if [ -f install/setup.sh ] && ! grep -qF "COLCON_CURRENT_PREFIX=$PWD/install" install/setup.sh; then
+  echo "build: this checkout is a copy, whose build/ and install/ are those of the original: they are made anew"
+  rm -rf build install log
+fi
+
 # What a build reads: the content of descriptions and messages, the names of files that it links one by one, and the
 # environment at its place.
 key=$(
