@@ -125,7 +125,7 @@ class LaneGraph:
     Attributes:
         lanelets: all of them.
         left_hand: whether traffic keeps to the left; None: where most lanes have their oncoming lane to the right.
-        notes: sentences on what of the map was not used, or was read in another way than it says.
+        notes: sentences about parts of the map that were not used, or were read otherwise than written.
         turns: those of TURNS that a traffic light is for, by its name; a light that is not named here is for all.
     """
 

@@ -49,7 +49,7 @@ class Net:
         lane_map: its lanes.
         graph, built: the lane graph that it was built from; None where it was not.
         opendrive: the OpenDRIVE map that it was built from, until its side has been compared with tracks.
-        notes: sentences on what of the map was not used, until they are told.
+        notes: sentences about parts of the map that were not used, emptied once they are printed.
     """
 
     path: Path

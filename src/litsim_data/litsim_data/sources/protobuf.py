@@ -19,7 +19,7 @@ def records(path: Path) -> Iterator[memoryview]:
     """Yields the records of a TFRecord file; its checksums are not checked.
 
     Raises:
-        InputError: the file ends within a record, or is none of these.
+        InputError: the file is no TFRecord file, or ends within a record.
     """
     with open_input(path) as file:
         while head := file.read(12):  # length, and a checksum of it
@@ -36,7 +36,7 @@ def fields_of(message: int | memoryview) -> Fields:
     """Returns the fields of a message.
 
     Raises:
-        ValueError: it is none.
+        ValueError: `message` is a number, or no protocol buffer.
     """
     if isinstance(message, int):
         raise ValueError("a number where a message is expected")  # noqa: TRY004 - of a file, not of an argument

@@ -147,7 +147,7 @@ def _lanes(content: Mapping[str, Any], path: Path) -> LaneGraph:
     ]
     known = any("exit_lanes" in road for road in roads)
     notes = [f"{bikes} lanes of bicycles are no lanes of vehicles"] if bikes else []
-    notes += [] if known else ["which lanes follow each other is told by where they lie: the file does not say"]
+    notes += [] if known else ["the file does not say which lanes follow each other: their ends decide"]
     return LaneGraph(tuple(linked(lanelets, ends=not known)), notes=tuple(notes))
 
 

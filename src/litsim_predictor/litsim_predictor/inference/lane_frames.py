@@ -113,7 +113,7 @@ def _straighten_beyond_grip(pose: FloatArray, speed: FloatArray) -> None:
 
 
 def from_lane_frames(futures: AgentFutures, lane_frames: LaneFrames) -> AgentFutures:
-    """Returns a network's output for n agents, of which those that have `lane_frames` are meant along these."""
+    """Returns `futures` of n agents in the map's frame: a network forecasts agents with `lane_frames` along them."""
     if not len(lane_frames):
         return futures
     row = futures.further.row
@@ -124,7 +124,7 @@ def from_lane_frames(futures: AgentFutures, lane_frames: LaneFrames) -> AgentFut
 
 
 def _bent(futures: Futures, row: IntArray, pose: FloatArray) -> Futures:
-    """Returns the `futures` (n), of which those in `row` (r,) are meant along frames `pose` (r, FRAMES, 3)."""
+    """Returns `futures` (n) in the map's frame: agents `row` (r,) are forecast along frames `pose` (r, FRAMES, 3)."""
     mean, scale, correlation = futures.mean.copy(), futures.scale.copy(), futures.correlation.copy()
     mean[row], scale[row], correlation[row] = bend(pose, mean[row], scale[row], correlation[row])
     return replace(futures, mean=mean, scale=scale, correlation=correlation)

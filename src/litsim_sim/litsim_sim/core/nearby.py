@@ -46,9 +46,10 @@ def sorted_by_place(table: AgentTable, rows: IntArray) -> Sorted:
 
 @kernel
 def within_reach(agents: Sorted, m: int, row: int, reach: float) -> tuple[int, int]:
-    """Returns the first and end position in `agents.order` of all agents up to `reach` [m] away, and of others.
+    """Returns the range (first, end) of positions in `agents.order` that holds all agents up to `reach` [m] away.
 
-    `row` is that of the `m`-th agent that is asked for; all are of its scene.
+    Agents farther away to the side are in the range as well. `row` is the row of the `m`-th agent of the question; the
+    range lies within its scene.
     """
     begin, end = agents.begin[m], agents.end[m]
     place = agents.place[begin:end]

@@ -40,7 +40,7 @@ def missing_kernels() -> list[Kernel]:
 def compile_kernels(missing: Sequence[Kernel], processes: int) -> Iterator[None]:
     """Compile the :func:`missing_kernels` and keep their machine code; yield after each.
 
-    Each is compiled in one of so many copies of this process, as soon as what it calls is on disk.
+    A kernel is compiled once the kernels that it calls are on disk, by one of `processes` copies of this process.
     """
     if not missing:
         return

@@ -57,7 +57,7 @@ class OriginGate:
         self._server.shutdown()
 
     def _refuse(self, connection: Any, request: Any) -> Any:
-        """Returns the answer to who may not connect, else None."""
+        """Returns the answer that refuses `connection`; None if it may connect."""
         origin, host = request.headers.get("Origin"), urlsplit(f"//{request.headers.get('Host', '')}").hostname or ""
         if origin is not None and origin not in self._origins and not _is_here(urlsplit(origin).hostname or ""):
             return connection.respond(

@@ -37,8 +37,8 @@ class World:
     An agent follows its log unless the controls list it. One that is no longer listed rejoins its log, the residual
     fading out; one listed with source LATE does so with a lag, from the logged pose nearest to it. One whose log ends
     while it is controlled drives on until it has left the net. One whose log begins where it would collide waits
-    (`entries`), and then enters under POLICY. An agent that the scenario makes an actor is driven as that says while it
-    acts, whatever the controls say.
+    (`entries`), and then enters under POLICY. An actor of the scenario (`changes`) follows its act while that
+    lasts; controls for it are ignored.
 
     The run is over once the ego has left: past an end of the net, or at the end of its log while it follows that.
     Leaving the road to the side is not leaving the net. If the scenario says so, the run is also over some time after
