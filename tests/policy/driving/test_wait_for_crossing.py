@@ -12,9 +12,9 @@ from agent_arrays import agent_arrays
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
 from litsim_policy.driving.safety.layer import SafetyConfig
-from litsim_policy.driving.yielding_rules import COURTESY_DECELERATION, PEDALS, wait_for_crossing
+from litsim_policy.driving.yielding_rules import COURTESY_DECELERATION, EMERGENCIES, PEDALS, wait_for_crossing
 from litsim_policy.motion.path_batch import PathBatch
-from litsim_sim.core.scene import Controller
+from litsim_sim.core.scene import OBSTACLE_KINDS, Controller, Kind, is_obstacle
 from litsim_sim.core.takeover import TakeoverTable
 from takeovers import takeover
 
@@ -35,6 +35,7 @@ def waits(
     turn: float = 0.0,
     wanted: float = 0.5,
     off_log: bool = True,
+    kind: Kind = Kind.CAR,
     path: np.ndarray = PATH,
 ) -> float:
     """What an agent at (0, 0) does, heading along x at speed `own`, with another one at (x, y)."""
@@ -49,17 +50,19 @@ def waits(
         yaw_rate=[0.0, turn],
         length=LENGTH,
         width=WIDTH,
+        kind=[Kind.CAR, kind],
         controller=[Controller.POLICY, Controller.POLICY if off_log else Controller.LOG],
     )
     own_s = paths.project(np.zeros(1, np.int64), np.zeros(1), np.zeros(1)).s
-    return float(wait_for_crossing(np.array([wanted]), paths, own_s, agents, np.zeros(1, np.int64))[0])
+    others = (agents.controller != Controller.LOG) | is_obstacle(agents.kind)
+    return float(wait_for_crossing(np.array([wanted]), paths, own_s, agents, np.zeros(1, np.int64), others)[0])
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_it_brakes_by_as_little_as_lets_the_other_cross(side: float) -> None:
     """24 m ahead, 2 s away, somebody crosses from either side; the earlier it is over, the less braking it takes."""
     found = [waits(24.0, side * away, -side * np.pi / 2, 5.0) for away in (2.0, 5.0, 7.0, 9.0)]
-    pedals = [-COURTESY * k / PEDALS for k in range(1, PEDALS + 1)]
+    pedals = (-PEDALS).tolist()
     assert found[0] == 0.5, "over by then"
     assert all(pedal in pedals for pedal in found[1:])
     assert found == sorted(found, reverse=True) and found[-1] < found[1]
@@ -99,6 +102,31 @@ def test_it_counts_with_who_speeds_up_and_with_who_stops() -> None:
 )
 def test_it_waits_for_nobody_else(other: dict[str, float]) -> None:
     assert waits(**other) == 0.5
+
+
+@pytest.mark.parametrize("kind", OBSTACLE_KINDS)
+def test_it_waits_for_walkers_and_cyclists_on_their_logs(kind: Kind) -> None:
+    """Vehicles on their logs are left to the conflict stage, which never takes over walkers and cyclists."""
+    crosses = {"x": 24.0, "y": 5.0, "yaw": -np.pi / 2, "speed": 3.0, "off_log": False}
+    assert waits(**crosses) == 0.5
+    assert waits(**crosses, kind=kind) < -0.5
+
+
+def test_it_brakes_as_hard_as_it_can_for_who_steps_onto_the_road() -> None:
+    assert waits(12.0, 3.0, -np.pi / 2, 2.0, off_log=False, kind=Kind.PEDESTRIAN) == -max(EMERGENCIES)
+
+
+def test_it_lets_a_cyclist_beside_it_go_straight_on_before_it_turns() -> None:
+    turns = np.array([[-50.0, 0.0], [5.0, 0.0], [12.0, -7.0], [12.0, -60.0]])
+    beside = {"x": 2.0, "y": -2.5, "yaw": 0.0, "speed": 5.0, "own": 5.0, "kind": Kind.BICYCLE, "off_log": False}
+    assert waits(**beside) == 0.5
+    assert waits(**beside, path=turns) < 0.5
+
+
+def test_it_passes_who_stands_beside_its_path() -> None:
+    kerb = {"x": 20.0, "y": 2.3, "yaw": -np.pi / 2, "off_log": False, "kind": Kind.PEDESTRIAN}
+    assert waits(**kerb, speed=0.0) == 0.5
+    assert waits(**kerb, speed=1.4) < 0.5
 
 
 def test_only_where_its_path_leads_counts() -> None:

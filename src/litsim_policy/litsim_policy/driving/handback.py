@@ -92,6 +92,7 @@ class OwnLogs:
             paths, table, rows = agents.paths, agents.table, agents.rows
             wanted = keep_distance(wanted, agents.speed, table.length[rows], agents.leaders, COMFORTABLE.values)
             wanted = make_room(wanted, paths, agents.s, table.arrays, rows)
-            wanted = wait_for_crossing(wanted, paths, agents.s, table.arrays, rows)
+            others = table.off_log | table.obstacle  # vehicles on their logs are the concern of the conflict stage
+            wanted = wait_for_crossing(wanted, paths, agents.s, table.arrays, rows, others)
         free = np.full(len(agents), COMFORTABLE.desired_speed)
         return idm_at_signals(COMFORTABLE, agents.speed, free, wanted, self._stop_lines.of(agents))

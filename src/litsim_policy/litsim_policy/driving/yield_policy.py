@@ -10,7 +10,7 @@ from litsim_policy.driving.handback import COMFORTABLE, SPEED_EXCESS, along_log
 from litsim_policy.driving.policy import Policy
 from litsim_policy.driving.safety.following import braking_needed
 from litsim_policy.driving.task import opponent_of
-from litsim_policy.driving.yielding_rules import give_way, side_is_taken
+from litsim_policy.driving.yielding_rules import give_way, side_is_taken, wait_for_crossing
 from litsim_policy.motion.car_following import idm_acceleration
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
@@ -53,7 +53,8 @@ class YieldPolicy(Policy):
             if at:
                 paths = PathBatch.of([listed[k].reference_path for k in at])
                 agents = PathFollowers(self._lane_map, table, rows[at], paths)
-                acceleration[at] = rule(agents, [listed[k] for k in at])
+                asked = rule(agents, [listed[k] for k in at])
+                acceleration[at] = wait_for_crossing(asked, paths, agents.s, table.arrays, agents.rows, table.obstacle)
                 yaw_rate[at] = self._steer(agents)
         source = np.array([SOURCES[t.state] for t in listed], np.uint8)
         return ControlTable.without_slip(table, rows, acceleration, yaw_rate, source)

@@ -1,4 +1,4 @@
-"""Rules by which agents yield, earlier than the guard acts: to leaders, opponents and crossing agents.
+"""Rules by which agents yield, earlier than the guard acts: to leaders, opponents, crossing agents, walkers, cyclists.
 
 Policy `yield` gives way, and stays in its lane if the side is taken. The other rules are those of driving on as the log
 does (:class:`litsim_policy.driving.handback.OwnLogs`).
@@ -15,7 +15,7 @@ from litsim_policy.motion.along_path import AlongPath
 from litsim_policy.motion.car_following import LEADER_BRAKES, IdmValues, Leaders, braking_behind, idm, safe_speed
 from litsim_policy.motion.path_batch import PathBatch, nearest, place_at
 from litsim_sim.core.pair_geometry import overlap, within_scenes
-from litsim_sim.core.scene import STEP_S, AgentArrays, Controller
+from litsim_sim.core.scene import STEP_S, AgentArrays, walks_or_cycles
 from litsim_sim.kernels.compiled import Bools, Floats, Floats2, Ints, kernel
 
 # [m/s2] hardest braking for an opponent that is ahead but not yet on the path, or alongside without being in the way
@@ -30,10 +30,15 @@ CROSSING_HORIZON = 3.0  # [s] for which crossing agents are expected to continue
 FALLING_BACK = 4.0  # [s] in which an agent falls back behind one alongside, if their paths have met by then
 CROSSING_MARGIN = 0.5  # [m] distance kept to crossing agents
 FOLLOWING_TIME = 0.5  # [s] time constant of matching a leader's speed, nearer than the standstill gap
-PEDALS = 3  # number of braking strengths, up to the hardest, that are tried to let an agent cross
+PEDALS = COURTESY_DECELERATION * np.array([1.0, 2.0, 3.0]) / 3.0
+"""Braking [m/s2] that is tried to let an agent cross."""
+EMERGENCIES = np.array([5.0, 8.0])
+"""Harder braking [m/s2] for walkers and cyclists, who do not react, up to that of the guard: the most that vehicles can
+do. Untuned."""
+WALKING_MIN = 0.1  # [m/s] speed below which walkers and cyclists stand: nobody walks so slowly. Untuned
+RETURN = 1.0  # [s] time constant with which agents return to their paths; that of `conflict.futures`
 TURNING_MIN = 1.0  # [m/s] least speed at which the yaw rate defines the arc of an agent
 SAME_WAY = math.cos(math.pi / 4)  # cosine of the largest angle between headings of agents that do not cross
-LOG = int(Controller.LOG)
 
 
 @kernel
@@ -145,9 +150,12 @@ def contact_time(
 ) -> float:
     """Time [s] until agent `own`, at acceleration `pedal` on path `p`, runs into agent `j`; `horizon` [s] for never.
 
-    It runs into `j` if the centre of `j` is ahead when the boxes meet, that of `j` with a margin around it. Agent `j`
-    is assumed to continue along its arc with its present acceleration.
+    It runs into `j` if the centre of `j` is ahead when the boxes meet, that of `j` with a margin around it; into
+    walkers and cyclists, who do not look out for it, wherever they meet. Agent `j` is assumed to continue along its arc
+    with its present acceleration. Before walkers and cyclists, the offset of `own` from its path counts, which fades.
     """
+    walks = walks_or_cycles(agents.kind[j])
+    offset = nearest(paths, p, agents.x[own], agents.y[own])[2] if walks else 0.0
     s, other_x, other_y, other_yaw = own_s, agents.x[j], agents.y[j], agents.yaw[j]
     bend = agents.yaw_rate[j] / max(agents.speed[j], TURNING_MIN)
     length, width = agents.length[own], agents.width[own]
@@ -160,11 +168,13 @@ def contact_time(
         other_x += gone * math.cos(other_yaw)
         other_y += gone * math.sin(other_yaw)
         x, y, unit_x, unit_y = place_at(paths, p, s)
-        dx, dy = other_x - x, other_y - y
+        aside = offset * math.exp(-STEP_S * (k + 1) / RETURN)
+        dx, dy = other_x - x + aside * unit_y, other_y - y - aside * unit_x
         if dx * dx + dy * dy < radius**2 and overlap(
             dx, dy, math.atan2(unit_y, unit_x), other_yaw, length, width, long, wide
         ):
-            return STEP_S * k if dx * unit_x + dy * unit_y > 0.0 else horizon
+            ahead = dx * unit_x + dy * unit_y > 0.0
+            return STEP_S * k if ahead or walks else horizon
     return horizon
 
 
@@ -179,26 +189,45 @@ def in_reach(pedal: float, agents: AgentArrays, own: int, j: int, horizon: float
 
 
 @kernel
-def wait_for_crossing(wanted: Floats, paths: PathBatch, own_s: Floats, agents: AgentArrays, rows: Ints) -> Floats:
-    """Accelerations (m,) [m/s2] with which agents wait for others that cross their paths, if less than they want.
+def _waits_for(agents: AgentArrays, own: int, j: int) -> bool:
+    """Whether agent `own` waits for agent `j`: a walker or cyclist that moves, or a vehicle that heads another way."""
+    if walks_or_cycles(agents.kind[j]):
+        return agents.speed[j] > WALKING_MIN  # the distance rule keeps a standing one from being hit
+    return j != own and not math.cos(agents.yaw[j] - agents.yaw[own]) > SAME_WAY
+
+
+@kernel
+def _pedal_for(wanted: float, paths: PathBatch, p: int, own_s: float, agents: AgentArrays, own: int, j: int) -> float:
+    """Acceleration [m/s2] of agent `own`, at `own_s` [m] on path `p`, that lets agent `j` cross; `wanted` if any does.
+
+    It is the least braking that avoids a contact, or the hardest where none does.
+    """
+    strengths = np.concatenate((PEDALS, EMERGENCIES)) if walks_or_cycles(agents.kind[j]) else PEDALS
+    pedal = wanted
+    for k in range(len(strengths) + 1):
+        if k > 0:
+            pedal = min(wanted, -strengths[k - 1])
+        if contact_time(pedal, paths, p, own_s, agents, own, j, CROSSING_HORIZON) == CROSSING_HORIZON:
+            break
+    return pedal
+
+
+@kernel
+def wait_for_crossing(
+    wanted: Floats, paths: PathBatch, own_s: Floats, agents: AgentArrays, rows: Ints, others: Bools
+) -> Floats:
+    """Accelerations (m,) [m/s2] with which agents wait for `others` that cross their paths, if less than they want.
 
     An agent that would run into the side of one (:func:`contact_time`) brakes as little as necessary: by a third of
-    the courtesy deceleration, two thirds, or all of it. Agents on their logs are the concern of the conflict stage.
-    Arguments are those of :func:`make_room`.
+    the courtesy deceleration, two thirds, or all of it; for walkers and cyclists, as hard as it can if that is not
+    enough. The mask `others` is (n,); all other arguments are those of :func:`make_room`.
     """
     eased, (begin, end) = wanted.copy(), within_scenes(agents.scene, rows)
     for i in range(len(rows)):
         own = rows[i]
         for j in range(begin[i], end[i]):
-            if j == own or agents.controller[j] == LOG or math.cos(agents.yaw[j] - agents.yaw[own]) > SAME_WAY:
-                continue
-            if not in_reach(eased[i], agents, own, j, CROSSING_HORIZON):
-                continue
-            for k in range(PEDALS + 1):
-                pedal = eased[i] if k == 0 else min(eased[i], -COURTESY_DECELERATION * k / PEDALS)
-                if contact_time(pedal, paths, i, own_s[i], agents, own, j, CROSSING_HORIZON) == CROSSING_HORIZON:
-                    break
-            eased[i] = pedal
+            if others[j] and _waits_for(agents, own, j) and in_reach(eased[i], agents, own, j, CROSSING_HORIZON):
+                eased[i] = _pedal_for(eased[i], paths, i, own_s[i], agents, own, j)
     return eased
 
 

@@ -38,7 +38,10 @@ class Kind(IntEnum):
 
 
 OBSTACLE_KINDS = (Kind.BICYCLE, Kind.PEDESTRIAN)
-"""Kinds that do not keep to lanes and always follow their log: they are never taken over, and others yield to them."""
+"""Kinds that do not keep to lanes and always follow their log.
+
+They are never taken over, and whoever is under control yields to them.
+"""
 
 
 _BICYCLE, _PEDESTRIAN = (int(kind) for kind in OBSTACLE_KINDS)  # numpy compares plain numbers much faster
@@ -61,6 +64,12 @@ _LOG, _POLICY, _EGO = (int(controller) for controller in Controller)  # plain nu
 
 
 @kernel
+def walks_or_cycles(kind: int) -> bool:
+    """Whether an agent of this kind is among the OBSTACLE_KINDS."""
+    return kind in (_BICYCLE, _PEDESTRIAN)
+
+
+@kernel
 def index_of(ids: Ints, agents: Ints) -> Ints:
     """Returns the indices (m,) of `agents` (m,) in the ascending `ids` (n,); -1 for those that are not there."""
     index, at = np.full(len(agents), -1, np.int64), 0
@@ -78,6 +87,7 @@ class AgentArrays(NamedTuple):
 
     id: Ints
     scene: Ints
+    kind: Bytes
     controller: Bytes
     x: Floats
     y: Floats
