@@ -26,7 +26,7 @@ from litsim_sim.scenario.run_info import driver_names
 
 SOURCES = Path(__file__).resolve().parents[1] / "src"
 HOME = {"bridge": "litsim_sim", "recorder": "litsim_sim", "predictor": "litsim_predictor"}
-"""Packages of the stages that are not in litsim_policy. What other packages add stands in their `plugins.yaml`."""
+"""Packages of the stages that are not in litsim_policy. What others add to a stage stands in their `plugins.yaml`."""
 ATTRIBUTE = re.compile(r"^ {4}(\w+(?:, \w+)*): (.*(?:\n {8}.*)*)", re.MULTILINE)
 ROLE = re.compile(r":\w+:`[~.]?(?:\w+\.)*([^`]*)`")
 WIDTH = 116  # characters of a comment
@@ -96,7 +96,7 @@ def files() -> Mapping[Path, str]:
         read = Described(name)
         stage_reader(stage, driver)(read)
         for package, lines in read.lines.items():
-            at_home = package == HOME.get(stage, "litsim_policy")
+            at_home = bool(driver) or package == HOME.get(stage, "litsim_policy")
             file = SOURCES / package / "config" / f"{name if at_home else 'plugins'}.yaml"
             head = "# Defaults of parameters, written from the configuration classes by tools/parameters.py.\n"
             texts[file] = texts.get(file, head) + "\n".join([f"{stage}:", "  ros__parameters:", *lines[1:]]) + "\n"

@@ -34,6 +34,7 @@ setup(
             "paper = litsim_research.cli.paper:main",
         ],
         # See litsim_sim.core.plugins for the groups.
+        "litsim.egos": ["onnx = litsim_research.gym.network_ego:NetworkEgo"],
         "litsim.policies": [
             "gail = litsim_research.baselines.imitation_policy:Gail",
             "idm = litsim_research.baselines.idm_policy:IdmPolicy",

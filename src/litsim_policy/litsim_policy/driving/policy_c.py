@@ -13,7 +13,7 @@ from litsim_policy.driving.features.observation import Observer
 from litsim_policy.driving.follower import Follower, FollowerConfig
 from litsim_policy.driving.handback import COMFORTABLE, OwnLogs
 from litsim_policy.driving.policy import Policy
-from litsim_policy.driving.policy_network import PACKAGED, PolicyNetwork, shipped_weights
+from litsim_policy.driving.policy_network import PACKAGED, ForeignPolicy, PolicyNetwork, load_policy, shipped_weights
 from litsim_policy.driving.safety.layer import SafetyConfig, SafetyLayer
 from litsim_policy.driving.task import DrivingScene
 from litsim_policy.driving.yield_policy import YieldPolicy
@@ -33,7 +33,8 @@ class PolicyCConfig:
     Attributes:
         weights: `none` for no network: agents drive on as their logs do, with the present lag. `residual` is a packaged
             network that adds to that, `critic` one that drives alone, trained with a critic after the paper. Else a
-            file that ``litsim_research train policy`` has written.
+            file that ``litsim_research train policy`` has written, or an ONNX file (*.onnx) of a network that was
+            trained in the environment ``litsim/Takeover-v0``.
         rules: whether agents keep their distance, make room, and wait for crossing ones, whatever drives them.
         drivers: `median` for agents that follow those ahead as people usually do, whatever drives them; `drawn` for
             drivers that differ as people do, drawn by the scenario's seed; `none` for no car following.
@@ -47,7 +48,7 @@ class PolicyCConfig:
     follower: FollowerConfig = FollowerConfig()
     safety: SafetyConfig = SafetyConfig()
 
-    def network(self) -> PolicyNetwork | None:
+    def network(self) -> PolicyNetwork | ForeignPolicy | None:
         """Returns the network that `weights` names, if any.
 
         Raises:
@@ -55,7 +56,7 @@ class PolicyCConfig:
         """
         if self.weights == "none":
             return None
-        return PolicyNetwork.load(shipped_weights(self.weights) if self.weights in PACKAGED else Path(self.weights))
+        return load_policy(shipped_weights(self.weights) if self.weights in PACKAGED else Path(self.weights))
 
 
 def executed(scene: DrivingScene, action: FloatArray, *, residual: bool) -> tuple[FloatArray, FloatArray]:
@@ -93,7 +94,10 @@ class PolicyC(Policy):
         return lambda scenario: cls(scenario, config, config.network())
 
     def __init__(
-        self, scenario: Setting, config: PolicyCConfig | None = None, network: PolicyNetwork | None = None
+        self,
+        scenario: Setting,
+        config: PolicyCConfig | None = None,
+        network: PolicyNetwork | ForeignPolicy | None = None,
     ) -> None:
         config = config or PolicyCConfig()
         self._yielding, self._lane_map = YieldPolicy(scenario), scenario.lane_map

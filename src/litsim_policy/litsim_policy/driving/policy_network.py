@@ -59,6 +59,31 @@ class PolicyNetwork(Perceptron):
         return np.tanh(self.outputs(observation))
 
 
+class ForeignPolicy:
+    """A network of an ONNX file, which another library has trained in the environment `litsim/Takeover-v0`.
+
+    Attributes:
+        observation: that of the environment.
+    """
+
+    observation = ObservationConfig()
+
+    def __init__(self, path: Path) -> None:
+        """Read the file; raises as :class:`litsim_policy.motion.network_graph.NetworkGraph`."""
+        from litsim_policy.motion.network_graph import NetworkGraph  # imports ONNX Runtime
+
+        self._graph = NetworkGraph(path, self.observation.size, len(ACTIONS))
+
+    def mean(self, observation: FloatArray) -> FloatArray:
+        """Returns actions (m, 3) in [-1, 1] for observations (m, size)."""
+        return self._graph.actions(observation)
+
+
+def load_policy(path: Path) -> PolicyNetwork | ForeignPolicy:
+    """Returns the network of a file of weights, or of an ONNX file; raises InputError if it cannot be used."""
+    return ForeignPolicy(path) if path.suffix == ".onnx" else PolicyNetwork.load(path)
+
+
 def shipped_weights(name: str) -> Path:
     """Returns one of the :data:`PACKAGED` weights files of policy C."""
     return Path(str(resources.files("litsim_policy").joinpath(f"weights/policy_c_{name}.safetensors")))

@@ -7,7 +7,9 @@ exports holds its weights. `litsim_research export` writes both.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnxruntime
@@ -44,7 +46,7 @@ CODES = "codes"
 """Further output of a graph that sees the map: its encodings of the rasters, to be cached."""
 PARAMETER = "network."
 """Prefix of the names of the weights in a graph."""
-_BROKEN = (
+BROKEN = (
     failures.Fail,
     failures.InvalidArgument,
     failures.InvalidGraph,
@@ -52,6 +54,30 @@ _BROKEN = (
     failures.NotImplemented,
     failures.RuntimeException,
 )
+"""Errors of ONNX Runtime about a file, or about what is given to its network."""
+
+
+def open_graph(path: Path, weights: Mapping[str, np.ndarray[Any, Any]]) -> onnxruntime.InferenceSession:
+    """Returns a session in which equal inputs give equal bits in every process.
+
+    Args:
+        path: of the graph.
+        weights: by name, of a graph that holds none.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    options = onnxruntime.SessionOptions()
+    # Scenes are small, so that a second thread mostly costs waiting; and rounding depends on the number of threads.
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
+    options.log_severity_level = 4  # errors are raised, and need not be printed
+    values = [onnxruntime.OrtValue.ortvalue_from_numpy(array) for array in weights.values()]
+    options.add_external_initializers([PARAMETER + name for name in weights], values)
+    try:
+        return onnxruntime.InferenceSession(path.read_bytes(), options, providers=["CPUExecutionProvider"])
+    except BROKEN as error:
+        raise InputError(f"{path}: ONNX Runtime refuses it: {first_line(error)}; expected an ONNX file") from error
 
 
 class CompiledNetwork:
@@ -70,18 +96,7 @@ class CompiledNetwork:
 
     def __init__(self, path: Path, weights: Weights | None = None) -> None:
         require_file(path, "graph", f"; shipped are {', '.join(SHIPPED)}")
-        options = onnxruntime.SessionOptions()
-        # Scenes are small, so that a second thread mostly costs waiting; and rounding depends on the number of threads.
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
-        options.log_severity_level = 4  # errors are raised, and need not be printed
-        if weights is not None:
-            values = [onnxruntime.OrtValue.ortvalue_from_numpy(array) for array in weights.arrays.values()]
-            options.add_external_initializers([PARAMETER + name for name in weights.arrays], values)
-        try:
-            self._session = onnxruntime.InferenceSession(path.read_bytes(), options, providers=["CPUExecutionProvider"])
-        except _BROKEN as error:
-            raise InputError(f"{path}: ONNX Runtime refuses it: {_first_line(error)}; expected an ONNX file") from error
+        self._session = open_graph(path, {} if weights is None else weights.arrays)
         self.source = str(path if weights is None else weights.path)
         kind = self._session.get_modelmeta().custom_metadata_map.get("format")
         if kind != FORMAT:
@@ -139,8 +154,8 @@ class CompiledNetwork:
             arrays |= {"raster": maps.new, "known": maps.known, "code_of": maps.code_of}
         try:
             answer = self._session.run(self._outputs, {name: arrays[name] for name in self._asks})
-        except _BROKEN as error:
-            raise InputError(f"{self.source}: ONNX Runtime cannot run it: {_first_line(error)}") from error
+        except BROKEN as error:
+            raise InputError(f"{self.source}: ONNX Runtime cannot run it: {first_line(error)}") from error
         if self._maps is not None:
             self._maps.keep(maps, answer.pop())
         for name, values, shape in zip(OUTPUTS, answer, SHAPES, strict=True):
@@ -152,5 +167,6 @@ class CompiledNetwork:
         return AgentFutures(*answer)
 
 
-def _first_line(error: Exception) -> str:
+def first_line(error: Exception) -> str:
+    """Returns the first line of an error's message."""
     return str(error).strip().splitlines()[0]
