@@ -43,7 +43,7 @@ def test_campaign_by_the_policy_judged_by_the_measure(extended: dict[str, str], 
     words = ("--scenario", "demo", "--ego-id", "6", "--policy", POLICY, "replay", "--criteria", criteria, "--out", out)
     done = verb(extended, "litsim_eval", "evaluate", *words, "--set", f"policy.{POLICY}.time_gap=1.2")
     assert done.returncode == 1, done.stderr  # replay drives into the ego, and does not keep away
-    assert f"{MEASURE} m (higher is better)" in done.stdout
+    assert "ego: closest centre [m] ↑" in done.stdout
     runs: list[dict[str, Any]] = json.loads((out / "results.json").read_text())["runs"]
     assert [run["verdict"] for run in runs if run["case"]["policy"] == POLICY] == ["passed"]
     assert [run["verdict"] for run in runs if run["case"]["policy"] == "replay"] == ["failed"]

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from litsim_eval.analysis.analyze import analyze
-from litsim_eval.analysis.metrics import digest
+from litsim_eval.analysis.identity import digest
 from litsim_eval.benchmark.steps import write_scenario
 from litsim_eval.runs.runner import Runner, record
 from litsim_sim.record.run import read_run

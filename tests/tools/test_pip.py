@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from litsim_eval.analysis.metrics import digest
+from litsim_eval.analysis.identity import digest
 from litsim_eval.runs.runner import Runner, record
 from litsim_sim.scenario.run_info import RunPlan
 

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 
 import litsim_sim
-from litsim_eval.analysis.collision import collisions
 from litsim_eval.analysis.fault import contact_verdicts, count_faults
 from litsim_sim.core.scene import Kind
 
@@ -35,13 +34,12 @@ def drift(table: Make, make_run: Make, behind: float, faster: float, rate: float
 
 def faults(run: Any) -> tuple[int, ...]:
     """Contacts at the fault of the background, and at the ego's that the other could and could not have avoided."""
-    hits = collisions(run)
-    return tuple(count_faults(run, hits, contact_verdicts(run, hits)).values())
+    return tuple(count_faults(run).values())
 
 
 def test_a_cut_in_that_announces_itself_is_one_that_the_other_could_have_avoided(table: Make, make_run: Make) -> None:
     run = drift(table, make_run, behind=20.0, faster=4.0, rate=0.08)
-    (found,) = contact_verdicts(run, collisions(run))
+    (found,) = contact_verdicts(run)
     assert found.contact.ego_at_fault and not found.in_log
     assert found.other is not None and found.other.avoided
     assert 20 < found.other.perceived_step < found.contact.step - 10, "the ego's wandering is seen long before"
@@ -50,7 +48,7 @@ def test_a_cut_in_that_announces_itself_is_one_that_the_other_could_have_avoided
 
 def test_whoever_is_beside_when_the_ego_jumps_over_cannot_help_it(table: Make, make_run: Make) -> None:
     run = drift(table, make_run, behind=0.0, faster=0.0, rate=0.5)
-    (found,) = contact_verdicts(run, collisions(run))
+    (found,) = contact_verdicts(run)
     assert found.contact.ego_at_fault
     assert found.other is not None and not found.other.avoided
     assert faults(run) == (0, 0, 1)
@@ -58,7 +56,7 @@ def test_whoever_is_beside_when_the_ego_jumps_over_cannot_help_it(table: Make, m
 
 def test_nobody_drives_in_the_place_of_a_pedestrian(table: Make, make_run: Make) -> None:
     run = drift(table, make_run, behind=20.0, faster=4.0, rate=0.08, kind=Kind.PEDESTRIAN)
-    (found,) = contact_verdicts(run, collisions(run))
+    (found,) = contact_verdicts(run)
     assert found.other is None
     assert faults(run) == (0, 0, 1)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -130,7 +131,7 @@ def test_guarded_commands_show(run: Any, capsys: pytest.CaptureFixture[str]) -> 
     guarded = compute_metrics(replace(run, controls=answers(run)))
     assert guarded["comfort"]["controlled"]["guarded"] == {"count": 5, "commands": 20, "share": 5 / 20}
     print_metrics(guarded)
-    assert "5 of the policy's agent-steps (25.0 %)" in capsys.readouterr().out
+    assert re.search(r"guarded steps of policy C +25\.0 %", capsys.readouterr().out)
 
 
 def test_the_ledger_shows_contacts_and_takeovers(
@@ -213,7 +214,7 @@ def test_analyze_writes_beside_the_bag_and_prints(
     assert json.loads((tmp_path / "else/where/metrics.json").read_text()) == metrics
     assert (tmp_path / "else/where/overview.png").stat().st_size > 20_000
     out = capsys.readouterr().out
-    assert "ADE all" in out
+    assert "ADE@5 s, all" in out
     assert metrics["digest"][:16] in out
     with pytest.raises(SystemExit, match="1"):
         main([str(folder), "--quiet"])

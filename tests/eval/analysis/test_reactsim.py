@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_eval.analysis.collision import collisions
 from litsim_eval.analysis.reactsim import reactsim
 from litsim_sim.core import steps
 from litsim_sim.core.scene import Controller, Kind
@@ -31,7 +30,7 @@ def measured(table: Make, make_run: Make) -> Callable[..., Any]:
 
         tables = [table(k, *(row(i, agent(k)) for i, agent in enumerate(agents, EGO))) for k in range(STEPS)]
         run = make_run(tables, [table(k) for k in range(STEPS)], net_xml=net)
-        return reactsim(run, collisions(run))
+        return reactsim(run)
 
     return measure
 

@@ -42,9 +42,9 @@ METRICS: dict[str, Any] = {
         ),
         ({"field": "safety.avoidable_contacts", "max": 0}, "contact that a careful driver avoids with 31 at 18.1 s"),
         ({"field": "signals.red_ego", "max": 0}, "red light passed, A -> B at 14.2 s"),
-        ({"field": "minimum_risk_s", "max": 0}, "minimum-risk manoeuvre for 2.5 s"),
-        ({"field": "ego_motion.off_road", "max": 0}, "off the road at 12.5 % of the steps"),
-        ({"field": "safety.min_own_ttc_s", "min": 0.95}, "time to collision down to 0.00 s, expected at least 0.95 s"),
+        ({"field": "minimum_risk_s", "max": 0}, "ego: minimum-risk manoeuvres 2.50 s, expected at most 0 s"),
+        ({"field": "ego_motion.off_road", "max": 0}, "ego: off the road 12.5 %, expected at most 0 %"),
+        ({"field": "safety.min_own_ttc_s", "min": 0.95}, "ego: shortest own TTC 0.00 s, expected at least 0.95 s"),
         (
             {"field": "ego_motion.progress_ratio", "min": 0.2},
             f"the ego came 13.8 % as far as its log, expected at least 20 %; {STANDOFF}",

@@ -152,7 +152,7 @@ def test_driven_traffic_is_told_beside_its_log_and_can_be_judged(capsys, tmp_pat
     words = ["--policy", "yield", "--ego-id", "ego", "--criteria", criteria, "--out", tmp_path / "out"]
     assert called(*words, "--all") == 1
     said = capsys.readouterr()
-    assert "median headway s, of their logs" in said.out and "traffic.headway_ratio is 0." in said.err
+    assert "median headway, of their logs [s]" in said.out and "traffic.headway_ratio is 0." in said.err
     (variant,) = results(tmp_path / "out")["variants"].values()
     assert 0.0 < variant["traffic_driven"]["headway_s"] < variant["traffic_same_log"]["headway_s"]
 
@@ -160,10 +160,10 @@ def test_driven_traffic_is_told_beside_its_log_and_can_be_judged(capsys, tmp_pat
 def test_intervals_stand_behind_the_figures_on_demand(capsys, tmp_path) -> None:
     words = ["--policy", "replay", "--ego-id", "7", "20", "24", "--out", tmp_path / "out"]
     called(*words, "--all", "--intervals")
-    found = re.search(r"colliding agents +(\d+) \[(\d+), (\d+)\]", capsys.readouterr().out)
+    found = re.search(r"colliding agents ↓ +(\d+) \[(\d+), (\d+)\]", capsys.readouterr().out)
     assert found is not None and int(found[2]) < int(found[1]) < int(found[3])
     called(*words, "--all")
-    assert re.search(r"colliding agents +\d+ *\n", capsys.readouterr().out)
+    assert re.search(r"colliding agents ↓ +\d+ *\n", capsys.readouterr().out)
 
 
 def test_several_egos_and_values_are_variants(capsys, tmp_path, criteria) -> None:
@@ -178,7 +178,7 @@ def test_several_egos_and_values_are_variants(capsys, tmp_path, criteria) -> Non
     assert list(found) == [f"{ego}, {variant}" for ego in ("idm", "log") for variant in variants]
     assert found["idm, yield, handback=time_shift"]["held_s"] < found["idm, yield, handback=catch_up"]["held_s"]
     printed = capsys.readouterr().out
-    assert "time under control s" in printed and "  6  log, yield, handback=time_shift\n" in printed
+    assert "time under control [s]" in printed and "  6  log, yield, handback=time_shift\n" in printed
 
 
 @pytest.mark.parametrize(("limit", "status"), [(0, 1), (100, 0)])
@@ -220,8 +220,8 @@ def test_a_run_that_fails_is_marked_in_the_table_listed_and_run_again_on_demand(
     monkeypatch.undo()
     said = capsys.readouterr()
     cells = {line.rsplit(maxsplit=1)[0].strip(): line.split()[-1] for line in said.out.splitlines() if line.split()}
-    assert (cells["runs"], cells["passed"], cells["errors"]) == ("2", "1", "1")
-    assert cells["agents"].endswith("*") and not cells["no new contacts %"].endswith("*")
+    assert (cells["runs"], cells["passed ↑"], cells["errors ↓"]) == ("2", "1", "1")
+    assert cells["agents"].endswith("*") and not cells["no new contacts [%] ↑"].endswith("*")
     assert "error   lost/1/idm/replay: " in said.err and "lost.net.xml" in said.err
     found = {each["case"]["name"]: each["verdict"] for each in results(tmp_path / "out")["runs"]}
     assert found == {"short/1/idm/replay": "passed", "lost/1/idm/replay": "error"}

@@ -69,7 +69,7 @@ def test_what_a_case_that_failed_before_fails_by_newly_is_told(tmp_path: Path) -
     ]
     said = printed(*both)
     assert "3 pass in neither\n2 of these fail by more than before\n" in said
-    assert f"demo/{EGO}/idm/litsim/0\n    progress_m at least 5: progress_m is 2, expected at least 5\n" in said
+    assert f"demo/{EGO}/idm/litsim/0\n    progress of all agents 2.00 m, expected at least 5 m\n" in said
     assert f"demo/{EGO}/idm/litsim/2\n    is error: no answer to step 3\n" in said and "litsim/1\n" not in said
     told = compare_campaigns(*both).to_json()["worse"]
     assert [each["newly_missed"] for each in told] == [["progress_m at least 5"], []]

@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 
+from litsim_eval.analysis.metrics_tree import measures_by_field
 from litsim_eval.campaign.criteria import Criteria
 from litsim_eval.campaign.results import Campaign, read_campaign
-from litsim_eval.report.campaign_content import NAMED, criteria_of, fields_of, pack_campaign
+from litsim_eval.report.campaign_content import criteria_of, fields_of, pack_campaign
 from packed import unpack
 
 
@@ -39,7 +40,7 @@ def test_what_criteria_ask_for_comes_first_with_its_limits(read: Campaign) -> No
 
 
 def test_what_the_default_criteria_ask_for_is_called_by_words() -> None:
-    assert {criterion.field for criterion in Criteria.load().runs} <= set(NAMED)
+    assert all(measures_by_field()[criterion.field].title for criterion in Criteria.load().runs)
 
 
 def test_lists_are_counted_truth_values_kept_and_texts_left_out(read: Campaign) -> None:

@@ -25,7 +25,11 @@ Write = Callable[..., Path]
 
 def cells(html: str, name: str) -> list[str]:
     """Text of the cells of the row of a table of measures that has this name; a best value in asterisks."""
-    row = re.search(rf'<tr><th scope="row">{re.escape(name)}(?:<small>.*?</small>)?\s*</th>(.*?)</tr>', html, re.DOTALL)
+    row = re.search(
+        rf'<tr><th scope="row">{re.escape(name)}(?: \[[^]]*\])?(?: [↑↓])?(?:<small>.*?</small>)?\s*</th>(.*?)</tr>',
+        html,
+        re.DOTALL,
+    )
     assert row, name
     found = re.findall(r'<td class="number( best)?"[^>]*>(.*?)</td>', row[1], re.DOTALL)
     return [f"*{text}*" if best else " ".join(re.sub(r"<[^>]+>", " ", text).split()) for best, text in found]
@@ -67,16 +71,16 @@ def test_a_displacement_that_not_all_runs_went_on_for_says_so(campaign: Write, t
         reached = {"5": 1.0} if count else {"5": 1.0, "10": 2.0}
         file.write_text(json.dumps(result | {"metrics": result["metrics"] | {"ade_all_m": reached}}))
     html = page_of(tmp_path).read_text()
-    assert cells(html, "ADE@5 s m, all")[0] == "1.00"
-    assert cells(html, "ADE@10 s m, all")[0] == f"2.00 (1 of {len(files)})"
+    assert cells(html, "ADE@5 s, all")[0] == "1.00"
+    assert cells(html, "ADE@10 s, all")[0] == f"2.00 (1 of {len(files)})"
 
 
 def test_driven_traffic_is_beside_its_logs_and_all_logs(campaign: Write, tmp_path: Path) -> None:
     html = page_of(campaign(tmp_path)).read_text()
-    gaps = [cells(html, f"median gap m, {whose}")[0] for whose in ("driven", "of their logs", "of all logs")]
+    gaps = [cells(html, f"median gap, {whose}")[0] for whose in ("driven", "of their logs", "of all logs")]
     assert len(set(gaps)) == 3 and "-" not in gaps
     fields = {field["path"]: field["label"] for field in packed(tmp_path / "experiment.html")["fields"]}
-    assert fields["traffic.driven.headway_s"] == "driven: median headway [s]"
+    assert fields["traffic.driven.headway_s"] == "median headway, driven [s]"
 
 
 def test_who_left_no_measures_is_best_in_nothing(campaign: Write, tmp_path: Path) -> None:

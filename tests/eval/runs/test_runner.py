@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from campaigns import EGOS
 from litsim_eval.analysis.collision import Pair, contacts
-from litsim_eval.analysis.metrics import compute_metrics, digest
+from litsim_eval.analysis.identity import digest
+from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.runs.runner import Runner, record
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, Controller, ControlSource

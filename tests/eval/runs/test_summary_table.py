@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from typing import Any
 
 import pytest
@@ -10,7 +11,8 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from litsim_eval.analysis.displacement import HORIZONS_S
-from litsim_eval.analysis.summary import OF_EGO, OF_SIMULATION
+from litsim_eval.analysis.measure import Table
+from litsim_eval.analysis.summary import rows_of
 from litsim_eval.runs.summary_table import print_summary
 
 WIDTH = 100
@@ -19,7 +21,7 @@ WIDTH = 100
 def variant(**values: Any) -> dict[str, Any]:
     """Measures of a variant, as wide as they get."""
     ade = dict.fromkeys(map(str, HORIZONS_S), 0.000868)
-    usual: dict[str, Any] = dict.fromkeys((measure.name for measure in (*OF_EGO, *OF_SIMULATION)), 0.000868) | {
+    usual: dict[str, Any] = dict.fromkeys((row.name for row in rows_of(Table.EGO, Table.SIMULATION)), 0.000868) | {
         "runs": 20,
         "agents": 1920,
         "failed": 0,
@@ -45,7 +47,8 @@ def printed(summary: dict[str, dict[str, Any]], width: int = WIDTH, **options: A
 
 def cells(lines: list[str], name: str) -> list[str]:
     """Values of a measure, from all tables of a print, left to right; the name stands whole in one line."""
-    return [word for line in lines if line.strip().startswith(f"{name} ") for word in line.strip()[len(name) :].split()]
+    heading = re.compile(rf" *{re.escape(name)}(?: \[\S+\])?(?: [↑↓])? +")
+    return [word for line in lines if (found := heading.match(line)) for word in line[found.end() :].split()]
 
 
 def test_few_variants_are_named_above_their_columns() -> None:
@@ -59,12 +62,12 @@ def test_where_nobody_can_be_taken_over_nothing_is_said_of_it(count: int) -> Non
     whole, short = printed(variants(count)), printed(variants(count), replayed=True)
     for name in (
         "takeovers",
-        "guarded steps of policy C %",
-        "largest jump m",
-        f"ADE@{HORIZONS_S[0]} s m, controlled",
+        "guarded steps of policy C",
+        "largest jump",
+        f"ADE@{HORIZONS_S[0]} s, controlled",
     ):
         assert cells(whole, name) and not cells(short, name)
-    for name in ("runs", "contacts of the ego", "progress of all agents m", f"ADE@{HORIZONS_S[0]} s m, all"):
+    for name in ("runs", "contacts of the ego", "progress of all agents", f"ADE@{HORIZONS_S[0]} s, all"):
         assert cells(short, name) == cells(whole, name) != []
 
 
@@ -90,7 +93,7 @@ def test_more_variants_are_spread_over_tables(count: int) -> None:
 def test_figures_of_fewer_runs_than_there_are_are_marked_and_explained() -> None:
     lines = printed({"a": variant(), "b": variant(runs=20, measured=19, failed=1, errors=1)})
     assert cells(lines, "agents") == ["1920", "1920*"] and cells(lines, "runs") == ["20", "20"]
-    assert cells(lines, "no new contacts %") == ["100.00", "100.00"], "of all runs, those that failed among them"
+    assert cells(lines, "no new contacts") == ["100.00", "100.00"], "of all runs, those that failed among them"
     assert lines[-1] == "* over the runs that were measured: b: 19 of 20"
 
 
@@ -98,22 +101,22 @@ def test_displacements_say_where_not_all_runs_went_on_for_so_long() -> None:
     whole = variant()
     reached = {"ade_runs": whole["ade_runs"] | {"25": 3}, "ade_controlled_m": whole["ade_controlled_m"] | {"25": None}}
     lines = printed({"a": whole, "b": variant(**reached)})
-    assert cells(lines, "ADE@20 s m, all") == ["0.000868", "0.000868"]
-    assert cells(lines, "ADE@25 s m, all") == ["0.000868", "0.000868", "(3", "of", "20)"]
-    assert cells(lines, "ADE@25 s m, controlled") == ["0.000868", "-"]
+    assert cells(lines, "ADE@20 s, all") == ["0.000868", "0.000868"]
+    assert cells(lines, "ADE@25 s, all") == ["0.000868", "0.000868", "(3", "of", "20)"]
+    assert cells(lines, "ADE@25 s, controlled") == ["0.000868", "-"]
 
 
 def test_horizons_that_no_run_reaches_are_left_out() -> None:
     ade = dict.fromkeys(map(str, HORIZONS_S)) | {"5": 1.25}
     lines = printed({"a": variant(ade_controlled_m=ade, ade_all_m=ade | {"5": None}), "b": variant(ade_all_m=ade)})
-    assert cells(lines, "ADE@5 s m, controlled") == ["1.25", "0.000868"]
-    assert cells(lines, "ADE@5 s m, all") == ["-", "1.25"] and not cells(lines, "ADE@10 s m, all")
+    assert cells(lines, "ADE@5 s, controlled") == ["1.25", "0.000868"]
+    assert cells(lines, "ADE@5 s, all") == ["-", "1.25"] and not cells(lines, "ADE@10 s, all")
 
 
 def test_bounds_stand_behind_the_figures_that_have_them() -> None:
     bounds = {"a": {"takeovers": (36.025, 95.0), "reactive": (0.9, 1.0), "ade_all_m.10": (0.1, 0.25)}}
     lines = printed({"a": variant(takeovers=61), "b": variant(takeovers=55)}, bounds=bounds)
     assert cells(lines, "takeovers")[:4] == ["61", "[36,", "95]", "55"]
-    assert cells(lines, "no new contacts %") == ["100.00", "[90.00,", "100.00]", "100.00"]
-    assert cells(lines, "ADE@10 s m, all") == ["0.000868", "[0.1,", "0.25]", "0.000868"]
-    assert cells(lines, "ADE@5 s m, all") == ["0.000868", "0.000868"]
+    assert cells(lines, "no new contacts") == ["100.00", "[90.00,", "100.00]", "100.00"]
+    assert cells(lines, "ADE@10 s, all") == ["0.000868", "[0.1,", "0.25]", "0.000868"]
+    assert cells(lines, "ADE@5 s, all") == ["0.000868", "0.000868"]

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from litsim_eval.analysis.measure import Count, Listed, Measure, Row, Table, family, mean
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.record.run import Run, RunInfo
 
@@ -156,3 +158,36 @@ def displacements(run: Run) -> Displacements:
         last_step=last_step,
         info=info,
     )
+
+
+def _by_horizon(measure: Callable[[Displacements, int], Any]) -> Callable[[Run], dict[str, Any]]:
+    """Returns the function of a measure by the horizons [s] that a run reaches."""
+
+    def value(run: Run) -> dict[str, Any]:
+        far = run.once(displacements)
+        return {str(horizon): measure(far, horizon) for horizon in far.horizons}
+
+    return value
+
+
+def _rows(name: str) -> tuple[Row, ...]:
+    """Returns the rows of a displacement by horizon [s]."""
+    of_control = name == "ade_controlled_m"
+    return tuple(Row(f"{name}.{key}", mean, Table.DISPLACEMENT, key=key, of_control=of_control) for key in HORIZONS)
+
+
+HORIZONS = tuple(map(str, HORIZONS_S))
+CONTROLLED, ALL = "ADE@{} s, controlled", "ADE@{} s, all"
+Ade = partial(Measure, unit="m", keys=HORIZONS)
+MEASURES = family(
+    "average displacement from the log, over the first 5, 10, … s: of agents ever under control by then, of all agents "
+    "but the ego, of the ego. Agents that are held back at their entry, or are gone before their logs end, count where "
+    "they would enter, or were last",
+    Ade("ade_controlled_m", _by_horizon(Displacements.ade_controlled), CONTROLLED, rows=_rows("ade_controlled_m")),
+    Ade("ade_all_m", _by_horizon(Displacements.ade_all), ALL, rows=_rows("ade_all_m")),
+    Ade("ade_ego_m", _by_horizon(Displacements.ade_ego), "ADE@{} s, ego"),
+    "the data for [paired](#as-in-the-papers-table) ADE: by horizon the steps of all logs but the ego's; of each agent "
+    "ever under control or off its log, when it first was (`controlled_s`), and by horizon `steps` and `ade_m`",
+    Count("displacement.agent_steps", _by_horizon(Displacements.agent_steps), keys=HORIZONS),
+    Listed("displacement.agents", lambda run: run.once(displacements).by_agent()),
+)

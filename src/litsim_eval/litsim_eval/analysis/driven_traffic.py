@@ -10,14 +10,26 @@ import math
 from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from litsim_data.mining.lane_changes import STAYED_S, lane_changes
 from litsim_data.mining.lane_tracks import LaneTracks
 from litsim_data.surrogates.safety import following
-from litsim_eval.analysis.metrics_tree import DriversMetrics, TrafficMetrics
+from litsim_eval.analysis.collision import collisions
+from litsim_eval.analysis.measure import (
+    LOWER,
+    Branch,
+    Figure,
+    Measure,
+    Metrics,
+    Row,
+    Table,
+    family,
+    figure_at,
+    middle,
+)
 from litsim_eval.analysis.motion_features import SAMPLE
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 from litsim_sim.core.steps import StackedTable, Steps
@@ -79,7 +91,7 @@ class Traffic:
             lane_changes=None if changes is None else Counter({agent: changes[agent] for agent in agents}),
         )
 
-    def measures(self) -> DriversMetrics:
+    def measures(self) -> dict[str, Any]:
         """Returns medians, shares and rates over all agent-steps; None for those of nothing."""
         headway, gap, time_to_leader, acceleration, jerk = (self.samples[name].value for name in QUANTITIES)
         minutes = self.steps.total() * STEP_S / 60.0
@@ -100,7 +112,7 @@ class Traffic:
         }
 
 
-def driven_traffic(run: Run, controlled: Collection[int]) -> TrafficMetrics:
+def driven_traffic(run: Run, controlled: Collection[int]) -> dict[str, Any]:
     """Returns measures of driven agents, of the logs of those ever under control (`controlled`), and of all of the log.
 
     All are of the steps after the history; pedestrians and cyclists are left out.
@@ -191,3 +203,74 @@ def _joined(parts: list[Samples]) -> Samples:
 
 def _share(which: BoolArray) -> float | None:
     return float(which.mean()) if len(which) else None
+
+
+@Branch
+def of_run(run: Run) -> dict[str, Any]:
+    """Returns :func:`driven_traffic` of the agents ever under control."""
+    return driven_traffic(run, run.once(collisions).controlled)
+
+
+def _sum_of(mean_or_share: str, count: str) -> Figure:
+    """Returns the figure of the sum that a mean or share was made of, both by their paths; 0 over nothing."""
+    value, number = figure_at(mean_or_share), figure_at(count)
+
+    def figure(run: Metrics) -> float | None:
+        known, over = value(run), number(run)
+        return 0.0 if over == 0 else None if known is None or over is None else known * over
+
+    return figure
+
+
+WHOSE = {"driven": "driven", "same_log": "of their logs", "log": "of all logs"}
+"""Whose driving the branches of `traffic` tell of."""
+
+
+def _drivers(name: str, title: str = "", unit: str = "", over: str = "", **more: Any) -> list[Measure]:
+    """Returns a measure of how vehicles drive, by whose driving; its title names that of the driven ones.
+
+    Over runs it is the mean over all that `over` counts of all of them, or without that the median of the runs' values.
+    """
+    made = []
+    for whose, named in WHOSE.items():
+        path, count = f"traffic.{whose}.{name}", f"traffic.{whose}.{over}"
+        row: dict[str, Any] = {"table": Table.TRAFFIC, "title": f"{title}, {named}", "of_control": whose != "log"}
+        row |= {"figure": _sum_of(path, count), "below": figure_at(count)} if over else {"over": middle}
+        rows = (Row(f"traffic_{whose}.{name}", **row),) if title else ()
+        own = f"{title}, {named}" if title and whose == "driven" else ""
+        made.append(Measure(path, of_run, own, unit, rows=rows, **more))
+    return made
+
+
+COUNTED: dict[str, Any] = {"kinds": (int,)}
+BAD: dict[str, Any] = {"share": True, "better": LOWER}
+OF_DRIVERS = family(
+    "time that these vehicles drive, in all",
+    *_drivers("minutes", unit="min"),
+    "number of agent-steps behind a leader: of vehicles that move at 1 m/s or more behind the leader of "
+    "[`series.parquet`](#series-and-takeovers), if that heads within 45° of their way",
+    *_drivers("following", **COUNTED),
+    "over these: median time headway, and gap between the boxes",
+    *_drivers("headway_s", "median headway", "s"),
+    *_drivers("gap_m", "median gap", "m"),
+    "their share with a time headway below 0.5 s",
+    *_drivers("headway_below_half_s", "headway below 0.5 s", over="following", **BAD),
+    "their share with less than 3 s to contact with the leader at constant speeds",
+    *_drivers("ttc_below_3_s", "TTC below 3 s", over="following", **BAD),
+    "number of accelerations, each the change of speed over 1 s; share of them below −2 m/s²",
+    *_drivers("accelerations", **COUNTED),
+    *_drivers("braking_beyond_2_mps2", "braking beyond 2 m/s²", over="accelerations", **BAD),
+    "number of changes of these accelerations over 1 s, and their mean magnitude. Of a log it is mostly noise",
+    *_drivers("jerks", **COUNTED),
+    *_drivers("jerk_mps3", "mean jerk", "m/s³", over="jerks"),
+    "[lane changes](mining.md) that cross into the next lane meanwhile; null without a net",
+    *_drivers("lane_changes", **COUNTED),
+    *_drivers("lane_changes_per_minute", "lane changes per minute", over="minutes"),
+)
+MEASURES = (
+    *sorted(OF_DRIVERS, key=lambda each: list(WHOSE).index(each.name.split(".")[1])),
+    *family(
+        "the median headway under control over that in the same agents' logs",
+        Measure("traffic.headway_ratio", of_run, "driven: headway over their logs'"),
+    ),
+)

@@ -2,11 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
-from litsim_eval.analysis.comfort import comfort
-from litsim_eval.analysis.metrics_tree import DrivenMetrics, EgoMetrics
+from litsim_eval.analysis.comfort import comfort, spans
+from litsim_eval.analysis.measure import (
+    LOWER,
+    Branch,
+    Count,
+    Measure,
+    Metrics,
+    Row,
+    Share,
+    Span,
+    Table,
+    family,
+    in_percent,
+    mean,
+    percent,
+)
 from litsim_eval.analysis.progress import distance_of
+from litsim_eval.analysis.standoff import moments_of_standoffs, standoff_text
 from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.lane_map import LaneMap
@@ -17,7 +35,8 @@ UNKNOWN, NORMAL = 0, 1  # states of autoware_adapi_v1_msgs/MrmState without a mi
 PROGRESS_LEAST_M = 0.1  # lower bound on both distances of the ratio: 1 where neither vehicle moves (nuPlan)
 
 
-def ego_motion(run: Run) -> EgoMetrics:
+@Branch
+def ego_motion(run: Run) -> dict[str, Any]:
     """Returns measures of the ego after the history; `log` holds those of the recorded vehicle.
 
     - `off_road`, `over_edge`: shares of steps at which its centre, or a corner of its box, is on no lane;
@@ -54,7 +73,7 @@ def minimum_risk_s(run: Run) -> float | None:
     return round(float(np.sum((state != UNKNOWN) & (state != NORMAL)) * run.info.dt), 6)
 
 
-def _motion(steps: Steps, way: Steps, agent: int, lane_map: LaneMap | None, dt: float) -> DrivenMetrics:
+def _motion(steps: Steps, way: Steps, agent: int, lane_map: LaneMap | None, dt: float) -> dict[str, Any]:
     rows = steps.track(agent)
     x, y, yaw, length, width = (getattr(steps.stacked, f)[rows] for f in ("x", "y", "yaw", "length", "width"))
     felt = comfort(steps, agent, dt)
@@ -70,3 +89,44 @@ def _motion(steps: Steps, way: Steps, agent: int, lane_map: LaneMap | None, dt: 
         "hard_brakes": None if felt is None else felt.hard_brakes,
         "progress_m": distance_of(way, agent),
     }
+
+
+def _moments_off_road(run: Run, _: Metrics) -> list[Span]:
+    rows, table, lane_map = run.simulated.track(run.info.ego_id), run.simulated.stacked, lane_map_of(run)
+    if lane_map is None:
+        return []
+    return spans(run.simulated.step[table.number[rows]], ~lane_map.inside_road(table.x[rows], table.y[rows]))
+
+
+def _progress_text(value: float, limit: str, metrics: Metrics) -> str:
+    text = f"the ego came {percent(value)} as far as its log, expected {in_percent(limit)}"
+    return "; ".join([text, *map(standoff_text, metrics.get("standoffs", []))])
+
+
+DRIVEN = family(
+    "shares of steps at which the ego's centre, or a corner of its box, is on no lane",
+    Share("ego_motion.off_road", ego_motion, "ego: off the road", "", LOWER, moments=_moments_off_road),
+    Share("ego_motion.over_edge", ego_motion, "ego: over the edge", "", LOWER),
+    "[hard brakes](#hard-brakes) of the ego, and distance that it travels",
+    Count("ego_motion.hard_brakes", ego_motion, better=LOWER),
+    Measure("ego_motion.progress_m", ego_motion, "ego: progress", "m"),
+)
+MOTION = (
+    *DRIVEN,
+    *family(
+        "the ego's progress over that of its log, while the log lasts (each at least 0.1 m, as in nuPlan)",
+        Measure(
+            *("ego_motion.progress_ratio", ego_motion, "ego: progress over its log's"),
+            rows=(Row("ego_progress", mean, Table.EGO, share=True),),
+            sentence=_progress_text,
+            moments=moments_of_standoffs,
+        ),
+        "the same of the recorded vehicle",
+        *(replace(each, name=each.name.replace(".", ".log."), title="", moments=None) for each in DRIVEN),
+    ),
+)
+RISK = family(
+    "seconds in which the ego's stack told of a minimum-risk manoeuvre, also one that had succeeded or failed, by "
+    "messages `autoware_adapi_v1_msgs/MrmState`, which [Autoware's adapter](autoware.md) records; null without any",
+    Measure("minimum_risk_s", minimum_risk_s, "ego: minimum-risk manoeuvres", "s", LOWER),
+)

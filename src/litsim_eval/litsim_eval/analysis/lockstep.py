@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from litsim_eval.analysis.metrics_tree import LockstepMetrics
+from litsim_eval.analysis.measure import ANY_KEY, HIGHER, LOWER, Branch, Count, Measure, Text, Truth, family
 from litsim_sim.core.errors import INTERRUPTED, printable
 from litsim_sim.core.lockstep import unanswered
 from litsim_sim.core.scene import ARRAY_FIELDS
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.topic_names import STATUS
+from litsim_sim.ego_port.port import COUNTS
 from litsim_sim.record.run import LOST_ATTACHMENTS, Run, TopicGaps
 
 
-def lockstep(run: Run) -> LockstepMetrics:
+@Branch
+def lockstep(run: Run) -> dict[str, Any]:
     """Returns missing answers, gaps in the recording, and counts of the ego's messages.
 
     `ego_port` holds :data:`litsim_sim.ego_port.port.COUNTS` and the `interface`; it is empty if the ego was not driven
@@ -65,3 +69,18 @@ def _unusable(run: Run) -> list[str]:
 def _described(gaps: TopicGaps) -> str:
     kinds = (("missing", gaps.missing), ("duplicated", gaps.duplicated), ("out of order", gaps.unordered))
     return ", ".join(f"{len(steps)} steps {kind} (first {steps[0]})" for kind, steps in kinds if steps)
+
+
+MEASURES = family(
+    "missed answers; steps that are missing in the record, there twice or out of order; missed answers by topic",
+    Count("lockstep.missed", lockstep, better=LOWER),
+    Count("lockstep.gaps", lockstep, better=LOWER),
+    Count("lockstep.missed_by_topic", lockstep, keys=(ANY_KEY,)),
+    "counts of the ego's messages by outcome ([terms](ego-interface.md#what-goes-wrong))",
+    Measure("lockstep.ego_port", lockstep, kinds=(int, str), keys=(*COUNTS, "interface")),
+)
+VALIDITY = family(
+    "false where a stage failed, or an answer or a step is missing; and why",
+    Truth("valid", lambda run: not run.once(problems), better=HIGHER),
+    Text("why", lambda run: "; ".join(run.once(problems))),
+)

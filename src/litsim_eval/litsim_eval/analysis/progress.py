@@ -1,4 +1,4 @@
-"""Progress: distances travelled by the agents."""
+"""Progress: distances travelled by the agents, and whether they stay on the road."""
 
 from __future__ import annotations
 
@@ -6,8 +6,13 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
+from litsim_eval.analysis.collision import collisions
+from litsim_eval.analysis.displacement import displacements
+from litsim_eval.analysis.measure import LOWER, MEAN, Measure, Row, Share, Table, family, largest, mean, mean_of
 from litsim_sim.core.scene import AgentTable, FloatArray
 from litsim_sim.core.steps import Steps
+from litsim_sim.record.lanes import lane_map_of
+from litsim_sim.record.run import Run
 
 
 def distance_of(tables: Sequence[AgentTable], agent: int, last: int | None = None) -> float | None:
@@ -50,3 +55,44 @@ def _lengths(steps: Steps, log: Steps) -> FloatArray:
         parts = np.hypot(table.x[at] - table.x[before], table.y[at] - table.y[before])
         np.add.at(total, log.ids.searchsorted(ids[counts]), parts)  # in order of the steps, too
     return total
+
+
+def _off_road_controlled(run: Run) -> float | None:
+    """Returns the share of agent-steps under control with the box centre on no lane; None without any, or a net."""
+    lane_map, off_road = lane_map_of(run), np.empty(0, np.bool_)
+    if lane_map is None:
+        return None
+    for part in run.simulated.parts():
+        table = part.stacked
+        x, y = table.x[table.of_policy], table.y[table.of_policy]
+        off_road = np.append(off_road, ~lane_map.inside_road(x, y))
+    return mean_of(off_road)
+
+
+def _driven(run: Run, agents: Collection[int] | None = None) -> float | None:
+    """Returns :func:`mean_progress` after the history."""
+    last = run.info.history_steps - 1
+    return mean_progress(run.steps.after(last), run.logged.after(last), agents)
+
+
+def _logged(run: Run) -> float | None:
+    logged = run.logged.after(run.info.history_steps - 1)
+    return mean_progress(logged, logged)
+
+
+def _replay_error(run: Run) -> float | None:
+    return max(run.once(displacements).replay_error().values(), default=None)
+
+
+OFF_ROAD, LARGEST = (Row("off_road", mean, of_control=True),), (Row(over=largest, table=Table.NONE),)
+MEASURES = family(
+    "share of the agent-steps under control at which the box centre is on no lane; `null` if there are none",
+    Share("off_road_controlled", _off_road_controlled, "off road, controlled", "", LOWER, rows=OFF_ROAD),
+    "largest displacement of an agent that was never under control",
+    Measure("replay_error_max_m", _replay_error, "", "m", LOWER, rows=LARGEST),
+    "mean distance that the agents of the log travel after the history; those ever under control; the log's own. Only "
+    "steps within the agent's log count",
+    Measure("progress_m", _driven, "progress of all agents", "m", rows=MEAN),
+    Measure("progress_controlled_m", lambda run: _driven(run, run.once(collisions).controlled), unit="m"),
+    Measure("progress_log_m", _logged, "progress of all agents in the log", "m"),
+)

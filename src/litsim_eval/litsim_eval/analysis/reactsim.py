@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from litsim_eval.analysis.collision import Collisions, Verdict, judge
-from litsim_eval.analysis.metrics_tree import ReactSimMetrics
+from litsim_eval.analysis.collision import Verdict, collisions, judge
+from litsim_eval.analysis.measure import LOWER, Branch, Count, Share, family
 from litsim_eval.analysis.motion_features import SAMPLE
 from litsim_sim.core.geometry import to_body, wrap_angle
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
@@ -32,16 +33,16 @@ AT_FAULT = (Verdict.FRONT, Verdict.STOPPED_TRACK)
 EXCUSED = (Verdict.REAR, Verdict.STOPPED_EGO)
 
 
-def reactsim(run: Run, hits: Collisions) -> ReactSimMetrics:
+@Branch
+def reactsim(run: Run) -> dict[str, Any]:
     """Returns the measures over the steps after the history; None for a share of nothing.
 
     Vehicles and other agents are all of the background, whether a policy drives them or not. The last four measures are
     of every fifth step.
     """
     ego, lane_map, steps = run.info.ego_id, lane_map_of(run), run.simulated
-    touched = {
-        sum(pair) - ego: steps[int(steps.step.searchsorted(at))] for pair, at in hits.first.items() if ego in pair
-    }
+    first = run.once(collisions).first
+    touched = {sum(pair) - ego: steps[int(steps.step.searchsorted(at))] for pair, at in first.items() if ego in pair}
     vehicles = {agent: table for agent, table in touched.items() if not table.obstacle[table.row(agent)]}
     sampled = _sampled(steps, ego, lane_map)
     return {
@@ -193,3 +194,20 @@ def _wrong_way(sampled: _Sampled) -> float | None:
 
 def _share(which: BoolArray) -> float | None:
     return float(which.mean()) if len(which) else None
+
+
+MEASURES = family(
+    "of [ReactSim-Bench](https://arxiv.org/abs/2606.14058): vehicles that touch the ego at their own fault; that "
+    "follow it with a time to collision below 0.5 s, or touch it",
+    Count("reactsim.ego_contacts", reactsim, better=LOWER),
+    Count("reactsim.ego_short_ttc", reactsim, better=LOWER),
+    "share of the agent-steps of the background in contact with others of it; of its vehicles' steps with the centre "
+    "on no lane, for those first seen on one; of its vehicles that drive against the traffic: 75° off, faster than 1 "
+    "m/s, 2 m backwards in a second, for half a second",
+    Share("reactsim.contact_share", reactsim, better=LOWER),
+    Share("reactsim.off_road", reactsim, better=LOWER),
+    Share("reactsim.wrong_way", reactsim, better=LOWER),
+    "shares of its vehicles' steps with more than 6 m/s², and with a curvature of more than 0.3 per metre",
+    Share("reactsim.acceleration_infeasible", reactsim, better=LOWER),
+    Share("reactsim.curvature_infeasible", reactsim, better=LOWER),
+)

@@ -9,15 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from litsim_eval.analysis.collision import collisions
+from litsim_eval.analysis.measure import HIGHER, Branch, Count, Measure, Text, family
 from litsim_eval.analysis.motion_features import FEATURES, Sampled, sampled
-from litsim_eval.analysis.signals import Passage
+from litsim_eval.analysis.signals import Passage, log_passages, run_passages
 from litsim_sim.core.scene import AgentTable, ByteArray, FloatArray
 from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.record.lanes import lane_map_of
+from litsim_sim.record.run import Run
 
+ROI_M = 30.0  # [m] default of a scenario without `roi_m`
 SMOOTHING = 0.1  # pseudo-count of a bin, so that no likelihood is 0
 
 
@@ -112,3 +118,62 @@ class _Histogram:
         """Returns the geometric mean likelihood of values in the bins `judged` (m,) over the logged, at most 1."""
         excess = self.log_likelihood[judged].mean() - self.mean
         return float(min(1.0, np.exp(excess)))
+
+
+def roi_of(run: Run) -> float:
+    """Returns the radius [m] of the region of interest of the run's scenario."""
+    return float(run.scenario.get("roi_m", ROI_M))
+
+
+def near_ego_in_log(run: Run) -> set[int]:
+    """Returns agents whose logs enter the region of interest around the ego's log; the same for every policy."""
+    near: set[int] = set()
+    for logged in run.simulated_log.parts():
+        table = logged.stacked
+        ego = logged.rows_of(np.array([run.info.ego_id]))[table.number, 0]
+        apart = np.hypot(table.x - table.x[ego], table.y - table.y[ego])
+        near |= set(table.id[(ego >= 0) & (apart <= roi_of(run))].tolist())
+    return near - {run.info.ego_id}
+
+
+def naturalness(run: Run) -> Naturalness:
+    """Returns what judges the agents of a run that were ever under control, or come near the ego in the log."""
+    agents = run.once(collisions).controlled | run.once(near_ego_in_log)
+    passed = run.once(run_passages) or (), run.once(log_passages)
+    return Naturalness(run.simulated, run.simulated_log, agents, lane_map_of(run), run.info.dt, *passed)
+
+
+@Branch
+def realism(run: Run) -> dict[str, Any] | None:
+    """Returns the likelihood of the agents ever under control, under the histograms of the log."""
+    likelihood = run.once(naturalness).of(run.once(collisions).controlled)
+    if likelihood is None:
+        return None
+    lights = "judged" if "traffic_light_violation" in likelihood.features else "no stop line passed"
+    return {
+        "score": likelihood.score,
+        "features": likelihood.features,
+        "traffic_lights": "no signals" if run.signals is None else lights,
+        "agent_steps": likelihood.steps,
+    }
+
+
+def _near_ego(run: Run) -> float | None:
+    judged = run.once(naturalness).of(run.once(near_ego_in_log))
+    return None if judged is None else judged.score
+
+
+MEASURES = family(
+    "of the agents ever under control: likelihood of their motion under the histograms of the log, relative to the "
+    "log's own, with the weights of the Waymo sim agents challenge, over the features that can be judged, at every "
+    "fifth step",
+    Measure("realism.score", realism, "realism", "", HIGHER),
+    Measure("realism.features", realism, better=HIGHER, keys=tuple(FEATURES)),
+    "`judged`: the score has a term for the stop lines that these agents passed, green or red, against those passed in "
+    "the log (weight 0.05); else why it has none",
+    Text("realism.traffic_lights", realism),
+    "number of judged agent-steps",
+    Count("realism.agent_steps", realism),
+    "the score of the agents whose logs come within `roi_m` of the ego's log, the same under every policy",
+    Measure("realism_near", _near_ego, better=HIGHER),
+)

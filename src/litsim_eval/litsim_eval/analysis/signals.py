@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from litsim_sim.core.scene import AgentTable, Controller, IntArray
+from litsim_eval.analysis.measure import KNOWN_OF_EGO, LOWER, Count, Listed, Metrics, family, moments_of
+from litsim_sim.core.scene import STEP_S, AgentTable, Controller, IntArray
 from litsim_sim.core.signals import STOP_STATES, SignalState
 from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.signal_links import crossings
@@ -93,3 +95,54 @@ def run_passages(run: Run) -> list[Passage] | None:
 def log_passages(run: Run) -> list[Passage]:
     """Returns passages in the recording at the same steps; empty if the scenario has no signals."""
     return [] if run.signals is None else passages(run.signals, run.logged.after(run.info.history_steps - 1))
+
+
+def red_lights(metrics: Metrics) -> Iterator[Mapping[str, Any]]:
+    """Yields the stop lines that the ego passed at red."""
+    yield from (each for each in metrics["signals"]["reds"] if each["by"] == "ego")
+
+
+def _red_text(_: Any, __: str, metrics: Metrics) -> str:
+    texts = [f"{each['connection']} at {STEP_S * each['step']:.1f} s" for each in red_lights(metrics)]
+    return f"red light passed, {' and '.join(texts)}" if texts else ""
+
+
+def _of_passages(read: Callable[[Run, list[Passage]], Any]) -> Callable[[Run], Any]:
+    """Returns the function of what is read of a run's passages; None without signals."""
+
+    def value(run: Run) -> Any:
+        passed = run.once(run_passages)
+        return None if passed is None else read(run, passed)
+
+    return value
+
+
+def _at_red(_: Run, passed: list[Passage]) -> list[dict[str, Any]]:
+    names = ("agent", "step", "connection", "group")
+    return [
+        {**{name: getattr(each, name) for name in names}, "by": each.controller.name.lower()}
+        for each in passed
+        if each.at_red
+    ]
+
+
+MEASURES = family(
+    "stop lines passed, and those passed at red, by the ego, by agents under control, and in the recording "
+    "([signals](signals.md#where-they-show)); null if the scenario has no signals",
+    Count("signals.passed", _of_passages(lambda _, passed: len(passed))),
+    Count(
+        "signals.red_ego",
+        _of_passages(lambda run, passed: sum(each.at_red and each.agent == run.info.ego_id for each in passed)),
+        *("ego: red lights passed", "", LOWER),
+        rows=KNOWN_OF_EGO,
+        sentence=_red_text,
+        moments=moments_of(red_lights),
+    ),
+    Count(
+        "signals.red_controlled",
+        _of_passages(lambda _, passed: sum(each.at_red and each.controller == Controller.POLICY for each in passed)),
+        better=LOWER,
+    ),
+    Count("signals.red_log", _of_passages(lambda run, _: sum(each.at_red for each in run.once(log_passages)))),
+    Listed("signals.reds", _of_passages(_at_red)),
+)

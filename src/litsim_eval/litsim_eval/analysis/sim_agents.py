@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from litsim_eval.analysis.collision import Collisions
-from litsim_eval.analysis.metrics_tree import SimAgentsMetrics
+from litsim_eval.analysis.collision import collisions
+from litsim_eval.analysis.measure import HIGHER, Branch, Count, Measure, family
 from litsim_eval.analysis.motion_features import SIM_AGENTS, Sampled
+from litsim_eval.analysis.realism import naturalness
 from litsim_eval.analysis.signals import log_passages, run_passages
 from litsim_sim.core.scene import ByteArray, IntArray
 from litsim_sim.record.run import Run
@@ -45,14 +47,10 @@ class Acts:
     ran_red: Collection[int] | None
 
 
-def sim_agents(run: Run, hits: Collisions, here: Sampled, there: Sampled) -> SimAgentsMetrics | None:
-    """Returns the likelihood of the logs of the agents ever under control; None if there is nothing to judge.
-
-    Args:
-        run: the run.
-        hits: its collisions.
-        here, there: features of its agents in the run, and in the log.
-    """
+@Branch
+def sim_agents(run: Run) -> dict[str, Any] | None:
+    """Returns the likelihood of the logs of the agents ever under control; None if there is nothing to judge."""
+    hits, features = run.once(collisions), run.once(naturalness)
     acts, logged = (
         Acts(collided, None if run.signals is None else {each.agent for each in passed(run) or () if each.at_red})
         for collided, passed in (
@@ -60,12 +58,12 @@ def sim_agents(run: Run, hits: Collisions, here: Sampled, there: Sampled) -> Sim
             ({agent for pair in hits.log for agent in pair}, log_passages),
         )
     )
-    return log_likelihood((here, acts), (there, logged), hits.controlled)
+    return log_likelihood((features.run, acts), (features.log, logged), hits.controlled)
 
 
 def log_likelihood(
     run: tuple[Sampled, Acts], log: tuple[Sampled, Acts], agents: Collection[int]
-) -> SimAgentsMetrics | None:
+) -> dict[str, Any] | None:
     """Returns the likelihood of the log of `agents` under their motion in the run; None if no log is sampled.
 
     Args:
@@ -134,3 +132,17 @@ def _weighted(features: Mapping[str, float | None]) -> float | None:
     known = {name: value for name, value in features.items() if value is not None}
     total = sum(SIM_AGENTS[name].weight for name in known)
     return sum(SIM_AGENTS[name].weight * value for name, value in known.items()) / total if known else None
+
+
+MEASURES = family(
+    "likelihood of the logs of the agents ever under control, given what they did in the run, as in the [Waymo Open "
+    "Sim Agents Challenge](https://arxiv.org/abs/2305.12032) of 2025, with its ten features, weights, bins and "
+    "smoothing: each agent's values in the run make a histogram, under which its logged values are judged",
+    Measure("sim_agents.score", sim_agents, better=HIGHER),
+    "the same by the challenge's groups and by feature (null without data: lanes, signals); number of agents",
+    Measure("sim_agents.kinematic", sim_agents, better=HIGHER),
+    Measure("sim_agents.interaction", sim_agents, better=HIGHER),
+    Measure("sim_agents.map", sim_agents, better=HIGHER),
+    Measure("sim_agents.features", sim_agents, better=HIGHER, keys=tuple(SIM_AGENTS)),
+    Count("sim_agents.agents", sim_agents),
+)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 import shapely
 
 from litsim_data.mining.lane_tracks import true_runs
+from litsim_eval.analysis.measure import KNOWN_OF_EGO, LOWER, Listed, Metrics, family, moments_of
 from litsim_sim.core.geometry import arc_lengths, box_corners, wrap_angle
-from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.core.signals import STOP_STATES, SignalState
 from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.signal_links import SignalLink
@@ -153,3 +156,30 @@ def _before(link: SignalLink, track: _Track) -> BoolArray:
 def _lasting(true: BoolArray, dt: float) -> list[tuple[int, int]]:
     """Returns begin and end (exclusive) of each run of True that lasts for LASTS_S at least."""
     return [(begin, end) for begin, end in true_runs(true) if (end - begin) * dt >= LASTS_S]
+
+
+def standoff_text(entry: Mapping[str, Any]) -> str:
+    """Returns a sentence on an entry of `standoffs` of `metrics.json`."""
+    first = {"ego": "the ego could go first", "other": f"{entry['agent']} could go first"}.get(
+        entry["could_go_first"], f"{entry['could_go_first']} could go first"
+    )
+    until = f"until {STEP_S * entry['end_step']:.1f} s" if entry["resolved"] else "to the end"
+    begin = f"{STEP_S * entry['step']:.1f} s"
+    return f"ego and {entry['agent']} stand for each other from {begin} {until}, {first}"
+
+
+def _texts(_: Any, __: str, metrics: Metrics) -> str:
+    return "; ".join(map(standoff_text, metrics["standoffs"]))
+
+
+moments_of_standoffs = moments_of(lambda metrics: metrics.get("standoffs", []))
+MEASURES = family(
+    "[standoffs](#standoffs) of the ego: `agent`, the other; `step`, `end_step`; `could_go_first`: `ego`, `other`, "
+    "`either` or `neither`; `resolved`: whether one of them moved on",
+    Listed(
+        *("standoffs", lambda run: [asdict(each) for each in standoffs(run)], "standoffs", "", LOWER),
+        rows=KNOWN_OF_EGO,
+        sentence=_texts,
+        moments=moments_of_standoffs,
+    ),
+)

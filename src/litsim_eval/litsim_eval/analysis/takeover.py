@@ -3,12 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from litsim_eval.analysis.collision import collisions
+from litsim_eval.analysis.measure import (
+    LOWER,
+    MEAN_CONTROLLED,
+    SUM_CONTROLLED,
+    Branch,
+    Count,
+    Listed,
+    Measure,
+    Metrics,
+    Row,
+    Share,
+    Table,
+    family,
+    figure_at,
+    largest,
+    mean,
+    share_of,
+    total,
+)
+from litsim_eval.analysis.realism import roi_of
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_sim.core.dynamics import SPEED_MIN, VehicleLimits
 from litsim_sim.core.geometry import overlapping_pairs, wrap_angle
@@ -341,3 +362,99 @@ def _from_log(run: Run, index: int, agent: int, lag: int) -> float | None:
         return None
     i, j = table.row(agent), logged.row(agent)
     return float(np.hypot(table.x[i] - logged.x[j], table.y[i] - logged.y[j]))
+
+
+def _share_taken_over(run: Run, within: float | None = None) -> float | None:
+    """Returns the share of the background that is taken over, `within` so many metres of the ego, if given."""
+    background = run.once(collisions).agents - {run.info.ego_id}
+    taken_over = {
+        entry.agent
+        for entry in run.once(ledger)
+        if within is None or (entry.ego_distance_m is not None and entry.ego_distance_m <= within)
+    }
+    return share_of(len(taken_over & background), len(background))
+
+
+@Branch
+def handback(run: Run) -> dict[str, Any]:
+    """Returns the number of returns to the log, their residuals, and the largest jumps in the run and in the log."""
+    back = handbacks(run)
+    jumps, noise = Jump(), Jump()
+    for each in back:
+        jumps, noise = jumps.largest(each.jump), noise.largest(each.log_jump)
+    residuals = [each.residual for each in back if each.residual is not None]
+    return {
+        "count": len(back),
+        "max_position_jump_m": jumps.position,
+        "max_speed_jump_mps": jumps.speed,
+        "max_yaw_jump_rad": jumps.yaw,
+        "residual_m": float(np.mean(residuals)) if residuals else None,
+        "max_residual_m": max(residuals, default=None),
+        "log_position_jump_m": noise.position,
+        "log_speed_jump_mps": noise.speed,
+        "log_yaw_jump_rad": noise.yaw,
+    }
+
+
+def _released(run: Metrics) -> float:
+    return sum(each["released_step"] is not None for each in run["ledger"])
+
+
+def _held_to_the_end(run: Metrics) -> float:
+    return sum(each["released_step"] is None and each["outcome"] is None for each in run["ledger"])
+
+
+def _held_s(run: Metrics) -> float:
+    return sum(each["held_s"] for each in run["ledger"])
+
+
+PER_RUN = Row(
+    *("takeovers_per_run", mean), title="takeovers per run", figure=lambda run: float(run["takeovers"]), of_control=True
+)
+OF_LEDGER = (
+    Row("releases", title="handed back to their logs", figure=_released, of_control=True),
+    Row(
+        *("released_share", total, Table.SIMULATION, "share handed back"),
+        figure=_released,
+        below=figure_at("takeovers"),
+        share=True,
+        of_control=True,
+    ),
+    Row("releases_missing", title="held to the end of the run", figure=_held_to_the_end, of_control=True),
+    Row("held_s", title="time under control", unit="s", figure=_held_s, of_control=True),
+)
+LARGEST = (Row(over=largest, of_control=True),)
+CUT_SHORT = (Row(title="steps cut short in detection", of_control=True),)
+MEASURES = family(
+    "agents taken over, divided by agents; the same for takeovers that began within `roi_m` of the ego",
+    Share("relevant_ratio", _share_taken_over, "taken over", rows=MEAN_CONTROLLED),
+    Share("relevant_ratio_roi", lambda run: _share_taken_over(run, roi_of(run)), "taken over near the ego"),
+    "takeovers; those whose log would have hit nobody",
+    Count("takeovers", lambda run: len(run.once(ledger)), "takeovers", rows=(*SUM_CONTROLLED, PER_RUN)),
+    Count(
+        *("false_alarms", lambda run: sum(entry.false_alarm for entry in run.once(ledger)), "false alarms", "", LOWER),
+        rows=SUM_CONTROLLED,
+    ),
+    "the most iterations of detection within a step; steps at which their bound was hit",
+    Count(
+        "detection.max_iterations", lambda run: max((each.iterations for each in run.detections.values()), default=0)
+    ),
+    Count(
+        *("detection.bound_hits", lambda run: sum(not each.converged for each in run.detections.values())),
+        better=LOWER,
+        rows=CUT_SHORT,
+    ),
+    "every [takeover](#series-and-takeovers)",
+    Listed("ledger", lambda run: [asdict(entry) for entry in run.once(ledger)], rows=OF_LEDGER),
+    "hand-backs to the log, [lag included](conflicts.md#hand-back): their number; the largest jump of position, speed "
+    "and heading until the agent is on its log; mean and largest residual; the jumps of the log itself in that time",
+    Count("handback.count", handback, "hand-backs"),
+    Measure("handback.max_position_jump_m", handback, "largest jump", "m", LOWER, rows=LARGEST),
+    Measure("handback.max_speed_jump_mps", handback, "", "m/s", LOWER),
+    Measure("handback.max_yaw_jump_rad", handback, "", "rad", LOWER),
+    Measure("handback.residual_m", handback, "", "m", LOWER),
+    Measure("handback.max_residual_m", handback, "largest distance at return", "m", LOWER, rows=LARGEST),
+    Measure("handback.log_position_jump_m", handback, unit="m"),
+    Measure("handback.log_speed_jump_mps", handback, unit="m/s"),
+    Measure("handback.log_yaw_jump_rad", handback, unit="rad"),
+)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
-from litsim_eval.analysis.metrics_tree import Spread, TimingMetrics
+from litsim_eval.analysis.measure import ANY_KEY, HIGHER, Branch, Measure, Row, Table, family, mean
 from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES
 from litsim_sim.record.run import Run
 
@@ -15,7 +16,8 @@ Marks = Mapping[str, Mapping[int, Mapping[str, float]]]
 """Clock times [s] by stage, step and mark: `begin` and `answered` for every stage, and more for the bridge."""
 
 
-def timing(run: Run) -> TimingMetrics:
+@Branch
+def timing(run: Run) -> dict[str, Any]:
     """Returns wall time and compute times; the latter without step 0, which includes loading and compilation."""
     wall = run.summary.get("wall_s")
     last = run.tables[-1].step
@@ -32,7 +34,7 @@ def timing(run: Run) -> TimingMetrics:
     }
 
 
-def _spread(seconds: dict[str, list[float]]) -> dict[str, Spread]:
+def _spread(seconds: dict[str, list[float]]) -> dict[str, dict[str, float]]:
     times = {name: 1e3 * np.array(values) for name, values in seconds.items() if values}
     return {
         name: {"min": float(ms.min()), "median": float(np.median(ms)), "max": float(ms.max())}
@@ -77,3 +79,16 @@ def step_path(step: int, marks: Marks) -> dict[str, float]:
         "whole step": after["begin"] - bridge["begin"],
         "(bridge: standard types and SUMO)": bridge["free"] - bridge["shown"],
     }
+
+
+SPREAD = tuple(f"{ANY_KEY}.{name}" for name in ("min", "median", "max"))
+NOT_SHOWN = (Row(over=mean, table=Table.NONE),)
+MEASURES = family(
+    "wall time; simulated time over it",
+    Measure("timing.wall_s", timing, "wall time", "s"),
+    Measure("timing.realtime_factor", timing, "× real time", "", HIGHER, rows=NOT_SHOWN),
+    "minimum, median, maximum of compute time by stage; of the parts of a step's path through the graph (empty in "
+    "process and with `replay`)",
+    Measure("timing.stage_ms", timing, unit="ms", keys=SPREAD),
+    Measure("timing.path_ms", timing, unit="ms", keys=SPREAD),
+)

@@ -9,7 +9,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from litsim_eval.analysis.metrics_tree import ANY_KEY, leaves, metric_fields
+from litsim_eval.analysis.measure import ANY_KEY
+from litsim_eval.analysis.metrics_tree import leaves, metric_fields
 from litsim_eval.campaign.criteria import counted
 from litsim_eval.campaign.results import RunResult
 from litsim_sim.io.files import replacing

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from litsim_eval.analysis.summary import Figure, mean, measures, summarise, total
+from litsim_eval.analysis.measure import Figure, mean, total
+from litsim_eval.analysis.summary import summarise, table_rows
 from litsim_eval.campaign.bootstrap import percentile_bounds, ratios, times_drawn
 from litsim_eval.campaign.criteria import PASSED_SHARE, Verdict
 from litsim_eval.campaign.results import RunResult
@@ -68,12 +69,12 @@ def _figures(results: Sequence[RunResult]) -> Iterator[tuple[str, FloatArray, Fl
     for name, verdict in VERDICTS.items():
         yield name, np.array([float(result.verdict == verdict) for result in results]), None
     yield "reactive", np.nan_to_num(values(lambda run: run["reactive"])), np.ones(len(results))
-    for measure in measures():
-        assert measure.figure is not None
-        above = values(measure.figure)
-        if measure.over is mean:
-            yield measure.name, np.nan_to_num(above), (~np.isnan(above)).astype(float)
-        elif measure.over is total and not np.isnan(above[measured]).any():
-            below = None if measure.below is None else values(measure.below)
+    for row in table_rows():
+        assert row.figure is not None
+        above = values(row.figure)
+        if row.over is mean:
+            yield row.name, np.nan_to_num(above), (~np.isnan(above)).astype(float)
+        elif row.over is total and not np.isnan(above[measured]).any():
+            below = None if row.below is None else values(row.below)
             if below is None or not np.isnan(below[measured]).any():
-                yield measure.name, np.nan_to_num(above), below if below is None else np.nan_to_num(below)
+                yield row.name, np.nan_to_num(above), below if below is None else np.nan_to_num(below)

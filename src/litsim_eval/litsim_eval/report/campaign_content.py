@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os.path
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from litsim_eval.analysis.metrics_tree import leaves
+from litsim_eval.analysis.measure import Table
+from litsim_eval.analysis.metrics import measures
+from litsim_eval.analysis.metrics_tree import leaves, measures_by_field
 from litsim_eval.campaign.results import RUNS_FOLDER, Campaign, RunResult, rerun_command
 from litsim_eval.report.packing import Packer
 from litsim_eval.report.thumbnails import UNIT_RAD
@@ -16,45 +19,10 @@ from litsim_eval.report.wording import leaf
 from litsim_sim.core.scene import STEP_S
 
 DIGITS = 5  # significant digits of numbers on the page
-NAMED: dict[str, tuple[str, int | None]] = {
-    "ade_controlled_m.10": ("controlled: ADE@10 s [m]", 2),
-    "ade_ego_m.10": ("ego: ADE@10 s [m]", 2),
-    "collision.ego_at_fault": ("contacts, ego at fault", 0),
-    "collision.ego_contacts": ("contacts of the ego", 0),
-    "collision.excess": ("pairs not in the log", 0),
-    "comfort.ego.hard_brakes": ("ego: hard brakes", 0),
-    "comfort.ego.within.lateral_acceleration": ("ego: comfort of steering", 3),
-    "comfort.ego.within.longitudinal_acceleration": ("ego: comfort of accelerating", 3),
-    "comfort.ego.within.longitudinal_jerk": ("ego: comfort of jerk", 3),
-    "ego_motion.off_road": ("ego: off road [share]", 3),
-    "ego_motion.progress_ratio": ("ego: progress over its log's", 2),
-    "false_alarms": ("false alarms", 0),
-    "handback.max_position_jump_m": ("largest jump [m]", 3),
-    "minimum_risk_s": ("ego: minimum-risk manoeuvres [s]", 1),
-    "progress_m": ("progress [m]", 1),
-    "safety.avoidable_contacts": ("avoidable contacts", 0),
-    "safety.max_drac_mps2": ("ego: largest DRAC [m/s²]", 2),
-    "safety.min_headway_s": ("ego: shortest headway [s]", 2),
-    "safety.min_own_ttc_s": ("ego: shortest own TTC [s]", 2),
-    "safety.min_pet_s": ("ego: shortest PET [s]", 2),
-    "safety.min_ttc_s": ("ego: shortest TTC [s]", 2),
-    "signals.red_ego": ("ego: red lights passed", 0),
-    "takeovers": ("takeovers", 0),
-    "timing.realtime_factor": ("× real time", 1),
-    "traffic.driven.headway_below_half_s": ("driven: headway below 0.5 s [share]", 3),
-    "traffic.driven.headway_s": ("driven: median headway [s]", 2),
-    "traffic.driven.ttc_below_3_s": ("driven: TTC below 3 s [share]", 3),
-    "traffic.headway_ratio": ("driven: headway over their logs'", 2),
-}
-"""Title and digits after the point of measures; others are called by their path."""
-
-MAIN = (
-    *("safety.min_ttc_s", "safety.min_pet_s", "collision.ego_contacts", "ego_motion.progress_ratio", "takeovers"),
-    *("false_alarms", "ade_ego_m.10", "collision.excess"),
-)
-"""Measures that the table shows after those of criteria: the first :data:`SHOWN` that differ between runs."""
-
 SHOWN = 5
+FIRST = (Table.EGO, Table.SIMULATION)
+"""Tables whose measures that of the runs shows after those of criteria: the first :data:`SHOWN` that differ."""
+LINK = re.compile(r"\[([^]]*)\]\([^)]*\)")
 TOO_FINE = ("timing.stage_ms.", "timing.path_ms.", "lockstep.missed_by_topic.", "lockstep.ego_port.")
 """Branches of the measures that are left out, as their fields differ from run to run."""
 
@@ -111,19 +79,20 @@ def fields_of(campaign: Campaign) -> list[dict[str, Any]]:
     """Returns every measure that is a number or a boolean in any run, with its value in each.
 
     Returns:
-        For each its path, title, digits, the limits that criteria set on it, whether it is shown from the start, and
-        its values in the order of the runs, None where a run has none. Those shown come first.
+        For each its path, title, digits, definition, the limits that criteria set on it, whether it is shown from the
+        start, and its values in the order of the runs, None where a run has none. Those shown come first.
     """
     runs = [_numbers(result) for result in campaign.results]
     known = dict.fromkeys(path for run in runs for path in run)
     judged = dict.fromkeys(each.field for each in campaign.criteria.runs)
-    differing = [path for path in dict.fromkeys((*judged, *MAIN)) if len({run.get(path) for run in runs} - {None}) > 1]
-    main = differing[:SHOWN]
+    in_tables = (each.name for table in FIRST for each in measures() if any(row.table == table for row in each.rows))
+    first = dict.fromkeys((*judged, *in_tables))
+    main = [path for path in first if len({run.get(path) for run in runs} - {None}) > 1][:SHOWN]
+    titled = [path for path, measure in measures_by_field().items() if measure.title and path in known]
     return [
         {
             "path": path,
-            "label": NAMED.get(path, (path, None))[0],
-            "digits": NAMED.get(path, (path, None))[1],
+            **_named(path),
             "limits": [
                 bound
                 for each in campaign.criteria.runs
@@ -133,8 +102,18 @@ def fields_of(campaign: Campaign) -> list[dict[str, Any]]:
             "main": path in main,
             "values": [run.get(path) for run in runs],
         }
-        for path in dict.fromkeys((*main, *(path for path in NAMED if path in known), *sorted(known)))
+        for path in dict.fromkeys((*main, *titled, *sorted(known)))
     ]
+
+
+def _named(path: str) -> dict[str, Any]:
+    """Returns label, digits after the point and definition of a field."""
+    measure = measures_by_field().get(path)
+    if measure is None:
+        return {"label": path, "digits": None, "about": ""}
+    digits = 3 if measure.share else 2 if float in measure.kinds else 0
+    about = LINK.sub(r"\1", measure.text).replace("`", "")
+    return {"label": measure.label(path), "digits": digits if measure.title else None, "about": about}
 
 
 def _numbers(result: RunResult) -> dict[str, float | bool]:

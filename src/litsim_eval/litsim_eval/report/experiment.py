@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
+from litsim_eval.analysis.measure import Table
 from litsim_eval.analysis.metrics_tree import leaves
-from litsim_eval.analysis.summary import DISPLACEMENTS, OF_EGO, OF_SIMULATION, TRAFFIC, Measure, added
+from litsim_eval.analysis.summary import mark_of, reached, rows_of
 from litsim_eval.campaign.background import background_sentences
 from litsim_eval.campaign.criteria import Verdict
 from litsim_eval.campaign.drawn import DrawnCase, drawn_cases
@@ -83,10 +83,10 @@ def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Pat
         names=list(by_variant),
         criteria=_criteria(campaign, by_variant),
         tags=_tags(by_variant),
-        summary=_side_by_side(summary, (*OF_EGO, *added())),
-        simulation=_side_by_side(summary, OF_SIMULATION, with_zeros=False),
-        traffic=_side_by_side(summary, TRAFFIC),
-        displacement=_side_by_side(summary, DISPLACEMENTS),
+        summary=_side_by_side(summary, Table.EGO),
+        simulation=_side_by_side(summary, Table.SIMULATION, with_zeros=False),
+        traffic=_side_by_side(summary, Table.TRAFFIC),
+        displacement=_side_by_side(summary, Table.DISPLACEMENT),
         unmeasured=any(variant["failed"] for variant in summary.values()),
         about=[("begun", campaign.begun_at), *((name, str(version)) for name, version in campaign.versions.items())],
         pictured=bool(pictures),
@@ -186,29 +186,27 @@ def _row(name: str, rule: str, passed: dict[str, list[bool]], **filters: str) ->
     return {"name": name, "rule": rule, "any": any(cell["count"] for cell in cells), "cells": cells}
 
 
-def _side_by_side(
-    summary: dict[str, dict[str, Any]], measures: Iterable[Measure], *, with_zeros: bool = True
-) -> list[dict[str, Any]]:
-    """Returns a row for each measure that any variant has, with a cell for each variant; the best of several is marked.
+def _side_by_side(summary: dict[str, dict[str, Any]], table: Table, *, with_zeros: bool = True) -> list[dict[str, Any]]:
+    """Returns the rows of a table that any variant has, with a cell for each variant; the best of several is marked.
 
     Values that leave out runs without measures have a mark. They are never marked as the best, as those runs might have
     changed them.
     """
     lines = []
-    rows = [leaves(variant) for variant in summary.values()]
-    for measure in measures:
-        values = [row[measure.name] for row in rows]
-        marks = [measure.mark(row) for row in rows]
+    variants = [leaves(variant) for variant in summary.values()]
+    for row in rows_of(table):
+        values = [variant[row.name] for variant in variants]
+        marks = [mark_of(row, variant) for variant in variants]
         whole = [value for value, mark in zip(values, marks, strict=True) if value is not None and not mark]
-        best = measure.better(whole) if measure.better and whole and min(whole) < max(whole) else None
-        text = percent if measure.share else number
+        best = row.better.best(whole) if row.better else None
+        text = percent if row.share else number
         cells = [
             {
-                "text": text(value) + ("" if value is None else measure.reached(row) + mark),
+                "text": text(value) + ("" if value is None else reached(row, variant) + mark),
                 "best": best is not None and value == best and not mark,
             }
-            for row, value, mark in zip(rows, values, marks, strict=True)
+            for variant, value, mark in zip(variants, values, marks, strict=True)
         ]
         if any(value is not None and (value or with_zeros) for value in values):
-            lines.append({"name": measure.title, "cells": cells})
+            lines.append({"name": row.heading, "cells": cells})
     return lines

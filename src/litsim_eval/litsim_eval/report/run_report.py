@@ -17,7 +17,7 @@ from litsim_eval.report.forecasts import read_forecasts
 from litsim_eval.report.pages import render_page
 from litsim_eval.report.plans import read_plans
 from litsim_eval.report.verdict import verdict_in
-from litsim_eval.report.wording import NOTHING, lockstep_text, number, percent
+from litsim_eval.report.wording import NOTHING, lockstep_text, measured
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.topic_names import RUN_INFO
 from litsim_sim.io.files import replacing
@@ -69,7 +69,7 @@ def render(run: Run, metrics: dict[str, Any], verdict: str = "") -> str:
         metrics=metrics,
         takeovers=takeover_table(metrics["ledger"], info.dt, info.ego_id),
         contacts=contact_table(metrics, info.dt, info.ego_id),
-        measures=_measures(metrics),
+        measures=[*measured(metrics), ("lock-step", lockstep_text(metrics["lockstep"]))],
         every_measure={name: value for name, value in metrics.items() if name != "ledger"},
         what_was_run=_what_was_run(run),
         scenario_yaml=run.scenario_yaml.strip(),
@@ -89,34 +89,6 @@ def _packed(run: Run, metrics: dict[str, Any]) -> tuple[str, int]:
     raise InputError(
         f"{run.path}: too long for one page: {len(data) / 1e6:.1f} MB of data, at most {DATA_MAX / 1e6:.1f}"
     )
-
-
-def _measures(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yields name and value, as text, of the most important measures."""
-    collision, back, timing = metrics["collision"], metrics["handback"], metrics["timing"]
-    yield "agents", f"{metrics['agents']}, {metrics['controlled_agents']} ever under control"
-    yield "colliding pairs", f"{collision['pairs']} ({collision['excess']} not in the log)"
-    fault = f"ego {collision['ego_at_fault']}, background {collision['background_at_fault']}"
-    yield "contacts of the ego, at fault", fault
-    rates = f"{percent(collision['rate_all'])} of all, {percent(collision['rate_controlled'])} of controlled"
-    yield "collision rate", rates
-    for name, key in (("controlled", "ade_controlled_m"), ("all", "ade_all_m"), ("ego", "ade_ego_m")):
-        values = {horizon: value for horizon, value in metrics[key].items() if value is not None}
-        where = f" m at {'/'.join(values)} s" if values else NOTHING
-        yield f"displacement from the log, {name}", " / ".join(number(v) for v in values.values()) + where
-    yield "progress", f"{number(metrics['progress_m'], 1, 'm')} (log {number(metrics['progress_log_m'], 1, 'm')})"
-    share = percent(metrics["relevant_ratio"])
-    yield "takeovers", f"{metrics['takeovers']} ({share} of agents), {metrics['false_alarms']} false alarms"
-    jump = f"largest jump {back['max_position_jump_m']:.3f} m, {back['max_speed_jump_mps']:.2f} m/s"
-    yield "hand-backs", f"{back['count']}; {jump}" if back["count"] else "0"
-    ego, others = metrics["comfort"]["ego"], metrics["comfort"]["controlled"]
-    yield "hard brakes", f"ego {ego['hard_brakes'] if ego else NOTHING}, under control {others['hard_brakes']}"
-    guarded = others["guarded"]
-    yield "commands changed by guards", f"{guarded['count']} of the policy's agent-steps ({percent(guarded['share'])})"
-    yield "lock-step", lockstep_text(metrics["lockstep"])
-    factor = timing["realtime_factor"]
-    yield "wall time", f"{number(timing['wall_s'], 2, 's')}, {number(factor, 2)} × real time"
-    yield "digest", metrics["digest"][:16]
 
 
 def _what_was_run(run: Run) -> Iterator[tuple[str, str]]:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
+
+from litsim_eval.analysis.measure import Measure, Metrics
+from litsim_eval.analysis.metrics import measures
+from litsim_eval.analysis.metrics_tree import leaves
 
 NOTHING = "–"
 
@@ -19,6 +23,26 @@ def number(value: Any, digits: int = 2, unit: str = "") -> str:
 def percent(value: float | None) -> str:
     """Returns a share from 0 to 1 as a percentage with one digit; a dash for None."""
     return NOTHING if value is None else f"{100.0 * value:.1f} %"
+
+
+def measured(metrics: Metrics) -> Iterator[tuple[str, str]]:
+    """Yields title and value, as text, of the measures of a run that have a title, and a value in the run.
+
+    Several values of one measure are behind each other, and so are their keys in the title.
+    """
+    values = leaves(metrics)
+    for measure in (each for each in measures() if each.title):
+        keys = [key for key in measure.keys or ("",) if values.get(measure.path(key)) is not None]
+        texts = [_value_text(measure, values[measure.path(key)]) for key in keys]
+        if texts:
+            yield measure.title.format("/".join(keys)), f"{' / '.join(texts)} {measure.unit}".rstrip()
+
+
+def _value_text(measure: Measure, value: Any) -> str:
+    """Returns a value without its unit; of a list its length."""
+    if isinstance(value, bool):
+        return leaf(value)
+    return percent(value) if measure.share else number(len(value) if isinstance(value, list) else value)
 
 
 def branches(value: Any) -> list[tuple[str, Any]]:

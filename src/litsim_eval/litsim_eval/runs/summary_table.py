@@ -11,8 +11,10 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
+from litsim_eval.analysis.measure import Row
+from litsim_eval.analysis.measure import Table as Shown
 from litsim_eval.analysis.metrics_tree import leaves
-from litsim_eval.analysis.summary import DISPLACEMENTS, MARK, OF_EGO, OF_SIMULATION, TRAFFIC, Measure, added
+from litsim_eval.analysis.summary import MARK, mark_of, reached, rows_of
 from litsim_eval.campaign.drawn import DrawnCase
 from litsim_eval.campaign.variant_summary import Bounds
 
@@ -42,14 +44,12 @@ def print_summary(
         everything: whether measures of the simulation are shown, not only those of the ego.
         bounds: of the figures, by variant, printed behind them.
     """
-    shown = (*OF_EGO, *((*OF_SIMULATION, *TRAFFIC, *DISPLACEMENTS) if everything else ()), *added())
+    tables = (Shown.EGO, Shown.SIMULATION, Shown.TRAFFIC, Shown.DISPLACEMENT) if everything else (Shown.EGO,)
     rows = {variant: leaves(values) for variant, values in summary.items()}
     lines = {
-        f"{measure.title} %" if measure.share else measure.title: {
-            variant: _text(measure, row, (bounds or {}).get(variant, {})) for variant, row in rows.items()
-        }
-        for measure in shown
-        if not (replayed and measure.of_control) and any(row.get(measure.name) is not None for row in rows.values())
+        row.heading: {variant: _text(row, values, (bounds or {}).get(variant, {})) for variant, values in rows.items()}
+        for row in rows_of(*tables)
+        if not (replayed and row.of_control) and any(values.get(row.name) is not None for values in rows.values())
     }
     named = _table({variant: variant for variant in rows}, lines)
     if _fits(named, console):
@@ -105,23 +105,23 @@ def _table(headings: Mapping[str, str], lines: Lines) -> Table:
     for heading in headings.values():
         table.add_column(heading, justify="right", no_wrap=True)
     for name, texts in lines.items():
-        table.add_row(name, *(texts[variant] for variant in headings))
+        table.add_row(Text(name), *(texts[variant] for variant in headings))
     return table
 
 
-def _text(measure: Measure, row: Mapping[str, Any], bounds: Bounds) -> str:
-    """Returns the value of a measure in a variant, with its bounds, if it has any."""
-    value = row.get(measure.name)
+def _text(row: Row, values: Mapping[str, Any], bounds: Bounds) -> str:
+    """Returns the value of a row in a variant, with its bounds, if it has any."""
+    value = values.get(row.name)
     between = ""
-    if measure.name in bounds:
-        low, high = (round(bound) if isinstance(value, int) else bound for bound in bounds[measure.name])
-        between = f" [{_number(measure, low)}, {_number(measure, high)}]"
-    return _number(measure, value) + measure.mark(row) + between + measure.reached(row)
+    if row.name in bounds:
+        low, high = (round(bound) if isinstance(value, int) else bound for bound in bounds[row.name])
+        between = f" [{_number(row, low)}, {_number(row, high)}]"
+    return _number(row, value) + mark_of(row, values) + between + reached(row, values)
 
 
-def _number(measure: Measure, value: float | None) -> str:
+def _number(row: Row, value: float | None) -> str:
     if value is None:
         return "-"
-    if measure.share:
+    if row.share:
         return f"{100.0 * value:.2f}"
     return str(value) if isinstance(value, int) else f"{value:.3g}"

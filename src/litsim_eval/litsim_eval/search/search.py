@@ -18,10 +18,10 @@ from scipy.stats import binomtest
 
 from litsim_data.exports.openscenario import OpenScenario
 from litsim_data.exports.reading import run_content
+from litsim_eval.analysis.safety import avoidable
 from litsim_eval.campaign.case import Case, cases_of
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.part import write_suite
-from litsim_eval.campaign.reasons import avoidable
 from litsim_eval.campaign.results import RunResult, read_results, rerun_command
 from litsim_eval.campaign.suite import CaseEntry, EgoSetup, Suite
 from litsim_eval.report.margins import write_margins_page

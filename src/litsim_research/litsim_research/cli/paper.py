@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from pathlib import Path
 
-from litsim_eval.analysis.summary import Metrics
+from litsim_eval.analysis.measure import Metrics
 from litsim_eval.campaign.results import Campaign, read_campaign
 from litsim_eval.campaign.suite import CAMPAIGN_FILE, Suite
 from litsim_research.paper import claims, tables

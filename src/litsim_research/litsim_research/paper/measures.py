@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from litsim_eval.analysis.summary import Metrics
+from litsim_eval.analysis.measure import Metrics
 from litsim_eval.campaign.bootstrap import drawn_units, percentile_bounds, ratios
 from litsim_eval.campaign.case import Case
 from litsim_eval.campaign.results import RunResult

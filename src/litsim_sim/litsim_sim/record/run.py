@@ -194,6 +194,10 @@ class Run:
         result: T = self._results[function]
         return result
 
+    def forget(self, function: Callable[[Run], Any]) -> None:
+        """Drops what :meth:`once` has kept of `function`, if anything."""
+        self._results.pop(function, None)
+
     @cached_property
     def _results(self) -> dict[Callable[[Run], Any], Any]:
         return {}

@@ -29,7 +29,8 @@ function measureColumn(runs, path) {
     cell.textContent = read(runs.value(run, path), field.digits);
     if (run.failed.some((each) => runs.criteria[each].field === path)) cell.classList.add("missed");
   };
-  return { id: path, title: field.label, hint: path, width: 84, sorts: true, number: true, draw };
+  const hint = field.about ? `${path}: ${field.about}` : path;
+  return { id: path, title: field.label, hint, width: 84, sorts: true, number: true, draw };
 }
 
 function drawText(cell, text, more = text) {
