@@ -90,8 +90,9 @@ def test_a_fault_fails_its_clause_alone(graph: Any) -> None:
 
 def test_a_stack_that_others_have_started(graph: Any) -> None:
     stack = graph.start_script("standard_ego.py", "--interface", "trajectory")
-    done = graph.finish(start(graph))
+    done = graph.finish(start(graph, "--warm"))
     assert done.returncode == 0, done.stdout + done.stderr
+    assert why(graph, "begins anew") == "a second run has the digest of the first"
     assert "by /standard_ego" in why(graph, "discovery")
     assert "its publisher is still there, idle" in why(graph, "end of run")
     assert graph.end(stack, signal.SIGKILL)[0] == -signal.SIGKILL  # it was left alone

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -61,6 +62,9 @@ def test_it_drives_the_demo(graph: Any, example: str, simulation_s: float, wante
             demo = scenario_file(graph.folder, simulation_s=simulation_s)  # its first seconds
             done = graph.launch("--scenario", demo, *options)
             assert done.returncode == 0, done.stderr
+            if example == "minimal_ads.py":
+                assert ads.poll() is None, "it waits for another run"
+                ads.send_signal(signal.SIGINT)
             assert ads.wait(timeout=120) == 0  # it has heard that the run is over
         finally:
             ads.kill()

@@ -103,6 +103,12 @@ def test_everything_right(seen: Evidence) -> None:
     assert found["values finite and feasible"].figures["clipped"] == 0
 
 
+def test_a_stack_begins_anew_if_a_second_run_is_the_same(seen: Evidence) -> None:
+    assert "begins anew" not in clauses(seen), "there was no second run"
+    assert clauses(replace(seen, difference=""))["begins anew"].verdict == PASS
+    assert only(replace(seen, difference="no answer"), "begins anew") == "second run: no answer"
+
+
 def test_nobody(seen: Evidence) -> None:
     gone = Ending(5.0, None, present=False)
     nothing = replace(

@@ -66,6 +66,7 @@ def judge(evidence: Evidence, limits: Limits) -> list[Clause]:
         frames(evidence),
         values(evidence, limits.clipped),
         ending(evidence),
+        *([] if evidence.difference is None else [anew(evidence.difference)]),
     )
     return [replace(clause, text=printable(clause.text)) for clause in clauses]
 
@@ -255,6 +256,12 @@ def ending(evidence: Evidence) -> Clause:
     quiet = "it is silent" if end.last_s is None else f"its last message came {end.last_s:.1f} s later"
     here = "its publisher is gone" if not end.present else "its publisher is still there, idle"
     return Clause(name, Verdict.PASS, f"{after}, {quiet}; {here}{how}", figures)
+
+
+def anew(difference: str) -> Clause:
+    """The stack, which stays up, drives a second run as it has driven the first."""
+    text = f"second run: {difference}" if difference else "a second run has the digest of the first"
+    return _judged("begins anew", difference, text, {})
 
 
 def _judged(name: str, faults: object, text: str, figures: dict[str, Any]) -> Clause:

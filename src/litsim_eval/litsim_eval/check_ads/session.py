@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from litsim_eval.analysis.metrics import digest
 from litsim_eval.check_ads.bystander import Bystander
 from litsim_eval.check_ads.trace import FAILED, FINISHED, Ending, Evidence, summarised
 from litsim_sim.core.errors import InputError
@@ -16,12 +15,9 @@ from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.core.topic_names import EGO_INPUTS
 from litsim_sim.ego_port.port import ego_state
 from litsim_sim.ego_port.tracking import EgoState
-from litsim_sim.launch.child import Child, start_supervised
-from litsim_sim.launch.middleware import enclave_setting
+from litsim_sim.launch.child import Child
 from litsim_sim.launch.nodes import find_executable, program_of
-from litsim_sim.launch.processes import STACK as ADS
-from litsim_sim.launch.processes import Graph, GraphFailed
-from litsim_sim.launch.signals import signals_deferred
+from litsim_sim.launch.processes import STACK, Graph, GraphFailed
 from litsim_sim.nodes.publishers import owners
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
@@ -31,8 +27,6 @@ TICK_S = 0.1  # [s] between two looks at the graph
 LEASE_S = 25.0  # [s] within which DDS notices that a process was killed
 MEETING_S = 60.0  # [s] for the bystander to find the bridge, which starts slowly on a busy machine
 LAZY_S = 5.0  # [s] for a stack that creates its publisher only for its first answer
-GRACE_S = 3.0  # [s] for a process to end after each signal
-STACK = "stack"
 
 
 @dataclass(frozen=True)
@@ -47,6 +41,7 @@ class Check:
         wait_s: time to wait for a publisher, and then for the answer to step 0 [s].
         answer_timeout_s: timeout of every later answer [s].
         end_wait_s: time for which the stack is watched after the run [s].
+        warm: whether the stack is to drive a second run.
     """
 
     scenario: Scenario
@@ -56,6 +51,7 @@ class Check:
     wait_s: float = 30.0
     answer_timeout_s: float = 5.0
     end_wait_s: float = 5.0
+    warm: bool = False
 
 
 def observe(check: Check) -> Evidence:
@@ -69,22 +65,25 @@ def observe(check: Check) -> Evidence:
     graph = Graph(check.out, check.domain_id, check.answer_timeout_s)
     file = check.out / "scenario.yaml"
     file.write_text(check.scenario.to_yaml(), encoding="utf-8")
+    starter = Graph(check.out, check.domain_id)  # of the stack alone, which outlives the run
     stack: Child | None = None
     internal = owners(plan.stages, external=True, signals=check.scenario.signals is not None)
     with Bystander(check.domain_id, internal) as bystander:
         try:
             graph.start(BRIDGE, nodes[BRIDGE], _bridge(check, plan, file))
             _meet(graph.children[BRIDGE], bystander)
-            stack = _start(check) if check.command else None
+            if check.command:
+                starter.start_stack(check.command)
+                stack = starter.children[STACK]
             _discover(check, bystander, stack)
             graph.start(RECORDER, nodes[RECORDER], {"output": str(check.out), "overwrite": True})
             left = _follow(graph.children[BRIDGE], bystander, stack)
             failure = _failure(graph, left)
             ending, left = _watch_end(check, bystander, stack, left)
+            difference = _second_run(check, nodes, _bridge(check, plan, file)) if check.warm and not failure else None
         finally:
             graph.stop()
-            if stack is not None:
-                _end(stack)
+            starter.stop()
         return Evidence(
             wait_s=check.wait_s,
             discovered_s=bystander.discovered_s,
@@ -106,6 +105,7 @@ def observe(check: Check) -> Evidence:
             left=left,
             ending=ending,
             intrusions=tuple(bystander.intrusions),
+            difference=difference,
         )
 
 
@@ -148,16 +148,6 @@ def _discover(check: Check, bystander: Bystander, stack: Child | None) -> None:
         bystander.listen(TICK_S)
     if bystander.discovered_s:
         bystander.listen(3 * TICK_S)  # for the stack to find the bystander, too
-
-
-def _start(check: Check) -> Child:
-    """Starts the stack in the domain of the graph."""
-    log = check.out / "log" / f"{STACK}.log"
-    environment = os.environ | {"ROS_DOMAIN_ID": str(check.domain_id)} | enclave_setting(os.environ, ADS, check.command)
-    log.unlink(missing_ok=True)
-    with log.open("a") as stream, signals_deferred():
-        process = start_supervised(check.command, env=environment, stdout=stream, stderr=stream)
-    return Child(STACK, process, log)
 
 
 def _follow(bridge: Child, bystander: Bystander, stack: Child | None) -> int | None:
@@ -211,21 +201,26 @@ def _watch_end(check: Check, bystander: Bystander, stack: Child | None, left: in
             last_s=last_s,
             present=bystander.present,
             exit_status=stack.process.returncode if stack is not None and gone else None,
-            obituary=stack.obituary().removeprefix("node ") if stack is not None and gone else "",
+            obituary=stack.obituary() if stack is not None and gone else "",
         ),
         left,
     )
 
 
-def _end(stack: Child) -> None:
-    """Ends the stack and its child processes."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
-        if not stack.running:
-            return
-        stack.signal(number)
-        until = time.monotonic() + GRACE_S
-        while stack.running and time.monotonic() < until:
-            time.sleep(0.02)
+def _second_run(check: Check, nodes: Mapping[str, Path], bridge: Mapping[str, object]) -> str:
+    """Makes the run once more with the stack that is up; returns why it is another one, empty if it is the same."""
+    out = check.out / "second"
+    graph = Graph(out, check.domain_id, check.answer_timeout_s)
+    try:
+        graph.start(BRIDGE, nodes[BRIDGE], bridge)
+        graph.start(RECORDER, nodes[RECORDER], {"output": str(out), "overwrite": True})
+        graph.watch(quiet=True)
+    except GraphFailed as error:
+        return str(error)
+    finally:
+        graph.stop()
+    first, second = (digest(read_run(folder)) for folder in (check.out, out))
+    return "" if first == second else "the ego drives otherwise than in the first run"
 
 
 def _states(check: Check) -> dict[int, EgoState]:

@@ -89,6 +89,7 @@ class Evidence:
         left: step at which the stack left before the end of the run; None if it stayed.
         ending: behaviour after the end of the run.
         intrusions: texts on publishers on topics of the graph that are not for stacks.
+        difference: how a second run with the same stack differs, empty if it does not; None if there was none.
     """
 
     wait_s: float
@@ -109,6 +110,7 @@ class Evidence:
     left: int | None
     ending: Ending = field(default_factory=lambda: Ending(0.0, None, present=False))
     intrusions: tuple[str, ...] = ()
+    difference: str | None = None
 
     def driven(self, step: int) -> EgoState | None:
         """Returns the state of the ego at a step; None if it is unknown, or the answer does not drive the ego."""

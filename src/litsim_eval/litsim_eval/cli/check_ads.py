@@ -68,6 +68,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="SHARE",
         help="largest share of answers beyond the vehicle's limits",
     )
+    p.add_argument("--warm", action="store_true", help="let the stack drive a second run, as --warm of campaigns does")
     p.add_argument("--ego-id", type=int, help="vehicle of the recording that is the ego; default: the scenario's")
     p.add_argument("--domain-id", type=int, help="default: ROS_DOMAIN_ID, else 0, or a free domain with COMMAND")
     p.add_argument("--json", type=Path, metavar="FILE", help="write the result here")
@@ -103,6 +104,7 @@ def check_ads(arguments: argparse.Namespace, console: Console) -> int:
             wait_s=arguments.wait,
             answer_timeout_s=arguments.answer_timeout,
             end_wait_s=arguments.end_wait,
+            warm=arguments.warm,
         )
         evidence = observe(check)
         clauses = judge(evidence, limits)

@@ -6,6 +6,7 @@ import argparse
 import sys
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 
 from rich.console import Console
@@ -30,6 +31,7 @@ from litsim_eval.runs.campaign import LocalRuns, conclude, run_the_rest, verdict
 from litsim_eval.runs.case_run import TIME_LIMIT_S
 from litsim_eval.runs.ray_runs import LOCAL, RayRuns
 from litsim_eval.runs.summary_table import print_drawn, print_summary
+from litsim_eval.runs.warm_runs import WarmRuns
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser, positive
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
@@ -99,7 +101,8 @@ def evaluate(arguments: argparse.Namespace) -> int:
         within = "" if arguments.criteria else "criteria."
         raise InputError(f"{arguments.criteria or arguments.suite}: field {within}{error}") from error
     folder = CampaignFolder(Path(arguments.out))
-    runs: LocalRuns | RayRuns = LocalRuns(folder, suite.criteria, arguments.processes, arguments.time_limit)
+    runs: LocalRuns | RayRuns
+    runs = local = LocalRuns(folder, suite.criteria, arguments.processes, arguments.time_limit)
     if arguments.ray is not None:
         runs = RayRuns(folder, suite.criteria, arguments.ray, arguments.processes, arguments.time_limit)
         runs.check(cases)
@@ -120,7 +123,8 @@ def evaluate(arguments: argparse.Namespace) -> int:
         if arguments.retry_errors:
             done = _judged(done)
         try:
-            run_the_rest(runs, cases, done)
+            with WarmRuns() if arguments.warm else nullcontext() as local.warm:
+                run_the_rest(runs, cases, done)
         except BaseException:
             print_error("the campaign ended before all runs were done; the same command resumes it")
             raise

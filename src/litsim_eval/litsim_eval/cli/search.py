@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import shutil
 import sys
+from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -16,6 +18,7 @@ from litsim_eval.campaign.criteria import SAFETY, Criteria
 from litsim_eval.cli.evaluate import ExamplesFormatter
 from litsim_eval.cli.suite_arguments import add_suite_arguments, cases_to_run, refuse_unusable, suite_of
 from litsim_eval.runs.case_run import TIME_LIMIT_S
+from litsim_eval.runs.warm_runs import WarmRuns
 from litsim_eval.search.explore import SAMPLERS
 from litsim_eval.search.margins import FAILURES_FILE, JUNIT_FILE, PAGE_FILE, Margins, told, write_junit
 from litsim_eval.search.people import PARAMETERS, People
@@ -110,7 +113,12 @@ def search(arguments: argparse.Namespace) -> int:
         time_limit_s=arguments.time_limit,
         graph=arguments.graph,
     )
-    making = Search(suite, cases, versions, people, settings, arguments.out)
+    with WarmRuns() if arguments.warm else nullcontext() as warm:
+        return _searched(arguments, Search(suite, cases, versions, people, replace(settings, warm=warm), arguments.out))
+
+
+def _searched(arguments: argparse.Namespace, making: Search) -> int:
+    """Make the runs of a search, and print what comes of them; returns the exit status."""
     if arguments.overwrite and (arguments.out / SEARCH_FILE).is_file():
         for name in (RUNS, SCENARIOS, SCREEN):
             shutil.rmtree(arguments.out / name, ignore_errors=True)

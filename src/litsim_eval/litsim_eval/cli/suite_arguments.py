@@ -8,13 +8,13 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
-from litsim_eval.campaign.case import Case, cases_of
+from litsim_eval.campaign.case import GRAPH, Case, cases_of
 from litsim_eval.campaign.criteria import Criteria
 from litsim_eval.campaign.part import Part, suite_of_cases
 from litsim_eval.campaign.policy_setup import PolicySetup, packaged_setups, setup_of
 from litsim_eval.campaign.results import is_campaign, read_campaign
 from litsim_eval.campaign.suite import CaseEntry, EgoChoice, EgoSetup, Suite, located, packaged_suites, place_of
-from litsim_eval.runs.case_run import CaseRefused, check_cases
+from litsim_eval.runs.case_run import CaseRefused, check_cases, is_elsewhere
 from litsim_sim.cli.program import at_least_one
 from litsim_sim.cli.run_arguments import END_AFTER_CONTACT
 from litsim_sim.core.errors import InputError
@@ -74,6 +74,11 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
         metavar=("N", "FIELD"),
         help="the N hardest by a field of their events, such as severity; or, with a campaign as --suite or "
         "--failed-in, of its metrics.json, such as safety.min_own_ttc_s",
+    )
+    p.add_argument(
+        "--warm",
+        action="store_true",
+        help="let graph and stack stay up from run to run: for a stack that begins anew with each (check_ads --warm)",
     )
     p.add_argument("--criteria", metavar="FILE", help="criteria that judge the runs (YAML); default: the packaged ones")
     p.add_argument(
@@ -187,6 +192,9 @@ def refuse_unusable(arguments: argparse.Namespace, cases: Sequence[Case]) -> Non
     except CaseRefused as error:  # for a parameter that only its stage can check
         where = f"{place_of(arguments.suite, error.setting)}: " if arguments.suite else ""
         raise InputError(f"{where}{error}") from error
+    warm = [case for case in cases if case.execution_mode == GRAPH and not (is_elsewhere(case) or case.ego.adapter)]
+    if arguments.warm and (getattr(arguments, "ray", None) or not warm):
+        raise InputError("--warm: expected runs over DDS with the command of a stack or --graph, and no --ray")
 
 
 def _varied(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -33,6 +33,7 @@ from litsim_eval.runs.case_run import (
     run_over_graph,
 )
 from litsim_eval.runs.ray_runs import RayRuns
+from litsim_eval.runs.warm_runs import WarmRuns
 from litsim_eval.runs.workers import Workers
 from litsim_sim.core.errors import reason
 from litsim_sim.launch.forked import preload
@@ -52,12 +53,14 @@ class LocalRuns:
         criteria: by which runs are judged.
         processes: number of runs at a time.
         time_limit_s: after which a run over DDS has failed [s].
+        warm: in whose processes stacks stay up from run to run; None to start them for each.
     """
 
     folder: CampaignFolder
     criteria: Criteria
     processes: int
     time_limit_s: float = TIME_LIMIT_S
+    warm: WarmRuns | None = None
     _stopped: threading.Event = field(default_factory=threading.Event)
     _meeting: threading.Lock = field(default_factory=threading.Lock)
 
@@ -109,6 +112,8 @@ class LocalRuns:
 
     def _over_graph(self, case: Case) -> RunOutcome:
         where = self.folder.run_folder(case)
+        if self.warm is not None and not is_elsewhere(case) and not case.ego.adapter:
+            return self.warm.run(case, where, self._stopped.is_set, self.time_limit_s)
         if not is_elsewhere(case):
             return run_over_graph(case, where, self._stopped.is_set, self.time_limit_s)
         with self._meeting:  # the stack is in one domain, which takes one run at a time

@@ -122,7 +122,7 @@ def check_case(case: Case) -> None:
         configured(case.ego.kind, case.policy, case.stage_parameters)
         return
     find_executable(*LAUNCHER)
-    plan = RunPlan(_scenario(case.scenario), case.ego.kind, case.policy, _graph_parameters(case))
+    plan = RunPlan(_scenario(case.scenario), case.ego.kind, case.policy, graph_parameters(case))
     nodes_of(plan, case.scenario, Path(RECORDING), ego_interface=case.ego.interface)
     if case.ego.command:
         case.ego.check_command()
@@ -196,11 +196,26 @@ def run_over_graph(
             break
     if stopped():
         raise RunStopped
-    failure = f"time limit of {time_limit_s:g} s exceeded" if late else errors.reason(launcher.returncode)
+    return outcome_of(folder, begin, errors.reason(launcher.returncode), time_limit_s if late else None)
+
+
+def outcome_of(folder: Path, begin: float, failure: str, exceeded_s: float | None) -> RunOutcome:
+    """Returns the outcome of a run over DDS by what it has left in `folder`.
+
+    Args:
+        folder: of the run.
+        begin: monotonic time [s].
+        failure: why there are no metrics, if there are none.
+        exceeded_s: time limit that ended the run [s], None if it ended by itself.
+    """
+    out = folder / RECORDING
+    late = exceeded_s is not None
     metrics = json.loads((out / METRICS_FILE).read_text()) if (out / METRICS_FILE).is_file() and not late else None
     log = out / LOG_FOLDER / f"{STACK}.log"
     recorded = any(out.glob("*.mcap"))
-    if late and recorded:  # the launcher itself only recorded that it was interrupted
+    if late:
+        failure = f"time limit of {exceeded_s:g} s exceeded"
+    if late and recorded:  # the run itself only recorded that it was interrupted
         write_failure(out, failure)
         with suppress(InputError):
             write_report(out)
@@ -225,7 +240,7 @@ def _scenario(name: str) -> Scenario:
     return Scenario.load(name)
 
 
-def _graph_parameters(case: Case) -> dict[str, dict[str, Any]]:
+def graph_parameters(case: Case) -> dict[str, dict[str, Any]]:
     """Returns parameters of the nodes, including the time for which the bridge waits for an external ego."""
     parameters = {stage: dict(values) for stage, values in case.stage_parameters.items()}
     if case.ego.ready_s is not None:
@@ -243,7 +258,7 @@ def _launch(case: Case, out: Path) -> list[str]:
     argv += [] if case.end_after_contact_s is None else ["--end-after-contact", str(case.end_after_contact_s)]
     settings = [
         f"{stage}.{name}={json.dumps(value)}"
-        for stage, values in _graph_parameters(case).items()
+        for stage, values in graph_parameters(case).items()
         for name, value in values.items()
     ]
     argv += ["--set", *settings] if settings else []

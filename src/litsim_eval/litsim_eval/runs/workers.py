@@ -120,10 +120,14 @@ class Workers:
 
 def _serve(pipe: Connection) -> None:
     """Main function of a worker's process: run the batches received, and send their results."""
+    serve(pipe, run_batch)
+
+
+def serve(pipe: Connection, answer: Callable[..., object]) -> None:
+    """Send the `answer` to what comes through a pipe, its arguments, until the other end is closed."""
     reset_handlers()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the campaign ends this one
     signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
     with suppress(EOFError, ConnectionError):  # the parent is gone
         while True:
-            cases, folders = pipe.recv()
-            pipe.send(run_batch(cases, folders))
+            pipe.send(answer(*pipe.recv()))

@@ -28,6 +28,7 @@ from litsim_eval.report.margins import write_margins_page
 from litsim_eval.runs.campaign import LocalRuns, conclude
 from litsim_eval.runs.case_run import RECORDING, plan_of
 from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.warm_runs import WarmRuns
 from litsim_eval.search.explore import Asked, Exploration, Tried, explore, promising
 from litsim_eval.search.judging import Outcome, closeness, first_contacts, missed_by, outcome_of
 from litsim_eval.search.margins import (
@@ -65,6 +66,7 @@ class Settings:
         minutes: time after which no further run begins; None for no limit.
         processes, time_limit_s: as in a campaign.
         graph: whether LitSim's own egos are run over DDS, too.
+        warm: as in a campaign.
     """
 
     runs: int
@@ -75,6 +77,7 @@ class Settings:
     processes: int
     time_limit_s: float
     graph: bool
+    warm: WarmRuns | None = None
 
 
 @dataclass
@@ -240,7 +243,8 @@ class Search:
         return self._suite.model_copy(update={"cases": list(entries), "seeds": []})
 
     def _runs(self, folder: CampaignFolder) -> LocalRuns:
-        return LocalRuns(folder, self._suite.criteria, self._settings.processes, self._settings.time_limit_s)
+        settings = self._settings
+        return LocalRuns(folder, self._suite.criteria, settings.processes, settings.time_limit_s, settings.warm)
 
     def _make_case(self, one: _One, number: int, proposal: Proposal) -> None:
         """Writes the scenario of a proposal, and notes the case of its run, or why it cannot be run."""

@@ -12,10 +12,9 @@ from litsim_policy.driving.node import PolicyNode
 from litsim_policy.ego.node import EgoNode
 from litsim_predictor.ros.node import PredictorNode
 from litsim_sim.core.stages import CONFLICT, EGO, POLICY, PREDICTOR
-from litsim_sim.ros.in_process import InProcessTransport
 from litsim_sim.ros.stage import StageNode, run_stages
 
-STAGES: dict[str, Callable[[InProcessTransport], StageNode]] = {
+STAGES: dict[str, Callable[..., StageNode]] = {
     EGO: EgoNode,
     PREDICTOR: PredictorNode,
     CONFLICT: ConflictNode,

@@ -69,10 +69,7 @@ class Graph:
         If `forked`, it runs in a copy of this process, see :mod:`litsim_sim.launch.forked`. `several` are the
         names of its nodes if it has several, and its arguments.
         """
-        argv = [str(path), *several, "--ros-args"]
-        for key, value in parameters.items():  # a text in quotes: YAML would find numbers and worse in it
-            quoted = json.dumps(value, ensure_ascii=False) if isinstance(value, str | tuple) else value
-            argv += ["-p", f"{key}:={quoted}"]
+        argv = [str(path), *several, *ros_arguments(parameters)]
         environment = self._environment | (self._of_bridge if name == BRIDGE else {})
         with self._log(name) as log, signals_deferred():
             out = subprocess.PIPE if name == BRIDGE else log  # the bridge's lines are read
@@ -122,7 +119,7 @@ class Graph:
         if bridge.process.returncode == EXIT_FAILED and bridge.errors:
             stopped = [str(child) for child in self.children.values() if child.running and child.stopped]
             why = f"; stopped, by a signal or a debugger: {', '.join(stopped)}" if stopped else ""
-            raise GraphFailed(bridge.errors[-1] + why + self._about_the_stack(bridge.errors[-1]))
+            raise GraphFailed(bridge.errors[-1] + why + self.about_the_stack(bridge.errors[-1]))
         for child in (bridge, recorder):
             if child.process.returncode != 0:
                 raise GraphFailed(child.obituary())
@@ -145,7 +142,7 @@ class Graph:
         failed = self._progress.failed if self._progress else None
         return failed is not None and all(child.ended_at > failed for child in dead)
 
-    def _about_the_stack(self, why: str) -> str:
+    def about_the_stack(self, why: str) -> str:
         """Returns a text to add to the bridge's reason `why`: how the stack ended before that, or its last output."""
         stack = self.children.get(STACK)
         if stack is None:
@@ -176,6 +173,15 @@ class Graph:
         if killed and (fastdds := shutil.which("fastdds")):  # it leaves its shared memory behind
             with contextlib.suppress(subprocess.SubprocessError):
                 subprocess.run([fastdds, "shm", "clean"], capture_output=True, check=False, timeout=10)
+
+
+def ros_arguments(parameters: Mapping[str, object]) -> list[str]:
+    """Returns the arguments that set ROS parameters, by name or NODE:NAME; of texts, YAML would make numbers."""
+    quoted = {
+        key: json.dumps(value, ensure_ascii=False) if isinstance(value, str | tuple) else value
+        for key, value in parameters.items()
+    }
+    return ["--ros-args", *(word for key, value in quoted.items() for word in ("-p", f"{key}:={value}"))]
 
 
 class Progress(threading.Thread):

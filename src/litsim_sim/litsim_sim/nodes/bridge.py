@@ -35,9 +35,14 @@ FAREWELL_S = 10.0  # [s] time limit for the recorder to close its file
 
 
 class Bridge:
-    """One run: a :class:`.Simulation` whose stages are nodes, which answer through a :class:`.BridgeNode`."""
+    """One run: a :class:`.Simulation` whose stages are nodes, which answer through a :class:`.BridgeNode`.
+
+    Attributes:
+        over: whether all steps are answered.
+    """
 
     def __init__(self, node: BridgeNode) -> None:
+        self.over = False
         self._node, self._plan, self._options = node, node.plan, node.options
         self._port, self._liveness, self._responses = node.port, node.liveness, node.responses
         self._external = node.plan.ego == EXTERNAL
@@ -74,6 +79,7 @@ class Bridge:
             self._handshake()
             node.check_publishers()
             wall = self._all_steps()
+            self.over = True
             node.check_publishers()
             if self._external:
                 node.note_ego_publishers()

@@ -71,15 +71,16 @@ class BridgeNode(Node):
         (*EGO_INPUTS.values(), CONTROLS, STATUS, RECORDED, HELLO, RUN_INFO, TIMING),
     )
 
-    def __init__(self) -> None:
-        super().__init__(BRIDGE, automatically_declare_parameters_from_overrides=True)
+    def __init__(self, **options: Any) -> None:
+        """Make the node, with `options` of rclpy's."""
+        super().__init__(BRIDGE, automatically_declare_parameters_from_overrides=True, **options)
         self.since = time.perf_counter()
-        self.options = options = read_parameters(self, bridge_stage)
-        plan = self.plan = options.plan()
+        self.options = chosen = read_parameters(self, bridge_stage)
+        plan = self.plan = chosen.plan()
         self.liveness = StageLiveness(plan.run_id, plan.stages)
         external = plan.ego == EXTERNAL
-        interface = options.ego_interface if external else Interface.CONTROL
-        stop_on_invalid = options.on_invalid == "stop"
+        interface = chosen.ego_interface if external else Interface.CONTROL
+        stop_on_invalid = chosen.on_invalid == "stop"
         self.port = EgoPort(plan.run_id, plan.scenario.vehicle, interface, stop_on_invalid=stop_on_invalid)
         self.responses = ResponseCollector(
             self.port,
@@ -88,10 +89,10 @@ class BridgeNode(Node):
             run_id=plan.run_id,
             ego_id=plan.scenario.ego_id,
             with_policy=plan.policy != "replay",
-            stop_on_missing=options.mode == "lockstep" and options.on_missing == "stop",
+            stop_on_missing=chosen.mode == "lockstep" and chosen.on_missing == "stop",
         )
         self._noted = ("", 0.0)
-        self.pulse = Pulse(options.progress == "lines")
+        self.pulse = Pulse(chosen.progress == "lines")
         self._ego_nodes: list[str] = []
         self._known_ego_publishers = EgoPublishers()
         self._ego_publishers_changed = True  # whether a publisher of the ego may have come since they were last noted
@@ -100,7 +101,7 @@ class BridgeNode(Node):
         self.watch_marks: dict[str, float] = {}  # marks of the last check of publishers, until they are reported
         published = (HELLO, STATUS, TIMING, *((EGO_APPLIED,) if external else ()))
         self._outputs = {t: publisher_on(self, t) for t in published}
-        self._broadcast = Broadcast(self, plan, clock=options.clock, factor=options.real_time_factor)
+        self._broadcast = Broadcast(self, plan, clock=chosen.clock, factor=chosen.real_time_factor)
         self._diagnostics = Diagnostics(self, plan.run_id, plan.scenario.total_steps, self.port)
         ego_port.subscribe(self, self.port, tuple(Interface) if external else (Interface.CONTROL,))
         if plan.policy != "replay":
@@ -109,7 +110,7 @@ class BridgeNode(Node):
         subscribe(self, RECORDED, lambda m: self.liveness.take_confirmation(m.run_id, m.step))
         for topic in (HELLO, RUN_INFO):
             subscribe(self, topic, lambda m: self.liveness.take_run(m.run_id))
-        self._simulation = SimulationServices.on(self, plan, served=options.served)
+        self._simulation = SimulationServices.on(self, plan, served=chosen.served)
         self._executor = executor_of(self)
 
     @property
@@ -244,6 +245,16 @@ class BridgeNode(Node):
             if time.monotonic() > self._watched + WATCH_S:
                 self.check_publishers()
         return True
+
+    def destroy_node(self) -> None:
+        """See :class:`rclpy.node.Node`; nothing is served any more."""
+        self._executor.shutdown()
+        super().destroy_node()
+
+    def serve_beside(self, *nodes: Node) -> None:
+        """Serve `nodes` of the same process whenever this one is served."""
+        for node in nodes:
+            self._executor.add_node(node)
 
     def serve(self) -> None:
         """Serve a message, or wait for one for a short time."""

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from litsim_msgs.msg import Hello, RunInfo, StageStatus
 from rclpy.clock import Clock, ClockType
@@ -50,11 +51,12 @@ class RecorderNode(Node):
 
     declared = Endpoints(STAGE, (STATUS, RECORDED), (*RECORDED_TOPICS, HELLO))
 
-    def __init__(self) -> None:
-        super().__init__(STAGE, automatically_declare_parameters_from_overrides=True)
-        options = read_parameters(self, recorder_stage)
-        output = Path(options.output)
-        self._writer = BagWriter(output, output.resolve().name, {}, overwrite=options.overwrite)
+    def __init__(self, **options: Any) -> None:
+        """Make the node, with `options` of rclpy's."""
+        super().__init__(STAGE, automatically_declare_parameters_from_overrides=True, **options)
+        chosen = read_parameters(self, recorder_stage)
+        output = Path(chosen.output)
+        self._writer = BagWriter(output, output.resolve().name, {}, overwrite=chosen.overwrite)
         self.finished = False
         self._run_id = ""
         self._buffer: StepBuffer | None = None  # None before a run has begun
@@ -65,7 +67,7 @@ class RecorderNode(Node):
         self._with_clock = True
         self._ending = False
         own = {topic.name for topic in RECORDED_TOPICS}
-        self._foreign = [name for name in dict.fromkeys(options.topics.split()) if name not in own]
+        self._foreign = [name for name in dict.fromkeys(chosen.topics.split()) if name not in own]
         foreign = ForeignTopics(self, self._writer, self._foreign, self._take_foreign)
         if self._foreign:
             self._timer(LOOK_S, foreign.look)

@@ -63,6 +63,10 @@ class StageLiveness:
         if stage == RECORDER and state in (StageState.FINISHED, StageState.FAILED):
             self.recorder_done = True
 
+    def fail(self, text: str) -> None:
+        """Take notice of a failure outside of the stages."""
+        self._failures.append(text)
+
     def take_timing(self, run_id: str, stage: str, step: int) -> None:
         """Take the timing of a stage for a step, which it has thus answered."""
         if run_id == self._run_id and stage != BRIDGE:

@@ -57,9 +57,12 @@ class StageNode(Node):
         hears = [topic for topic, _ in cls.inputs]
         cls.declared = Endpoints(cls.stage, (cls.output[0], STATUS, TIMING), (*hears, RUN_INFO, HELLO, STATUS))
 
-    def __init__(self, transport: InProcessTransport | None = None) -> None:
-        """Make the node; `transport` holds the stages of its process, including all that it waits for."""
-        super().__init__(self.stage, automatically_declare_parameters_from_overrides=True)
+    def __init__(self, transport: InProcessTransport | None = None, **options: Any) -> None:
+        """Make the node, with `options` of rclpy's.
+
+        `transport` holds the stages of its process, including all that it waits for.
+        """
+        super().__init__(self.stage, automatically_declare_parameters_from_overrides=True, **options)
         self._transport = transport or InProcessTransport()
         self._joiner: Joiner | None = None
         self._asked = 0.0  # time of the last message of the current run [s]
