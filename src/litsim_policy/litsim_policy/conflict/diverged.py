@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import InitVar, dataclass, field, fields
 from functools import cached_property
 from typing import Any
 
@@ -21,7 +22,6 @@ from litsim_sim.scenario.log import Log
 ObjectArray = npt.NDArray[Any]
 LOGGED = int(PathSource.LOGGED)
 HELD, HANDBACK, RELEASED = int(TakeoverState.HELD), int(TakeoverState.HANDBACK), int(TakeoverState.RELEASED)
-LAID_OUT = ("paths", "logged_paths")  # fields of a table that are made on first use, and kept
 STATES, REASONS, SOURCES = tuple(TakeoverState), tuple(TakeoverReason), tuple(PathSource)  # numbered from 0 on
 
 
@@ -50,6 +50,9 @@ class DivergedAgents:
         beside: row in `LaneMap.lanes` of the lane that it has taken to pass; NO_LANE for none.
         changed_step: of its last lane change; -1 for none.
         log_ratio: of its log at this step; see :mod:`.likelihood`.
+
+    Args:
+        laid_out: `paths` and `logged_paths` where they exist already; else None: they are made on first use.
     """
 
     agent: IntArray
@@ -70,6 +73,10 @@ class DivergedAgents:
     beside: IntArray
     changed_step: IntArray
     log_ratio: FloatArray
+    laid_out: InitVar[Sequence[PathBatch | None]] = field(default=(None, None), kw_only=True)
+
+    def __post_init__(self, laid_out: Sequence[PathBatch | None]) -> None:
+        self._paths, self._logged_paths = laid_out
 
     def __len__(self) -> int:
         return len(self.agent)
@@ -123,9 +130,9 @@ class DivergedAgents:
         if which.all():
             return self
         at = which.nonzero()[0]
-        agents = DivergedAgents(*(getattr(self, field.name)[at] for field in fields(self)))
-        agents.__dict__.update({name: self.__dict__[name].take(at) for name in LAID_OUT if name in self.__dict__})
-        return agents
+        columns = (getattr(self, column.name)[at] for column in fields(self))
+        laid_out = [batch and batch.take(at) for batch in (self._paths, self._logged_paths)]
+        return DivergedAgents(*columns, laid_out=laid_out)
 
     def joined(self, *others: DivergedAgents) -> DivergedAgents:
         """Returns all these tables in one; no agent is in two of them."""
@@ -134,23 +141,27 @@ class DivergedAgents:
         columns = (np.concatenate([getattr(table, f.name) for table in tables]) for f in fields(self))
         return DivergedAgents(*(column[order] for column in columns))
 
-    @cached_property
+    @property
     def paths(self) -> PathBatch:
         """The paths that the agents follow."""
-        return PathBatch.of([path.points for path in self.path])
+        if self._paths is None:
+            self._paths = PathBatch.of([path.points for path in self.path])
+        return self._paths
 
     def paths_of(self, at: IntArray) -> PathBatch:
         """Returns the paths of the agents at positions `at` (k,), ascending, without laying out those of all others."""
         if len(at) == len(self):
             return self.paths
-        if "paths" in self.__dict__:
-            return self.paths.take(at)
+        if self._paths is not None:
+            return self._paths.take(at)
         return PathBatch.of([path.points for path in self.path[at]])
 
-    @cached_property
+    @property
     def logged_paths(self) -> PathBatch:
         """The paths of the agents in the recording."""
-        return PathBatch.of([path.points for path in self.logged])
+        if self._logged_paths is None:
+            self._logged_paths = PathBatch.of([path.points for path in self.logged])
+        return self._logged_paths
 
     def return_to_log(self, at: IntArray) -> None:
         """Let the agents at positions `at` (k,) follow their logged paths from now on."""
@@ -159,14 +170,14 @@ class DivergedAgents:
             self.beside[at] = NO_LANE
             self.path[at], self.source[at] = self.logged[at], PathSource.LOGGED
             self.goal_s[at] = self.logged_paths.project(at, self.pose[at, 0], self.pose[at, 1]).s
-            self.__dict__.pop("paths", None)
+            self._paths = None
 
     def pass_along(self, at: int, path: ReferencePath, lane: int, step: int) -> None:
         """Let the agent at position `at` follow `path` into `lane`, a row in `LaneMap.lanes`, from `step` on."""
         self.path[at], self.source[at], self.state[at] = path, PathSource.LANE, TakeoverState.HELD
         self.beside[at], self.changed_step[at], self.slowed[at], self.clear[at] = lane, step, 0, 0
         self.goal_s[at] = path.project(self.pose[at, :1], self.pose[at, 1:2])[0][0]
-        self.__dict__.pop("paths", None)
+        self._paths = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,6 +36,7 @@ class PathFollowers:
         self.x, self.y, self.yaw = self.own
         self.speed = table.speed[rows]
         self._lane_map = lane_map
+        self._view: AlongPath | None = None
 
     @classmethod
     def of_takeovers(cls, lane_map: LaneMap, table: AgentTable, takeovers: Sequence[Takeover]) -> PathFollowers:
@@ -46,16 +47,17 @@ class PathFollowers:
     def __len__(self) -> int:
         return len(self.rows)
 
-    @cached_property
+    @property
     def view(self) -> AlongPath:
         """All agents of the scenes relative to the followers, (m, w)."""
-        return along_paths(self.paths, self.table, self.rows, poses=self.own)
+        if self._view is None:
+            self._view = along_paths(self.paths, self.table, self.rows, poses=self.own)
+        return self._view
 
     @cached_property
     def _ahead(self) -> tuple[Leaders, FloatArray, FloatArray]:
-        """As :func:`.ahead_in_path`; of the view, if that is known anyway."""
-        if "view" in self.__dict__:
-            view = self.view
+        """As :func:`.ahead_in_path`; of the view, where that exists anyway."""
+        if (view := self._view) is not None:
             leads = view.ahead & view.in_path
             return Leaders(view.gap, view.speed, leads, view.first, self.table.acceleration), view.own_s, view.own_d
         return ahead_in_path(self.paths, self.table, self.rows, self.own)
