@@ -6,5 +6,9 @@ full names: ``gymnasium.make("litsim_research.gym:litsim/Takeover-v0")``.
 
 import gymnasium
 
-gymnasium.register("litsim/Takeover-v0", "litsim_research.gym.takeover:TakeoverEnvironment")
+gymnasium.register(
+    "litsim/Takeover-v0",
+    "litsim_research.gym.takeover:TakeoverEnvironment",
+    vector_entry_point="litsim_research.gym.vector:TakeoverVectorEnvironment",
+)
 gymnasium.register("litsim/Ego-v0", "litsim_research.gym.ego:EgoEnvironment")

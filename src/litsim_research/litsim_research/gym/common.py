@@ -13,6 +13,7 @@ from litsim_sim.core.scene import STEP_S, FloatArray
 from litsim_sim.scenario.scenario import Scenario
 
 AT_SPEED = 2  # position of the speed in every observation
+STARTS = 100  # most starts that are drawn for an episode
 
 Array = NDArray[np.float32]
 Scenarios = str | Scenario | Sequence[str | Scenario]

@@ -8,14 +8,13 @@ import gymnasium
 import numpy as np
 
 from litsim_policy.driving.action import ACTIONS
-from litsim_research.gym.common import Array, Scenarios, action_space, loaded, observation_space, rewards
+from litsim_research.gym.common import STARTS, Array, Scenarios, action_space, loaded, observation_space, rewards
 from litsim_research.policies.episodes import Course, EnvironmentConfig, Episodes
 from litsim_research.policies.reward import PenaltyConfig
 from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.scenario import Scenario
 
 NAME = "litsim/Takeover-v0"
-STARTS = 100  # most starts that are drawn for an episode
 
 
 class TakeoverEnvironment(gymnasium.Env[Array, Array]):

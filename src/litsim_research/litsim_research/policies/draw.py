@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -60,17 +61,19 @@ def sampled_tasks(
     radius: float,
     config: TaskConfig,
     random: np.random.Generator,
+    but: Sequence[int] = (),
 ) -> list[DrivingTask]:
     """Tasks of up to `count` agents, drawn among those within `radius` [m] of the ego; ids ascending.
 
     Each agent follows its whole logged path, with a task drawn as for recorded drivers. Its log must last for more than
-    another second; pedestrians and cyclists are never drawn.
+    another second; pedestrians and cyclists are never drawn, nor agents of `but`, nor anyone once the ego has left.
     """
     log, step = scenario.log, table.step
     ego = table.row(scenario.ego_id)
     rows = np.searchsorted(log.ids, table.id)
     near = np.hypot(table.x - table.x[ego], table.y - table.y[ego]) <= radius
     near &= (log.last_step[rows] > step + STAYS) & (table.id != scenario.ego_id) & ~table.obstacle
+    near &= (ego >= 0) & ~np.isin(table.id, but)
     tasks = []
     for agent in sorted(random.permutation(table.id[near])[:count].tolist()):
         path = logged_path(log, scenario.lane_map, agent)

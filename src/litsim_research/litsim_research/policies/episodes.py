@@ -148,14 +148,19 @@ class Episodes:
         course: settings.
         starts: of each episode.
         sampled_only: whether only sampled agents are driven, also while they are taken over.
+        failure_ends: whether an episode is over once a driven agent collides or leaves the road; else it goes on, and
+            the caller has that agent exchanged (:meth:`exchange`).
 
     Attributes:
         batch: the scenarios.
         seen: (m, size) observations of the :attr:`driven` agents.
     """
 
-    def __init__(self, course: Course, starts: Sequence[Start], *, sampled_only: bool = False) -> None:
-        self._course, self._config, self._sampled_only = course, course.config, sampled_only
+    def __init__(
+        self, course: Course, starts: Sequence[Start], *, sampled_only: bool = False, failure_ends: bool = True
+    ) -> None:
+        self._course, self._config = course, course.config
+        self._sampled_only, self._failure_ends = sampled_only, failure_ends
         scenarios, egos = [start.scenario for start in starts], [start.ego for start in starts]
         self._simulation = Simulation(scenarios, egos, "yield", {PREDICTOR: {"model": "kinematic"}}, full_length=True)
         assert self._simulation.batch is not None
@@ -205,9 +210,17 @@ class Episodes:
         self._choose()
         outcome = self._outcome(before, scene.id, tasks, needed, normalised(advice))
         over = self.step_number >= self._end
-        over[self.batch.log.scene[outcome.present[self._ends(outcome.terms)]]] = True
+        if self._failure_ends:
+            over[self.batch.log.scene[outcome.present[self._fails(outcome.terms)]]] = True
         self._leave_out(over)
         return outcome
+
+    def exchange(self, agents: IntArray) -> IntArray:
+        """Drive others instead of sampled `agents` (m,) from now on; returns those (m,), NOBODY where none is left."""
+        others = self._sampled_agents.exchange(self._table, agents)
+        self._choose()
+        self.seen = self._observer.features(self._scene)
+        return others
 
     @property
     def _table(self) -> AgentTable:
@@ -273,21 +286,22 @@ class Episodes:
         strayed = displacement(before, after, driven[here], self.batch.log)
         terms = penalties(before, after, driven[here], self.batch.lane_map, needed[here], strayed)
         penalty, terminated = np.zeros(len(driven)), np.zeros(len(driven), np.bool_)
-        penalty[here], terminated[here] = terms.total(self._course.penalty), self._ends(terms)
+        penalty[here], terminated[here] = terms.total(self._course.penalty), self._fails(terms)
         because = np.array([task.opponent if task.taken_over else NOBODY for task in tasks], np.int64)
         penalty += self._course.penalty.share * passed_on(penalty, driven, because)
-        scene, collided = self.batch.log.scene[driven], np.zeros(len(self.running), np.bool_)
-        collided[scene[terminated]] = True
+        scene, failed = self.batch.log.scene[driven], terminated.copy()
+        if self._failure_ends:
+            failed = np.isin(scene, scene[terminated])
         still = np.array([agent in now for agent in driven.tolist()], np.bool_)
-        driven_on = here & still & (after.step < self._end[scene]) & ~collided[scene]
+        driven_on = here & still & (after.step < self._end[scene]) & ~failed
         if self._config.handback_ends:
             held = {t.agent for t in self._takeovers if t.state == TakeoverState.HELD}
             back = np.array([agent not in held for agent in driven.tolist()], np.bool_)
             terminated |= (back & ~still) | ~here
         return Outcome(driven, following, motion, advice, penalty, terms, driven[here], terminated, driven_on)
 
-    def _ends(self, terms: Penalties) -> BoolArray:
-        """Returns whether what happened to agents in a step ends the episode (m,)."""
+    def _fails(self, terms: Penalties) -> BoolArray:
+        """Returns whether the agents have failed in a step (m,)."""
         return terms.collision | terms.off_road if self._config.off_road_ends else terms.collision
 
     def _leave_out(self, over: BoolArray) -> None:

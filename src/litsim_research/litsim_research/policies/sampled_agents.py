@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from litsim_policy.driving.task import NOBODY
+from litsim_policy.driving.task import NOBODY, DrivingTask
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
 from litsim_research.policies.draw import Start, sampled_tasks
@@ -64,19 +64,15 @@ class SampledAgents:
         radius: float,
         config: TaskConfig,
     ) -> None:
-        self._batch, self._starts, self._config = batch, starts, config
+        self._batch, self._starts, self._config, self._radius = batch, starts, config, radius
         # a new goal is as far away as goals can be, which keeps the distances to goals uniformly distributed
         self._renewed = replace(config, goal_steps=(config.goal_steps[1], config.goal_steps[1]))
-        sampled: list[tuple[int, _SampledAgent]] = []
-        for k, (start, own) in enumerate(zip(starts, batch.tables(table), strict=True)):
-            for task in sampled_tasks(own, start.scenario, count, radius, config, start.random):
-                goal_x, goal_y = task.goal.tolist()
-                has_opponent = task.opponent != NOBODY
-                passed = self._passed(table.step, task.due_step)
-                one = _SampledAgent(k, task.agent, task.path, (goal_x, goal_y), task.due_step, has_opponent, passed)
-                sampled.append((batch.agent(k, task.agent), one))
-        self._agents = [agent for agent, _ in sampled]
-        self._sampled = [one for _, one in sampled]
+        self._sampled = [
+            self._begun(table.step, k, task)
+            for k, (start, own) in enumerate(zip(starts, batch.tables(table), strict=True))
+            for task in sampled_tasks(own, start.scenario, count, radius, config, start.random)
+        ]
+        self._agents = [batch.agent(one.scene, one.own) for one in self._sampled]
         self._paths = PathBatch.of([one.path.points for one in self._sampled])
 
     def of(self, table: AgentTable, *, to_log_end: bool) -> list[SampledTask]:
@@ -103,6 +99,32 @@ class SampledAgents:
             minded = opponent if one.has_opponent else NOBODY
             found.append(SampledTask(self._agents[k], one.path.points[i:j], one.goal, one.due_step, minded))
         return found
+
+    def exchange(self, table: AgentTable, agents: IntArray) -> IntArray:
+        """Draw another agent of its scene in place of each of the sampled `agents` (m,), at the step of `table`.
+
+        Returns:
+            the others (m,); NOBODY where no agent near the ego is left to draw, and the agent stays.
+        """
+        others = np.full(len(agents), NOBODY)
+        for k, agent in enumerate(agents.tolist()):
+            at = self._agents.index(agent)
+            scene = self._sampled[at].scene
+            start, taken = self._starts[scene], [one.own for one in self._sampled if one.scene == scene]
+            own = self._batch.table(scene, table)
+            config, random = self._config, start.random
+            for task in sampled_tasks(own, start.scenario, 1, self._radius, config, random, but=taken):
+                self._sampled[at] = self._begun(table.step, scene, task)
+                self._agents[at] = others[k] = self._batch.agent(scene, task.agent)
+        self._paths = PathBatch.of([one.path.points for one in self._sampled])
+        return others
+
+    def _begun(self, step: int, scene: int, task: DrivingTask) -> _SampledAgent:
+        """Returns the sampled agent of a `task` that was drawn at `step`."""
+        goal_x, goal_y = task.goal.tolist()
+        passed = self._passed(step, task.due_step)
+        has_opponent = task.opponent != NOBODY
+        return _SampledAgent(scene, task.agent, task.path, (goal_x, goal_y), task.due_step, has_opponent, passed)
 
     def _past_log(self, table: AgentTable, rows: IntArray) -> BoolArray:
         """Returns whether the agents in `rows` (m,) of `table` are past their logs (m,)."""
