@@ -1,4 +1,4 @@
-"""Gymnasium environments of the closed loop: drive a vehicle of the background, or the ego.
+"""Environments of the closed loop: drive a vehicle of the background, many, all that are off their logs, or the ego.
 
 Gymnasium looks up no entry points since version 1.0. Importing this module registers the environments, and so do their
 full names: ``gymnasium.make("litsim_research.gym:litsim/Takeover-v0")``.
