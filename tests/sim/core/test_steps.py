@@ -120,14 +120,10 @@ def test_what_is_made_of_steps_is_made_once(crowd: Crowd) -> None:
     assert len(steps.after(99)) == 0 and steps.after(-1) is steps
 
 
-def test_a_stack_can_be_taken_from_but_has_no_row_for_an_agent(crowd: Crowd) -> None:
+def test_a_part_of_a_stack_keeps_the_steps_of_its_rows(crowd: Crowd) -> None:
     stacked = Steps(crowd(4)).stacked
     some = stacked.take(stacked.x > 20.0)
     assert len(some) and (some.x > 20.0).all() and np.array_equal(some.scene, stacked.scene[stacked.x > 20.0])
-    with pytest.raises(NotImplementedError):
-        stacked.row(3)
-    with pytest.raises(NotImplementedError):
-        stacked.rows(np.array([3]))
 
 
 def equal(steps: Steps, expected: Steps) -> bool:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from litsim_sim.core.pair_geometry import overlap
-from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, IntArray
+from litsim_sim.core.scene import STEP_S, AgentRows, AgentTable, FloatArray, IntArray
 from litsim_sim.core.steps import Steps
 from litsim_sim.kernels.compiled import Floats, Floats2, Ints, kernel
 
@@ -64,7 +64,7 @@ def encroachments(tables: Sequence[AgentTable], agent: int) -> list[Encroachment
     return sorted(encounters, key=lambda e: (e.pet, e.agent))
 
 
-def _boxes(table: AgentTable, rows: IntArray) -> FloatArray:
+def _boxes(table: AgentRows, rows: IntArray) -> FloatArray:
     """Returns the boxes (k, 5) in `rows` (k,): x, y, yaw, length, width."""
     return np.column_stack([values[rows] for values in (table.x, table.y, table.yaw, table.length, table.width)])
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from litsim_sim.core.nearby import Sorted, sorted_by_place, within_reach
 from litsim_sim.core.pair_geometry import overlap
-from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
+from litsim_sim.core.scene import AgentRows, AgentTable, FloatArray, IntArray
 from litsim_sim.core.steps import Steps
 from litsim_sim.kernels.compiled import Floats, Ints, kernel
 
@@ -104,7 +104,7 @@ def shortest_own_ttc(tables: Sequence[AgentTable], agent: int, touched: Mapping[
     return shortest
 
 
-def times_to_collision(table: AgentTable, rows: IntArray) -> FloatArray:
+def times_to_collision(table: AgentRows, rows: IntArray) -> FloatArray:
     """Returns times (m,) [s] until boxes in `rows` (m,) overlap another, at constant velocities; inf beyond 3 s.
 
     0 in contact. Agents behind count only while in contact, as in nuPlan's measure. Scenes are independent.
@@ -164,7 +164,7 @@ def _first_meetings(  # noqa: PLR0917 - a kernel takes arrays and numbers
     return found
 
 
-def following(table: AgentTable, rows: IntArray) -> Following:
+def following(table: AgentRows, rows: IntArray) -> Following:
     """Returns how the agents in `rows` (m,) of `table` follow their leaders; arrays (m,). Scenes are independent.
 
     The leader is the agent within :data:`SIGHT_M` whose box is the first that the strip meets which the own box sweeps

@@ -15,7 +15,7 @@ import numpy as np
 
 from litsim_data.surrogates.safety import times_to_collision
 from litsim_sim.core.geometry import boxes_overlap, to_body
-from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import AgentRows, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.lane_map import LaneMap
 
@@ -90,7 +90,7 @@ def careful_driver(
     return CarefulDriver(agent, contact_step, perceived, avoided=not len(met), speed_at_contact=at_contact)
 
 
-def _straight_on(table: AgentTable, rows: IntArray, later: IntArray, dt: float) -> tuple[FloatArray, FloatArray]:
+def _straight_on(table: AgentRows, rows: IntArray, later: IntArray, dt: float) -> tuple[FloatArray, FloatArray]:
     """Returns where vehicles in `rows` (k,) are [m] `later` (k,) steps of `dt` [s] later, if they drive straight on."""
     way = table.speed[rows] * dt * later
     return table.x[rows] + way * np.cos(table.yaw[rows]), table.y[rows] + way * np.sin(table.yaw[rows])
@@ -123,7 +123,7 @@ def _braked(real: list[float], path: list[float], time: list[float]) -> tuple[li
     return s, speed
 
 
-def risky(table: AgentTable, own: IntArray, other: IntArray, lane_map: LaneMap | None) -> BoolArray:
+def risky(table: AgentRows, own: IntArray, other: IntArray, lane_map: LaneMap | None) -> BoolArray:
     """Returns (k,) whether the careful driver of `own` perceives `other` as a risk; both (k,) are rows of `table`."""
     pairs = table.take(np.sort([own, other], axis=0).ravel("F"))
     e, a = 2 * np.arange(len(own)) + [own > other, own < other]

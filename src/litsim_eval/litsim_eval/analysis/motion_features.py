@@ -15,7 +15,7 @@ import numpy as np
 from litsim_data.surrogates.safety import TTC_HORIZON_S, following, times_to_collision
 from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.nearby import Sorted, sorted_by_place, within_reach
-from litsim_sim.core.scene import AgentTable, ByteArray, FloatArray, IntArray
+from litsim_sim.core.scene import AgentRows, ByteArray, FloatArray, IntArray
 from litsim_sim.core.steps import Steps
 from litsim_sim.kernels.compiled import Floats, Ints, kernel
 from litsim_sim.lane_map.lane_map import LaneMap
@@ -142,12 +142,12 @@ def _values(
     return table.id[rows], features
 
 
-def _turn(table: AgentTable, rows: IntArray, before: IntArray, dt: float) -> FloatArray:
+def _turn(table: AgentRows, rows: IntArray, before: IntArray, dt: float) -> FloatArray:
     """Returns the angular speed (m,) [rad/s] of agents from rows `before` (m,) to `rows` (m,), a step later."""
     return np.angle(np.exp(1j * (table.yaw[rows] - table.yaw[before]))) / dt
 
 
-def _distance_to_nearest(table: AgentTable, rows: IntArray) -> FloatArray:
+def _distance_to_nearest(table: AgentRows, rows: IntArray) -> FloatArray:
     """Returns distances (m,) [m] to the nearest agent of the scene: of centres, minus half of both lengths.
 
     40 m without others.
@@ -174,7 +174,7 @@ def _nearest(agents: Sorted, rows: Ints, x: Floats, y: Floats) -> tuple[Ints, Fl
     return nearest, distance
 
 
-def _distance_to_edge(table: AgentTable, rows: np.ndarray, lane_map: LaneMap) -> FloatArray:
+def _distance_to_edge(table: AgentRows, rows: np.ndarray, lane_map: LaneMap) -> FloatArray:
     """Returns distances (m,) [m] of the outermost corner of each box from the edge of the road; negative off the road.
 
     A border of the lane nearest to the corner is an edge if no lane adjoins it; else it counts as 20 m away.

@@ -13,7 +13,7 @@ import shapely
 from litsim_data.mining.lane_tracks import true_runs
 from litsim_eval.analysis.measure import KNOWN_OF_EGO, LOWER, Listed, Metrics, family, moments_of
 from litsim_sim.core.geometry import arc_lengths, box_corners, wrap_angle
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import STEP_S, AgentRows, BoolArray, FloatArray, IntArray
 from litsim_sim.core.signals import STOP_STATES, SignalState
 from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.signal_links import SignalLink
@@ -50,7 +50,7 @@ class _Track:
     """States (n,) of an agent by step, as rows of a table, and its logged way (m, 2) [m]."""
 
     step: IntArray
-    state: AgentTable
+    state: AgentRows
     log: FloatArray
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from litsim_sim.core.pair_geometry import behind_scene, within_scenes
-from litsim_sim.core.scene import AgentTable, BoolArray, IntArray
+from litsim_sim.core.scene import AgentRows, AgentTable, BoolArray, IntArray
 from litsim_sim.kernels.compiled import Bools, Floats, Ints, kernel
 
 FEW = 16  # agents of a scene, times the share of agents that is asked for, up to which sorting costs more than it saves
@@ -30,7 +30,7 @@ class Sorted(NamedTuple):
     end: Ints
 
 
-def sorted_by_place(table: AgentTable, rows: IntArray) -> Sorted:
+def sorted_by_place(table: AgentRows, rows: IntArray) -> Sorted:
     """Returns the agents of `table` sorted by the coordinate in which they are spread most, to ask for those in `rows`.
 
     If it is not worth the sorting, all agents of a scene are said to be at one place.

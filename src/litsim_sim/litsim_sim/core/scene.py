@@ -83,7 +83,7 @@ def index_of(ids: Ints, agents: Ints) -> Ints:
 
 
 class AgentArrays(NamedTuple):
-    """The columns (n,) of an :class:`AgentTable` that kernels read, and the scene of each agent."""
+    """The columns (n,) of an :class:`AgentRows` that kernels read, and the scene of each agent."""
 
     id: Ints
     scene: Ints
@@ -100,16 +100,15 @@ class AgentArrays(NamedTuple):
 
 
 @dataclass
-class AgentTable:
-    """All agents at one step; every array has shape (n,) and `id` ascends.
+class AgentRows:
+    """States of agents in rows, by scene; every array has shape (n,), and ids ascend within a scene.
 
-    A scene is a set of agents that can interact: those of one run at one step. A table holds one scene, unless several
-    runs are stepped together (:mod:`litsim_sim.scenario.batched`) or several steps are stacked (:mod:`.steps`).
+    A scene is a set of agents that can interact: those of one run at one step.
 
     Tables must not be changed after they are made; a frozen dataclass would enforce it, but takes six times as long.
 
     Attributes:
-        step: integer step of 0.1 s since the start of the scenario.
+        step: integer step of 0.1 s since the start of the scenario, of the first scene.
         id: ids of the recording; of a batch, those of :class:`litsim_sim.scenario.batched.BatchedLog`.
         kind: :class:`litsim_sim.core.scene.Kind`.
         controller: :class:`Controller`.
@@ -143,21 +142,6 @@ class AgentTable:
     def __len__(self) -> int:
         return len(self.id)
 
-    def row(self, agent: int) -> int:
-        """Returns the row of `agent`, or -1 where it is not on the road."""
-        at = int(self.id.searchsorted(agent))
-        return at if at < len(self.id) and self.id[at] == agent else -1
-
-    def rows(self, agents: IntArray) -> IntArray:
-        """Returns the row of each of `agents` (m,) in this table (m,); -1 for those that are not on the road."""
-        return index_of(self.id, agents)
-
-    def mask(self, agents: IntArray) -> BoolArray:
-        """Returns the mask (n,) of the agents of this table that are among `agents` (m,)."""
-        mask, rows = np.zeros(len(self), np.bool_), self.rows(agents)
-        mask[rows[rows >= 0]] = True
-        return mask
-
     def take(self, rows: IntArray | BoolArray) -> Self:
         """Returns a table of the agents in `rows`, which are ascending positions or a mask (n,)."""
         at = rows.nonzero()[0] if rows.dtype == np.bool_ else rows
@@ -188,6 +172,28 @@ class AgentTable:
         """The table as kernels take it."""
         return tuple_of(AgentArrays, self)
 
+
+class AgentTable(AgentRows):
+    """All agents at one step; `id` ascends.
+
+    They are in one scene, unless several runs are stepped together (:mod:`litsim_sim.scenario.batched`).
+    """
+
+    def row(self, agent: int) -> int:
+        """Returns the row of `agent`, or -1 where it is not on the road."""
+        row = int(self.id.searchsorted(agent))
+        return row if row < len(self.id) and self.id[row] == agent else -1
+
+    def rows(self, agents: IntArray) -> IntArray:
+        """Returns the row of each of `agents` (m,) in this table (m,); -1 for those that are not on the road."""
+        return index_of(self.id, agents)
+
+    def mask(self, agents: IntArray) -> BoolArray:
+        """Returns the mask (n,) of the agents of this table that are among `agents` (m,)."""
+        mask, rows = np.zeros(len(self), np.bool_), self.rows(agents)
+        mask[rows[rows >= 0]] = True
+        return mask
+
     @classmethod
     def merged(cls, step: int, tables: Sequence[AgentTable]) -> Self:
         """Returns the agents of several tables, which have no agent in common, as one table of `step`."""
@@ -206,7 +212,7 @@ class AgentTable:
         return cls(step, *(np.empty(0, dtype) for dtype in DTYPES.values()))
 
 
-COLUMNS: Callable[[AgentTable], tuple[Any, ...]] = attrgetter(*(f.name for f in fields(AgentTable)[1:]))
+COLUMNS: Callable[[AgentRows], tuple[Any, ...]] = attrgetter(*(f.name for f in fields(AgentRows)[1:]))
 """The arrays of a table, in the order of its fields."""
 
 

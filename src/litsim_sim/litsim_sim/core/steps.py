@@ -11,7 +11,7 @@ import numpy as np
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import overlapping_pairs
-from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, BoolArray, IntArray
+from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentRows, AgentTable, BoolArray, IntArray
 
 T = TypeVar("T")
 BLOCK_ROWS = 50_000  # rows that are in memory together, of steps that are in a file
@@ -26,21 +26,13 @@ def write_temporary(file: IO[bytes], data: bytes) -> None:
         raise InputError(f"{gettempdir()}: cannot hold the data of a run: {error.strerror or error}") from error
 
 
-class StackedTable(AgentTable):
-    """The agents of several steps as one table of (m,) rows, those of the first step first; ids ascend in each step."""
+class StackedTable(AgentRows):
+    """The agents of several steps as one table of (m,) rows, those of the first step first; each step is a scene."""
 
     @property
     def number(self) -> IntArray:
-        """(m,) index of the step of each row; each step is a scene."""
+        """(m,) index of the step of each row."""
         return self.scene
-
-    def row(self, agent: int) -> int:
-        """Not defined: an agent has a row in every step."""
-        raise NotImplementedError
-
-    def rows(self, agents: IntArray) -> IntArray:
-        """Not defined, for the same reason."""
-        raise NotImplementedError
 
 
 class Steps(Sequence[AgentTable]):
