@@ -169,6 +169,16 @@ def test_a_margin_lengthens_the_boxes(look) -> None:
     assert [c.agent for c in look(near, margin=0.6).conflicts()] == [2]
 
 
+def test_a_lagged_log_is_not_expected_to_go_on_as_it_moves_now(look) -> None:
+    """Its recorded acceleration may be noise."""
+    beside = look({"id": 2, "x": 90.0}, ego={"acceleration": -8.0})
+    follows_log = Futures(
+        beside.detector.log, ConflictConfig(), beside.table, beside.forecast, keep_to_log=beside.table.id == 1
+    )
+    assert beside.conflicts()[0].urgent
+    assert not any(c.urgent for c in beside.detector.conflicts(follows_log, ~beside.off, beside.off))
+
+
 def test_a_log_that_is_over_by_then_is_in_none(look) -> None:
     leaves = {"id": 2, "x": 85.0, "speed": 10.0, "last": NOW + 15}
     assert look(leaves, ego={"speed": 4.0}).conflicts() == []
@@ -323,8 +333,8 @@ def test_the_broad_phase_loses_no_pair(agent_table, crowd: list[tuple], least: f
     logged, forecast, exact = futures.by_log, futures.expected, np.zeros(found.shape)
     for k, t in np.ndindex(*found.shape):
         a, b = logged.states[pairs[k, 0], t], forecast.states[pairs[k, 1], t]
-        boxes = overlap.strips(a[YAW], b[YAW], LENGTH, WIDTH, LENGTH, WIDTH)
-        exact[k, t] = overlap.probability_within(*boxes, *(b - a)[[X, Y]], tuple(b[XX:]))
+        sizes, gaussian = (LENGTH, WIDTH, LENGTH, WIDTH), tuple(b[XX:])
+        exact[k, t] = overlap.overlap_probability(*(b - a)[[X, Y]], a[YAW], b[YAW], sizes, gaussian, 0.0, -np.inf)
     assert found == pytest.approx(np.where(exact >= least, exact, 0.0), abs=1e-9)
 
 

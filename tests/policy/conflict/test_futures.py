@@ -51,6 +51,21 @@ def test_an_ego_that_brakes_hard_is_expected_to_go_on_for_a_second(make_scenario
     assert ahead(acceleration=-0.9)[29] == pytest.approx(30.0), "that is not hard"
 
 
+def test_an_ego_that_stands_is_expected_to_stand_until_it_starts(make_scenario, track, placed) -> None:
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+
+    def moves(**values: float) -> float:
+        table = placed(log.table(NOW), 1, controller=Controller.EGO, **values)
+        drifting = straight_on(placed(table, 1, speed=2.0, yaw=0.2))
+        expected = forecast_of(log, table, drifting)
+        assert expected.valid[0].all()
+        return float(np.hypot(expected.x[0, -1] - table.x[0], expected.y[0, -1] - table.y[0]))
+
+    assert moves(speed=0.0) == 0.0
+    assert moves(speed=0.0, acceleration=0.5) == pytest.approx(6.0)
+    assert moves(speed=1.0) == pytest.approx(6.0)
+
+
 def test_an_agent_that_keeps_its_speed_is_not_held_back_even_if_all_braking_is_hard(
     make_scenario, track, placed
 ) -> None:

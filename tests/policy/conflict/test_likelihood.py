@@ -78,7 +78,13 @@ def test_who_enters_a_road_that_was_empty_is_judged(scenario) -> None:
 
 @pytest.mark.parametrize(
     ("behind", "lag", "urgent", "remains"),
-    [(0.0, 0, False, False), (0.0, 0, True, True), (0.0, 10, False, True), (4.0, 0, False, True)],
+    [
+        (0.0, 0, False, False),
+        (0.0, 0, True, False),
+        (4.0, 0, True, True),
+        (0.0, 10, False, True),
+        (4.0, 0, False, True),
+    ],
 )
 def test_what_the_forecast_expects_of_an_ego_on_its_log_is_no_conflict(judge, behind, lag, urgent, remains) -> None:
     ratios, table = judge(behind, lag=lag)

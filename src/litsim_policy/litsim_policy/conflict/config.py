@@ -41,7 +41,7 @@ class ConflictConfig:
         braking_time: time for which a hard braking agent is assumed to keep braking, where its forecast expects less;
             0 leaves forecasts unchanged.
         emergency: deceleration from which any agent's braking is hard. No forecast knows the reason for it, and
-            agents behind need longer to stop.
+            agents behind need longer to stop. It is more than policy `litsim` brakes by without its guard, 4.05 m/s2.
         roi_m: radius around an agent off its log within which others are compared; 0 for the scenario's.
         approach_time: others that would reach that radius within this time, at their present rate of approach, are
             compared as well; 0 for the radius alone. Stopping behind a standing agent can take more than 30 m.
@@ -76,7 +76,7 @@ class ConflictConfig:
     probability_clear: OpenShare = 0.2
     sigma_scale: NonNegative[Number] = 1.0
     braking_time: NonNegative[Duration] = 1.0
-    emergency: NonNegative[Acceleration] = 4.0
+    emergency: NonNegative[Acceleration] = 4.5
     roi_m: NonNegative[Length] = 0.0
     approach_time: NonNegative[Duration] = 3.0
     region: Literal["off_log", "ego"] = "off_log"

@@ -167,7 +167,7 @@ class ConflictDetector:
         """Returns the `pairs` that can overlap, with a probability of at least `least` or closing fast."""
         if not len(pairs):
             return pairs
-        boxes = self._boxes(futures.covered)
+        boxes = self._boxes(futures)
         return pairs[may_overlap(pairs, futures.by_log, futures.expected, boxes, max(0.0, -quantile(least)))]
 
     def _overlap_probability(
@@ -186,12 +186,17 @@ class ConflictDetector:
         `first` as in :func:`.overlap.mixture_overlap_probability`.
         """
         motions = futures.by_log.states, futures.by_log.valid
-        return closing_overlaps(pairs, motions, self._boxes(futures.covered), first)
+        return closing_overlaps(pairs, motions, self._boxes(futures), first)
 
-    def _boxes(self, table: AgentTable) -> Boxes:
-        """Returns the boxes of agents, which are assumed to continue as now for `ConflictConfig.closing_time`."""
+    def _boxes(self, futures: Futures) -> Boxes:
+        """Returns the boxes of agents, which are assumed to continue as now for `ConflictConfig.closing_time`.
+
+        Agents on lagged logs are not: where they go is known, and their recorded accelerations and headings are noisy.
+        """
+        table = futures.covered
         emergency = -table.acceleration >= self.config.emergency
         time = np.where(emergency, 2.0, 1.0) * self.config.closing_time
+        time[futures.follow_logs] = 0.0
         return Boxes(table.x, table.y, table.yaw, table.speed, table.acceleration, *self._sizes(table), time)
 
     def _sizes(self, table: AgentTable) -> tuple[FloatArray, FloatArray]:

@@ -160,12 +160,12 @@ def unlikely_logs(ratios: LogRatios, table: AgentTable, log: Log, which: BoolArr
 def with_changed(conflicts: list[Conflict], ratios: LogRatios, table: AgentTable) -> list[Conflict]:
     """Returns the `conflicts` but those of agents and opponents that both are where they were recorded.
 
-    What the forecast expects of them is not what happened. Urgent conflicts remain.
+    What is expected of them is not what happened: recorded accelerations are noisy, and end.
     """
 
     def changed(conflict: Conflict) -> bool:
         row, opponent = table.row(conflict.agent), table.row(conflict.opponent)
-        return bool(conflict.urgent or ratios.lag[row] > 0 or not ratios.as_recorded[opponent])
+        return bool(ratios.lag[row] > 0 or not ratios.as_recorded[opponent])
 
     return [conflict for conflict in conflicts if changed(conflict)]
 
