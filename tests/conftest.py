@@ -24,6 +24,7 @@ import pytest
 import yaml
 from hypothesis import settings
 
+from litsim_sim.core import plugins
 from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, STEP_S, AgentTable, Controller, Kind
 from litsim_sim.scenario.recording import COLUMNS, Recording, RecordingHeader
 from litsim_sim.scenario.scenario import Scenario
@@ -39,6 +40,11 @@ US101 = "ngsim/us101_0750_frames_0126_1149.parquet"
 # Tests run in several processes at a time: more threads in each would wait for each other.
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+# Tests are of what LitSim ships: plug-ins that somebody has installed beside it stay out of their sight.
+SHIPPED = {plugins.PIP_PACKAGE, *(path.name for path in (Path(__file__).resolve().parents[1] / "src").iterdir())}
+for points in plugins._entry_points().values():
+    points[:] = [each for each in points if each.dist and {each.dist.name, each.dist.name.replace("-", "_")} & SHIPPED]
 
 # How long an example takes says nothing on a machine that is shared; on CI, hypothesis also fixes its seed.
 settings.register_profile("litsim", settings(), deadline=None)
