@@ -1,7 +1,7 @@
 # The commands that people type. `make` alone lists them.
 .DEFAULT_GOAL := help
 SHELL := /bin/bash
-.PHONY: help setup setup-all build demo test lint lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture lint-figures architecture format bench lock audit sbom soak clean distclean
+.PHONY: help setup setup-all build demo test lint lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture lint-figures architecture format bench api lock audit sbom soak clean distclean
 
 # Choices, also taken from the environment; see tools/bootstrap.sh --help.
 PYTHON ?=
@@ -70,6 +70,11 @@ bench: build ## what a step costs on this machine, by stage, beside highway-env
 
 soak: build ## 100 short runs of the graph, resumed where they were left; docs/performance.md
 	./litsim exec python tests/soak/soak.py $(ARGS)
+
+api: build ## the reference of `import litsim` and of the environments, from their docstrings, into build/api/
+	@cd build && ../litsim exec ../$(BIN)/uv run --quiet --no-project --python ../$(BIN)/python --with pdoc==16.0.0 \
+	  pdoc --docformat google --output-directory api litsim litsim_research.gym '!litsim_research.gym.network_ego'
+	@echo "build/api/index.html"
 
 lock: ## versions and hashes of all packages, from constraints.txt, into requirements/locked/
 	@tools/lock.sh
