@@ -52,7 +52,7 @@ TRACKED = {"/perception/object_recognition/tracking/objects": ("autoware_percept
     ],
 )
 def test_names_types_and_qos(name: str, published: dict[str, tuple], heard: dict[str, tuple]) -> None:
-    from litsim_autoware.node import AutowareNode
+    from litsim_autoware.node.node import AutowareNode
 
     profile = Profile.load(name.split(maxsplit=1)[0])
     if "trajectory" in name:

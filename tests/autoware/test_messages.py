@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,17 +23,16 @@ from autoware_perception_msgs.msg import (
 )
 from autoware_vehicle_msgs.msg import GearReport, SteeringReport, VelocityReport
 from geometry_msgs.msg import AccelWithCovarianceStamped
+from litsim_msgs.msg import RunInfo
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
 
 from litsim_autoware.messages import objects, vehicle
 from litsim_autoware.messages.objects import Forecast
 from litsim_autoware.messages.vehicle import RearAxle
-from litsim_autoware.node import AutowareNode
+from litsim_autoware.node.announced_run import AnnouncedRun
 from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable
-from litsim_sim.core.vehicle_geometry import VehicleGeometry
 from litsim_sim.ros.cdr import without_padding
-from litsim_sim.scenario.perception import Perception
 
 STAMP_NS = 12_300_000_000
 
@@ -75,17 +73,10 @@ def test_objects_are_what_the_ego_is_told(make_scenario, track) -> None:
     hide = {"kind": "hide", "agent": 2, "begin_s": 1.0, "duration_s": 0.5}
     tracks = (track(1, x=100.0), track(2, x=140.0), track(3, x=170.0))
     scenario = make_scenario(*tracks, changes=[hide, {"kind": "noise", "sigma_m": 0.5}])
-    shown: list[AgentTable] = []
-    geometry = VehicleGeometry.of(scenario.log.table(0), 1, scenario.vehicle)
-    node: Any = SimpleNamespace(_perception=Perception(scenario), _geometry=geometry, _ego_id=1, _steering=0.0)
-    node._timeline = SimpleNamespace(stamp=lambda step: step * 10**8)
-    node._clock = SimpleNamespace(step=lambda *_: None)
-    node._show_others = lambda others, _: shown.append(others)
-    node._show_ego = node._report = lambda *_: None
-    for step in (9, 10, 14, 15):
-        AutowareNode._show_step(node, scenario.log.table(step))
-    assert [table.id.tolist() for table in shown] == [[2, 3], [3], [3], [2, 3]]
-    errors = [table.x[-1] - scenario.log.table(table.step).x[2] for table in shown]
+    run = AnnouncedRun.of(RunInfo(scenario_yaml=scenario.to_yaml(), ego_id=1))
+    perceived = [run.others(scenario.log.table(step)) for step in (9, 10, 14, 15)]
+    assert [table.id.tolist() for table in perceived] == [[2, 3], [3], [3], [2, 3]]
+    errors = [table.x[-1] - scenario.log.table(table.step).x[2] for table in perceived]
     assert all(0.0 < abs(error) < 3.0 for error in errors)
 
 

@@ -48,7 +48,7 @@ def main(argv: list[str] | None = None) -> int:
     if arguments.command:
         check_program(arguments.command)
     try:
-        from litsim_autoware.node import AutowareNode
+        from litsim_autoware.node.node import AutowareNode
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
         if not missing.startswith("autoware_"):

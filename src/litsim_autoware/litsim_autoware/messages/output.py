@@ -8,6 +8,8 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+QOS = QoSProfile(depth=1)  # of all topics of Autoware that are not latched
+
 
 class Output:
     """A publisher of serialised messages.
