@@ -8,47 +8,40 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
-from typing import Any
-
-from scipy.stats import binomtest
 
 from litsim_data.exports.openscenario import OpenScenario
 from litsim_data.exports.reading import run_content
-from litsim_eval.analysis.safety import avoidable
 from litsim_eval.campaign.case import Case, cases_of
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.part import write_suite
-from litsim_eval.campaign.results import RunResult, read_results, rerun_command
+from litsim_eval.campaign.results import RunResult, read_results
 from litsim_eval.campaign.suite import CaseEntry, EgoSetup, Suite
 from litsim_eval.report.margins import write_margins_page
 from litsim_eval.runs.campaign import LocalRuns, conclude
 from litsim_eval.runs.case_run import RECORDING, plan_of
 from litsim_eval.runs.runner import Runner, record
 from litsim_eval.runs.warm_runs import WarmRuns
-from litsim_eval.search.explore import Asked, Exploration, Tried, explore, promising
-from litsim_eval.search.judging import Outcome, closeness, first_contacts, missed_by, outcome_of
+from litsim_eval.search.case_search import CaseSearch
+from litsim_eval.search.explore import Asked, Tried, explore, promising
 from litsim_eval.search.margins import (
     FAILURES_FILE,
     PAGE_FILE,
     TABLE_FILE,
-    CriticalChange,
-    Margin,
     Margins,
     write_tried,
 )
 from litsim_eval.search.people import People
-from litsim_eval.search.space import DISTANCE_MAX, Proposal, Space
+from litsim_eval.search.space import DISTANCE_MAX, Proposal
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.stages import POLICY_STAGES
 from litsim_sim.io.files import make_folder, replacing
 from litsim_sim.kernels.compiled import load_kernels
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import EXTERNAL
-from litsim_sim.scenario.scenario import Scenario
 
 SEARCH_FILE, SCENARIOS, RUNS, REPEATED = "search.json", "scenarios", "tried", "repeated"
 SCREEN, STAND_IN, SCREEN_RUNS = "screen", "idm", 100  # folder, ego and most runs of a search before an external stack's
@@ -78,27 +71,6 @@ class Settings:
     time_limit_s: float
     graph: bool
     warm: WarmRuns | None = None
-
-
-@dataclass
-class _One:
-    """The search in one case of the suite; of its runs, by number, the entry of a suite, the case and the result.
-
-    Those whose scenario cannot be loaded, such as one with an agent that would enter before the recording begins, have
-    a result alone.
-    """
-
-    case: Case
-    exploration: Exploration
-    entries: dict[int, CaseEntry] = field(default_factory=dict)
-    cases: dict[int, Case] = field(default_factory=dict)
-    results: dict[int, RunResult] = field(default_factory=dict)
-
-    @property
-    def stem(self) -> str:
-        """Beginning of the names of its scenarios."""
-        seed = "" if self.case.seed is None else f"_s{self.case.seed}"
-        return f"{Path(self.case.scenario).stem}_{self.case.ego_id}{seed}"
 
 
 class Search:
@@ -136,7 +108,7 @@ class Search:
         self._suite, self._versions, self._people, self._settings, self._out = suite, versions, people, settings, out
         self._folder = CampaignFolder(out / RUNS)
         self._begin = time.monotonic()
-        self.all = [_One(case, Exploration(self._space(case))) for case in cases]
+        self.all = [CaseSearch.of(case, people, settings.only) for case in cases]
         self.screen = self._stand_in() if cases[0].ego.kind == EXTERNAL else None
 
     @property
@@ -172,16 +144,12 @@ class Search:
         cases = cases_of(suite, with_versions=self._versions)
         return Search(suite, cases, self._versions, self._people, settings, self._out / SCREEN)
 
-    def _space(self, case: Case) -> Space:
-        scenario = Scenario.load(case.scenario).around(case.ego_id, case.seed, case.end_after_contact_s, case.draw)
-        return Space.of(scenario, self._people, self._settings.only)
-
     def _check_folder(self) -> None:
         """Notes in the folder what is searched; refuses that of another search."""
         path = self._out / SEARCH_FILE
         settings = {name: getattr(self._settings, name) for name in ("sampler", "seed")}
         settings["only"] = list(self._settings.only)
-        note = {"cases": [one.case.key for one in self.all], "people": self._people.source} | settings
+        note = {"cases": [search.case.key for search in self.all], "people": self._people.source} | settings
         if path.is_file() and json.loads(path.read_text(encoding="utf-8")) != note:
             raise InputError(f"{self._out}: holds another search; expected another --out, or --overwrite")
         with replacing(path) as new:
@@ -193,16 +161,16 @@ class Search:
         deadline = None if settings.minutes is None else self._begin + 60.0 * settings.minutes
         running = {
             k: explore(
-                one.exploration,
+                search.exploration,
                 settings.runs,
                 settings.sampler,
                 settings.seed,
                 [] if self.screen is None else self.screened(k),
                 lambda: deadline is not None and time.monotonic() > deadline,
             )
-            for k, one in enumerate(self.all)
+            for k, search in enumerate(self.all)
         }
-        asked = {k: next(searching) for k, searching in running.items()}
+        asked = {k: next(exploring) for k, exploring in running.items()}
         while asked:
             outcomes = self._evaluate(asked, progress)
             asked = {}
@@ -224,19 +192,19 @@ class Search:
             for k in asked
             for number, (how, proposal) in enumerate(asked[k], len(self.all[k].exploration.tried))
         ]
-        for one, number, _, proposal in batch:
-            self._make_case(one, number, proposal)
-        cases = [one.cases[number] for one, number, *_ in batch if number in one.cases]
+        for search, number, _, proposal in batch:
+            self._make_case(search, number, proposal)
+        cases = [search.cases[number] for search, number, *_ in batch if number in search.cases]
         done = {result.case.id: result for result in read_results(self._folder.path, cases, self._suite.criteria)}
         progress(len(batch) - len(cases) + len(done))
         with closing(self._runs(self._folder).run([case for case in cases if case.id not in done])) as running:
             for result in running:
                 done[result.case.id] = result
                 progress(1)
-        for one, number, *_ in batch:
-            if number in one.cases:
-                one.results[number] = done[one.cases[number].id]
-        tried = iter([self._tried(*each) for each in batch])
+        for search, number, *_ in batch:
+            if number in search.cases:
+                search.results[number] = done[search.cases[number].id]
+        tried = iter([search.tried(number, how, proposal) for search, number, how, proposal in batch])
         return {k: list(islice(tried, len(asked[k]))) for k in asked}
 
     def _suite_of(self, entries: Sequence[CaseEntry]) -> Suite:
@@ -246,40 +214,32 @@ class Search:
         settings = self._settings
         return LocalRuns(folder, self._suite.criteria, settings.processes, settings.time_limit_s, settings.warm)
 
-    def _make_case(self, one: _One, number: int, proposal: Proposal) -> None:
+    def _make_case(self, search: CaseSearch, number: int, proposal: Proposal) -> None:
         """Writes the scenario of a proposal, and notes the case of its run, or why it cannot be run."""
-        space, name = one.exploration.space, f"{one.stem}_{number:04d}"
+        space, name = search.exploration.space, search.scenario_name(number)
         path = self._out / SCENARIOS / f"{name}.yaml"
         make_folder(path.parent)
         with replacing(path) as new:
             new.write_text(space.scenario_file(proposal, name), encoding="utf-8")
         events = [change.model_dump(mode="json") for change in space.changes(proposal)]
-        entry = one.entries[number] = CaseEntry(
+        entry = search.entries[number] = CaseEntry(
             scenario=str(path.resolve()),
-            ego_id=one.case.ego_id,
-            seed=one.case.seed,
+            ego_id=search.case.ego_id,
+            seed=search.case.seed,
             tags=list(dict.fromkeys(event["kind"] for event in events)),
             events=events,
         )
         try:
             cases = cases_of(self._suite_of([entry]), graph=self._settings.graph, with_versions=self._versions)
         except InputError as error:
-            one.results[number] = RunResult.error(one.case, str(error))
+            search.results[number] = RunResult.error(search.case, str(error))
         else:
-            one.cases[number] = next(case for case in cases if case.variant == one.case.variant)
-
-    @staticmethod
-    def _tried(one: _One, number: int, how: str, proposal: Proposal) -> Tried:
-        """Returns what became of a proposal."""
-        result, distance = one.results[number], round(one.exploration.space.distance(proposal), 4)
-        outcome = outcome_of(result, proposal, one.exploration.space.scenario.history_steps)
-        group = missed_by(result) if outcome == Outcome.FAILED else ""
-        return Tried(number, how, proposal, distance, outcome, group, closeness(result.metrics))
+            search.cases[number] = next(case for case in cases if case.variant == search.case.variant)
 
     def _conclude(self) -> Margins:
         """Repeats the failures, and writes what the search leaves."""
         repeated = self._repeat()
-        everything = [(one.entries[number], case) for one in self.all for number, case in one.cases.items()]
+        everything = [(search.entries[number], case) for search in self.all for number, case in search.cases.items()]
         suite = self._suite_of([entry for entry, _ in everything])
         self._folder.begin(suite, [case for _, case in everything], self._versions)
         conclude(self._folder)
@@ -291,15 +251,20 @@ class Search:
             settings=asdict(self._settings),
             versions=dict(self._versions),
             wall_s=round(time.monotonic() - self._begin, 1),
-            scenarios=[self._margin(one, repeated) for one in self.all],
+            scenarios=[search.margin(self._folder.path, repeated) for search in self.all],
         )
-        rows = [[self._row(one, each) for each in one.exploration.tried] for one in self.all]
-        write_tried([row for some in rows for row in some], self._out / TABLE_FILE)
+        rows = [[search.row(tried) for tried in search.exploration.tried] for search in self.all]
+        write_tried([row for of_case in rows for row in of_case], self._out / TABLE_FILE)
         write_margins_page(margins.model_dump(), rows, self._out / PAGE_FILE)
-        for one in self.all:
-            if one.exploration.failures:
-                self._export(one, one.exploration.failures[0])
-        shown = [(one.entries[e.number], e.distance) for one in self.all for e in one.exploration.failures if e.number]
+        for search in self.all:
+            if search.exploration.failures:
+                self._export(search, search.exploration.failures[0])
+        shown = [
+            (search.entries[failure.number], failure.distance)
+            for search in self.all
+            for failure in search.exploration.failures
+            if failure.number
+        ]
         failed = [
             entry.model_copy(update={"events": [{"kind": "margin", "distance": distance}, *entry.events]})
             for entry, distance in shown
@@ -310,9 +275,9 @@ class Search:
         margins.write(self._out)
         return margins
 
-    def _export(self, one: _One, failure: Tried) -> None:
+    def _export(self, search: CaseSearch, failure: Tried) -> None:
         """Writes what happens in a failure as OpenSCENARIO, beside its scenario."""
-        case, name = one.cases[failure.number], f"{one.stem}_{failure.number:04d}"
+        case, name = search.cases[failure.number], search.scenario_name(failure.number)
         recording = self._folder.run_folder(case) / RECORDING
         run = read_run(recording) if recording.is_dir() else record(Runner(plan_of(case)))
         with tempfile.TemporaryDirectory() as folder:
@@ -321,68 +286,8 @@ class Search:
     def _repeat(self) -> dict[str, RunResult]:
         """Runs the failures that are shown once more; returns the results by id of the case."""
         folder = CampaignFolder(self._out / REPEATED)
-        cases = [one.cases[each.number] for one in self.all for each in one.exploration.failures]
+        cases = [case for search in self.all for case in search.failed_cases]
         with closing(self._runs(folder).run(cases)) as running:
             results = {result.case.id: result for result in running}
         shutil.rmtree(folder.path, ignore_errors=True)
         return results
-
-    def _margin(self, one: _One, repeated: Mapping[str, RunResult]) -> Margin:
-        tried, failures = one.exploration.tried, one.exploration.failures
-        count = {outcome: sum(each.outcome == outcome for each in tried) for outcome in Outcome}
-        drawn = [each for each in tried if each.how == "drawn" and each.outcome != Outcome.ERROR]
-        bad = sum(each.outcome == Outcome.FAILED for each in drawn)
-        bounds = binomtest(bad, len(drawn)).proportion_ci(0.95, "exact") if drawn else None
-        return Margin(
-            name=one.case.name,
-            margin=failures[0].distance if failures else None,
-            recorded=tried[0].outcome,
-            reason=one.results[0].reason,
-            runs=len(tried),
-            failed=count[Outcome.FAILED],
-            forced=count[Outcome.FORCED],
-            errors=count[Outcome.ERROR],
-            drawn=len(drawn),
-            drawn_failed=bad,
-            rate=None if bounds is None else (round(float(bounds.low), 4), round(float(bounds.high), 4)),
-            failures=[self._critical(one, each, repeated[one.cases[each.number].id]) for each in failures],
-        )
-
-    def _critical(self, one: _One, tried: Tried, again: RunResult) -> CriticalChange:
-        space, result = one.exploration.space, one.results[tried.number]
-        metrics = result.metrics or {}
-        contact, careful = first_contacts(metrics)[:1], {each["agent"] for each in avoidable(metrics)}
-        return CriticalChange(
-            name=f"{one.stem}_{tried.number:04d}",
-            act=tried.proposal.act,
-            distance=tried.distance,
-            distances={name: round(z, 3) for name, z in space.distances(tried.proposal).items()},
-            changes=[change.text for change in space.changes(tried.proposal)] or ["as recorded"],
-            reason=result.reason,
-            holds=outcome_of(again, tried.proposal, space.scenario.history_steps) == Outcome.FAILED
-            and missed_by(again) == tried.group,
-            careful_driver=contact[0]["agent"] in careful if contact else None,
-            digest=metrics["digest"],
-            rerun=rerun_command(self._folder.path, one.cases[tried.number]),
-        )
-
-    @staticmethod
-    def _row(one: _One, tried: Tried) -> dict[str, Any]:
-        """Returns a run as a row of the table: what it was, its changes in their units, and their distances."""
-        space, proposal, result = one.exploration.space, tried.proposal, one.results[tried.number]
-        distances = {f"distance.{name}": round(z, 4) for name, z in space.distances(proposal).items()}
-        return {
-            "case": one.case.name,
-            "scenario": f"{one.stem}_{tried.number:04d}",
-            "number": tried.number,
-            "how": tried.how,
-            "distance": tried.distance,
-            "reason": result.reason,
-            "digest": (result.metrics or {}).get("digest") or "",
-            "outcome": tried.outcome.value,
-            "act": proposal.act,
-            "agent": proposal.agent,
-            "begin_s": proposal.begin_s,
-            **space.values(proposal),
-            **distances,
-        }
