@@ -110,7 +110,7 @@ def test_a_command_starts_the_external_ego() -> None:
     [
         (
             ["--ego", "drunk"],
-            "--ego drunk; expected autoware, autoware_universe, bat, external, idm, log, perturbed, track",
+            "--ego drunk; expected autoware, autoware_universe, bat, external, idm, log, onnx, perturbed, track",
         ),
         (["--ego", "bta"], "--ego bta (near: bat)"),
         (["--ego", "idm", "--", "my_stack", "-x"], "my_stack -x: external egos: none; expected one"),
