@@ -67,6 +67,7 @@ def results(out: Path) -> dict[str, Any]:
         (["--ego-id", "tuning"], "tuning"),
         (["--processes", "0"], "'0', expected a whole number of at least 1"),
         (["--ego", "external", "--", "no_such_stack"], "no_such_stack: no such program"),
+        (["--warm"], "--warm: expected runs over DDS"),
         (["--policy", "litsm"], "--policy litsm (near: litsim"),
         (["--scenario", "nowhere"], "nowhere"),
     ],

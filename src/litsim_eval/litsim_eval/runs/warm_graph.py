@@ -78,11 +78,9 @@ class WarmGraph:
 
         A run that fails with a stack that has driven before is made again with a new one, and nothing is left of it.
         """
-        driven_before = self._has(case.ego.argv)
+        has_driven = self._has(case.ego.argv)
         failure = self._attempt(case, folder)
-        if failure and driven_before:
-            failure = self._attempt(case, folder)
-        return failure
+        return self._attempt(case, folder) if failure and has_driven else failure
 
     def _attempt(self, case: Case, folder: Path) -> str:
         """Run a case by the stack that runs, or a new one; that of a run that fails is ended."""
@@ -90,8 +88,9 @@ class WarmGraph:
         make_room(out, overwrite=True)
         (out / LOG_FOLDER).mkdir(exist_ok=True)
         with without_collection(), _logged(out / LOG_FOLDER / "graph.log"):
+            failure = ""
             try:
-                failure = self._driven(case, out)
+                self._drive(case, out)
             except Exception as error:  # noqa: BLE001 - any error: the other runs go on, and the table reports it
                 failure = self._explained(str(error) if isinstance(error, RunFailed) else reason(error))
             if failure:
@@ -111,8 +110,8 @@ class WarmGraph:
             gc.collect()
         gc.freeze()
 
-    def _driven(self, case: Case, out: Path) -> str:
-        """Make the run of a case, recorded to `out`; returns why the stack has ended it, if it has."""
+    def _drive(self, case: Case, out: Path) -> None:
+        """Make the run of a case, recorded to `out`."""
         plan = plan_of(case)
         plan = RunPlan(plan.scenario, plan.ego, plan.policy, graph_parameters(case))
         bridge = {"ego_interface": case.ego.interface, "progress": "none"}
@@ -127,7 +126,6 @@ class WarmGraph:
             except BaseException as error:
                 recorder.abandon(reason(error), 0.0)
                 raise
-        return ""
 
     def _start_stack(self, command: list[str]) -> None:
         """Start the stack, unless it runs already; none for LitSim's own egos."""
