@@ -11,6 +11,7 @@ What it exports drives in runs and campaigns: docs/training.md.
 from __future__ import annotations
 
 import argparse
+import warnings
 
 import gymnasium
 import torch
@@ -49,7 +50,9 @@ class Mean(torch.nn.Module):
 def export(model: PPO, path: str) -> None:
     """Write the policy to an ONNX file."""
     seen = torch.zeros(1, *model.observation_space.shape)
-    torch.onnx.export(Mean(model), (seen,), path, dynamo=False)  # dynamo needs a package more
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of the exporter that needs no package but onnx
+        torch.onnx.export(Mean(model), (seen,), path, dynamo=False)
 
 
 def main() -> None:
