@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from litsim_policy.conflict.config import ConflictConfig
-from litsim_policy.conflict.detector import Conflict
-from litsim_policy.conflict.diverged import DivergedAgents, DivergedNow
+from litsim_policy.conflict.diverged import DivergedAgents, DivergedNow, Opening
 from litsim_policy.conflict.takeover import move_on
 from litsim_policy.conflict.way_back import obstructed
 from litsim_policy.motion.reference_path import ReferencePath
@@ -31,10 +30,9 @@ def diverged(count: int) -> DivergedAgents:
     off = DivergedAgents.empty()
     for agent in range(1, count + 1):
         y = 20.0 * agent
-        conflict = Conflict(agent, 99, 1.0, np.array([50.0, y, 0.0]), 0.9)
-        off = off.joined(
-            DivergedAgents.opened(conflict, 10, TakeoverReason.CONFLICT, lane(y), PathSource.ROUTE, lane(y))
-        )
+        goal, reason = np.array([50.0, y, 0.0]), TakeoverReason.CONFLICT
+        opening = Opening(agent, 99, 10, reason, goal, lane(y), PathSource.ROUTE, lane(y), 1.0, 0.9)
+        off = off.joined(DivergedAgents.opened(opening))
     off.source[:] = PathSource.ROUTE
     return off
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from litsim_policy.conflict.detector import Conflict
 from litsim_policy.motion.lane_lines import NO_LANE
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
@@ -23,6 +22,35 @@ ObjectArray = npt.NDArray[Any]
 LOGGED = int(PathSource.LOGGED)
 HELD, HANDBACK, RELEASED = int(TakeoverState.HELD), int(TakeoverState.HANDBACK), int(TakeoverState.RELEASED)
 STATES, REASONS, SOURCES = tuple(TakeoverState), tuple(TakeoverReason), tuple(PathSource)  # numbered from 0 on
+
+
+@dataclass(frozen=True)
+class Opening:
+    """How an agent leaves its log.
+
+    Attributes:
+        agent, opponent: ids.
+        step: at which it is taken over.
+        reason: why.
+        goal: (3,) x, y [m], yaw [rad] that it drives to.
+        path: that it follows, with its `source`.
+        logged: path of its log.
+        time_to_conflict: [s] until it would meet the opponent at the goal.
+        overlap_probability: largest within the horizon.
+        in_conflict: whether its log leads into a conflict.
+    """
+
+    agent: int
+    opponent: int
+    step: int
+    reason: TakeoverReason
+    goal: FloatArray
+    path: ReferencePath
+    source: PathSource
+    logged: ReferencePath
+    time_to_conflict: float = 0.0
+    overlap_probability: float = 0.0
+    in_conflict: bool = True
 
 
 @dataclass(eq=False)
@@ -91,33 +119,25 @@ class DivergedAgents:
         return cls(*state, *rest, *passing, real)
 
     @classmethod
-    def opened(
-        cls,
-        conflict: Conflict,
-        step: int,
-        reason: TakeoverReason,
-        path: ReferencePath,
-        source: PathSource,
-        logged: ReferencePath,
-    ) -> DivergedAgents:
-        """Return the table of one agent that is taken over at `step`."""
-        goal_s, _ = path.project(conflict.pose[:1], conflict.pose[1:2])
-        paths, recorded = np.empty(1, object), np.empty(1, object)
-        paths[0], recorded[0] = path, logged
+    def opened(cls, opening: Opening) -> DivergedAgents:
+        """Return the table of one agent that is taken over."""
+        goal_s, _ = opening.path.project(opening.goal[:1], opening.goal[1:2])
+        path, logged = np.empty(1, object), np.empty(1, object)
+        path[0], logged[0] = opening.path, opening.logged
         return cls(
-            agent=np.array([conflict.agent]),
-            opponent=np.array([conflict.opponent]),
+            agent=np.array([opening.agent]),
+            opponent=np.array([opening.opponent]),
             state=np.array([TakeoverState.HELD], np.uint8),
-            reason=np.array([reason], np.uint8),
-            detected_step=np.array([step]),
-            time_to_conflict=np.array([conflict.time_to_conflict]),
-            overlap_probability=np.array([conflict.overlap_probability]),
-            pose=conflict.pose[None],
-            in_conflict=np.array([True]),
+            reason=np.array([opening.reason], np.uint8),
+            detected_step=np.array([opening.step]),
+            time_to_conflict=np.array([opening.time_to_conflict]),
+            overlap_probability=np.array([opening.overlap_probability]),
+            pose=opening.goal[None],
+            in_conflict=np.array([opening.in_conflict]),
             clear=np.array([0]),
-            path=paths,
-            logged=recorded,
-            source=np.array([source], np.uint8),
+            path=path,
+            logged=logged,
+            source=np.array([opening.source], np.uint8),
             goal_s=goal_s,
             slowed=np.array([0]),
             beside=np.array([NO_LANE]),

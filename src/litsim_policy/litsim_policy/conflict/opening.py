@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from litsim_policy.conflict.detector import Conflict
-from litsim_policy.conflict.diverged import DivergedAgents
+from litsim_policy.conflict.diverged import DivergedAgents, Opening
 from litsim_policy.motion.reference_path import logged_path, route_path
 from litsim_policy.motion.route import Router
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray
@@ -24,7 +24,19 @@ def by_conflict(scenario: Setting, router: Router, table: AgentTable, conflict: 
     crosses = conflict.reason == TakeoverReason.CONFLICT
     route = router.path(_pose(table, row), float(table.speed[row]), conflict.pose) if crosses else None
     path, source = (logged, PathSource.LOGGED) if route is None else (route.followed_by(logged), PathSource.ROUTE)
-    return DivergedAgents.opened(conflict, table.step, conflict.reason, path, source, logged)
+    opening = Opening(
+        conflict.agent,
+        conflict.opponent,
+        table.step,
+        conflict.reason,
+        conflict.pose,
+        path,
+        source,
+        logged,
+        time_to_conflict=conflict.time_to_conflict,
+        overlap_probability=conflict.overlap_probability,
+    )
+    return DivergedAgents.opened(opening)
 
 
 def by_late_entry(scenario: Setting, table: AgentTable, diverged: BoolArray) -> Iterator[DivergedAgents]:
@@ -38,9 +50,11 @@ def by_late_entry(scenario: Setting, table: AgentTable, diverged: BoolArray) -> 
         others = (diverged & (table.scene == table.scene[row])).nonzero()[0]
         distance = np.hypot(table.x[others] - table.x[row], table.y[others] - table.y[row])
         nearest = others[distance.argmin()] if len(others) else row
-        conflict = Conflict(int(table.id[row]), int(table.id[nearest]), 0.0, _pose(table, row), 1.0)
-        logged, reason = logged_path(scenario.log, scenario.lane_map, conflict.agent), TakeoverReason.BLOCKED_ENTRY
-        yield DivergedAgents.opened(conflict, table.step, reason, logged, PathSource.LOGGED, logged)
+        agent, opponent, goal = int(table.id[row]), int(table.id[nearest]), _pose(table, row)
+        logged = logged_path(scenario.log, scenario.lane_map, agent)
+        reason, source = TakeoverReason.BLOCKED_ENTRY, PathSource.LOGGED
+        opening = Opening(agent, opponent, table.step, reason, goal, logged, source, logged, overlap_probability=1.0)
+        yield DivergedAgents.opened(opening)
         diverged[row] = True
 
 
@@ -49,11 +63,8 @@ def by_region(scenario: Setting, table: AgentTable, row: int, reason: TakeoverRe
     agent, ego, pose = int(table.id[row]), int(scenario.ego_ids[table.scene[row]]), _pose(table, row)
     path = route_path(scenario.log, scenario.lane_map, agent, pose)
     logged = logged_path(scenario.log, scenario.lane_map, agent)
-    opened = DivergedAgents.opened(
-        Conflict(agent, ego, 0.0, pose, 0.0), table.step, reason, path, PathSource.LANE, logged
-    )
-    opened.in_conflict[:] = False
-    return opened
+    opening = Opening(agent, ego, table.step, reason, pose, path, PathSource.LANE, logged, in_conflict=False)
+    return DivergedAgents.opened(opening)
 
 
 def _pose(table: AgentTable, row: int) -> FloatArray:
