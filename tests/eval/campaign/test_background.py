@@ -19,7 +19,7 @@ def figures(encounters: int, own: float, people: float, **more: Any) -> dict[str
 def results(monkeypatch: pytest.MonkeyPatch) -> None:
     kinds = {"cut_in": figures(30, 2.0, 5.0), "leader_brakes": figures(70, 1.0, 7.0)}
     made = figures(100, 1.5, 6.5, policy="litsim", parameters={}, kinds=kinds)
-    monkeypatch.setattr(background, "_packaged", lambda: {"litsim": made})
+    monkeypatch.setattr(background, "_packaged", lambda: [made])
 
 
 def said(**values: Any) -> list[str]:
@@ -42,3 +42,9 @@ def test_encounters_are_those_of_the_kinds_of_the_cases_events() -> None:
 def test_a_background_with_other_parameters_was_not_measured() -> None:
     first, second = said(policies=["litsim"], parameters={"conflict.horizon": [2.0, 3.0]})
     assert all("was not measured" in each for each in (first, second)) and "horizon=2.0" in first
+
+
+def test_drawn_drivers_and_the_median_one_are_packaged(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
+    for drivers in (1, 2):
+        assert "was not measured" not in said(policies=["litsim"], drivers=drivers)[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -23,6 +23,7 @@ LIKE = {
     "right_turn": "turning",
 }
 """Kinds of encounters by the kinds of a campaign's events, see docs/mining.md."""
+PACKAGED = ("credibility", "credibility_drawn")
 MORE = "docs/credibility.md"
 
 
@@ -59,16 +60,14 @@ def _sentences(name: str, case: Case, kinds: Collection[str]) -> Iterator[str]:
 def _figures(policy: str, parameters: Parameters) -> Mapping[str, Any] | None:
     """Returns the packaged measures of a policy with these parameters; None if it was not measured."""
     asked = {"policy": policy, "parameters": plain_values(parameters)}
-    for figures in _packaged().values():
+    for figures in _packaged():
         if {"policy": figures["policy"], "parameters": plain_values(figures["parameters"])} == asked:
             return figures
     return None
 
 
 @cache
-def _packaged() -> Mapping[str, Mapping[str, Any]]:
-    """Returns the measures of policies in the packaged results of `credibility`, by name."""
-    policies: dict[str, Mapping[str, Any]] = json.loads(
-        packaged("credibility/credibility.json", "litsim_eval").read_text(encoding="utf-8")
-    )["policies"]
-    return policies
+def _packaged() -> Sequence[Mapping[str, Any]]:
+    """Returns the measures of policies in the packaged results of `credibility`, one driver each and drawn ones."""
+    texts = [packaged(f"credibility/{name}.json", "litsim_eval").read_text(encoding="utf-8") for name in PACKAGED]
+    return [figures for text in texts for figures in json.loads(text)["policies"].values()]
