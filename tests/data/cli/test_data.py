@@ -73,6 +73,20 @@ def test_convert_with_a_mapping(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert (source.read_bytes(), mapping.read_bytes()) == before
 
 
+def test_noisy_motion_is_kept_by_raw_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    x = np.arange(80) + np.random.default_rng(0).normal(0.0, 0.1, 80)
+    pd.DataFrame({"id": "a", "n": range(80), "x": x, "y": 0.0}).to_csv(tmp_path / "in.csv", index=False)
+    columns = {"vehicle_id": "id", "frame": "n", "x": "x", "y": "y", "length": 4, "width": 2}
+    fields = {"name": "made", "columns": columns, "reference": "box_centre"}
+    (tmp_path / "m.yaml").write_text(yaml.safe_dump(fields))
+    command = ["convert", *(str(tmp_path / name) for name in ("in.csv", "out.parquet")), "--mapping"]
+    for options, cleaned in (([], True), (["--raw"], False)):
+        data.main([*command, str(tmp_path / "m.yaml"), *options])
+        assert ("noisy      cleaned: accelerations beyond" in capsys.readouterr().out) == cleaned
+        found = Recording.read(tmp_path / "out.parquet").table["x"]
+        assert (np.abs(found - x).max() < 1e-6) != cleaned
+
+
 def test_one_mapping_for_several_recordings_with_vehicles_of_their_own(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -136,7 +150,6 @@ def test_frames_of_signals_are_those_of_the_table(tmp_path: Path, capsys: pytest
         (["convert", str(EMBEDDED), "out.parquet", "--mapping", "absent.yaml"], "absent.yaml: no such file"),
         (["clean", "cut.txt", "cut.txt"], "cut.txt: is the input cut.txt itself"),
         (["convert", str(EMBEDDED), "."], "is a folder, expected a file name"),
-        (["convert", str(EMBEDDED), "o.parquet", "--mapping", "m.yaml", "--raw"], "--mapping goes without --raw"),
         (["convert", "cut.txt", "more.txt", "out"], "more.txt: several files IN go with --mapping or --draft"),
         (
             ["convert", "in.csv", "m.yaml", "--draft", "--vehicles", "meta.csv", "--clip", "3"],

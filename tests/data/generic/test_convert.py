@@ -224,12 +224,12 @@ def test_ids_that_are_no_numbers_leave_the_others_alone(tmp_path: Path) -> None:
         made(tmp_path, pd.concat(rows), FRONT)
 
 
-def test_noise_is_cleaned_where_asked(tmp_path: Path) -> None:
+def test_noise_is_cleaned_unless_the_mapping_forbids_it(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     source = straight(seconds=8.0)
     source[["px", "py"]] += rng.normal(0.0, 0.1, (len(source), 2))
-    rough = made(tmp_path, source, FRONT).table
-    smooth = made(tmp_path, source, FRONT | {"clean": True}).table
+    rough = made(tmp_path, source, FRONT | {"clean": False}).table
+    smooth = made(tmp_path, source, FRONT).table
     assert rough["acceleration"].abs().quantile(0.9) > 3.0
     assert smooth["acceleration"].abs().max() < 3.0
     assert np.hypot(smooth["x"] - rough["x"], smooth["y"] - rough["y"]).median() < 0.2
@@ -400,7 +400,7 @@ def test_no_frame_is_lost_by_the_size_of_a_clock(tmp_path: Path, unit: str, fact
 
 
 def test_who_reverses_has_no_speed(tmp_path: Path) -> None:
-    fields = BOX | {"columns": BOX["columns"] | {"speed": "v"}}  # type: ignore[operator]
+    fields = BOX | {"columns": BOX["columns"] | {"speed": "v"}, "clean": False}  # type: ignore[operator]
     table = straight().assign(v=lambda rows: rows["v"].where(rows["n"] != 7, -0.02))
     table.to_csv(tmp_path / "in.csv", index=False)
     recording, counts = convert(tmp_path / "in.csv", Mapping.model_validate(fields))
@@ -459,15 +459,21 @@ def test_who_waits_does_not_turn_by_noise(tmp_path: Path, reference: str, smooth
     np.testing.assert_allclose(stands[["x", "y"]], np.broadcast_to([50.0, middle], (len(stands), 2)), atol=0.9)
 
 
-def test_noise_is_told(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("noise", "clean", "told"), [(0.0, None, ""), (0.1, False, "rough "), (0.1, None, "noisy ")])
+def test_noise_is_told(tmp_path: Path, noise: float, clean: bool | None, told: str) -> None:
     columns = {name: column for name, column in BOX["columns"].items() if name != "yaw"}  # type: ignore[attr-defined]
-    for noise, told in ((0.0, False), (0.1, True)):
-        waiting(noise).to_csv(tmp_path / "in.csv", index=False)
-        _, counts = convert(tmp_path / "in.csv", Mapping.model_validate(BOX | {"columns": columns}))
-        assert ("of the accelerations are beyond 5 m/s2: field clean of the mapping" in counts.text()) == told
+    waiting(noise).to_csv(tmp_path / "in.csv", index=False)
+    recording, counts = convert(tmp_path / "in.csv", Mapping.model_validate(BOX | {"columns": columns, "clean": clean}))
+    assert [word for word in ("rough ", "noisy ") if word in counts.text()] == [told] * bool(told)
+    assert ("noise" in recording.header.notes) == (told == "noisy ")
+
+
+def test_impossible_motion_is_refused_where_it_must_not_be_cleaned(tmp_path: Path) -> None:
+    columns = {name: column for name, column in BOX["columns"].items() if name != "yaw"}  # type: ignore[attr-defined]
+    fields = BOX | {"columns": columns}
     with pytest.raises(InputError, match=r"accelerations derived from the file reach .*: field clean of the map"):
-        made(tmp_path, waiting(1.0), BOX | {"columns": columns})
-    assert len(made(tmp_path, waiting(1.0), BOX | {"columns": columns, "clean": True}).table)
+        made(tmp_path, waiting(1.0), fields | {"clean": False})
+    assert len(made(tmp_path, waiting(1.0), fields).table)
 
 
 # What belongs together, and what is on another level

@@ -41,7 +41,9 @@ def errors(folder: Path, axle: pd.DataFrame, reference: str, noise: FloatArray |
     at = AHEAD[reference] * LENGTH
     table = pd.DataFrame({"id": 1, "t": axle["t"], "x": axle["x"] + at * cos, "y": axle["y"] + at * sin}) + noise
     table.assign(id=1).to_csv(folder / "in.csv", index=False)
-    made = convert(folder / "in.csv", Mapping.model_validate(FIELDS | {"reference": reference}))[0].table
+    made = convert(folder / "in.csv", Mapping.model_validate(FIELDS | {"reference": reference, "clean": False}))[
+        0
+    ].table
     t = made["frame"].to_numpy() * 0.1
     x, y, yaw = (np.interp(t, axle["t"], axle[name]) for name in ("x", "y", "yaw"))
     centre = 0.29 * LENGTH

@@ -188,7 +188,7 @@ def test_motion_that_is_too_rough_is_cleaned(tmp_path: Path, capsys: pytest.Capt
     table.loc[rough, "velocity_x"] += 30.0
     table.to_parquet(path)
     recording, *_ = imported(folder, tmp_path / "out")
-    assert "cleaned    the motion of vehicles, whose noise gives" in capsys.readouterr().out
+    assert "noisy      cleaned: accelerations were impossible" in capsys.readouterr().out
     assert recording.table["acceleration"].abs().max() < 3.0
 
 

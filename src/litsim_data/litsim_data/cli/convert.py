@@ -45,7 +45,7 @@ def add(subparsers: Any) -> None:
     command.add_argument("--draft", action="store_true", help=draft_help)
     net_help = "cut tracks to where lanes of this net are (a file, or the name of a packaged one)"
     command.add_argument("--net", metavar="NET", help=net_help)
-    raw_help = "official NGSIM: keep published speeds and accelerations, do not smooth positions"
+    raw_help = "official NGSIM, and with --mapping: keep speeds and accelerations of the file, do not smooth positions"
     command.add_argument("--raw", action="store_true", help=raw_help)
     command.set_defaults(run=run)
 
@@ -82,7 +82,7 @@ def run(arguments: argparse.Namespace) -> None:
             print(one.counts.text())
         return
     if arguments.raw:
-        raise InputError(f"{source}: --raw is for official NGSIM files")
+        raise InputError(f"{source}: --raw is for official NGSIM files, and for --mapping")
     if is_bag(source) and not crop and arguments.net is None:
         _convert_bag(source, arguments.out)
         return
@@ -127,14 +127,12 @@ def _convert_mapped(arguments: argparse.Namespace, crop: dict[str, list[float]])
     from litsim_data.generic.convert import convert
     from litsim_data.generic.mapping import Mapping, Span
 
-    if arguments.raw:
-        raise InputError("--mapping goes without --raw")
     mapping = read_yaml(arguments.mapping, Mapping)
     rows = mapping.rows | {column: Span(min=low, max=high) for column, (low, high) in crop.items()}
     clip = mapping.clip if arguments.clip is None else arguments.clip
     if clip is not None and mapping.columns.clip is None:
         raise InputError(f"{arguments.mapping}: a clip is chosen, but field columns.clip does not say where clips are")
-    chosen: dict[str, Any] = {"rows": rows, "clip": clip}
+    chosen: dict[str, Any] = {"rows": rows, "clip": clip} | ({"clean": False} if arguments.raw else {})
     if arguments.vehicles is not None:
         if mapping.vehicles is None:
             raise InputError(f"{arguments.mapping}: --vehicles is given, but field vehicles does not say what is in it")

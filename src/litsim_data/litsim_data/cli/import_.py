@@ -26,6 +26,7 @@ def add(subparsers: Any) -> None:
     command.add_argument("out", type=Path, metavar="OUT", help="the folder to write")
     command.add_argument("--map", type=Path, metavar="FILE", help="the map, where it is not in the data or beside")
     command.add_argument("--scenes", type=number(1), metavar="N", help="import only the first N scenes")
+    command.add_argument("--raw", action="store_true", help="keep the motion of vehicles even where it is noisy")
     command.set_defaults(run=run)
 
 
@@ -43,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"{arguments.out}: exists already, expected a new folder: nothing is replaced")
     most = None if arguments.scenes is None else int(arguments.scenes)
     imported, failed = [], []
-    for scene in import_all(arguments.source, arguments.out, arguments.map, most):
+    for scene in import_all(arguments.source, arguments.out, arguments.map, most, raw=arguments.raw):
         if isinstance(scene, str):
             failed.append(scene)
             print(f"not used: {scene}", file=sys.stderr)

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from litsim_data.cleaning.cleaning import smoothed
+from litsim_data.cleaning.noise import HARSH, Noise
 from litsim_data.cleaning.report import overlaps
 from litsim_data.generic.checks import check_plausible, heading
 from litsim_data.generic.counts import Counts
@@ -41,7 +42,6 @@ from litsim_sim.scenario.recording import BOUNDS, COLUMNS, Recording, RecordingH
 
 IDS_KEPT = 5000  # most renumbered vehicle ids that the header lists
 DROP, UNKNOWN = "drop", "unknown"
-HARSH = 5.0  # [m/s2] magnitude that accelerations of vehicles hardly ever exceed
 FAR = 1.0  # [m] displacement by cleaning beyond which a vehicle is reported
 OVERLAP_S = 1.0  # [s] for which a pair of vehicles must overlap to be reported
 CLOCK = "time_of_frame_0_s"  # note of the header: clock time of the file at frame 0
@@ -85,23 +85,7 @@ def convert(tables: Path | Sequence[Path] | TableFiles, mapping: Mapping) -> tup
     table = resampled(split(table, counts), source, counts)
     moving = _with_motion(table, mapping)
     _check_walking(moving[obstacle_rows(moving)], names.get("ids", {}), source)
-    if mapping.clean:
-        walking = obstacle_rows(table)  # not cleaned: the motion model is that of vehicles
-        raw = table[~walking].drop(columns="acceleration", errors="ignore")
-        ahead = -AHEAD[mapping.reference]
-        cleaned = smoothed(raw, ahead=ahead, measured="yaw" in table)
-        counts.moved = _moved(raw, cleaned, ahead)
-        moving = pd.concat([cleaned.sort_values(["vehicle_id", "frame"]), moving[walking]])
-    else:
-        harsh = np.abs(moving["acceleration"].to_numpy()[~obstacle_rows(moving)]) > HARSH
-        counts.harsh = float(harsh.mean())
-        if not (np.abs(moving["acceleration"]) <= BOUNDS["acceleration"][1]).all() and "acceleration" not in table:
-            leap = f"; {counts.leaps} leaps, at most {counts.farthest_leap}, it would not" if counts.leaps else ""
-            raise RoughMotionError(
-                f"{source}: accelerations derived from the file reach "
-                f"{np.abs(moving['acceleration']).max():.3g} m/s2, beyond {HARSH:g} m/s2 in {counts.harsh:.1%} of the "
-                f"rows: field clean of the mapping, set to true, smooths such positions{leap}"
-            )
+    mapping, moving = _cleaned_if_noisy(table, moving, mapping, source, counts)
     walking = obstacle_rows(moving)
     driving, counts.joined, counts.towed = joined(moving[~walking])
     moving = pd.concat([driving, moving[walking]])
@@ -116,6 +100,49 @@ def convert(tables: Path | Sequence[Path] | TableFiles, mapping: Mapping) -> tup
         notes={"file": source.name, "mapping": mapping.model_dump(exclude_defaults=True), **counts.note(), **names},
     )
     return Recording.from_table(header, moving[list(COLUMNS)], f"{source}, brought to 10 Hz"), counts
+
+
+def _cleaned_if_noisy(
+    table: pd.DataFrame, moving: pd.DataFrame, mapping: Mapping, source: TableFiles, counts: Counts
+) -> tuple[Mapping, pd.DataFrame]:
+    """Returns the mapping, which says whether it cleans, and `moving`, of `table`, cleaned if it does or has to.
+
+    Raises:
+        RoughMotionError: accelerations are impossible, and the motion is not cleaned.
+    """
+    walking = obstacle_rows(table)  # not cleaned: the motion model is that of vehicles
+    noise = Noise.of(moving[~walking].sort_values(["vehicle_id", "frame"]))
+    if mapping.clean is False or not (mapping.clean or noise.needs_cleaning):
+        _check_rough(table, moving, source, counts)
+        return mapping, moving
+    raw = table[~walking].drop(columns="acceleration", errors="ignore")
+    ahead = -AHEAD[mapping.reference]
+    cleaned = smoothed(raw, ahead=ahead, measured="yaw" in table).sort_values(["vehicle_id", "frame"])
+    way = _moved(raw, cleaned, ahead)
+    most = way.groupby(level=0).max()
+    far = most[most > FAR]
+    counts.moved = dict(zip(far.index.tolist(), far.tolist(), strict=True))
+    if mapping.clean is None:
+        counts.noisy = noise.described(Noise.of(cleaned), float(way.median()))
+    return mapping.model_copy(update={"clean": True}), pd.concat([cleaned, moving[walking]])
+
+
+def _check_rough(table: pd.DataFrame, moving: pd.DataFrame, source: TableFiles, counts: Counts) -> None:
+    """Refuses motion `moving`, of `table`, with impossible accelerations, and counts harsh ones of vehicles.
+
+    Raises:
+        RoughMotionError: accelerations that are derived are impossible.
+    """
+    harsh = np.abs(moving["acceleration"].to_numpy()[~obstacle_rows(moving)]) > HARSH
+    counts.harsh = float(harsh.mean())
+    if (np.abs(moving["acceleration"]) <= BOUNDS["acceleration"][1]).all() or "acceleration" in table:
+        return
+    leap = f"; {counts.leaps} leaps, at most {counts.farthest_leap}, it would not" if counts.leaps else ""
+    raise RoughMotionError(
+        f"{source}: accelerations derived from the file reach "
+        f"{np.abs(moving['acceleration']).max():.3g} m/s2, beyond {HARSH:g} m/s2 in {counts.harsh:.1%} of the "
+        f"rows: field clean of the mapping, set to true, smooths such positions{leap}"
+    )
 
 
 def _in_si(raw: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[pd.DataFrame, dict[str, Any]]:
@@ -305,14 +332,13 @@ def _check_walking(table: pd.DataFrame, ids: dict[str, int], source: TableFiles)
     )
 
 
-def _moved(raw: pd.DataFrame, cleaned: pd.DataFrame, ahead: float) -> dict[int, float]:
-    """Returns the largest displacement [m] over FAR, by vehicle, of the point `ahead` lengths ahead of the centre."""
+def _moved(raw: pd.DataFrame, cleaned: pd.DataFrame, ahead: float) -> pd.Series:
+    """Returns the displacements (n,) [m], indexed by vehicle, of the point `ahead` lengths ahead of the centre."""
     both = raw.merge(cleaned, on=["vehicle_id", "frame"], suffixes=("", "_cleaned"))
     lever, yaw = ahead * both["length"], both["yaw_cleaned" if "yaw" in raw else "yaw"]
     dx = both["x_cleaned"] + lever * np.cos(yaw) - both["x"]
     dy = both["y_cleaned"] + lever * np.sin(yaw) - both["y"]
-    most = np.hypot(dx, dy).groupby(both["vehicle_id"]).max()
-    return {int(vehicle): float(way) for vehicle, way in most[most > FAR].items()}
+    return pd.Series(np.hypot(dx, dy).to_numpy(), index=both["vehicle_id"].to_numpy())
 
 
 def _rate(vehicle: IntArray, values: FloatArray) -> FloatArray:

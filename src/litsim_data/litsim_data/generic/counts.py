@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-HARSH_MAX = 0.05  # share of harsh accelerations above which the text recommends cleaning
+from litsim_data.cleaning.noise import HARSH_SHARE
+
 SHOWN = 5  # most vehicles that a line names
 
 
@@ -31,6 +32,7 @@ class Counts:
         turns: steps between rows of vehicles at which the file's heading turns as no vehicle does.
         largest_turn: how far and where it turns most.
         harsh: share of the rows of vehicles with implausibly hard accelerations.
+        noisy: what cleaning has changed of motion that was too noisy; empty for nothing, and where it was asked for.
         moved: largest displacement by cleaning [m], by vehicle, of those moved by more than a metre.
         overlaps: how long two vehicles overlap [s], if for a second or more, by their ids.
         levels: a sentence on vehicles on different levels, empty for none.
@@ -56,6 +58,7 @@ class Counts:
     turns: int = 0
     largest_turn: str = ""
     harsh: float = 0.0
+    noisy: str = ""
     moved: dict[int, float] = field(default_factory=dict)
     overlaps: dict[tuple[int, int], float] = field(default_factory=dict)
     levels: str = ""
@@ -76,6 +79,7 @@ class Counts:
             "rows_backwards": self.backwards,
             "leaps": self.leaps,
             "turns": self.turns,
+            "noise": self.noisy,
             "moved_by_cleaning_m": {str(vehicle): round(way, 2) for vehicle, way in self.moved.items()},
             "pairs_that_overlap": len(self.overlaps),
             "trailers_joined": {str(trailer): vehicle for trailer, vehicle in self.joined.items()},
@@ -129,15 +133,7 @@ class Counts:
                 f"turns      {self.turns} times the heading of a vehicle turns as none does, at most "
                 f"{self.largest_turn}: without field columns.yaw headings follow from the motion"
             )
-        if self.harsh > HARSH_MAX:
-            share = f"{self.harsh:.0%} of the accelerations are beyond 5 m/s2"
-            lines.append(f"rough      {share}: field clean of the mapping, set to true, smooths positions")
-        if self.moved:
-            worst = sorted(self.moved, key=lambda vehicle: -self.moved[vehicle])[:SHOWN]
-            ways = ", ".join(f"{vehicle} by {self.moved[vehicle]:.1f} m" for vehicle in worst)
-            lines.append(
-                f"cleaned    {len(self.moved)} vehicles are moved by more than 1 m, above all {ways}: do they reverse?"
-            )
+        lines += self._motion()
         if self.overlaps:
             (one, other), seconds = max(self.overlaps.items(), key=lambda item: item[1])
             lines.append(
@@ -146,6 +142,22 @@ class Counts:
             )
         lines += self._together()
         return "\n".join([*lines, f"tracks     {self.tracks}{cut}{short}"])
+
+    def _motion(self) -> list[str]:
+        """Returns lines on rough motion, and on what cleaning has changed."""
+        lines = []
+        if self.harsh > HARSH_SHARE:
+            share = f"{self.harsh:.0%} of the accelerations are beyond 5 m/s2"
+            lines.append(f"rough      {share}: field clean of the mapping, set to true, smooths positions")
+        if self.noisy:
+            lines.append(f"noisy      cleaned: {self.noisy}")
+        if self.moved:
+            worst = sorted(self.moved, key=lambda vehicle: -self.moved[vehicle])[:SHOWN]
+            ways = ", ".join(f"{vehicle} by {self.moved[vehicle]:.1f} m" for vehicle in worst)
+            lines.append(
+                f"cleaned    {len(self.moved)} vehicles are moved by more than 1 m, above all {ways}: do they reverse?"
+            )
+        return lines
 
     def _together(self) -> list[str]:
         """Returns lines on vehicles on different levels, and on trailers."""

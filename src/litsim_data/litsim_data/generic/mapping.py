@@ -182,8 +182,9 @@ class Mapping(_Strict):
         signals: file with the states of the net's signals (docs/signals.md), relative to the mapping; its times are
             those of column `time`, or else count from frame 0.
         accept: checks of :mod:`litsim_data.generic.checks` to skip.
-        clean: whether headings, speeds and accelerations are derived from smoothed positions, as noisy positions need;
-            else those of the file are kept, and missing ones are plain differences.
+        clean: whether headings, speeds and accelerations are derived from smoothed positions; else those of the file
+            are kept, and missing ones are plain differences. None stands for where the motion is noisy
+            (:class:`litsim_data.cleaning.noise.Noise`).
     """
 
     name: Annotated[str, Field(min_length=1)]
@@ -202,7 +203,7 @@ class Mapping(_Strict):
     rows: dict[str, Value | list[Value] | Span] = {}
     signals: str = ""
     accept: list[Check] = []
-    clean: bool = False
+    clean: bool | None = None
 
     @model_validator(mode="after")
     def _kinds_of_a_column(self) -> Mapping:

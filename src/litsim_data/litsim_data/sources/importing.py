@@ -116,7 +116,9 @@ def files_of(path: Path) -> list[tuple[Path, Source]]:
     return known
 
 
-def import_all(path: Path, out: Path, lanes: Path | None, most: int | None) -> Iterator[Imported | str]:
+def import_all(
+    path: Path, out: Path, lanes: Path | None, most: int | None, *, raw: bool = False
+) -> Iterator[Imported | str]:
     """Imports the scenes at `path` into the folder `out`; yields each, or a line on why it could not be used.
 
     Args:
@@ -124,6 +126,7 @@ def import_all(path: Path, out: Path, lanes: Path | None, most: int | None) -> I
         out: the folder, which is made.
         lanes: the map, if it is not in the data or beside.
         most: most scenes that are imported; None for all.
+        raw: whether noisy motion is kept.
 
     Raises:
         InputError: as :func:`files_of`, or `out` cannot be written.
@@ -140,7 +143,7 @@ def import_all(path: Path, out: Path, lanes: Path | None, most: int | None) -> I
                     if most is not None and count >= most:
                         return
                     count += 1
-                    yield _import_scene(_named_apart(scene, names), source, out, nets)
+                    yield _import_scene(_named_apart(scene, names), source, out, nets, raw=raw)
             except InputError as error:
                 yield reason(error)
 
@@ -155,7 +158,7 @@ def _named_apart(scene: Scene, names: set[str]) -> Scene:
     return replace(scene, name=name, map_name=name if scene.map_name == scene.name else scene.map_name)
 
 
-def _import_scene(scene: Scene, source: Source, out: Path, nets: dict[str, Net]) -> Imported:
+def _import_scene(scene: Scene, source: Source, out: Path, nets: dict[str, Net], *, raw: bool) -> Imported:
     """Imports a scene: see :func:`import_all`.
 
     Raises:
@@ -165,7 +168,7 @@ def _import_scene(scene: Scene, source: Source, out: Path, nets: dict[str, Net])
     if scene.map_name not in nets:
         nets[scene.map_name] = _net(scene, out)
     net = nets[scene.map_name]
-    recording, counts = converted(scene, source, net.graph)
+    recording, counts = converted(scene, source, net.graph, raw=raw)
     if net.opendrive is not None:
         net = nets[scene.map_name] = _on_its_side(net, recording)
     recording, cropped = cropped_to_net(recording, net.lane_map)
@@ -182,9 +185,6 @@ def _import_scene(scene: Scene, source: Source, out: Path, nets: dict[str, Net])
     path = out / f"{scene.name}.parquet"
     recording.write(path)
     check, picture = _check(recording, net, out / f"{scene.name}.png")
-    mapped = recording.header.notes.get("mapping")
-    if isinstance(mapped, dict) and mapped.get("clean"):
-        cropped.append("cleaned    the motion of vehicles, whose noise gives impossible accelerations")
     lines = [describe(recording), counts.text(), *cropped, *heeded, *(f"note       {note}" for note in scene.notes)]
     lines += [f"map        {note}" for note in net.notes[:NOTES]]
     lines += [f"map        and {len(net.notes) - NOTES} more such lines"] if len(net.notes) > NOTES else []
@@ -193,10 +193,12 @@ def _import_scene(scene: Scene, source: Source, out: Path, nets: dict[str, Net])
     return Imported(scene.name, recording, path, net, counts, check, signals, lines, time.monotonic() - begin)
 
 
-def converted(scene: Scene, source: Source, graph: LaneGraph | None = None) -> tuple[Recording, Counts]:
+def converted(
+    scene: Scene, source: Source, graph: LaneGraph | None = None, *, raw: bool = False
+) -> tuple[Recording, Counts]:
     """Returns the tracks of a scene as a recording, and counts of the conversion; `graph` is its map, if known.
 
-    Motion that is too rough to be driven is cleaned.
+    Motion that is too noisy is cleaned, unless `raw`.
 
     Raises:
         InputError: the tracks cannot be used.
@@ -204,11 +206,15 @@ def converted(scene: Scene, source: Source, graph: LaneGraph | None = None) -> t
     accept = [*scene.mapping.accept, *(["side"] if graph is not None and graph.keeps_left else [])]
     licence, citation = scene.about or (source.licence, source.citation)
     header = {"name": scene.name, "source": citation, "licence": licence}
-    mapping = scene.mapping.model_copy(update=header | {"accept": accept})
+    mapping = scene.mapping.model_copy(update=header | {"accept": accept} | ({"clean": False} if raw else {}))
     try:
         return convert(scene.tracks, mapping)
-    except RoughMotionError:  # noisy: smoothed, as the description and the notes of the recording say
-        return convert(scene.tracks, mapping.model_copy(update={"clean": True}))
+    except RoughMotionError:  # few rows, but impossible
+        if raw:
+            raise
+        recording, counts = convert(scene.tracks, mapping.model_copy(update={"clean": True}))
+        counts.noisy = counts.noisy or "accelerations were impossible; --raw keeps the motion"
+        return recording, counts
 
 
 def _net(scene: Scene, out: Path) -> Net:
