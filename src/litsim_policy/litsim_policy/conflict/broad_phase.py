@@ -12,13 +12,12 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from litsim_policy.conflict.futures import gone_straight_on
-from litsim_policy.conflict.overlap import NONE, Boxes, listed, touching
+from litsim_policy.conflict.overlap import Boxes, by_agent, touching
 from litsim_policy.conflict.predicted_motion import XX, XY, YY, AlternativeMotions, PredictedMotion, X, Y
 from litsim_sim.core.scene import STEP_S, BoolArray, IntArray
 from litsim_sim.kernels.compiled import (
     Bools,
     Bools2,
-    Floats,
     Floats2,
     Floats3,
     Ints,
@@ -56,8 +55,8 @@ def may_overlap(pairs: IntArray, a: PredictedMotion, b: PredictedMotion, boxes: 
 
     The motions `a` have no alternatives. Centres may deviate from their means by `tail` spreads.
     """
-    mixture = b.alternatives.row, b.alternatives.weight
-    return _may_overlap(pairs, Motions.of(a), Motions.of(b), Motions.of(b.alternatives), mixture, boxes, tail)
+    further = b.alternatives
+    return _may_overlap(pairs, Motions.of(a), Motions.of(b), Motions.of(further), further.row, boxes, tail)
 
 
 @kernel
@@ -113,36 +112,30 @@ def _meet(a: Floats2, b: Floats2, la: float, wa: float, lb: float, wb: float) ->
 
 @kernel
 def _may_overlap(
-    pairs: Ints2, a: Motions, b: Motions, further: Motions, mixture: tuple[Ints, Floats], boxes: Boxes, tail: float
+    pairs: Ints2, a: Motions, b: Motions, further: Motions, alternative: Ints, boxes: Boxes, tail: float
 ) -> Bools:
-    """See :func:`may_overlap`; `further` are alternative motions of b, and `mixture` their agents' rows and weights."""
-    count, others, horizon = len(boxes.x), len(mixture[0]), a.states.shape[1]
-    begin, following, _ = listed(mixture[0], mixture[1], count)
-    # of a motion on its log, and of others: first ones, alternatives, and those straight on, made where they are needed
-    straight, own = count + others, np.empty((5, horizon))
-    motions = np.empty((straight + count, 5, horizon))
-    known, before, may = np.zeros(count, np.bool_), NONE, np.zeros(len(pairs), np.bool_)
+    """See :func:`may_overlap`; `further` are alternative motions of b, those of the agents `alternative`."""
+    count, horizon = len(boxes.x), a.states.shape[1]
+    order, begin = by_agent(alternative, count)
+    # of a motion on its log, and of others, made where they are needed: for each agent the first, straight on, the rest
+    own, motions = np.empty((5, horizon)), np.empty((2 * count + len(alternative), 5, horizon))
+    laid_out, before, may = np.zeros(count, np.bool_), -1, np.zeros(len(pairs), np.bool_)
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
         if i != before:
             before = i
             _lay_out(a, i, tail, own)
-        if not known[j]:
-            known[j] = True
-            _lay_out(b, j, tail, motions[j])
-            _lay_out_straight(boxes, j, motions[straight + j])
-            q = begin[j]
-            while q != NONE:
-                _lay_out(further, q, tail, motions[count + q])
-                q = following[q]
+        first, end = 2 * j + begin[j], 2 * (j + 1) + begin[j + 1]
+        if not laid_out[j]:
+            laid_out[j] = True
+            _lay_out(b, j, tail, motions[first])
+            _lay_out_straight(boxes, j, motions[first + 1])
+            for m in range(first + 2, end):
+                _lay_out(further, order[m - 2 * (j + 1)], tail, motions[m])
         reach = touching(boxes.length[i], boxes.width[i], boxes.length[j], boxes.width[j]) + SLACK
         la, wa, lb, wb = 0.5 * boxes.length[i], 0.5 * boxes.width[i], 0.5 * boxes.length[j], 0.5 * boxes.width[j]
-        at = j
-        while at != NONE and not may[k]:
-            may[k] = _come_near(own, motions[at], reach) and _meet(own, motions[at], la, wa, lb, wb)
-            if at == j:
-                at = straight + j
-            else:
-                q = begin[j] if at >= straight else following[at - count]
-                at = NONE if q == NONE else count + q
+        for m in range(first, end):
+            if _come_near(own, motions[m], reach) and _meet(own, motions[m], la, wa, lb, wb):
+                may[k] = True
+                break
     return may

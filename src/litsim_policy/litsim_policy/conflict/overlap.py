@@ -24,7 +24,6 @@ from litsim_sim.kernels.compiled import Bools, Bools2, Floats, Floats2, Floats3,
 
 NEGLIGIBLE = 1e-3
 """Probability of an overlap below which a motion adds nothing to a weighted sum."""
-FIRST, NONE = -1, -2  # in place of the position of an alternative motion: the first motion, and no further one
 NODES = 16  # number of nodes of the quadrature
 REACH = 6.0  # standard deviations to either side over which the Gaussian is integrated
 SIGMA_MIN = 1e-3  # [m] lower bound on standard deviations
@@ -242,7 +241,7 @@ def closing_overlaps(pairs: Ints2, motions: Motions, boxes: Boxes, first: bool) 
     keeps its acceleration until it stands. `first` is as in :func:`mixture_overlap_probability`.
     """
     (states, valid), length, width = motions, boxes.length, boxes.width
-    overlaps, done = np.zeros((len(pairs), states.shape[1])), NONE
+    overlaps, done = np.zeros((len(pairs), states.shape[1])), -1
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
         if first and i == done:
@@ -305,18 +304,21 @@ def mixture_overlap_probability(
 
 
 @kernel
-def listed(row: Ints, weight: Floats, count: int) -> tuple[Ints, Ints, Floats]:
-    """Return the alternative motions (q,) of n = `count` agents as linked lists.
+def by_agent(row: Ints, count: int) -> tuple[Ints, Ints]:
+    """Return the order (q,) of alternative motions by their agent `row` (q,), and where each of `count` agents begins.
 
-    These are the first one of each agent (n,), and the one that follows each motion (q,), or NONE; and the sum of
-    each agent's weights (n,).
+    The beginnings are (n + 1,), the last of them q. Motions of an agent stay in their order.
     """
-    begin, following, taken = np.full(count, NONE), np.full(len(row), NONE), np.zeros(count)
+    begin, order = np.zeros(count + 1, np.int64), np.empty(len(row), np.int64)
     for q in range(len(row)):
-        taken[row[q]] += weight[q]
-    for q in range(len(row) - 1, -1, -1):
-        begin[row[q]], following[q] = q, begin[row[q]]
-    return begin, following, taken
+        begin[row[q] + 1] += 1
+    for agent in range(count):
+        begin[agent + 1] += begin[agent]
+    end = begin.copy()  # of the motions that have their places
+    for q in range(len(row)):
+        order[end[row[q]]] = q
+        end[row[q]] += 1
+    return order, begin
 
 
 @kernel
@@ -350,14 +352,17 @@ def _mixture_overlaps(
     (states_a, valid_a), (states_b, valid_b), (states, valid) = a, b, further
     length, width = sizes
     least, least_quantile, negligible_quantile = limits
-    begin, following, taken = listed(mixture[0], mixture[1], len(states_b))
-    probability, of_motion, done = np.zeros((len(pairs), states_a.shape[1])), np.empty(states_a.shape[1]), NONE
+    (row, weight), taken = mixture, np.zeros(len(states_b))
+    order, begin = by_agent(row, len(states_b))
+    for q in range(len(row)):
+        taken[row[q]] += weight[q]
+    probability, of_motion, done = np.zeros((len(pairs), states_a.shape[1])), np.empty(states_a.shape[1]), -1
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
         if first and i == done:
             continue
         own, is_valid, boxes = states_a[i], valid_a[i], (length[i], width[i], length[j], width[j])
-        if begin[j] == NONE:
+        if begin[j] == begin[j + 1]:
             if write_overlaps(
                 own, is_valid, states_b[j], valid_b[j], boxes, least, least_quantile, first, probability[k]
             ):
@@ -366,12 +371,13 @@ def _mixture_overlaps(
         matters = False
         for weighing in (False, True):  # until one motion matters; if one does, all
             bound, quantile_of_bound = (NEGLIGIBLE, negligible_quantile) if weighing else (least, least_quantile)
-            motion = FIRST
-            while motion != NONE and weighing == matters:
+            for m in range(1 + begin[j + 1] - begin[j]):  # the first motion of the agent, then its alternatives
+                if weighing != matters:
+                    break
                 other, other_is_valid, share = states_b[j], valid_b[j], 1.0 - taken[j]
-                if motion != FIRST:
-                    other, other_is_valid, share = states[motion], valid[motion], mixture[1][motion]
-                motion = begin[j] if motion == FIRST else following[motion]
+                if m:
+                    q = order[begin[j] + m - 1]
+                    other, other_is_valid, share = states[q], valid[q], weight[q]
                 of_motion[:] = 0.0
                 reached = write_overlaps(
                     own, is_valid, other, other_is_valid, boxes, bound, quantile_of_bound, not weighing, of_motion
